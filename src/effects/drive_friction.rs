@@ -1,0 +1,43 @@
+//! Coulomb and viscous friction of the drives (eq. 5–7).
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+
+/// τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive.
+pub struct DriveFriction;
+
+const COULOMB: usize = 0;
+const VISCOUS: usize = 1;
+const STEEPNESS: usize = 2;
+
+impl Effect for DriveFriction {
+    fn name(&self) -> &'static str {
+        "drive_friction"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "Coulomb and viscous friction of the drives",
+            law: "τ_i = −p_C,i·tanh(k·q̇_i) − p_v,i·q̇_i",
+            shows: "torque jump at every reversal of an arm, torque in phase with its speed",
+            source: "Gnad et al. eq. 5–7; Tables 1 and 4",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "coulomb", unit: "N·m", count: Count::PerDrive, role: Role::Linear, default: 4.5, range: (0.0, 50.0) },
+            Parameter { name: "viscous", unit: "N·m·s/rad", count: Count::PerDrive, role: Role::Linear, default: 1.0, range: (0.0, 50.0) },
+            Parameter { name: "steepness", unit: "s/rad", count: Count::One, role: Role::Fixed, default: 100.0, range: (1.0, 1e4) },
+        ]
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let k = values.one(STEEPNESS);
+        for axis in 0..values.len(COULOMB) {
+            out.drive_torque(values.index(COULOMB, axis), axis, -smooth_sign(at.motion.qd[axis], k));
+        }
+        for axis in 0..values.len(VISCOUS) {
+            out.drive_torque(values.index(VISCOUS, axis), axis, -at.motion.qd[axis]);
+        }
+    }
+}

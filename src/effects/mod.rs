@@ -1,0 +1,326 @@
+//! What acts on the machine: one file per effect, and [`REGISTRY`], their list.
+//!
+//! An effect writes *terms per unit of parameter* for a given instant. The twin sums them, identification stacks them
+//! as regressor columns, the energy audit weighs them, the diagnosis tries the absent ones. Zero linear parameters
+//! mean no effect. An effect does not know who reads it.
+//!
+//! To add an effect: write `src/effects/<name>.rs` and add its `mod` and its registry line below.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+
+use crate::kinematics::{Motion, Reactions};
+use crate::model::{Bodies, Geometry, Inertia};
+use crate::recording::{Payload, Signals};
+
+mod axis4_friction;
+mod drive_friction;
+mod rigid_bodies;
+
+/// Every effect deltatwin knows. The name of an effect is its table in the model file.
+pub static REGISTRY: &[&dyn Effect] = &[
+    &rigid_bodies::RigidBodies,
+    &drive_friction::DriveFriction,
+    &axis4_friction::Axis4Friction,
+];
+
+/// The effect called `name`.
+pub fn find(name: &str) -> Option<&'static dyn Effect> {
+    REGISTRY.iter().copied().find(|e| e.name() == name)
+}
+
+/// A physical effect: a force law, a change of inertia or geometry, or a change of what a sensor reports.
+pub trait Effect: Sync {
+    /// Name in model files and reports.
+    fn name(&self) -> &'static str;
+
+    /// Law, where it shows and where the numbers come from.
+    fn about(&self) -> About;
+
+    /// Parameters in the order of the values.
+    fn parameters(&self) -> &'static [Parameter];
+
+    /// Inertia added per unit of each linear parameter (`out(k, body, inertia)`), constant over a run.
+    fn inertia(&self, _values: &Values, _payload: &Payload, _out: &mut dyn FnMut(usize, usize, Inertia)) {}
+
+    /// Wrenches per unit of each linear parameter.
+    fn forces(&self, _values: &Values, _at: &Instant, _out: &mut Wrenches) {}
+
+    /// Whether `forces` reads [`Instant::reactions`].
+    fn reads_reactions(&self) -> bool {
+        false
+    }
+
+    /// Initial values of the effect's own states.
+    fn initial_state(&self, _values: &Values) -> Vec<f64> {
+        Vec::new()
+    }
+
+    /// Time derivative of the effect's own states.
+    fn state_rate(&self, _values: &Values, _at: &Instant, _rate: &mut [f64]) {}
+
+    /// Changes the geometry.
+    fn geometry(&self, _values: &Values, _geometry: &mut Geometry) {}
+
+    /// Changes what the sensors report: the ideal signals become the reported ones.
+    fn observe(&self, _values: &Values, _signals: &mut Signals) {}
+
+    /// What the effect changes; decides how its columns are computed.
+    fn kind(&self) -> Kind {
+        Kind::Force
+    }
+}
+
+/// What an effect changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Inertia of bodies; linear.
+    Inertia,
+    /// Wrenches on bodies.
+    Force,
+    /// Lengths; acts through the kinematics.
+    Geometry,
+    /// Reported signals.
+    Sensor,
+}
+
+/// What a person wants to know about an effect.
+#[derive(Clone, Copy, Debug)]
+pub struct About {
+    /// One line: what it is.
+    pub summary: &'static str,
+    /// The law with its symbols.
+    pub law: &'static str,
+    /// Where it shows in measurements.
+    pub shows: &'static str,
+    /// Source of the law and its usual magnitude.
+    pub source: &'static str,
+}
+
+/// How a parameter enters the law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Proportionally; zero switches the term off.
+    Linear,
+    /// Nonlinearly, estimated by an outer iteration.
+    Shape,
+    /// A constant of the law, taken from the model file.
+    Fixed,
+}
+
+/// How many values a parameter has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Count {
+    /// A single number.
+    One,
+    /// One per arm (array of 3).
+    PerArm,
+    /// One per drive (array of 3 or 4; three mean the arms).
+    PerDrive,
+    /// A fixed number of named values (array).
+    Named(&'static [&'static str]),
+}
+
+/// A parameter of an effect.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameter {
+    /// Key in the effect's table.
+    pub name: &'static str,
+    /// Unit, e.g. `N·m·s/rad`.
+    pub unit: &'static str,
+    /// How many values.
+    pub count: Count,
+    /// How it enters the law.
+    pub role: Role,
+    /// Usual magnitude; the starting value of shape parameters and the default of optional ones.
+    pub default: f64,
+    /// Allowed values.
+    pub range: (f64, f64),
+}
+
+/// Where each parameter's values stand in the flat list.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    starts: Vec<usize>,
+}
+
+impl Layout {
+    /// Layout for parameter blocks of the given lengths.
+    pub fn new(lengths: impl IntoIterator<Item = usize>) -> Self {
+        let mut starts = vec![0];
+        for n in lengths {
+            starts.push(starts[starts.len() - 1] + n);
+        }
+        Self { starts }
+    }
+
+    /// Total number of values.
+    pub fn len(&self) -> usize {
+        self.starts[self.starts.len() - 1]
+    }
+
+    /// Whether there are no values.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// Values of an effect's parameters, addressed by parameter block.
+#[derive(Clone, Copy)]
+pub struct Values<'a> {
+    values: &'a [f64],
+    layout: &'a Layout,
+}
+
+impl<'a> Values<'a> {
+    /// All values of parameter `block`.
+    pub fn block(&self, block: usize) -> &'a [f64] {
+        &self.values[self.layout.starts[block]..self.layout.starts[block + 1]]
+    }
+
+    /// The value of the scalar parameter `block`.
+    pub fn one(&self, block: usize) -> f64 {
+        self.values[self.layout.starts[block]]
+    }
+
+    /// Number of values of parameter `block`.
+    pub fn len(&self, block: usize) -> usize {
+        self.block(block).len()
+    }
+
+    /// Flat index of value `i` of parameter `block`, as `forces` and `inertia` report it.
+    pub fn index(&self, block: usize, i: usize) -> usize {
+        self.layout.starts[block] + i
+    }
+}
+
+/// An effect that is switched on, with its parameter values.
+#[derive(Clone)]
+pub struct ActiveEffect {
+    /// The law.
+    pub effect: &'static dyn Effect,
+    /// Flat parameter values.
+    pub values: Vec<f64>,
+    /// Where each parameter stands in `values`.
+    pub layout: Arc<Layout>,
+}
+
+impl ActiveEffect {
+    /// `effect` with its default shape and zero linear parameters: present, but without action.
+    pub fn absent(effect: &'static dyn Effect) -> Self {
+        let lengths = effect.parameters().iter().map(|p| match p.count {
+            Count::One => 1,
+            Count::PerArm | Count::PerDrive => crate::model::ARMS,
+            Count::Named(names) => names.len(),
+        });
+        let layout = Layout::new(lengths);
+        let mut values = vec![0.0; layout.len()];
+        for (b, p) in effect.parameters().iter().enumerate() {
+            if p.role != Role::Linear {
+                values[layout.starts[b]..layout.starts[b + 1]].fill(p.default);
+            }
+        }
+        Self { effect, values, layout: Arc::new(layout) }
+    }
+
+    /// `effect` with one slice of values per parameter.
+    ///
+    /// # Panics
+    /// If the number of blocks differs from the number of parameters.
+    pub fn new(effect: &'static dyn Effect, blocks: &[&[f64]]) -> Self {
+        assert_eq!(blocks.len(), effect.parameters().len(), "{}: one block per parameter", effect.name());
+        let layout = Layout::new(blocks.iter().map(|b| b.len()));
+        Self { effect, values: blocks.concat(), layout: Arc::new(layout) }
+    }
+
+    /// The values, by parameter.
+    pub fn values(&self) -> Values<'_> {
+        Values { values: &self.values, layout: &self.layout }
+    }
+
+    /// Parameter, its number within the parameter and its printed name for each flat value.
+    pub fn entries(&self) -> Vec<Entry> {
+        let mut out = Vec::with_capacity(self.values.len());
+        for (b, p) in self.effect.parameters().iter().enumerate() {
+            let n = self.values().len(b);
+            for i in 0..n {
+                let name = match p.count {
+                    Count::One => p.name.to_string(),
+                    Count::PerArm | Count::PerDrive => format!("{}_{}", p.name, i + 1),
+                    Count::Named(names) => format!("{}_{}", p.name, names[i]),
+                };
+                out.push(Entry { parameter: p, name });
+            }
+        }
+        out
+    }
+}
+
+/// One flat value of an effect.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Its parameter.
+    pub parameter: &'static Parameter,
+    /// Printed name, e.g. `coulomb_2`.
+    pub name: String,
+}
+
+/// Everything a force law may read.
+#[derive(Clone, Copy)]
+pub struct Instant<'a> {
+    /// Time since the start of the run, s.
+    pub t: f64,
+    /// Motion of all bodies and joints.
+    pub motion: &'a Motion,
+    /// Total inertia of the bodies, with payload.
+    pub bodies: &'a Bodies,
+    /// Gravitational acceleration, m/s².
+    pub gravity: f64,
+    /// Reactions in the struts.
+    pub reactions: &'a Reactions,
+    /// The effect's own states.
+    pub state: &'a [f64],
+}
+
+/// Receives wrenches: `(parameter, body, force, moment about the body's origin)`, world axes, per unit of parameter.
+pub struct Wrenches<'a> {
+    sink: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>),
+}
+
+impl<'a> Wrenches<'a> {
+    /// Wraps a reader.
+    pub fn new(sink: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)) -> Self {
+        Self { sink }
+    }
+
+    /// Force and moment on `body` about its origin.
+    pub fn wrench(&mut self, k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>) {
+        (self.sink)(k, body, force, moment);
+    }
+
+    /// Torque on drive `axis`, positive along its joint angle; the reaction goes to the base.
+    pub fn drive_torque(&mut self, k: usize, axis: usize, torque: f64) {
+        let (body, direction) = Motion::drive(axis);
+        self.wrench(k, body, Vector3::zeros(), direction * torque);
+    }
+
+    /// Force along the telescope, positive when it pushes the two parts apart.
+    pub fn telescope_force(&mut self, k: usize, motion: &Motion, force: f64) {
+        use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+        self.wrench(k, TELESCOPE_UPPER, motion.telescope.axis * force, Vector3::zeros());
+        self.wrench(k, TELESCOPE_LOWER, -motion.telescope.axis * force, Vector3::zeros());
+    }
+
+    /// Moment on the strut at `socket` with its reaction on the arm or the platform.
+    pub fn socket_moment(&mut self, k: usize, socket: usize, moment: Vector3<f64>) {
+        let (strut, partner) = Motion::socket_bodies(socket);
+        self.wrench(k, strut, Vector3::zeros(), moment);
+        self.wrench(k, partner, Vector3::zeros(), -moment);
+    }
+}
+
+/// Smooth sign: `tanh(rate·steepness)`; the paper's approximation of Coulomb friction (eq. 48 uses 100 s/rad).
+pub fn smooth_sign(rate: f64, steepness: f64) -> f64 {
+    (rate * steepness).tanh()
+}

@@ -1,0 +1,9 @@
+//! Where everything is: closed-form kinematics of the delta robot and the complete [`Motion`] of its bodies.
+//!
+//! Kinematics knows no mass.
+
+pub mod delta;
+pub mod motion;
+
+pub use delta::{JointState, KinematicsError, PlatformState};
+pub use motion::{BodyMotion, Motion, Reactions, Telescope};

@@ -1,0 +1,11 @@
+//! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect its model lacks.
+
+pub mod model;
+
+pub mod recording;
+
+pub mod kinematics;
+
+pub mod effects;
+
+pub mod dynamics;

@@ -1,0 +1,116 @@
+//! Rigid-body inertia: the ten parameters of a body and their physical consistency.
+
+use nalgebra::{Matrix3, Matrix4, Vector3};
+
+use super::{ARMS, STRUTS};
+
+/// Mass, first moment and inertia tensor of a rigid body about its frame origin, in the body frame (eq. 3–4).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inertia {
+    /// Mass m, kg.
+    pub mass: f64,
+    /// First moment m·c, kg·m.
+    pub first_moment: Vector3<f64>,
+    /// Inertia tensor about the frame origin, kg·m².
+    pub tensor: Matrix3<f64>,
+}
+
+impl Inertia {
+    /// No inertia at all.
+    pub const ZERO: Self =
+        Self { mass: 0.0, first_moment: Vector3::new(0.0, 0.0, 0.0), tensor: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.) };
+
+    /// Body with diagonal inertia tensor.
+    pub fn diagonal(mass: f64, first_moment: [f64; 3], moments: [f64; 3]) -> Self {
+        Self { mass, first_moment: first_moment.into(), tensor: Matrix3::from_diagonal(&moments.into()) }
+    }
+
+    /// Point mass at `position`.
+    pub fn point(mass: f64, position: Vector3<f64>) -> Self {
+        let x = position.cross_matrix();
+        Self { mass, first_moment: mass * position, tensor: -mass * x * x }
+    }
+
+    /// Pseudo-inertia `[[½tr(Θ)·1 − Θ, m·c], [m·cᵀ, m]]`; positive semidefinite for every real body.
+    pub fn pseudo_inertia(&self) -> Matrix4<f64> {
+        let second = Matrix3::identity() * (0.5 * self.tensor.trace()) - self.tensor;
+        let mut j = Matrix4::zeros();
+        j.fixed_view_mut::<3, 3>(0, 0).copy_from(&second);
+        j.fixed_view_mut::<3, 1>(0, 3).copy_from(&self.first_moment);
+        j.fixed_view_mut::<1, 3>(3, 0).copy_from(&self.first_moment.transpose());
+        j[(3, 3)] = self.mass;
+        j
+    }
+
+    /// Smallest eigenvalue of the pseudo-inertia.
+    pub fn min_eigenvalue(&self) -> f64 {
+        self.pseudo_inertia().symmetric_eigenvalues().min()
+    }
+}
+
+impl std::ops::AddAssign for Inertia {
+    fn add_assign(&mut self, other: Self) {
+        self.mass += other.mass;
+        self.first_moment += other.first_moment;
+        self.tensor += other.tensor;
+    }
+}
+
+impl std::ops::Mul<f64> for Inertia {
+    type Output = Self;
+    fn mul(self, k: f64) -> Self {
+        Self { mass: k * self.mass, first_moment: k * self.first_moment, tensor: k * self.tensor }
+    }
+}
+
+/// Number of moving bodies.
+pub const BODIES: usize = 14;
+/// First arm; arms are bodies 0, 1, 2.
+pub const ARM: usize = 0;
+/// First strut; struts are bodies 3 to 8, struts 2i and 2i+1 (from 0) belong to limb i.
+pub const STRUT: usize = ARM + ARMS;
+/// Moving platform.
+pub const PLATFORM: usize = STRUT + STRUTS;
+/// End effector with payload.
+pub const END_EFFECTOR: usize = PLATFORM + 1;
+/// Rotor of motor 4 at the gear output.
+pub const ROTOR: usize = PLATFORM + 2;
+/// Upper part of the telescope.
+pub const TELESCOPE_UPPER: usize = PLATFORM + 3;
+/// Lower part of the telescope.
+pub const TELESCOPE_LOWER: usize = PLATFORM + 4;
+
+/// Name of body `b`, e.g. `strut4`.
+pub fn body_name(b: usize) -> String {
+    match b {
+        ARM..STRUT => format!("arm{}", b - ARM + 1),
+        STRUT..PLATFORM => format!("strut{}", b - STRUT + 1),
+        PLATFORM => "platform".into(),
+        END_EFFECTOR => "end_effector".into(),
+        ROTOR => "rotor".into(),
+        TELESCOPE_UPPER => "telescope_upper".into(),
+        TELESCOPE_LOWER => "telescope_lower".into(),
+        _ => panic!("body {b} of {BODIES}"),
+    }
+}
+
+/// Inertia of the 14 moving bodies.
+///
+/// Frames: arm at the shaft, x to the elbow, y along the motor axis; strut at the upper ball, x to the platform ball;
+/// platform at the ball plane's centre, z up; end effector at the flange centre; rotor and telescope upper part at the
+/// upper Hooke joint, telescope lower part at the lower Hooke joint, z up along the bar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bodies(pub [Inertia; BODIES]);
+
+impl std::ops::Index<usize> for Bodies {
+    type Output = Inertia;
+    fn index(&self, b: usize) -> &Inertia {
+        &self.0[b]
+    }
+}
+
+impl std::ops::IndexMut<usize> for Bodies {
+    fn index_mut(&mut self, b: usize) -> &mut Inertia {
+        &mut self.0[b]
+    }
+}

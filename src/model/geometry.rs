@@ -1,0 +1,66 @@
+//! Lengths, placements and joint limits of the mechanism.
+//!
+//! Inertial frame: origin on the vertical centre line in the plane of the motor shafts, z up.
+
+use nalgebra::Vector3;
+
+use super::ARMS;
+
+/// Geometry of a delta robot with telescope, m and rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometry {
+    /// Centre line to motor shaft.
+    pub base_radius: f64,
+    /// Shaft to elbow (ball line).
+    pub arm_length: f64,
+    /// Ball to ball, one length per limb (both struts of a pair are alike).
+    pub strut_length: [f64; ARMS],
+    /// Platform centre to the middle of a ball pair.
+    pub platform_radius: f64,
+    /// Distance of the two balls of a pair.
+    pub pair_distance: f64,
+    /// Mounting plane above the shaft plane.
+    pub mounting_height: f64,
+    /// Upper Hooke joint above the shaft plane.
+    pub upper_hooke_height: f64,
+    /// Lower Hooke joint above the platform's ball plane.
+    pub lower_hooke_height: f64,
+    /// Flange face above the platform's ball plane (negative: below).
+    pub flange_height: f64,
+    /// Smallest and largest arm angle.
+    pub arm_limits: [f64; 2],
+    /// Smallest and largest distance of the telescope's Hooke joints.
+    pub telescope_limits: [f64; 2],
+}
+
+impl Geometry {
+    /// Azimuth of limb `i`, rad.
+    pub fn azimuth(i: usize) -> f64 {
+        i as f64 * std::f64::consts::TAU / 3.0
+    }
+
+    /// Horizontal unit vector from the centre line to the shaft of limb `i`.
+    pub fn radial(i: usize) -> Vector3<f64> {
+        RADIAL[i].into()
+    }
+
+    /// Axis of motor `i`: horizontal, tangential, `z × radial`.
+    pub fn tangential(i: usize) -> Vector3<f64> {
+        let u = RADIAL[i];
+        Vector3::new(-u[1], u[0], 0.0)
+    }
+
+    /// Centre of the upper Hooke joint.
+    pub fn upper_hooke(&self) -> Vector3<f64> {
+        Vector3::new(0.0, 0.0, self.upper_hooke_height)
+    }
+
+    /// Offset of strut `s` (0..6) from the middle of its pair, along the limb's tangential axis.
+    pub fn pair_offset(&self, strut: usize) -> f64 {
+        if strut.is_multiple_of(2) { 0.5 * self.pair_distance } else { -0.5 * self.pair_distance }
+    }
+}
+
+const H: f64 = 0.866_025_403_784_438_6; // √3/2
+/// Radial unit vectors of the limbs at 0°, 120°, 240°.
+const RADIAL: [[f64; 3]; ARMS] = [[1.0, 0.0, 0.0], [-0.5, H, 0.0], [-0.5, -H, 0.0]];

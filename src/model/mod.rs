@@ -1,0 +1,95 @@
+//! What the machine is: geometry, bodies, drives, sockets, limits, noise and the effects that are switched on.
+//!
+//! A [`Model`] is constant after loading. Only `read.rs` and `write.rs` know TOML.
+
+pub mod bodies;
+pub mod geometry;
+
+pub use bodies::{Bodies, Inertia};
+pub use geometry::Geometry;
+
+use std::path::PathBuf;
+
+use crate::effects::ActiveEffect;
+
+/// Number of actuated axes: three arms and the telescope drive.
+pub const AXES: usize = 4;
+/// Number of arms.
+pub const ARMS: usize = 3;
+/// Number of struts.
+pub const STRUTS: usize = 6;
+
+/// Description of one machine.
+#[derive(Clone)]
+pub struct Model {
+    /// Name of the machine, e.g. `irb360-6-1600`.
+    pub name: String,
+    /// File the model was read from.
+    pub path: Option<PathBuf>,
+    /// False for the disassembled robot: arms and rotor as independent axes.
+    pub assembled: bool,
+    /// Lengths and joint limits.
+    pub geometry: Geometry,
+    /// Inertia of every kind of body, without payload.
+    pub bodies: Bodies,
+    /// Drives 1–3 (arms) and 4 (telescope).
+    pub drives: [Drive; AXES],
+    /// Ball sockets.
+    pub sockets: Sockets,
+    /// Sensor noise of the machine.
+    pub noise: Noise,
+    /// Gravitational acceleration along −z, m/s².
+    pub gravity: f64,
+    /// Sampling and control period, s.
+    pub sample_time: f64,
+    /// Effects that act, in the order of the registry.
+    pub effects: Vec<ActiveEffect>,
+}
+
+/// One drive, seen at the gear output.
+#[derive(Clone, Copy, Debug)]
+pub struct Drive {
+    /// Motor turns per output turn.
+    pub gear_ratio: f64,
+    /// Encoder resolution on the motor side, bit per motor turn.
+    pub encoder_bits: u32,
+    /// Largest torque at the gear output, N·m.
+    pub max_torque: f64,
+    /// Largest speed at the gear output, rad/s.
+    pub max_speed: f64,
+    /// Largest acceleration, rad/s².
+    pub max_acceleration: f64,
+    /// Largest jerk, rad/s³.
+    pub max_jerk: f64,
+}
+
+impl Drive {
+    /// Angle of one encoder increment at the gear output, rad.
+    pub fn encoder_step(&self) -> f64 {
+        std::f64::consts::TAU / f64::powi(2.0, self.encoder_bits as i32) / self.gear_ratio
+    }
+}
+
+/// Ball sockets of the struts.
+#[derive(Clone, Copy, Debug)]
+pub struct Sockets {
+    /// Radius of the ball, m.
+    pub ball_radius: f64,
+    /// Force of the clamp spring that presses the cup on the ball, N.
+    pub preload: f64,
+    /// Reaction at which a healthy socket leaves its ball, N.
+    pub dislocation_force: f64,
+    /// Damping of the strut's spin about its own axis against the frame, N·m·s/rad.
+    ///
+    /// Stands for the clamp springs, which keep the strut from spinning.
+    pub spin_damping: f64,
+}
+
+/// Standard deviations of the sensors.
+#[derive(Clone, Copy, Debug)]
+pub struct Noise {
+    /// Torque at the gear output, N·m per axis.
+    pub torque: [f64; AXES],
+    /// Axial strut force, N.
+    pub strut_force: f64,
+}

@@ -1,0 +1,103 @@
+//! What was measured or simulated: joint angles, drive torques and optional channels over time.
+//!
+//! Only `csv.rs`, `mcap.rs` and `rerun.rs` know file formats.
+
+use nalgebra::Vector3;
+
+use crate::model::{AXES, Inertia, STRUTS};
+
+/// One run of the machine, sampled at increasing times.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// Name for reports, usually the file's stem.
+    pub name: String,
+    /// Signals of every sample.
+    pub signals: Signals,
+    /// What is known about the run.
+    pub setup: Setup,
+}
+
+/// Sampled signals; all channels have the length of `t`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Signals {
+    /// Time, s.
+    pub t: Vec<f64>,
+    /// Joint angles q = (φ1, φ2, φ3, ψ), rad.
+    pub q: Vec<[f64; AXES]>,
+    /// Drive torques at the gear output, N·m.
+    pub tau: Vec<[f64; AXES]>,
+    /// Axial force at the elbow end of each strut, tension positive, N.
+    pub strut_upper: [Option<Vec<f64>>; STRUTS],
+    /// Axial force at the platform end of each strut, tension positive, N.
+    pub strut_lower: [Option<Vec<f64>>; STRUTS],
+    /// Platform ball plane's centre, m.
+    pub ee: Option<Vec<[f64; 3]>>,
+    /// Joint rates, rad/s.
+    pub qd: Option<Vec<[f64; AXES]>>,
+    /// Joint accelerations, rad/s².
+    pub qdd: Option<Vec<[f64; AXES]>>,
+}
+
+impl Signals {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Whether there are no samples.
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// Median sampling period, s; zero with fewer than two samples.
+    pub fn sample_time(&self) -> f64 {
+        let mut d: Vec<f64> = self.t.windows(2).map(|w| w[1] - w[0]).collect();
+        if d.is_empty() {
+            return 0.0;
+        }
+        let m = d.len() / 2;
+        *d.select_nth_unstable_by(m, f64::total_cmp).1
+    }
+}
+
+/// What is known about a run (`<stem>.setup.toml`, or the metadata of an MCAP file).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Setup {
+    /// Assembled robot or arms and rotor alone.
+    pub configuration: Configuration,
+    /// Payload at the flange.
+    pub payload: Payload,
+    /// Standard deviation of the torque sensors, N·m.
+    pub torque_noise: Option<[f64; AXES]>,
+}
+
+/// State of the machine during a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Configuration {
+    /// Complete robot.
+    #[default]
+    Assembled,
+    /// Arms and motor 4 only, struts, platform and telescope dismounted.
+    Disassembled,
+}
+
+/// Load at the flange; frame: origin at the flange centre, z up, turns with ψ.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Payload {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Centre of mass, m.
+    pub com: Vector3<f64>,
+    /// Moment of inertia about the vertical axis through the centre of mass, kg·m².
+    pub inertia_zz: f64,
+}
+
+impl Payload {
+    /// Inertia about the flange centre. Only the vertical moment is known; the others are taken equal to it, which the
+    /// motion of an intact robot does not feel.
+    pub fn inertia(&self) -> Inertia {
+        let mut i = Inertia::point(self.mass, self.com);
+        i += Inertia::diagonal(0.0, [0.0; 3], [self.inertia_zz; 3]);
+        i
+    }
+}
