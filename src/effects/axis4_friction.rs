@@ -27,9 +27,30 @@ impl Effect for Axis4Friction {
 
     fn parameters(&self) -> &'static [Parameter] {
         &[
-            Parameter { name: "coulomb", unit: "N·m", count: Count::One, role: Role::Linear, default: 0.5272, range: (0.0, 20.0) },
-            Parameter { name: "saturating", unit: "N·m", count: Count::One, role: Role::Linear, default: 0.6672, range: (0.0, 20.0) },
-            Parameter { name: "saturation_speed", unit: "rad/s", count: Count::One, role: Role::Shape, default: 8.5919, range: (0.5, 60.0) },
+            Parameter {
+                name: "coulomb",
+                unit: "N·m",
+                count: Count::One,
+                role: Role::Linear,
+                default: 0.5272,
+                range: (0.0, 20.0),
+            },
+            Parameter {
+                name: "saturating",
+                unit: "N·m",
+                count: Count::One,
+                role: Role::Linear,
+                default: 0.6672,
+                range: (0.0, 20.0),
+            },
+            Parameter {
+                name: "saturation_speed",
+                unit: "rad/s",
+                count: Count::One,
+                role: Role::Shape,
+                default: 8.5919,
+                range: (0.5, 60.0),
+            },
         ]
     }
 

@@ -25,9 +25,30 @@ impl Effect for DriveFriction {
 
     fn parameters(&self) -> &'static [Parameter] {
         &[
-            Parameter { name: "coulomb", unit: "N·m", count: Count::PerDrive, role: Role::Linear, default: 4.5, range: (0.0, 50.0) },
-            Parameter { name: "viscous", unit: "N·m·s/rad", count: Count::PerDrive, role: Role::Linear, default: 1.0, range: (0.0, 50.0) },
-            Parameter { name: "steepness", unit: "s/rad", count: Count::One, role: Role::Fixed, default: 100.0, range: (1.0, 1e4) },
+            Parameter {
+                name: "coulomb",
+                unit: "N·m",
+                count: Count::PerDrive,
+                role: Role::Linear,
+                default: 4.5,
+                range: (0.0, 50.0),
+            },
+            Parameter {
+                name: "viscous",
+                unit: "N·m·s/rad",
+                count: Count::PerDrive,
+                role: Role::Linear,
+                default: 1.0,
+                range: (0.0, 50.0),
+            },
+            Parameter {
+                name: "steepness",
+                unit: "s/rad",
+                count: Count::One,
+                role: Role::Fixed,
+                default: 100.0,
+                range: (1.0, 1e4),
+            },
         ]
     }
 

@@ -16,14 +16,11 @@ use crate::recording::{Payload, Signals};
 
 mod axis4_friction;
 mod drive_friction;
-mod rigid_bodies;
+pub mod rigid_bodies;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
-pub static REGISTRY: &[&dyn Effect] = &[
-    &rigid_bodies::RigidBodies,
-    &drive_friction::DriveFriction,
-    &axis4_friction::Axis4Friction,
-];
+pub static REGISTRY: &[&dyn Effect] =
+    &[&rigid_bodies::RigidBodies, &drive_friction::DriveFriction, &axis4_friction::Axis4Friction];
 
 /// The effect called `name`.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {

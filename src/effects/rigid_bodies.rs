@@ -55,7 +55,9 @@ impl Effect for RigidBodies {
     }
 
     fn inertia(&self, _values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
-        for (k, body, unit) in UNITS.iter().enumerate().flat_map(|(k, (bodies, unit))| bodies.clone().map(move |b| (k, b, unit))) {
+        for (k, body, unit) in
+            UNITS.iter().enumerate().flat_map(|(k, (bodies, unit))| bodies.clone().map(move |b| (k, b, unit)))
+        {
             out(k, body, unit.inertia());
         }
     }

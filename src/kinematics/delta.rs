@@ -1,7 +1,230 @@
-//! Closed-form inverse and forward kinematics.
-/// placeholder
-pub struct JointState;
-/// placeholder
-pub struct PlatformState;
-/// placeholder
-pub struct KinematicsError;
+//! Closed-form inverse and forward kinematics of the delta robot, with rates and accelerations.
+//!
+//! Loop closure of limb i, with p the platform point, u the radial, v the tangential unit vector of the limb and
+//! x_A = cos φ·u − sin φ·z the arm's direction: the strut vector is l = p − (R − r)·u − l₁·x_A and |l| = l₂.
+//! The platform does not rotate, so both struts of a pair share l.
+
+use nalgebra::{Matrix3, Vector3};
+use thiserror::Error;
+
+use crate::model::{ARMS, AXES, Geometry};
+
+/// Joint angles, rates and accelerations; rad.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointState {
+    /// q = (φ1, φ2, φ3, ψ).
+    pub q: [f64; AXES],
+    /// Rates, rad/s.
+    pub qd: [f64; AXES],
+    /// Accelerations, rad/s².
+    pub qdd: [f64; AXES],
+}
+
+/// Platform ball plane's centre and end-effector angle with their derivatives; m, rad.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlatformState {
+    /// Position.
+    pub position: Vector3<f64>,
+    /// Velocity, m/s.
+    pub velocity: Vector3<f64>,
+    /// Acceleration, m/s².
+    pub acceleration: Vector3<f64>,
+    /// Angle ψ, its rate and acceleration.
+    pub psi: [f64; 3],
+}
+
+/// A pose the mechanism cannot take.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+pub enum KinematicsError {
+    /// No arm angle lets the strut reach the platform.
+    #[error("limb {}: platform position ({x:.4}, {y:.4}, {z:.4}) m is out of reach", .limb + 1)]
+    OutOfReach {
+        /// Limb, from 0.
+        limb: usize,
+        /// Platform position, m.
+        x: f64,
+        /// Platform position, m.
+        y: f64,
+        /// Platform position, m.
+        z: f64,
+    },
+    /// The elbows are too far apart for the struts to meet.
+    #[error("arm angles ({:.4}, {:.4}, {:.4}) rad do not close the loop", .q[0], .q[1], .q[2])]
+    NoClosure {
+        /// Arm angles, rad.
+        q: [f64; ARMS],
+    },
+    /// The constraint Jacobian is singular.
+    #[error("singular pose at arm angles ({:.4}, {:.4}, {:.4}) rad", .q[0], .q[1], .q[2])]
+    Singular {
+        /// Arm angles, rad.
+        q: [f64; ARMS],
+    },
+    /// An arm angle is beyond its limits.
+    #[error("arm {} at {angle:.4} rad is outside {min:.4}..{max:.4} rad", .arm + 1)]
+    ArmLimit {
+        /// Arm, from 0.
+        arm: usize,
+        /// Angle, rad.
+        angle: f64,
+        /// Lower limit, rad.
+        min: f64,
+        /// Upper limit, rad.
+        max: f64,
+    },
+    /// The telescope is too short or too long.
+    #[error("telescope length {length:.4} m is outside {min:.4}..{max:.4} m")]
+    TelescopeLimit {
+        /// Length, m.
+        length: f64,
+        /// Lower limit, m.
+        min: f64,
+        /// Upper limit, m.
+        max: f64,
+    },
+}
+
+/// Arm's direction to the elbow.
+pub(super) fn arm_x(limb: usize, angle: f64) -> Vector3<f64> {
+    Geometry::radial(limb) * angle.cos() - Vector3::z() * angle.sin()
+}
+
+/// Arm frame's z axis, −d(arm_x)/dφ.
+pub(super) fn arm_z(limb: usize, angle: f64) -> Vector3<f64> {
+    Geometry::radial(limb) * angle.sin() + Vector3::z() * angle.cos()
+}
+
+impl Geometry {
+    /// Elbow (middle of the ball pair) of `limb`.
+    pub fn elbow(&self, limb: usize, angle: f64) -> Vector3<f64> {
+        Geometry::radial(limb) * self.base_radius + arm_x(limb, angle) * self.arm_length
+    }
+
+    /// Arm angles for a platform position, elbows outward; no limits applied.
+    pub fn inverse(&self, position: &Vector3<f64>) -> Result<[f64; ARMS], KinematicsError> {
+        let mut q = [0.0; ARMS];
+        for limb in 0..ARMS {
+            // |d − l₁ x_A|² = l₂²  ⇔  a cos φ + b sin φ = c
+            let u = Geometry::radial(limb);
+            let d = position - u * (self.base_radius - self.platform_radius);
+            let (a, b) = (2.0 * self.arm_length * d.dot(&u), -2.0 * self.arm_length * d.z);
+            let c = d.norm_squared() + self.arm_length.powi(2) - self.strut_length[limb].powi(2);
+            let cosine = c / a.hypot(b);
+            if !(cosine.abs() <= 1.0) {
+                return Err(KinematicsError::OutOfReach { limb, x: position.x, y: position.y, z: position.z });
+            }
+            let angle = b.atan2(a) - cosine.acos();
+            q[limb] = if angle < -std::f64::consts::PI { angle + std::f64::consts::TAU } else { angle };
+        }
+        Ok(q)
+    }
+
+    /// Platform position for arm angles: the lower intersection of three spheres; no limits applied.
+    pub fn forward(&self, q: &[f64]) -> Result<Vector3<f64>, KinematicsError> {
+        let angles = [q[0], q[1], q[2]];
+        let centre = |i: usize| self.elbow(i, angles[i]) - Geometry::radial(i) * self.platform_radius;
+        let (c0, c1, c2) = (centre(0), centre(1), centre(2));
+        let [r0, r1, r2] = self.strut_length;
+        // Sphere 0 minus sphere i gives a plane: 2(cᵢ − c₀)·p = r₀² − rᵢ² + cᵢ² − c₀².
+        let (e1, e2) = (c1 - c0, c2 - c0);
+        let k1 = 0.5 * (r0 * r0 - r1 * r1 + e1.norm_squared());
+        let k2 = 0.5 * (r0 * r0 - r2 * r2 + e2.norm_squared());
+        let n = e1.cross(&e2);
+        let nn = n.norm_squared();
+        // Point of the line of both planes nearest to c₀, then along the normal to the sphere.
+        let foot = (e2.cross(&n) * k1 + n.cross(&e1) * k2) / nn;
+        let height2 = (r0 * r0 - foot.norm_squared()) / nn;
+        if !(height2 >= 0.0) {
+            return Err(KinematicsError::NoClosure { q: angles });
+        }
+        let side = if n.z > 0.0 { -1.0 } else { 1.0 };
+        Ok(c0 + foot + n * (side * height2.sqrt()))
+    }
+
+    /// Strut vector of `limb`, upper to lower ball; its length is `strut_length` when the loop is closed.
+    pub fn strut_vector(&self, limb: usize, angle: f64, position: &Vector3<f64>) -> Vector3<f64> {
+        position + Geometry::radial(limb) * self.platform_radius - self.elbow(limb, angle)
+    }
+
+    /// Jacobian ∂ṗ/∂φ̇ (m/rad) at a closed pose.
+    pub fn jacobian(&self, q: &[f64], position: &Vector3<f64>) -> Result<Matrix3<f64>, KinematicsError> {
+        // l·ṗ = −l₁ (l·z_A) φ̇
+        let mut parallel = Matrix3::zeros();
+        let mut serial = Vector3::zeros();
+        for i in 0..ARMS {
+            let l = self.strut_vector(i, q[i], position);
+            parallel.set_row(i, &l.transpose());
+            serial[i] = -self.arm_length * l.dot(&arm_z(i, q[i]));
+        }
+        let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
+        Ok(inverse * Matrix3::from_diagonal(&serial))
+    }
+
+    /// Platform motion for joint motion.
+    pub fn forward_motion(&self, joints: &JointState) -> Result<PlatformState, KinematicsError> {
+        let JointState { q, qd, qdd } = joints;
+        let position = self.forward(q)?;
+        let mut parallel = Matrix3::zeros();
+        let mut rate = Vector3::zeros();
+        for i in 0..ARMS {
+            let l = self.strut_vector(i, q[i], &position);
+            parallel.set_row(i, &l.transpose());
+            rate[i] = -self.arm_length * l.dot(&arm_z(i, q[i])) * qd[i];
+        }
+        let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
+        let velocity = inverse * rate;
+        let mut rate = Vector3::zeros();
+        for i in 0..ARMS {
+            // l·p̈ = −|l̇|² − l₁ (l·z_A) φ̈ − l₁ (l·x_A) φ̇²
+            let l = self.strut_vector(i, q[i], &position);
+            let ld = velocity + arm_z(i, q[i]) * (self.arm_length * qd[i]);
+            rate[i] = -ld.norm_squared()
+                - self.arm_length * (l.dot(&arm_z(i, q[i])) * qdd[i] + l.dot(&arm_x(i, q[i])) * qd[i] * qd[i]);
+        }
+        Ok(PlatformState { position, velocity, acceleration: inverse * rate, psi: [q[3], qd[3], qdd[3]] })
+    }
+
+    /// Joint motion for platform motion, elbows outward.
+    pub fn inverse_motion(&self, platform: &PlatformState) -> Result<JointState, KinematicsError> {
+        let angles = self.inverse(&platform.position)?;
+        let mut joints = JointState::default();
+        for i in 0..ARMS {
+            let l = self.strut_vector(i, angles[i], &platform.position);
+            let (x, z) = (arm_x(i, angles[i]), arm_z(i, angles[i]));
+            let serial = -self.arm_length * l.dot(&z);
+            if serial.abs() < 1e-9 {
+                return Err(KinematicsError::Singular { q: angles });
+            }
+            let rate = l.dot(&platform.velocity) / serial;
+            let ld = platform.velocity + z * (self.arm_length * rate);
+            joints.q[i] = angles[i];
+            joints.qd[i] = rate;
+            joints.qdd[i] =
+                (l.dot(&platform.acceleration) + ld.norm_squared() + self.arm_length * l.dot(&x) * rate * rate)
+                    / serial;
+        }
+        (joints.q[3], joints.qd[3], joints.qdd[3]) = (platform.psi[0], platform.psi[1], platform.psi[2]);
+        Ok(joints)
+    }
+
+    /// Distance of the telescope's Hooke joints for a platform position, m.
+    pub fn telescope_length(&self, position: &Vector3<f64>) -> f64 {
+        (self.upper_hooke() - position - Vector3::z() * self.lower_hooke_height).norm()
+    }
+
+    /// Checks joint and telescope limits of a pose.
+    pub fn check_limits(&self, q: &[f64], position: &Vector3<f64>) -> Result<(), KinematicsError> {
+        let [min, max] = self.arm_limits;
+        for arm in 0..ARMS {
+            if !(min..=max).contains(&q[arm]) {
+                return Err(KinematicsError::ArmLimit { arm, angle: q[arm], min, max });
+            }
+        }
+        let length = self.telescope_length(position);
+        let [min, max] = self.telescope_limits;
+        if !(min..=max).contains(&length) {
+            return Err(KinematicsError::TelescopeLimit { length, min, max });
+        }
+        Ok(())
+    }
+}

@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::model::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
-use crate::model::{AXES, Geometry, STRUTS};
+use super::delta::{self, JointState, KinematicsError, PlatformState};
+use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::{ARMS, AXES, Geometry, STRUTS};
 
 /// Motion of one body frame in the inertial frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +70,8 @@ pub struct Motion {
     pub bodies: [BodyMotion; BODIES],
     /// Unit vector of each strut from the elbow to the platform.
     pub strut_axis: [Vector3<f64>; STRUTS],
+    /// Distance of the two balls of each strut, m.
+    pub strut_length: [f64; STRUTS],
     /// Telescope.
     pub telescope: Telescope,
 }
@@ -93,4 +96,171 @@ impl Motion {
         let (strut, partner) = Self::socket_bodies(socket);
         self.bodies[strut].angular_velocity - self.bodies[partner].angular_velocity
     }
+}
+
+impl Motion {
+    /// Motion of the assembled robot for joint motion; the platform stays parallel and struts do not spin.
+    pub fn assembled(geometry: &Geometry, joints: &JointState) -> Result<Self, KinematicsError> {
+        let platform = geometry.forward_motion(joints)?;
+        Ok(Self::with_platform(geometry, joints, &platform))
+    }
+
+    /// Motion of the arms and the rotor of a disassembled robot.
+    pub fn disassembled(geometry: &Geometry, joints: &JointState) -> Self {
+        let mut motion = Self {
+            q: joints.q,
+            qd: joints.qd,
+            qdd: joints.qdd,
+            bodies: [BodyMotion::REST; BODIES],
+            strut_axis: [Vector3::zeros(); STRUTS],
+            strut_length: std::array::from_fn(|s| geometry.strut_length[s / 2]),
+            telescope: Telescope { axis: Vector3::z(), length: 0.0, rate: 0.0 },
+        };
+        for i in 0..ARMS {
+            motion.bodies[ARM + i] = arm_motion(geometry, i, joints);
+        }
+        motion.bodies[ROTOR] = BodyMotion {
+            rotation: rotation_z(joints.q[3]),
+            position: geometry.upper_hooke(),
+            angular_velocity: Vector3::z() * joints.qd[3],
+            angular_acceleration: Vector3::z() * joints.qdd[3],
+            ..BodyMotion::REST
+        };
+        motion
+    }
+
+    fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
+        let mut motion = Self::disassembled(geometry, joints);
+        let [psi, psi_rate, psi_acceleration] = platform.psi;
+        for strut in 0..STRUTS {
+            let limb = strut / 2;
+            let (body, axis) = strut_motion(geometry, strut, &motion.bodies[ARM + limb], joints.q[limb], platform);
+            motion.bodies[STRUT + strut] = body;
+            motion.strut_axis[strut] = axis;
+        }
+        motion.bodies[PLATFORM] = BodyMotion {
+            position: platform.position,
+            velocity: platform.velocity,
+            acceleration: platform.acceleration,
+            ..BodyMotion::REST
+        };
+        motion.bodies[END_EFFECTOR] = BodyMotion {
+            rotation: rotation_z(psi),
+            position: platform.position + Vector3::z() * geometry.flange_height,
+            angular_velocity: Vector3::z() * psi_rate,
+            angular_acceleration: Vector3::z() * psi_acceleration,
+            ..motion.bodies[PLATFORM]
+        };
+        let (upper, lower, telescope) = telescope_motion(geometry, &motion.bodies[ROTOR], platform);
+        motion.bodies[TELESCOPE_UPPER] = upper;
+        motion.bodies[TELESCOPE_LOWER] = lower;
+        motion.telescope = telescope;
+        motion
+    }
+
+    /// Relative rates of the two Hooke joints (upper, lower): about the cross axis on the rotor or end-effector side and
+    /// about the cross axis on the telescope side, rad/s.
+    pub fn hooke_rates(&self) -> [[f64; 2]; 2] {
+        let telescope = self.bodies[TELESCOPE_UPPER];
+        [ROTOR, END_EFFECTOR].map(|b| {
+            let (yoke, bar) =
+                (self.bodies[b].rotation.column(0).into_owned(), telescope.rotation.column(1).into_owned());
+            let relative = telescope.angular_velocity - self.bodies[b].angular_velocity;
+            [relative.dot(&yoke), relative.dot(&bar)]
+        })
+    }
+}
+
+fn rotation_z(angle: f64) -> Matrix3<f64> {
+    let (s, c) = angle.sin_cos();
+    Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+}
+
+fn arm_motion(geometry: &Geometry, limb: usize, joints: &JointState) -> BodyMotion {
+    let v = Geometry::tangential(limb);
+    BodyMotion {
+        rotation: Matrix3::from_columns(&[delta::arm_x(limb, joints.q[limb]), v, delta::arm_z(limb, joints.q[limb])]),
+        position: Geometry::radial(limb) * geometry.base_radius,
+        angular_velocity: v * joints.qd[limb],
+        angular_acceleration: v * joints.qdd[limb],
+        ..BodyMotion::REST
+    }
+}
+
+fn strut_motion(
+    geometry: &Geometry,
+    strut: usize,
+    arm: &BodyMotion,
+    angle: f64,
+    platform: &PlatformState,
+) -> (BodyMotion, Vector3<f64>) {
+    let limb = strut / 2;
+    let length = geometry.strut_length[limb];
+    let axis = geometry.strut_vector(limb, angle, &platform.position) / length;
+    let v = Geometry::tangential(limb);
+    // The ball pair is parallel to the motor axis, so only the arm's length is a lever.
+    let lever = arm.rotation.column(0) * geometry.arm_length;
+    let velocity = arm.angular_velocity.cross(&lever);
+    let acceleration = arm.angular_acceleration.cross(&lever) + arm.angular_velocity.cross(&velocity);
+    let axis_rate = (platform.velocity - velocity) / length;
+    let axis_acceleration = (platform.acceleration - acceleration) / length;
+    let body = BodyMotion {
+        rotation: strut_rotation(&axis, &v),
+        position: arm.position + lever + v * geometry.pair_offset(strut),
+        velocity,
+        angular_velocity: axis.cross(&axis_rate),
+        acceleration,
+        angular_acceleration: axis.cross(&axis_acceleration),
+    };
+    (body, axis)
+}
+
+/// Strut frame: x along the strut, y as near to the pair direction `v` as possible.
+pub(crate) fn strut_rotation(axis: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
+    let y = (v - axis * axis.dot(v)).normalize();
+    Matrix3::from_columns(&[*axis, y, axis.cross(&y)])
+}
+
+/// Telescope frame: z up along the bar, y along the cross axis on the bar, normal to the rotor's cross axis x.
+pub(crate) fn telescope_rotation(axis: &Vector3<f64>, yoke: &Vector3<f64>) -> Matrix3<f64> {
+    let y = axis.cross(yoke).normalize();
+    Matrix3::from_columns(&[y.cross(axis), y, *axis])
+}
+
+fn telescope_motion(
+    geometry: &Geometry,
+    rotor: &BodyMotion,
+    platform: &PlatformState,
+) -> (BodyMotion, BodyMotion, Telescope) {
+    let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
+    let bar = geometry.upper_hooke() - lower_hooke;
+    let length = bar.norm();
+    let axis = bar / length;
+    let rate = -axis.dot(&platform.velocity);
+    let axis_rate = (-platform.velocity - axis * rate) / length;
+    // Swing ω = w × ẇ plus spin s·w; the Hooke joint passes rotation about the normal n of its cross:
+    // (ω_T − ω_R)·n = 0.
+    let yoke = rotor.rotation.column(0).into_owned();
+    let rotation = telescope_rotation(&axis, &yoke);
+    let cross_axis = rotation.column(1).into_owned();
+    let n = yoke.cross(&cross_axis);
+    let swing = axis.cross(&axis_rate);
+    let spin = (rotor.angular_velocity - swing).dot(&n) / axis.dot(&n);
+    let angular_velocity = swing + axis * spin;
+    let n_rate =
+        rotor.angular_velocity.cross(&yoke).cross(&cross_axis) + yoke.cross(&angular_velocity.cross(&cross_axis));
+    let swing_acceleration = axis.cross(&(-platform.acceleration - axis_rate * (2.0 * rate))) / length;
+    let spin_acceleration = ((rotor.angular_acceleration - swing_acceleration - axis_rate * spin).dot(&n)
+        + (rotor.angular_velocity - angular_velocity).dot(&n_rate))
+        / axis.dot(&n);
+    let upper = BodyMotion {
+        rotation,
+        position: geometry.upper_hooke(),
+        angular_velocity,
+        angular_acceleration: swing_acceleration + axis * spin_acceleration + axis_rate * spin,
+        ..BodyMotion::REST
+    };
+    let lower =
+        BodyMotion { position: lower_hooke, velocity: platform.velocity, acceleration: platform.acceleration, ..upper };
+    (upper, lower, Telescope { axis, length, rate })
 }

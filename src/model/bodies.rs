@@ -17,8 +17,11 @@ pub struct Inertia {
 
 impl Inertia {
     /// No inertia at all.
-    pub const ZERO: Self =
-        Self { mass: 0.0, first_moment: Vector3::new(0.0, 0.0, 0.0), tensor: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.) };
+    pub const ZERO: Self = Self {
+        mass: 0.0,
+        first_moment: Vector3::new(0.0, 0.0, 0.0),
+        tensor: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
+    };
 
     /// Body with diagonal inertia tensor.
     pub fn diagonal(mass: f64, first_moment: [f64; 3], moments: [f64; 3]) -> Self {

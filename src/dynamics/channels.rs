@@ -1,0 +1,176 @@
+//! From wrenches on bodies to drive torques and strut forces, by virtual work.
+//!
+//! A drive torque works on its joint angle, an axial strut force on a virtual gap opened at its socket while the drives
+//! are locked. With ξ_c the twists of all bodies per unit of such a virtual motion, and w the applied minus the inertial
+//! wrenches, τ_c = −Σ ξ_c·w and T_c = +Σ ξ_c·w (tension positive).
+
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+use crate::kinematics::{KinematicsError, Motion};
+use crate::model::bodies::{
+    ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
+};
+use crate::model::{ARMS, AXES, Geometry, STRUTS};
+
+/// A measured quantity the dynamics predicts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Channel {
+    /// Torque of drive 0..4, N·m.
+    Torque(usize),
+    /// Axial force of strut 0..6 at the elbow, N.
+    StrutUpper(usize),
+    /// Axial force of strut 0..6 at the platform, N.
+    StrutLower(usize),
+}
+
+impl Channel {
+    /// The four drive torques.
+    pub const TORQUES: [Self; AXES] = [Self::Torque(0), Self::Torque(1), Self::Torque(2), Self::Torque(3)];
+
+    /// Unit of the channel.
+    pub fn unit(self) -> &'static str {
+        if matches!(self, Self::Torque(_)) { "N·m" } else { "N" }
+    }
+
+    fn sign(self) -> f64 {
+        if matches!(self, Self::Torque(_)) { -1.0 } else { 1.0 }
+    }
+}
+
+impl std::fmt::Display for Channel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Torque(i) => write!(f, "tau{}", i + 1),
+            Self::StrutUpper(i) => write!(f, "{}_upper", body_name(STRUT + i)),
+            Self::StrutLower(i) => write!(f, "{}_lower", body_name(STRUT + i)),
+        }
+    }
+}
+
+/// Twist of a body: velocity of its origin and angular velocity, world axes.
+pub(crate) type Twist = (Vector3<f64>, Vector3<f64>);
+const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+
+/// Twists of all bodies per unit of each channel's virtual motion.
+pub struct ChannelMap {
+    /// Channels, in order.
+    pub channels: Vec<Channel>,
+    twists: Vec<[Twist; BODIES]>,
+}
+
+impl ChannelMap {
+    /// Map for the given channels at a pose. Only torques exist on a disassembled robot (`assembled` false).
+    pub fn new(
+        geometry: &Geometry,
+        motion: &Motion,
+        assembled: bool,
+        channels: &[Channel],
+    ) -> Result<Self, KinematicsError> {
+        let mut twists = Vec::with_capacity(channels.len());
+        let jacobian = if assembled {
+            geometry.jacobian(&motion.q, &motion.bodies[PLATFORM].position)?
+        } else {
+            nalgebra::Matrix3::zeros()
+        };
+        let gaps = if channels.iter().all(|c| matches!(c, Channel::Torque(_))) {
+            None
+        } else {
+            Some(gap_inverse(motion).ok_or(KinematicsError::Singular { q: [motion.q[0], motion.q[1], motion.q[2]] })?)
+        };
+        for &channel in channels {
+            let mut arms = [0.0; ARMS];
+            let mut rotor = 0.0;
+            let mut platform = STILL;
+            match channel {
+                Channel::Torque(axis) if axis < ARMS => {
+                    arms[axis] = 1.0;
+                    platform.0 = jacobian.column(axis).into_owned();
+                }
+                Channel::Torque(_) => rotor = 1.0,
+                Channel::StrutUpper(s) | Channel::StrutLower(s) => {
+                    let column = gaps.as_ref().map_or(Vector6::zeros(), |g| g.column(s).into_owned());
+                    platform = (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned());
+                }
+            }
+            let mut xi = if assembled {
+                spread(motion, &arms, rotor, &platform)
+            } else {
+                let mut xi = [STILL; BODIES];
+                set_drives(&mut xi, &arms, rotor);
+                xi
+            };
+            if let Channel::StrutUpper(s) = channel {
+                xi[STRUT + s].0 += motion.strut_axis[s];
+            }
+            twists.push(xi);
+        }
+        Ok(Self { channels: channels.to_vec(), twists })
+    }
+
+    /// Contribution of a wrench on `body` (about its origin) to channel `c` of the map.
+    pub fn project(&self, c: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>) -> f64 {
+        let (v, omega) = &self.twists[c][body];
+        self.channels[c].sign() * (force.dot(v) + moment.dot(omega))
+    }
+}
+
+/// Platform twists per unit gap at each strut with locked drives: inverse of rows (uᵀ, (r × u)ᵀ).
+fn gap_inverse(motion: &Motion) -> Option<Matrix6<f64>> {
+    let mut rows = Matrix6::zeros();
+    for s in 0..STRUTS {
+        let u = motion.strut_axis[s];
+        let r = platform_ball(motion, s);
+        rows.fixed_view_mut::<1, 3>(s, 0).copy_from(&u.transpose());
+        rows.fixed_view_mut::<1, 3>(s, 3).copy_from(&r.cross(&u).transpose());
+    }
+    rows.try_inverse()
+}
+
+/// Lower ball of strut `s` relative to the platform's origin, world axes.
+fn platform_ball(motion: &Motion, s: usize) -> Vector3<f64> {
+    let strut = &motion.bodies[STRUT + s];
+    strut.position + strut_vector(motion, s) - motion.bodies[PLATFORM].position
+}
+
+fn strut_vector(motion: &Motion, s: usize) -> Vector3<f64> {
+    motion.strut_axis[s] * motion.strut_length[s]
+}
+
+fn set_drives(xi: &mut [Twist; BODIES], arms: &[f64; ARMS], rotor: f64) {
+    for (i, rate) in arms.iter().enumerate() {
+        xi[ARM + i].1 = Geometry::tangential(i) * *rate;
+    }
+    xi[ROTOR].1 = Vector3::z() * rotor;
+}
+
+/// Twists of all bodies for arm rates, rotor rate and platform twist; struts do not spin and follow lateral motion only.
+fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: &Twist) -> [Twist; BODIES] {
+    let mut xi = [STILL; BODIES];
+    set_drives(&mut xi, arms, rotor);
+    let (v, omega) = *platform;
+    for s in 0..STRUTS {
+        let body = &motion.bodies[STRUT + s];
+        let arm = ARM + s / 2;
+        let upper = xi[arm].1.cross(&(body.position - motion.bodies[arm].position));
+        let lower = v + omega.cross(&platform_ball(motion, s));
+        let axis = &motion.strut_axis[s];
+        xi[STRUT + s] = (upper, axis.cross(&(lower - upper)) / motion.strut_length[s]);
+    }
+    xi[PLATFORM] = *platform;
+    let at_platform = |b: usize| v + omega.cross(&(motion.bodies[b].position - motion.bodies[PLATFORM].position));
+    let lower_hooke = at_platform(TELESCOPE_LOWER);
+    // The Hooke joints pass rotation about the normals of their crosses (see `telescope_motion`).
+    let telescope = &motion.telescope;
+    let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
+    let upper_normal = motion.bodies[ROTOR].rotation.column(0).cross(&bar);
+    let lower_normal = motion.bodies[END_EFFECTOR].rotation.column(0).cross(&bar);
+    let swing = -telescope.axis.cross(&lower_hooke) / telescope.length;
+    let spin = (xi[ROTOR].1 - swing).dot(&upper_normal) / telescope.axis.dot(&upper_normal);
+    let telescope_omega = swing + telescope.axis * spin;
+    let pivot = motion.bodies[PLATFORM].rotation.column(2).into_owned();
+    let relative = (telescope_omega - omega).dot(&lower_normal) / pivot.dot(&lower_normal);
+    xi[END_EFFECTOR] = (at_platform(END_EFFECTOR), omega + pivot * relative);
+    xi[TELESCOPE_UPPER].1 = telescope_omega;
+    xi[TELESCOPE_LOWER] = (lower_hooke, telescope_omega);
+    xi
+}

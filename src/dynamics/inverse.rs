@@ -1,0 +1,153 @@
+//! Inverse dynamics of one instant and its regressor.
+
+use nalgebra::{DMatrix, Vector3};
+
+use super::{Channel, ChannelMap, Plant, inertial_wrench};
+use crate::effects::{ActiveEffect, Instant, Wrenches};
+use crate::kinematics::{KinematicsError, Motion, Reactions};
+use crate::model::STRUTS;
+
+/// Drive torques and strut forces of one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// Torques at the gear outputs, N·m.
+    pub tau: [f64; 4],
+    /// Axial strut forces, N; zero unless asked for.
+    pub reactions: Reactions,
+}
+
+const STRUT_CHANNELS: [Channel; 2 * STRUTS] = [
+    Channel::StrutUpper(0),
+    Channel::StrutUpper(1),
+    Channel::StrutUpper(2),
+    Channel::StrutUpper(3),
+    Channel::StrutUpper(4),
+    Channel::StrutUpper(5),
+    Channel::StrutLower(0),
+    Channel::StrutLower(1),
+    Channel::StrutLower(2),
+    Channel::StrutLower(3),
+    Channel::StrutLower(4),
+    Channel::StrutLower(5),
+];
+
+impl Reactions {
+    /// Reactions in the order of all strut channels: six upper, six lower.
+    fn from_channels(values: &[f64]) -> Self {
+        let mut r = Self::default();
+        r.upper.copy_from_slice(&values[..STRUTS]);
+        r.lower.copy_from_slice(&values[STRUTS..2 * STRUTS]);
+        r
+    }
+}
+
+/// Drive torques for a motion, and the strut forces if `with_struts` or if an effect reads them.
+///
+/// `states` holds one slice of own states per active effect (empty where the effect has none).
+pub fn inverse_dynamics(
+    plant: &Plant,
+    t: f64,
+    motion: &Motion,
+    states: &[&[f64]],
+    with_struts: bool,
+) -> Result<Output, KinematicsError> {
+    let reads = plant.assembled && plant.effects.iter().any(|a| a.effect.reads_reactions());
+    let mut channels = Channel::TORQUES.to_vec();
+    if plant.assembled && (with_struts || reads) {
+        channels.extend(STRUT_CHANNELS);
+    }
+    let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, &channels)?;
+    let gravity = plant.gravity_vector();
+    let mut fixed = vec![0.0; channels.len()];
+    for (body, inertia) in plant.bodies.0.iter().enumerate() {
+        let (force, moment) = inertial_wrench(inertia, &motion.bodies[body], &gravity);
+        for c in 0..channels.len() {
+            fixed[c] -= map.project(c, body, &force, &moment);
+        }
+    }
+    let add = |active: &ActiveEffect, state: &[f64], reactions: &Reactions, sum: &mut [f64]| {
+        let at = Instant { t, motion, bodies: &plant.bodies, gravity: plant.gravity, reactions, state };
+        active.effect.forces(
+            &active.values(),
+            &at,
+            &mut Wrenches::new(&mut |k, body, force, moment| {
+                for c in 0..channels.len() {
+                    sum[c] += active.values[k] * map.project(c, body, &force, &moment);
+                }
+            }),
+        );
+    };
+    let none = Reactions::default();
+    for (active, state) in plant.effects.iter().zip(states) {
+        if !active.effect.reads_reactions() {
+            add(active, state, &none, &mut fixed);
+        }
+    }
+    let mut values = fixed.clone();
+    if reads {
+        // Friction moments are a few thousandths of the lever times the reactions: the iteration contracts fast.
+        for _ in 0..MAX_REACTION_ITERATIONS {
+            let reactions = Reactions::from_channels(&values[4..]);
+            let mut next = fixed.clone();
+            for (active, state) in plant.effects.iter().zip(states) {
+                if active.effect.reads_reactions() {
+                    add(active, state, &reactions, &mut next);
+                }
+            }
+            let change = next.iter().zip(&values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            values = next;
+            if change < 1e-11 {
+                break;
+            }
+        }
+    }
+    let mut out = Output::default();
+    out.tau.copy_from_slice(&values[..4]);
+    if values.len() > 4 {
+        out.reactions = Reactions::from_channels(&values[4..]);
+    }
+    Ok(out)
+}
+
+/// Enough for a contraction factor of a third to reach rounding.
+const MAX_REACTION_ITERATIONS: usize = 30;
+
+/// Rows of the regressor for `channels` at one motion, one column per parameter of `effects`
+/// (columns of nonlinear parameters stay zero).
+///
+/// `states` as in [`inverse_dynamics`], one slice per entry of `effects`.
+pub fn regressor(
+    plant: &Plant,
+    effects: &[&ActiveEffect],
+    t: f64,
+    motion: &Motion,
+    reactions: &Reactions,
+    states: &[&[f64]],
+    channels: &[Channel],
+) -> Result<DMatrix<f64>, KinematicsError> {
+    let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, channels)?;
+    let columns = effects.iter().map(|a| a.values.len()).sum();
+    let mut rows = DMatrix::zeros(channels.len(), columns);
+    let gravity = plant.gravity_vector();
+    let mut offset = 0;
+    for (active, state) in effects.iter().zip(states) {
+        let mut add = |k: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>, sign: f64| {
+            for c in 0..channels.len() {
+                rows[(c, offset + k)] += sign * map.project(c, body, force, moment);
+            }
+        };
+        let values = active.values();
+        active.effect.inertia(&values, &plant.payload, &mut |k, body, unit| {
+            let (force, moment) = inertial_wrench(&unit, &motion.bodies[body], &gravity);
+            add(k, body, &force, &moment, -1.0);
+        });
+        let at = Instant { t, motion, bodies: &plant.bodies, gravity: plant.gravity, reactions, state };
+        active.effect.forces(
+            &values,
+            &at,
+            &mut Wrenches::new(&mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),
+        );
+        offset += active.values.len();
+    }
+    Ok(rows)
+}

@@ -1,0 +1,20 @@
+//! Newton–Euler equations of one body about its frame origin.
+
+use nalgebra::Vector3;
+
+use crate::kinematics::BodyMotion;
+use crate::model::Inertia;
+
+/// Force and moment (about the frame origin, world axes) that the body's inertia and weight demand.
+///
+/// F = m(a − g) + α × h + ω × (ω × h), M = h × (a − g) + Θα + ω × Θω with h = m·c, all in world axes;
+/// `gravity` is the acceleration of gravity, m/s².
+pub fn inertial_wrench(inertia: &Inertia, motion: &BodyMotion, gravity: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let h = motion.rotation * inertia.first_moment;
+    let (omega, alpha) = (motion.angular_velocity, motion.angular_acceleration);
+    let a = motion.acceleration - gravity;
+    let tensor = |x: &Vector3<f64>| motion.rotation * (inertia.tensor * motion.rotation.tr_mul(x));
+    let force = a * inertia.mass + alpha.cross(&h) + omega.cross(&omega.cross(&h));
+    let moment = h.cross(&a) + tensor(&alpha) + omega.cross(&tensor(&omega));
+    (force, moment)
+}

@@ -1,0 +1,138 @@
+//! [`Plant`]: a model made concrete for one run, with payload, geometry and all inertia in place.
+
+use nalgebra::Vector3;
+
+use crate::effects::{self, ActiveEffect, Kind, Role};
+use crate::kinematics::{JointState, KinematicsError, Motion};
+use crate::model::bodies::{Bodies, END_EFFECTOR};
+use crate::model::{Geometry, Model};
+use crate::recording::{Payload, Setup};
+
+/// A machine ready to compute with.
+#[derive(Clone)]
+pub struct Plant {
+    /// Geometry after all effects on it.
+    pub geometry: Geometry,
+    /// Total inertia: links, payload and effects on inertia.
+    pub bodies: Bodies,
+    /// Inertia of the links alone, the `rigid_bodies` parameters.
+    pub links: Bodies,
+    /// Load at the flange.
+    pub payload: Payload,
+    /// Gravitational acceleration, m/s².
+    pub gravity: f64,
+    /// Whether struts, platform and telescope are mounted.
+    pub assembled: bool,
+    /// Effects beyond the rigid bodies.
+    pub effects: Vec<ActiveEffect>,
+}
+
+/// A parameter of a plant.
+#[derive(Clone, Debug)]
+pub struct PlantParameter {
+    /// Printed name, e.g. `drive_friction.coulomb_1`.
+    pub name: String,
+    /// Name of its effect.
+    pub effect: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// Flat index within its effect.
+    pub index: usize,
+    /// How it enters.
+    pub role: Role,
+    /// Present value.
+    pub value: f64,
+    /// Allowed values.
+    pub range: (f64, f64),
+}
+
+impl Plant {
+    /// The machine of `model` in the state that `setup` describes.
+    pub fn new(model: &Model, setup: &Setup) -> Self {
+        let mut plant = Self {
+            geometry: model.geometry,
+            bodies: model.bodies.clone(),
+            links: model.bodies.clone(),
+            payload: setup.payload,
+            gravity: model.gravity,
+            assembled: model.assembled && setup.configuration == crate::recording::Configuration::Assembled,
+            effects: model.effects.clone(),
+        };
+        for active in &model.effects {
+            active.effect.geometry(&active.values(), &mut plant.geometry);
+        }
+        plant.sum_inertia();
+        plant
+    }
+
+    fn sum_inertia(&mut self) {
+        self.bodies = self.links.clone();
+        self.bodies[END_EFFECTOR] += self.payload.inertia();
+        for active in &self.effects {
+            let bodies = &mut self.bodies;
+            active.effect.inertia(&active.values(), &self.payload, &mut |k, body, unit| {
+                bodies[body] += unit * active.values[k];
+            });
+        }
+    }
+
+    /// The inertia of the links as an effect.
+    pub fn rigid_bodies(&self) -> ActiveEffect {
+        let mut rigid = ActiveEffect::absent(&effects::rigid_bodies::RigidBodies);
+        rigid.values = effects::rigid_bodies::values(&self.links);
+        rigid
+    }
+
+    /// Gravity as an acceleration vector.
+    pub fn gravity_vector(&self) -> Vector3<f64> {
+        Vector3::new(0.0, 0.0, -self.gravity)
+    }
+
+    /// Complete motion of the bodies for joint motion.
+    pub fn motion(&self, joints: &JointState) -> Result<Motion, KinematicsError> {
+        if self.assembled {
+            Motion::assembled(&self.geometry, joints)
+        } else {
+            Ok(Motion::disassembled(&self.geometry, joints))
+        }
+    }
+
+    /// All parameters: rigid bodies first, then the effects in order.
+    pub fn parameters(&self) -> Vec<PlantParameter> {
+        let rigid = self.rigid_bodies();
+        std::iter::once(&rigid)
+            .chain(&self.effects)
+            .flat_map(|active| {
+                active.entries().into_iter().enumerate().map(|(index, entry)| PlantParameter {
+                    name: format!("{}.{}", active.effect.name(), entry.name),
+                    effect: active.effect.name(),
+                    unit: entry.parameter.unit,
+                    index,
+                    role: entry.parameter.role,
+                    value: active.values[index],
+                    range: entry.parameter.range,
+                })
+            })
+            .collect()
+    }
+
+    /// Sets all parameters, in the order of [`Plant::parameters`].
+    ///
+    /// Geometry is not recomputed from geometry effects; rebuild the plant from its model for that.
+    pub fn set_parameters(&mut self, values: &[f64]) {
+        let n = self.rigid_bodies().values.len();
+        effects::rigid_bodies::set_values(&mut self.links, &values[..n]);
+        let mut at = n;
+        for active in &mut self.effects {
+            let m = active.values.len();
+            active.values.copy_from_slice(&values[at..at + m]);
+            at += m;
+        }
+        self.sum_inertia();
+    }
+
+    /// Whether any active effect of the plant changes reported signals.
+    pub fn observes(&self) -> bool {
+        self.effects.iter().any(|a| a.effect.kind() == Kind::Sensor)
+    }
+}

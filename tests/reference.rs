@@ -1,0 +1,117 @@
+//! Agreement with numbers of an independent implementation (`tests/reference/README.md`).
+
+mod common;
+
+use std::collections::HashMap;
+
+use deltatwin::dynamics::{Plant, inverse_dynamics};
+use deltatwin::kinematics::{JointState, Motion};
+use deltatwin::recording::Payload;
+
+struct Table {
+    columns: HashMap<String, usize>,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Table {
+    fn read(name: &str) -> Self {
+        let mut reader = csv::Reader::from_path(format!("tests/reference/{name}.csv")).expect("reference file");
+        let columns = reader.headers().unwrap().iter().enumerate().map(|(i, h)| (h.to_string(), i)).collect();
+        let rows = reader
+            .records()
+            .map(|r| r.unwrap().iter().map(|x| x.parse().expect("a number")).collect())
+            .collect::<Vec<Vec<f64>>>();
+        assert_eq!(rows.len(), 200, "{name}");
+        Self { columns, rows }
+    }
+
+    fn get(&self, row: usize, column: &str) -> f64 {
+        self.rows[row][self.columns[column]]
+    }
+
+    fn four(&self, row: usize, prefix: &str) -> [f64; 4] {
+        std::array::from_fn(|i| self.columns.get(&format!("{prefix}{}", i + 1)).map_or(0.0, |&c| self.rows[row][c]))
+    }
+
+    fn joints(&self, row: usize) -> JointState {
+        JointState { q: self.four(row, "q"), qd: self.four(row, "qd"), qdd: self.four(row, "qdd") }
+    }
+}
+
+/// Largest difference relative to the largest magnitude of the column.
+struct Worst(HashMap<String, (f64, f64)>);
+
+impl Worst {
+    fn see(&mut self, column: &str, got: f64, want: f64) {
+        let e = self.0.entry(column.into()).or_default();
+        e.0 = e.0.max((got - want).abs());
+        e.1 = e.1.max(want.abs());
+    }
+
+    fn assert_below(&self, tolerance: f64, what: &str) {
+        let mut columns: Vec<_> = self.0.iter().map(|(c, (d, s))| (c, d / s)).collect();
+        columns.sort_by(|a, b| b.1.total_cmp(&a.1));
+        println!("{what}: worst {} {:.2e}", columns[0].0, columns[0].1);
+        for (column, ratio) in columns {
+            assert!(ratio < tolerance, "{what}: {column} differs by {ratio:.2e} of its magnitude");
+        }
+    }
+}
+
+/// The reference is printed with 15 digits and agrees with its own second implementation to 1e-13.
+const TOLERANCE: f64 = 1e-10;
+
+fn compare_forces(name: &str, plant: &Plant) {
+    let table = Table::read(name);
+    let mut worst = Worst(HashMap::new());
+    let states: Vec<&[f64]> = plant.effects.iter().map(|_| [].as_slice()).collect();
+    for row in 0..table.rows.len() {
+        let motion = plant.motion(&table.joints(row)).expect("reachable");
+        let out = inverse_dynamics(plant, 0.0, &motion, &states, true).expect("regular");
+        for i in 0..4 {
+            let c = format!("tau{}", i + 1);
+            worst.see(&c, out.tau[i], table.get(row, &c));
+        }
+        for s in 0..6 {
+            let (u, l) = (format!("strut{}_upper", s + 1), format!("strut{}_lower", s + 1));
+            worst.see(&u, out.reactions.upper[s], table.get(row, &u));
+            worst.see(&l, out.reactions.lower[s], table.get(row, &l));
+        }
+    }
+    worst.assert_below(TOLERANCE, name);
+}
+
+#[test]
+fn kinematics_agree() {
+    let plant = common::nominal_plant();
+    let table = Table::read("kinematics");
+    let mut worst = Worst(HashMap::new());
+    for row in 0..table.rows.len() {
+        let motion = Motion::assembled(&plant.geometry, &table.joints(row)).expect("reachable");
+        let p = motion.bodies[deltatwin::model::bodies::PLATFORM].position;
+        for (column, value) in [("ee_x", p.x), ("ee_y", p.y), ("ee_z", p.z), ("telescope_rate", motion.telescope.rate)]
+        {
+            worst.see(column, value, table.get(row, column));
+        }
+        for limb in 0..3 {
+            for (socket, end) in [(2 * limb, "upper"), (2 * limb + 1, "upper"), (6 + 2 * limb, "lower")] {
+                let column = format!("limb{}_{end}_socket_rate", limb + 1);
+                worst.see(&column, motion.socket_rate(socket).norm(), table.get(row, &column));
+            }
+        }
+    }
+    worst.assert_below(TOLERANCE, "kinematics");
+}
+
+#[test]
+fn rigid_bodies_agree() {
+    compare_forces("rigid_no_payload", &common::nominal_plant());
+}
+
+#[test]
+fn payload_agrees() {
+    let mut plant = common::nominal_plant();
+    plant.payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
+    compare_forces("rigid_payload", &plant);
+}
