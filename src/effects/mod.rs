@@ -15,8 +15,20 @@ use crate::model::{Bodies, Geometry, Inertia};
 use crate::recording::{Payload, Signals};
 
 mod axis4_friction;
+mod ball_socket_load_dependent;
+mod base_tilt;
+mod drive_coulomb_asymmetry;
 mod drive_friction;
+mod drive_stribeck;
+mod payload_mass_error;
 pub mod rigid_bodies;
+mod signal_delay;
+mod strut_length_error;
+#[cfg(test)]
+mod testing;
+mod thermal_friction_drift;
+mod torque_gain_error;
+mod torque_ripple;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: &[&dyn Effect] =
@@ -315,6 +327,12 @@ impl<'a> Wrenches<'a> {
         self.wrench(k, strut, Vector3::zeros(), moment);
         self.wrench(k, partner, Vector3::zeros(), -moment);
     }
+}
+
+/// Direction of a rate vector, regularised: tanh(|ω|/ε)·ω/|ω|, smooth through zero.
+pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
+    let speed = rate.norm();
+    if speed < 1e-9 * epsilon { rate / epsilon } else { rate * ((speed / epsilon).tanh() / speed) }
 }
 
 /// Smooth sign: `tanh(rate·steepness)`; the paper's approximation of Coulomb friction (eq. 48 uses 100 s/rad).

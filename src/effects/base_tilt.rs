@@ -1,0 +1,62 @@
+//! The base is not level.
+
+use nalgebra::Vector3;
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+
+/// Gravity seen from a base rotated by the small angles θ: g' = g − θ × g.
+pub struct BaseTilt;
+
+impl Effect for BaseTilt {
+    fn name(&self) -> &'static str {
+        "base_tilt"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "the base is tilted about x and y",
+            law: "g' = g − θ×g = (g·θ_y, −g·θ_x, −g), first order in the tilt",
+            shows: "static torque of the arms that changes with the pose; close to a constant torque per arm",
+            source: "0.1° typical, 0.5° at worst (estimate)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter {
+            name: "tilt",
+            unit: "rad",
+            count: Count::Named(&["x", "y"]),
+            role: Role::Linear,
+            default: 0.002,
+            range: (-0.3, 0.3),
+        }]
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let extra = [Vector3::new(0.0, -at.gravity, 0.0), Vector3::new(at.gravity, 0.0, 0.0)];
+        for (body, inertia) in at.bodies.0.iter().enumerate() {
+            let h = at.motion.bodies[body].rotation * inertia.first_moment;
+            for (i, g) in extra.iter().enumerate() {
+                out.wrench(values.index(0, i), body, g * inertia.mass, h.cross(g));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing;
+    use crate::kinematics::Reactions;
+    use crate::model::bodies::PLATFORM;
+
+    #[test]
+    fn tilting_about_y_pulls_along_x() {
+        // The base's x axis points down by θ, so gravity gains +9.81·θ along it: 2 kg → 19.62 N per rad.
+        let mut bodies = testing::no_bodies();
+        bodies[PLATFORM].mass = 2.0;
+        let w = testing::wrenches_with(&BaseTilt, &testing::still(), &Reactions::default(), &bodies);
+        let about_y: Vector3<f64> = w.iter().filter(|(k, b, ..)| *k == 1 && *b == PLATFORM).map(|x| x.2).sum();
+        approx::assert_relative_eq!(about_y, Vector3::new(19.62, 0.0, 0.0));
+    }
+}

@@ -1,0 +1,66 @@
+//! The payload weighs more or less than stated.
+
+use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use crate::model::Inertia;
+use crate::model::bodies::END_EFFECTOR;
+use crate::recording::Payload;
+
+/// Extra mass Δm at the stated centre of mass of the payload (at the flange centre without payload).
+pub struct PayloadMassError;
+
+impl Effect for PayloadMassError {
+    fn name(&self) -> &'static str {
+        "payload_mass_error"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "the payload's mass differs from the stated one",
+            law: "m = m_stated + Δm at the stated centre of mass; its inertia grows in proportion",
+            shows: "torque in phase with the platform's acceleration; hides in the platform's mass unless the centre of mass is off the axis",
+            source: "3 % typical, 10 % at worst (estimate)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter {
+            name: "mass",
+            unit: "kg",
+            count: Count::One,
+            role: Role::Linear,
+            default: 0.1,
+            range: (-10.0, 10.0),
+        }]
+    }
+
+    fn inertia(&self, values: &Values, payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
+        let mut unit = Inertia::point(1.0, payload.com);
+        if payload.mass > 0.0 {
+            unit += Inertia::diagonal(0.0, [0.0; 3], [payload.inertia_zz / payload.mass; 3]);
+        }
+        out(values.index(0, 0), END_EFFECTOR, unit);
+    }
+
+    fn kind(&self) -> Kind {
+        Kind::Inertia
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::ActiveEffect;
+
+    #[test]
+    fn unit_mass_sits_at_the_centre_of_mass() {
+        let payload = Payload { mass: 2.0, com: [0.03, 0.0, -0.1].into(), inertia_zz: 0.01 };
+        let active = ActiveEffect::absent(&PayloadMassError);
+        let mut seen = Vec::new();
+        PayloadMassError.inertia(&active.values(), &payload, &mut |_, body, unit| seen.push((body, unit)));
+        let (body, unit) = seen[0];
+        assert_eq!((seen.len(), body, unit.mass), (1, END_EFFECTOR, 1.0));
+        approx::assert_relative_eq!(unit.first_moment.z, -0.1);
+        // 0.01/2 + 0.03² = 0.0059 kg·m² about the vertical axis of the flange
+        approx::assert_relative_eq!(unit.tensor[(2, 2)], 0.0059, epsilon = 1e-15);
+    }
+}

@@ -1,0 +1,80 @@
+//! Torque is reported late against position.
+
+use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use crate::recording::Signals;
+
+/// Reported torque τ(t − d), the same for all drives.
+pub struct SignalDelay;
+
+impl Effect for SignalDelay {
+    fn name(&self) -> &'static str {
+        "signal_delay"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "torque is reported late against position",
+            law: "τ_reported(t) = τ(t − d)",
+            shows: "residual in proportion to the torque's rate of change, on all axes",
+            source: "communication and filter delays, a fraction of a millisecond to some milliseconds",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter {
+            name: "delay",
+            unit: "s",
+            count: Count::One,
+            role: Role::Linear,
+            default: 0.001,
+            range: (-0.05, 0.05),
+        }]
+    }
+
+    fn kind(&self) -> Kind {
+        Kind::Sensor
+    }
+
+    fn observe(&self, values: &Values, signals: &mut Signals) {
+        let step = signals.sample_time();
+        if step <= 0.0 || values.one(0) == 0.0 {
+            return;
+        }
+        let shift = values.one(0) / step;
+        let source = signals.tau.clone();
+        for (k, tau) in signals.tau.iter_mut().enumerate() {
+            *tau = interpolate(&source, k as f64 - shift);
+        }
+    }
+}
+
+/// Four-point Lagrange interpolation at sample position `x`; beyond the ends the last value holds.
+fn interpolate<const N: usize>(samples: &[[f64; N]], x: f64) -> [f64; N] {
+    let last = samples.len() - 1;
+    let x = x.clamp(0.0, last as f64);
+    if last < 3 {
+        return samples[x.round() as usize];
+    }
+    let first = (x.floor() as usize).saturating_sub(1).min(last - 3);
+    let s = x - first as f64;
+    let weights: [f64; 4] =
+        std::array::from_fn(|i| (0..4).filter(|&j| j != i).map(|j| (s - j as f64) / (i as f64 - j as f64)).product());
+    std::array::from_fn(|a| (0..4).map(|i| weights[i] * samples[first + i][a]).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::ActiveEffect;
+
+    #[test]
+    fn cubic_signals_are_shifted_exactly() {
+        let cubic = |t: f64| 2.0 * t.powi(3) - t + 1.0;
+        let t: Vec<f64> = (0..20).map(|k| k as f64 * 0.01).collect();
+        let tau = t.iter().map(|&t| [cubic(t); 4]).collect();
+        let mut s = Signals { t, tau, ..Signals::default() };
+        let active = ActiveEffect::new(&SignalDelay, &[&[0.0137]]);
+        SignalDelay.observe(&active.values(), &mut s);
+        approx::assert_relative_eq!(s.tau[10][2], cubic(0.1 - 0.0137), epsilon = 1e-12);
+    }
+}

@@ -1,0 +1,62 @@
+//! Struts of a limb are longer or shorter than stated.
+
+use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use crate::model::Geometry;
+
+/// l₂ = l₂,stated + Δl for both struts of a limb.
+pub struct StrutLengthError;
+
+impl Effect for StrutLengthError {
+    fn name(&self) -> &'static str {
+        "strut_length_error"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "the struts of a limb differ from the stated length",
+            law: "l₂,i = l₂ + Δl_i, both struts of a pair alike",
+            shows: "small torque errors everywhere, platform position off by about Δl",
+            source: "CAD is inconsistent by 0.28 mm; 0.1 mm typical, 0.3 mm at worst (estimate)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter {
+            name: "length",
+            unit: "m",
+            count: Count::PerArm,
+            role: Role::Linear,
+            default: 0.001,
+            range: (-0.02, 0.02),
+        }]
+    }
+
+    fn kind(&self) -> Kind {
+        Kind::Geometry
+    }
+
+    fn geometry(&self, values: &Values, geometry: &mut Geometry) {
+        for (length, error) in geometry.strut_length.iter_mut().zip(values.block(0)) {
+            *length += error;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::ActiveEffect;
+
+    #[test]
+    fn longer_struts_lower_the_platform() {
+        // At home the struts of a symmetric robot meet at depth √(l² − ρ²), ρ = R + l₁ − r = 0.652 m:
+        // l 1.106 → 1.107 m lowers it from 0.893408 m to 0.894646 m.
+        let mut geometry = crate::effects::testing::geometry();
+        let before = geometry.forward(&[0.0; 3]).unwrap().z;
+        let active = ActiveEffect::new(&StrutLengthError, &[&[0.001; 3]]);
+        StrutLengthError.geometry(&active.values(), &mut geometry);
+        let after = geometry.forward(&[0.0; 3]).unwrap().z;
+        approx::assert_relative_eq!(before, -(1.106f64.powi(2) - 0.652f64.powi(2)).sqrt(), epsilon = 1e-12);
+        approx::assert_relative_eq!(after, -(1.107f64.powi(2) - 0.652f64.powi(2)).sqrt(), epsilon = 1e-12);
+    }
+}

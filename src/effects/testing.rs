@@ -1,0 +1,80 @@
+//! Hand-made instants for the effects' unit tests.
+
+use nalgebra::Vector3;
+
+use super::{ActiveEffect, Effect, Instant, Wrenches};
+use crate::kinematics::{BodyMotion, Motion, Reactions, Telescope};
+use crate::model::bodies::BODIES;
+use crate::model::{Bodies, Geometry, Inertia, STRUTS};
+
+/// A wrench a law wrote: parameter, body, force, moment.
+pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
+
+/// The shipped robot's geometry.
+pub(super) fn geometry() -> Geometry {
+    Geometry {
+        base_radius: 0.2,
+        arm_length: 0.5,
+        strut_length: [1.106; 3],
+        platform_radius: 0.048,
+        pair_distance: 0.1,
+        mounting_height: 0.275,
+        upper_hooke_height: 0.075,
+        lower_hooke_height: 0.038,
+        flange_height: -0.0625,
+        arm_limits: [-0.703, 1.745],
+        telescope_limits: [0.812, 1.372],
+    }
+}
+
+/// All bodies at rest in the origin, struts and telescope along z.
+pub(super) fn still() -> Motion {
+    Motion {
+        q: [0.0; 4],
+        qd: [0.0; 4],
+        qdd: [0.0; 4],
+        bodies: [BodyMotion::REST; BODIES],
+        strut_axis: [Vector3::z(); STRUTS],
+        strut_length: [1.0; STRUTS],
+        telescope: Telescope { axis: Vector3::z(), length: 1.0, rate: 0.0 },
+    }
+}
+
+pub(super) fn no_bodies() -> Bodies {
+    Bodies([Inertia::ZERO; BODIES])
+}
+
+/// What the law writes per unit of its parameters.
+pub(super) fn wrenches(effect: &'static dyn Effect, motion: &Motion, reactions: &Reactions) -> Vec<Written> {
+    wrenches_with(effect, motion, reactions, &no_bodies())
+}
+
+pub(super) fn wrenches_with(
+    effect: &'static dyn Effect,
+    motion: &Motion,
+    reactions: &Reactions,
+    bodies: &Bodies,
+) -> Vec<Written> {
+    let active = ActiveEffect::absent(effect);
+    let state = effect.initial_state(&active.values());
+    write(effect, &Instant { t: 0.0, motion, bodies, gravity: 9.81, reactions, state: &state })
+}
+
+pub(super) fn wrenches_in_state(effect: &'static dyn Effect, motion: &Motion, state: &[f64]) -> Vec<Written> {
+    let (bodies, reactions) = (no_bodies(), Reactions::default());
+    write(effect, &Instant { t: 0.0, motion, bodies: &bodies, gravity: 9.81, reactions: &reactions, state })
+}
+
+fn write(effect: &'static dyn Effect, at: &Instant) -> Vec<Written> {
+    let active = ActiveEffect::absent(effect);
+    let mut seen = Vec::new();
+    effect.forces(&active.values(), at, &mut Wrenches::new(&mut |k, b, f, m| seen.push((k, b, f, m))));
+    seen
+}
+
+/// Sum of the unit torques on drive `axis`.
+pub(super) fn drive_torque(effect: &'static dyn Effect, motion: &Motion, axis: usize) -> f64 {
+    let (body, direction) = Motion::drive(axis);
+    let all = wrenches(effect, motion, &Reactions::default());
+    all.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&direction)).sum()
+}
