@@ -144,7 +144,7 @@ fn set_drives(xi: &mut [Twist; BODIES], arms: &[f64; ARMS], rotor: f64) {
 }
 
 /// Twists of all bodies for arm rates, rotor rate and platform twist; struts do not spin and follow lateral motion only.
-fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: &Twist) -> [Twist; BODIES] {
+pub(crate) fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: &Twist) -> [Twist; BODIES] {
     let mut xi = [STILL; BODIES];
     set_drives(&mut xi, arms, rotor);
     let (v, omega) = *platform;
@@ -157,20 +157,30 @@ fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: &Twist) -> 
         xi[STRUT + s] = (upper, axis.cross(&(lower - upper)) / motion.strut_length[s]);
     }
     xi[PLATFORM] = *platform;
+    xi[END_EFFECTOR..].copy_from_slice(&spread_chain(motion, rotor, platform));
+    xi
+}
+
+/// Twists of end effector, rotor, telescope upper and lower part for a rotor rate and a platform twist.
+pub(crate) fn spread_chain(motion: &Motion, rotor: f64, platform: &Twist) -> [Twist; BODIES - END_EFFECTOR] {
+    let (v, omega) = *platform;
     let at_platform = |b: usize| v + omega.cross(&(motion.bodies[b].position - motion.bodies[PLATFORM].position));
     let lower_hooke = at_platform(TELESCOPE_LOWER);
+    let rotor_omega = Vector3::z() * rotor;
     // The Hooke joints pass rotation about the normals of their crosses (see `telescope_motion`).
     let telescope = &motion.telescope;
     let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
     let upper_normal = motion.bodies[ROTOR].rotation.column(0).cross(&bar);
     let lower_normal = motion.bodies[END_EFFECTOR].rotation.column(0).cross(&bar);
     let swing = -telescope.axis.cross(&lower_hooke) / telescope.length;
-    let spin = (xi[ROTOR].1 - swing).dot(&upper_normal) / telescope.axis.dot(&upper_normal);
+    let spin = (rotor_omega - swing).dot(&upper_normal) / telescope.axis.dot(&upper_normal);
     let telescope_omega = swing + telescope.axis * spin;
     let pivot = motion.bodies[PLATFORM].rotation.column(2).into_owned();
     let relative = (telescope_omega - omega).dot(&lower_normal) / pivot.dot(&lower_normal);
-    xi[END_EFFECTOR] = (at_platform(END_EFFECTOR), omega + pivot * relative);
-    xi[TELESCOPE_UPPER].1 = telescope_omega;
-    xi[TELESCOPE_LOWER] = (lower_hooke, telescope_omega);
+    let mut xi = [STILL; BODIES - END_EFFECTOR];
+    xi[0] = (at_platform(END_EFFECTOR), omega + pivot * relative);
+    xi[ROTOR - END_EFFECTOR] = (Vector3::zeros(), rotor_omega);
+    xi[TELESCOPE_UPPER - END_EFFECTOR] = (Vector3::zeros(), telescope_omega);
+    xi[TELESCOPE_LOWER - END_EFFECTOR] = (lower_hooke, telescope_omega);
     xi
 }

@@ -31,8 +31,21 @@ mod torque_gain_error;
 mod torque_ripple;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
-pub static REGISTRY: &[&dyn Effect] =
-    &[&rigid_bodies::RigidBodies, &drive_friction::DriveFriction, &axis4_friction::Axis4Friction];
+pub static REGISTRY: &[&dyn Effect] = &[
+    &rigid_bodies::RigidBodies,
+    &drive_friction::DriveFriction,
+    &axis4_friction::Axis4Friction,
+    &drive_stribeck::DriveStribeck,
+    &drive_coulomb_asymmetry::DriveCoulombAsymmetry,
+    &thermal_friction_drift::ThermalFrictionDrift,
+    &torque_ripple::TorqueRipple,
+    &ball_socket_load_dependent::BallSocketLoadDependent,
+    &payload_mass_error::PayloadMassError,
+    &strut_length_error::StrutLengthError,
+    &base_tilt::BaseTilt,
+    &torque_gain_error::TorqueGainError,
+    &signal_delay::SignalDelay,
+];
 
 /// The effect called `name`.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
@@ -246,6 +259,11 @@ impl ActiveEffect {
     /// The values, by parameter.
     pub fn values(&self) -> Values<'_> {
         Values { values: &self.values, layout: &self.layout }
+    }
+
+    /// Number of the effect's own states.
+    pub fn states(&self) -> usize {
+        self.effect.initial_state(&self.values()).len()
     }
 
     /// Parameter, its number within the parameter and its printed name for each flat value.
