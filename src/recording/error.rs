@@ -58,7 +58,10 @@ pub enum ReadError {
 
 impl ReadError {
     pub(super) fn io(file: &Path, source: std::io::Error) -> Self {
-        Self::Io { file: file.into(), source }
+        Self::Io {
+            file: file.into(),
+            source,
+        }
     }
 
     pub(super) fn content(
@@ -66,7 +69,11 @@ impl ReadError {
         problem: impl Into<String>,
         expected: impl Into<String>,
     ) -> Self {
-        Self::Content { file: file.into(), problem: problem.into(), expected: expected.into() }
+        Self::Content {
+            file: file.into(),
+            problem: problem.into(),
+            expected: expected.into(),
+        }
     }
 }
 
@@ -93,6 +100,9 @@ pub enum WriteError {
 
 impl WriteError {
     pub(super) fn invalid(file: &Path, problem: impl Into<String>) -> Self {
-        Self::Invalid { file: file.into(), problem: problem.into() }
+        Self::Invalid {
+            file: file.into(),
+            problem: problem.into(),
+        }
     }
 }

@@ -7,6 +7,7 @@ use std::io::Read;
 use std::path::Path;
 
 use mcap::records::{MessageHeader, Metadata, Record};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::{Deserialize, Serialize};
 
 use super::check::{self, Column, Table};
@@ -14,6 +15,8 @@ use super::{ReadError, Recording, Setup, Signals, WriteError, file};
 use crate::model::{AXES, STRUTS};
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+/// Larger records and chunks are taken for damage, bytes.
+const LARGEST_RECORD: usize = 256 << 20;
 const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages";
 /// Time zero of a written run, ns since 1970: 2023-11-14, a recognisable constant.
 const EPOCH: i64 = 1_700_000_000 * SECOND;
@@ -64,7 +67,9 @@ struct Acceleration {
 
 /// Whether `path` is an MCAP file by its first bytes or, when it has none, by its name.
 pub fn is_mcap(path: &Path) -> bool {
-    let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    let named = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     let mut start = [0; MAGIC.len()];
     let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut start));
     named || (read.is_ok() && start == MAGIC)
@@ -75,7 +80,10 @@ pub fn write(path: &Path, recording: &Recording) -> Result<(), WriteError> {
     let signals = &recording.signals;
     check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
     if let Some(t) = signals.t.iter().find(|t| t.abs() >= 1e8) {
-        return Err(WriteError::invalid(path, format!("time {t} s is out of range")));
+        return Err(WriteError::invalid(
+            path,
+            format!("time {t} s is out of range"),
+        ));
     }
     file::replace(path, |out| {
         write_records(out, recording).map_err(|e| match e {
@@ -104,7 +112,11 @@ fn write_records<W: std::io::Write + std::io::Seek>(
     w.write_metadata(&metadata("run", "zero_ns", EPOCH.to_string()))?;
 
     let none = BTreeMap::new();
-    let schema = w.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes())?;
+    let schema = w.add_schema(
+        "sensor_msgs/msg/JointState",
+        "ros2msg",
+        JOINT_STATE.as_bytes(),
+    )?;
     let joints = w.add_channel(schema, JOINTS, "cdr", &none)?;
     let mut json = |present: bool, topic: &str, name: &str, text: &str| {
         if !present {
@@ -113,21 +125,48 @@ fn write_records<W: std::io::Write + std::io::Seek>(
         let schema = w.add_schema(name, "jsonschema", text.as_bytes())?;
         w.add_channel(schema, topic, "json", &none).map(Some)
     };
-    let any_strut = signals.strut_upper.iter().chain(&signals.strut_lower).any(Option::is_some);
-    let struts = json(any_strut, STRUT_FORCES, "deltatwin.StrutForces", STRUT_SCHEMA)?;
-    let point = json(signals.ee.is_some(), END_EFFECTOR, "deltatwin.EndEffector", POINT_SCHEMA)?;
+    let any_strut = signals
+        .strut_upper
+        .iter()
+        .chain(&signals.strut_lower)
+        .any(Option::is_some);
+    let struts = json(
+        any_strut,
+        STRUT_FORCES,
+        "deltatwin.StrutForces",
+        STRUT_SCHEMA,
+    )?;
+    let point = json(
+        signals.ee.is_some(),
+        END_EFFECTOR,
+        "deltatwin.EndEffector",
+        POINT_SCHEMA,
+    )?;
     let name = "deltatwin.JointAcceleration";
-    let acceleration = json(signals.qdd.is_some(), ACCELERATION, name, ACCELERATION_SCHEMA)?;
+    let acceleration = json(
+        signals.qdd.is_some(),
+        ACCELERATION,
+        name,
+        ACCELERATION_SCHEMA,
+    )?;
 
     let mut second = None;
     for (i, t) in signals.t.iter().enumerate() {
         let time = EPOCH + (t * 1e9).round() as i64;
-        if second.replace(time / SECOND).is_some_and(|s| s != time / SECOND) {
+        if second
+            .replace(time / SECOND)
+            .is_some_and(|s| s != time / SECOND)
+        {
             w.flush()?;
         }
         let mut message = |channel_id: u16, data: &[u8]| {
             let (sequence, log_time) = (i as u32, time as u64);
-            let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+            let header = MessageHeader {
+                channel_id,
+                sequence,
+                log_time,
+                publish_time: log_time,
+            };
             w.write_to_known_channel(&header, data)
         };
         // The joints come last: a sample whose joints arrived is complete.
@@ -135,8 +174,10 @@ fn write_records<W: std::io::Write + std::io::Seek>(
             let of = |f: &[Option<Vec<f64>>; STRUTS]| {
                 std::array::from_fn(|s| f[s].as_ref().map(|f| f[i]))
             };
-            let value =
-                StrutForces { upper: of(&signals.strut_upper), lower: of(&signals.strut_lower) };
+            let value = StrutForces {
+                upper: of(&signals.strut_upper),
+                lower: of(&signals.strut_lower),
+            };
             message(id, &to_json(&value)?)?;
         }
         if let (Some(id), Some(ee)) = (point, &signals.ee) {
@@ -144,7 +185,12 @@ fn write_records<W: std::io::Write + std::io::Seek>(
             message(id, &to_json(&Point { x, y, z })?)?;
         }
         if let (Some(id), Some(qdd)) = (acceleration, &signals.qdd) {
-            message(id, &to_json(&Acceleration { acceleration: qdd[i] })?)?;
+            message(
+                id,
+                &to_json(&Acceleration {
+                    acceleration: qdd[i],
+                })?,
+            )?;
         }
         let mut cdr = CdrWriter::default();
         cdr.u32((time / SECOND) as u32);
@@ -181,7 +227,10 @@ pub fn read(path: &Path, axes: usize) -> Result<(Signals, Option<Setup>, Vec<Str
     let mut warnings = Vec::new();
     let messages = collect(path, &content, &mut warnings)?;
     let setup = match messages.metadata.get("setup").and_then(|m| m.get("toml")) {
-        Some(text) => Some(Setup::from_toml(text, &format!("{}[setup]", path.display()))?),
+        Some(text) => Some(Setup::from_toml(
+            text,
+            &format!("{}[setup]", path.display()),
+        )?),
         None => None,
     };
     let table = joints(path, &messages, axes, &mut warnings)?;
@@ -200,6 +249,46 @@ struct Messages {
     json: BTreeMap<&'static str, HashMap<u64, Vec<u8>>>,
 }
 
+/// The records of a file, with those inside chunks.
+struct Records<'a> {
+    rest: &'a [u8],
+    reader: LinearReader,
+}
+
+impl<'a> Records<'a> {
+    fn new(content: &'a [u8]) -> Self {
+        let options = LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(LARGEST_RECORD);
+        Self {
+            rest: content,
+            reader: LinearReader::new_with_options(options),
+        }
+    }
+}
+
+impl Iterator for Records<'_> {
+    type Item = mcap::McapResult<Record<'static>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            match self.reader.next_event()? {
+                Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                    let (now, rest) = self.rest.split_at(wanted.min(self.rest.len()));
+                    self.reader.insert(now.len()).copy_from_slice(now);
+                    self.reader.notify_read(now.len());
+                    self.rest = rest;
+                }
+                Ok(LinearReadEvent::Record { data, opcode }) => {
+                    return Some(mcap::read::parse_record(opcode, data).map(Record::into_owned));
+                }
+                Err(e) => return Some(Err(e)),
+            }
+        }
+    }
+}
+
 /// What a channel is to us.
 #[derive(Clone, Copy, PartialEq)]
 enum Use {
@@ -207,11 +296,7 @@ enum Use {
     Json(&'static str),
 }
 
-fn collect(
-    path: &Path,
-    content: &[u8],
-    warnings: &mut Vec<String>,
-) -> Result<Messages, ReadError> {
+fn collect(path: &Path, content: &[u8], warnings: &mut Vec<String>) -> Result<Messages, ReadError> {
     let mut found = Messages::default();
     let mut schemas: HashMap<u16, String> = HashMap::new();
     let mut channels: HashMap<u16, Use> = HashMap::new();
@@ -221,10 +306,7 @@ fn collect(
     let mut unread = None;
     let mut ended = false;
 
-    let options = mcap::read::Options::IgnoreEndMagic.into();
-    let records = mcap::read::ChunkFlattener::new_with_options(content, options)
-        .map_err(|e| ReadError::content(path, format!("is damaged ({e})"), EXPECTED))?;
-    for record in records {
+    for record in Records::new(content) {
         let record = match record {
             Ok(record) => record,
             Err(e) => {
@@ -241,8 +323,10 @@ fn collect(
             }
             Record::Channel(c) => {
                 let schema = schemas.get(&c.schema_id).map_or("", String::as_str);
-                let is_state =
-                    matches!(schema, "sensor_msgs/msg/JointState" | "sensor_msgs/JointState");
+                let is_state = matches!(
+                    schema,
+                    "sensor_msgs/msg/JointState" | "sensor_msgs/JointState"
+                );
                 let json = [STRUT_FORCES, END_EFFECTOR, ACCELERATION];
                 if is_state && c.message_encoding == "cdr" {
                     channels.insert(c.id, Use::Joints);
@@ -280,19 +364,33 @@ fn collect(
         warnings.push("file is cut short: it ends without a footer".into());
     }
     let usual = |id: &u16| state_topics.get(id).is_some_and(|t| t == JOINTS);
-    let chosen = states.keys().find(|id| usual(id)).or_else(|| states.keys().next()).copied();
+    let chosen = states
+        .keys()
+        .find(|id| usual(id))
+        .or_else(|| states.keys().next())
+        .copied();
     let Some(id) = chosen else {
         let problem = match unread {
             Some(encoding) => format!("has JointState messages in the encoding `{encoding}`"),
             None if !state_topics.is_empty() => "has a JointState topic without messages".into(),
             None => format!("has no JointState messages (topics: {})", topics.join(", ")),
         };
-        let cut = if warnings.is_empty() { "" } else { " and is cut short" };
-        return Err(ReadError::content(path, problem + cut, format!("{EXPECTED} in CDR")));
+        let cut = if warnings.is_empty() {
+            ""
+        } else {
+            " and is cut short"
+        };
+        return Err(ReadError::content(
+            path,
+            problem + cut,
+            format!("{EXPECTED} in CDR"),
+        ));
     };
     if states.len() > 1 {
         let topic = state_topics.get(&id).map_or("", String::as_str);
-        warnings.push(format!("several topics carry JointState; `{topic}` is read"));
+        warnings.push(format!(
+            "several topics carry JointState; `{topic}` is read"
+        ));
     }
     found.joints = states.remove(&id).unwrap_or_default();
     Ok(found)
@@ -355,11 +453,15 @@ fn joints(
             let expected = format!("the joints axis1…axis{axes}");
             return Err(ReadError::content(path, problem, expected));
         }
-        warnings.push(format!("JointState messages with the joints {names} ignored"));
+        warnings.push(format!(
+            "JointState messages with the joints {names} ignored"
+        ));
     }
     if by_order {
         let names = order.map(|o| o.0.join(", ")).unwrap_or_default();
-        warnings.push(format!("joint names ({names}) are not axis1…axis{axes}: taken in this order"));
+        warnings.push(format!(
+            "joint names ({names}) are not axis1…axis{axes}: taken in this order"
+        ));
     }
 
     let stamped = states.iter().all(|s| s.stamp > 0);
@@ -368,16 +470,25 @@ fn joints(
     } else {
         used.iter().map(|&t| t as i64).collect()
     };
-    let zero = messages.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
+    let zero = messages
+        .metadata
+        .get("run")
+        .and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
     let zero = zero.or(times.first().copied()).unwrap_or(0);
-    let t = times.iter().map(|&t| t.wrapping_sub(zero) as f64 / 1e9).collect();
+    let t = times
+        .iter()
+        .map(|&t| t.wrapping_sub(zero) as f64 / 1e9)
+        .collect();
 
     let mut columns = Vec::new();
     let mut axis = |stem: &str, of: &dyn Fn(&JointState) -> &Vec<f64>| {
         if states.iter().all(|s| of(s).len() == axes) {
             for k in 0..axes {
                 let values = states.iter().map(|s| of(s)[k]).collect();
-                columns.push(Column { name: format!("{stem}{}", k + 1), values });
+                columns.push(Column {
+                    name: format!("{stem}{}", k + 1),
+                    values,
+                });
             }
         }
     };
@@ -389,10 +500,13 @@ fn joints(
     let strut_names: Vec<String> = names("upper").chain(names("lower")).collect();
     let ee_names = ["ee_x", "ee_y", "ee_z"].map(String::from);
     let qdd_names: Vec<String> = (1..=AXES).map(|k| format!("qdd{k}")).collect();
-    let mut extra = |topic: &str, names: &[String], parse: &dyn Fn(&[u8]) -> Option<Vec<Option<f64>>>| {
-        let Some(by_time) = messages.json.get(topic) else { return };
-        let samples: Option<Vec<_>> =
-            used.iter().map(|time| parse(by_time.get(time)?)).collect();
+    let mut extra = |topic: &str,
+                     names: &[String],
+                     parse: &dyn Fn(&[u8]) -> Option<Vec<Option<f64>>>| {
+        let Some(by_time) = messages.json.get(topic) else {
+            return;
+        };
+        let samples: Option<Vec<_>> = used.iter().map(|time| parse(by_time.get(time)?)).collect();
         let Some(samples) = samples else {
             let reason = "not every joint state has a valid message of the same time";
             warnings.push(format!("`{topic}` ignored: {reason}"));
@@ -401,7 +515,10 @@ fn joints(
         for (k, name) in names.iter().enumerate() {
             let values: Vec<f64> = samples.iter().filter_map(|s| *s.get(k)?).collect();
             if values.len() == used.len() {
-                columns.push(Column { name: name.clone(), values });
+                columns.push(Column {
+                    name: name.clone(),
+                    values,
+                });
             } else if !values.is_empty() {
                 warnings.push(format!("`{name}` ignored: not in every message"));
             }
@@ -419,7 +536,14 @@ fn joints(
         let a: Acceleration = serde_json::from_slice(data).ok()?;
         Some(a.acceleration.map(Some).to_vec())
     });
-    Ok(Table { file: path.into(), row: "JointState message", rows, t, columns, axes })
+    Ok(Table {
+        file: path.into(),
+        row: "JointState message",
+        rows,
+        t,
+        columns,
+        axes,
+    })
 }
 
 /// Place of each axis among joints called `axis1`, `q1`, `joint1`, `joint_1`….
@@ -427,11 +551,15 @@ fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
     let number = |name: &String| {
         let name: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
         let name = name.to_ascii_lowercase();
-        let number = ["axis", "joint", "q"].iter().find_map(|stem| name.strip_prefix(stem))?;
+        let number = ["axis", "joint", "q"]
+            .iter()
+            .find_map(|stem| name.strip_prefix(stem))?;
         number.parse::<usize>().ok()
     };
     let numbers: Vec<_> = names.iter().map(number).collect();
-    (1..=axes).map(|k| numbers.iter().position(|n| *n == Some(k))).collect()
+    (1..=axes)
+        .map(|k| numbers.iter().position(|n| *n == Some(k)))
+        .collect()
 }
 
 /// One `sensor_msgs/msg/JointState`.
@@ -455,7 +583,13 @@ impl JointState {
         for _ in 0..n {
             name.push(r.string()?);
         }
-        Some(Self { stamp, name, position: r.f64s()?, velocity: r.f64s()?, effort: r.f64s()? })
+        Some(Self {
+            stamp,
+            name,
+            position: r.f64s()?,
+            velocity: r.f64s()?,
+            effort: r.f64s()?,
+        })
     }
 }
 
@@ -507,7 +641,11 @@ impl<'a> CdrReader<'a> {
             [0, 1] => true,
             _ => return None,
         };
-        Some(Self { data, at: 0, little })
+        Some(Self {
+            data,
+            at: 0,
+            little,
+        })
     }
 
     fn take(&mut self, n: usize, align: usize) -> Option<&'a [u8]> {
@@ -519,7 +657,11 @@ impl<'a> CdrReader<'a> {
 
     fn u32(&mut self) -> Option<u32> {
         let bytes = self.take(4, 4)?.try_into().ok()?;
-        Some(if self.little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
+        Some(if self.little {
+            u32::from_le_bytes(bytes)
+        } else {
+            u32::from_be_bytes(bytes)
+        })
     }
 
     fn string(&mut self) -> Option<String> {
@@ -535,7 +677,11 @@ impl<'a> CdrReader<'a> {
         for _ in 0..n {
             let bytes = self.take(8, 8)?.try_into().ok()?;
             let little = self.little;
-            values.push(if little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) });
+            values.push(if little {
+                f64::from_le_bytes(bytes)
+            } else {
+                f64::from_be_bytes(bytes)
+            });
         }
         Some(values)
     }
