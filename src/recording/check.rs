@@ -48,12 +48,14 @@ pub(super) fn required(axes: usize) -> impl Iterator<Item = String> {
 pub(super) fn known(name: &str) -> bool {
     let numbered = |stem: &str, n: usize| {
         name.strip_prefix(stem)
-            .is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k| (1..=n).contains(&k)))
+            .is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=n).contains(&k)))
     };
     let strut = |end: &str| {
         name.strip_prefix("strut")
             .and_then(|n| n.strip_suffix(end))
-            .is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k| (1..=STRUTS).contains(&k)))
+            .is_some_and(|k| {
+                k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=STRUTS).contains(&k))
+            })
     };
     matches!(name, "t" | "ee_x" | "ee_y" | "ee_z")
         || ["q", "tau", "qd", "qdd"]

@@ -7,8 +7,8 @@ pub mod csv;
 mod error;
 mod file;
 pub mod mcap;
-//#[cfg(feature = "viewer")]
-//pub mod rerun;
+#[cfg(feature = "viewer")]
+pub mod rerun;
 pub mod setup;
 
 pub use error::{ReadError, WriteError};
