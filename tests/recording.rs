@@ -538,6 +538,36 @@ fn gaps_split() {
         }
     });
     let s = read(&path).0.signals;
-    assert_eq!((s.segments.clone(), s.len()), (vec![0..1500], 1500));
+    assert_eq!(s.stretches(), std::slice::from_ref(&(0..1500)));
+    assert_eq!(s.len(), 1500);
     assert!((s.q[700][0] - angle(0, s.t[700])).abs() < 1e-9);
+}
+
+/// Damaged text ends in a recording or an error, never in a panic.
+#[test]
+fn damaged_csv_does_no_harm() {
+    let folder = folder();
+    let path = csv(&folder, 150, |_, _| ());
+    let bytes = fs::read(&path).unwrap();
+    let mut state = 1u64;
+    let mut random = |n: usize| {
+        state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (state >> 33) as usize % n
+    };
+    for _ in 0..300 {
+        let mut damaged = bytes.clone();
+        for _ in 0..1 + random(3) {
+            let at = random(damaged.len());
+            damaged[at] = b"0123456789-.eE,;\"\n\r\t x\0\xff"[random(25)];
+        }
+        damaged.truncate(if random(4) == 0 {
+            random(bytes.len())
+        } else {
+            bytes.len()
+        });
+        fs::write(&path, damaged).unwrap();
+        let _ = Recording::read(&path, None);
+    }
 }

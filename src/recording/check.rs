@@ -443,7 +443,16 @@ impl Table {
         warnings.push(format!(
             "time steps vary by up to {percent:.1} %: resampled to {step:.6e} s by cubic interpolation"
         ));
-        Ok(self.resample(&stretches, step))
+        let stretches = self.resample(&stretches, step);
+        if self.t.len() < FEWEST {
+            let problem = "hardly any samples remain after resampling";
+            return Err(ReadError::content(
+                &self.file,
+                problem,
+                "evenly sampled signals",
+            ));
+        }
+        Ok(stretches)
     }
 
     /// Keeps only the samples in `stretches` and returns their new ranges.

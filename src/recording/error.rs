@@ -1,6 +1,7 @@
 //! What can be wrong with a recording or its setup.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use miette::{Diagnostic, NamedSource, SourceSpan};
 use thiserror::Error;
@@ -49,7 +50,7 @@ pub enum ReadError {
         message: String,
         /// The setup's text.
         #[source_code]
-        text: NamedSource<String>,
+        text: Arc<NamedSource<String>>,
         /// Where the mistake is.
         #[label("here")]
         span: SourceSpan,

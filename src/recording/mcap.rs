@@ -396,6 +396,9 @@ fn collect(path: &Path, content: &[u8], warnings: &mut Vec<String>) -> Result<Me
     Ok(found)
 }
 
+/// Values of an optional channel at one time; those that were not measured are missing.
+type Sample = Vec<Option<f64>>;
+
 /// Columns of the joint states and of the channels that go with them.
 fn joints(
     path: &Path,
@@ -500,9 +503,7 @@ fn joints(
     let strut_names: Vec<String> = names("upper").chain(names("lower")).collect();
     let ee_names = ["ee_x", "ee_y", "ee_z"].map(String::from);
     let qdd_names: Vec<String> = (1..=AXES).map(|k| format!("qdd{k}")).collect();
-    let mut extra = |topic: &str,
-                     names: &[String],
-                     parse: &dyn Fn(&[u8]) -> Option<Vec<Option<f64>>>| {
+    let mut extra = |topic: &str, names: &[String], parse: &dyn Fn(&[u8]) -> Option<Sample>| {
         let Some(by_time) = messages.json.get(topic) else {
             return;
         };

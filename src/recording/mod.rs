@@ -126,7 +126,7 @@ impl Signals {
     /// Index ranges of the uniformly sampled stretches, at least one unless there are no samples.
     pub fn stretches(&self) -> Vec<Range<usize>> {
         if self.segments.is_empty() && !self.is_empty() {
-            vec![0..self.len()]
+            std::iter::once(0..self.len()).collect()
         } else {
             self.segments.clone()
         }

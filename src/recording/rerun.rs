@@ -193,7 +193,11 @@ fn layout(series: &[Series]) -> bp::Blueprint {
         .with_auto_views(false)
         .with_blueprint_panel(bp::BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(bp::SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(bp::TimePanel::new().with_timeline(TIME))
+        .with_time_panel(
+            bp::TimePanel::new()
+                .with_timeline(TIME)
+                .with_state(PanelState::Collapsed),
+        )
 }
 
 /// The mounting ring and the motors, which stand still.
@@ -206,7 +210,7 @@ fn base(rec: &RecordingStream, g: &Geometry) -> Outcome {
     let (mut from, mut to) = (Vec::new(), Vec::new());
     for i in 0..ARMS {
         let shaft = Geometry::radial(i) * g.base_radius;
-        let half = Geometry::tangential(i) * 0.1;
+        let half = Geometry::tangential(i) * (0.35 * g.base_radius);
         from.push(point(shaft - half));
         to.push(point(shaft + half));
         let above = shaft.xy().push(g.mounting_height);
@@ -216,7 +220,7 @@ fn base(rec: &RecordingStream, g: &Geometry) -> Outcome {
         .with_colors([color(STEEL)])
         .with_radii([0.008f32]);
     rec.log_static("world/base/frame", &lines)?;
-    let motors = a::Capsules3D::from_endpoints_and_radii(from, to, [0.05f32; ARMS])
+    let motors = a::Capsules3D::from_endpoints_and_radii(from, to, [0.045f32; ARMS])
         .with_colors([color(STEEL)])
         .with_fill_mode(FillMode::Solid);
     rec.log_static("world/base/motors", &motors)?;
@@ -530,9 +534,6 @@ mod tests {
             "{} bytes",
             bytes.len()
         );
-        if let Some(copy) = std::env::var_os("DELTATWIN_KEEP_RRD") {
-            std::fs::copy(&path, copy).unwrap();
-        }
 
         scene.series[0].values.pop();
         let e = write_rrd(&path, "lift", &scene).unwrap_err().to_string();

@@ -86,7 +86,7 @@ impl Setup {
             ReadError::Setup {
                 place: format!("{name}:{line}:{column}"),
                 message,
-                text: NamedSource::new(name, text.to_string()),
+                text: NamedSource::new(name, text.to_string()).into(),
                 span: span.into(),
             }
         };
