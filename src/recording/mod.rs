@@ -2,6 +2,20 @@
 //!
 //! Only `csv.rs`, `mcap.rs` and `rerun.rs` know file formats.
 
+mod check;
+pub mod csv;
+mod error;
+mod file;
+pub mod mcap;
+#[cfg(feature = "viewer")]
+pub mod rerun;
+pub mod setup;
+
+pub use error::{ReadError, WriteError};
+
+use std::ops::Range;
+use std::path::Path;
+
 use nalgebra::Vector3;
 
 use crate::model::{AXES, Inertia, STRUTS};
@@ -15,6 +29,62 @@ pub struct Recording {
     pub signals: Signals,
     /// What is known about the run.
     pub setup: Setup,
+}
+
+impl Recording {
+    /// Reads a `.csv` or `.mcap` recording of the four-axis robot, see [`Recording::read_axes`].
+    pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Self, Vec<String>), ReadError> {
+        Self::read_axes(path, setup, AXES)
+    }
+
+    /// Reads a recording in which only the first `axes` axes must be there; the others are zero.
+    ///
+    /// Content decides on the format. The setup is that of the file `setup`, else of the sidecar `<stem>.setup.toml`,
+    /// else of the MCAP file's metadata, else the default. Also returns what was noticed and repaired.
+    pub fn read_axes(
+        path: &Path,
+        setup: Option<&Path>,
+        axes: usize,
+    ) -> Result<(Self, Vec<String>), ReadError> {
+        let beside = setup::sidecar(path);
+        let outside = match setup {
+            Some(file) => Some(Setup::read(file)?),
+            None if beside.is_file() => Some(Setup::read(&beside)?),
+            None => None,
+        };
+        let (signals, inside, mut warnings) = if mcap::is_mcap(path) {
+            mcap::read(path, axes)?
+        } else {
+            let (signals, warnings) = csv::read(path, axes)?;
+            (signals, None, warnings)
+        };
+        if let (Some(a), Some(b)) = (outside, inside)
+            && a != b
+        {
+            let used = setup.unwrap_or(&beside).display();
+            warnings.push(format!("setup inside the file differs from {used}, which is used"));
+        }
+        let recording = Self {
+            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            signals,
+            setup: outside.or(inside).unwrap_or_default(),
+        };
+        let warnings = warnings.iter().map(|w| format!("{}: {w}", path.display())).collect();
+        Ok((recording, warnings))
+    }
+
+    /// Writes `.csv` with its sidecar, or `.mcap`. A file that is there is replaced as a whole.
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        if extension == "csv" {
+            csv::write(path, &self.signals)?;
+            self.setup.write(&setup::sidecar(path))
+        } else if extension == "mcap" {
+            mcap::write(path, self)
+        } else {
+            Err(WriteError::invalid(path, "unknown format; expected a name ending in .csv or .mcap"))
+        }
+    }
 }
 
 /// Sampled signals; all channels have the length of `t`.
@@ -36,6 +106,10 @@ pub struct Signals {
     pub qd: Option<Vec<[f64; AXES]>>,
     /// Joint accelerations, rad/s².
     pub qdd: Option<Vec<[f64; AXES]>>,
+    /// Stretches of samples without a gap in time between them; filters work on one at a time.
+    ///
+    /// Empty means a single stretch; read [`Signals::stretches`].
+    pub segments: Vec<Range<usize>>,
 }
 
 impl Signals {
@@ -47,6 +121,15 @@ impl Signals {
     /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.t.is_empty()
+    }
+
+    /// Index ranges of the uniformly sampled stretches, at least one unless there are no samples.
+    pub fn stretches(&self) -> Vec<Range<usize>> {
+        if self.segments.is_empty() && !self.is_empty() {
+            std::iter::once(0..self.len()).collect()
+        } else {
+            self.segments.clone()
+        }
     }
 
     /// Median sampling period, s; zero with fewer than two samples.

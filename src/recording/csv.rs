@@ -1,0 +1,181 @@
+//! Recordings as CSV: a header row with the names of the columns in any order, SI units.
+//!
+//! Required: `t, q1…q4, tau1…tau4`. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
+//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`. Comma, semicolon or tab between the cells.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::check::{self, Column, Table};
+use super::{ReadError, Signals, WriteError, file};
+
+const EXPECTED: &str = "CSV with the columns t, q1…q4, tau1…tau4 and numbers below";
+
+/// Reads and checks the signals; the first `axes` axes must be there, the others are zero.
+///
+/// Also returns what was noticed and repaired.
+pub fn read(path: &Path, axes: usize) -> Result<(Signals, Vec<String>), ReadError> {
+    let content = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
+    let (table, mut warnings) = table(path, &content, axes)?;
+    let (signals, noticed) = check::signals(table)?;
+    warnings.extend(noticed);
+    Ok((signals, warnings))
+}
+
+/// Writes the signals with all their digits.
+pub fn write(path: &Path, signals: &Signals) -> Result<(), WriteError> {
+    let columns = check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
+    file::replace(path, |out| -> std::io::Result<()> {
+        write!(out, "t")?;
+        for c in &columns {
+            write!(out, ",{}", c.name)?;
+        }
+        for (i, t) in signals.t.iter().enumerate() {
+            write!(out, "\n{}", shortest(*t))?;
+            for c in &columns {
+                write!(out, ",{}", shortest(c.values[i]))?;
+            }
+        }
+        writeln!(out)
+    })
+}
+
+/// Shortest decimal that reads back as the same number.
+fn shortest(v: f64) -> String {
+    let mut text = format!("{v:?}");
+    if text.ends_with(".0") {
+        text.truncate(text.len() - 2);
+    }
+    text
+}
+
+fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>), ReadError> {
+    let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
+    if content.iter().all(u8::is_ascii_whitespace) {
+        return Err(ReadError::content(path, "is empty", EXPECTED));
+    }
+    if content.iter().take(1 << 16).any(|&b| b == 0) || std::str::from_utf8(content).is_err() {
+        return Err(ReadError::content(path, "is binary, not text", EXPECTED));
+    }
+    let header = content
+        .split(|&b| b == b'\n')
+        .find(|l| !l.trim_ascii().is_empty());
+    let header = header.unwrap_or_default();
+    let count = |b: u8| header.iter().filter(|&&c| c == b).count();
+    let delimiter = [b',', b';', b'\t']
+        .into_iter()
+        .rev()
+        .max_by_key(|&b| count(b))
+        .unwrap_or(b',');
+    let mut reader = ::csv::ReaderBuilder::new()
+        .delimiter(delimiter)
+        .flexible(true)
+        .trim(::csv::Trim::All)
+        .from_reader(content);
+    let broken = |e: ::csv::Error| ReadError::content(path, e.to_string(), EXPECTED);
+    let names: Vec<String> = reader
+        .headers()
+        .map_err(broken)?
+        .iter()
+        .map(str::to_string)
+        .collect();
+
+    let mut warnings = Vec::new();
+    for (i, name) in names.iter().enumerate() {
+        if check::known(name) && names[..i].contains(name) {
+            let problem = format!("has two columns `{name}`");
+            return Err(ReadError::content(path, problem, "every column once"));
+        }
+    }
+    for wanted in check::required(axes) {
+        if !names.contains(&wanted) {
+            let mut found: String = names.join(", ").chars().take(200).collect();
+            if found.len() < names.join(", ").len() {
+                found.push('…');
+            }
+            let problem = format!("has no column `{wanted}` (columns: {found})");
+            return Err(ReadError::content(path, problem, EXPECTED));
+        }
+    }
+    let unknown: Vec<_> = names
+        .iter()
+        .filter(|n| !check::known(n))
+        .map(|n| format!("`{n}`"))
+        .collect();
+    if !unknown.is_empty() {
+        warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
+    }
+
+    let used: Vec<usize> = (0..names.len())
+        .filter(|&i| check::known(&names[i]))
+        .collect();
+    let mut values = vec![Vec::new(); names.len()];
+    let mut rows = Vec::new();
+    let mut record = ::csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(broken)? {
+        let line = record.position().map_or(0, |p| p.line());
+        if record.len() != names.len() {
+            let cells = record.len();
+            let last = !matches!(reader.read_record(&mut record), Ok(true));
+            let hint = if last {
+                "; was the file cut short?"
+            } else {
+                ""
+            };
+            let problem = format!("line {line} has {cells} cells{hint}");
+            let expected = format!("{} cells as in the header", names.len());
+            return Err(ReadError::content(path, problem, expected));
+        }
+        rows.push(line);
+        for &i in &used {
+            values[i].push(
+                number(&record[i], delimiter).ok_or_else(|| ReadError::Value {
+                    file: path.into(),
+                    row: format!("line {line}"),
+                    column: names[i].clone(),
+                    problem: match &record[i] {
+                        "" => "the cell is empty".into(),
+                        cell => format!("`{}`", cell.chars().take(40).collect::<String>()),
+                    },
+                    expected: "a finite number".into(),
+                })?,
+            );
+        }
+    }
+    if rows.is_empty() {
+        return Err(ReadError::content(
+            path,
+            "has a header but no samples",
+            EXPECTED,
+        ));
+    }
+    let mut columns = Vec::new();
+    let mut t = Vec::new();
+    for (name, values) in names.into_iter().zip(values) {
+        if name == "t" {
+            t = values;
+        } else if check::known(&name) {
+            columns.push(Column { name, values });
+        }
+    }
+    Ok((
+        Table {
+            file: path.into(),
+            row: "line",
+            rows,
+            t,
+            columns,
+            axes,
+        },
+        warnings,
+    ))
+}
+
+fn number(cell: &str, delimiter: u8) -> Option<f64> {
+    let value: f64 = match cell.parse() {
+        Ok(value) => value,
+        Err(_) if delimiter != b',' => cell.replace(',', ".").parse().ok()?,
+        Err(_) => return None,
+    };
+    value.is_finite().then_some(value)
+}

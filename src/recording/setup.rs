@@ -1,0 +1,219 @@
+//! Setup of a run as TOML: the sidecar `<stem>.setup.toml` of a recording.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use miette::NamedSource;
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::{Configuration, Payload, ReadError, Setup, WriteError, file};
+use crate::model::AXES;
+
+/// Where the setup of the recording `path` is kept.
+pub fn sidecar(path: &Path) -> PathBuf {
+    path.with_extension("setup.toml")
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Document {
+    configuration: State,
+    payload: Load,
+    noise: Noise,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+enum State {
+    Assembled,
+    Disassembled,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Load {
+    mass: Spanned<f64>,
+    com: [Spanned<f64>; 3],
+    inertia_zz: Spanned<f64>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct Noise {
+    torque: Option<[Spanned<f64>; AXES]>,
+}
+
+fn zero() -> Spanned<f64> {
+    Spanned::new(0..0, 0.0)
+}
+
+impl Default for Document {
+    fn default() -> Self {
+        Self {
+            configuration: State::Assembled,
+            payload: Load::default(),
+            noise: Noise::default(),
+        }
+    }
+}
+
+impl Default for Load {
+    fn default() -> Self {
+        Self {
+            mass: zero(),
+            com: [zero(), zero(), zero()],
+            inertia_zz: zero(),
+        }
+    }
+}
+
+impl Setup {
+    /// Reads a setup file.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
+        let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
+        let text = String::from_utf8(bytes)
+            .map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
+        Self::from_toml(&text, &path.display().to_string())
+    }
+
+    /// Reads a setup from TOML; `name` stands for the text in errors.
+    pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
+        let error = |message: String, span: std::ops::Range<usize>| {
+            let before = text.get(..span.start).unwrap_or(text);
+            let line = before.matches('\n').count() + 1;
+            let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+            ReadError::Setup {
+                place: format!("{name}:{line}:{column}"),
+                message,
+                text: NamedSource::new(name, text.to_string()).into(),
+                span: span.into(),
+            }
+        };
+        let document: Document = toml::from_str(text).map_err(|e| {
+            error(
+                e.message().trim().replace('\n', ", "),
+                e.span().unwrap_or(0..0),
+            )
+        })?;
+        let within = |key: &str, value: &Spanned<f64>, low: f64, high: f64, unit: &str| {
+            let v = *value.get_ref();
+            if (low..=high).contains(&v) {
+                Ok(v)
+            } else {
+                let expected = format!("expected a number from {low} to {high} {unit}");
+                Err(error(format!("`{key}` is {v}; {expected}"), value.span()))
+            }
+        };
+        let load = &document.payload;
+        let mut payload = Payload {
+            mass: within("payload.mass", &load.mass, 0.0, 100.0, "kg")?,
+            inertia_zz: within("payload.inertia_zz", &load.inertia_zz, 0.0, 100.0, "kg·m²")?,
+            ..Payload::default()
+        };
+        for (i, c) in load.com.iter().enumerate() {
+            payload.com[i] = within("payload.com", c, -2.0, 2.0, "m")?;
+        }
+        let mut torque_noise = None;
+        if let Some(values) = &document.noise.torque {
+            let mut sigma = [0.0; AXES];
+            for (s, v) in sigma.iter_mut().zip(values) {
+                *s = within("noise.torque", v, 0.0, 1e4, "N·m")?;
+            }
+            torque_noise = Some(sigma);
+        }
+        let configuration = match document.configuration {
+            State::Assembled => Configuration::Assembled,
+            State::Disassembled => Configuration::Disassembled,
+        };
+        Ok(Self {
+            configuration,
+            payload,
+            torque_noise,
+        })
+    }
+
+    /// The setup as TOML, read back without loss by [`Setup::from_toml`].
+    pub fn to_toml(&self) -> String {
+        let configuration = match self.configuration {
+            Configuration::Assembled => "assembled",
+            Configuration::Disassembled => "disassembled",
+        };
+        let Payload {
+            mass,
+            com,
+            inertia_zz,
+        } = self.payload;
+        let mut text = format!(
+            "configuration = \"{configuration}\"\n\n[payload]\nmass = {mass:?} # kg\n\
+             com = [{:?}, {:?}, {:?}] # m, from the flange centre\ninertia_zz = {inertia_zz:?} # kg·m², about the COM\n",
+            com.x, com.y, com.z
+        );
+        if let Some(sigma) = self.torque_noise {
+            text += &format!("\n[noise]\ntorque = {sigma:?} # N·m, standard deviation\n");
+        }
+        text
+    }
+
+    /// Writes a setup file.
+    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        file::replace(path, |out| out.write_all(self.to_toml().as_bytes()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(text: &str) -> String {
+        Setup::from_toml(text, "run.setup.toml")
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn round_trip() {
+        let setup = Setup {
+            configuration: Configuration::Disassembled,
+            payload: Payload {
+                mass: 1.0 / 3.0,
+                com: [1e-7, -0.02, 0.1].into(),
+                inertia_zz: 0.004,
+            },
+            torque_noise: Some([0.4, 0.4, 0.4, 0.05]),
+        };
+        assert_eq!(Setup::from_toml(&setup.to_toml(), "x").unwrap(), setup);
+        assert_eq!(Setup::from_toml("", "x").unwrap(), Setup::default());
+        assert_eq!(
+            Setup::from_toml("[payload]\nmass = 2", "x")
+                .unwrap()
+                .payload
+                .mass,
+            2.0
+        );
+    }
+
+    #[test]
+    fn mistakes_are_named_with_their_place() {
+        let e = refused("configuration = \"assembled\"\n[payload]\nmas = 1.0\n");
+        assert!(
+            e.starts_with("run.setup.toml:3:1: unknown field `mas`"),
+            "{e}"
+        );
+        let e = refused("[payload]\nmass = -1.0\n");
+        assert!(
+            e.starts_with("run.setup.toml:2:8: `payload.mass` is -1; expected"),
+            "{e}"
+        );
+        assert!(
+            refused("[payload]\ncom = [0.0, nan, 0.0]").contains(":2:13: `payload.com` is NaN")
+        );
+        assert!(
+            refused("[noise]\ntorque = [1.0, 2.0]").contains(":2:"),
+            "{}",
+            refused("[noise]\ntorque = [1.0, 2.0]")
+        );
+        assert!(refused("configuration = \"asembled\"").contains("assembled"));
+        assert!(refused("configuration = ").contains(":1:"));
+    }
+}
