@@ -9,3 +9,5 @@ pub mod kinematics;
 pub mod effects;
 
 pub mod dynamics;
+
+pub mod diagnosis;
