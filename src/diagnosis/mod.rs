@@ -13,7 +13,9 @@
 //! - Hansen, Lunde & Nason 2011, "The model confidence set"; Vuong 1989 for a pair.
 //! - Langsrud 2005, "Rotation tests": what repeats tell without a noise model.
 
+mod base_fit;
 mod compare;
+mod describe;
 pub mod error;
 mod evaluate;
 mod flip;

@@ -40,7 +40,9 @@ pub fn t_quantile(p: f64, d: f64) -> f64 {
 ///
 /// The non-central χ² is a Poisson mixture of central ones; the root is bracketed and halved.
 pub fn noncentrality(m: usize, alpha: f64, power: f64) -> f64 {
-    let Ok(chi) = ChiSquared::new(m.max(1) as f64) else { return f64::INFINITY };
+    let Ok(chi) = ChiSquared::new(m.max(1) as f64) else {
+        return f64::INFINITY;
+    };
     let critical = chi.inverse_cdf(1.0 - alpha);
     let reached = |lambda: f64| {
         let terms = 40 + (2.0 * lambda) as usize;
@@ -55,7 +57,11 @@ pub fn noncentrality(m: usize, alpha: f64, power: f64) -> f64 {
     let (mut low, mut high) = (0.0, 200.0);
     for _ in 0..50 {
         let mid = 0.5 * (low + high);
-        if reached(mid) < power { low = mid } else { high = mid }
+        if reached(mid) < power {
+            low = mid
+        } else {
+            high = mid
+        }
     }
     0.5 * (low + high)
 }
