@@ -2,7 +2,22 @@
 
 use std::ops::Range;
 
+use super::problem::Problem;
+use super::ranking::Ranking;
 use super::special::chi2_tail;
+
+/// Order of the differences in [`noise_floor`].
+const ORDER: usize = 6;
+
+/// Noise floor of every channel of `y`, from sixth differences; see [`difference_sigma`].
+pub fn noise_floor(problem: &Problem) -> Vec<Option<f64>> {
+    let n = problem.samples;
+    let series = |c: usize| problem.y.get(c * n..(c + 1) * n);
+    let channels = 0..problem.channels.len();
+    channels
+        .map(|c| difference_sigma(series(c)?, &problem.segments, ORDER))
+        .collect()
+}
 
 /// Standard deviation of white measurement noise on a smooth signal, from the median absolute difference of the given
 /// order; `None` when no segment is longer than the order.
@@ -129,6 +144,30 @@ pub fn whiteness(
         lags,
         p: chi2_tail(statistic, lags as f64),
     })
+}
+
+/// [`whiteness`] of the whitened residual of every channel.
+pub fn residual_whiteness(
+    problem: &Problem,
+    ranking: &Ranking,
+    window: usize,
+    lags: usize,
+) -> Vec<Option<Whiteness>> {
+    let n = problem.samples;
+    let one = |(c, filter): (usize, &super::whiten::ArFilter)| {
+        let segments = problem
+            .segments
+            .iter()
+            .map(|s| s.start + filter.order()..s.end);
+        let segments: Vec<_> = segments.filter(|s| s.start < s.end).collect();
+        let series = ranking.residual.get(c * n..(c + 1) * n)?;
+        let mut white = vec![0.0; n];
+        for s in &segments {
+            filter.apply(series, s.clone(), white.get_mut(s.clone())?);
+        }
+        whiteness(&white, &segments, window, lags)
+    };
+    ranking.filters.iter().enumerate().map(one).collect()
 }
 
 #[cfg(test)]

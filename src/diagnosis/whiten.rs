@@ -2,6 +2,10 @@
 
 use std::ops::Range;
 
+/// Smallest innovation variance relative to the variance of the series. A residual that is almost free of noise is the
+/// missing effect itself; a filter that predicts it would whiten away what is looked for.
+const LEAST_INNOVATION: f64 = 1e-3;
+
 /// `e(t) = Σ_k a_k e(t−k) + σ w(t)` with white w.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArFilter {
@@ -71,6 +75,7 @@ impl ArFilter {
         let mut forward: Vec<Vec<f64>> = kept.iter().map(|s| s.to_vec()).collect();
         let mut backward = forward.clone();
         let mut a: Vec<f64> = Vec::new();
+        let least = LEAST_INNOVATION * variance;
         let mut best = (n as f64 * variance.ln(), Self::scale(variance.sqrt()));
         for order in 1..=max_order {
             let (mut cross, mut power) = (0.0, 0.0);
@@ -83,16 +88,15 @@ impl ArFilter {
             if power.is_nan() || power <= 0.0 {
                 break;
             }
-            let reflection = 2.0 * cross / power;
+            // Never whiten beyond the least innovation: the last reflection is shortened to reach just that.
+            let room = (1.0 - least / variance).max(0.0).sqrt();
+            let reflection = (2.0 * cross / power).clamp(-room, room);
             let next: Vec<f64> = (0..a.len())
                 .map(|i| a[i] - reflection * a[a.len() - 1 - i])
                 .collect();
             a = next;
             a.push(reflection);
             variance *= 1.0 - reflection * reflection;
-            if variance.is_nan() || variance <= 0.0 {
-                break;
-            }
             for (f, b) in forward.iter_mut().zip(&mut backward) {
                 for t in (order..f.len()).rev() {
                     let (x, y) = (f[t], b[t - 1]);
