@@ -11,3 +11,7 @@ pub mod effects;
 pub mod dynamics;
 
 pub mod twin;
+
+pub mod scenario;
+
+pub mod evidence;

@@ -21,6 +21,8 @@ pub struct Plant {
     pub payload: Payload,
     /// Gravitational acceleration, m/s².
     pub gravity: f64,
+    /// Damping of the strut spins against the frame, N·m·s/rad.
+    pub spin_damping: f64,
     /// Whether struts, platform and telescope are mounted.
     pub assembled: bool,
     /// Effects beyond the rigid bodies.
@@ -55,6 +57,7 @@ impl Plant {
             links: model.bodies.clone(),
             payload: setup.payload,
             gravity: model.gravity,
+            spin_damping: model.sockets.spin_damping,
             assembled: model.assembled && setup.configuration == crate::recording::Configuration::Assembled,
             effects: model.effects.clone(),
         };

@@ -25,7 +25,7 @@ pub mod rigid_bodies;
 mod signal_delay;
 mod strut_length_error;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 mod thermal_friction_drift;
 mod torque_gain_error;
 mod torque_ripple;

@@ -11,7 +11,7 @@ use crate::model::{Bodies, Geometry, Inertia, STRUTS};
 pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
 
 /// The shipped robot's geometry.
-pub(super) fn geometry() -> Geometry {
+pub(crate) fn geometry() -> Geometry {
     Geometry {
         base_radius: 0.2,
         arm_length: 0.5,

@@ -59,17 +59,17 @@ struct BodyDerivative {
 }
 
 /// Drive torques over a step as a function of time.
-pub(super) type Torque<'a> = &'a dyn Fn(f64) -> [f64; 4];
+pub type Torque<'a> = &'a dyn Fn(f64) -> [f64; 4];
 
 /// One step of length `h` from `state`; returns the strut reactions at its start.
-pub(super) fn step(
+pub fn step(
     plant: &Plant,
-    spin_restraint: f64,
     state: &mut State,
     h: f64,
     torque: Torque,
     guess: &Reactions,
 ) -> Result<Reactions, SingularPose> {
+    let spin_restraint = plant.spin_damping;
     let damping = damping(plant, spin_restraint, state, guess);
     let implicit = damping.drives.map(|d| h * GAMMA * d);
     let spin_inertia: [f64; STRUTS] =
@@ -151,10 +151,9 @@ fn solve(
 const REACTION_TOLERANCE: f64 = 1e-9;
 const MAX_REACTION_ITERATIONS: usize = 50;
 
-/// Accelerations and reactions of the twin at a state, without implicit terms.
-pub(super) fn evaluate(
+/// Motion with accelerations, and the strut reactions, of the twin at a state.
+pub fn accelerations(
     plant: &Plant,
-    spin_restraint: f64,
     state: &State,
     tau: &[f64; 4],
     guess: &Reactions,
@@ -172,7 +171,7 @@ pub(super) fn evaluate(
         tau,
         &Damping::default(),
         &spin_inertia,
-        spin_restraint,
+        plant.spin_damping,
         &mut reactions,
     );
     for b in 0..BODIES {

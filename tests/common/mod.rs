@@ -38,6 +38,7 @@ pub fn nominal_plant() -> Plant {
         links: bodies,
         payload: Payload::default(),
         gravity: 9.81,
+        spin_damping: 1000.0,
         assembled: true,
         effects: Vec::new(),
     }

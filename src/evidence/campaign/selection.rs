@@ -1,0 +1,152 @@
+//! What is found, named and told apart.
+
+use rayon::prelude::*;
+
+use super::*;
+
+/// Effects of a quarter of the noise. Measured over 880 campaigns: found 99.8 %, named first 95 %, in the set 98 %,
+/// exactly the true one 90 %. With 88 campaigns two standard errors are 1, 5, 3 and 6 points.
+#[test]
+fn planted_effect_is_found_named_and_in_the_set() {
+    let one = |seed: u64| {
+        let mut p = collinear_problem(5000 + seed, seed.is_multiple_of(2));
+        let planted = (seed % 11) as usize;
+        plant(&mut p, planted, 0, 0.25);
+        let o = select(&p, &quick()).unwrap();
+        let Some(step) = o.steps.first() else {
+            return [false; 4];
+        };
+        let set = step.ranking.confidence_set();
+        let held = set.iter().any(|a| a.candidate == planted);
+        [
+            true,
+            step.added.candidate == planted,
+            held,
+            o.found() == [planted],
+        ]
+    };
+    let all: Vec<[bool; 4]> = (0..88).into_par_iter().map(one).collect();
+    let counts = [0, 1, 2, 3].map(|i| all.iter().filter(|r| r[i]).count());
+    let least = [86, 79, 83, 73];
+    assert!(counts.iter().zip(least).all(|(c, l)| *c >= l), "{counts:?}");
+}
+
+/// Correlation 0.9995: no data of this size tells them apart, whichever is named.
+#[test]
+fn near_collinear_pair_is_indistinguishable() {
+    for seed in 0..5 {
+        let mut p = null_problem(300 + seed, false);
+        let z = |k: usize| p.candidates[k].variants[0].columns[0].values.clone();
+        let twin = mix(&z(4), &z(5), 0.9995);
+        p.candidates[5].variants[0].columns[0].values = twin;
+        plant(&mut p, 4, 0, 0.6);
+        let o = select(&p, &quick()).unwrap();
+        let set = o.findings[0].ranking.confidence_set();
+        assert!(
+            [4, 5].iter().all(|k| set.iter().any(|a| a.candidate == *k)),
+            "seed {seed}"
+        );
+        assert!(set.iter().all(|a| a.overlap > 0.99));
+        assert_eq!(o.verdict, Verdict::CannotTell);
+    }
+}
+
+#[test]
+fn two_planted_effects_are_both_found() {
+    for seed in 0..6 {
+        let mut p = null_problem(700 + seed, seed.is_multiple_of(2));
+        plant(&mut p, 1, 0, 0.5);
+        plant(&mut p, 9, 0, 0.4);
+        let mut found = select(&p, &quick()).unwrap().found();
+        found.sort_unstable();
+        assert!(
+            [1, 9].iter().all(|k| found.contains(k)),
+            "seed {seed}: {found:?}"
+        );
+    }
+}
+
+/// Two effects of equal size in noise 1e-9 of them: the residual is the missing effects themselves, and a filter that predicts
+/// it must not whiten them away.
+#[test]
+fn effects_without_noise_are_found() {
+    for seed in 0..5 {
+        let mut p = null_problem(4000 + seed, false);
+        for x in &mut p.y {
+            *x *= 1e-9;
+        }
+        plant(&mut p, 4, 0, 1.0);
+        plant(&mut p, 8, 0, 1.0);
+        let mut found = select(&p, &quick()).unwrap().found();
+        found.sort_unstable();
+        assert_eq!(found, [4, 8], "seed {seed}");
+    }
+}
+
+/// An effect outside the catalogue, which only the generic group can imitate.
+#[test]
+fn effect_without_a_name_is_unknown() {
+    let mut p = null_problem(21, false);
+    plant(&mut p, 11, 0, 0.5);
+    let o = select(&p, &quick()).unwrap();
+    assert_eq!(o.verdict, Verdict::Unknown);
+    assert!(!o.found().contains(&11));
+    // A named candidate that imitates it badly is named, but not without objection.
+    let z = p.candidates[11].variants[0].columns[0].values.clone();
+    let values = &mut p.candidates[4].variants[0].columns[0].values;
+    *values = mix(&z, values, 0.8);
+    assert_eq!(select(&p, &quick()).unwrap().verdict, Verdict::Unknown);
+}
+
+/// Significance is not enough: a tiny effect in nearly noise-free data is below a given noise floor.
+#[test]
+fn irrelevant_effect_is_not_reported_and_share_refers_to_the_floor() {
+    let mut p = null_problem(31, false);
+    plant(&mut p, 4, 0, 0.5);
+    let sigma = |k: f64| move |c: &mut Channel| c.noise_sigma = Some(k);
+    p.channels.iter_mut().for_each(sigma(100.0));
+    let o = select(&p, &quick()).unwrap();
+    assert!(o.findings.is_empty() && o.verdict == Verdict::NothingFound);
+    assert!(o.remaining.of(4).unwrap().p_adjusted <= 0.01);
+    plant(&mut p, 4, 0, 1.0);
+    // Stationary deviation of the generator: (c + 1) √(1.25/(1 − 0.49)).
+    for (c, channel) in p.channels.iter_mut().enumerate() {
+        channel.noise_sigma = Some((c + 1) as f64 * (1.25_f64 / 0.51).sqrt());
+    }
+    let r = select(&p, &quick()).unwrap().findings.remove(0).ranking;
+    assert!(r.floor_known && r.winner().unwrap().candidate == 4);
+    // The effect adds 3.4 to the sum of the channels' variances over noise, whose sampling error is about 0.15 (four
+    // correlated channels, √(2·2.9/1500) each): three of them are 13 %.
+    let share = r.winner().unwrap().explained_share;
+    assert!(share.is_some_and(|s| (s - 1.0).abs() < 0.13), "{share:?}");
+}
+
+/// The refit gets what was found, and must return the same candidates.
+#[test]
+fn refit_is_called_and_checked() {
+    let mut p = null_problem(51, false);
+    plant(&mut p, 4, 0, 0.5);
+    let mut calls = Vec::new();
+    let o = select_with(&p, &quick(), |chosen, ranking| {
+        calls.push((chosen.to_vec(), ranking.winner().map(|a| a.candidate)));
+        Ok(Some(p.clone()))
+    });
+    let o = o.unwrap();
+    assert_eq!(
+        calls[0],
+        (
+            vec![Chosen {
+                candidate: 4,
+                variant: 0
+            }],
+            Some(4)
+        )
+    );
+    assert!(o.refitted.is_some() && o.found().contains(&4));
+    let mut fewer = p.clone();
+    fewer.candidates.pop();
+    let wrong = select_with(&p, &quick(), |_, _| Ok(Some(fewer.clone())));
+    assert_eq!(wrong.err(), Some(Error::Candidates));
+    let failed = select_with(&p, &quick(), |_, _| Err("no".into()));
+    assert_eq!(failed.err(), Some(Error::Refit("no".into())));
+}

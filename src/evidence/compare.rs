@@ -1,0 +1,118 @@
+//! Which candidates the data cannot tell from the best one: pairwise tests of block losses (Hansen, Lunde & Nason; Vuong).
+
+use nalgebra::{DMatrix, DVector};
+
+use super::base_fit::BaseFit;
+use super::describe::{Entry, searched};
+use super::gram::Pass;
+use super::problem::Problem;
+use super::ranking::Assessment;
+use super::score::Scores;
+use super::special::t_quantile;
+
+/// Effects that overlap more than this cannot be told apart by any noise-free look at these motions either.
+pub const SAME: f64 = 0.999;
+
+/// Level of the pairwise tests.
+const LEVEL: f64 = 0.95;
+
+/// Block losses of adding a candidate, relative to adding nothing: `−2 cᵀ g_b + cᵀ S_b c`.
+pub fn losses(scores: &Scores, grams: &[DMatrix<f64>]) -> DVector<f64> {
+    let c = &scores.sum;
+    DVector::from_iterator(
+        grams.len(),
+        grams
+            .iter()
+            .enumerate()
+            .map(|(b, s)| c.dot(&(s * c)) - 2.0 * c.dot(&scores.blocks.column(b))),
+    )
+}
+
+/// t statistic of `rival − best` block losses with a complexity term for `extra` more parameters on `rows` rows.
+pub fn t_statistic(best: &DVector<f64>, rival: &DVector<f64>, extra: f64, rows: usize) -> f64 {
+    let b = best.len() as f64;
+    let d = (rival - best).add_scalar(extra * (rows.max(1) as f64).ln() / b);
+    let mean = d.mean();
+    let error = (d.map(|x| (x - mean).powi(2)).sum() / (b - 1.0).max(1.0) / b).sqrt();
+    match error > 1e-12 * mean.abs() {
+        true => mean / error,
+        false if mean.abs() <= f64::MIN_POSITIVE => 0.0,
+        false => mean.signum() * f64::INFINITY,
+    }
+}
+
+/// Largest t at which a rival stays in the confidence set.
+pub fn critical(blocks: usize) -> f64 {
+    t_quantile(LEVEL, blocks.saturating_sub(1).max(1) as f64)
+}
+
+impl BaseFit<'_> {
+    /// Mark the candidates that the data cannot tell from candidate `w`.
+    pub fn compare(
+        &self,
+        problem: &Problem,
+        present: &[&Entry<'_>],
+        blockwise: &[Vec<DMatrix<f64>>],
+        w: usize,
+        candidates: &mut [Assessment],
+    ) {
+        let a = present[w];
+        let m = a.variant.columns.len();
+        let variants = std::iter::once(a).chain(present.iter().copied());
+        let mut columns: Vec<&[f64]> = variants
+            .flat_map(|e| &e.variant.columns)
+            .map(|c| c.values.as_slice())
+            .collect();
+        columns.extend(self.columns.iter().map(|c| c.values.as_slice()));
+        let pass = Pass {
+            columns,
+            left: m,
+            groups: Vec::new(),
+        };
+        let grams = pass.run(&self.filters, problem.samples, &self.blocks);
+        let total = grams
+            .iter()
+            .fold(DMatrix::zeros(m, pass.columns.len()), |s, g| s + &g.cross);
+        let base = total.columns(pass.columns.len() - self.columns.len(), self.columns.len());
+        let effect = &a.projected.basis * &a.scores.sum;
+        let energy = a.scores.sum.norm_squared();
+        let size =
+            |i: usize| present[i].projected.rank() as f64 + searched(problem, present[i].candidate);
+        let best = losses(&a.scores, &blockwise[w]);
+        let critical = critical(self.blocks.len());
+        let mut at = m;
+        for (i, e) in present.iter().enumerate() {
+            let k = e.variant.columns.len();
+            // z⊥_aᵀ z⊥_k = Z_aᵀ Z_k − Z_aᵀ Y · (imitation of k)
+            let cross = total.columns(at, k) - base * &e.projected.imitation;
+            at += k;
+            let shared = e.projected.basis.transpose() * cross.transpose() * &effect;
+            let rival = losses(&e.scores, &blockwise[i]);
+            let c = &mut candidates[i];
+            c.overlap = if energy > 0.0 {
+                (shared.norm_squared() / energy).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            c.t_against_best = if i == w {
+                0.0
+            } else {
+                t_statistic(&best, &rival, size(i) - size(w), self.rows(problem))
+            };
+            c.indistinguishable = i == w || c.t_against_best < critical || c.overlap > SAME;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_losses_are_equal() {
+        let a = DVector::from_fn(20, |i, _| (i as f64).sin());
+        assert_eq!(t_statistic(&a, &a, 0.0, 1000), 0.0);
+        assert!(t_statistic(&a, &a.add_scalar(1.0), 0.0, 1000) > critical(20));
+        assert!(t_statistic(&a, &a, 1.0, 1000) > 0.0);
+    }
+}

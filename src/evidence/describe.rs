@@ -1,0 +1,159 @@
+//! What is said about one candidate.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::base_fit::BaseFit;
+use super::predict::Contribution;
+use super::problem::{Column, Problem, Settings, Variant};
+use super::project::Projected;
+use super::ranking::{Absorption, Assessment, Estimate, Visibility};
+use super::score::{Remainder, Scores, sandwich};
+use super::special::{ln_chi2_tail, noncentrality};
+
+/// Power at which an effect counts as visible.
+const POWER: f64 = 0.95;
+
+/// One variant of one candidate.
+pub struct Entry<'a> {
+    pub candidate: usize,
+    pub index: usize,
+    pub variant: &'a Variant,
+    pub at: usize,
+    pub group: usize,
+    pub projected: Projected,
+    pub scores: Scores,
+}
+
+/// One degree of freedom for a shape parameter that was searched.
+pub fn searched(problem: &Problem, candidate: usize) -> f64 {
+    f64::from(u8::from(problem.candidates[candidate].variants.len() > 1))
+}
+
+pub fn f_of(entry: &Entry<'_>, rest: &Remainder) -> f64 {
+    let m = entry.projected.rank() as f64;
+    let explained = entry.scores.sum.norm_squared();
+    let left = (rest.energy - explained).max(0.0) / (rest.freedom() - m).max(1.0);
+    match explained > 0.0 && m > 0.0 {
+        true => explained / m / left,
+        false => 0.0,
+    }
+}
+
+pub fn contribution<'b>(entry: &Entry<'b>) -> Contribution<'b> {
+    let coefficients = &entry.projected.basis * &entry.scores.sum;
+    let imitation = &entry.projected.imitation * &coefficients;
+    Contribution {
+        columns: entry
+            .variant
+            .columns
+            .iter()
+            .map(|c| c.values.as_slice())
+            .collect(),
+        coefficients: coefficients.as_slice().to_vec(),
+        imitation: imitation.as_slice().to_vec(),
+    }
+}
+
+pub fn estimates(entry: &Entry<'_>, blockwise: &[DMatrix<f64>]) -> Vec<Estimate> {
+    let basis = &entry.projected.basis;
+    let covariance = basis * sandwich(&entry.scores, blockwise) * basis.transpose();
+    let value = basis * &entry.scores.sum;
+    let one = |(i, c): (usize, &Column)| Estimate {
+        name: c.name.clone(),
+        value: value[i],
+        standard_error: covariance[(i, i)].max(0.0).sqrt(),
+    };
+    entry.variant.columns.iter().enumerate().map(one).collect()
+}
+
+pub fn base_estimates(
+    fit: &BaseFit<'_>,
+    inverse: &DMatrix<f64>,
+    rest: &Remainder,
+) -> Vec<Estimate> {
+    let spread = inverse * &rest.base_scores;
+    let one = |(i, c): (usize, &&Column)| Estimate {
+        name: c.name.clone(),
+        value: fit.theta[i],
+        standard_error: spread.row(i).norm(),
+    };
+    fit.columns.iter().enumerate().map(one).collect()
+}
+
+/// Everything about a candidate that needs neither flips nor a second pass.
+pub fn describe(
+    entry: &Entry<'_>,
+    problem: &Problem,
+    fit: &BaseFit<'_>,
+    rest: &Remainder,
+    settings: &Settings,
+    variants: usize,
+) -> Assessment {
+    let candidate = &problem.candidates[entry.candidate];
+    let projected = &entry.projected;
+    let known = |c: &Column| c.magnitude != 0.0 && c.magnitude.is_finite();
+    let sized = !entry.variant.columns.is_empty() && entry.variant.columns.iter().all(known);
+    let smallest = entry
+        .variant
+        .columns
+        .iter()
+        .map(|c| if sized { c.magnitude } else { 1.0 });
+    let smallest = DVector::from_iterator(entry.variant.columns.len(), smallest);
+    let energy = projected.energy(&smallest);
+    let visibility = match (projected.empty, projected.rank()) {
+        (true, _) => Visibility::Empty,
+        (_, 0) => Visibility::InBaseSpan,
+        (_, m) if sized && energy < noncentrality(m, settings.alpha, POWER) => Visibility::TooWeak,
+        _ => Visibility::Visible,
+    };
+    let change = &projected.imitation * &smallest;
+    let mut absorbed_by: Vec<Absorption> = fit
+        .columns
+        .iter()
+        .zip(change.iter())
+        .map(|(c, &change)| Absorption {
+            parameter: c.name.clone(),
+            change,
+            percent: known(c).then(|| 100.0 * change / c.magnitude.abs()),
+        })
+        .collect();
+    let weight = |a: &Absorption| a.percent.unwrap_or(0.0).abs();
+    absorbed_by.sort_by(|a, b| {
+        weight(b)
+            .total_cmp(&weight(a))
+            .then(b.change.abs().total_cmp(&a.change.abs()))
+    });
+    absorbed_by.truncate(5);
+    let f = f_of(entry, rest);
+    let rank = projected.rank();
+    let freedom = rank as f64 + f64::from(u8::from(variants > 1));
+    Assessment {
+        candidate: entry.candidate,
+        name: candidate.name.clone(),
+        generic: candidate.generic,
+        variant: entry.index,
+        label: entry.variant.label.clone(),
+        visibility,
+        tolerance: projected.tolerance,
+        noncentrality: sized.then_some(energy),
+        absorbed_by,
+        rank,
+        f_statistic: f,
+        log_evidence: if rank > 0 {
+            ln_chi2_tail(rank as f64 * f, freedom)
+        } else {
+            0.0
+        },
+        score: entry.scores.statistic,
+        p_marginal: 1.0,
+        p_adjusted: 1.0,
+        relevance: Vec::new(),
+        explained_share: None,
+        coefficients: Vec::new(),
+        base_change: Vec::new(),
+        sum_of_squares: Vec::new(),
+        t_against_best: 0.0,
+        overlap: 0.0,
+        indistinguishable: false,
+    }
+}

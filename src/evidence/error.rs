@@ -1,0 +1,44 @@
+//! What can make a problem unanswerable.
+
+/// Why a diagnosis cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A series has another length than the others.
+    #[error("column {name:?} has {found} values, expected {expected}")]
+    Length {
+        /// Column or series.
+        name: String,
+        /// Its length.
+        found: usize,
+        /// Length of the stacked system.
+        expected: usize,
+    },
+    /// A segment is outside the samples, empty, or overlaps its predecessor.
+    #[error("segment {0} is empty, out of order or outside the samples")]
+    Segment(usize),
+    /// A value is NaN or infinite.
+    #[error("column {0:?} holds a value that is not finite")]
+    NotFinite(String),
+    /// There are no channels or no samples.
+    #[error("there is nothing to diagnose: no channels or no samples")]
+    Empty,
+    /// Too few samples for block scores.
+    #[error("{rows} usable samples per channel give {blocks} blocks, at least {needed} are needed")]
+    TooShort {
+        /// Samples per channel after the whitening filter's start.
+        rows: usize,
+        /// Blocks they give.
+        blocks: usize,
+        /// Blocks needed.
+        needed: usize,
+    },
+    /// A chosen effect does not exist in the problem.
+    #[error("chosen effect {0} or its variant is not in the problem")]
+    Chosen(usize),
+    /// The relinearised problem lists other candidates.
+    #[error("the refitted problem lists other candidates than the first")]
+    Candidates,
+    /// The caller's refit failed.
+    #[error("refit failed: {0}")]
+    Refit(String),
+}

@@ -1,0 +1,52 @@
+//! Which effect does a linear-in-parameters model lack? Pure statistics, without robot and without files.
+//!
+//! The stacked system is `y = Y θ + Σ_j Z_j c_j + ε`, rows (channel, time), with errors that are autocorrelated, unequal
+//! over channels and of varying size. One step ([`evaluate()`]) whitens by an autoregression per channel, projects the base
+//! parameters out (Frisch–Waugh–Lovell), scores every candidate by its block scores and controls the family-wise error by
+//! common sign flips. [`select()`] adds effects one at a time and tells what cannot be told apart.
+//!
+//! Measured on synthetic campaigns (four channels × 1500 samples, autocorrelated, correlated and uneven noise, ten base
+//! columns, twelve candidates, several nearly collinear): 5 % false alarms at nominal 5 %; effects of 0.12 / 0.25 / 0.5 of the
+//! noise are found in 75 / 99.8 / 100 % and named first in 65 / 95 / 99.8 % of the campaigns; the confidence set of a found
+//! effect holds the true one in 93 / 99 / 100 %. Ordering by the tail probability of F instead of F itself gains 9 to 12 points
+//! of right names from 0.25 on, because candidates of one and of several columns compete.
+//!
+//! # Sources
+//!
+//! - Frisch & Waugh 1933, Lovell 1963: projection of the base parameters.
+//! - Kline & Santos 2012, "A score based approach to wild bootstrap inference": sign flips of block scores.
+//! - Westfall & Young 1993, Romano & Wolf 2005: the smallest p over candidates, with their correlation kept.
+//! - Hansen, Lunde & Nason 2011, "The model confidence set"; Vuong 1989 for a pair.
+//! - Langsrud 2005, "Rotation tests": what repeats tell without a noise model.
+
+#![allow(
+    clippy::single_range_in_vec_init,
+    reason = "a list of segments often has one"
+)]
+
+mod base_fit;
+mod compare;
+mod describe;
+pub mod error;
+mod evaluate;
+mod flip;
+mod gram;
+pub mod noise;
+mod predict;
+pub mod problem;
+mod project;
+pub mod ranking;
+pub mod repeats;
+mod score;
+pub mod select;
+mod special;
+pub mod whiten;
+
+#[cfg(test)]
+mod campaign;
+
+pub use error::Error;
+pub use evaluate::{evaluate, evaluate_only};
+pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
+pub use ranking::{Absorption, Assessment, Estimate, Ranking, Visibility};
+pub use select::{Finding, Outcome, Step, Verdict, select, select_with};

@@ -1,0 +1,169 @@
+//! What one step of the procedure reports.
+
+use super::Settings;
+use super::problem::Chosen;
+use super::whiten::ArFilter;
+
+/// A parameter with its standard error.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// Parameter.
+    pub name: String,
+    /// Generalised-least-squares estimate.
+    pub value: f64,
+    /// Standard error from block scores, valid under autocorrelated and uneven noise.
+    pub standard_error: f64,
+}
+
+/// A base parameter that imitates a candidate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Absorption {
+    /// Base parameter, including those of effects already added.
+    pub parameter: String,
+    /// Its change when the candidate has its smallest coefficients worth caring about (unit ones if unknown).
+    pub change: f64,
+    /// The change in percent of the parameter's value, where that is known.
+    pub percent: Option<f64>,
+}
+
+/// Whether the data could show a candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    /// An effect of the smallest size worth caring about would be found with 95 % power, or that size is unknown.
+    Visible,
+    /// An effect of that size would be missed.
+    TooWeak,
+    /// The base parameters imitate the candidate entirely.
+    InBaseSpan,
+    /// The candidate's columns are zero.
+    Empty,
+}
+
+/// One candidate in one step. Values refer to its best variant unless said otherwise.
+#[derive(Clone, Debug)]
+pub struct Assessment {
+    /// Index into the problem's candidates.
+    pub candidate: usize,
+    /// Its name.
+    pub name: String,
+    /// Whether it is a shape without physical meaning.
+    pub generic: bool,
+    /// Variant that fits best.
+    pub variant: usize,
+    /// That variant's label.
+    pub label: String,
+    /// Whether the data could show it.
+    pub visibility: Visibility,
+    /// Mean share of the columns' whitened energy that no base parameter can imitate: κ = 1 / VIF.
+    pub tolerance: f64,
+    /// Non-centrality of the smallest effect worth caring about, where that is known.
+    pub noncentrality: Option<f64>,
+    /// Base parameters that imitate it, most affected first; at most five.
+    pub absorbed_by: Vec<Absorption>,
+    /// Directions outside the base.
+    pub rank: usize,
+    /// F statistic of the whitened fit; infinite for a perfect one.
+    pub f_statistic: f64,
+    /// Natural logarithm of the χ² tail of rank × F, with one degree of freedom added for a searched shape. Candidates of
+    /// different sizes are ordered by it.
+    pub log_evidence: f64,
+    /// Score statistic T of the variant with the smallest p.
+    pub score: f64,
+    /// Smallest marginal p over the variants.
+    pub p_marginal: f64,
+    /// Family-wise p over all candidates and variants.
+    pub p_adjusted: f64,
+    /// Part of the fit that no base parameter can imitate: its RMS per channel in units of the channel's noise.
+    pub relevance: Vec<f64>,
+    /// Share of the explainable error that the candidate explains; see [`Ranking::floor_known`].
+    pub explained_share: Option<f64>,
+    /// Coefficients in the order of the variant's columns.
+    pub coefficients: Vec<Estimate>,
+    /// Change of the base parameters when the candidate is added, in the order of [`Ranking::base`].
+    pub base_change: Vec<f64>,
+    /// Residual sum of squares per channel with the candidate added.
+    pub sum_of_squares: Vec<f64>,
+    /// t of the block losses against the best named candidate; positive: this one fits worse.
+    pub t_against_best: f64,
+    /// Share of the best candidate's visible effect that this candidate's columns can imitate.
+    pub overlap: f64,
+    /// Whether the data cannot tell it from the best named candidate (true for that one too).
+    pub indistinguishable: bool,
+}
+
+impl Assessment {
+    /// Largest relevance over the channels.
+    pub fn max_relevance(&self) -> f64 {
+        self.relevance.iter().fold(0.0, |a, &b| a.max(b))
+    }
+
+    /// Whether the candidate is both significant and large enough to report.
+    pub fn passes(&self, settings: &Settings) -> bool {
+        self.p_adjusted < settings.alpha && self.max_relevance() >= settings.min_relevance
+    }
+}
+
+/// Outcome of one step.
+#[derive(Clone, Debug)]
+pub struct Ranking {
+    /// Effects that belonged to the base.
+    pub chosen: Vec<Chosen>,
+    /// Candidates in the order of the problem, without the chosen ones.
+    pub candidates: Vec<Assessment>,
+    /// Positions in `candidates`, best evidence first.
+    pub order: Vec<usize>,
+    /// Best named candidate that is significant and relevant: position in `candidates`.
+    pub best: Option<usize>,
+    /// Base parameters, then those of the chosen effects.
+    pub base: Vec<Estimate>,
+    /// Number of parameters of the base that the data can tell apart.
+    pub base_rank: usize,
+    /// Whitening filter of each channel.
+    pub filters: Vec<ArFilter>,
+    /// Noise per channel that relevance refers to: the given one, else the residual's RMS.
+    pub noise: Vec<f64>,
+    /// Whether the noise of every channel was given. Then `explained_share` refers to the residual variance above it, summed
+    /// over channels in units of the noise; otherwise to the whitened residual energy.
+    pub floor_known: bool,
+    /// Residual `y − Yθ` of the base fit, stacked as the problem.
+    pub residual: Vec<f64>,
+    /// Sum of squares of the residual per channel.
+    pub sum_of_squares: Vec<f64>,
+    /// Whitened rows over all channels.
+    pub rows: usize,
+    /// Samples of each channel that the sums over channels cover.
+    pub samples: usize,
+    /// Blocks of time.
+    pub blocks: usize,
+    /// Integrated autocorrelation time of the whitened residual, samples.
+    pub correlation_time: f64,
+    /// Whether the record is too short for blocks of five correlation times; p values are optimistic then.
+    pub blocks_too_short: bool,
+}
+
+impl Ranking {
+    /// The assessment of a candidate.
+    pub fn of(&self, candidate: usize) -> Option<&Assessment> {
+        self.candidates.iter().find(|a| a.candidate == candidate)
+    }
+
+    /// The best named candidate that is significant and relevant.
+    pub fn winner(&self) -> Option<&Assessment> {
+        self.best.map(|i| &self.candidates[i])
+    }
+
+    /// Named candidates the data cannot tell from the best one, best first; empty without a best one.
+    pub fn confidence_set(&self) -> Vec<&Assessment> {
+        let all = self.order.iter().map(|&i| &self.candidates[i]);
+        all.filter(|a| self.best.is_some() && a.indistinguishable && !a.generic)
+            .collect()
+    }
+
+    /// Generic candidates that are significant and relevant.
+    pub fn objections(&self, settings: &Settings) -> Vec<&Assessment> {
+        self.candidates
+            .iter()
+            .filter(|a| a.generic && a.passes(settings))
+            .collect()
+    }
+}

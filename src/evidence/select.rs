@@ -1,0 +1,218 @@
+//! One effect at a time: forward selection, backward removal, and the verdict.
+
+use super::Error;
+use super::compare::critical;
+use super::evaluate::evaluate;
+use super::problem::{Chosen, Problem, Settings};
+use super::ranking::Ranking;
+
+/// One effect added.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// What was added.
+    pub added: Chosen,
+    /// Assessment of all candidates before it was.
+    pub ranking: Ranking,
+}
+
+/// An effect that stays, judged with the other found effects in the base.
+#[derive(Clone, Debug)]
+pub struct Finding {
+    /// The effect.
+    pub chosen: Chosen,
+    /// Assessment of it and of all others; its confidence set are the effects it cannot be told from.
+    pub ranking: Ranking,
+}
+
+/// What the procedure concludes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// No candidate, named or generic, explains anything beyond chance.
+    NothingFound,
+    /// Every found effect is the only one that explains what it explains.
+    Named,
+    /// At least one found effect has rivals the data cannot tell from it.
+    CannotTell,
+    /// Something is missing that the named candidates do not explain.
+    Unknown,
+}
+
+/// Result of the whole procedure.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Effects in the order they were added.
+    pub steps: Vec<Step>,
+    /// Effects that stay, in the order they were added.
+    pub findings: Vec<Finding>,
+    /// Effects removed because others explain the same.
+    pub removed: Vec<Chosen>,
+    /// Assessment with all found effects in the base.
+    pub remaining: Ranking,
+    /// Candidates whose generic shape fits significantly better than the found effect it competes with.
+    pub beaten_by: Vec<usize>,
+    /// Conclusion.
+    pub verdict: Verdict,
+    /// The problem as last refitted; `None` if it never was.
+    pub refitted: Option<Problem>,
+}
+
+impl Outcome {
+    /// Indices of the found candidates.
+    pub fn found(&self) -> Vec<usize> {
+        self.findings.iter().map(|f| f.chosen.candidate).collect()
+    }
+}
+
+/// The whole procedure on a problem that stays as it is.
+pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> {
+    select_with(problem, settings, |_, _| Ok(None))
+}
+
+/// The whole procedure. After every addition `refit` gets the effects in the base and the last ranking and may return the
+/// problem linearised at better parameters; its candidates must be the same, in the same order.
+pub fn select_with<F>(
+    problem: &Problem,
+    settings: &Settings,
+    mut refit: F,
+) -> Result<Outcome, Error>
+where
+    F: FnMut(&[Chosen], &Ranking) -> Result<Option<Problem>, String>,
+{
+    let mut refitted: Option<Problem> = None;
+    let mut chosen: Vec<Chosen> = Vec::new();
+    let mut steps = Vec::new();
+    let mut remaining = loop {
+        let ranking = evaluate(refitted.as_ref().unwrap_or(problem), &chosen, settings)?;
+        let Some(best) = ranking
+            .winner()
+            .filter(|_| steps.len() < settings.max_steps)
+        else {
+            break ranking;
+        };
+        let added = Chosen {
+            candidate: best.candidate,
+            variant: best.variant,
+        };
+        chosen.push(added);
+        if let Some(next) = refit(&chosen, &ranking).map_err(Error::Refit)? {
+            let names = |p: &Problem| {
+                p.candidates
+                    .iter()
+                    .map(|c| c.name.clone())
+                    .collect::<Vec<_>>()
+            };
+            if names(&next) != names(problem) {
+                return Err(Error::Candidates);
+            }
+            refitted = Some(next);
+        }
+        steps.push(Step { added, ranking });
+    };
+    let last = refitted.as_ref().unwrap_or(problem);
+    let first = steps.first().filter(|_| refitted.is_none());
+    let (findings, removed) = prune(last, &mut chosen, first, settings)?;
+    if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
+        remaining = evaluate(last, &chosen, settings)?;
+    }
+    let beaten_by = beaten_by(&findings, settings);
+    let verdict = match () {
+        () if !beaten_by.is_empty() || !remaining.objections(settings).is_empty() => {
+            Verdict::Unknown
+        }
+        () if findings.is_empty() => Verdict::NothingFound,
+        () if findings
+            .iter()
+            .any(|f| f.ranking.confidence_set().len() > 1) =>
+        {
+            Verdict::CannotTell
+        }
+        () => Verdict::Named,
+    };
+    Ok(Outcome {
+        steps,
+        findings,
+        removed,
+        remaining,
+        beaten_by,
+        verdict,
+        refitted,
+    })
+}
+
+/// Judge every chosen effect given the others: remove those that explain nothing more, exchange those that another
+/// candidate replaces with more evidence.
+fn prune(
+    problem: &Problem,
+    chosen: &mut Vec<Chosen>,
+    first: Option<&Step>,
+    settings: &Settings,
+) -> Result<(Vec<Finding>, Vec<Chosen>), Error> {
+    let mut removed = Vec::new();
+    if let ([one], Some(step)) = (chosen.as_slice(), first) {
+        return Ok((
+            vec![Finding {
+                chosen: *one,
+                ranking: step.ranking.clone(),
+            }],
+            removed,
+        ));
+    }
+    for round in 0.. {
+        let mut findings = Vec::new();
+        for (i, &c) in chosen.iter().enumerate() {
+            let others: Vec<Chosen> = chosen
+                .iter()
+                .enumerate()
+                .filter(|(k, _)| *k != i)
+                .map(|(_, c)| *c)
+                .collect();
+            findings.push(Finding {
+                chosen: c,
+                ranking: evaluate(problem, &others, settings)?,
+            });
+        }
+        let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
+            Some(a) if a.passes(settings) => a.p_adjusted,
+            _ => f64::INFINITY,
+        };
+        let fails = findings.iter().position(|f| p(f).is_infinite());
+        if let Some(i) = fails {
+            removed.push(chosen.remove(i));
+            continue;
+        }
+        let better = findings.iter().enumerate().find_map(|(i, f)| {
+            let winner = f.ranking.winner()?;
+            let best = Chosen {
+                candidate: winner.candidate,
+                variant: winner.variant,
+            };
+            (best.candidate != f.chosen.candidate).then_some((i, best))
+        });
+        match better.filter(|_| round < settings.max_steps) {
+            Some((i, best)) => removed.push(std::mem::replace(&mut chosen[i], best)),
+            None => return Ok((findings, removed)),
+        }
+    }
+    Ok((Vec::new(), removed))
+}
+
+/// Generic candidates that have more evidence than a finding and significantly smaller block losses.
+fn beaten_by(findings: &[Finding], settings: &Settings) -> Vec<usize> {
+    let mut out: Vec<usize> = Vec::new();
+    for f in findings {
+        let limit = critical(f.ranking.blocks);
+        let Some(own) = f.ranking.winner() else {
+            continue;
+        };
+        let better = f.ranking.candidates.iter().filter(|a| {
+            a.generic
+                && a.passes(settings)
+                && a.log_evidence < own.log_evidence
+                && a.t_against_best < -limit
+        });
+        out.extend(better.map(|a| a.candidate));
+    }
+    out.sort_unstable();
+    out.dedup();
+    out
+}

@@ -1,0 +1,139 @@
+//! Periodic end-effector motion as Fourier series (paper section 3.2), drawn at random within all limits.
+
+use nalgebra::Vector3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use crate::dynamics::{Plant, inverse_dynamics};
+use crate::kinematics::PlatformState;
+use crate::model::{ARMS, AXES, Model};
+
+/// z(t) = centre + Σₖ aₖ sin(kωt) + bₖ cos(kωt) for x, y, z (m) and ψ (rad).
+#[derive(Clone, Debug, PartialEq)]
+pub struct FourierMotion {
+    /// Base frequency, Hz.
+    pub frequency: f64,
+    /// Mean of x, y, z, ψ.
+    pub centre: [f64; 4],
+    /// Sine amplitudes per harmonic.
+    pub sine: Vec<[f64; 4]>,
+    /// Cosine amplitudes per harmonic.
+    pub cosine: Vec<[f64; 4]>,
+}
+
+/// Bounds for a random motion, beside the joint and telescope limits of the geometry.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionLimits {
+    /// Drive speeds, rad/s.
+    pub speed: [f64; AXES],
+    /// Drive accelerations, rad/s².
+    pub acceleration: [f64; AXES],
+    /// Drive torques, N·m.
+    pub torque: [f64; AXES],
+}
+
+impl MotionLimits {
+    /// `share` of every limit of the model's drives; accelerations of axis 4 are bounded by its torque alone.
+    pub fn of(model: &Model, share: f64) -> Self {
+        Self {
+            speed: model.drives.map(|d| share * d.max_speed),
+            acceleration: model.drives.map(|d| share * d.max_acceleration),
+            torque: model.drives.map(|d| share * d.max_torque),
+        }
+    }
+}
+
+impl FourierMotion {
+    /// Desired platform state at time `t`, s.
+    pub fn at(&self, t: f64) -> PlatformState {
+        let mut x = [self.centre, [0.0; 4], [0.0; 4]];
+        for (k, (a, b)) in self.sine.iter().zip(&self.cosine).enumerate() {
+            let omega = std::f64::consts::TAU * self.frequency * (k + 1) as f64;
+            let (s, c) = (omega * t).sin_cos();
+            for i in 0..4 {
+                x[0][i] += a[i] * s + b[i] * c;
+                x[1][i] += omega * (a[i] * c - b[i] * s);
+                x[2][i] -= omega * omega * (a[i] * s + b[i] * c);
+            }
+        }
+        let vector = |v: &[f64; 4]| Vector3::new(v[0], v[1], v[2]);
+        PlatformState {
+            position: vector(&x[0]),
+            velocity: vector(&x[1]),
+            acceleration: vector(&x[2]),
+            psi: [x[0][3], x[1][3], x[2][3]],
+        }
+    }
+
+    /// Random motion with `harmonics` harmonics, scaled down until the plant respects all limits on a fine grid.
+    pub fn random(plant: &Plant, limits: &MotionLimits, frequency: f64, harmonics: usize, rng: &mut ChaCha8Rng) -> Self {
+        let [low, high] = plant.geometry.telescope_limits;
+        let middle = plant.geometry.upper_hooke_height - plant.geometry.lower_hooke_height - 0.45 * (low + high);
+        let mut motion = Self {
+            frequency,
+            centre: [0.0, 0.0, middle, 0.0],
+            sine: vec![[0.0; 4]; harmonics],
+            cosine: vec![[0.0; 4]; harmonics],
+        };
+        // Equal velocity amplitudes over the harmonics reach speed and acceleration limits together.
+        for k in 0..harmonics {
+            for i in 0..4 {
+                let size = [0.5, 0.5, 0.2, 12.0][i] / (k + 1) as f64;
+                motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
+                motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
+            }
+        }
+        // Platform and axis 4 are scaled on their own: their limits have little to do with each other.
+        let mut tries = 0;
+        while tries < 200 {
+            match motion.within(plant, limits) {
+                Fit::Good => break,
+                Fit::Platform => motion.scale(0.93, 0..3),
+                Fit::Axis4 => motion.scale(0.93, 3..4),
+            }
+            tries += 1;
+        }
+        motion
+    }
+
+    fn scale(&mut self, factor: f64, coordinates: std::ops::Range<usize>) {
+        for row in self.sine.iter_mut().chain(&mut self.cosine) {
+            for x in &mut row[coordinates.clone()] {
+                *x *= factor;
+            }
+        }
+    }
+
+    fn within(&self, plant: &Plant, limits: &MotionLimits) -> Fit {
+        const GRID: usize = 1000;
+        for k in 0..GRID {
+            let platform = self.at(k as f64 / GRID as f64 / self.frequency);
+            let Ok(joints) = plant.geometry.inverse_motion(&platform) else { return Fit::Platform };
+            if plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
+                return Fit::Platform;
+            }
+            let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+            let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
+            let Ok(motion) = plant.motion(&joints) else { return Fit::Platform };
+            let Ok(out) = inverse_dynamics(plant, 0.0, &motion, &states, false) else { return Fit::Platform };
+            let bad = |i: usize| {
+                joints.qd[i].abs() > limits.speed[i]
+                    || (i < ARMS && joints.qdd[i].abs() > limits.acceleration[i])
+                    || out.tau[i].abs() > limits.torque[i]
+            };
+            if (0..ARMS).any(bad) {
+                return Fit::Platform;
+            }
+            if bad(3) {
+                return Fit::Axis4;
+            }
+        }
+        Fit::Good
+    }
+}
+
+enum Fit {
+    Good,
+    Platform,
+    Axis4,
+}

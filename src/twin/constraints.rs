@@ -1,0 +1,123 @@
+//! The 74 constraint rows in position and velocity.
+//!
+//! Four revolute joints to the base (5 rows each), twelve spherical joints (3), the revolute joint of the end effector
+//! (5), two Hooke joints (4) and the prismatic joint of the telescope (5).
+
+use nalgebra::Vector3;
+
+use crate::kinematics::{BodyMotion, Motion};
+use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::{ARMS, Geometry, STRUTS};
+
+/// Number of constraint rows.
+pub const ROWS: usize = 74;
+
+/// Violation (m or 1) and its rate (m/s or 1/s) of every row.
+pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
+    let mut out = Rows { values: [(0.0, 0.0); ROWS], n: 0 };
+    let b = &motion.bodies;
+    for i in 0..ARMS {
+        let (u, z) = (Moving::fixed(Geometry::radial(i)), Moving::fixed(Vector3::z()));
+        let arm = &b[ARM + i];
+        out.same_point(Moving::point(arm, Vector3::zeros()), Moving::fixed(Geometry::radial(i) * geometry.base_radius));
+        out.normal(Moving::axis(arm, 1), u);
+        out.normal(Moving::axis(arm, 1), z);
+    }
+    let hooke = Moving::fixed(geometry.upper_hooke());
+    out.same_point(Moving::point(&b[ROTOR], Vector3::zeros()), hooke);
+    out.normal(Moving::axis(&b[ROTOR], 2), Moving::fixed(Vector3::x()));
+    out.normal(Moving::axis(&b[ROTOR], 2), Moving::fixed(Vector3::y()));
+    for s in 0..STRUTS {
+        let strut = &b[STRUT + s];
+        let pair = geometry.pair_offset(s);
+        let on_arm = Vector3::new(geometry.arm_length, pair, 0.0);
+        let on_platform = Geometry::radial(s / 2) * geometry.platform_radius + Geometry::tangential(s / 2) * pair;
+        let along = Vector3::new(geometry.strut_length[s / 2], 0.0, 0.0);
+        out.same_point(Moving::point(strut, Vector3::zeros()), Moving::point(&b[ARM + s / 2], on_arm));
+        out.same_point(Moving::point(strut, along), Moving::point(&b[PLATFORM], on_platform));
+    }
+    let (ee, upper, lower) = (&b[END_EFFECTOR], &b[TELESCOPE_UPPER], &b[TELESCOPE_LOWER]);
+    let flange = Vector3::new(0.0, 0.0, geometry.flange_height);
+    out.same_point(Moving::point(ee, Vector3::zeros()), Moving::point(&b[PLATFORM], flange));
+    out.normal(Moving::axis(ee, 2), Moving::axis(&b[PLATFORM], 0));
+    out.normal(Moving::axis(ee, 2), Moving::axis(&b[PLATFORM], 1));
+    out.same_point(Moving::point(upper, Vector3::zeros()), Moving::point(&b[ROTOR], Vector3::zeros()));
+    out.normal(Moving::axis(&b[ROTOR], 0), Moving::axis(upper, 1));
+    for i in 0..3 {
+        out.normal(Moving::axis(upper, i), Moving::axis(lower, (i + 1) % 3));
+    }
+    let offset = Moving::point(lower, Vector3::zeros()).minus(&Moving::point(upper, Vector3::zeros()));
+    out.normal(offset, Moving::axis(upper, 0));
+    out.normal(offset, Moving::axis(upper, 1));
+    let cross = Vector3::new(0.0, 0.0, geometry.lower_hooke_height - geometry.flange_height);
+    out.same_point(Moving::point(lower, Vector3::zeros()), Moving::point(ee, cross));
+    out.normal(Moving::axis(ee, 0), Moving::axis(lower, 1));
+    assert_eq!(out.n, ROWS, "rows of the mechanism");
+    out.values
+}
+
+/// A vector and its rate.
+#[derive(Clone, Copy)]
+struct Moving {
+    x: Vector3<f64>,
+    rate: Vector3<f64>,
+}
+
+impl Moving {
+    fn fixed(x: Vector3<f64>) -> Self {
+        Self { x, rate: Vector3::zeros() }
+    }
+
+    fn point(b: &BodyMotion, in_body: Vector3<f64>) -> Self {
+        let r = b.rotation * in_body;
+        Self { x: b.position + r, rate: b.velocity + b.angular_velocity.cross(&r) }
+    }
+
+    fn axis(b: &BodyMotion, i: usize) -> Self {
+        let x = b.rotation.column(i).into_owned();
+        Self { x, rate: b.angular_velocity.cross(&x) }
+    }
+
+    fn minus(&self, other: &Self) -> Self {
+        Self { x: self.x - other.x, rate: self.rate - other.rate }
+    }
+}
+
+struct Rows {
+    values: [(f64, f64); ROWS],
+    n: usize,
+}
+
+impl Rows {
+    fn push(&mut self, value: f64, rate: f64) {
+        self.values[self.n] = (value, rate);
+        self.n += 1;
+    }
+
+    fn same_point(&mut self, a: Moving, b: Moving) {
+        let d = a.minus(&b);
+        for i in 0..3 {
+            self.push(d.x[i], d.rate[i]);
+        }
+    }
+
+    fn normal(&mut self, a: Moving, b: Moving) {
+        self.push(a.x.dot(&b.x), a.rate.dot(&b.x) + a.x.dot(&b.rate));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinematics::JointState;
+
+    #[test]
+    fn closed_form_motion_fulfils_all_rows() {
+        let geometry = crate::effects::testing::geometry();
+        let joints = JointState { q: [0.3, -0.2, 0.6, 2.0], qd: [1.0, -2.0, 3.0, 10.0], qdd: [0.0; 4] };
+        let motion = Motion::assembled(&geometry, &joints).unwrap();
+        for (i, (value, rate)) in rows(&geometry, &motion).into_iter().enumerate() {
+            assert!(value.abs() < 1e-14 && rate.abs() < 1e-13, "row {i}: {value:e} {rate:e}");
+        }
+    }
+}

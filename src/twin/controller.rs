@@ -1,0 +1,75 @@
+//! The drives' controller: feed-forward of a model plus PD on the encoders.
+
+use crate::dynamics::{Plant, inverse_dynamics};
+use crate::kinematics::{JointState, KinematicsError};
+use crate::model::{AXES, Drive};
+
+/// Gains of the position loop.
+#[derive(Clone, Copy, Debug)]
+pub struct Gains {
+    /// N·m/rad.
+    pub proportional: [f64; AXES],
+    /// N·m·s/rad.
+    pub derivative: [f64; AXES],
+    /// Cut-off of the low-pass on the differentiated error, Hz.
+    pub cutoff: f64,
+}
+
+impl Default for Gains {
+    /// About 10 Hz bandwidth for the bare arms and 12 Hz for axis 4.
+    fn default() -> Self {
+        Self { proportional: [2000.0, 2000.0, 2000.0, 20.0], derivative: [40.0, 40.0, 40.0, 0.3], cutoff: 60.0 }
+    }
+}
+
+/// Feed-forward plus PD at the sample time, with torque limits.
+pub struct Controller<'a> {
+    plant: &'a Plant,
+    states: Vec<Vec<f64>>,
+    drives: [Drive; AXES],
+    gains: Gains,
+    step: f64,
+    last_error: Option<[f64; AXES]>,
+    filtered: [f64; AXES],
+}
+
+impl<'a> Controller<'a> {
+    /// Controller that believes in `plant`, run every `step` seconds.
+    pub fn new(plant: &'a Plant, drives: [Drive; AXES], gains: Gains, step: f64) -> Self {
+        let states = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        Self { plant, states, drives, gains, step, last_error: None, filtered: [0.0; AXES] }
+    }
+
+    /// Torques of the model for a desired motion.
+    pub fn feed_forward(&self, desired: &JointState) -> Result<[f64; AXES], KinematicsError> {
+        let states: Vec<&[f64]> = self.states.iter().map(Vec::as_slice).collect();
+        let motion = self.plant.motion(desired)?;
+        Ok(inverse_dynamics(self.plant, 0.0, &motion, &states, false)?.tau)
+    }
+
+    /// Torque to reach at the end of the coming period: `desired_now` against the encoders, `ahead` one period later.
+    pub fn update(
+        &mut self,
+        desired_now: &JointState,
+        encoders: &[f64; AXES],
+        ahead: &JointState,
+    ) -> Result<[f64; AXES], KinematicsError> {
+        let mut tau = self.feed_forward(ahead)?;
+        let error: [f64; AXES] = std::array::from_fn(|i| desired_now.q[i] - encoders[i]);
+        let last = self.last_error.unwrap_or(error);
+        let blend = 1.0 - (-std::f64::consts::TAU * self.gains.cutoff * self.step).exp();
+        for i in 0..AXES {
+            self.filtered[i] += blend * ((error[i] - last[i]) / self.step - self.filtered[i]);
+            tau[i] += self.gains.proportional[i] * error[i] + self.gains.derivative[i] * self.filtered[i];
+            tau[i] = tau[i].clamp(-self.drives[i].max_torque, self.drives[i].max_torque);
+        }
+        self.last_error = Some(error);
+        Ok(tau)
+    }
+}
+
+/// Angle an encoder reports.
+pub fn quantised(angle: f64, drive: &Drive) -> f64 {
+    let step = drive.encoder_step();
+    (angle / step).round() * step
+}
