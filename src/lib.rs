@@ -15,3 +15,5 @@ pub mod twin;
 pub mod scenario;
 
 pub mod evidence;
+
+pub mod identification;

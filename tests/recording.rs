@@ -16,9 +16,7 @@ fn angle(k: usize, t: f64) -> f64 {
 fn run(n: usize) -> Recording {
     let t: Vec<f64> = (0..n).map(|i| (i * 4) as f64 / 1e4).collect();
     let axes = |f: &dyn Fn(usize, f64) -> f64| -> Vec<[f64; 4]> {
-        t.iter()
-            .map(|&t| std::array::from_fn(|k| f(k, t)))
-            .collect()
+        t.iter().map(|&t| std::array::from_fn(|k| f(k, t))).collect()
     };
     let w = |k: usize| 3.0 + k as f64;
     let mut signals = Signals {
@@ -26,30 +24,19 @@ fn run(n: usize) -> Recording {
         tau: axes(&|k, t| 20.0 * (7.0 * t + k as f64).sin() + (1e4 * t).sin() / 3.0),
         qd: Some(axes(&|k, t| 0.3 * w(k) * (w(k) * t).cos())),
         qdd: Some(axes(&|k, t| -0.3 * w(k) * w(k) * (w(k) * t).sin())),
-        ee: Some(
-            t.iter()
-                .map(|t| [0.1 * t.sin(), 0.2, -1.0 / (2.0 + t)])
-                .collect(),
-        ),
+        ee: Some(t.iter().map(|t| [0.1 * t.sin(), 0.2, -1.0 / (2.0 + t)]).collect()),
         segments: std::iter::once(0..n).collect(),
         t: t.clone(),
         ..Signals::default()
     };
     signals.strut_upper[0] = Some(t.iter().map(|t| 30.0 * (5.0 * t).sin()).collect());
     signals.strut_lower[5] = Some(t.iter().map(|t| 1e-7 - t).collect());
-    let mut setup = Setup {
-        configuration: Configuration::Assembled,
-        ..Setup::default()
-    };
+    let mut setup = Setup { configuration: Configuration::Assembled, ..Setup::default() };
     setup.payload.mass = 1.1;
     setup.payload.com = [0.01, -0.02, -1.0 / 30.0].into();
     setup.payload.inertia_zz = 0.002;
     setup.torque_noise = Some([0.4, 0.4, 0.4, 0.05]);
-    Recording {
-        name: "run".into(),
-        signals,
-        setup,
-    }
+    Recording { name: "run".into(), signals, setup }
 }
 
 fn folder() -> TempDir {
@@ -79,10 +66,7 @@ fn csv(folder: &TempDir, n: usize, change: impl Fn(usize, &mut Vec<String>)) -> 
 
 fn refused(path: &Path) -> String {
     let message = Recording::read(path, None).unwrap_err().to_string();
-    assert!(
-        message.starts_with(&path.display().to_string()),
-        "{message}"
-    );
+    assert!(message.starts_with(&path.display().to_string()), "{message}");
     message
 }
 
@@ -106,11 +90,7 @@ fn round_trips_are_exact() {
         assert_eq!(back, written);
         fs::remove_file(folder.path().join("run.setup.toml")).ok();
     }
-    assert_eq!(
-        fs::read_dir(folder.path()).unwrap().count(),
-        2,
-        "temporary files left"
-    );
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "temporary files left");
 }
 
 #[test]
@@ -136,14 +116,9 @@ fn setup_file_beats_metadata() {
     fs::write(&other, "configuration = \"disassembled\"\n").unwrap();
     let (recording, warnings) = Recording::read(&path, Some(&other)).unwrap();
     assert_eq!(recording.setup.configuration, Configuration::Disassembled);
-    assert!(
-        warnings.iter().any(|w| w.contains("differs")),
-        "{warnings:?}"
-    );
+    assert!(warnings.iter().any(|w| w.contains("differs")), "{warnings:?}");
     fs::write(&other, "configuration = 3\n").unwrap();
-    let e = Recording::read(&path, Some(&other))
-        .unwrap_err()
-        .to_string();
+    let e = Recording::read(&path, Some(&other)).unwrap_err().to_string();
     contains(&e, &["other.toml:1:17"]);
 }
 
@@ -156,17 +131,11 @@ fn truncated_mcap_is_read_as_far_as_it_goes() {
     let bytes = fs::read(&path).unwrap();
     fs::write(&path, &bytes[..bytes.len() * 6 / 10]).unwrap();
     let (part, warnings) = read(&path);
-    assert!(
-        warnings.iter().any(|w| w.contains("cut short")),
-        "{warnings:?}"
-    );
+    assert!(warnings.iter().any(|w| w.contains("cut short")), "{warnings:?}");
     let n = part.signals.len();
     assert!((3000..9999).contains(&n), "{n}");
     assert_eq!(part.signals.q[..], whole.signals.q[..n]);
-    assert_eq!(
-        part.signals.strut_upper[0].as_ref().unwrap()[..],
-        whole.signals.strut_upper[0].as_ref().unwrap()[..n]
-    );
+    assert_eq!(part.signals.strut_upper[0].as_ref().unwrap()[..], whole.signals.strut_upper[0].as_ref().unwrap()[..n]);
     assert_eq!(part.setup, whole.setup);
     // However it is cut or damaged, reading ends with a recording or an error.
     for k in 0..40 {
@@ -189,20 +158,10 @@ fn mcap_that_is_none() {
     fs::write(&path, [7u8; 5000]).unwrap();
     contains(&refused(&path), &["is not an MCAP file", "JointState"]);
     let mut w = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
-    let s = w
-        .add_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
-        .unwrap();
-    let c = w
-        .add_channel(s, "/chatter", "cdr", &Default::default())
-        .unwrap();
-    let header = mcap::records::MessageHeader {
-        channel_id: c,
-        sequence: 0,
-        log_time: 1,
-        publish_time: 1,
-    };
-    w.write_to_known_channel(&header, &[0, 1, 0, 0, 1, 0, 0, 0, 0])
-        .unwrap();
+    let s = w.add_schema("std_msgs/msg/String", "ros2msg", b"string data\n").unwrap();
+    let c = w.add_channel(s, "/chatter", "cdr", &Default::default()).unwrap();
+    let header = mcap::records::MessageHeader { channel_id: c, sequence: 0, log_time: 1, publish_time: 1 };
+    w.write_to_known_channel(&header, &[0, 1, 0, 0, 1, 0, 0, 0, 0]).unwrap();
     w.finish().unwrap();
     contains(&refused(&path), &["no JointState", "/chatter"]);
 }
@@ -215,15 +174,9 @@ fn mcap_from_elsewhere() {
     let write = |names: [&str; 4], order: [usize; 4]| {
         let path = folder.path().join("robot.mcap");
         let mut w = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
-        let s = w
-            .add_schema("sensor_msgs/msg/JointState", "ros2msg", b"")
-            .unwrap();
-        let c = w
-            .add_channel(s, "/delta/joint_states", "cdr", &Default::default())
-            .unwrap();
-        let other = w
-            .add_channel(0, "/rosout", "json", &Default::default())
-            .unwrap();
+        let s = w.add_schema("sensor_msgs/msg/JointState", "ros2msg", b"").unwrap();
+        let c = w.add_channel(s, "/delta/joint_states", "cdr", &Default::default()).unwrap();
+        let other = w.add_channel(0, "/rosout", "json", &Default::default()).unwrap();
         for (i, t) in signals.t.iter().enumerate() {
             let ns = 1_650_000_000_000_000_000 + (t * 1e9).round() as u64;
             let mut d: Vec<u8> = Vec::new();
@@ -248,31 +201,17 @@ fn mcap_from_elsewhere() {
             // Log time is later and uneven: the stamp counts.
             let log_time = ns + 5_000_000 + (i as u64 * 7919) % 200_000;
             for (channel_id, data) in [(other, &b"{}"[..]), (c, &data)] {
-                let header = mcap::records::MessageHeader {
-                    channel_id,
-                    sequence: 0,
-                    log_time,
-                    publish_time: log_time,
-                };
+                let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time, publish_time: log_time };
                 w.write_to_known_channel(&header, data).unwrap();
             }
         }
         w.finish().unwrap();
         path
     };
-    let (back, warnings) = read(&write(
-        ["joint_3", "joint_1", "joint_4", "joint_2"],
-        [2, 0, 3, 1],
-    ));
+    let (back, warnings) = read(&write(["joint_3", "joint_1", "joint_4", "joint_2"], [2, 0, 3, 1]));
     assert_eq!(warnings, [""; 0]);
-    assert_eq!(
-        (back.signals.t, back.signals.q),
-        (signals.t.clone(), signals.q.clone())
-    );
-    assert_eq!(
-        (back.signals.tau, back.signals.qd),
-        (signals.tau.clone(), None)
-    );
+    assert_eq!((back.signals.t, back.signals.q), (signals.t.clone(), signals.q.clone()));
+    assert_eq!((back.signals.tau, back.signals.qd), (signals.tau.clone(), None));
     let (back, warnings) = read(&write(["a", "b", "c", "d"], [0, 1, 2, 3]));
     contains(&warnings[0], &["a, b, c, d", "in this order"]);
     assert_eq!(back.signals.q, signals.q);
@@ -289,22 +228,10 @@ fn csv_mistakes_are_named() {
     contains(&with(b""), &["is empty"]);
     contains(&with(b" \n\n"), &["is empty"]);
     contains(&with(&[0, 159, 146, 150, 0, 0]), &["binary"]);
-    contains(
-        &with(b"t,q1,q2,q3,q4,tau1,tau2,tau3,tau4\n"),
-        &["header but no samples"],
-    );
-    contains(
-        &with(b"t,q1,q2,q3,q4,tau1,tau2,tau4\n0,0,0,0,0,0,0,0"),
-        &["no column `tau3`", "tau2"],
-    );
-    contains(
-        &with(b"t,q1,q1,q3,q4,tau1,tau2,tau4\n"),
-        &["two columns `q1`"],
-    );
-    contains(
-        &refused(&folder.path().join("absent.csv")),
-        &["cannot be read"],
-    );
+    contains(&with(b"t,q1,q2,q3,q4,tau1,tau2,tau3,tau4\n"), &["header but no samples"]);
+    contains(&with(b"t,q1,q2,q3,q4,tau1,tau2,tau4\n0,0,0,0,0,0,0,0"), &["no column `tau3`", "tau2"]);
+    contains(&with(b"t,q1,q1,q3,q4,tau1,tau2,tau4\n"), &["two columns `q1`"]);
+    contains(&refused(&folder.path().join("absent.csv")), &["cannot be read"]);
     contains(&refused(folder.path()), &["cannot be read"]);
 
     let set = |row: usize, column: usize, value: &'static str| {
@@ -314,30 +241,16 @@ fn csv_mistakes_are_named() {
             }
         }))
     };
-    contains(
-        &set(10, 2, "NaN"),
-        &["line 12, column `q2`", "`NaN`", "finite number"],
-    );
+    contains(&set(10, 2, "NaN"), &["line 12, column `q2`", "`NaN`", "finite number"]);
     contains(&set(0, 5, "inf"), &["line 2, column `tau1`", "`inf`"]);
     contains(&set(5, 0, ""), &["line 7, column `t`", "empty"]);
     contains(&set(5, 8, "0,5"), &["line 7 has 10 cells", "9 cells"]);
     contains(&set(7, 8, "1.2.3"), &["line 9, column `tau4`: `1.2.3`"]);
-    contains(
-        &set(50, 0, "0.001"),
-        &["line 52, column `t`: time goes back from 0.0196 s to 0.001"],
-    );
-    contains(
-        &set(50, 0, "0.0196"),
-        &["line 52, column `t`", "second time"],
-    );
+    contains(&set(50, 0, "0.001"), &["line 52, column `t`: time goes back from 0.0196 s to 0.001"]);
+    contains(&set(50, 0, "0.0196"), &["line 52, column `t`", "second time"]);
     contains(&set(50, 6, "2e4"), &["line 52, column `tau2`: 20000"]);
-    contains(
-        &refused(&csv(&folder, 99, |_, _| ())),
-        &["only 99 samples", "at least 100"],
-    );
-    let cut = csv(&folder, 300, |i, cells| {
-        cells.truncate(if i == 299 { 4 } else { 9 })
-    });
+    contains(&refused(&csv(&folder, 99, |_, _| ())), &["only 99 samples", "at least 100"]);
+    let cut = csv(&folder, 300, |i, cells| cells.truncate(if i == 299 { 4 } else { 9 }));
     contains(&refused(&cut), &["line 301 has 4 cells", "cut short"]);
 }
 
@@ -352,40 +265,21 @@ fn units_and_dead_channels_are_named() {
         })
     };
     let degrees = refused(&scale(1..5, 180.0 / std::f64::consts::PI));
-    contains(
-        &degrees,
-        &["line 2, column `q1`", "looks like degrees", "rad"],
-    );
+    contains(&degrees, &["line 2, column `q1`", "looks like degrees", "rad"]);
     contains(&refused(&scale(0..1, 1e3)), &["column `t`", "milliseconds"]);
 
-    let constant = |columns: &'static [usize]| {
-        csv(&folder, 500, |_, cells| {
-            columns.iter().for_each(|&c| cells[c] = "0.5".into())
-        })
-    };
+    let constant =
+        |columns: &'static [usize]| csv(&folder, 500, |_, cells| columns.iter().for_each(|&c| cells[c] = "0.5".into()));
     contains(&refused(&constant(&[2])), &["column `q2`: always 0.5"]);
     contains(&refused(&constant(&[7])), &["column `tau3`: always 0.5"]);
-    contains(
-        &refused(&constant(&[1, 2, 3, 4])),
-        &["no joint angle ever changes"],
-    );
-    contains(
-        &read(&constant(&[4, 8])).1[0],
-        &["`q4`", "axis 4 stands still"],
-    );
+    contains(&refused(&constant(&[1, 2, 3, 4])), &["no joint angle ever changes"]);
+    contains(&read(&constant(&[4, 8])).1[0], &["`q4`", "axis 4 stands still"]);
     contains(&read(&constant(&[3, 7])).1[0], &["axis 3 is not in use"]);
 
     let clipped = csv(&folder, 2500, |_, cells| {
-        cells[5] = cells[5]
-            .parse::<f64>()
-            .unwrap()
-            .clamp(-99.0, 15.0)
-            .to_string();
+        cells[5] = cells[5].parse::<f64>().unwrap().clamp(-99.0, 15.0).to_string();
     });
-    contains(
-        &read(&clipped).1[0],
-        &["`tau1`", "largest value 15 N·m", "first at line", "clipped"],
-    );
+    contains(&read(&clipped).1[0], &["`tau1`", "largest value 15 N·m", "first at line", "clipped"]);
 
     let wrapped = csv(&folder, 2500, |_, cells| {
         let turn = cells[0].parse::<f64>().unwrap() * 20.0;
@@ -401,27 +295,12 @@ fn degrees_per_second_are_refused() {
     let folder = folder();
     let path = folder.path().join("run.csv");
     let mut recording = run(500);
-    recording
-        .signals
-        .qd
-        .iter_mut()
-        .flatten()
-        .flatten()
-        .for_each(|v| *v = v.to_degrees());
+    recording.signals.qd.iter_mut().flatten().flatten().for_each(|v| *v = v.to_degrees());
     recording.write(&path).unwrap();
     contains(&refused(&path), &["column `qd1`", "degrees/s"]);
     recording.signals.tau[3][2] = f64::NAN;
-    contains(
-        &recording.write(&path).unwrap_err().to_string(),
-        &["sample 4 of `tau3` is NaN"],
-    );
-    contains(
-        &recording
-            .write(Path::new("run.xyz"))
-            .unwrap_err()
-            .to_string(),
-        &[".csv or .mcap"],
-    );
+    contains(&recording.write(&path).unwrap_err().to_string(), &["sample 4 of `tau3` is NaN"]);
+    contains(&recording.write(Path::new("run.xyz")).unwrap_err().to_string(), &[".csv or .mcap"]);
 }
 
 #[test]
@@ -430,17 +309,11 @@ fn other_layouts_are_read() {
     let path = csv(&folder, 300, |_, _| ());
     let plain = read(&path).0;
     let text = fs::read_to_string(&path).unwrap();
-    let german = text
-        .replace(',', "; ")
-        .replace('.', ",")
-        .replace('\n', "\r\n");
+    let german = text.replace(',', "; ").replace('.', ",").replace('\n', "\r\n");
     fs::write(&path, format!("\u{feff}{german}")).unwrap();
     assert_eq!(read(&path), (plain.clone(), vec![]));
-    let more: String = text
-        .lines()
-        .enumerate()
-        .map(|(i, l)| format!("{},{l}\n", if i == 0 { "note" } else { "x" }))
-        .collect();
+    let more: String =
+        text.lines().enumerate().map(|(i, l)| format!("{},{l}\n", if i == 0 { "note" } else { "x" })).collect();
     fs::write(&path, more).unwrap();
     let (recording, warnings) = read(&path);
     assert_eq!(recording, plain);
@@ -478,12 +351,7 @@ fn jitter_is_resampled() {
     contains(&warnings[0], &["time steps vary", "resampled"]);
     let s = recording.signals;
     let steps = s.t.windows(2).map(|w| w[1] - w[0]);
-    assert!(
-        steps
-            .map(|d| (d / s.sample_time() - 1.0).abs())
-            .fold(0.0, f64::max)
-            < 1e-9
-    );
+    assert!(steps.map(|d| (d / s.sample_time() - 1.0).abs()).fold(0.0, f64::max) < 1e-9);
     for (t, q) in s.t.iter().zip(&s.q) {
         for k in 0..4 {
             assert!((q[k] - angle(k, *t)).abs() < 1e-9, "{k} at {t}");
@@ -494,15 +362,11 @@ fn jitter_is_resampled() {
 #[test]
 fn rounded_time_is_not_jitter() {
     let folder = folder();
-    let path = csv(&folder, 900, |i, cells| {
-        cells[0] = format!("{:.4}", i as f64 / 3000.0)
-    });
+    let path = csv(&folder, 900, |i, cells| cells[0] = format!("{:.4}", i as f64 / 3000.0));
     let plain = csv(&folder, 900, |_, _| ());
     let expected = read(&plain).0.signals.q;
     let path = {
-        csv(&folder, 900, |i, cells| {
-            cells[0] = format!("{:.4}", i as f64 / 3000.0)
-        });
+        csv(&folder, 900, |i, cells| cells[0] = format!("{:.4}", i as f64 / 3000.0));
         path
     };
     let (recording, warnings) = read(&path);
@@ -525,11 +389,7 @@ fn gaps_split() {
     assert_eq!((s.t[499], s.t[500]), (0.1996, 0.24));
     assert_eq!(warnings.len(), 4, "{warnings:?}");
     contains(&warnings[0], &["gap of 0.040400 s before line 502"]);
-    assert!(
-        warnings
-            .iter()
-            .any(|w| w.contains("5 samples from line 902 dropped"))
-    );
+    assert!(warnings.iter().any(|w| w.contains("5 samples from line 902 dropped")));
 
     // A single lost sample is filled in.
     let path = csv(&folder, 1500, |i, cells| {
@@ -551,9 +411,7 @@ fn damaged_csv_does_no_harm() {
     let bytes = fs::read(&path).unwrap();
     let mut state = 1u64;
     let mut random = |n: usize| {
-        state = state
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (state >> 33) as usize % n
     };
     for _ in 0..300 {
@@ -562,11 +420,7 @@ fn damaged_csv_does_no_harm() {
             let at = random(damaged.len());
             damaged[at] = b"0123456789-.eE,;\"\n\r\t x\0\xff"[random(24)];
         }
-        damaged.truncate(if random(4) == 0 {
-            random(bytes.len())
-        } else {
-            bytes.len()
-        });
+        damaged.truncate(if random(4) == 0 { random(bytes.len()) } else { bytes.len() });
         fs::write(&path, damaged).unwrap();
         let _ = Recording::read(&path, None);
     }

@@ -12,4 +12,4 @@ pub use channels::{Channel, ChannelMap};
 pub(crate) use channels::{spread, spread_chain};
 pub use inverse::{Output, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
-pub use plant::{Plant, PlantParameter};
+pub use plant::{Plant, PlantParameter, set_parameters};

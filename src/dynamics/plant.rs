@@ -119,23 +119,20 @@ impl Plant {
             .collect()
     }
 
-    /// Sets all parameters, in the order of [`Plant::parameters`].
-    ///
-    /// Geometry is not recomputed from geometry effects; rebuild the plant from its model for that.
-    pub fn set_parameters(&mut self, values: &[f64]) {
-        let n = self.rigid_bodies().values.len();
-        effects::rigid_bodies::set_values(&mut self.links, &values[..n]);
-        let mut at = n;
-        for active in &mut self.effects {
-            let m = active.values.len();
-            active.values.copy_from_slice(&values[at..at + m]);
-            at += m;
-        }
-        self.sum_inertia();
-    }
-
     /// Whether any active effect of the plant changes reported signals.
     pub fn observes(&self) -> bool {
         self.effects.iter().any(|a| a.effect.kind() == Kind::Sensor)
+    }
+}
+
+/// Writes parameter values, in the order of [`Plant::parameters`], into a model.
+pub fn set_parameters(model: &mut Model, values: &[f64]) {
+    let n = effects::rigid_bodies::PARAMETERS.len();
+    effects::rigid_bodies::set_values(&mut model.bodies, &values[..n]);
+    let mut at = n;
+    for active in &mut model.effects {
+        let m = active.values.len();
+        active.values.copy_from_slice(&values[at..at + m]);
+        at += m;
     }
 }

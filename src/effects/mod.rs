@@ -15,7 +15,9 @@ use crate::model::{Bodies, Geometry, Inertia};
 use crate::recording::{Payload, Signals};
 
 mod axis4_friction;
+mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
+mod ball_socket_viscous;
 mod base_tilt;
 mod drive_coulomb_asymmetry;
 mod drive_friction;
@@ -24,6 +26,7 @@ mod payload_mass_error;
 pub mod rigid_bodies;
 mod signal_delay;
 mod strut_length_error;
+mod telescope_friction;
 #[cfg(test)]
 pub(crate) mod testing;
 mod thermal_friction_drift;
@@ -35,6 +38,9 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &rigid_bodies::RigidBodies,
     &drive_friction::DriveFriction,
     &axis4_friction::Axis4Friction,
+    &telescope_friction::TelescopeFriction,
+    &ball_socket_viscous::BallSocketViscous,
+    &ball_socket_coulomb::BallSocketCoulomb,
     &drive_stribeck::DriveStribeck,
     &drive_coulomb_asymmetry::DriveCoulombAsymmetry,
     &thermal_friction_drift::ThermalFrictionDrift,

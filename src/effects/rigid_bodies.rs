@@ -17,7 +17,8 @@ const fn parameter(name: &'static str, unit: &'static str, default: f64) -> Para
     Parameter { name, unit, count: Count::One, role: Role::Linear, default, range: (-100.0, 100.0) }
 }
 
-const PARAMETERS: &[Parameter] = &[
+/// The parameters of the links, in order.
+pub const PARAMETERS: &[Parameter] = &[
     parameter("arm_first_moment_x", "kg·m", 0.176),
     parameter("arm_first_moment_z", "kg·m", 0.006),
     parameter("arm_inertia_yy", "kg·m²", 0.258),

@@ -35,18 +35,12 @@ pub struct BaseFit<'a> {
 }
 
 impl<'a> BaseFit<'a> {
-    pub fn new(
-        problem: &'a Problem,
-        chosen: &[Chosen],
-        settings: &Settings,
-    ) -> Result<Self, Error> {
+    pub fn new(problem: &'a Problem, chosen: &[Chosen], settings: &Settings) -> Result<Self, Error> {
         let columns = problem.left(chosen)?;
         let (channels, n) = (problem.channels.len(), problem.samples);
         let used = usable(&problem.segments, 0).max(1) as f64;
-        let size: Vec<f64> = squares(&problem.y, channels, n, &problem.segments)
-            .iter()
-            .map(|s| (s / used).sqrt())
-            .collect();
+        let size: Vec<f64> =
+            squares(&problem.y, channels, n, &problem.segments).iter().map(|s| (s / used).sqrt()).collect();
         if size.iter().any(|s| !s.is_finite()) {
             return Err(Error::NotFinite(problem.not_finite().unwrap_or("y").into()));
         }
@@ -68,9 +62,7 @@ impl<'a> BaseFit<'a> {
             let (inverse, rank) = pseudo_inverse(&sum(&grams, fit.columns.len()));
             let rest = Remainder::new(&grams, &inverse, rank, fit.rows(problem));
             if rest.base.iter().any(|x| !x.is_finite()) || !rest.energy.is_finite() {
-                return Err(Error::NotFinite(
-                    problem.not_finite().unwrap_or("base").into(),
-                ));
+                return Err(Error::NotFinite(problem.not_finite().unwrap_or("base").into()));
             }
             fit.update(&rest.base);
             fit.filters = (0..channels)
@@ -88,11 +80,7 @@ impl<'a> BaseFit<'a> {
                 let (skip, filter) = (fit.skip(), &fit.filters[c]);
                 let white = problem.segments.iter().filter(|s| s.len() > skip).map(|s| {
                     let mut out = vec![0.0; s.len() - skip];
-                    filter.apply(
-                        &fit.residual[c * n..(c + 1) * n],
-                        s.start + skip..s.end,
-                        &mut out,
-                    );
+                    filter.apply(&fit.residual[c * n..(c + 1) * n], s.start + skip..s.end, &mut out);
                     out
                 });
                 correlation_time(&white.collect::<Vec<_>>())
@@ -108,8 +96,7 @@ impl<'a> BaseFit<'a> {
     }
 
     pub fn rows(&self, problem: &Problem) -> usize {
-        usable(&problem.segments, self.skip())
-            * self.filters.iter().filter(|f| f.sigma > 0.0).count()
+        usable(&problem.segments, self.skip()) * self.filters.iter().filter(|f| f.sigma > 0.0).count()
     }
 
     fn cut(&mut self, problem: &Problem, settings: &Settings, time: f64) -> Result<(), Error> {
@@ -120,15 +107,8 @@ impl<'a> BaseFit<'a> {
         self.correlation_time = time;
         self.blocks_too_short = wanted < MIN_BLOCKS;
         let blocks = self.blocks.len();
-        if rows < MIN_BLOCKS * MIN_BLOCK
-            || blocks < MIN_BLOCKS / 2
-            || self.rows(problem) <= self.columns.len()
-        {
-            return Err(Error::TooShort {
-                rows,
-                blocks,
-                needed: MIN_BLOCKS,
-            });
+        if rows < MIN_BLOCKS * MIN_BLOCK || blocks < MIN_BLOCKS / 2 || self.rows(problem) <= self.columns.len() {
+            return Err(Error::TooShort { rows, blocks, needed: MIN_BLOCKS });
         }
         Ok(())
     }
@@ -144,23 +124,12 @@ impl<'a> BaseFit<'a> {
         let mut columns: Vec<&[f64]> = self.columns.iter().map(|c| c.values.as_slice()).collect();
         columns.push(&self.residual);
         let left = columns.len();
-        columns.extend(
-            variants
-                .iter()
-                .flat_map(|v| &v.columns)
-                .map(|c| c.values.as_slice()),
-        );
-        Pass {
-            columns,
-            left,
-            groups,
-        }
+        columns.extend(variants.iter().flat_map(|v| &v.columns).map(|c| c.values.as_slice()));
+        Pass { columns, left, groups }
     }
 }
 
 /// Sum of the left part of the cross-products.
 pub fn sum(grams: &[BlockGram], width: usize) -> DMatrix<f64> {
-    grams.iter().fold(DMatrix::zeros(width, width), |s, g| {
-        s + g.cross.view((0, 0), (width, width))
-    })
+    grams.iter().fold(DMatrix::zeros(width, width), |s, g| s + g.cross.view((0, 0), (width, width)))
 }

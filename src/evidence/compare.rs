@@ -21,10 +21,7 @@ pub fn losses(scores: &Scores, grams: &[DMatrix<f64>]) -> DVector<f64> {
     let c = &scores.sum;
     DVector::from_iterator(
         grams.len(),
-        grams
-            .iter()
-            .enumerate()
-            .map(|(b, s)| c.dot(&(s * c)) - 2.0 * c.dot(&scores.blocks.column(b))),
+        grams.iter().enumerate().map(|(b, s)| c.dot(&(s * c)) - 2.0 * c.dot(&scores.blocks.column(b))),
     )
 }
 
@@ -59,25 +56,15 @@ impl BaseFit<'_> {
         let a = present[w];
         let m = a.variant.columns.len();
         let variants = std::iter::once(a).chain(present.iter().copied());
-        let mut columns: Vec<&[f64]> = variants
-            .flat_map(|e| &e.variant.columns)
-            .map(|c| c.values.as_slice())
-            .collect();
+        let mut columns: Vec<&[f64]> = variants.flat_map(|e| &e.variant.columns).map(|c| c.values.as_slice()).collect();
         columns.extend(self.columns.iter().map(|c| c.values.as_slice()));
-        let pass = Pass {
-            columns,
-            left: m,
-            groups: Vec::new(),
-        };
+        let pass = Pass { columns, left: m, groups: Vec::new() };
         let grams = pass.run(&self.filters, problem.samples, &self.blocks);
-        let total = grams
-            .iter()
-            .fold(DMatrix::zeros(m, pass.columns.len()), |s, g| s + &g.cross);
+        let total = grams.iter().fold(DMatrix::zeros(m, pass.columns.len()), |s, g| s + &g.cross);
         let base = total.columns(pass.columns.len() - self.columns.len(), self.columns.len());
         let effect = &a.projected.basis * &a.scores.sum;
         let energy = a.scores.sum.norm_squared();
-        let size =
-            |i: usize| present[i].projected.rank() as f64 + searched(problem, present[i].candidate);
+        let size = |i: usize| present[i].projected.rank() as f64 + searched(problem, present[i].candidate);
         let best = losses(&a.scores, &blockwise[w]);
         let critical = critical(self.blocks.len());
         let mut at = m;
@@ -89,16 +76,9 @@ impl BaseFit<'_> {
             let shared = e.projected.basis.transpose() * cross.transpose() * &effect;
             let rival = losses(&e.scores, &blockwise[i]);
             let c = &mut candidates[i];
-            c.overlap = if energy > 0.0 {
-                (shared.norm_squared() / energy).clamp(0.0, 1.0)
-            } else {
-                0.0
-            };
-            c.t_against_best = if i == w {
-                0.0
-            } else {
-                t_statistic(&best, &rival, size(i) - size(w), self.rows(problem))
-            };
+            c.overlap = if energy > 0.0 { (shared.norm_squared() / energy).clamp(0.0, 1.0) } else { 0.0 };
+            c.t_against_best =
+                if i == w { 0.0 } else { t_statistic(&best, &rival, size(i) - size(w), self.rows(problem)) };
             c.indistinguishable = i == w || c.t_against_best < critical || c.overlap > SAME;
         }
     }

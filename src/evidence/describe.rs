@@ -43,12 +43,7 @@ pub fn contribution<'b>(entry: &Entry<'b>) -> Contribution<'b> {
     let coefficients = &entry.projected.basis * &entry.scores.sum;
     let imitation = &entry.projected.imitation * &coefficients;
     Contribution {
-        columns: entry
-            .variant
-            .columns
-            .iter()
-            .map(|c| c.values.as_slice())
-            .collect(),
+        columns: entry.variant.columns.iter().map(|c| c.values.as_slice()).collect(),
         coefficients: coefficients.as_slice().to_vec(),
         imitation: imitation.as_slice().to_vec(),
     }
@@ -66,11 +61,7 @@ pub fn estimates(entry: &Entry<'_>, blockwise: &[DMatrix<f64>]) -> Vec<Estimate>
     entry.variant.columns.iter().enumerate().map(one).collect()
 }
 
-pub fn base_estimates(
-    fit: &BaseFit<'_>,
-    inverse: &DMatrix<f64>,
-    rest: &Remainder,
-) -> Vec<Estimate> {
+pub fn base_estimates(fit: &BaseFit<'_>, inverse: &DMatrix<f64>, rest: &Remainder) -> Vec<Estimate> {
     let spread = inverse * &rest.base_scores;
     let one = |(i, c): (usize, &&Column)| Estimate {
         name: c.name.clone(),
@@ -93,11 +84,7 @@ pub fn describe(
     let projected = &entry.projected;
     let known = |c: &Column| c.magnitude != 0.0 && c.magnitude.is_finite();
     let sized = !entry.variant.columns.is_empty() && entry.variant.columns.iter().all(known);
-    let smallest = entry
-        .variant
-        .columns
-        .iter()
-        .map(|c| if sized { c.magnitude } else { 1.0 });
+    let smallest = entry.variant.columns.iter().map(|c| if sized { c.magnitude } else { 1.0 });
     let smallest = DVector::from_iterator(entry.variant.columns.len(), smallest);
     let energy = projected.energy(&smallest);
     let visibility = match (projected.empty, projected.rank()) {
@@ -118,11 +105,7 @@ pub fn describe(
         })
         .collect();
     let weight = |a: &Absorption| a.percent.unwrap_or(0.0).abs();
-    absorbed_by.sort_by(|a, b| {
-        weight(b)
-            .total_cmp(&weight(a))
-            .then(b.change.abs().total_cmp(&a.change.abs()))
-    });
+    absorbed_by.sort_by(|a, b| weight(b).total_cmp(&weight(a)).then(b.change.abs().total_cmp(&a.change.abs())));
     absorbed_by.truncate(5);
     let f = f_of(entry, rest);
     let rank = projected.rank();
@@ -139,11 +122,7 @@ pub fn describe(
         absorbed_by,
         rank,
         f_statistic: f,
-        log_evidence: if rank > 0 {
-            ln_chi2_tail(rank as f64 * f, freedom)
-        } else {
-            0.0
-        },
+        log_evidence: if rank > 0 { ln_chi2_tail(rank as f64 * f, freedom) } else { 0.0 },
         score: entry.scores.statistic,
         p_marginal: 1.0,
         p_adjusted: 1.0,

@@ -12,13 +12,7 @@ const BATCH: usize = 128;
 
 /// `p_adj = (1 + #{min_i p_i* ≤ p}) / (flips + 1)` for every marginal p. The matrices hold the standardised block scores
 /// (rank × B) of all variants of all candidates; candidates keep their correlation because they share the signs.
-pub fn family_wise(
-    scores: &[&DMatrix<f64>],
-    marginal: &[f64],
-    blocks: usize,
-    flips: usize,
-    seed: u64,
-) -> Vec<f64> {
+pub fn family_wise(scores: &[&DMatrix<f64>], marginal: &[f64], blocks: usize, flips: usize, seed: u64) -> Vec<f64> {
     let smallest = smallest_p(scores, blocks, flips, seed);
     let adjust = |p: &f64| {
         let bound = p * (1.0 + 1e-9);
@@ -41,21 +35,13 @@ fn smallest_p(scores: &[&DMatrix<f64>], blocks: usize, flips: usize, seed: u64) 
         at += s.nrows();
     }
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let signs: Vec<f64> = (0..flips * blocks)
-        .map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 })
-        .collect();
+    let signs: Vec<f64> = (0..flips * blocks).map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
     let batch = |signs: &[f64]| -> Vec<f64> {
         let draws = signs.len() / blocks.max(1);
         let sums = &stacked * DMatrix::from_column_slice(blocks, draws, signs);
-        sums.column_iter()
-            .map(|sum| smallest(&order, sum.as_slice(), blocks))
-            .collect()
+        sums.column_iter().map(|sum| smallest(&order, sum.as_slice(), blocks)).collect()
     };
-    signs
-        .par_chunks((BATCH * blocks).max(1))
-        .map(batch)
-        .collect::<Vec<_>>()
-        .concat()
+    signs.par_chunks((BATCH * blocks).max(1)).map(batch).collect::<Vec<_>>().concat()
 }
 
 /// The smallest p given the sums of the signed scores.

@@ -71,10 +71,7 @@ impl Pass<'_> {
     /// Cross-products of every block, in order. Each block is summed by one thread in a fixed order, so the result does
     /// not depend on the number of threads.
     pub fn run(&self, filters: &[ArFilter], samples: usize, blocks: &Blocks) -> Vec<BlockGram> {
-        blocks
-            .par_iter()
-            .map(|b| self.block(filters, samples, b))
-            .collect()
+        blocks.par_iter().map(|b| self.block(filters, samples, b)).collect()
     }
 
     fn block(&self, filters: &[ArFilter], samples: usize, block: &[Range<usize>]) -> BlockGram {
@@ -83,11 +80,7 @@ impl Pass<'_> {
         let mut left = DMatrix::zeros(self.left, TILE);
         let mut out = BlockGram {
             cross: DMatrix::zeros(self.left, width),
-            own: self
-                .groups
-                .iter()
-                .map(|g| DMatrix::zeros(g.len(), g.len()))
-                .collect(),
+            own: self.groups.iter().map(|g| DMatrix::zeros(g.len(), g.len())).collect(),
         };
         for (c, filter) in filters.iter().enumerate() {
             if filter.sigma <= 0.0 {
@@ -96,11 +89,7 @@ impl Pass<'_> {
             for range in block {
                 for start in range.clone().step_by(TILE) {
                     let rows = start..(start + TILE).min(range.end);
-                    for (column, cells) in self
-                        .columns
-                        .iter()
-                        .zip(tile.as_mut_slice().chunks_exact_mut(TILE))
-                    {
+                    for (column, cells) in self.columns.iter().zip(tile.as_mut_slice().chunks_exact_mut(TILE)) {
                         let (used, rest) = cells.split_at_mut(rows.len());
                         filter.apply(&column[c * samples..(c + 1) * samples], rows.clone(), used);
                         rest.fill(0.0);
@@ -133,12 +122,7 @@ fn add_gram(columns: &[f64], own: &mut DMatrix<f64>) {
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
     let (ca, cb) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = ca
-        .remainder()
-        .iter()
-        .zip(cb.remainder())
-        .map(|(x, y)| x * y)
-        .sum();
+    let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
     for (x, y) in ca.zip(cb) {
         for i in 0..8 {
             sums[i] += x[i] * y[i];
@@ -156,10 +140,7 @@ mod tests {
         for (segments, target) in [
             (vec![0..1000], 40),
             (vec![0..100, 100..900, 950..1000], 20),
-            (
-                (0..200).map(|i| 10 * i..10 * i + 10).collect::<Vec<_>>(),
-                50,
-            ),
+            ((0..200).map(|i| 10 * i..10 * i + 10).collect::<Vec<_>>(), 50),
             (vec![0..3, 3..400], 10),
         ] {
             let blocks = cut(&segments, 4, target);
@@ -172,54 +153,26 @@ mod tests {
                     assert_eq!(seen[t], usize::from(t >= s.start + 4));
                 }
             }
-            assert!(
-                blocks.len() <= 2 * target && 2 * blocks.len() >= target,
-                "{} for {target}",
-                blocks.len()
-            );
+            assert!(blocks.len() <= 2 * target && 2 * blocks.len() >= target, "{} for {target}", blocks.len());
         }
     }
 
     #[test]
     fn block_sums_equal_direct_products() {
         let (n, channels) = (700, 2);
-        let make = |k: f64| -> Vec<f64> {
-            (0..n * channels)
-                .map(|i| (0.37 * k * i as f64).sin() + k)
-                .collect()
-        };
+        let make = |k: f64| -> Vec<f64> { (0..n * channels).map(|i| (0.37 * k * i as f64).sin() + k).collect() };
         let data: Vec<Vec<f64>> = (1..5).map(|k| make(f64::from(k))).collect();
-        let pass = Pass {
-            columns: data.iter().map(Vec::as_slice).collect(),
-            left: 2,
-            groups: vec![1..4],
-        };
-        let filters = [
-            ArFilter {
-                coefficients: vec![0.4, -0.1],
-                sigma: 2.0,
-            },
-            ArFilter::scale(0.5),
-        ];
+        let pass = Pass { columns: data.iter().map(Vec::as_slice).collect(), left: 2, groups: vec![1..4] };
+        let filters = [ArFilter { coefficients: vec![0.4, -0.1], sigma: 2.0 }, ArFilter::scale(0.5)];
         let segments = [0..300, 310..n];
         let grams = pass.run(&filters, n, &cut(&segments, 2, 7));
         let white = |k: usize, c: usize, t: usize| {
             let x = |back: usize| data[k][c * n + t - back];
-            if c == 0 {
-                (x(0) - 0.4 * x(1) + 0.1 * x(2)) / 2.0
-            } else {
-                x(0) / 0.5
-            }
+            if c == 0 { (x(0) - 0.4 * x(1) + 0.1 * x(2)) / 2.0 } else { x(0) / 0.5 }
         };
         let direct = |i: usize, j: usize| -> f64 {
             let times = || (2..300).chain(312..n);
-            (0..2)
-                .map(|c| {
-                    times()
-                        .map(|t| white(i, c, t) * white(j, c, t))
-                        .sum::<f64>()
-                })
-                .sum()
+            (0..2).map(|c| times().map(|t| white(i, c, t) * white(j, c, t)).sum::<f64>()).sum()
         };
         let cross: f64 = grams.iter().map(|g| g.cross[(1, 3)]).sum();
         let own: f64 = grams.iter().map(|g| g.own[0][(0, 2)]).sum();

@@ -19,10 +19,7 @@
 //! - Hansen, Lunde & Nason 2011, "The model confidence set"; Vuong 1989 for a pair.
 //! - Langsrud 2005, "Rotation tests": what repeats tell without a noise model.
 
-#![allow(
-    clippy::single_range_in_vec_init,
-    reason = "a list of segments often has one"
-)]
+#![allow(clippy::single_range_in_vec_init, reason = "a list of segments often has one")]
 
 mod base_fit;
 mod compare;

@@ -14,9 +14,7 @@ pub fn noise_floor(problem: &Problem) -> Vec<Option<f64>> {
     let n = problem.samples;
     let series = |c: usize| problem.y.get(c * n..(c + 1) * n);
     let channels = 0..problem.channels.len();
-    channels
-        .map(|c| difference_sigma(series(c)?, &problem.segments, ORDER))
-        .collect()
+    channels.map(|c| difference_sigma(series(c)?, &problem.segments, ORDER)).collect()
 }
 
 /// Standard deviation of white measurement noise on a smooth signal, from the median absolute difference of the given
@@ -35,24 +33,17 @@ pub fn difference_sigma(series: &[f64], segments: &[Range<usize>], order: usize)
         differences.append(&mut d);
     }
     // Σ_k C(d, k)² = C(2d, d)
-    let norm = (1..=order)
-        .fold(1.0, |c, k| c * (order + k) as f64 / k as f64)
-        .sqrt();
+    let norm = (1..=order).fold(1.0, |c, k| c * (order + k) as f64 / k as f64).sqrt();
     if differences.is_empty() || differences.iter().any(|x| !x.is_finite()) {
         return None;
     }
-    let rms =
-        (differences.iter().map(|x| x * x).sum::<f64>() / differences.len() as f64).sqrt() / norm;
+    let rms = (differences.iter().map(|x| x * x).sum::<f64>() / differences.len() as f64).sqrt() / norm;
     differences.iter_mut().for_each(|x| *x = x.abs());
     let middle = differences.len() / 2;
     let median = *differences.select_nth_unstable_by(middle, f64::total_cmp).1;
     // 1 / Φ⁻¹(3/4) makes the median consistent for normal noise. A signal that rests most of the time, or a coarse
     // quantiser, has median zero; its RMS is an upper bound.
-    Some(if median > 0.0 {
-        1.482_602_218_505_602 * median / norm
-    } else {
-        rms
-    })
+    Some(if median > 0.0 { 1.482_602_218_505_602 * median / norm } else { rms })
 }
 
 /// Integrated autocorrelation time in samples, at least one (1 for white noise), of a series in segments.
@@ -60,11 +51,7 @@ pub fn difference_sigma(series: &[f64], segments: &[Range<usize>], order: usize)
 /// The sum over lags stops at the first lag beyond five times the running value (Sokal's window).
 pub fn correlation_time(segments: &[Vec<f64>]) -> f64 {
     let covariance = |lag: usize| -> f64 {
-        segments
-            .iter()
-            .filter(|s| s.len() > lag)
-            .map(|s| super::gram::dot(&s[lag..], &s[..s.len() - lag]))
-            .sum()
+        segments.iter().filter(|s| s.len() > lag).map(|s| super::gram::dot(&s[lag..], &s[..s.len() - lag])).sum()
     };
     let n: usize = segments.iter().map(Vec::len).sum();
     let zero = covariance(0);
@@ -93,21 +80,12 @@ pub struct Whiteness {
 }
 
 /// Ljung–Box test on means over windows of `window` samples: sensitive to what is slower than two windows, blind above.
-pub fn whiteness(
-    series: &[f64],
-    segments: &[Range<usize>],
-    window: usize,
-    lags: usize,
-) -> Option<Whiteness> {
+pub fn whiteness(series: &[f64], segments: &[Range<usize>], window: usize, lags: usize) -> Option<Whiteness> {
     let window = window.max(1);
     let mut means: Vec<Vec<f64>> = Vec::new();
     for s in segments {
         let part = series.get(s.clone())?;
-        means.push(
-            part.chunks_exact(window)
-                .map(|w| w.iter().sum::<f64>() / window as f64)
-                .collect(),
-        );
+        means.push(part.chunks_exact(window).map(|w| w.iter().sum::<f64>() / window as f64).collect());
     }
     let n: usize = means.iter().map(Vec::len).sum();
     if lags == 0 || n < 4 * lags {
@@ -119,12 +97,7 @@ pub fn whiteness(
         let products = |s: &Vec<f64>| s.iter().skip(lag).zip(s).map(|(a, b)| a * b).sum::<f64>();
         means.iter().map(products).sum()
     };
-    let pairs = |lag: usize| {
-        means
-            .iter()
-            .map(|s| s.len().saturating_sub(lag))
-            .sum::<usize>() as f64
-    };
+    let pairs = |lag: usize| means.iter().map(|s| s.len().saturating_sub(lag)).sum::<usize>() as f64;
     let variance = covariance(0) / n as f64;
     if variance.is_nan() || variance <= 0.0 {
         return None;
@@ -132,33 +105,17 @@ pub fn whiteness(
     // Var of the product sum over `pairs` products is pairs·σ⁴: with one segment this is Ljung & Box's n(n+2)/(n−k).
     let term = |k: usize| {
         let products = pairs(k);
-        if products < 1.0 {
-            0.0
-        } else {
-            (covariance(k) / variance).powi(2) / products * (1.0 + 2.0 / n as f64)
-        }
+        if products < 1.0 { 0.0 } else { (covariance(k) / variance).powi(2) / products * (1.0 + 2.0 / n as f64) }
     };
     let statistic: f64 = (1..=lags).map(term).sum();
-    Some(Whiteness {
-        statistic,
-        lags,
-        p: chi2_tail(statistic, lags as f64),
-    })
+    Some(Whiteness { statistic, lags, p: chi2_tail(statistic, lags as f64) })
 }
 
 /// [`whiteness`] of the whitened residual of every channel.
-pub fn residual_whiteness(
-    problem: &Problem,
-    ranking: &Ranking,
-    window: usize,
-    lags: usize,
-) -> Vec<Option<Whiteness>> {
+pub fn residual_whiteness(problem: &Problem, ranking: &Ranking, window: usize, lags: usize) -> Vec<Option<Whiteness>> {
     let n = problem.samples;
     let one = |(c, filter): (usize, &super::whiten::ArFilter)| {
-        let segments = problem
-            .segments
-            .iter()
-            .map(|s| s.start + filter.order()..s.end);
+        let segments = problem.segments.iter().map(|s| s.start + filter.order()..s.end);
         let segments: Vec<_> = segments.filter(|s| s.start < s.end).collect();
         let series = ranking.residual.get(c * n..(c + 1) * n)?;
         let mut white = vec![0.0; n];
@@ -220,11 +177,7 @@ mod tests {
         let p = |x: &[f64]| whiteness(x, &[0..2000, 2000..5000], 10, 8).unwrap().p;
         let alarms = (0..400).filter(|s| p(&white(5000, 100 + s)) < 0.05).count();
         assert!((7..=34).contains(&alarms), "{alarms}");
-        let drift: Vec<f64> = white(5000, 9)
-            .iter()
-            .enumerate()
-            .map(|(i, e)| e + (0.01 * i as f64).sin())
-            .collect();
+        let drift: Vec<f64> = white(5000, 9).iter().enumerate().map(|(i, e)| e + (0.01 * i as f64).sin()).collect();
         assert!(p(&drift) < 1e-6);
         assert_eq!(whiteness(&[], &[], 10, 8), None);
     }

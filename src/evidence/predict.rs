@@ -31,34 +31,20 @@ pub struct Effect {
 
 /// `y − Σ_i columns_i coefficients_i` in place, over all rows.
 pub fn subtract(series: &mut [f64], columns: &[&[f64]], coefficients: &[f64]) {
-    series
-        .par_chunks_mut(4 * TILE)
-        .enumerate()
-        .for_each(|(k, part)| {
-            let at = k * 4 * TILE;
-            for (column, c) in columns.iter().zip(coefficients).filter(|(_, c)| **c != 0.0) {
-                for (y, x) in part.iter_mut().zip(&column[at..]) {
-                    *y -= c * x;
-                }
+    series.par_chunks_mut(4 * TILE).enumerate().for_each(|(k, part)| {
+        let at = k * 4 * TILE;
+        for (column, c) in columns.iter().zip(coefficients).filter(|(_, c)| **c != 0.0) {
+            for (y, x) in part.iter_mut().zip(&column[at..]) {
+                *y -= c * x;
             }
-        });
+        }
+    });
 }
 
 /// Sum of squares per channel over the given times.
-pub fn squares(
-    series: &[f64],
-    channels: usize,
-    samples: usize,
-    times: &[Range<usize>],
-) -> Vec<f64> {
-    let one = |c: usize| {
-        times
-            .iter()
-            .map(move |t| &series[c * samples + t.start..c * samples + t.end])
-    };
-    (0..channels)
-        .map(|c| one(c).map(|x| dot(x, x)).sum())
-        .collect()
+pub fn squares(series: &[f64], channels: usize, samples: usize, times: &[Range<usize>]) -> Vec<f64> {
+    let one = |c: usize| times.iter().map(move |t| &series[c * samples + t.start..c * samples + t.end]);
+    (0..channels).map(|c| one(c).map(|x| dot(x, x)).sum()).collect()
 }
 
 /// The effect of every contribution, summed over blocks of time in order.
@@ -70,29 +56,14 @@ pub fn effects(
     samples: usize,
     blocks: &Blocks,
 ) -> Vec<Effect> {
-    let imitation = DMatrix::from_fn(base.len(), contributions.len(), |i, j| {
-        contributions[j].imitation[i]
-    });
-    let tasks: Vec<(usize, &Vec<Range<usize>>)> = (0..channels)
-        .flat_map(|c| blocks.iter().map(move |b| (c, b)))
-        .collect();
+    let imitation = DMatrix::from_fn(base.len(), contributions.len(), |i, j| contributions[j].imitation[i]);
+    let tasks: Vec<(usize, &Vec<Range<usize>>)> =
+        (0..channels).flat_map(|c| blocks.iter().map(move |b| (c, b))).collect();
     let sums: Vec<Vec<[f64; 2]>> = tasks
         .par_iter()
-        .map(|&(c, block)| {
-            one_block(
-                base,
-                residual,
-                contributions,
-                &imitation,
-                c * samples,
-                block,
-            )
-        })
+        .map(|&(c, block)| one_block(base, residual, contributions, &imitation, c * samples, block))
         .collect();
-    let zero = Effect {
-        energy: vec![0.0; channels],
-        product: vec![0.0; channels],
-    };
+    let zero = Effect { energy: vec![0.0; channels], product: vec![0.0; channels] };
     let mut out = vec![zero; contributions.len()];
     for ((c, _), sums) in tasks.iter().zip(sums) {
         for (o, s) in out.iter_mut().zip(sums) {
@@ -122,11 +93,7 @@ fn one_block(
             }
             let view = DMatrixView::from_slice(&tile[..n * base.len()], n, base.len());
             let mut made = -(view * imitation);
-            for ((one, mut d), sum) in contributions
-                .iter()
-                .zip(made.column_iter_mut())
-                .zip(&mut sums)
-            {
+            for ((one, mut d), sum) in contributions.iter().zip(made.column_iter_mut()).zip(&mut sums) {
                 for (column, c) in one.columns.iter().zip(&one.coefficients) {
                     for (d, x) in d.iter_mut().zip(&column[rows.clone()]) {
                         *d += c * x;

@@ -92,15 +92,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self {
-            alpha: 0.05,
-            flips: 999,
-            blocks: 50,
-            max_order: 12,
-            min_relevance: 0.05,
-            max_steps: 6,
-            seed: 1,
-        }
+        Self { alpha: 0.05, flips: 999, blocks: 50, max_order: 12, min_relevance: 0.05, max_steps: 6, seed: 1 }
     }
 }
 
@@ -123,22 +115,10 @@ impl Problem {
             }
             from = s.end;
         }
-        let columns = self.base.iter().chain(
-            self.candidates
-                .iter()
-                .flat_map(|c| &c.variants)
-                .flat_map(|v| &v.columns),
-        );
-        for (name, values) in columns
-            .map(|c| (c.name.as_str(), &c.values))
-            .chain([("y", &self.y)])
-        {
+        let columns = self.base.iter().chain(self.candidates.iter().flat_map(|c| &c.variants).flat_map(|v| &v.columns));
+        for (name, values) in columns.map(|c| (c.name.as_str(), &c.values)).chain([("y", &self.y)]) {
             if values.len() != expected {
-                return Err(Error::Length {
-                    name: name.into(),
-                    found: values.len(),
-                    expected,
-                });
+                return Err(Error::Length { name: name.into(), found: values.len(), expected });
             }
         }
         Ok(())
@@ -146,10 +126,7 @@ impl Problem {
 
     /// The variant a choice points at.
     pub fn variant(&self, chosen: Chosen) -> Result<&Variant, Error> {
-        let variant = self
-            .candidates
-            .get(chosen.candidate)
-            .and_then(|c| c.variants.get(chosen.variant));
+        let variant = self.candidates.get(chosen.candidate).and_then(|c| c.variants.get(chosen.variant));
         variant.ok_or(Error::Chosen(chosen.candidate))
     }
 
@@ -168,15 +145,7 @@ impl Problem {
         if bad(&self.y) {
             return Some("y");
         }
-        let columns = self.base.iter().chain(
-            self.candidates
-                .iter()
-                .flat_map(|c| &c.variants)
-                .flat_map(|v| &v.columns),
-        );
-        columns
-            .into_iter()
-            .find(|c| bad(&c.values))
-            .map(|c| c.name.as_str())
+        let columns = self.base.iter().chain(self.candidates.iter().flat_map(|c| &c.variants).flat_map(|v| &v.columns));
+        columns.into_iter().find(|c| bad(&c.values)).map(|c| c.name.as_str())
     }
 }

@@ -19,14 +19,11 @@ pub fn pseudo_inverse(gram: &DMatrix<f64>) -> (DMatrix<f64>, usize) {
     }
     let eigen = SymmetricEigen::new(scaled);
     let largest = eigen.eigenvalues.max();
-    let kept: Vec<usize> = (0..p)
-        .filter(|&i| largest > 0.0 && eigen.eigenvalues[i] > BASE_TOLERANCE * largest)
-        .collect();
+    let kept: Vec<usize> =
+        (0..p).filter(|&i| largest > 0.0 && eigen.eigenvalues[i] > BASE_TOLERANCE * largest).collect();
     let mut factor = eigen.eigenvectors.select_columns(&kept);
     for (k, &i) in kept.iter().enumerate() {
-        factor
-            .column_mut(k)
-            .scale_mut(eigen.eigenvalues[i].sqrt().recip());
+        factor.column_mut(k).scale_mut(eigen.eigenvalues[i].sqrt().recip());
     }
     for (i, &s) in scale.iter().enumerate() {
         factor.row_mut(i).scale_mut(s);
@@ -36,10 +33,7 @@ pub fn pseudo_inverse(gram: &DMatrix<f64>) -> (DMatrix<f64>, usize) {
 
 /// Reciprocal column lengths; zero for columns without energy.
 fn unit_scale(gram: &DMatrix<f64>) -> Vec<f64> {
-    gram.diagonal()
-        .iter()
-        .map(|&d| if d > 0.0 { d.sqrt().recip() } else { 0.0 })
-        .collect()
+    gram.diagonal().iter().map(|&d| if d > 0.0 { d.sqrt().recip() } else { 0.0 }).collect()
 }
 
 /// A variant's columns after the base has been projected out.
@@ -71,27 +65,17 @@ impl Projected {
         let mut basis = DMatrix::zeros(m, 0);
         if used > 0 && scaled.iter().all(|x| x.is_finite()) {
             let eigen = SymmetricEigen::new(scaled);
-            let mut kept: Vec<usize> = (0..m)
-                .filter(|&i| eigen.eigenvalues[i] > SPAN_TOLERANCE)
-                .collect();
+            let mut kept: Vec<usize> = (0..m).filter(|&i| eigen.eigenvalues[i] > SPAN_TOLERANCE).collect();
             kept.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
             basis = eigen.eigenvectors.select_columns(&kept);
             for (k, &i) in kept.iter().enumerate() {
-                basis
-                    .column_mut(k)
-                    .scale_mut(eigen.eigenvalues[i].sqrt().recip());
+                basis.column_mut(k).scale_mut(eigen.eigenvalues[i].sqrt().recip());
             }
             for (i, &s) in scale.iter().enumerate() {
                 basis.row_mut(i).scale_mut(s);
             }
         }
-        Self {
-            imitation,
-            gram,
-            basis,
-            tolerance,
-            empty: used == 0,
-        }
+        Self { imitation, gram, basis, tolerance, empty: used == 0 }
     }
 
     /// Number of directions outside the base.
@@ -117,13 +101,7 @@ mod tests {
             2 => 3.0 + i as f64,
             _ => 0.0,
         });
-        let z = DMatrix::from_fn(50, 2, |i, j| {
-            if j == 0 {
-                5.0 - i as f64
-            } else {
-                (i * i) as f64
-            }
-        });
+        let z = DMatrix::from_fn(50, 2, |i, j| if j == 0 { 5.0 - i as f64 } else { (i * i) as f64 });
         let (inverse, rank) = pseudo_inverse(&(x.transpose() * &x));
         assert_eq!(rank, 2);
         let p = Projected::new(&inverse, &(x.transpose() * &z), &(z.transpose() * &z));
@@ -137,10 +115,7 @@ mod tests {
     fn empty_and_non_finite_columns_have_no_rank() {
         let none = DMatrix::zeros(0, 0);
         assert!(Projected::new(&none, &DMatrix::zeros(0, 1), &DMatrix::zeros(1, 1)).empty);
-        assert_eq!(
-            Projected::new(&none, &DMatrix::zeros(0, 0), &none).rank(),
-            0
-        );
+        assert_eq!(Projected::new(&none, &DMatrix::zeros(0, 0), &none).rank(), 0);
         let bad = DMatrix::from_element(1, 1, f64::NAN);
         assert_eq!(Projected::new(&none, &DMatrix::zeros(0, 1), &bad).rank(), 0);
     }

@@ -155,15 +155,11 @@ impl Ranking {
     /// Named candidates the data cannot tell from the best one, best first; empty without a best one.
     pub fn confidence_set(&self) -> Vec<&Assessment> {
         let all = self.order.iter().map(|&i| &self.candidates[i]);
-        all.filter(|a| self.best.is_some() && a.indistinguishable && !a.generic)
-            .collect()
+        all.filter(|a| self.best.is_some() && a.indistinguishable && !a.generic).collect()
     }
 
     /// Generic candidates that are significant and relevant.
     pub fn objections(&self, settings: &Settings) -> Vec<&Assessment> {
-        self.candidates
-            .iter()
-            .filter(|a| a.generic && a.passes(settings))
-            .collect()
+        self.candidates.iter().filter(|a| a.generic && a.passes(settings)).collect()
     }
 }

@@ -57,12 +57,7 @@ pub fn scatter(motions: &[Motion]) -> Option<Scatter> {
             let r = m.repeats.len() as f64;
             for t in 0..m.repeats[0][c].len() {
                 let mean = m.repeats.iter().map(|x| x[c][t]).sum::<f64>() / r;
-                let spread = m
-                    .repeats
-                    .iter()
-                    .map(|x| (x[c][t] - mean).powi(2))
-                    .sum::<f64>()
-                    / (r - 1.0);
+                let spread = m.repeats.iter().map(|x| (x[c][t] - mean).powi(2)).sum::<f64>() / (r - 1.0);
                 noise[c] += spread / samples;
                 systematic[c] += (mean * mean - spread / r) / samples;
             }
@@ -73,36 +68,17 @@ pub fn scatter(motions: &[Motion]) -> Option<Scatter> {
 }
 
 /// Test lines 1…`lines` against `draws` rotations. Motions with one repeat are ignored.
-pub fn rotation_test(
-    motions: &[Motion],
-    lines: usize,
-    draws: usize,
-    seed: u64,
-) -> Result<RotationTest, Error> {
+pub fn rotation_test(motions: &[Motion], lines: usize, draws: usize, seed: u64) -> Result<RotationTest, Error> {
     let channels = shape(motions)?;
     let used: Vec<&Motion> = motions.iter().filter(|m| m.repeats.len() > 1).collect();
-    let shortest = used
-        .iter()
-        .map(|m| m.repeats[0][0].len())
-        .min()
-        .ok_or(Error::Empty)?;
+    let shortest = used.iter().map(|m| m.repeats[0][0].len()).min().ok_or(Error::Empty)?;
     let lines = lines.min(shortest.saturating_sub(1) / 2);
     let freedom: usize = used.iter().map(|m| m.repeats.len() - 1).sum();
     if lines == 0 || freedom * (NEIGHBOURS + 1).min(lines) < channels {
-        return Err(Error::TooShort {
-            rows: shortest,
-            blocks: freedom,
-            needed: channels,
-        });
+        return Err(Error::TooShort { rows: shortest, blocks: freedom, needed: channels });
     }
-    let spectra: Vec<Spectra> = used
-        .par_iter()
-        .map(|m| Spectra::new(m, channels, lines))
-        .collect();
-    let straight: Vec<Vec<f64>> = spectra
-        .iter()
-        .map(|s| vec![(s.repeats as f64).sqrt().recip(); s.repeats])
-        .collect();
+    let spectra: Vec<Spectra> = used.par_iter().map(|m| Spectra::new(m, channels, lines)).collect();
+    let straight: Vec<Vec<f64>> = spectra.iter().map(|s| vec![(s.repeats as f64).sqrt().recip(); s.repeats]).collect();
     let statistic = statistic(&spectra, &straight, lines, channels);
     if !statistic.is_finite() {
         return Err(Error::NotFinite("residual of a repeat".into()));
@@ -110,65 +86,32 @@ pub fn rotation_test(
     let draw = |i: u64| {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(i + 1);
-        let u: Vec<Vec<f64>> = spectra
-            .iter()
-            .map(|s| direction(&mut rng, s.repeats))
-            .collect();
+        let u: Vec<Vec<f64>> = spectra.iter().map(|s| direction(&mut rng, s.repeats)).collect();
         self::statistic(&spectra, &u, lines, channels)
     };
-    let hits = (0..draws as u64)
-        .into_par_iter()
-        .filter(|&i| draw(i) >= statistic * (1.0 - 1e-12))
-        .count();
-    Ok(RotationTest {
-        statistic,
-        p: (1 + hits) as f64 / (draws + 1) as f64,
-        lines,
-    })
+    let hits = (0..draws as u64).into_par_iter().filter(|&i| draw(i) >= statistic * (1.0 - 1e-12)).count();
+    Ok(RotationTest { statistic, p: (1 + hits) as f64 / (draws + 1) as f64, lines })
 }
 
 /// Number of channels, when all repeats agree in shape.
 fn shape(motions: &[Motion]) -> Result<usize, Error> {
-    let first = motions
-        .first()
-        .and_then(|m| m.repeats.first())
-        .ok_or(Error::Empty)?;
+    let first = motions.first().and_then(|m| m.repeats.first()).ok_or(Error::Empty)?;
     for (k, m) in motions.iter().enumerate() {
-        let expected = m
-            .repeats
-            .first()
-            .and_then(|r| r.first())
-            .map_or(0, Vec::len);
+        let expected = m.repeats.first().and_then(|r| r.first()).map_or(0, Vec::len);
         for r in &m.repeats {
-            let found = r
-                .iter()
-                .find(|c| c.len() != expected)
-                .map_or(expected, Vec::len);
+            let found = r.iter().find(|c| c.len() != expected).map_or(expected, Vec::len);
             if r.len() != first.len() || found != expected || expected == 0 {
-                return Err(Error::Length {
-                    name: format!("motion {k}"),
-                    found,
-                    expected,
-                });
+                return Err(Error::Length { name: format!("motion {k}"), found, expected });
             }
         }
     }
-    if first.is_empty() {
-        Err(Error::Empty)
-    } else {
-        Ok(first.len())
-    }
+    if first.is_empty() { Err(Error::Empty) } else { Ok(first.len()) }
 }
 
 /// Uniform direction: the mean of Haar-rotated rows.
 fn direction(rng: &mut ChaCha8Rng, n: usize) -> Vec<f64> {
     let x: Vec<f64> = (0..n).map(|_| StandardNormal.sample(rng)).collect();
-    let norm = x
-        .iter()
-        .map(|v| v * v)
-        .sum::<f64>()
-        .sqrt()
-        .max(f64::MIN_POSITIVE);
+    let norm = x.iter().map(|v| v * v).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
     x.into_iter().map(|v| v / norm).collect()
 }
 
@@ -194,11 +137,7 @@ impl Spectra {
             }
         }
         let total = rows.iter().map(|x| x * x.adjoint()).collect();
-        Self {
-            repeats,
-            rows,
-            total,
-        }
+        Self { repeats, rows, total }
     }
 }
 
@@ -240,12 +179,9 @@ fn statistic(spectra: &[Spectra], u: &[Vec<f64>], lines: usize, channels: usize)
     for l in 0..lines {
         let near = l.saturating_sub(NEIGHBOURS)..(l + NEIGHBOURS + 1).min(lines);
         let count = (freedom * near.len()) as f64;
-        let mut v = near
-            .fold(zero.clone(), |v, k| v + &within[k])
-            .unscale(count);
+        let mut v = near.fold(zero.clone(), |v, k| v + &within[k]).unscale(count);
         // A channel without noise must not make the matrix singular.
-        let ridge =
-            1e-12 * v.diagonal().iter().map(|x| x.re).fold(0.0, f64::max) + f64::MIN_POSITIVE;
+        let ridge = 1e-12 * v.diagonal().iter().map(|x| x.re).fold(0.0, f64::max) + f64::MIN_POSITIVE;
         for c in 0..channels {
             v[(c, c)] += Complex::new(ridge, 0.0);
         }
@@ -272,21 +208,14 @@ mod tests {
             for t in 0..200 {
                 let e: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
                 let size = 0.5 + t as f64 / 200.0;
-                state = [
-                    0.9 * state[0] + e[0],
-                    0.9 * state[1] + 0.6 * e[0] + 0.8 * e[1],
-                ];
+                state = [0.9 * state[0] + e[0], 0.9 * state[1] + 0.6 * e[0] + 0.8 * e[1]];
                 let phase = (0.05 * (k + 1) as f64 * t as f64).sin();
                 x[0][t] = size * state[0] + effect * phase;
                 x[1][t] = size * state[1] - 0.5 * effect * phase;
             }
             x
         };
-        (0..3)
-            .map(|k| Motion {
-                repeats: (0..4).map(|_| repeat(k)).collect(),
-            })
-            .collect()
+        (0..3).map(|k| Motion { repeats: (0..4).map(|_| repeat(k)).collect() }).collect()
     }
 
     /// 300 campaigns at 5 %: standard error 1.26 points, so 2…9 % is about three of them.
@@ -316,17 +245,11 @@ mod tests {
     fn degenerate_input_is_an_error() {
         assert!(rotation_test(&[], 4, 9, 1).is_err());
         assert!(rotation_test(&[Motion::default()], 4, 9, 1).is_err());
-        let one = Motion {
-            repeats: vec![vec![vec![0.0; 50]]],
-        };
+        let one = Motion { repeats: vec![vec![vec![0.0; 50]]] };
         assert!(rotation_test(&[one], 4, 9, 1).is_err());
-        let zero = Motion {
-            repeats: vec![vec![vec![0.0; 50]]; 3],
-        };
+        let zero = Motion { repeats: vec![vec![vec![0.0; 50]]; 3] };
         assert_eq!(rotation_test(&[zero], 4, 9, 1).unwrap().p, 1.0);
-        let ragged = Motion {
-            repeats: vec![vec![vec![0.0; 50]], vec![vec![0.0; 49]]],
-        };
+        let ragged = Motion { repeats: vec![vec![vec![0.0; 50]], vec![vec![0.0; 49]]] };
         assert!(rotation_test(&[ragged], 4, 9, 1).is_err());
         assert!(scatter(&[]).is_none());
     }

@@ -24,25 +24,14 @@ impl Remainder {
     /// Fit the base to the series that is the last left column.
     pub fn new(grams: &[BlockGram], inverse: &DMatrix<f64>, rank: usize, rows: usize) -> Self {
         let p = inverse.nrows();
-        let total = grams
-            .iter()
-            .fold(DVector::zeros(p), |s, g| s + g.cross.view((0, p), (p, 1)));
+        let total = grams.iter().fold(DVector::zeros(p), |s, g| s + g.cross.view((0, p), (p, 1)));
         let base: DVector<f64> = inverse * &total;
         let mut base_scores = DMatrix::zeros(p, grams.len());
         for (b, g) in grams.iter().enumerate() {
-            base_scores.set_column(
-                b,
-                &(g.cross.view((0, p), (p, 1)) - g.cross.view((0, 0), (p, p)) * &base),
-            );
+            base_scores.set_column(b, &(g.cross.view((0, p), (p, 1)) - g.cross.view((0, 0), (p, p)) * &base));
         }
         let energy = grams.iter().map(|g| g.cross[(p, p)]).sum::<f64>() - total.dot(&base);
-        Self {
-            base,
-            base_scores,
-            energy: energy.max(0.0),
-            rank,
-            rows,
-        }
+        Self { base, base_scores, energy: energy.max(0.0), rank, rows }
     }
 
     /// Degrees of freedom left.
@@ -83,13 +72,7 @@ impl Scores {
         let standard = standardise(blocks.rows(0, tested).into_owned());
         let statistic = standard.column_sum().norm_squared().min(count as f64);
         let p = tail(statistic, standard.nrows(), count);
-        Self {
-            blocks,
-            sum,
-            standard,
-            statistic,
-            p,
-        }
+        Self { blocks, sum, standard, statistic, p }
     }
 }
 
@@ -111,26 +94,16 @@ fn standardise(scores: DMatrix<f64>) -> DMatrix<f64> {
     let Some(root) = usable.then(|| Cholesky::new(spread)).flatten() else {
         return none;
     };
-    root.l_dirty()
-        .solve_lower_triangular(&scores)
-        .unwrap_or(none)
+    root.l_dirty().solve_lower_triangular(&scores).unwrap_or(none)
 }
 
 /// Gram matrices of the projected columns per block, in orthonormal coordinates.
-pub fn block_grams(
-    grams: &[BlockGram],
-    group: usize,
-    at: usize,
-    projected: &Projected,
-) -> Vec<DMatrix<f64>> {
+pub fn block_grams(grams: &[BlockGram], group: usize, at: usize, projected: &Projected) -> Vec<DMatrix<f64>> {
     let (p, m) = projected.imitation.shape();
     let one = |g: &BlockGram| {
         let cross = g.cross.view((0, at), (p, m)).transpose() * &projected.imitation;
-        let base =
-            projected.imitation.transpose() * g.cross.view((0, 0), (p, p)) * &projected.imitation;
-        projected.basis.transpose()
-            * (&g.own[group] - &cross - cross.transpose() + base)
-            * &projected.basis
+        let base = projected.imitation.transpose() * g.cross.view((0, 0), (p, p)) * &projected.imitation;
+        projected.basis.transpose() * (&g.own[group] - &cross - cross.transpose() + base) * &projected.basis
     };
     grams.iter().map(one).collect()
 }

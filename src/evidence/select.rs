@@ -70,11 +70,7 @@ pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> 
 
 /// The whole procedure. After every addition `refit` gets the effects in the base and the last ranking and may return the
 /// problem linearised at better parameters; its candidates must be the same, in the same order.
-pub fn select_with<F>(
-    problem: &Problem,
-    settings: &Settings,
-    mut refit: F,
-) -> Result<Outcome, Error>
+pub fn select_with<F>(problem: &Problem, settings: &Settings, mut refit: F) -> Result<Outcome, Error>
 where
     F: FnMut(&[Chosen], &Ranking) -> Result<Option<Problem>, String>,
 {
@@ -83,24 +79,13 @@ where
     let mut steps = Vec::new();
     let mut remaining = loop {
         let ranking = evaluate(refitted.as_ref().unwrap_or(problem), &chosen, settings)?;
-        let Some(best) = ranking
-            .winner()
-            .filter(|_| steps.len() < settings.max_steps)
-        else {
+        let Some(best) = ranking.winner().filter(|_| steps.len() < settings.max_steps) else {
             break ranking;
         };
-        let added = Chosen {
-            candidate: best.candidate,
-            variant: best.variant,
-        };
+        let added = Chosen { candidate: best.candidate, variant: best.variant };
         chosen.push(added);
         if let Some(next) = refit(&chosen, &ranking).map_err(Error::Refit)? {
-            let names = |p: &Problem| {
-                p.candidates
-                    .iter()
-                    .map(|c| c.name.clone())
-                    .collect::<Vec<_>>()
-            };
+            let names = |p: &Problem| p.candidates.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
             if names(&next) != names(problem) {
                 return Err(Error::Candidates);
             }
@@ -116,27 +101,12 @@ where
     }
     let beaten_by = beaten_by(&findings, settings);
     let verdict = match () {
-        () if !beaten_by.is_empty() || !remaining.objections(settings).is_empty() => {
-            Verdict::Unknown
-        }
+        () if !beaten_by.is_empty() || !remaining.objections(settings).is_empty() => Verdict::Unknown,
         () if findings.is_empty() => Verdict::NothingFound,
-        () if findings
-            .iter()
-            .any(|f| f.ranking.confidence_set().len() > 1) =>
-        {
-            Verdict::CannotTell
-        }
+        () if findings.iter().any(|f| f.ranking.confidence_set().len() > 1) => Verdict::CannotTell,
         () => Verdict::Named,
     };
-    Ok(Outcome {
-        steps,
-        findings,
-        removed,
-        remaining,
-        beaten_by,
-        verdict,
-        refitted,
-    })
+    Ok(Outcome { steps, findings, removed, remaining, beaten_by, verdict, refitted })
 }
 
 /// Judge every chosen effect given the others: remove those that explain nothing more, exchange those that another
@@ -149,27 +119,13 @@ fn prune(
 ) -> Result<(Vec<Finding>, Vec<Chosen>), Error> {
     let mut removed = Vec::new();
     if let ([one], Some(step)) = (chosen.as_slice(), first) {
-        return Ok((
-            vec![Finding {
-                chosen: *one,
-                ranking: step.ranking.clone(),
-            }],
-            removed,
-        ));
+        return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone() }], removed));
     }
     for round in 0.. {
         let mut findings = Vec::new();
         for (i, &c) in chosen.iter().enumerate() {
-            let others: Vec<Chosen> = chosen
-                .iter()
-                .enumerate()
-                .filter(|(k, _)| *k != i)
-                .map(|(_, c)| *c)
-                .collect();
-            findings.push(Finding {
-                chosen: c,
-                ranking: evaluate(problem, &others, settings)?,
-            });
+            let others: Vec<Chosen> = chosen.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, c)| *c).collect();
+            findings.push(Finding { chosen: c, ranking: evaluate(problem, &others, settings)? });
         }
         let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
             Some(a) if a.passes(settings) => a.p_adjusted,
@@ -182,10 +138,7 @@ fn prune(
         }
         let better = findings.iter().enumerate().find_map(|(i, f)| {
             let winner = f.ranking.winner()?;
-            let best = Chosen {
-                candidate: winner.candidate,
-                variant: winner.variant,
-            };
+            let best = Chosen { candidate: winner.candidate, variant: winner.variant };
             (best.candidate != f.chosen.candidate).then_some((i, best))
         });
         match better.filter(|_| round < settings.max_steps) {
@@ -205,10 +158,7 @@ fn beaten_by(findings: &[Finding], settings: &Settings) -> Vec<usize> {
             continue;
         };
         let better = f.ranking.candidates.iter().filter(|a| {
-            a.generic
-                && a.passes(settings)
-                && a.log_evidence < own.log_evidence
-                && a.t_against_best < -limit
+            a.generic && a.passes(settings) && a.log_evidence < own.log_evidence && a.t_against_best < -limit
         });
         out.extend(better.map(|a| a.candidate));
     }

@@ -57,11 +57,7 @@ pub fn noncentrality(m: usize, alpha: f64, power: f64) -> f64 {
     let (mut low, mut high) = (0.0, 200.0);
     for _ in 0..50 {
         let mid = 0.5 * (low + high);
-        if reached(mid) < power {
-            low = mid
-        } else {
-            high = mid
-        }
+        if reached(mid) < power { low = mid } else { high = mid }
     }
     0.5 * (low + high)
 }

@@ -18,10 +18,7 @@ pub struct ArFilter {
 impl ArFilter {
     /// A filter that only scales.
     pub fn scale(sigma: f64) -> Self {
-        Self {
-            coefficients: Vec::new(),
-            sigma,
-        }
+        Self { coefficients: Vec::new(), sigma }
     }
 
     /// Number of past samples the filter reaches back.
@@ -51,24 +48,12 @@ impl ArFilter {
     /// Fit by Burg's recursion; the order up to `max_order` has the smallest BIC. Segments too short to carry the
     /// largest order are left out, and the order shrinks when all are.
     pub fn fit(series: &[f64], segments: &[Range<usize>], max_order: usize) -> Self {
-        let longest = segments
-            .iter()
-            .map(ExactSizeIterator::len)
-            .max()
-            .unwrap_or(0);
+        let longest = segments.iter().map(ExactSizeIterator::len).max().unwrap_or(0);
         let max_order = max_order.min(longest / 8);
-        let kept: Vec<&[f64]> = segments
-            .iter()
-            .filter(|s| s.len() > 2 * max_order)
-            .map(|s| &series[s.start..s.end])
-            .collect();
+        let kept: Vec<&[f64]> =
+            segments.iter().filter(|s| s.len() > 2 * max_order).map(|s| &series[s.start..s.end]).collect();
         let n: usize = kept.iter().map(|s| s.len()).sum();
-        let mut variance = kept
-            .iter()
-            .flat_map(|s| s.iter())
-            .map(|x| x * x)
-            .sum::<f64>()
-            / n.max(1) as f64;
+        let mut variance = kept.iter().flat_map(|s| s.iter()).map(|x| x * x).sum::<f64>() / n.max(1) as f64;
         if variance.is_nan() || variance <= 0.0 {
             return Self::scale(0.0);
         }
@@ -91,9 +76,7 @@ impl ArFilter {
             // Never whiten beyond the least innovation: the last reflection is shortened to reach just that.
             let room = (1.0 - least / variance).max(0.0).sqrt();
             let reflection = (2.0 * cross / power).clamp(-room, room);
-            let next: Vec<f64> = (0..a.len())
-                .map(|i| a[i] - reflection * a[a.len() - 1 - i])
-                .collect();
+            let next: Vec<f64> = (0..a.len()).map(|i| a[i] - reflection * a[a.len() - 1 - i]).collect();
             a = next;
             a.push(reflection);
             variance *= 1.0 - reflection * reflection;
@@ -106,13 +89,7 @@ impl ArFilter {
             }
             let bic = n as f64 * variance.ln() + order as f64 * (n as f64).ln();
             if bic < best.0 {
-                best = (
-                    bic,
-                    Self {
-                        coefficients: a.clone(),
-                        sigma: variance.sqrt(),
-                    },
-                );
+                best = (bic, Self { coefficients: a.clone(), sigma: variance.sqrt() });
             }
         }
         best.1
@@ -137,10 +114,7 @@ mod tests {
         }
         let f = ArFilter::fit(&x, &[0..9_000, 9_000..20_000], 12);
         assert!(f.order() >= 2);
-        assert!(
-            (f.coefficients[0] - 1.2).abs() < 0.03 && (f.coefficients[1] + 0.5).abs() < 0.03,
-            "{f:?}"
-        );
+        assert!((f.coefficients[0] - 1.2).abs() < 0.03 && (f.coefficients[1] + 0.5).abs() < 0.03, "{f:?}");
         assert!((f.sigma - 0.3).abs() < 0.006);
     }
 

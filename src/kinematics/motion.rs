@@ -216,7 +216,7 @@ fn strut_motion(
 }
 
 /// Strut frame: x along the strut, y as near to the pair direction `v` as possible.
-pub(crate) fn strut_rotation(axis: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
+fn strut_rotation(axis: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
     let y = (v - axis * axis.dot(v)).normalize();
     Matrix3::from_columns(&[*axis, y, axis.cross(&y)])
 }

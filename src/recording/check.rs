@@ -39,28 +39,21 @@ pub(super) struct Column {
 /// Names of the columns a file must have.
 pub(super) fn required(axes: usize) -> impl Iterator<Item = String> {
     let of = move |name| (1..=axes.min(AXES)).map(move |k| format!("{name}{k}"));
-    std::iter::once("t".to_string())
-        .chain(of("q"))
-        .chain(of("tau"))
+    std::iter::once("t".to_string()).chain(of("q")).chain(of("tau"))
 }
 
 /// Names of all columns that are understood.
 pub(super) fn known(name: &str) -> bool {
     let numbered = |stem: &str, n: usize| {
-        name.strip_prefix(stem)
-            .is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=n).contains(&k)))
+        name.strip_prefix(stem).is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=n).contains(&k)))
     };
     let strut = |end: &str| {
         name.strip_prefix("strut")
             .and_then(|n| n.strip_suffix(end))
-            .is_some_and(|k| {
-                k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=STRUTS).contains(&k))
-            })
+            .is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=STRUTS).contains(&k)))
     };
     matches!(name, "t" | "ee_x" | "ee_y" | "ee_z")
-        || ["q", "tau", "qd", "qdd"]
-            .iter()
-            .any(|stem| numbered(stem, AXES))
+        || ["q", "tau", "qd", "qdd"].iter().any(|stem| numbered(stem, AXES))
         || strut("_upper")
         || strut("_lower")
 }
@@ -72,11 +65,7 @@ pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadEr
     table.increasing()?;
     if table.t.len() < FEWEST {
         let problem = format!("has only {} samples", table.t.len());
-        return Err(ReadError::content(
-            &table.file,
-            problem,
-            format!("at least {FEWEST}"),
-        ));
+        return Err(ReadError::content(&table.file, problem, format!("at least {FEWEST}")));
     }
     table.units()?;
     table.constant(&mut warnings)?;
@@ -94,10 +83,7 @@ pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadEr
 
 impl Table {
     fn column(&self, name: &str) -> Option<&[f64]> {
-        self.columns
-            .iter()
-            .find(|c| c.name == name)
-            .map(|c| c.values.as_slice())
+        self.columns.iter().find(|c| c.name == name).map(|c| c.values.as_slice())
     }
 
     fn at(&self, i: usize) -> String {
@@ -125,10 +111,7 @@ impl Table {
 
     fn finite(&self) -> Result<(), ReadError> {
         let t = ("t", self.t.as_slice());
-        let others = self
-            .columns
-            .iter()
-            .map(|c| (c.name.as_str(), c.values.as_slice()));
+        let others = self.columns.iter().map(|c| (c.name.as_str(), c.values.as_slice()));
         for (name, values) in std::iter::once(t).chain(others) {
             if let Some(i) = values.iter().position(|v| !v.is_finite()) {
                 return Err(self.value_error(i, name, values[i].to_string(), "a finite number"));
@@ -143,15 +126,9 @@ impl Table {
         };
         let (before, after) = (self.t[i], self.t[i + 1]);
         let (problem, expected) = if after == before {
-            (
-                format!("{after} s for the second time"),
-                "increasing time with enough digits",
-            )
+            (format!("{after} s for the second time"), "increasing time with enough digits")
         } else {
-            (
-                format!("time goes back from {before} s to {after} s"),
-                "increasing time",
-            )
+            (format!("time goes back from {before} s to {after} s"), "increasing time")
         };
         Err(self.value_error(i + 1, "t", problem, expected))
     }
@@ -190,12 +167,7 @@ impl Table {
             };
             if let Some(i) = c.values.iter().position(|v| v.abs() > limit) {
                 let problem = format!("{}; {hint}", c.values[i]);
-                return Err(self.value_error(
-                    i,
-                    &c.name,
-                    problem,
-                    format!("at most {limit} {unit}"),
-                ));
+                return Err(self.value_error(i, &c.name, problem, format!("at most {limit} {unit}")));
             }
         }
         Ok(())
@@ -205,45 +177,26 @@ impl Table {
         let stands = |name: String| self.column(&name).is_some_and(is_constant);
         if (1..=self.axes).all(|k| stands(format!("q{k}"))) {
             let problem = "no joint angle ever changes";
-            return Err(ReadError::content(
-                &self.file,
-                problem,
-                "a robot that moves",
-            ));
+            return Err(ReadError::content(&self.file, problem, "a robot that moves"));
         }
         for k in 1..=self.axes {
             let (q, tau) = (stands(format!("q{k}")), stands(format!("tau{k}")));
             if !q && !tau {
                 continue;
             }
-            let name = if q {
-                format!("q{k}")
-            } else {
-                format!("tau{k}")
-            };
+            let name = if q { format!("q{k}") } else { format!("tau{k}") };
             let value = self.column(&name).map_or(0.0, |v| v[0]);
             let problem = format!("always {value}");
             if k == 4 {
-                warnings.push(format!(
-                    "`{name}` is {problem}: axis 4 stands still or is not recorded"
-                ));
+                warnings.push(format!("`{name}` is {problem}: axis 4 stands still or is not recorded"));
             } else if q && tau {
-                warnings.push(format!(
-                    "`q{k}` and `tau{k}` never change: axis {k} is not in use"
-                ));
+                warnings.push(format!("`q{k}` and `tau{k}` never change: axis {k} is not in use"));
             } else {
                 return Err(self.value_error(0, &name, problem, "a channel that changes"));
             }
         }
-        for c in self
-            .columns
-            .iter()
-            .filter(|c| !is_axis(&c.name) && is_constant(&c.values))
-        {
-            warnings.push(format!(
-                "`{}` is always {}: is the sensor connected?",
-                c.name, c.values[0]
-            ));
+        for c in self.columns.iter().filter(|c| !is_axis(&c.name) && is_constant(&c.values)) {
+            warnings.push(format!("`{}` is always {}: is the sensor connected?", c.name, c.values[0]));
         }
         Ok(())
     }
@@ -266,9 +219,7 @@ impl Table {
         }
         if let Some(i) = first {
             let at = self.at(i);
-            warnings.push(format!(
-                "`q4` jumps by a full turn, first at {at}: unwrapped"
-            ));
+            warnings.push(format!("`q4` jumps by a full turn, first at {at}: unwrapped"));
         }
     }
 
@@ -277,9 +228,7 @@ impl Table {
         if let Some(q4) = self.column("q4") {
             let k = ((0.02 / step) as usize).max(1);
             let rate = |i: usize| (q4[i + k] - q4[i]).abs() / (self.t[i + k] - self.t[i]);
-            let fast = (0..q4.len().saturating_sub(k))
-                .filter(|&i| rate(i) > 60.0)
-                .count();
+            let fast = (0..q4.len().saturating_sub(k)).filter(|&i| rate(i) > 60.0).count();
             if fast * 50 > q4.len() {
                 warnings.push("`q4` turns faster than 60 rad/s; is it in degrees?".into());
             }
@@ -393,18 +342,12 @@ impl Table {
                 if i < self.t.len() {
                     let width = self.t[i] - self.t[i - 1];
                     let problem = format!("gap of {width:.6} s before {}", self.at(i));
-                    warnings.push(format!(
-                        "{problem}: samples before and after are kept apart"
-                    ));
+                    warnings.push(format!("{problem}: samples before and after are kept apart"));
                 }
                 if i - start >= SHORTEST_STRETCH {
                     stretches.push(start..i);
                 } else {
-                    warnings.push(format!(
-                        "{} samples from {} dropped",
-                        i - start,
-                        self.at(start)
-                    ));
+                    warnings.push(format!("{} samples from {} dropped", i - start, self.at(start)));
                 }
                 start = i;
             }
@@ -414,17 +357,11 @@ impl Table {
         let total: usize = stretches.iter().map(|r| r.len()).sum();
         if total < FEWEST {
             let problem = format!("only {total} samples remain between gaps in time");
-            return Err(ReadError::content(
-                &self.file,
-                problem,
-                format!("at least {FEWEST}"),
-            ));
+            return Err(ReadError::content(&self.file, problem, format!("at least {FEWEST}")));
         }
         let deviation = |r: &Range<usize>| {
             let steps = self.t[r.clone()].windows(2);
-            steps
-                .map(|w| (w[1] - w[0] - step).abs() / step)
-                .fold(0.0, f64::max)
+            steps.map(|w| (w[1] - w[0] - step).abs() / step).fold(0.0, f64::max)
         };
         let worst = stretches.iter().map(deviation).fold(0.0, f64::max);
         if worst <= JITTER {
@@ -435,22 +372,15 @@ impl Table {
             for (r, t) in stretches.iter().zip(times) {
                 self.t[r.clone()].copy_from_slice(&t);
             }
-            warnings.push(format!(
-                "time is rounded to {digit} s, steps vary by {percent:.1} %: taken as uniform"
-            ));
+            warnings.push(format!("time is rounded to {digit} s, steps vary by {percent:.1} %: taken as uniform"));
             return Ok(self.pick(&stretches));
         }
-        warnings.push(format!(
-            "time steps vary by up to {percent:.1} %: resampled to {step:.6e} s by cubic interpolation"
-        ));
+        warnings
+            .push(format!("time steps vary by up to {percent:.1} %: resampled to {step:.6e} s by cubic interpolation"));
         let stretches = self.resample(&stretches, step);
         if self.t.len() < FEWEST {
             let problem = "hardly any samples remain after resampling";
-            return Err(ReadError::content(
-                &self.file,
-                problem,
-                "evenly sampled signals",
-            ));
+            return Err(ReadError::content(&self.file, problem, "evenly sampled signals"));
         }
         Ok(stretches)
     }
@@ -460,13 +390,7 @@ impl Table {
         if stretches.iter().map(|r| r.len()).sum::<usize>() == self.t.len() {
             return stretches.to_vec();
         }
-        let cut = |v: &Vec<f64>| {
-            stretches
-                .iter()
-                .flat_map(|r| &v[r.clone()])
-                .copied()
-                .collect()
-        };
+        let cut = |v: &Vec<f64>| stretches.iter().flat_map(|r| &v[r.clone()]).copied().collect();
         self.t = cut(&self.t);
         for c in &mut self.columns {
             c.values = cut(&c.values);
@@ -511,11 +435,7 @@ impl Table {
         }
         for c in &mut self.columns {
             let value = |(nodes, weights): &([usize; 4], [f64; 4])| {
-                nodes
-                    .iter()
-                    .zip(weights)
-                    .map(|(&i, w)| w * c.values[i])
-                    .sum()
+                nodes.iter().zip(weights).map(|(&i, w)| w * c.values[i]).sum()
             };
             c.values = stencils.iter().map(value).collect();
         }
@@ -527,39 +447,25 @@ impl Table {
         let n = self.t.len();
         let axes = |stem: &str| {
             let all: [_; AXES] = std::array::from_fn(|k| self.column(&format!("{stem}{}", k + 1)));
-            (0..n)
-                .map(|i| all.map(|c| c.map_or(0.0, |c| c[i])))
-                .collect::<Vec<_>>()
+            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect::<Vec<_>>()
         };
         let mut optional = |names: &[String]| {
             let missing: Vec<_> = names.iter().filter(|n| self.column(n).is_none()).collect();
             if !missing.is_empty() && missing.len() < names.len() {
                 let rest = names.iter().find(|n| !missing.contains(n));
                 let rest = rest.map_or("", String::as_str);
-                warnings.push(format!(
-                    "`{rest}` ignored: it needs `{}` beside it",
-                    missing[0]
-                ));
+                warnings.push(format!("`{rest}` ignored: it needs `{}` beside it", missing[0]));
             }
             missing.is_empty()
         };
-        let of_axes = |stem: &str| {
-            (1..=self.axes)
-                .map(|k| format!("{stem}{k}"))
-                .collect::<Vec<_>>()
-        };
+        let of_axes = |stem: &str| (1..=self.axes).map(|k| format!("{stem}{k}")).collect::<Vec<_>>();
         let (has_qd, has_qdd) = (optional(&of_axes("qd")), optional(&of_axes("qdd")));
         let ee_names = ["ee_x", "ee_y", "ee_z"];
         let has_ee = optional(&ee_names.map(String::from));
-        let strut = |s: usize, end: &str| {
-            self.column(&format!("strut{}_{end}", s + 1))
-                .map(<[f64]>::to_vec)
-        };
+        let strut = |s: usize, end: &str| self.column(&format!("strut{}_{end}", s + 1)).map(<[f64]>::to_vec);
         let ee = has_ee.then(|| {
             let all = ee_names.map(|name| self.column(name));
-            (0..n)
-                .map(|i| all.map(|c| c.map_or(0.0, |c| c[i])))
-                .collect()
+            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
         });
         Signals {
             q: axes("q"),
@@ -587,33 +493,21 @@ pub(super) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
         for k in 0..AXES {
             if let Some(values) = values {
                 let values = values.iter().map(|v| v[k]).collect();
-                columns.push(Column {
-                    name: format!("{stem}{}", k + 1),
-                    values,
-                });
+                columns.push(Column { name: format!("{stem}{}", k + 1), values });
             }
         }
     }
-    for (end, forces) in [
-        ("upper", &signals.strut_upper),
-        ("lower", &signals.strut_lower),
-    ] {
+    for (end, forces) in [("upper", &signals.strut_upper), ("lower", &signals.strut_lower)] {
         for (s, force) in forces.iter().enumerate() {
             if let Some(values) = force.clone() {
-                columns.push(Column {
-                    name: format!("strut{}_{end}", s + 1),
-                    values,
-                });
+                columns.push(Column { name: format!("strut{}_{end}", s + 1), values });
             }
         }
     }
     for (k, axis) in ["x", "y", "z"].iter().enumerate() {
         if let Some(ee) = &signals.ee {
             let values = ee.iter().map(|p| p[k]).collect();
-            columns.push(Column {
-                name: format!("ee_{axis}"),
-                values,
-            });
+            columns.push(Column { name: format!("ee_{axis}"), values });
         }
     }
     for c in &columns {
@@ -622,18 +516,10 @@ pub(super) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
             return Err(format!("`{}` has {n} samples, time has {m}", c.name));
         }
     }
-    let t = Column {
-        name: "t".into(),
-        values: signals.t.clone(),
-    };
+    let t = Column { name: "t".into(), values: signals.t.clone() };
     for c in columns.iter().chain([&t]) {
         if let Some(i) = c.values.iter().position(|v| !v.is_finite()) {
-            return Err(format!(
-                "sample {} of `{}` is {}",
-                i + 1,
-                c.name,
-                c.values[i]
-            ));
+            return Err(format!("sample {} of `{}` is {}", i + 1, c.name, c.values[i]));
         }
     }
     Ok(columns)
@@ -649,11 +535,7 @@ fn is_constant(values: &[f64]) -> bool {
 }
 
 fn span(values: &[f64]) -> (f64, f64) {
-    values
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| {
-            (a.min(v), b.max(v))
-        })
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)))
 }
 
 fn median_step(t: &[f64]) -> f64 {
@@ -710,14 +592,8 @@ fn rounded(t: &[f64], stretches: &[Range<usize>]) -> Option<(f64, Vec<Vec<f64>>)
     let mut times = Vec::new();
     for r in stretches {
         let (first, last, n) = (t[r.start], t[r.end - 1], r.len());
-        let uniform: Vec<f64> = (0..n)
-            .map(|k| first + (last - first) * k as f64 / (n - 1) as f64)
-            .collect();
-        if t[r.clone()]
-            .iter()
-            .zip(&uniform)
-            .any(|(a, b)| (a - b).abs() > 1.001 * unit)
-        {
+        let uniform: Vec<f64> = (0..n).map(|k| first + (last - first) * k as f64 / (n - 1) as f64).collect();
+        if t[r.clone()].iter().zip(&uniform).any(|(a, b)| (a - b).abs() > 1.001 * unit) {
             return None;
         }
         times.push(uniform);
@@ -729,8 +605,6 @@ fn rounded(t: &[f64], stretches: &[Range<usize>]) -> Option<(f64, Vec<Vec<f64>>)
 fn lagrange(nodes: [f64; 4], x: f64) -> [f64; 4] {
     std::array::from_fn(|i| {
         let others = (0..4).filter(|&j| j != i);
-        others
-            .map(|j| (x - nodes[j]) / (nodes[i] - nodes[j]))
-            .product()
+        others.map(|j| (x - nodes[j]) / (nodes[i] - nodes[j])).product()
     })
 }

@@ -57,28 +57,14 @@ fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>
     if content.iter().take(1 << 16).any(|&b| b == 0) || std::str::from_utf8(content).is_err() {
         return Err(ReadError::content(path, "is binary, not text", EXPECTED));
     }
-    let header = content
-        .split(|&b| b == b'\n')
-        .find(|l| !l.trim_ascii().is_empty());
+    let header = content.split(|&b| b == b'\n').find(|l| !l.trim_ascii().is_empty());
     let header = header.unwrap_or_default();
     let count = |b: u8| header.iter().filter(|&&c| c == b).count();
-    let delimiter = [b',', b';', b'\t']
-        .into_iter()
-        .rev()
-        .max_by_key(|&b| count(b))
-        .unwrap_or(b',');
-    let mut reader = ::csv::ReaderBuilder::new()
-        .delimiter(delimiter)
-        .flexible(true)
-        .trim(::csv::Trim::All)
-        .from_reader(content);
+    let delimiter = [b',', b';', b'\t'].into_iter().rev().max_by_key(|&b| count(b)).unwrap_or(b',');
+    let mut reader =
+        ::csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).trim(::csv::Trim::All).from_reader(content);
     let broken = |e: ::csv::Error| ReadError::content(path, e.to_string(), EXPECTED);
-    let names: Vec<String> = reader
-        .headers()
-        .map_err(broken)?
-        .iter()
-        .map(str::to_string)
-        .collect();
+    let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_string).collect();
 
     let mut warnings = Vec::new();
     for (i, name) in names.iter().enumerate() {
@@ -97,18 +83,12 @@ fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>
             return Err(ReadError::content(path, problem, EXPECTED));
         }
     }
-    let unknown: Vec<_> = names
-        .iter()
-        .filter(|n| !check::known(n))
-        .map(|n| format!("`{n}`"))
-        .collect();
+    let unknown: Vec<_> = names.iter().filter(|n| !check::known(n)).map(|n| format!("`{n}`")).collect();
     if !unknown.is_empty() {
         warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
     }
 
-    let used: Vec<usize> = (0..names.len())
-        .filter(|&i| check::known(&names[i]))
-        .collect();
+    let used: Vec<usize> = (0..names.len()).filter(|&i| check::known(&names[i])).collect();
     let mut values = vec![Vec::new(); names.len()];
     let mut rows = Vec::new();
     let mut record = ::csv::StringRecord::new();
@@ -117,37 +97,27 @@ fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>
         if record.len() != names.len() {
             let cells = record.len();
             let last = !matches!(reader.read_record(&mut record), Ok(true));
-            let hint = if last {
-                "; was the file cut short?"
-            } else {
-                ""
-            };
+            let hint = if last { "; was the file cut short?" } else { "" };
             let problem = format!("line {line} has {cells} cells{hint}");
             let expected = format!("{} cells as in the header", names.len());
             return Err(ReadError::content(path, problem, expected));
         }
         rows.push(line);
         for &i in &used {
-            values[i].push(
-                number(&record[i], delimiter).ok_or_else(|| ReadError::Value {
-                    file: path.into(),
-                    row: format!("line {line}"),
-                    column: names[i].clone(),
-                    problem: match &record[i] {
-                        "" => "the cell is empty".into(),
-                        cell => format!("`{}`", cell.chars().take(40).collect::<String>()),
-                    },
-                    expected: "a finite number".into(),
-                })?,
-            );
+            values[i].push(number(&record[i], delimiter).ok_or_else(|| ReadError::Value {
+                file: path.into(),
+                row: format!("line {line}"),
+                column: names[i].clone(),
+                problem: match &record[i] {
+                    "" => "the cell is empty".into(),
+                    cell => format!("`{}`", cell.chars().take(40).collect::<String>()),
+                },
+                expected: "a finite number".into(),
+            })?);
         }
     }
     if rows.is_empty() {
-        return Err(ReadError::content(
-            path,
-            "has a header but no samples",
-            EXPECTED,
-        ));
+        return Err(ReadError::content(path, "has a header but no samples", EXPECTED));
     }
     let mut columns = Vec::new();
     let mut t = Vec::new();
@@ -158,17 +128,7 @@ fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>
             columns.push(Column { name, values });
         }
     }
-    Ok((
-        Table {
-            file: path.into(),
-            row: "line",
-            rows,
-            t,
-            columns,
-            axes,
-        },
-        warnings,
-    ))
+    Ok((Table { file: path.into(), row: "line", rows, t, columns, axes }, warnings))
 }
 
 fn number(cell: &str, delimiter: u8) -> Option<f64> {

@@ -59,22 +59,11 @@ pub enum ReadError {
 
 impl ReadError {
     pub(super) fn io(file: &Path, source: std::io::Error) -> Self {
-        Self::Io {
-            file: file.into(),
-            source,
-        }
+        Self::Io { file: file.into(), source }
     }
 
-    pub(super) fn content(
-        file: &Path,
-        problem: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> Self {
-        Self::Content {
-            file: file.into(),
-            problem: problem.into(),
-            expected: expected.into(),
-        }
+    pub(super) fn content(file: &Path, problem: impl Into<String>, expected: impl Into<String>) -> Self {
+        Self::Content { file: file.into(), problem: problem.into(), expected: expected.into() }
     }
 }
 
@@ -101,9 +90,6 @@ pub enum WriteError {
 
 impl WriteError {
     pub(super) fn invalid(file: &Path, problem: impl Into<String>) -> Self {
-        Self::Invalid {
-            file: file.into(),
-            problem: problem.into(),
-        }
+        Self::Invalid { file: file.into(), problem: problem.into() }
     }
 }

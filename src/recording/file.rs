@@ -29,10 +29,7 @@ pub(super) fn replace<E: Into<io::Error>>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
 ) -> Result<(), WriteError> {
-    let io_error = |source| WriteError::Io {
-        file: path.into(),
-        source,
-    };
+    let io_error = |source| WriteError::Io { file: path.into(), source };
     let temporary = beside(path).map_err(io_error)?;
     let mut out = BufWriter::new(temporary.as_file());
     write(&mut out).map_err(|e| io_error(e.into()))?;

@@ -67,9 +67,7 @@ struct Acceleration {
 
 /// Whether `path` is an MCAP file by its first bytes or, when it has none, by its name.
 pub fn is_mcap(path: &Path) -> bool {
-    let named = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     let mut start = [0; MAGIC.len()];
     let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut start));
     named || (read.is_ok() && start == MAGIC)
@@ -80,10 +78,7 @@ pub fn write(path: &Path, recording: &Recording) -> Result<(), WriteError> {
     let signals = &recording.signals;
     check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
     if let Some(t) = signals.t.iter().find(|t| t.abs() >= 1e8) {
-        return Err(WriteError::invalid(
-            path,
-            format!("time {t} s is out of range"),
-        ));
+        return Err(WriteError::invalid(path, format!("time {t} s is out of range")));
     }
     file::replace(path, |out| {
         write_records(out, recording).map_err(|e| match e {
@@ -93,10 +88,7 @@ pub fn write(path: &Path, recording: &Recording) -> Result<(), WriteError> {
     })
 }
 
-fn write_records<W: std::io::Write + std::io::Seek>(
-    out: W,
-    recording: &Recording,
-) -> mcap::McapResult<()> {
+fn write_records<W: std::io::Write + std::io::Seek>(out: W, recording: &Recording) -> mcap::McapResult<()> {
     let signals = &recording.signals;
     let mut w = mcap::WriteOptions::new()
         .profile("ros2")
@@ -112,11 +104,7 @@ fn write_records<W: std::io::Write + std::io::Seek>(
     w.write_metadata(&metadata("run", "zero_ns", EPOCH.to_string()))?;
 
     let none = BTreeMap::new();
-    let schema = w.add_schema(
-        "sensor_msgs/msg/JointState",
-        "ros2msg",
-        JOINT_STATE.as_bytes(),
-    )?;
+    let schema = w.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes())?;
     let joints = w.add_channel(schema, JOINTS, "cdr", &none)?;
     let mut json = |present: bool, topic: &str, name: &str, text: &str| {
         if !present {
@@ -125,59 +113,27 @@ fn write_records<W: std::io::Write + std::io::Seek>(
         let schema = w.add_schema(name, "jsonschema", text.as_bytes())?;
         w.add_channel(schema, topic, "json", &none).map(Some)
     };
-    let any_strut = signals
-        .strut_upper
-        .iter()
-        .chain(&signals.strut_lower)
-        .any(Option::is_some);
-    let struts = json(
-        any_strut,
-        STRUT_FORCES,
-        "deltatwin.StrutForces",
-        STRUT_SCHEMA,
-    )?;
-    let point = json(
-        signals.ee.is_some(),
-        END_EFFECTOR,
-        "deltatwin.EndEffector",
-        POINT_SCHEMA,
-    )?;
+    let any_strut = signals.strut_upper.iter().chain(&signals.strut_lower).any(Option::is_some);
+    let struts = json(any_strut, STRUT_FORCES, "deltatwin.StrutForces", STRUT_SCHEMA)?;
+    let point = json(signals.ee.is_some(), END_EFFECTOR, "deltatwin.EndEffector", POINT_SCHEMA)?;
     let name = "deltatwin.JointAcceleration";
-    let acceleration = json(
-        signals.qdd.is_some(),
-        ACCELERATION,
-        name,
-        ACCELERATION_SCHEMA,
-    )?;
+    let acceleration = json(signals.qdd.is_some(), ACCELERATION, name, ACCELERATION_SCHEMA)?;
 
     let mut second = None;
     for (i, t) in signals.t.iter().enumerate() {
         let time = EPOCH + (t * 1e9).round() as i64;
-        if second
-            .replace(time / SECOND)
-            .is_some_and(|s| s != time / SECOND)
-        {
+        if second.replace(time / SECOND).is_some_and(|s| s != time / SECOND) {
             w.flush()?;
         }
         let mut message = |channel_id: u16, data: &[u8]| {
             let (sequence, log_time) = (i as u32, time as u64);
-            let header = MessageHeader {
-                channel_id,
-                sequence,
-                log_time,
-                publish_time: log_time,
-            };
+            let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
             w.write_to_known_channel(&header, data)
         };
         // The joints come last: a sample whose joints arrived is complete.
         if let Some(id) = struts {
-            let of = |f: &[Option<Vec<f64>>; STRUTS]| {
-                std::array::from_fn(|s| f[s].as_ref().map(|f| f[i]))
-            };
-            let value = StrutForces {
-                upper: of(&signals.strut_upper),
-                lower: of(&signals.strut_lower),
-            };
+            let of = |f: &[Option<Vec<f64>>; STRUTS]| std::array::from_fn(|s| f[s].as_ref().map(|f| f[i]));
+            let value = StrutForces { upper: of(&signals.strut_upper), lower: of(&signals.strut_lower) };
             message(id, &to_json(&value)?)?;
         }
         if let (Some(id), Some(ee)) = (point, &signals.ee) {
@@ -185,12 +141,7 @@ fn write_records<W: std::io::Write + std::io::Seek>(
             message(id, &to_json(&Point { x, y, z })?)?;
         }
         if let (Some(id), Some(qdd)) = (acceleration, &signals.qdd) {
-            message(
-                id,
-                &to_json(&Acceleration {
-                    acceleration: qdd[i],
-                })?,
-            )?;
+            message(id, &to_json(&Acceleration { acceleration: qdd[i] })?)?;
         }
         let mut cdr = CdrWriter::default();
         cdr.u32((time / SECOND) as u32);
@@ -227,10 +178,7 @@ pub fn read(path: &Path, axes: usize) -> Result<(Signals, Option<Setup>, Vec<Str
     let mut warnings = Vec::new();
     let messages = collect(path, &content, &mut warnings)?;
     let setup = match messages.metadata.get("setup").and_then(|m| m.get("toml")) {
-        Some(text) => Some(Setup::from_toml(
-            text,
-            &format!("{}[setup]", path.display()),
-        )?),
+        Some(text) => Some(Setup::from_toml(text, &format!("{}[setup]", path.display()))?),
         None => None,
     };
     let table = joints(path, &messages, axes, &mut warnings)?;
@@ -261,10 +209,7 @@ impl<'a> Records<'a> {
             .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(LARGEST_RECORD);
-        Self {
-            rest: content,
-            reader: LinearReader::new_with_options(options),
-        }
+        Self { rest: content, reader: LinearReader::new_with_options(options) }
     }
 }
 
@@ -323,10 +268,7 @@ fn collect(path: &Path, content: &[u8], warnings: &mut Vec<String>) -> Result<Me
             }
             Record::Channel(c) => {
                 let schema = schemas.get(&c.schema_id).map_or("", String::as_str);
-                let is_state = matches!(
-                    schema,
-                    "sensor_msgs/msg/JointState" | "sensor_msgs/JointState"
-                );
+                let is_state = matches!(schema, "sensor_msgs/msg/JointState" | "sensor_msgs/JointState");
                 let json = [STRUT_FORCES, END_EFFECTOR, ACCELERATION];
                 if is_state && c.message_encoding == "cdr" {
                     channels.insert(c.id, Use::Joints);
@@ -364,33 +306,19 @@ fn collect(path: &Path, content: &[u8], warnings: &mut Vec<String>) -> Result<Me
         warnings.push("file is cut short: it ends without a footer".into());
     }
     let usual = |id: &u16| state_topics.get(id).is_some_and(|t| t == JOINTS);
-    let chosen = states
-        .keys()
-        .find(|id| usual(id))
-        .or_else(|| states.keys().next())
-        .copied();
+    let chosen = states.keys().find(|id| usual(id)).or_else(|| states.keys().next()).copied();
     let Some(id) = chosen else {
         let problem = match unread {
             Some(encoding) => format!("has JointState messages in the encoding `{encoding}`"),
             None if !state_topics.is_empty() => "has a JointState topic without messages".into(),
             None => format!("has no JointState messages (topics: {})", topics.join(", ")),
         };
-        let cut = if warnings.is_empty() {
-            ""
-        } else {
-            " and is cut short"
-        };
-        return Err(ReadError::content(
-            path,
-            problem + cut,
-            format!("{EXPECTED} in CDR"),
-        ));
+        let cut = if warnings.is_empty() { "" } else { " and is cut short" };
+        return Err(ReadError::content(path, problem + cut, format!("{EXPECTED} in CDR")));
     };
     if states.len() > 1 {
         let topic = state_topics.get(&id).map_or("", String::as_str);
-        warnings.push(format!(
-            "several topics carry JointState; `{topic}` is read"
-        ));
+        warnings.push(format!("several topics carry JointState; `{topic}` is read"));
     }
     found.joints = states.remove(&id).unwrap_or_default();
     Ok(found)
@@ -400,12 +328,7 @@ fn collect(path: &Path, content: &[u8], warnings: &mut Vec<String>) -> Result<Me
 type Sample = Vec<Option<f64>>;
 
 /// Columns of the joint states and of the channels that go with them.
-fn joints(
-    path: &Path,
-    messages: &Messages,
-    axes: usize,
-    warnings: &mut Vec<String>,
-) -> Result<Table, ReadError> {
+fn joints(path: &Path, messages: &Messages, axes: usize, warnings: &mut Vec<String>) -> Result<Table, ReadError> {
     let axes = axes.min(AXES);
     let mut order: Option<(Vec<String>, Option<Vec<usize>>)> = None;
     let mut used = Vec::new();
@@ -456,42 +379,26 @@ fn joints(
             let expected = format!("the joints axis1…axis{axes}");
             return Err(ReadError::content(path, problem, expected));
         }
-        warnings.push(format!(
-            "JointState messages with the joints {names} ignored"
-        ));
+        warnings.push(format!("JointState messages with the joints {names} ignored"));
     }
     if by_order {
         let names = order.map(|o| o.0.join(", ")).unwrap_or_default();
-        warnings.push(format!(
-            "joint names ({names}) are not axis1…axis{axes}: taken in this order"
-        ));
+        warnings.push(format!("joint names ({names}) are not axis1…axis{axes}: taken in this order"));
     }
 
     let stamped = states.iter().all(|s| s.stamp > 0);
-    let times: Vec<i64> = if stamped {
-        states.iter().map(|s| s.stamp).collect()
-    } else {
-        used.iter().map(|&t| t as i64).collect()
-    };
-    let zero = messages
-        .metadata
-        .get("run")
-        .and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
+    let times: Vec<i64> =
+        if stamped { states.iter().map(|s| s.stamp).collect() } else { used.iter().map(|&t| t as i64).collect() };
+    let zero = messages.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
     let zero = zero.or(times.first().copied()).unwrap_or(0);
-    let t = times
-        .iter()
-        .map(|&t| t.wrapping_sub(zero) as f64 / 1e9)
-        .collect();
+    let t = times.iter().map(|&t| t.wrapping_sub(zero) as f64 / 1e9).collect();
 
     let mut columns = Vec::new();
     let mut axis = |stem: &str, of: &dyn Fn(&JointState) -> &Vec<f64>| {
         if states.iter().all(|s| of(s).len() == axes) {
             for k in 0..axes {
                 let values = states.iter().map(|s| of(s)[k]).collect();
-                columns.push(Column {
-                    name: format!("{stem}{}", k + 1),
-                    values,
-                });
+                columns.push(Column { name: format!("{stem}{}", k + 1), values });
             }
         }
     };
@@ -516,10 +423,7 @@ fn joints(
         for (k, name) in names.iter().enumerate() {
             let values: Vec<f64> = samples.iter().filter_map(|s| *s.get(k)?).collect();
             if values.len() == used.len() {
-                columns.push(Column {
-                    name: name.clone(),
-                    values,
-                });
+                columns.push(Column { name: name.clone(), values });
             } else if !values.is_empty() {
                 warnings.push(format!("`{name}` ignored: not in every message"));
             }
@@ -537,14 +441,7 @@ fn joints(
         let a: Acceleration = serde_json::from_slice(data).ok()?;
         Some(a.acceleration.map(Some).to_vec())
     });
-    Ok(Table {
-        file: path.into(),
-        row: "JointState message",
-        rows,
-        t,
-        columns,
-        axes,
-    })
+    Ok(Table { file: path.into(), row: "JointState message", rows, t, columns, axes })
 }
 
 /// Place of each axis among joints called `axis1`, `q1`, `joint1`, `joint_1`….
@@ -552,15 +449,11 @@ fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
     let number = |name: &String| {
         let name: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
         let name = name.to_ascii_lowercase();
-        let number = ["axis", "joint", "q"]
-            .iter()
-            .find_map(|stem| name.strip_prefix(stem))?;
+        let number = ["axis", "joint", "q"].iter().find_map(|stem| name.strip_prefix(stem))?;
         number.parse::<usize>().ok()
     };
     let numbers: Vec<_> = names.iter().map(number).collect();
-    (1..=axes)
-        .map(|k| numbers.iter().position(|n| *n == Some(k)))
-        .collect()
+    (1..=axes).map(|k| numbers.iter().position(|n| *n == Some(k))).collect()
 }
 
 /// One `sensor_msgs/msg/JointState`.
@@ -584,13 +477,7 @@ impl JointState {
         for _ in 0..n {
             name.push(r.string()?);
         }
-        Some(Self {
-            stamp,
-            name,
-            position: r.f64s()?,
-            velocity: r.f64s()?,
-            effort: r.f64s()?,
-        })
+        Some(Self { stamp, name, position: r.f64s()?, velocity: r.f64s()?, effort: r.f64s()? })
     }
 }
 
@@ -642,11 +529,7 @@ impl<'a> CdrReader<'a> {
             [0, 1] => true,
             _ => return None,
         };
-        Some(Self {
-            data,
-            at: 0,
-            little,
-        })
+        Some(Self { data, at: 0, little })
     }
 
     fn take(&mut self, n: usize, align: usize) -> Option<&'a [u8]> {
@@ -658,11 +541,7 @@ impl<'a> CdrReader<'a> {
 
     fn u32(&mut self) -> Option<u32> {
         let bytes = self.take(4, 4)?.try_into().ok()?;
-        Some(if self.little {
-            u32::from_le_bytes(bytes)
-        } else {
-            u32::from_be_bytes(bytes)
-        })
+        Some(if self.little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
     }
 
     fn string(&mut self) -> Option<String> {
@@ -678,11 +557,7 @@ impl<'a> CdrReader<'a> {
         for _ in 0..n {
             let bytes = self.take(8, 8)?.try_into().ok()?;
             let little = self.little;
-            values.push(if little {
-                f64::from_le_bytes(bytes)
-            } else {
-                f64::from_be_bytes(bytes)
-            });
+            values.push(if little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) });
         }
         Some(values)
     }

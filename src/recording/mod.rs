@@ -41,11 +41,7 @@ impl Recording {
     ///
     /// Content decides on the format. The setup is that of the file `setup`, else of the sidecar `<stem>.setup.toml`,
     /// else of the MCAP file's metadata, else the default. Also returns what was noticed and repaired.
-    pub fn read_axes(
-        path: &Path,
-        setup: Option<&Path>,
-        axes: usize,
-    ) -> Result<(Self, Vec<String>), ReadError> {
+    pub fn read_axes(path: &Path, setup: Option<&Path>, axes: usize) -> Result<(Self, Vec<String>), ReadError> {
         let beside = setup::sidecar(path);
         let outside = match setup {
             Some(file) => Some(Setup::read(file)?),

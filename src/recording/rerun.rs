@@ -23,12 +23,7 @@ const CARBON: [u8; 3] = [60, 62, 70];
 const ORANGE: [u8; 3] = [235, 125, 40];
 const BRASS: [u8; 3] = [215, 175, 80];
 /// Colours of axes 1–4 in plots.
-const AXIS: [[u8; 3]; AXES] = [
-    [76, 140, 220],
-    [235, 125, 40],
-    [90, 175, 95],
-    [170, 105, 200],
-];
+const AXIS: [[u8; 3]; AXES] = [[76, 140, 220], [235, 125, 40], [90, 175, 95], [170, 105, 200]];
 
 /// What is drawn.
 pub struct Scene<'a> {
@@ -64,34 +59,17 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
     let s = &recording.signals;
     let mut series = Vec::new();
     let mut add = |path: String, values: Vec<f64>, color, label: &str| {
-        series.push(Series {
-            path,
-            times: s.t.clone(),
-            values,
-            color,
-            label: label.into(),
-        });
+        series.push(Series { path, times: s.t.clone(), values, color, label: label.into() });
     };
     for k in 0..AXES {
         let path = format!("torque/axis{}/measured", k + 1);
-        add(
-            path,
-            s.tau.iter().map(|v| v[k]).collect(),
-            AXIS[k],
-            "measured [N·m]",
-        );
+        add(path, s.tau.iter().map(|v| v[k]).collect(), AXIS[k], "measured [N·m]");
     }
     for k in 0..AXES {
-        let (path, label) = (
-            format!("joints/axis{}/angle", k + 1),
-            format!("q{} [rad]", k + 1),
-        );
+        let (path, label) = (format!("joints/axis{}/angle", k + 1), format!("q{} [rad]", k + 1));
         add(path, s.q.iter().map(|v| v[k]).collect(), AXIS[k], &label);
     }
-    for (end, forces, shade) in [
-        ("upper", &s.strut_upper, 1.0),
-        ("lower", &s.strut_lower, 0.6),
-    ] {
+    for (end, forces, shade) in [("upper", &s.strut_upper, 1.0), ("lower", &s.strut_lower, 0.6)] {
         for (i, force) in forces.iter().enumerate() {
             let Some(force) = force else { continue };
             let color = AXIS[i / 2].map(|c| (f64::from(c) * shade) as u8);
@@ -105,10 +83,7 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
 /// Writes the robot, its curves and a layout for them. A file that is there is replaced as a whole.
 pub fn write_rrd(path: &Path, name: &str, scene: &Scene) -> Result<(), WriteError> {
     check(scene).map_err(|problem| WriteError::invalid(path, problem))?;
-    let io_error = |source| WriteError::Io {
-        file: path.into(),
-        source,
-    };
+    let io_error = |source| WriteError::Io { file: path.into(), source };
     let temporary = file::beside(path).map_err(io_error)?.into_temp_path();
     log(&temporary, name, scene).map_err(|e| io_error(std::io::Error::other(e)))?;
     temporary.persist(path).map_err(|e| io_error(e.error))
@@ -117,20 +92,11 @@ pub fn write_rrd(path: &Path, name: &str, scene: &Scene) -> Result<(), WriteErro
 fn check(scene: &Scene) -> Result<(), String> {
     let frames = scene.times.len();
     let expect = |what: &str, count: usize, wanted: usize| {
-        (count == wanted)
-            .then_some(())
-            .ok_or_else(|| format!("{what}: {count} values for {wanted} times"))
+        (count == wanted).then_some(()).ok_or_else(|| format!("{what}: {count} values for {wanted} times"))
     };
     expect("motions", scene.motions.len(), frames)?;
-    expect(
-        "residual",
-        scene.residual.map_or(frames, <[_]>::len),
-        frames,
-    )?;
-    scene
-        .series
-        .iter()
-        .try_for_each(|s| expect(&s.path, s.values.len(), s.times.len()))
+    expect("residual", scene.residual.map_or(frames, <[_]>::len), frames)?;
+    scene.series.iter().try_for_each(|s| expect(&s.path, s.values.len(), s.times.len()))
 }
 
 type Outcome = Result<(), Box<dyn std::error::Error + Send + Sync>>;
@@ -161,13 +127,10 @@ fn layout(series: &[Series]) -> bp::Blueprint {
             (Some(plot), Some(_)) => plot,
             _ => "",
         };
-        let i = tabs
-            .iter()
-            .position(|(name, _)| *name == tab)
-            .unwrap_or_else(|| {
-                tabs.push((tab, Vec::new()));
-                tabs.len() - 1
-            });
+        let i = tabs.iter().position(|(name, _)| *name == tab).unwrap_or_else(|| {
+            tabs.push((tab, Vec::new()));
+            tabs.len() - 1
+        });
         if !tabs[i].1.contains(&plot) {
             tabs[i].1.push(plot);
         }
@@ -180,9 +143,7 @@ fn layout(series: &[Series]) -> bp::Blueprint {
             };
             bp::ContainerLike::from(bp::TimeSeriesView::new(name).with_origin(origin))
         });
-        bp::Vertical::new(views.collect::<Vec<_>>())
-            .with_name(tab)
-            .into()
+        bp::Vertical::new(views.collect::<Vec<_>>()).with_name(tab).into()
     });
     let tabs: Vec<bp::ContainerLike> = tabs.collect();
     let mut parts = vec![bp::Spatial3DView::new("robot").with_origin("/world").into()];
@@ -193,11 +154,7 @@ fn layout(series: &[Series]) -> bp::Blueprint {
         .with_auto_views(false)
         .with_blueprint_panel(bp::BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(bp::SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(
-            bp::TimePanel::new()
-                .with_timeline(TIME)
-                .with_state(PanelState::Collapsed),
-        )
+        .with_time_panel(bp::TimePanel::new().with_timeline(TIME).with_state(PanelState::Collapsed))
 }
 
 /// The mounting ring and the motors, which stand still.
@@ -216,9 +173,7 @@ fn base(rec: &RecordingStream, g: &Geometry) -> Outcome {
         let above = shaft.xy().push(g.mounting_height);
         strips.push(vec![point(above), point(shaft)]);
     }
-    let lines = a::LineStrips3D::new(strips)
-        .with_colors([color(STEEL)])
-        .with_radii([0.008f32]);
+    let lines = a::LineStrips3D::new(strips).with_colors([color(STEEL)]).with_radii([0.008f32]);
     rec.log_static("world/base/frame", &lines)?;
     let motors = a::Capsules3D::from_endpoints_and_radii(from, to, [0.045f32; ARMS])
         .with_colors([color(STEEL)])
@@ -230,10 +185,7 @@ fn base(rec: &RecordingStream, g: &Geometry) -> Outcome {
 fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let g = scene.geometry;
     // Bodies of a disassembled robot rest in the origin, where the platform never is.
-    let assembled = scene
-        .motions
-        .iter()
-        .any(|m| m.bodies[PLATFORM].position.norm() > 0.0);
+    let assembled = scene.motions.iter().any(|m| m.bodies[PLATFORM].position.norm() > 0.0);
     let (thick, thin) = (0.03f32, 0.009f32);
     let sleeve = -0.9 * g.telescope_limits[0];
     for b in 0..BODIES {
@@ -250,14 +202,7 @@ fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
         match b {
             ARM..STRUT => {
                 let l = g.arm_length;
-                bar(
-                    rec,
-                    &entity,
-                    [l, 0.0, 0.0],
-                    thick,
-                    STEEL,
-                    scene.residual.is_some(),
-                )?;
+                bar(rec, &entity, [l, 0.0, 0.0], thick, STEEL, scene.residual.is_some())?;
                 if assembled {
                     balls(rec, &entity, &[[l, half, 0.0], [l, -half, 0.0]])?;
                     bolt(rec, &entity, [l, half, 0.0], [l, -half, 0.0])?;
@@ -269,25 +214,13 @@ fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
             }
             PLATFORM => platform(rec, &entity, g)?,
             END_EFFECTOR => {
-                let flange = a::Boxes3D::from_centers_and_half_sizes(
-                    [[0.02f32, 0.0, 0.01]],
-                    [[0.06f32, 0.02, 0.01]],
-                );
-                let flange = flange
-                    .with_colors([color(BRASS)])
-                    .with_fill_mode(FillMode::Solid);
+                let flange = a::Boxes3D::from_centers_and_half_sizes([[0.02f32, 0.0, 0.01]], [[0.06f32, 0.02, 0.01]]);
+                let flange = flange.with_colors([color(BRASS)]).with_fill_mode(FillMode::Solid);
                 rec.log_static(entity.as_str(), &flange)?;
             }
             ROTOR => continue,
             TELESCOPE_UPPER => {
-                bar(
-                    rec,
-                    &entity,
-                    [0.0, 0.0, sleeve],
-                    0.018,
-                    STEEL,
-                    scene.residual.is_some(),
-                )?;
+                bar(rec, &entity, [0.0, 0.0, sleeve], 0.018, STEEL, scene.residual.is_some())?;
             }
             TELESCOPE_LOWER => bar(rec, &entity, [0.0, 0.0, -sleeve], 0.011, CARBON, false)?,
             _ => continue,
@@ -297,17 +230,10 @@ fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
             .with_many_mat3x3(scene.motions.iter().map(|m| {
                 let columns = m.bodies[b].rotation; // nalgebra stores by column, as Rerun does
                 let mut entries = [0f32; 9];
-                entries
-                    .iter_mut()
-                    .zip(columns.iter())
-                    .for_each(|(e, v)| *e = *v as f32);
+                entries.iter_mut().zip(columns.iter()).for_each(|(e, v)| *e = *v as f32);
                 rerun::datatypes::Mat3x3::from(entries)
             }));
-        rec.send_columns(
-            entity.as_str(),
-            [frames(scene)],
-            poses.columns_of_unit_batches()?,
-        )?;
+        rec.send_columns(entity.as_str(), [frames(scene)], poses.columns_of_unit_batches()?)?;
         if let (Some(axis), Some(residual)) = (axis_of_color, scene.residual) {
             let colors = residual.iter().map(|r| color(heat(r[axis])));
             let colors = a::Capsules3D::update_fields().with_colors(colors);
@@ -315,14 +241,8 @@ fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
         }
     }
     if assembled {
-        let path: Vec<_> = scene
-            .motions
-            .iter()
-            .map(|m| point(m.bodies[PLATFORM].position))
-            .collect();
-        let path = a::LineStrips3D::new([path])
-            .with_colors([color(AXIS[0])])
-            .with_radii([0.001f32]);
+        let path: Vec<_> = scene.motions.iter().map(|m| point(m.bodies[PLATFORM].position)).collect();
+        let path = a::LineStrips3D::new([path]).with_colors([color(AXIS[0])]).with_radii([0.001f32]);
         rec.log_static("world/path", &path)?;
     }
     Ok(())
@@ -339,30 +259,18 @@ fn platform(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
     let sockets: Vec<_> = corners.iter().map(|c| c.map(f64::from)).collect();
     balls(rec, entity, &sockets)?;
     corners.push(corners[0]);
-    let edge = a::LineStrips3D::new([corners])
-        .with_colors([color(ORANGE)])
-        .with_radii([0.008f32]);
+    let edge = a::LineStrips3D::new([corners]).with_colors([color(ORANGE)]).with_radii([0.008f32]);
     rec.log_static(format!("{entity}/edge"), &edge)?;
     let hub = a::Cylinders3D::from_lengths_and_radii([0.03f32], [0.7 * g.platform_radius as f32]);
-    let hub = hub
-        .with_colors([color(ORANGE)])
-        .with_fill_mode(FillMode::Solid);
+    let hub = hub.with_colors([color(ORANGE)]).with_fill_mode(FillMode::Solid);
     rec.log_static(format!("{entity}/hub"), &hub)?;
     Ok(())
 }
 
 /// A rod from the body's origin to `end`. Without `painted`, its colour is constant.
-fn bar(
-    rec: &RecordingStream,
-    entity: &str,
-    end: [f64; 3],
-    radius: f32,
-    rgb: [u8; 3],
-    painted: bool,
-) -> Outcome {
+fn bar(rec: &RecordingStream, entity: &str, end: [f64; 3], radius: f32, rgb: [u8; 3], painted: bool) -> Outcome {
     let end = end.map(|v| v as f32);
-    let mut rod = a::Capsules3D::from_endpoints_and_radii([[0f32; 3]], [end], [radius])
-        .with_fill_mode(FillMode::Solid);
+    let mut rod = a::Capsules3D::from_endpoints_and_radii([[0f32; 3]], [end], [radius]).with_fill_mode(FillMode::Solid);
     if !painted {
         rod = rod.with_colors([color(rgb)]);
     }
@@ -372,9 +280,7 @@ fn bar(
 
 fn balls(rec: &RecordingStream, entity: &str, centres: &[[f64; 3]]) -> Outcome {
     let centres = centres.iter().map(|c| c.map(|v| v as f32));
-    let points = a::Points3D::new(centres)
-        .with_radii([0.018f32])
-        .with_colors([color(BRASS)]);
+    let points = a::Points3D::new(centres).with_radii([0.018f32]).with_colors([color(BRASS)]);
     rec.log_static(format!("{entity}/sockets"), &points)?;
     Ok(())
 }
@@ -382,18 +288,14 @@ fn balls(rec: &RecordingStream, entity: &str, centres: &[[f64; 3]]) -> Outcome {
 /// The bolt between the two balls at an elbow.
 fn bolt(rec: &RecordingStream, entity: &str, from: [f64; 3], to: [f64; 3]) -> Outcome {
     let strip = [from, to].map(|p| p.map(|v| v as f32));
-    let line = a::LineStrips3D::new([strip])
-        .with_colors([color(BRASS)])
-        .with_radii([0.007f32]);
+    let line = a::LineStrips3D::new([strip]).with_colors([color(BRASS)]).with_radii([0.007f32]);
     rec.log_static(format!("{entity}/bolt"), &line)?;
     Ok(())
 }
 
 fn curve(rec: &RecordingStream, s: &Series) -> Outcome {
-    let style = a::SeriesLines::new()
-        .with_names([s.label.as_str()])
-        .with_colors([color(s.color)])
-        .with_widths([1.5f32]);
+    let style =
+        a::SeriesLines::new().with_names([s.label.as_str()]).with_colors([color(s.color)]).with_widths([1.5f32]);
     rec.log_static(s.path.as_str(), &style)?;
     let times = TimeColumn::new_duration_secs(TIME, s.times.iter().copied());
     let values = a::Scalars::new(s.values.iter().copied()).columns_of_unit_batches()?;
@@ -415,16 +317,8 @@ fn color([r, g, b]: [u8; 3]) -> Color {
 
 /// Green within the noise, yellow at 3 σ, red from 6 σ on.
 fn heat(sigma: f64) -> [u8; 3] {
-    let stops = [
-        [70.0, 170.0, 90.0],
-        [240.0, 200.0, 60.0],
-        [215.0, 50.0, 45.0],
-    ];
-    let x = if sigma.is_finite() {
-        (sigma.abs() - 1.0).clamp(0.0, 5.0) / 2.5
-    } else {
-        2.0
-    };
+    let stops = [[70.0, 170.0, 90.0], [240.0, 200.0, 60.0], [215.0, 50.0, 45.0]];
+    let x = if sigma.is_finite() { (sigma.abs() - 1.0).clamp(0.0, 5.0) / 2.5 } else { 2.0 };
     let i = (x as usize).min(1);
     std::array::from_fn(|c| (stops[i][c] + (x - i as f64) * (stops[i + 1][c] - stops[i][c])) as u8)
 }
@@ -476,11 +370,7 @@ mod tests {
             qdd: [0.0; AXES],
             bodies,
             strut_axis,
-            telescope: Telescope {
-                axis: Vector3::z(),
-                length,
-                rate: 0.0,
-            },
+            telescope: Telescope { axis: Vector3::z(), length, rate: 0.0 },
         }
     }
 
@@ -500,10 +390,7 @@ mod tests {
             telescope_limits: [0.65, 1.25],
         };
         let times: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.02).collect();
-        let motions: Vec<Motion> = times
-            .iter()
-            .map(|t| lift(&g, 0.3 + 0.4 * (3.0 * t).sin()))
-            .collect();
+        let motions: Vec<Motion> = times.iter().map(|t| lift(&g, 0.3 + 0.4 * (3.0 * t).sin())).collect();
         let residual: Vec<[f64; AXES]> = times.iter().map(|t| [0.0, 3.5, 3.0 * t, 9.0]).collect();
         let mut recording = Recording::default();
         recording.signals.t = times.clone();
@@ -529,18 +416,11 @@ mod tests {
         let path = folder.path().join("run.rrd");
         write_rrd(&path, "lift", &scene).unwrap();
         let bytes = std::fs::read(&path).unwrap();
-        assert!(
-            bytes.starts_with(b"RRF2") && bytes.len() > 20_000,
-            "{} bytes",
-            bytes.len()
-        );
+        assert!(bytes.starts_with(b"RRF2") && bytes.len() > 20_000, "{} bytes", bytes.len());
 
         scene.series[0].values.pop();
         let e = write_rrd(&path, "lift", &scene).unwrap_err().to_string();
-        assert!(
-            e.contains("torque/axis1/measured: 99 values for 100 times"),
-            "{e}"
-        );
+        assert!(e.contains("torque/axis1/measured: 99 values for 100 times"), "{e}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

@@ -50,21 +50,13 @@ fn zero() -> Spanned<f64> {
 
 impl Default for Document {
     fn default() -> Self {
-        Self {
-            configuration: State::Assembled,
-            payload: Load::default(),
-            noise: Noise::default(),
-        }
+        Self { configuration: State::Assembled, payload: Load::default(), noise: Noise::default() }
     }
 }
 
 impl Default for Load {
     fn default() -> Self {
-        Self {
-            mass: zero(),
-            com: [zero(), zero(), zero()],
-            inertia_zz: zero(),
-        }
+        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: zero() }
     }
 }
 
@@ -72,8 +64,7 @@ impl Setup {
     /// Reads a setup file.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
         let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
-        let text = String::from_utf8(bytes)
-            .map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
+        let text = String::from_utf8(bytes).map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
         Self::from_toml(&text, &path.display().to_string())
     }
 
@@ -90,12 +81,8 @@ impl Setup {
                 span: span.into(),
             }
         };
-        let document: Document = toml::from_str(text).map_err(|e| {
-            error(
-                e.message().trim().replace('\n', ", "),
-                e.span().unwrap_or(0..0),
-            )
-        })?;
+        let document: Document = toml::from_str(text)
+            .map_err(|e| error(e.message().trim().replace('\n', ", "), e.span().unwrap_or(0..0)))?;
         let within = |key: &str, value: &Spanned<f64>, low: f64, high: f64, unit: &str| {
             let v = *value.get_ref();
             if (low..=high).contains(&v) {
@@ -126,11 +113,7 @@ impl Setup {
             State::Assembled => Configuration::Assembled,
             State::Disassembled => Configuration::Disassembled,
         };
-        Ok(Self {
-            configuration,
-            payload,
-            torque_noise,
-        })
+        Ok(Self { configuration, payload, torque_noise })
     }
 
     /// The setup as TOML, read back without loss by [`Setup::from_toml`].
@@ -139,11 +122,7 @@ impl Setup {
             Configuration::Assembled => "assembled",
             Configuration::Disassembled => "disassembled",
         };
-        let Payload {
-            mass,
-            com,
-            inertia_zz,
-        } = self.payload;
+        let Payload { mass, com, inertia_zz } = self.payload;
         let mut text = format!(
             "configuration = \"{configuration}\"\n\n[payload]\nmass = {mass:?} # kg\n\
              com = [{:?}, {:?}, {:?}] # m, from the flange centre\ninertia_zz = {inertia_zz:?} # kg·m², about the COM\n",
@@ -166,53 +145,29 @@ mod tests {
     use super::*;
 
     fn refused(text: &str) -> String {
-        Setup::from_toml(text, "run.setup.toml")
-            .unwrap_err()
-            .to_string()
+        Setup::from_toml(text, "run.setup.toml").unwrap_err().to_string()
     }
 
     #[test]
     fn round_trip() {
         let setup = Setup {
             configuration: Configuration::Disassembled,
-            payload: Payload {
-                mass: 1.0 / 3.0,
-                com: [1e-7, -0.02, 0.1].into(),
-                inertia_zz: 0.004,
-            },
+            payload: Payload { mass: 1.0 / 3.0, com: [1e-7, -0.02, 0.1].into(), inertia_zz: 0.004 },
             torque_noise: Some([0.4, 0.4, 0.4, 0.05]),
         };
         assert_eq!(Setup::from_toml(&setup.to_toml(), "x").unwrap(), setup);
         assert_eq!(Setup::from_toml("", "x").unwrap(), Setup::default());
-        assert_eq!(
-            Setup::from_toml("[payload]\nmass = 2", "x")
-                .unwrap()
-                .payload
-                .mass,
-            2.0
-        );
+        assert_eq!(Setup::from_toml("[payload]\nmass = 2", "x").unwrap().payload.mass, 2.0);
     }
 
     #[test]
     fn mistakes_are_named_with_their_place() {
         let e = refused("configuration = \"assembled\"\n[payload]\nmas = 1.0\n");
-        assert!(
-            e.starts_with("run.setup.toml:3:1: unknown field `mas`"),
-            "{e}"
-        );
+        assert!(e.starts_with("run.setup.toml:3:1: unknown field `mas`"), "{e}");
         let e = refused("[payload]\nmass = -1.0\n");
-        assert!(
-            e.starts_with("run.setup.toml:2:8: `payload.mass` is -1; expected"),
-            "{e}"
-        );
-        assert!(
-            refused("[payload]\ncom = [0.0, nan, 0.0]").contains(":2:13: `payload.com` is NaN")
-        );
-        assert!(
-            refused("[noise]\ntorque = [1.0, 2.0]").contains(":2:"),
-            "{}",
-            refused("[noise]\ntorque = [1.0, 2.0]")
-        );
+        assert!(e.starts_with("run.setup.toml:2:8: `payload.mass` is -1; expected"), "{e}");
+        assert!(refused("[payload]\ncom = [0.0, nan, 0.0]").contains(":2:13: `payload.com` is NaN"));
+        assert!(refused("[noise]\ntorque = [1.0, 2.0]").contains(":2:"), "{}", refused("[noise]\ntorque = [1.0, 2.0]"));
         assert!(refused("configuration = \"asembled\"").contains("assembled"));
         assert!(refused("configuration = ").contains(":1:"));
     }

@@ -66,7 +66,13 @@ impl FourierMotion {
     }
 
     /// Random motion with `harmonics` harmonics, scaled down until the plant respects all limits on a fine grid.
-    pub fn random(plant: &Plant, limits: &MotionLimits, frequency: f64, harmonics: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub fn random(
+        plant: &Plant,
+        limits: &MotionLimits,
+        frequency: f64,
+        harmonics: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
         let [low, high] = plant.geometry.telescope_limits;
         let middle = plant.geometry.upper_hooke_height - plant.geometry.lower_hooke_height - 0.45 * (low + high);
         let mut motion = Self {

@@ -17,7 +17,7 @@ use super::equations::{self, Accelerations, Condensed, Damping, SingularPose};
 use super::state::{State, WORK_EFFECTS, WORK_SPIN, rotation, wrapped};
 use crate::dynamics::Plant;
 use crate::effects::Instant;
-use crate::kinematics::motion::{strut_rotation, telescope_rotation};
+use crate::kinematics::motion::telescope_rotation;
 use crate::kinematics::{Motion, Reactions};
 use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{ARMS, Geometry, STRUTS};
@@ -365,9 +365,10 @@ fn assemble(geometry: &Geometry, state: &mut State, q: &[f64; 4], platform: &Pla
         strut.position = upper;
         let old = unit(&strut.orientation);
         let axis = (lower - upper).normalize();
-        let swing = UnitQuaternion::rotation_between(&(old * Vector3::x()), &axis);
-        strut.orientation = swing
-            .map_or_else(|| *from_matrix(&strut_rotation(&axis, &Geometry::tangential(s / 2))), |swing| *(swing * old));
+        // Smallest rotation from the old axis to the new one; exact for small angles too.
+        let from = old * Vector3::x();
+        let swing = UnitQuaternion::new_normalize(Quaternion::from_parts(1.0 + from.dot(&axis), from.cross(&axis)));
+        strut.orientation = *(swing * old);
     }
     state.psi += wrapped(q[3] - state.psi);
     let rotor = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), state.psi);

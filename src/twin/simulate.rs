@@ -106,8 +106,7 @@ pub fn simulate(
     let mut controller = Controller::new(controller_plant, model.drives, options.gains, period);
     let singular = |t: f64| move |_: SingularPose| SimulationError::Singular { t };
     integrator::project(&plant, &mut state).map_err(singular(0.0))?;
-    let mut tau =
-        controller.feed_forward(&wanted).map_err(|source| SimulationError::Trajectory { t: 0.0, source })?;
+    let mut tau = controller.feed_forward(&wanted).map_err(|source| SimulationError::Trajectory { t: 0.0, source })?;
     let mut sensors = Sensors::new(model, setup, options);
     let mut report = Report::default();
     let mut signals = Signals::default();
@@ -124,9 +123,8 @@ pub fn simulate(
             report.tracking_error[i] = report.tracking_error[i].max((motion.q[i] - now.q[i]).abs());
         }
         let next = joints(t + period)?;
-        let target = controller
-            .update(&now, &encoders, &next)
-            .map_err(|source| SimulationError::Trajectory { t, source })?;
+        let target =
+            controller.update(&now, &encoders, &next).map_err(|source| SimulationError::Trajectory { t, source })?;
         let start = tau;
         let torque = |time: f64| -> [f64; AXES] {
             let s = (time - t) / period;

@@ -18,12 +18,7 @@ fn planted_effect_is_found_named_and_in_the_set() {
         };
         let set = step.ranking.confidence_set();
         let held = set.iter().any(|a| a.candidate == planted);
-        [
-            true,
-            step.added.candidate == planted,
-            held,
-            o.found() == [planted],
-        ]
+        [true, step.added.candidate == planted, held, o.found() == [planted]]
     };
     let all: Vec<[bool; 4]> = (0..88).into_par_iter().map(one).collect();
     let counts = [0, 1, 2, 3].map(|i| all.iter().filter(|r| r[i]).count());
@@ -42,10 +37,7 @@ fn near_collinear_pair_is_indistinguishable() {
         plant(&mut p, 4, 0, 0.6);
         let o = select(&p, &quick()).unwrap();
         let set = o.findings[0].ranking.confidence_set();
-        assert!(
-            [4, 5].iter().all(|k| set.iter().any(|a| a.candidate == *k)),
-            "seed {seed}"
-        );
+        assert!([4, 5].iter().all(|k| set.iter().any(|a| a.candidate == *k)), "seed {seed}");
         assert!(set.iter().all(|a| a.overlap > 0.99));
         assert_eq!(o.verdict, Verdict::CannotTell);
     }
@@ -59,10 +51,7 @@ fn two_planted_effects_are_both_found() {
         plant(&mut p, 9, 0, 0.4);
         let mut found = select(&p, &quick()).unwrap().found();
         found.sort_unstable();
-        assert!(
-            [1, 9].iter().all(|k| found.contains(k)),
-            "seed {seed}: {found:?}"
-        );
+        assert!([1, 9].iter().all(|k| found.contains(k)), "seed {seed}: {found:?}");
     }
 }
 
@@ -132,16 +121,7 @@ fn refit_is_called_and_checked() {
         Ok(Some(p.clone()))
     });
     let o = o.unwrap();
-    assert_eq!(
-        calls[0],
-        (
-            vec![Chosen {
-                candidate: 4,
-                variant: 0
-            }],
-            Some(4)
-        )
-    );
+    assert_eq!(calls[0], (vec![Chosen { candidate: 4, variant: 0 }], Some(4)));
     assert!(o.refitted.is_some() && o.found().contains(&4));
     let mut fewer = p.clone();
     fewer.candidates.pop();

@@ -14,10 +14,7 @@ fn null_campaigns_hold_the_family_wise_level() {
             r.candidates.iter().any(|a| a.p_adjusted <= 0.05)
         };
         let alarms = (0..300_u64).into_par_iter().filter(alarm).count();
-        assert!(
-            (6..=27).contains(&alarms),
-            "uneven {uneven}: {alarms} of 300"
-        );
+        assert!((6..=27).contains(&alarms), "uneven {uneven}: {alarms} of 300");
     }
 }
 
@@ -28,10 +25,7 @@ fn scores_do_not_depend_on_scale_order_or_threads() {
     let mut p = collinear_problem(42, true);
     plant(&mut p, 3, 0, 0.3);
     let threads = |k: usize, p: &Problem| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(k)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(k).build().unwrap();
         pool.install(|| format!("{:?}", select(p, &quick()).unwrap()))
     };
     assert!(threads(1, &p) == threads(3, &p));
@@ -41,30 +35,16 @@ fn scores_do_not_depend_on_scale_order_or_threads() {
     other.candidates.reverse();
     for (k, c) in other.candidates.iter_mut().enumerate() {
         let scale = 10.0_f64.powi(k as i32 - 6);
-        c.variants
-            .iter_mut()
-            .flat_map(|v| &mut v.columns)
-            .flat_map(|z| &mut z.values)
-            .for_each(|x| *x *= scale);
+        c.variants.iter_mut().flat_map(|v| &mut v.columns).flat_map(|z| &mut z.values).for_each(|x| *x *= scale);
     }
-    other
-        .base
-        .iter_mut()
-        .flat_map(|z| &mut z.values)
-        .for_each(|x| *x *= 1e5);
+    other.base.iter_mut().flat_map(|z| &mut z.values).for_each(|x| *x *= 1e5);
     for c in 0..C {
         // Another unit for a channel: torque in mN·m.
         let rows = c * N..(c + 1) * N;
         let scale = 10.0_f64.powi(c as i32);
         other.y[rows.clone()].iter_mut().for_each(|x| *x *= scale);
-        let columns = other
-            .candidates
-            .iter_mut()
-            .flat_map(|c| &mut c.variants)
-            .flat_map(|v| &mut v.columns);
-        columns
-            .chain(&mut other.base)
-            .for_each(|z| z.values[rows.clone()].iter_mut().for_each(|x| *x *= scale));
+        let columns = other.candidates.iter_mut().flat_map(|c| &mut c.variants).flat_map(|v| &mut v.columns);
+        columns.chain(&mut other.base).for_each(|z| z.values[rows.clone()].iter_mut().for_each(|x| *x *= scale));
     }
     let scaled = evaluate(&other, &[], &quick()).unwrap();
     let last = p.candidates.len() - 1;
@@ -74,10 +54,7 @@ fn scores_do_not_depend_on_scale_order_or_threads() {
         approx::assert_relative_eq!(a.score, b.score, max_relative = 1e-6);
         approx::assert_relative_eq!(a.tolerance, b.tolerance, max_relative = 1e-6);
         approx::assert_relative_eq!(a.max_relevance(), b.max_relevance(), max_relative = 1e-6);
-        assert_eq!(
-            (a.p_adjusted, a.indistinguishable),
-            (b.p_adjusted, b.indistinguishable)
-        );
+        assert_eq!((a.p_adjusted, a.indistinguishable), (b.p_adjusted, b.indistinguishable));
     }
 }
 
@@ -98,11 +75,7 @@ fn what_the_base_imitates_is_unseen() {
     let of = |k: usize| r.of(k).unwrap();
     assert_eq!(of(4).visibility, Visibility::InBaseSpan);
     assert_eq!(of(4).p_adjusted, 1.0);
-    let names: Vec<&str> = of(4)
-        .absorbed_by
-        .iter()
-        .map(|a| a.parameter.as_str())
-        .collect();
+    let names: Vec<&str> = of(4).absorbed_by.iter().map(|a| a.parameter.as_str()).collect();
     assert_eq!(names[..2], ["base 7", "base 2"]);
     // 0.8 and 0.6 of a parameter of 2.
     approx::assert_relative_eq!(of(4).absorbed_by[0].percent.unwrap(), 40.0, epsilon = 1e-4);
@@ -127,8 +100,7 @@ fn standard_errors_hold_under_autocorrelation_and_uneven_noise() {
         // Base parameters are planted as 3.
         let b = &r.base[0];
         assert!(
-            (b.value - 3.0).abs()
-                < 6.0 * b.standard_error + 2.0 * (c.value * r.candidates[0].base_change[0]).abs()
+            (b.value - 3.0).abs() < 6.0 * b.standard_error + 2.0 * (c.value * r.candidates[0].base_change[0]).abs()
         );
         (c.value - 1.6 * 0.3 / rms) / c.standard_error
     };

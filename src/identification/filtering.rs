@@ -1,0 +1,109 @@
+//! Joint rates and accelerations from encoder angles: zero-phase local polynomials [Savitzky & Golay, 1964].
+//!
+//! A polynomial of degree 4 is fitted to the samples −m…m around each sample; its value and derivatives in the middle
+//! have no phase. The half width m is the smallest for which the encoder noise in the acceleration stays tolerable.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Convolution weights for value, first and second derivative with respect to the sample number.
+pub struct Kernel {
+    /// Half width in samples.
+    pub half_width: usize,
+    weights: [DVector<f64>; 3],
+}
+
+const DEGREE: usize = 4;
+/// Narrowest kernel; the polynomial needs DEGREE + 1 samples.
+pub const MIN_HALF_WIDTH: usize = 3;
+/// Widest kernel.
+pub const MAX_HALF_WIDTH: usize = 60;
+
+impl Kernel {
+    /// Least-squares polynomial of degree 4 over 2m + 1 samples.
+    pub fn new(half_width: usize) -> Self {
+        let m = half_width.max(MIN_HALF_WIDTH);
+        let n = 2 * m + 1;
+        let scale = m as f64;
+        let a = DMatrix::from_fn(n, DEGREE + 1, |i, j| ((i as f64 - scale) / scale).powi(j as i32));
+        let pseudo = (a.transpose() * &a).cholesky().expect("distinct samples").solve(&a.transpose());
+        let row = |j: usize, factor: f64| pseudo.row(j).transpose() * factor;
+        Self { half_width: m, weights: [row(0, 1.0), row(1, 1.0 / scale), row(2, 2.0 / (scale * scale))] }
+    }
+
+    /// Standard deviation of the `derivative`-th derivative per unit of white noise, per sample^derivative.
+    pub fn noise_gain(&self, derivative: usize) -> f64 {
+        self.weights[derivative].norm()
+    }
+
+    /// `derivative`-th derivative with respect to the sample number, at samples m…len−m.
+    pub fn apply(&self, derivative: usize, x: &[f64]) -> Vec<f64> {
+        let w = self.weights[derivative].as_slice();
+        // Differences to the first sample keep large angles exact.
+        x.windows(w.len())
+            .map(|v| {
+                let origin = v[self.half_width];
+                let sum: f64 = v.iter().zip(w).map(|(a, b)| (a - origin) * b).sum();
+                if derivative == 0 { origin + sum } else { sum }
+            })
+            .collect()
+    }
+}
+
+/// Standard deviation of white noise on a smooth series from its sixth differences (robust, by the median).
+pub fn noise_level(x: &[f64]) -> f64 {
+    const ORDER: usize = 6;
+    /// Binomial coefficient C(2n, n): variance gain of n-th differences.
+    const GAIN: f64 = 924.0;
+    let mut d = x.to_vec();
+    for _ in 0..ORDER {
+        d = d.windows(2).map(|w| w[1] - w[0]).collect();
+    }
+    if d.is_empty() {
+        return 0.0;
+    }
+    let mut magnitude: Vec<f64> = d.iter().map(|v| v.abs()).collect();
+    let m = magnitude.len() / 2;
+    // Median of |N(0,1)| is 0.6745.
+    *magnitude.select_nth_unstable_by(m, f64::total_cmp).1 / 0.6745 / GAIN.sqrt()
+}
+
+/// Half width whose acceleration noise stays below `tolerance`, rad/s², for angle noise `sigma`, rad, and step `dt`, s.
+pub fn half_width(sigma: f64, dt: f64, tolerance: f64) -> usize {
+    (MIN_HALF_WIDTH..=MAX_HALF_WIDTH)
+        .find(|&m| Kernel::new(m).noise_gain(2) * sigma / (dt * dt) <= tolerance)
+        .unwrap_or(MAX_HALF_WIDTH)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quartics_are_differentiated_exactly() {
+        let kernel = Kernel::new(7);
+        let f = |t: f64| 3.0 - 2.0 * t + 0.5 * t * t + 0.1 * t.powi(3) - 0.02 * t.powi(4);
+        let x: Vec<f64> = (0..40).map(|k| f64::from(k) * 0.1).map(f).collect();
+        for k in 0..26 {
+            let t = (k + 7) as f64 * 0.1;
+            let second = 1.0 + 0.6 * t - 0.24 * t * t;
+            approx::assert_relative_eq!(kernel.apply(2, &x)[k] / 0.01, second, epsilon = 1e-9);
+            approx::assert_relative_eq!(kernel.apply(0, &x)[k], f(t), epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn quantisation_is_measured_as_its_uniform_noise() {
+        // Rounding to a step s has standard deviation s/√12.
+        let step = 5.8e-6;
+        let x: Vec<f64> = (0..5000).map(|k| ((f64::from(k) * 4e-4 * 2.0).sin() * 0.7 / step).round() * step).collect();
+        let sigma = noise_level(&x);
+        approx::assert_relative_eq!(sigma, step / 12f64.sqrt(), max_relative = 0.15);
+    }
+
+    #[test]
+    fn smooth_signals_have_no_noise() {
+        let x: Vec<f64> = (0..5000).map(|k| (f64::from(k) * 4e-4 * 6.0).sin()).collect();
+        assert!(noise_level(&x) < 1e-13);
+        assert_eq!(half_width(noise_level(&x), 4e-4, 0.05), MIN_HALF_WIDTH);
+    }
+}

@@ -1,0 +1,303 @@
+//! Weighted least squares on what the data can tell (eq. 9), iterated where parameters enter nonlinearly.
+//!
+//! Directions of the parameter space whose standard deviation exceeds ten times the parameters' own size are left where
+//! they are: the data say nothing about them. Standard errors come from block sums of the scores, so they stay right
+//! when residuals are autocorrelated.
+
+use nalgebra::{DMatrix, DVector};
+use thiserror::Error;
+
+use super::prediction::{Channels, columns, predict};
+use super::{BaseParameter, Trace, base_parameters};
+use crate::dynamics::{Plant, PlantParameter, set_parameters};
+use crate::effects::{Kind, Role};
+use crate::kinematics::KinematicsError;
+use crate::model::Model;
+
+/// Why a fit cannot be made.
+#[derive(Debug, Error)]
+pub enum FitError {
+    /// A measured pose is impossible for the model's geometry.
+    #[error("recording {recording}: {source}; is it this robot, in radians, with axes in order?")]
+    Kinematics {
+        /// Name of the recording.
+        recording: String,
+        /// What is wrong.
+        source: KinematicsError,
+    },
+    /// Too few samples.
+    #[error("recording {recording}: {samples} samples are left after differentiation, at least {needed} are needed")]
+    TooShort {
+        /// Name of the recording.
+        recording: String,
+        /// Samples left.
+        samples: usize,
+        /// Samples needed.
+        needed: usize,
+    },
+    /// The numbers ran away.
+    #[error("the least-squares problem has no finite solution")]
+    NotFinite,
+}
+
+/// A parameter with what the data say about it.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    /// Printed name.
+    pub name: String,
+    /// Unit.
+    pub unit: &'static str,
+    /// Value.
+    pub value: f64,
+    /// Standard error; infinite where the data cannot tell the parameter alone.
+    pub std: f64,
+}
+
+/// Result of a fit.
+#[derive(Clone)]
+pub struct Fit {
+    /// The model with estimated parameters.
+    pub model: Model,
+    /// All estimated parameters, in the order of [`Plant::parameters`] without fixed ones.
+    pub parameters: Vec<Estimate>,
+    /// The combinations the data determine.
+    pub base: Vec<BaseParameter>,
+    /// Residual (measured − predicted) per recording and channel.
+    pub residuals: Vec<Channels>,
+    /// Root mean square residual per channel, over all recordings.
+    pub rms: Vec<f64>,
+}
+
+const MIN_SAMPLES: usize = 200;
+const MAX_ITERATIONS: usize = 12;
+/// Relative fall of the weighted sum of squares that still counts as progress.
+const PROGRESS: f64 = 1e-9;
+/// Blocks of time for the standard errors.
+const BLOCKS: usize = 50;
+/// Information (1/variance, in units of the parameters' own size) below which a direction counts as unknown.
+const MIN_INFORMATION: f64 = 1e-2;
+
+/// Fits all parameters of `model` to the traces; `noise[trace][channel]` weighs the channels.
+pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, FitError> {
+    for trace in traces {
+        if trace.len() < MIN_SAMPLES {
+            return Err(FitError::TooShort {
+                recording: trace.name.clone(),
+                samples: trace.len(),
+                needed: MIN_SAMPLES,
+            });
+        }
+    }
+    let mut model = model.clone();
+    let mut residuals = residuals(&model, traces)?;
+    let mut cost = weighted_squares(&residuals, noise);
+    let nonlinear = is_nonlinear(&model);
+    for _ in 0..MAX_ITERATIONS {
+        let system = System::new(&model, traces, noise, &residuals)?;
+        let step = system.step();
+        let before = cost;
+        let mut damping = 1.0;
+        loop {
+            let mut next = model.clone();
+            set_parameters(&mut next, &system.moved(&step, damping));
+            let trial = self::residuals(&next, traces)?;
+            let trial_cost = weighted_squares(&trial, noise);
+            if trial_cost <= cost {
+                (model, residuals, cost) = (next, trial, trial_cost);
+                break;
+            }
+            damping *= 0.5;
+            if damping < 1e-3 {
+                break;
+            }
+        }
+        if !cost.is_finite() {
+            return Err(FitError::NotFinite);
+        }
+        if !nonlinear || cost > before * (1.0 - PROGRESS) {
+            break;
+        }
+    }
+    let system = System::new(&model, traces, noise, &residuals)?;
+    let covariance = system.covariance();
+    let known = system.known();
+    let parameters = system
+        .free
+        .iter()
+        .enumerate()
+        .map(|(i, &k)| Estimate {
+            name: system.parameters[k].name.clone(),
+            unit: system.parameters[k].unit,
+            value: system.parameters[k].value,
+            std: if known[i] { covariance[(i, i)].max(0.0).sqrt() } else { f64::INFINITY },
+        })
+        .collect();
+    let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
+    let rms = channel_rms(&residuals);
+    Ok(Fit { model, parameters, base, residuals, rms })
+}
+
+fn is_nonlinear(model: &Model) -> bool {
+    model.effects.iter().any(|a| {
+        a.effect.reads_reactions()
+            || matches!(a.effect.kind(), Kind::Geometry | Kind::Sensor)
+            || a.effect.parameters().iter().any(|p| p.role == Role::Shape)
+            || a.effect.name() == "base_tilt"
+    })
+}
+
+/// Measured minus predicted for every trace.
+pub fn residuals(model: &Model, traces: &[Trace]) -> Result<Vec<Channels>, FitError> {
+    traces
+        .iter()
+        .map(|trace| {
+            let predicted = predict(&Plant::new(model, &trace.setup), trace).map_err(kinematics(trace))?;
+            let minus = |(m, p): (&Vec<f64>, Vec<f64>)| m.iter().zip(p).map(|(m, p)| m - p).collect();
+            Ok(trace.measured.iter().zip(predicted).map(minus).collect())
+        })
+        .collect()
+}
+
+/// Attaches the recording's name to a kinematic error.
+pub fn kinematics(trace: &Trace) -> impl Fn(KinematicsError) -> FitError + '_ {
+    |source| FitError::Kinematics { recording: trace.name.clone(), source }
+}
+
+fn weighted_squares(residuals: &[Channels], noise: &[Vec<f64>]) -> f64 {
+    let channel = |(r, s): (&Vec<f64>, &f64)| r.iter().map(|x| x * x).sum::<f64>() / (s * s);
+    residuals.iter().zip(noise).flat_map(|(r, s)| r.iter().zip(s)).map(channel).sum()
+}
+
+/// Root mean square per channel over several recordings.
+pub fn channel_rms(residuals: &[Channels]) -> Vec<f64> {
+    let channels = residuals.iter().map(Vec::len).min().unwrap_or(0);
+    (0..channels)
+        .map(|c| {
+            let n: usize = residuals.iter().map(|r| r[c].len()).sum();
+            let sum: f64 = residuals.iter().flat_map(|r| &r[c]).map(|x| x * x).sum();
+            (sum / n.max(1) as f64).sqrt()
+        })
+        .collect()
+}
+
+/// Normal equations at the present parameters.
+struct System {
+    parameters: Vec<PlantParameter>,
+    /// Indices of the estimated parameters.
+    free: Vec<usize>,
+    /// Own size of each free parameter.
+    scale: DVector<f64>,
+    /// YᵀWY of the free parameters.
+    information: DMatrix<f64>,
+    /// YᵀWr.
+    gradient: DVector<f64>,
+    /// Block sums of YᵀWr.
+    scores: Vec<DVector<f64>>,
+}
+
+impl System {
+    fn new(model: &Model, traces: &[Trace], noise: &[Vec<f64>], residuals: &[Channels]) -> Result<Self, FitError> {
+        let parameters = Plant::new(model, &traces[0].setup).parameters();
+        let free: Vec<usize> = (0..parameters.len()).filter(|&k| parameters[k].role != Role::Fixed).collect();
+        let n = free.len();
+        let mut information = DMatrix::zeros(n, n);
+        let mut gradient = DVector::zeros(n);
+        let mut scores = Vec::new();
+        for ((trace, sigma), residual) in traces.iter().zip(noise).zip(residuals) {
+            let all = columns(&Plant::new(model, &trace.setup), trace, None).map_err(kinematics(trace))?;
+            let length = trace.len().div_ceil(BLOCKS).max(1);
+            for start in (0..trace.len()).step_by(length) {
+                let range = start..(start + length).min(trace.len());
+                let mut score = DVector::zeros(n);
+                for (c, s) in sigma.iter().enumerate() {
+                    let block = DMatrix::from_fn(range.len(), n, |i, j| all[free[j]][c][range.start + i] / s);
+                    let r = DVector::from_fn(range.len(), |i, _| residual[c][range.start + i] / s);
+                    information += block.tr_mul(&block);
+                    score += block.tr_mul(&r);
+                }
+                gradient += &score;
+                scores.push(score);
+            }
+        }
+        let scale = DVector::from_fn(n, |i, _| own_size(&parameters[free[i]]));
+        Ok(Self { parameters, free, scale, information, gradient, scores })
+    }
+
+    fn free_parameters(&self) -> Vec<&PlantParameter> {
+        self.free.iter().map(|&k| &self.parameters[k]).collect()
+    }
+
+    /// Eigenvectors (in scaled parameters) and eigenvalues the data determine.
+    fn eigen(&self) -> (DMatrix<f64>, DVector<f64>) {
+        let n = self.free.len();
+        let scaled = DMatrix::from_fn(n, n, |i, j| self.information[(i, j)] * self.scale[i] * self.scale[j]);
+        let eigen = scaled.symmetric_eigen();
+        // Rounding of the largest eigenvalue must not pass for information.
+        let floor = MIN_INFORMATION.max(1e-13 * eigen.eigenvalues.amax());
+        let kept: Vec<usize> = (0..n).filter(|&i| eigen.eigenvalues[i] > floor).collect();
+        let vectors = DMatrix::from_fn(n, kept.len(), |r, c| eigen.eigenvectors[(r, kept[c])]);
+        (vectors, DVector::from_fn(kept.len(), |i, _| eigen.eigenvalues[kept[i]]))
+    }
+
+    /// Applies the pseudo-inverse of the information.
+    fn pseudo_inverse(&self) -> DMatrix<f64> {
+        let (vectors, values) = self.eigen();
+        let scaled = DMatrix::from_fn(vectors.nrows(), vectors.ncols(), |r, c| {
+            self.scale[r] * vectors[(r, c)] / values[c].sqrt()
+        });
+        &scaled * scaled.transpose()
+    }
+
+    fn step(&self) -> DVector<f64> {
+        self.pseudo_inverse() * &self.gradient
+    }
+
+    /// All parameter values after a damped step; shape parameters move by half their value at most.
+    fn moved(&self, step: &DVector<f64>, damping: f64) -> Vec<f64> {
+        let mut values: Vec<f64> = self.parameters.iter().map(|p| p.value).collect();
+        for (i, &k) in self.free.iter().enumerate() {
+            let p = &self.parameters[k];
+            let mut d = damping * step[i];
+            if p.role == Role::Shape {
+                d = d.clamp(-0.5 * p.value.abs(), 0.5 * p.value.abs());
+                values[k] = (p.value + d).clamp(p.range.0, p.range.1);
+            } else {
+                values[k] += d;
+            }
+        }
+        values
+    }
+
+    /// H⁺ (Σ s sᵀ) H⁺ over blocks, never below what white noise of the stated size would give.
+    fn covariance(&self) -> DMatrix<f64> {
+        let inverse = self.pseudo_inverse();
+        let n = self.free.len();
+        let mut meat = DMatrix::zeros(n, n);
+        for s in &self.scores {
+            meat += s * s.transpose();
+        }
+        // Small-sample factor of the block estimate.
+        let b = self.scores.len() as f64;
+        let robust = &inverse * meat * &inverse * (b / (b - 1.0).max(1.0));
+        DMatrix::from_fn(n, n, |i, j| {
+            let inflate = |i: usize| {
+                if robust[(i, i)] > 0.0 { (inverse[(i, i)] / robust[(i, i)]).sqrt().max(1.0) } else { 1.0 }
+            };
+            robust[(i, j)] * inflate(i) * inflate(j)
+        })
+    }
+
+    /// Whether the data determine each free parameter alone.
+    fn known(&self) -> Vec<bool> {
+        let (vectors, _) = self.eigen();
+        (0..self.free.len()).map(|i| 1.0 - vectors.row(i).norm_squared() < 1e-4).collect()
+    }
+}
+
+/// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
+pub fn own_size(p: &PlantParameter) -> f64 {
+    let usual = crate::effects::find(p.effect)
+        .and_then(|e| e.parameters().iter().find(|q| p.name.contains(&format!(".{}", q.name))))
+        .map_or(0.0, |q| q.default.abs());
+    p.value.abs().max(usual).max(1e-9)
+}

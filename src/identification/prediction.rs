@@ -1,0 +1,224 @@
+//! What a plant predicts for a trace, and how that changes with each parameter.
+
+use rayon::prelude::*;
+
+use super::Trace;
+use crate::dynamics::{Channel, Plant, inverse_dynamics, regressor};
+use crate::effects::{ActiveEffect, Instant, Kind, Role};
+use crate::kinematics::{KinematicsError, Motion, Reactions};
+use crate::model::AXES;
+use crate::recording::Signals;
+
+/// Series of every channel, in the order of the trace's channels.
+pub type Channels = Vec<Vec<f64>>;
+
+/// Own states of each effect at each sample: `[sample][effect]`, empty where no effect has states.
+type OwnStates = Vec<Vec<Vec<f64>>>;
+
+/// Predicted channels of a plant along a trace.
+pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
+    let motions = motions(plant, trace)?;
+    predict_along(plant, trace, &motions)
+}
+
+fn motions(plant: &Plant, trace: &Trace) -> Result<Vec<Motion>, KinematicsError> {
+    trace.joints.par_iter().map(|j| plant.motion(j)).collect()
+}
+
+fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
+    let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let states = own_states(plant, &effects, trace, motions);
+    let with_struts = trace.channels.len() > AXES;
+    let outputs: Vec<_> = (0..trace.len())
+        .into_par_iter()
+        .map(|k| inverse_dynamics(plant, trace.t[k], &motions[k], &slices(&states, k, effects.len()), with_struts))
+        .collect::<Result<_, _>>()?;
+    let mut series: Channels = trace
+        .channels
+        .iter()
+        .map(|channel| {
+            let value = |o: &crate::dynamics::Output| match *channel {
+                Channel::Torque(axis) => o.tau[axis],
+                Channel::StrutUpper(s) => o.reactions.upper[s],
+                Channel::StrutLower(s) => o.reactions.lower[s],
+            };
+            outputs.iter().map(value).collect()
+        })
+        .collect();
+    observe(plant, trace, &mut series);
+    Ok(series)
+}
+
+fn slices(states: &OwnStates, k: usize, effects: usize) -> Vec<&[f64]> {
+    if states.is_empty() { vec![&[]; effects] } else { states[k].iter().map(Vec::as_slice).collect() }
+}
+
+/// Integrates the effects' own states along the measured motion with Heun's method.
+fn own_states(plant: &Plant, effects: &[&ActiveEffect], trace: &Trace, motions: &[Motion]) -> OwnStates {
+    if effects.iter().all(|a| a.states() == 0) {
+        return Vec::new();
+    }
+    let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let none = Reactions::default();
+    let rate = |active: &ActiveEffect, k: usize, state: &[f64]| {
+        let mut rate = vec![0.0; state.len()];
+        let at = Instant {
+            t: trace.t[k],
+            motion: &motions[k],
+            bodies: &plant.bodies,
+            gravity: plant.gravity,
+            reactions: &none,
+            state,
+        };
+        active.effect.state_rate(&active.values(), &at, &mut rate);
+        rate
+    };
+    let mut out = Vec::with_capacity(trace.len());
+    for k in 0..trace.len() {
+        if k > 0 {
+            let h = trace.t[k] - trace.t[k - 1];
+            for (active, x) in effects.iter().zip(&mut now).filter(|(_, x)| !x.is_empty()) {
+                let first = rate(active, k - 1, x);
+                let ahead: Vec<f64> = x.iter().zip(&first).map(|(x, r)| x + h * r).collect();
+                let second = rate(active, k, &ahead);
+                for (i, x) in x.iter_mut().enumerate() {
+                    *x += 0.5 * h * (first[i] + second[i]);
+                }
+            }
+        }
+        out.push(now.clone());
+    }
+    out
+}
+
+/// Passes the torque channels through the plant's sensor effects.
+fn observe(plant: &Plant, trace: &Trace, series: &mut Channels) {
+    if !plant.observes() {
+        return;
+    }
+    for segment in &trace.segments {
+        let mut signals = Signals {
+            t: trace.t[segment.clone()].to_vec(),
+            tau: segment.clone().map(|k| std::array::from_fn(|i| series[i][k])).collect(),
+            ..Signals::default()
+        };
+        for active in &plant.effects {
+            active.effect.observe(&active.values(), &mut signals);
+        }
+        for (k, tau) in segment.clone().zip(&signals.tau) {
+            for i in 0..AXES {
+                series[i][k] = tau[i];
+            }
+        }
+    }
+}
+
+/// Derivatives of the predicted channels by parameter: `[parameter][channel][sample]`.
+///
+/// With `candidate` None: all parameters of the plant, in the order of [`Plant::parameters`] (zero series for fixed
+/// ones). With a candidate effect: its parameters, as if it stood in the plant with the values it has.
+pub fn columns(
+    plant: &Plant,
+    trace: &Trace,
+    candidate: Option<&ActiveEffect>,
+) -> Result<Vec<Channels>, KinematicsError> {
+    let motions = motions(plant, trace)?;
+    let rigid = plant.rigid_bodies();
+    let effects: Vec<&ActiveEffect> = match candidate {
+        Some(active) => vec![active],
+        None => std::iter::once(&rigid).chain(&plant.effects).collect(),
+    };
+    let mut out = linear_columns(plant, &effects, trace, &motions)?;
+    let mut base = None;
+    let mut at = 0;
+    for active in &effects {
+        for (k, entry) in active.entries().iter().enumerate() {
+            let differs = match entry.parameter.role {
+                Role::Fixed => false,
+                Role::Shape => true,
+                Role::Linear => matches!(active.effect.kind(), Kind::Geometry | Kind::Sensor),
+            };
+            if differs {
+                if base.is_none() {
+                    base = Some(predict(&with(plant, active, None, candidate.is_some()), trace)?);
+                }
+                let step = 1e-4 * entry.parameter.default.abs().max(1e-6);
+                let moved = predict(&with(plant, active, Some((k, step)), candidate.is_some()), trace)?;
+                if let Some(reference) = &base {
+                    for (c, series) in moved.iter().enumerate() {
+                        for (i, value) in series.iter().enumerate() {
+                            out[at][c][i] = (value - reference[c][i]) / step;
+                        }
+                    }
+                }
+            }
+            at += 1;
+        }
+    }
+    Ok(out)
+}
+
+/// The plant with a candidate in place, or with one of its own effects changed by a step.
+fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_candidate: bool) -> Plant {
+    let mut changed = active.clone();
+    if let Some((k, step)) = step {
+        changed.values[k] += step;
+    }
+    let mut plant = plant.clone();
+    if active.effect.kind() == Kind::Geometry {
+        if !is_candidate {
+            // The plant's geometry already holds the present values: apply the difference only.
+            for (new, old) in changed.values.iter_mut().zip(&active.values) {
+                *new -= old;
+            }
+        }
+        changed.effect.geometry(&changed.values(), &mut plant.geometry);
+    } else if is_candidate {
+        plant.effects.push(changed);
+    } else if let Some(own) = plant.effects.iter_mut().find(|a| a.effect.name() == active.effect.name()) {
+        *own = changed;
+    }
+    plant
+}
+
+fn linear_columns(
+    plant: &Plant,
+    effects: &[&ActiveEffect],
+    trace: &Trace,
+    motions: &[Motion],
+) -> Result<Vec<Channels>, KinematicsError> {
+    let states = own_states(plant, effects, trace, motions);
+    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let plant_states = own_states(plant, &plant_effects, trace, motions);
+    let reads = effects.iter().any(|a| a.effect.reads_reactions());
+    let total: usize = effects.iter().map(|a| a.values.len()).sum();
+    let rows: Vec<_> = (0..trace.len())
+        .into_par_iter()
+        .map(|k| {
+            let reactions = if reads {
+                let own = slices(&plant_states, k, plant.effects.len());
+                inverse_dynamics(plant, trace.t[k], &motions[k], &own, true)?.reactions
+            } else {
+                Reactions::default()
+            };
+            let own = slices(&states, k, effects.len());
+            regressor(plant, effects, trace.t[k], &motions[k], &reactions, &own, &trace.channels)
+        })
+        .collect::<Result<_, KinematicsError>>()?;
+    let mut out: Vec<Channels> = (0..total)
+        .map(|p| (0..trace.channels.len()).map(|c| rows.iter().map(|r| r[(c, p)]).collect()).collect())
+        .collect();
+    if plant.observes() {
+        let mut zero: Channels = vec![vec![0.0; trace.len()]; trace.channels.len()];
+        observe(plant, trace, &mut zero);
+        out.par_iter_mut().for_each(|column| {
+            observe(plant, trace, column);
+            for (series, zero) in column.iter_mut().zip(&zero) {
+                for (x, z) in series.iter_mut().zip(zero) {
+                    *x -= z;
+                }
+            }
+        });
+    }
+    Ok(out)
+}

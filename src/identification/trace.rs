@@ -1,0 +1,141 @@
+//! [`Trace`]: a recording prepared for the dynamics.
+
+use std::ops::Range;
+
+use super::filtering::{Kernel, half_width, noise_level};
+use crate::dynamics::Channel;
+use crate::kinematics::JointState;
+use crate::model::{AXES, Model, STRUTS};
+use crate::recording::{Configuration, Recording, Setup, Signals};
+
+/// Smoothed joint motion with the measured channels at the same samples.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// Name of the recording.
+    pub name: String,
+    /// What is known about the run.
+    pub setup: Setup,
+    /// Time of each sample, s.
+    pub t: Vec<f64>,
+    /// Joint motion at each sample.
+    pub joints: Vec<JointState>,
+    /// Measured channels.
+    pub channels: Vec<Channel>,
+    /// Their values, one series per channel.
+    pub measured: Vec<Vec<f64>>,
+    /// Stretches without gaps.
+    pub segments: Vec<Range<usize>>,
+    /// Sampling period, s.
+    pub dt: f64,
+    /// Half width of the derivative filter per axis, samples.
+    pub half_width: [usize; AXES],
+}
+
+/// Acceptable standard deviation of accelerations from encoder noise, rad/s²: torques below a tenth of sensor noise.
+const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
+
+impl Trace {
+    /// Differentiates the joint angles of a recording; samples at the ends of a stretch are lost to the filter.
+    pub fn new(recording: &Recording) -> Self {
+        let signals = &recording.signals;
+        let dt = signals.sample_time();
+        let axis = |i: usize| -> Vec<f64> { signals.q.iter().map(|q| q[i]).collect() };
+        let angles: [Vec<f64>; AXES] = std::array::from_fn(axis);
+        let half_width: [usize; AXES] =
+            std::array::from_fn(|i| half_width(noise_level(&angles[i]), dt, ACCELERATION_NOISE[i]));
+        let kernels: [Kernel; AXES] = std::array::from_fn(|i| Kernel::new(half_width[i]));
+        let margin = half_width.into_iter().max().unwrap_or(0);
+        let channels = measured_channels(signals, recording.setup.configuration);
+        let mut trace = Self {
+            name: recording.name.clone(),
+            setup: recording.setup,
+            t: Vec::new(),
+            joints: Vec::new(),
+            measured: vec![Vec::new(); channels.len()],
+            channels,
+            segments: Vec::new(),
+            dt,
+            half_width,
+        };
+        for stretch in signals.stretches() {
+            if stretch.len() <= 2 * margin {
+                continue;
+            }
+            let kept = stretch.start + margin..stretch.end - margin;
+            let first = trace.t.len();
+            trace.t.extend(&signals.t[kept.clone()]);
+            let mut joints = vec![JointState::default(); kept.len()];
+            for i in 0..AXES {
+                let m = half_width[i];
+                let x = &angles[i][kept.start - m..kept.end + m];
+                for (derivative, scale) in [(0, 1.0), (1, 1.0 / dt), (2, 1.0 / (dt * dt))] {
+                    for (joint, value) in joints.iter_mut().zip(kernels[i].apply(derivative, x)) {
+                        let target = match derivative {
+                            0 => &mut joint.q[i],
+                            1 => &mut joint.qd[i],
+                            _ => &mut joint.qdd[i],
+                        };
+                        *target = value * scale;
+                    }
+                }
+            }
+            trace.joints.extend(joints);
+            for (series, &channel) in trace.measured.iter_mut().zip(&trace.channels) {
+                series.extend(kept.clone().map(|k| measured_value(signals, channel, k)));
+            }
+            trace.segments.push(first..trace.t.len());
+        }
+        trace
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Whether nothing is left after filtering.
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// Noise standard deviation of each channel: stated in the setup, else estimated from the channel's differences,
+    /// else that of the model.
+    pub fn noise(&self, model: &Model) -> Vec<f64> {
+        let sigma = |c: usize| match (self.channels[c], self.setup.torque_noise) {
+            (Channel::Torque(axis), Some(stated)) => stated[axis],
+            (channel, _) => {
+                let known = match channel {
+                    Channel::Torque(axis) => model.noise.torque[axis],
+                    _ => model.noise.strut_force,
+                };
+                crate::evidence::noise::difference_sigma(&self.measured[c], &self.segments, 4)
+                    .filter(|s| *s > 0.0)
+                    .unwrap_or(known)
+            }
+        };
+        (0..self.channels.len()).map(sigma).collect()
+    }
+}
+
+fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {
+    let mut channels = Channel::TORQUES.to_vec();
+    if configuration == Configuration::Assembled {
+        for s in 0..STRUTS {
+            if signals.strut_upper[s].is_some() {
+                channels.push(Channel::StrutUpper(s));
+            }
+            if signals.strut_lower[s].is_some() {
+                channels.push(Channel::StrutLower(s));
+            }
+        }
+    }
+    channels
+}
+
+fn measured_value(signals: &Signals, channel: Channel, k: usize) -> f64 {
+    match channel {
+        Channel::Torque(axis) => signals.tau[k][axis],
+        Channel::StrutUpper(s) => signals.strut_upper[s].as_ref().map_or(0.0, |x| x[k]),
+        Channel::StrutLower(s) => signals.strut_lower[s].as_ref().map_or(0.0, |x| x[k]),
+    }
+}

@@ -1,0 +1,191 @@
+//! The twin against the inverse dynamics, its own constraint Jacobian, energy and order of convergence.
+
+mod common;
+
+use deltatwin::dynamics::{Plant, inertial_wrench, inverse_dynamics};
+use deltatwin::kinematics::{JointState, Motion, Reactions};
+use deltatwin::model::bodies::{BODIES, STRUT};
+use deltatwin::twin::constraints::{ROWS, rows};
+use deltatwin::twin::{State, accelerations, energy, step};
+use nalgebra::{DMatrix, DVector, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+fn random_joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
+    loop {
+        let mut draw = |low: f64, high: f64| rng.random_range(low..high);
+        let q = [draw(-0.5, 1.2), draw(-0.5, 1.2), draw(-0.5, 1.2), draw(-3.0, 3.0)];
+        let qd = std::array::from_fn(|i| draw(-4.0, 4.0) * if i == 3 { 3.0 } else { 1.0 });
+        let qdd = std::array::from_fn(|_| draw(-60.0, 60.0));
+        let Ok(p) = plant.geometry.forward(&q) else { continue };
+        if plant.geometry.check_limits(&q, &p).is_ok() {
+            return JointState { q, qd, qdd };
+        }
+    }
+}
+
+fn loaded_plant() -> Plant {
+    let mut plant = common::nominal_plant();
+    plant.payload = deltatwin::recording::Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
+    let plant = common::with_effect(plant, "drive_friction", &[&[4.2, 4.1, 5.8], &[0.28, 0.42, 0.45], &[100.0]]);
+    common::with_effect(plant, "axis4_friction", &[&[0.5272], &[0.6672], &[8.5919]])
+}
+
+#[test]
+fn forward_dynamics_inverts_inverse_dynamics() {
+    let plant = loaded_plant();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let (mut worst, mut worst_force) = (0f64, 0f64);
+    for _ in 0..100 {
+        let joints = random_joints(&plant, &mut rng);
+        let motion = plant.motion(&joints).unwrap();
+        let out = inverse_dynamics(&plant, 0.0, &motion, &[&[], &[]], true).unwrap();
+        let state = State::from_motion(&motion, vec![], 2);
+        let (twin, reactions) = accelerations(&plant, &state, &out.tau, &Reactions::default()).unwrap();
+        for i in 0..4 {
+            worst = worst.max((twin.qdd[i] - joints.qdd[i]).abs() / 60.0);
+        }
+        for s in 0..6 {
+            worst_force = worst_force
+                .max((reactions.lower[s] - out.reactions.lower[s]).abs())
+                .max((reactions.upper[s] - out.reactions.upper[s]).abs());
+        }
+        for b in 0..BODIES {
+            let d = twin.bodies[b].acceleration - motion.bodies[b].acceleration;
+            let a = twin.bodies[b].angular_acceleration - motion.bodies[b].angular_acceleration;
+            assert!(d.norm() < 1e-8 && a.norm() < 1e-6, "body {b}: {:e} {:e}", d.norm(), a.norm());
+        }
+    }
+    println!("accelerations agree to {worst:.1e} relative, strut forces to {worst_force:.1e} N");
+    assert!(worst < 1e-9 && worst_force < 1e-8, "{worst:e} {worst_force:e}");
+}
+
+/// Constraint Jacobian G, 74 × 84: rates of the rows per unit of each body's twist.
+fn constraint_jacobian(plant: &Plant, motion: &Motion) -> DMatrix<f64> {
+    let mut still = *motion;
+    for b in &mut still.bodies {
+        (b.velocity, b.angular_velocity) = (Vector3::zeros(), Vector3::zeros());
+    }
+    let mut g = DMatrix::zeros(ROWS, 6 * BODIES);
+    for c in 0..6 * BODIES {
+        let mut moved = still;
+        let unit = Vector3::ith(c % 3, 1.0);
+        if c % 6 < 3 {
+            moved.bodies[c / 6].velocity = unit
+        } else {
+            moved.bodies[c / 6].angular_velocity = unit
+        }
+        for (r, (_, rate)) in rows(&plant.geometry, &moved).into_iter().enumerate() {
+            g[(r, c)] = rate;
+        }
+    }
+    g
+}
+
+#[test]
+fn what_the_joints_must_carry_is_in_the_range_of_the_constraint_jacobian() {
+    // M a − f = −Gᵀλ has a solution λ exactly when a solves the 84 + 74 equations; G has full rank, so λ is unique.
+    let plant = loaded_plant();
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    for _ in 0..10 {
+        let joints = random_joints(&plant, &mut rng);
+        let motion = plant.motion(&joints).unwrap();
+        let state = State::from_motion(&motion, vec![], 2);
+        let tau = [20.0, -15.0, 30.0, 1.0];
+        let (twin, _) = accelerations(&plant, &state, &tau, &Reactions::default()).unwrap();
+        let mut demand = DVector::zeros(6 * BODIES);
+        for b in 0..BODIES {
+            let (force, moment) = inertial_wrench(&plant.bodies[b], &twin.bodies[b], &plant.gravity_vector());
+            demand.fixed_rows_mut::<3>(6 * b).copy_from(&force);
+            demand.fixed_rows_mut::<3>(6 * b + 3).copy_from(&moment);
+        }
+        let friction = [4.2, 4.1, 5.8]
+            .iter()
+            .zip([0.28, 0.42, 0.45])
+            .enumerate()
+            .map(|(i, (c, v))| -c * (100.0 * joints.qd[i]).tanh() - v * joints.qd[i]);
+        let w = joints.qd[3];
+        let axis4 = -0.5272 * (100.0 * w).tanh() - 0.6672 * (w / 8.5919).tanh();
+        for (i, f) in friction.chain([axis4]).enumerate() {
+            let (body, axis) = Motion::drive(i);
+            let mut m = demand.fixed_rows_mut::<3>(6 * body + 3);
+            m -= axis * (tau[i] + f);
+        }
+        let g = constraint_jacobian(&plant, &motion);
+        let svd = g.transpose().svd(true, true);
+        let ratio = svd.singular_values.min() / svd.singular_values.max();
+        assert!(ratio > 1e-4, "74 independent rows: {ratio:e}");
+        let lambda = svd.solve(&demand, 0.0).unwrap();
+        let left = (g.transpose() * lambda - &demand).amax() / demand.amax();
+        assert!(left < 1e-9, "{left:e}"); // rounding times the condition of G
+    }
+}
+
+/// Swings freely from a moving start under constant torques; returns the final arm angles and the energy balance.
+fn swing(plant: &Plant, h: f64, duration: f64) -> ([f64; 4], f64, f64) {
+    let joints = JointState { q: [0.3, 0.2, 0.4, 0.0], qd: [2.0, -1.5, 1.0, 5.0], qdd: [0.0; 4] };
+    let motion = plant.motion(&joints).unwrap();
+    let own = plant.effects.iter().flat_map(|a| a.effect.initial_state(&a.values())).collect();
+    let mut state = State::from_motion(&motion, own, plant.effects.len());
+    let start = energy::total(plant, &motion);
+    let mut reactions = Reactions::default();
+    let mut gap = 0f64;
+    for _ in 0..(duration / h).round() as usize {
+        reactions = step(plant, &mut state, h, &|_| [-8.0, -9.0, -7.0, 0.4], &reactions).unwrap();
+        let motion = state.motion(&plant.geometry);
+        gap = rows(&plant.geometry, &motion).iter().fold(gap, |g, r| g.max(r.0.abs()).max(0.1 * r.1.abs()));
+    }
+    let motion = state.motion(&plant.geometry);
+    let balance = energy::total(plant, &motion) - start - state.work.iter().sum::<f64>();
+    (motion.q, balance, gap)
+}
+
+/// Observed orders of convergence of position and energy over halvings of the step.
+fn observed_order(plant: &Plant, coarse: f64) -> (f64, f64) {
+    let exact = swing(plant, coarse / 64.0, 0.16).0;
+    let error = |h: f64| {
+        let (q, balance, gap) = swing(plant, h, 0.16);
+        assert!(gap < 1e-10, "closure {gap:e}");
+        let e = q.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        (e, balance.abs())
+    };
+    let (e1, b1) = error(coarse);
+    let (e2, b2) = error(coarse / 2.0);
+    println!("error {e1:.2e} → {e2:.2e}, energy {b1:.2e} → {b2:.2e}");
+    ((e1 / e2).log2(), (b1 / b2).log2())
+}
+
+#[test]
+fn order_is_three_without_friction() {
+    let (order, energy_order) = observed_order(&common::nominal_plant(), 8e-4);
+    assert!((2.7..3.5).contains(&order), "{order}");
+    assert!(energy_order > 2.7, "{energy_order}");
+}
+
+#[test]
+fn order_is_three_with_smooth_stiff_friction() {
+    // Viscous friction in every socket and drive: the strut spins decay in microseconds.
+    let plant = common::nominal_plant();
+    let plant = common::with_effect(plant, "drive_friction", &[&[0.0; 3], &[1.7, 2.0, 1.5], &[100.0]]);
+    let plant = common::with_effect(plant, "ball_socket_viscous", &[&[0.3]]);
+    let (order, _) = observed_order(&plant, 8e-4);
+    assert!((2.5..3.6).contains(&order), "{order}");
+}
+
+#[test]
+fn struts_do_not_spin_against_their_restraint() {
+    let plant = common::with_effect(common::nominal_plant(), "ball_socket_viscous", &[&[0.3]]);
+    let joints = JointState { q: [0.3, 0.2, 0.4, 0.0], qd: [2.0, -1.5, 1.0, 5.0], qdd: [0.0; 4] };
+    let mut state = State::from_motion(&plant.motion(&joints).unwrap(), vec![], 1);
+    let mut reactions = Reactions::default();
+    for _ in 0..100 {
+        reactions = step(&plant, &mut state, 2e-4, &|_| [0.0; 4], &reactions).unwrap();
+    }
+    for s in 0..6 {
+        // 2·0.3 N·m·s/rad at the sockets against 1000 at the restraint.
+        let spin = state.bodies[STRUT + s].angular_velocity.x;
+        assert!(spin.abs() < 1e-3 && spin != 0.0, "{spin:e}");
+    }
+}
