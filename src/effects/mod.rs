@@ -15,14 +15,20 @@ use crate::model::{Bodies, Geometry, Inertia};
 use crate::recording::{Payload, Signals};
 
 mod axis4_friction;
+mod ball_socket_coulomb;
+mod ball_socket_viscous;
 mod drive_friction;
 mod rigid_bodies;
+mod telescope_friction;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: &[&dyn Effect] = &[
     &rigid_bodies::RigidBodies,
     &drive_friction::DriveFriction,
     &axis4_friction::Axis4Friction,
+    &telescope_friction::TelescopeFriction,
+    &ball_socket_viscous::BallSocketViscous,
+    &ball_socket_coulomb::BallSocketCoulomb,
 ];
 
 /// The effect called `name`.
@@ -323,4 +329,40 @@ impl<'a> Wrenches<'a> {
 /// Smooth sign: `tanh(rate·steepness)`; the paper's approximation of Coulomb friction (eq. 48 uses 100 s/rad).
 pub fn smooth_sign(rate: f64, steepness: f64) -> f64 {
     (rate * steepness).tanh()
+}
+
+/// Hand-made motions and summed wrenches for the effects' own tests.
+#[cfg(test)]
+mod testing {
+    use nalgebra::Vector3;
+
+    use super::{ActiveEffect, Effect, Instant, Wrenches};
+    use crate::kinematics::{BodyMotion, Motion, Reactions, Telescope};
+    use crate::model::bodies::{BODIES, Bodies, Inertia};
+
+    /// Everything at rest, telescope vertical.
+    pub fn rest() -> Motion {
+        Motion {
+            q: [0.0; 4],
+            qd: [0.0; 4],
+            qdd: [0.0; 4],
+            bodies: [BodyMotion::REST; BODIES],
+            strut_axis: [-Vector3::z(); 6],
+            telescope: Telescope { axis: Vector3::z(), length: 1.0, rate: 0.0 },
+        }
+    }
+
+    /// Force and moment on every body.
+    pub fn wrenches(effect: &'static dyn Effect, blocks: &[&[f64]], motion: &Motion) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let active = ActiveEffect::new(effect, blocks);
+        let mut total = vec![(Vector3::zeros(), Vector3::zeros()); BODIES];
+        let mut sink = |k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>| {
+            total[body].0 += active.values[k] * force;
+            total[body].1 += active.values[k] * moment;
+        };
+        let bodies = Bodies([Inertia::ZERO; BODIES]);
+        let at = Instant { t: 0.0, motion, bodies: &bodies, gravity: 9.81, reactions: &Reactions::default(), state: &[] };
+        effect.forces(&active.values(), &at, &mut Wrenches::new(&mut sink));
+        total
+    }
 }

@@ -1,0 +1,81 @@
+//! Coulomb and viscous friction of the telescope's prismatic joint (Table 4, column P-TB).
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+
+/// F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
+///
+/// F in N along the bar, positive when it pushes the parts apart; ṡ in m/s, lengthening positive. F_C in N and d in
+/// N·s/m, never negative; k in s/m. Dissipates F_C·ṡ·tanh(k·ṡ) + d·ṡ².
+pub struct TelescopeFriction;
+
+const COULOMB: usize = 0;
+const VISCOUS: usize = 1;
+const STEEPNESS: usize = 2;
+
+impl Effect for TelescopeFriction {
+    fn name(&self) -> &'static str {
+        "telescope_friction"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "Coulomb and viscous friction of the telescope's sliding joint",
+            law: "F = −F_C·tanh(k·ṡ) − d·ṡ along the telescope, ṡ lengthening positive",
+            shows: "small torque jump of all arms when the telescope reverses, none in turning motion",
+            source: "Gnad et al. Table 4, column P-TB (printed in N·m, meant in N and N·s/m)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter {
+                name: "coulomb",
+                unit: "N",
+                count: Count::One,
+                role: Role::Linear,
+                default: 1.641,
+                range: (0.0, 100.0),
+            },
+            Parameter {
+                name: "viscous",
+                unit: "N·s/m",
+                count: Count::One,
+                role: Role::Linear,
+                default: 1.247,
+                range: (0.0, 100.0),
+            },
+            Parameter {
+                name: "steepness",
+                unit: "s/m",
+                count: Count::One,
+                role: Role::Fixed,
+                default: 100.0,
+                range: (1.0, 1e4),
+            },
+        ]
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let rate = at.motion.telescope.rate;
+        let sign = smooth_sign(rate, values.one(STEEPNESS));
+        out.telescope_force(values.index(COULOMB, 0), at.motion, -sign);
+        out.telescope_force(values.index(VISCOUS, 0), at.motion, -rate);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing;
+    use super::TelescopeFriction;
+    use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+
+    #[test]
+    fn lengthening_telescope_is_pulled_together() {
+        let mut motion = testing::rest();
+        motion.telescope.rate = 0.5;
+        let total = testing::wrenches(&TelescopeFriction, &[&[1.6], &[1.2], &[100.0]], &motion);
+        // 1.6·tanh(50) + 1.2·0.5 = 2.2 N; the axis points up, so the upper part is pulled down
+        approx::assert_relative_eq!(total[TELESCOPE_UPPER].0.z, -2.2, epsilon = 1e-12);
+        approx::assert_relative_eq!(total[TELESCOPE_LOWER].0.z, 2.2, epsilon = 1e-12);
+    }
+}
