@@ -39,7 +39,11 @@ impl Effect for BallSocketViscous {
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for socket in 0..SOCKETS {
-            out.socket_moment(values.index(COEFFICIENT, 0), socket, -at.motion.socket_rate(socket));
+            out.socket_moment(
+                values.index(COEFFICIENT, 0),
+                socket,
+                -at.motion.socket_rate(socket),
+            );
         }
     }
 }
