@@ -1,8 +1,6 @@
 //! Coulomb friction in the ball sockets of the struts, constant under the clamp springs' preload.
 
-use nalgebra::Vector3;
-
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, unit_direction};
 use crate::kinematics::motion::SOCKETS;
 
 /// M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
@@ -55,41 +53,38 @@ impl Effect for BallSocketCoulomb {
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let epsilon = values.one(REGULARISATION);
         for socket in 0..SOCKETS {
-            let direction = smooth_direction(at.motion.socket_rate(socket), epsilon);
+            let direction = unit_direction(&at.motion.socket_rate(socket), epsilon);
             out.socket_moment(values.index(MOMENT, 0), socket, -direction);
         }
     }
-}
-
-/// tanh(|ω|/ε)·ω/|ω|, with its limit ω/ε at zero.
-fn smooth_direction(rate: Vector3<f64>, epsilon: f64) -> Vector3<f64> {
-    let x = rate.norm() / epsilon;
-    // tanh(x)/x = 1 − x²/3 + …: one to rounding below 1e-8
-    let slope = if x < 1e-8 { 1.0 } else { x.tanh() / x };
-    rate * (slope / epsilon)
 }
 
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
 
-    use super::super::testing;
-    use super::{BallSocketCoulomb, smooth_direction};
+    use crate::effects::testing;
+    use super::BallSocketCoulomb;
+    use crate::effects::unit_direction;
     use crate::model::bodies::{ARM, STRUT};
 
     #[test]
     fn moment_saturates_and_opposes_the_motion() {
-        let mut motion = testing::rest();
+        let mut motion = testing::still();
         motion.bodies[STRUT].angular_velocity = Vector3::new(3.0, 0.0, 4.0);
-        let total = testing::wrenches(&BallSocketCoulomb, &[&[0.25], &[0.05]], &motion);
-        approx::assert_relative_eq!(total[STRUT].1, Vector3::new(-0.3, 0.0, -0.4), epsilon = 1e-12);
+        let total = testing::totals(&BallSocketCoulomb, &[&[0.25], &[0.05]], &motion);
+        approx::assert_relative_eq!(
+            total[STRUT].1,
+            Vector3::new(-0.3, 0.0, -0.4),
+            epsilon = 1e-12
+        );
         approx::assert_relative_eq!(total[ARM].1, Vector3::new(0.15, 0.0, 0.2), epsilon = 1e-12);
     }
 
     #[test]
     fn direction_is_smooth_through_rest() {
-        assert_eq!(smooth_direction(Vector3::zeros(), 0.05), Vector3::zeros());
-        let tiny = smooth_direction(Vector3::new(1e-12, 0.0, 0.0), 0.05).x;
+        assert_eq!(unit_direction(&Vector3::zeros(), 0.05), Vector3::zeros());
+        let tiny = unit_direction(&Vector3::new(1e-12, 0.0, 0.0), 0.05).x;
         approx::assert_relative_eq!(tiny, 2e-11, max_relative = 1e-12);
     }
 }

@@ -39,7 +39,11 @@ impl Effect for BallSocketViscous {
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for socket in 0..SOCKETS {
-            out.socket_moment(values.index(COEFFICIENT, 0), socket, -at.motion.socket_rate(socket));
+            out.socket_moment(
+                values.index(COEFFICIENT, 0),
+                socket,
+                -at.motion.socket_rate(socket),
+            );
         }
     }
 }
@@ -48,15 +52,15 @@ impl Effect for BallSocketViscous {
 mod tests {
     use nalgebra::Vector3;
 
-    use super::super::testing;
+    use crate::effects::testing;
     use super::BallSocketViscous;
     use crate::model::bodies::{ARM, PLATFORM, STRUT};
 
     #[test]
     fn turning_strut_is_braked_at_both_ends() {
-        let mut motion = testing::rest();
+        let mut motion = testing::still();
         motion.bodies[STRUT + 3].angular_velocity = Vector3::new(0.0, 2.0, 0.0); // second strut of limb 2
-        let total = testing::wrenches(&BallSocketViscous, &[&[0.3]], &motion);
+        let total = testing::totals(&BallSocketViscous, &[&[0.3]], &motion);
         approx::assert_relative_eq!(total[STRUT + 3].1.y, -1.2, epsilon = 1e-12);
         approx::assert_relative_eq!(total[ARM + 1].1.y, 0.6, epsilon = 1e-12);
         approx::assert_relative_eq!(total[PLATFORM].1.y, 0.6, epsilon = 1e-12);

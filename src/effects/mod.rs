@@ -356,7 +356,8 @@ impl<'a> Wrenches<'a> {
 /// Direction of a rate vector, regularised: tanh(|ω|/ε)·ω/|ω|, smooth through zero.
 pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
     let speed = rate.norm();
-    if speed < 1e-9 * epsilon { rate / epsilon } else { rate * ((speed / epsilon).tanh() / speed) }
+    // tanh(x)/x = 1 − x²/3 + …: one to rounding below 1e-8
+    if speed < 1e-8 * epsilon { rate / epsilon } else { rate * ((speed / epsilon).tanh() / speed) }
 }
 
 /// Smooth sign: `tanh(rate·steepness)`; the paper's approximation of Coulomb friction (eq. 48 uses 100 s/rad).

@@ -65,15 +65,15 @@ impl Effect for TelescopeFriction {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing;
+    use crate::effects::testing;
     use super::TelescopeFriction;
     use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
 
     #[test]
     fn lengthening_telescope_is_pulled_together() {
-        let mut motion = testing::rest();
+        let mut motion = testing::still();
         motion.telescope.rate = 0.5;
-        let total = testing::wrenches(&TelescopeFriction, &[&[1.6], &[1.2], &[100.0]], &motion);
+        let total = testing::totals(&TelescopeFriction, &[&[1.6], &[1.2], &[100.0]], &motion);
         // 1.6·tanh(50) + 1.2·0.5 = 2.2 N; the axis points up, so the upper part is pulled down
         approx::assert_relative_eq!(total[TELESCOPE_UPPER].0.z, -2.2, epsilon = 1e-12);
         approx::assert_relative_eq!(total[TELESCOPE_LOWER].0.z, 2.2, epsilon = 1e-12);

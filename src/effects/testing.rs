@@ -78,3 +78,24 @@ pub(super) fn drive_torque(effect: &'static dyn Effect, motion: &Motion, axis: u
     let all = wrenches(effect, motion, &Reactions::default());
     all.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&direction)).sum()
 }
+
+/// Total force and moment on every body for given parameter values.
+pub(super) fn totals(
+    effect: &'static dyn Effect,
+    blocks: &[&[f64]],
+    motion: &Motion,
+) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
+    let active = ActiveEffect::new(effect, blocks);
+    let (bodies, reactions) = (no_bodies(), Reactions::default());
+    let at = Instant { t: 0.0, motion, bodies: &bodies, gravity: 9.81, reactions: &reactions, state: &[] };
+    let mut sum = [(Vector3::zeros(), Vector3::zeros()); BODIES];
+    effect.forces(
+        &active.values(),
+        &at,
+        &mut Wrenches::new(&mut |k, b, f, m| {
+            sum[b].0 += f * active.values[k];
+            sum[b].1 += m * active.values[k];
+        }),
+    );
+    sum
+}

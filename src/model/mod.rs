@@ -3,12 +3,17 @@
 //! A [`Model`] is constant after loading. Only `read.rs` and `write.rs` know TOML.
 
 pub mod bodies;
+pub mod check;
 pub mod geometry;
+mod read;
+mod schema;
+pub mod write;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::effects::ActiveEffect;
 
@@ -26,6 +31,8 @@ pub struct Model {
     pub name: String,
     /// File the model was read from.
     pub path: Option<PathBuf>,
+    /// Text of that file, with the user's comments.
+    pub source: Option<Arc<str>>,
     /// False for the disassembled robot: arms and rotor as independent axes.
     pub assembled: bool,
     /// Lengths and joint limits.

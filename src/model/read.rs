@@ -1,0 +1,666 @@
+//! TOML → [`Model`], with errors that name file, line, key, value and what was expected.
+//!
+//! The file is walked as a tree of spanned values rather than deserialized into structs, so that every message can
+//! quote the value, point at it and suggest the nearest known name.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use miette::{Diagnostic, IntoDiagnostic, NamedSource, Report, Result, SourceSpan, WrapErr};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::bodies::{self, BODIES, body_name};
+use super::check::{self, Culprit};
+use super::schema::{self, Bounds, Field, Shape};
+use super::{ARMS, AXES, Bodies, Drive, Geometry, Inertia, Model};
+use crate::effects::{ActiveEffect, Effect, Parameter, REGISTRY, Role};
+
+impl Model {
+    /// Reads a model file.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .into_diagnostic()
+            .wrap_err_with(|| format!("cannot read model file {}", path.display()))?;
+        Self::parse(&text, path)
+    }
+
+    /// Reads a model from `text`; `path` names it in errors.
+    pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        let file = File {
+            name: path.display().to_string(),
+            text,
+        };
+        let root = DeTable::parse(text).map_err(|e| {
+            let message = e.message().trim_end().replace('\n', ", ");
+            file.problem(
+                e.span().unwrap_or(0..0),
+                format!("not valid TOML: {message}"),
+                "here".into(),
+                None,
+            )
+        })?;
+        let top = Table {
+            file: &file,
+            path: String::new(),
+            span: 0..0,
+            entries: root.get_ref(),
+        };
+        let mut model = read_model(&top)?;
+        model.path = Some(path.to_path_buf());
+        model.source = Some(Arc::from(text));
+        Ok(model)
+    }
+}
+
+fn read_model(top: &Table) -> Result<Model> {
+    let tables = [
+        "name",
+        "mechanism",
+        "assembled",
+        "geometry",
+        "bodies",
+        "drives",
+        "sockets",
+        "noise",
+        "effects",
+    ];
+    top.only(&[&tables[..], &keys(schema::TOP)].concat())?;
+    let name = top
+        .string("name", "the machine's name, a string")?
+        .to_string();
+    let mechanism = top.string("mechanism", "\"delta\"")?;
+    if mechanism != "delta" {
+        return Err(top.refuse("mechanism", "expected \"delta\", the only mechanism known"));
+    }
+    let assembled = top.boolean("assembled")?;
+    let mut numbers = schema::Top {
+        gravity: 0.0,
+        sample_time: 0.0,
+    };
+    top.fill(schema::TOP, &mut numbers, true)?;
+
+    let mut geometry = schema::GEOMETRY_ZERO;
+    let table = top.table("geometry")?;
+    table.only(&keys(schema::GEOMETRY))?;
+    table.fill(schema::GEOMETRY, &mut geometry, assembled)?;
+    check_geometry(&table, &geometry, assembled)?;
+
+    let bodies = read_bodies(&top.table("bodies")?, assembled)?;
+    let drives = read_drives(&top.table("drives")?)?;
+    let (mut sockets, mut noise) = (schema::SOCKETS_ZERO, schema::NOISE_ZERO);
+    top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled)?;
+    top.fill_table("noise", schema::NOISE, &mut noise, assembled)?;
+    let effects = match top.optional_table("effects")? {
+        Some(table) => read_effects(&table)?,
+        None => Vec::new(),
+    };
+    Ok(Model {
+        name,
+        path: None,
+        source: None,
+        assembled,
+        geometry,
+        bodies,
+        drives,
+        sockets,
+        noise,
+        gravity: numbers.gravity,
+        sample_time: numbers.sample_time,
+        effects,
+    })
+}
+
+/// Limits in order, struts that reach, a telescope that fits.
+fn check_geometry(table: &Table, g: &Geometry, assembled: bool) -> Result<()> {
+    let [low, high] = g.arm_limits;
+    if low >= high {
+        return Err(table.refuse(
+            "arm_limits",
+            "expected the smallest angle first, then the largest",
+        ));
+    }
+    if !(low..=high).contains(&0.0) {
+        return Err(table.refuse(
+            "arm_limits",
+            "expected limits that contain the home pose, arm angle 0 rad",
+        ));
+    }
+    if !assembled {
+        return Ok(());
+    }
+    let least = check::least_strut_length(g);
+    let shortest = g.strut_length.iter().copied().fold(f64::INFINITY, f64::min);
+    if shortest <= least {
+        return Err(table.refuse(
+            "strut_length",
+            &format!(
+                "expected more than {least:.4} m: a strut must span |base_radius − platform_radius + \
+                 arm_length·cos(angle)| for every arm angle within arm_limits"
+            ),
+        ));
+    }
+    let Some(home) = check::home(g) else {
+        return Err(table.refuse(
+            "strut_length",
+            "expected lengths with which the three limbs meet at the home pose q = 0",
+        ));
+    };
+    let [min, max] = g.telescope_limits;
+    if min >= max {
+        return Err(table.refuse(
+            "telescope_limits",
+            "expected the smallest length first, then the largest",
+        ));
+    }
+    if !(min..=max).contains(&home.telescope) {
+        return Err(table.refuse(
+            "telescope_limits",
+            &format!("expected limits that contain the telescope's length at the home pose q = 0, {:.4} m", home.telescope),
+        ));
+    }
+    Ok(())
+}
+
+/// Bodies that come in numbers share one table, e.g. `[bodies.arm]`; `[bodies.arm2]` overrides it for one of them.
+pub(super) const GROUPS: [(&str, Range<usize>); 2] = [
+    ("arm", bodies::ARM..bodies::STRUT),
+    ("strut", bodies::STRUT..bodies::PLATFORM),
+];
+
+/// Whether the file must describe body `b`.
+pub(super) fn body_needed(b: usize, assembled: bool) -> bool {
+    let axis = (bodies::ARM..bodies::STRUT).contains(&b) || b == bodies::ROTOR;
+    axis || (assembled && b != bodies::END_EFFECTOR)
+}
+
+/// The shared table of body `b`, if it has one.
+pub(super) fn body_group(b: usize) -> Option<&'static str> {
+    GROUPS
+        .iter()
+        .find(|(_, range)| range.contains(&b))
+        .map(|(name, _)| *name)
+}
+
+fn read_bodies(table: &Table, assembled: bool) -> Result<Bodies> {
+    let names: Vec<String> = GROUPS
+        .iter()
+        .map(|(name, _)| name.to_string())
+        .chain((0..BODIES).map(body_name))
+        .collect();
+    table.only(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+    let mut all = Bodies([Inertia::ZERO; BODIES]);
+    for b in 0..BODIES {
+        let own = table.optional_table(&body_name(b))?;
+        let shared = body_group(b)
+            .map(|name| table.optional_table(name))
+            .transpose()?
+            .flatten();
+        match own.or(shared) {
+            Some(t) => all[b] = read_inertia(&t)?,
+            None if body_needed(b, assembled) => {
+                return Err(table.lacks(&format!(
+                    "table [bodies.{}]",
+                    body_group(b).unwrap_or(&body_name(b))
+                )));
+            }
+            None => {}
+        }
+    }
+    Ok(all)
+}
+
+fn read_inertia(table: &Table) -> Result<Inertia> {
+    table.only(&keys(schema::INERTIA))?;
+    let mut inertia = Inertia::ZERO;
+    table.fill(schema::INERTIA, &mut inertia, true)?;
+    match check::inconsistency(&inertia) {
+        None => Ok(inertia),
+        Some((culprit, reason)) => {
+            let key = schema::INERTIA[match culprit {
+                Culprit::Mass => schema::MASS,
+                Culprit::FirstMoment => schema::FIRST_MOMENT,
+                Culprit::Tensor => schema::TENSOR,
+            }]
+            .key;
+            Err(table.refuse(
+                key,
+                &format!("{reason}; expected the inertia of a real body"),
+            ))
+        }
+    }
+}
+
+fn read_drives(table: &Table) -> Result<[Drive; AXES]> {
+    table.only(&["arm", "telescope"])?;
+    let mut drives = [schema::DRIVE_ZERO; AXES];
+    let (arms, telescope) = drives.split_at_mut(ARMS);
+    for (name, drives) in [("arm", arms), ("telescope", telescope)] {
+        let table = table.table(name)?;
+        table.only(&keys(schema::DRIVE))?;
+        for field in schema::DRIVE {
+            let shape = drive_shape(drives.len());
+            (field.set)(
+                drives,
+                &table.numbers(field.key, shape, &field.bounds, field.unit)?,
+            );
+        }
+    }
+    Ok(drives)
+}
+
+/// Numbers per key of a drive table that describes `n` drives.
+pub(super) fn drive_shape(n: usize) -> Shape {
+    if n == 1 {
+        Shape::One
+    } else {
+        Shape::OneOrArray(n)
+    }
+}
+
+fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
+    let names: Vec<&str> = REGISTRY
+        .iter()
+        .map(|e| e.name())
+        .filter(|n| *n != ALWAYS_PRESENT)
+        .collect();
+    if table.entry(ALWAYS_PRESENT).is_some() {
+        return Err(table.refuse_key(
+            ALWAYS_PRESENT,
+            "is always present and takes its numbers from [bodies]; expected no table for it",
+            None,
+        ));
+    }
+    if let Some((key, _)) = table
+        .sorted()
+        .into_iter()
+        .find(|(key, _)| !names.contains(key))
+    {
+        let message = format!("unknown effect; expected one of {}", names.join(", "));
+        return Err(table.refuse_key(key, &message, suggestion(key, &names)));
+    }
+    let mut active = Vec::new();
+    for effect in REGISTRY {
+        if let Some(table) = table.optional_table(effect.name())? {
+            active.push(read_effect(&table, *effect)?);
+        }
+    }
+    Ok(active)
+}
+
+/// The effect that needs no table.
+pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
+
+fn read_effect(table: &Table, effect: &'static dyn Effect) -> Result<ActiveEffect> {
+    let parameters = effect.parameters();
+    let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
+    table.only(&names)?;
+    let mut blocks = Vec::new();
+    for p in parameters {
+        let present = p.role == Role::Linear || table.entry(p.name).is_some();
+        blocks.push(if present {
+            table.numbers(
+                p.name,
+                Shape::of(p),
+                &Bounds::between(p.range.0, p.range.1),
+                p.unit,
+            )?
+        } else {
+            default_values(p)
+        });
+    }
+    Ok(ActiveEffect::new(
+        effect,
+        &blocks.iter().map(Vec::as_slice).collect::<Vec<_>>(),
+    ))
+}
+
+/// Values of an optional parameter that the file leaves out.
+pub(super) fn default_values(p: &Parameter) -> Vec<f64> {
+    let n = match Shape::of(p) {
+        Shape::One => 1,
+        Shape::Array(n) | Shape::OneOrArray(n) | Shape::Arrays(n, _) => n,
+    };
+    vec![p.default; n]
+}
+
+fn keys<T: ?Sized>(fields: &[Field<T>]) -> Vec<&'static str> {
+    fields.iter().map(|f| f.key).collect()
+}
+
+/// The known name nearest to a misspelt one.
+fn suggestion(wrong: &str, known: &[&str]) -> Option<String> {
+    let (distance, name) = known
+        .iter()
+        .map(|name| (strsim::damerau_levenshtein(wrong, name), *name))
+        .min_by_key(|(d, _)| *d)?;
+    let near =
+        distance <= name.len().div_ceil(3).max(2) || name.contains(wrong) || wrong.contains(name);
+    near.then(|| format!("did you mean `{name}`?"))
+}
+
+/// A model file as text.
+struct File<'a> {
+    name: String,
+    text: &'a str,
+}
+
+impl File<'_> {
+    fn problem(
+        &self,
+        span: Range<usize>,
+        message: String,
+        label: String,
+        help: Option<String>,
+    ) -> Report {
+        let before = self.text.get(..span.start).unwrap_or(self.text);
+        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+        Problem {
+            file: self.name.clone(),
+            line: before.matches('\n').count() + 1,
+            column: before[line_start..].chars().count() + 1,
+            message,
+            text: NamedSource::new(&self.name, self.text.to_string()).with_language("toml"),
+            span: span.into(),
+            label,
+            help,
+        }
+        .into()
+    }
+
+    /// The text of a value, on one line and not too long.
+    fn quote(&self, span: Range<usize>) -> String {
+        let text: Vec<&str> = self
+            .text
+            .get(span)
+            .unwrap_or("")
+            .split_whitespace()
+            .collect();
+        let text = text.join(" ");
+        if text.chars().count() <= 60 {
+            text
+        } else {
+            text.chars().take(57).chain("...".chars()).collect()
+        }
+    }
+}
+
+/// A refused model file.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{file}:{line}:{column}: {message}")]
+#[diagnostic(code(model))]
+struct Problem {
+    file: String,
+    line: usize,
+    column: usize,
+    message: String,
+    #[source_code]
+    text: NamedSource<String>,
+    #[label("{label}")]
+    span: SourceSpan,
+    label: String,
+    #[help]
+    help: Option<String>,
+}
+
+type Value<'a> = Spanned<DeValue<'a>>;
+
+/// A table of the file.
+struct Table<'a> {
+    file: &'a File<'a>,
+    /// Dotted name, empty at the top.
+    path: String,
+    span: Range<usize>,
+    entries: &'a DeTable<'a>,
+}
+
+impl<'a> Table<'a> {
+    /// Keys and their spans in the order of the file.
+    fn sorted(&self) -> Vec<(&'a str, Range<usize>)> {
+        let mut keys: Vec<_> = self
+            .entries
+            .keys()
+            .map(|k| (k.get_ref().as_ref(), k.span()))
+            .collect();
+        keys.sort_by_key(|(_, span)| span.start);
+        keys
+    }
+
+    fn entry(&self, key: &str) -> Option<&'a Value<'a>> {
+        self.entries.get(key)
+    }
+
+    fn place(&self, key: &str) -> String {
+        if self.path.is_empty() {
+            key.to_string()
+        } else {
+            format!("[{}] {key}", self.path)
+        }
+    }
+
+    fn title(&self) -> String {
+        if self.path.is_empty() {
+            "the file".to_string()
+        } else {
+            format!("[{}]", self.path)
+        }
+    }
+
+    /// Refuses keys that are not in `known`.
+    fn only(&self, known: &[&str]) -> Result<()> {
+        match self
+            .sorted()
+            .into_iter()
+            .find(|(key, _)| !known.contains(key))
+        {
+            None => Ok(()),
+            Some((key, _)) => {
+                let message = format!("unknown key; expected one of {}", known.join(", "));
+                Err(self.refuse_key(key, &message, suggestion(key, known)))
+            }
+        }
+    }
+
+    /// The value of `key` will not do.
+    fn refuse(&self, key: &str, why: &str) -> Report {
+        match self.entry(key) {
+            Some(value) => self.refuse_at(key, value.span(), why),
+            None => self.lacks(&format!("`{key}`")),
+        }
+    }
+
+    /// The part of `key`'s value at `span` will not do.
+    fn refuse_at(&self, key: &str, span: Range<usize>, why: &str) -> Report {
+        let whole = self.entry(key).map_or(span.clone(), Spanned::span);
+        let message = format!("{} = {}: {why}", self.place(key), self.file.quote(whole));
+        let label = why
+            .find("expected")
+            .map_or(why, |at| &why[at..])
+            .to_string();
+        self.file.problem(span, message, label, None)
+    }
+
+    /// `key` itself will not do.
+    fn refuse_key(&self, key: &str, why: &str, help: Option<String>) -> Report {
+        let span = self
+            .entries
+            .get_key_value(key)
+            .map_or(self.span.clone(), |(k, _)| k.span());
+        let hint = help.as_ref().map_or(String::new(), |h| format!("; {h}"));
+        self.file.problem(
+            span,
+            format!("{} {why}{hint}", self.place(key)),
+            "here".into(),
+            help,
+        )
+    }
+
+    fn lacks(&self, what: &str) -> Report {
+        self.file.problem(
+            self.span.clone(),
+            format!("{} lacks {what}", self.title()),
+            format!("expected {what}"),
+            None,
+        )
+    }
+
+    fn required(&self, key: &str, expected: &str) -> Result<&'a Value<'a>> {
+        self.entry(key)
+            .ok_or_else(|| self.lacks(&format!("`{key}`: expected {expected}")))
+    }
+
+    fn wrong_type(&self, key: &str, value: &Value, expected: &str) -> Report {
+        let found = value.get_ref().type_str();
+        self.refuse_at(
+            key,
+            value.span(),
+            &format!("found {}, expected {expected}", article(found)),
+        )
+    }
+
+    fn string(&self, key: &str, expected: &str) -> Result<&'a str> {
+        let value = self.required(key, expected)?;
+        value
+            .get_ref()
+            .as_str()
+            .ok_or_else(|| self.wrong_type(key, value, expected))
+    }
+
+    fn boolean(&self, key: &str) -> Result<bool> {
+        let value = self.required(key, "true or false")?;
+        value
+            .get_ref()
+            .as_bool()
+            .ok_or_else(|| self.wrong_type(key, value, "true or false"))
+    }
+
+    fn table(&self, key: &str) -> Result<Table<'a>> {
+        let path = if self.path.is_empty() {
+            key.to_string()
+        } else {
+            format!("{}.{key}", self.path)
+        };
+        self.optional_table(key)?
+            .ok_or_else(|| self.lacks(&format!("table [{path}]")))
+    }
+
+    fn optional_table(&self, key: &str) -> Result<Option<Table<'a>>> {
+        let Some((name, value)) = self.entries.get_key_value(key) else {
+            return Ok(None);
+        };
+        let path = if self.path.is_empty() {
+            key.to_string()
+        } else {
+            format!("{}.{key}", self.path)
+        };
+        match value.get_ref().as_table() {
+            Some(entries) => Ok(Some(Table {
+                file: self.file,
+                path,
+                span: name.span(),
+                entries,
+            })),
+            None => Err(self.wrong_type(key, value, &format!("a table [{path}]"))),
+        }
+    }
+
+    /// Fills `target` from this table; keys that a disassembled robot does not need may be missing from it.
+    fn fill<T: ?Sized>(&self, fields: &[Field<T>], target: &mut T, assembled: bool) -> Result<()> {
+        for f in fields {
+            if assembled || f.always || self.entry(f.key).is_some() {
+                (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, f.unit)?);
+            }
+        }
+        Ok(())
+    }
+
+    /// Fills `target` from the table `key`, which may be missing unless `needed`.
+    fn fill_table<T: ?Sized>(
+        &self,
+        key: &str,
+        fields: &[Field<T>],
+        target: &mut T,
+        needed: bool,
+    ) -> Result<()> {
+        if needed || self.entry(key).is_some() {
+            let table = self.table(key)?;
+            table.only(&keys(fields))?;
+            table.fill(fields, target, true)?;
+        }
+        Ok(())
+    }
+
+    /// The numbers of `key`; a lone number that stands for several is repeated.
+    fn numbers(&self, key: &str, shape: Shape, bounds: &Bounds, unit: &str) -> Result<Vec<f64>> {
+        let expected = schema::expectation(shape, bounds, unit);
+        let value = self.required(key, &expected)?;
+        match value.get_ref() {
+            DeValue::Array(items) => {
+                if !shape.takes_array(items.len()) {
+                    let why = format!("found an array of {}, expected {expected}", items.len());
+                    return Err(self.refuse_at(key, value.span(), &why));
+                }
+                let each = schema::expectation(Shape::One, bounds, unit);
+                items
+                    .iter()
+                    .enumerate()
+                    .map(|(i, item)| {
+                        self.number(key, item, bounds, &each, &format!("value {} ", i + 1))
+                    })
+                    .collect()
+            }
+            _ if !shape.takes_number() => Err(self.wrong_type(key, value, &expected)),
+            _ => {
+                let number = self.number(key, value, bounds, &expected, "")?;
+                Ok(match shape {
+                    Shape::OneOrArray(n) => vec![number; n],
+                    _ => vec![number],
+                })
+            }
+        }
+    }
+
+    fn number(
+        &self,
+        key: &str,
+        value: &Value,
+        bounds: &Bounds,
+        expected: &str,
+        which: &str,
+    ) -> Result<f64> {
+        let number = match value.get_ref() {
+            DeValue::Float(f) => f.as_str().parse::<f64>().ok(),
+            DeValue::Integer(i) => i128::from_str_radix(i.as_str(), i.radix())
+                .ok()
+                .map(|i| i as f64),
+            _ => None,
+        };
+        match number {
+            Some(v) if bounds.allow(v) => Ok(v),
+            Some(_) => {
+                let text = self.file.quote(value.span());
+                let found = if which.is_empty() {
+                    String::new()
+                } else {
+                    format!("{which}is {text}, ")
+                };
+                Err(self.refuse_at(key, value.span(), &format!("{found}expected {expected}")))
+            }
+            None => {
+                let found = article(value.get_ref().type_str());
+                let is = if which.is_empty() { "found " } else { "is " };
+                Err(self.refuse_at(
+                    key,
+                    value.span(),
+                    &format!("{which}{is}{found}, expected {expected}"),
+                ))
+            }
+        }
+    }
+}
+
+fn article(noun: &str) -> String {
+    let an = noun.starts_with(['a', 'e', 'i', 'o', 'u']);
+    format!("{} {noun}", if an { "an" } else { "a" })
+}

@@ -1,0 +1,439 @@
+//! Keys of a model file: unit, meaning, allowed values and the field of the model each one fills.
+//!
+//! `read.rs` and `write.rs` both walk these lists, so a key added here is read, checked and written.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{ARMS, AXES, Drive, Geometry, Inertia, Noise, Sockets};
+use crate::effects::{Count, Parameter};
+
+/// A key with one number or an array of numbers, stored in a `T`.
+pub(super) struct Field<T: ?Sized + 'static> {
+    pub key: &'static str,
+    pub unit: &'static str,
+    pub about: &'static str,
+    pub shape: Shape,
+    pub bounds: Bounds,
+    /// Whether a disassembled robot needs it; an assembled one needs every key.
+    pub always: bool,
+    pub get: fn(&T) -> Vec<f64>,
+    pub set: fn(&mut T, &[f64]),
+}
+
+/// How many numbers a key holds.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shape {
+    One,
+    Array(usize),
+    /// An array, or one number that stands for all.
+    OneOrArray(usize),
+    /// An array of either length.
+    Arrays(usize, usize),
+}
+
+impl Shape {
+    pub fn of(parameter: &Parameter) -> Self {
+        match parameter.count {
+            Count::One => Shape::One,
+            Count::PerArm => Shape::Array(ARMS),
+            Count::PerDrive => Shape::Arrays(ARMS, AXES),
+            Count::Named(names) => Shape::Array(names.len()),
+        }
+    }
+
+    /// Whether a lone number will do.
+    pub fn takes_number(self) -> bool {
+        matches!(self, Shape::One | Shape::OneOrArray(_))
+    }
+
+    /// Whether an array of `n` numbers will do.
+    pub fn takes_array(self, n: usize) -> bool {
+        match self {
+            Shape::One => false,
+            Shape::Array(a) | Shape::OneOrArray(a) => n == a,
+            Shape::Arrays(a, b) => n == a || n == b,
+        }
+    }
+
+    fn describe(self, each: &str) -> String {
+        match self {
+            Shape::One => each.to_string(),
+            Shape::Array(n) => format!("an array of {n}, each {each}"),
+            Shape::OneOrArray(n) => format!("{each}, or an array of {n} of them"),
+            Shape::Arrays(a, b) => format!("an array of {a} or {b}, each {each}"),
+        }
+    }
+}
+
+/// Allowed values of a number.
+#[derive(Clone, Copy)]
+pub(super) struct Bounds {
+    pub low: f64,
+    pub high: f64,
+    /// Whether `low` itself is refused.
+    pub above: bool,
+    pub integer: bool,
+}
+
+impl Bounds {
+    pub const fn between(low: f64, high: f64) -> Self {
+        Self {
+            low,
+            high,
+            above: false,
+            integer: false,
+        }
+    }
+
+    const fn positive(high: f64) -> Self {
+        Self {
+            low: 0.0,
+            high,
+            above: true,
+            integer: false,
+        }
+    }
+
+    pub fn allow(&self, v: f64) -> bool {
+        v.is_finite()
+            && v >= self.low
+            && v <= self.high
+            && !(self.above && v == self.low)
+            && !(self.integer && v.fract() != 0.0)
+    }
+
+    fn describe(&self, unit: &str) -> String {
+        let what = if self.integer {
+            "a whole number"
+        } else {
+            "a number"
+        };
+        let unit = if unit.is_empty() {
+            String::new()
+        } else {
+            format!(" in {unit}")
+        };
+        if self.above {
+            format!("{what}{unit} above {} and at most {}", self.low, self.high)
+        } else {
+            format!("{what}{unit} from {} to {}", self.low, self.high)
+        }
+    }
+}
+
+/// What a key must hold, in words.
+pub(super) fn expectation(shape: Shape, bounds: &Bounds, unit: &str) -> String {
+    shape.describe(&bounds.describe(unit))
+}
+
+/// The three numbers that belong to no table.
+pub(super) struct Top {
+    pub gravity: f64,
+    pub sample_time: f64,
+}
+
+const LENGTH: Bounds = Bounds::positive(10.0);
+const HEIGHT: Bounds = Bounds::between(-10.0, 10.0);
+const ANGLE: Bounds = Bounds::between(-std::f64::consts::PI, std::f64::consts::PI);
+
+macro_rules! number {
+    ($key:ident, $unit:expr, $about:expr, $bounds:expr, $always:expr) => {
+        Field {
+            key: stringify!($key),
+            unit: $unit,
+            about: $about,
+            shape: Shape::One,
+            bounds: $bounds,
+            always: $always,
+            get: |t| vec![t.$key],
+            set: |t, v| t.$key = v[0],
+        }
+    };
+}
+
+macro_rules! array {
+    ($key:ident, $n:expr, $unit:expr, $about:expr, $bounds:expr, $always:expr) => {
+        Field {
+            key: stringify!($key),
+            unit: $unit,
+            about: $about,
+            shape: Shape::Array($n),
+            bounds: $bounds,
+            always: $always,
+            get: |t| t.$key.to_vec(),
+            set: |t, v| t.$key.copy_from_slice(v),
+        }
+    };
+}
+
+pub(super) const TOP: &[Field<Top>] = &[
+    number!(
+        gravity,
+        "m/s²",
+        "gravitational acceleration along −z",
+        Bounds::between(0.0, 100.0),
+        true
+    ),
+    number!(
+        sample_time,
+        "s",
+        "sampling and control period",
+        Bounds::positive(1.0),
+        true
+    ),
+];
+
+pub(super) const GEOMETRY: &[Field<Geometry>] = &[
+    number!(base_radius, "m", "centre line to motor shaft", LENGTH, true),
+    number!(arm_length, "m", "shaft to elbow (ball line)", LENGTH, true),
+    Field {
+        key: "strut_length",
+        unit: "m",
+        about: "ball to ball, one for all or one per limb",
+        shape: Shape::OneOrArray(ARMS),
+        bounds: LENGTH,
+        always: false,
+        get: |g| g.strut_length.to_vec(),
+        set: |g, v| g.strut_length.copy_from_slice(v),
+    },
+    number!(
+        platform_radius,
+        "m",
+        "platform centre to the middle of a ball pair",
+        Bounds::between(0.0, 10.0),
+        false
+    ),
+    number!(
+        pair_distance,
+        "m",
+        "distance of the two balls of a pair",
+        LENGTH,
+        false
+    ),
+    number!(
+        mounting_height,
+        "m",
+        "mounting plane above the shaft plane",
+        HEIGHT,
+        false
+    ),
+    number!(
+        upper_hooke_height,
+        "m",
+        "upper Hooke joint above the shaft plane",
+        HEIGHT,
+        false
+    ),
+    number!(
+        lower_hooke_height,
+        "m",
+        "lower Hooke joint above the platform's ball plane",
+        HEIGHT,
+        false
+    ),
+    number!(
+        flange_height,
+        "m",
+        "flange above the platform's ball plane, negative: below",
+        HEIGHT,
+        false
+    ),
+    array!(
+        arm_limits,
+        2,
+        "rad",
+        "smallest and largest arm angle, 0 = horizontal, positive down",
+        ANGLE,
+        true
+    ),
+    array!(
+        telescope_limits,
+        2,
+        "m",
+        "smallest and largest distance of the telescope's Hooke joints",
+        LENGTH,
+        false
+    ),
+];
+
+pub(super) const MASS: usize = 0;
+pub(super) const FIRST_MOMENT: usize = 1;
+pub(super) const TENSOR: usize = 2;
+
+pub(super) const INERTIA: &[Field<Inertia>] = &[
+    number!(mass, "kg", "mass", Bounds::between(0.0, 1000.0), true),
+    Field {
+        key: "first_moment",
+        unit: "kg·m",
+        about: "mass times centre of mass, x y z in the joint frame",
+        shape: Shape::Array(3),
+        bounds: Bounds::between(-1000.0, 1000.0),
+        always: true,
+        get: |i| i.first_moment.as_slice().to_vec(),
+        set: |i, v| i.first_moment = Vector3::from_column_slice(v),
+    },
+    Field {
+        key: "inertia",
+        unit: "kg·m²",
+        about: "xx yy zz, or xx yy zz xy xz yz, about the joint frame",
+        shape: Shape::Arrays(3, 6),
+        bounds: Bounds::between(-1000.0, 1000.0),
+        always: true,
+        get: |i| {
+            let t = &i.tensor;
+            let mut v = vec![t[(0, 0)], t[(1, 1)], t[(2, 2)]];
+            let products = [t[(0, 1)], t[(0, 2)], t[(1, 2)]];
+            if products != [0.0; 3] {
+                v.extend(products);
+            }
+            v
+        },
+        set: |i, v| {
+            let p = if v.len() == 6 {
+                [v[3], v[4], v[5]]
+            } else {
+                [0.0; 3]
+            };
+            i.tensor = Matrix3::new(v[0], p[0], p[1], p[0], v[1], p[2], p[1], p[2], v[2]);
+        },
+    },
+];
+
+macro_rules! drive {
+    ($key:ident, $unit:expr, $about:expr, $bounds:expr) => {
+        Field {
+            key: stringify!($key),
+            unit: $unit,
+            about: $about,
+            shape: Shape::OneOrArray(ARMS),
+            bounds: $bounds,
+            always: true,
+            get: |d| d.iter().map(|d| f64::from(d.$key)).collect(),
+            set: |d, v| d.iter_mut().zip(v).for_each(|(d, &v)| d.$key = v as _),
+        }
+    };
+}
+
+/// Keys of `[drives.arm]`; `[drives.telescope]` has the same with one number each.
+pub(super) const DRIVE: &[Field<[Drive]>] = &[
+    drive!(
+        gear_ratio,
+        "",
+        "motor turns per output turn",
+        Bounds::positive(1e5)
+    ),
+    drive!(
+        encoder_bits,
+        "bit",
+        "encoder resolution per motor turn",
+        Bounds {
+            low: 1.0,
+            high: 32.0,
+            above: false,
+            integer: true
+        }
+    ),
+    drive!(
+        max_torque,
+        "N·m",
+        "largest torque at the gear output",
+        Bounds::positive(1e5)
+    ),
+    drive!(
+        max_speed,
+        "rad/s",
+        "largest speed at the gear output",
+        Bounds::positive(1e4)
+    ),
+    drive!(
+        max_acceleration,
+        "rad/s²",
+        "largest acceleration",
+        Bounds::positive(1e7)
+    ),
+    drive!(max_jerk, "rad/s³", "largest jerk", Bounds::positive(1e10)),
+];
+
+pub(super) const SOCKETS: &[Field<Sockets>] = &[
+    number!(
+        ball_radius,
+        "m",
+        "radius of the ball",
+        Bounds::positive(1.0),
+        true
+    ),
+    number!(
+        preload,
+        "N",
+        "force of the clamp spring on the ball",
+        Bounds::between(0.0, 1e5),
+        true
+    ),
+    number!(
+        dislocation_force,
+        "N",
+        "reaction at which a healthy socket leaves its ball",
+        Bounds::positive(1e6),
+        true
+    ),
+    number!(
+        spin_damping,
+        "N·m·s/rad",
+        "damping of a strut's spin about its own axis",
+        Bounds::between(0.0, 1e3),
+        true
+    ),
+];
+
+pub(super) const NOISE: &[Field<Noise>] = &[
+    array!(
+        torque,
+        AXES,
+        "N·m",
+        "torque at the gear output, per axis",
+        Bounds::between(0.0, 1e3),
+        true
+    ),
+    number!(
+        strut_force,
+        "N",
+        "axial strut force",
+        Bounds::between(0.0, 1e5),
+        true
+    ),
+];
+
+pub(super) const DRIVE_ZERO: Drive = Drive {
+    gear_ratio: 0.0,
+    encoder_bits: 0,
+    max_torque: 0.0,
+    max_speed: 0.0,
+    max_acceleration: 0.0,
+    max_jerk: 0.0,
+};
+
+pub(super) const GEOMETRY_ZERO: Geometry = Geometry {
+    base_radius: 0.0,
+    arm_length: 0.0,
+    strut_length: [0.0; ARMS],
+    platform_radius: 0.0,
+    pair_distance: 0.0,
+    mounting_height: 0.0,
+    upper_hooke_height: 0.0,
+    lower_hooke_height: 0.0,
+    flange_height: 0.0,
+    arm_limits: [0.0; 2],
+    telescope_limits: [0.0; 2],
+};
+
+pub(super) const SOCKETS_ZERO: Sockets = Sockets {
+    ball_radius: 0.0,
+    preload: 0.0,
+    dislocation_force: 0.0,
+    spin_damping: 0.0,
+};
+
+pub(super) const NOISE_ZERO: Noise = Noise {
+    torque: [0.0; AXES],
+    strut_force: 0.0,
+};

@@ -1,0 +1,438 @@
+//! [`Model`] → TOML: the user's file with its comments, only changed numbers replaced.
+
+use std::path::Path;
+
+use miette::{IntoDiagnostic, Result, WrapErr, miette};
+use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
+
+use super::bodies::{BODIES, body_name};
+use super::read::{ALWAYS_PRESENT, GROUPS, body_group, body_needed, default_values, drive_shape};
+use super::schema::{self, Field, Shape, Top};
+use super::{ARMS, AXES, Inertia, Model};
+use crate::effects::{ActiveEffect, Role};
+
+impl Model {
+    /// Writes the model file: the text it was read from with the numbers that changed, or a new one.
+    ///
+    /// The file is written beside `path` and renamed, so a reader never sees half of it.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = match &self.source {
+            Some(source) => updated_text(source, self)?,
+            None => full_text(self)?,
+        };
+        replace_file(path, &text)
+            .into_diagnostic()
+            .wrap_err_with(|| format!("cannot write {}", path.display()))
+    }
+}
+
+/// `original` with the numbers of `model`: changed values are replaced in place, effects added or removed.
+///
+/// Comments and layout stay. Reading the result gives back every number of `model` exactly; if that is impossible,
+/// e.g. because a value lies outside its range, nothing is returned but the reason.
+pub fn updated_text(original: &str, model: &Model) -> Result<String> {
+    let mut document: DocumentMut = original
+        .parse()
+        .into_diagnostic()
+        .wrap_err("the model file is not valid TOML")?;
+    edit(&mut document, model)?;
+    let text = document.to_string();
+    verify(&text, model)?;
+    Ok(text)
+}
+
+/// A new model file for `model`, with unit and meaning of every key.
+pub fn full_text(model: &Model) -> Result<String> {
+    updated_text("", model)
+}
+
+/// Puts the numbers and effects of `model` into a TOML document.
+pub fn edit(document: &mut DocumentMut, model: &Model) -> Result<()> {
+    let root = document.as_table_mut();
+    set_plain(root, "name", Value::from(model.name.as_str()));
+    set_plain(root, "mechanism", Value::from("delta"));
+    set_plain(root, "assembled", Value::from(model.assembled));
+    let own: Vec<usize> = (0..BODIES)
+        .filter(|&b| has_table(root, &["bodies", &body_name(b)]))
+        .collect();
+    for section in sections(model, &own) {
+        section.write(root)?;
+    }
+    remove_absent_effects(root, model);
+    Ok(())
+}
+
+/// Reads `text` back and compares every number.
+fn verify(text: &str, model: &Model) -> Result<()> {
+    let path = model.path.as_deref().unwrap_or(Path::new("model.toml"));
+    let again = Model::parse(text, path).wrap_err("the changed model would be refused")?;
+    let everything: Vec<usize> = (0..BODIES).collect();
+    let (wanted, got) = (sections(model, &everything), sections(&again, &everything));
+    for (wanted, got) in wanted.iter().zip(&got) {
+        for (w, g) in wanted.lines.iter().zip(&got.lines) {
+            if wanted.path != got.path || w.numbers != g.numbers {
+                let (path, key) = (wanted.path.join("."), w.key);
+                return Err(miette!(
+                    "cannot write [{path}] {key} = {:?}: it reads as {:?}",
+                    w.numbers,
+                    g.numbers
+                ));
+            }
+        }
+    }
+    if wanted.len() != got.len() || again.assembled != model.assembled || again.name != model.name {
+        return Err(miette!("cannot write the model: it reads differently"));
+    }
+    Ok(())
+}
+
+/// One table of the file.
+struct Section {
+    path: Vec<String>,
+    lines: Vec<Line>,
+    /// Comment above the table when it is new.
+    comment: Option<String>,
+    /// Without the table all its numbers are zero.
+    optional: bool,
+}
+
+/// One key of a table.
+struct Line {
+    key: &'static str,
+    numbers: Vec<f64>,
+    /// Numbers that a missing key means.
+    default: Option<Vec<f64>>,
+    shape: Shape,
+    integer: bool,
+    comment: String,
+}
+
+/// Every table of the model's file; bodies in `own` have a table to themselves.
+fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
+    let assembled = model.assembled;
+    let top = Top {
+        gravity: model.gravity,
+        sample_time: model.sample_time,
+    };
+    let mut all = vec![
+        section(&[], schema::TOP, &top, true),
+        section(&["geometry"], schema::GEOMETRY, &model.geometry, assembled),
+    ];
+    all.extend(body_sections(model, own));
+    for (name, drives) in [
+        ("arm", &model.drives[..ARMS]),
+        ("telescope", &model.drives[ARMS..AXES]),
+    ] {
+        let mut s = section(&["drives", name], schema::DRIVE, drives, true);
+        s.lines
+            .iter_mut()
+            .for_each(|line| line.shape = drive_shape(drives.len()));
+        all.push(s);
+    }
+    let mut sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true);
+    let mut noise = section(&["noise"], schema::NOISE, &model.noise, true);
+    (sockets.optional, noise.optional) = (!assembled, !assembled);
+    all.extend([sockets, noise]);
+    all.extend(
+        model
+            .effects
+            .iter()
+            .filter(|e| e.effect.name() != ALWAYS_PRESENT)
+            .map(effect_section),
+    );
+    all
+}
+
+fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled: bool) -> Section {
+    let lines = fields.iter().map(|f| {
+        let numbers = (f.get)(source);
+        let default = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
+        let comment = comment(f.unit, f.about);
+        Line {
+            key: f.key,
+            numbers,
+            default,
+            shape: f.shape,
+            integer: f.bounds.integer,
+            comment,
+        }
+    });
+    Section {
+        path: path.iter().map(|p| p.to_string()).collect(),
+        lines: lines.collect(),
+        comment: None,
+        optional: false,
+    }
+}
+
+fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
+    let body = |name: &str, inertia: &Inertia, optional: bool| {
+        let mut s = section(&["bodies", name], schema::INERTIA, inertia, true);
+        s.optional = optional;
+        s
+    };
+    let mut all = Vec::new();
+    for (name, range) in GROUPS {
+        let Some(first) = range.clone().find(|b| !own.contains(b)) else {
+            continue;
+        };
+        all.push(body(
+            name,
+            &model.bodies[first],
+            !body_needed(first, model.assembled),
+        ));
+    }
+    for b in 0..BODIES {
+        // a body of a group gets its own table when it has one already or departs from the group
+        let shared = body_group(b)
+            .and_then(|name| GROUPS.iter().find(|(n, _)| *n == name))
+            .and_then(|(_, range)| {
+                range
+                    .clone()
+                    .find(|b| !own.contains(b))
+                    .filter(|_| !own.contains(&b))
+                    .map(|first| model.bodies[first])
+            });
+        if shared != Some(model.bodies[b]) {
+            // a group's zero may be left out, but not the zero of a body that departs from its group
+            let optional = !body_needed(b, model.assembled) && shared.is_none();
+            all.push(body(&body_name(b), &model.bodies[b], optional));
+        }
+    }
+    all
+}
+
+fn effect_section(active: &ActiveEffect) -> Section {
+    let lines = active
+        .effect
+        .parameters()
+        .iter()
+        .enumerate()
+        .map(|(b, p)| Line {
+            key: p.name,
+            numbers: active.values().block(b).to_vec(),
+            default: (p.role != Role::Linear).then(|| default_values(p)),
+            shape: Shape::of(p),
+            integer: false,
+            comment: comment(p.unit, ""),
+        });
+    let about = active.effect.about();
+    Section {
+        path: vec!["effects".into(), active.effect.name().into()],
+        lines: lines.collect(),
+        comment: Some(format!("{}: {}", about.summary, about.law)),
+        optional: false,
+    }
+}
+
+fn comment(unit: &str, about: &str) -> String {
+    match (unit, about) {
+        ("", about) => about.to_string(),
+        (unit, "") => unit.to_string(),
+        (unit, about) => format!("{unit}; {about}"),
+    }
+}
+
+impl Section {
+    fn write(&self, root: &mut Table) -> Result<()> {
+        let path: Vec<&str> = self.path.iter().map(String::as_str).collect();
+        let new = !has_table(root, &path);
+        if new
+            && self.optional
+            && self
+                .lines
+                .iter()
+                .all(|l| l.numbers.iter().all(|&v| v == 0.0))
+        {
+            return Ok(());
+        }
+        let (table, inline) = table_at(root, &path, self.comment.as_deref())?;
+        for line in &self.lines {
+            let assumed = line.default.as_ref() == Some(&line.numbers);
+            // a new effect shows its constants too; zeros of an incomplete geometry stay away
+            let shown = new && self.comment.is_some();
+            match table.get_mut(line.key) {
+                Some(item) => line.replace(item),
+                None if assumed && !shown => {}
+                None => {
+                    table.insert(line.key, Item::Value(line.value(true)));
+                    if !line.comment.is_empty()
+                        && !inline
+                        && let Some(Item::Value(v)) = table.get_mut(line.key)
+                    {
+                        v.decor_mut().set_suffix(format!(" # {}", line.comment));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Line {
+    fn scalar(&self, v: f64) -> Value {
+        // `{:?}` is the shortest text that reads back as the same number
+        let text = if self.integer {
+            format!("{v:.0}")
+        } else {
+            format!("{v:?}")
+        };
+        text.parse().unwrap_or_else(|_| Value::from(v))
+    }
+
+    /// The numbers as a value; one for all if they are alike and `short`.
+    fn value(&self, short: bool) -> Value {
+        let alike = self.numbers.windows(2).all(|w| w[0] == w[1]);
+        match (self.shape, self.numbers.first()) {
+            (Shape::One, Some(&v)) => self.scalar(v),
+            (Shape::OneOrArray(_), Some(&v)) if short && alike => self.scalar(v),
+            _ => Value::Array(
+                self.numbers
+                    .iter()
+                    .map(|&v| self.scalar(v))
+                    .collect::<Array>(),
+            ),
+        }
+    }
+
+    /// Replaces the numbers that differ, keeping the comments around them.
+    fn replace(&self, item: &mut Item) {
+        let Item::Value(old) = item else {
+            *item = Item::Value(self.value(true));
+            return;
+        };
+        let decor = old.decor().clone();
+        if let Value::Array(items) = old
+            && items.len() == self.numbers.len()
+        {
+            for (old, &v) in items.iter_mut().zip(&self.numbers) {
+                self.replace_number(old, v);
+            }
+            return;
+        }
+        match self.value(!old.is_array()) {
+            Value::Array(items) => *old = Value::Array(items),
+            _ => self.replace_number(old, self.numbers[0]),
+        }
+        *old.decor_mut() = decor;
+    }
+
+    fn replace_number(&self, old: &mut Value, v: f64) {
+        let same = match old {
+            Value::Float(f) => f.value().to_bits() == v.to_bits(),
+            Value::Integer(i) => *i.value() as f64 == v,
+            _ => false,
+        };
+        if !same {
+            let decor = old.decor().clone();
+            *old = self.scalar(v);
+            *old.decor_mut() = decor;
+        }
+    }
+}
+
+fn set_plain(root: &mut Table, key: &str, value: Value) {
+    match root.get_mut(key) {
+        Some(Item::Value(old)) => {
+            let same = match (&*old, &value) {
+                (Value::String(a), Value::String(b)) => a.value() == b.value(),
+                (Value::Boolean(a), Value::Boolean(b)) => a.value() == b.value(),
+                _ => false,
+            };
+            if !same {
+                let decor = old.decor().clone();
+                *old = value;
+                *old.decor_mut() = decor;
+            }
+        }
+        _ => {
+            root.insert(key, Item::Value(value));
+        }
+    }
+}
+
+fn has_table(root: &Table, path: &[&str]) -> bool {
+    let mut table: &dyn TableLike = root;
+    for key in path {
+        match table.get(key).and_then(Item::as_table_like) {
+            Some(next) => table = next,
+            None => return false,
+        }
+    }
+    true
+}
+
+/// The table at `path`, made if it is not there; a new one gets `comment` above it.
+///
+/// Also tells whether it stands inline or as dotted keys, where comments and headers have no place.
+fn table_at<'a>(
+    root: &'a mut Table,
+    path: &[&str],
+    comment: Option<&str>,
+) -> Result<(&'a mut dyn TableLike, bool)> {
+    let mut table: &mut dyn TableLike = root;
+    let mut inline = false;
+    for (i, key) in path.iter().enumerate() {
+        if table.get(key).is_none() {
+            let item = if inline {
+                Item::Value(Value::InlineTable(InlineTable::new()))
+            } else {
+                let mut new = Table::new();
+                new.set_implicit(i + 1 < path.len());
+                if let Some(comment) = comment.filter(|_| i + 1 == path.len()) {
+                    new.decor_mut().set_prefix(format!("\n# {comment}\n"));
+                }
+                Item::Table(new)
+            };
+            table.insert(key, item);
+        }
+        let item = table
+            .get_mut(key)
+            .ok_or_else(|| miette!("cannot add [{}]", path[..=i].join(".")))?;
+        inline |= item.is_value();
+        table = item
+            .as_table_like_mut()
+            .ok_or_else(|| miette!("{} is not a table", path[..=i].join(".")))?;
+        inline |= table.is_dotted();
+    }
+    Ok((table, inline))
+}
+
+fn remove_absent_effects(root: &mut Table, model: &Model) {
+    let Some(effects) = root.get_mut("effects").and_then(Item::as_table_like_mut) else {
+        return;
+    };
+    let absent: Vec<String> = effects
+        .iter()
+        .map(|(key, _)| key.to_string())
+        .filter(|key| !model.effects.iter().any(|e| e.effect.name() == key))
+        .collect();
+    for key in absent {
+        effects.remove(&key);
+    }
+}
+
+fn replace_file(path: &Path, text: &str) -> std::io::Result<()> {
+    use std::io::Write;
+    // through a symbolic link, to the file itself
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
+    let folder = path
+        .parent()
+        .filter(|p| !p.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.suffix(".partial");
+    #[cfg(unix)]
+    let builder = {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666)) // less the umask, as for any new file
+    };
+    let mut file = builder.tempfile_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().sync_all()?;
+    if let Ok(metadata) = std::fs::metadata(&path) {
+        file.as_file().set_permissions(metadata.permissions())?;
+    }
+    file.persist(&path)?;
+    Ok(())
+}

@@ -1,0 +1,808 @@
+//! Model files: the shipped ones load, wrong ones are refused with line, key, value and expectation, and writing keeps
+//! the user's text.
+
+use std::path::{Path, PathBuf};
+
+use deltatwin::effects::{self, ActiveEffect};
+use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
+use deltatwin::model::write::{full_text, updated_text};
+use deltatwin::model::{Model, check};
+use proptest::prelude::*;
+
+const NAME: &str = "robot.toml";
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("models")
+}
+
+fn shipped() -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder())
+        .unwrap()
+        .map(|f| f.unwrap().path())
+        .collect();
+    files.retain(|f| f.extension().is_some_and(|e| e == "toml"));
+    files.sort();
+    files
+}
+
+fn text_of(stem: &str) -> String {
+    std::fs::read_to_string(folder().join(format!("{stem}.toml"))).unwrap()
+}
+
+fn nominal() -> String {
+    text_of("irb360-6-1600")
+}
+
+fn parse(text: &str) -> miette::Result<Model> {
+    Model::parse(text, Path::new(NAME))
+}
+
+/// The message for the nominal file with `old` replaced by `new`, which must point at the line of `new`.
+fn refused(old: &str, new: &str) -> String {
+    refused_at(old, new, new.lines().last().unwrap())
+}
+
+/// As [`refused`], pointing at the line that contains `mark`.
+fn refused_at(old: &str, new: &str, mark: &str) -> String {
+    let original = nominal();
+    assert!(original.contains(old), "no {old:?}");
+    let text = original.replacen(old, new, 1);
+    let line = text[..text.find(mark).unwrap()].matches('\n').count() + 1;
+    let error = match parse(&text) {
+        Ok(_) => panic!("{new:?} was accepted"),
+        Err(error) => error,
+    };
+    let message = error.to_string();
+    assert!(
+        message.starts_with(&format!("{NAME}:{line}:")),
+        "expected line {line}: {message}"
+    );
+    // the full report shows file, place and the line itself
+    let report = format!("{error:?}");
+    assert!(report.contains(&format!("{NAME}:{line}:")), "{report}");
+    message
+}
+
+#[track_caller]
+fn assert_says(message: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(message.contains(part), "no {part:?} in: {message}");
+    }
+}
+
+/// Every number of two models is alike.
+#[track_caller]
+fn assert_same(a: &Model, b: &Model) {
+    assert_eq!(a.name, b.name);
+    assert_eq!(a.assembled, b.assembled);
+    assert_eq!(a.geometry, b.geometry);
+    assert_eq!(a.bodies, b.bodies);
+    assert_eq!(format!("{:?}", a.drives), format!("{:?}", b.drives));
+    assert_eq!(
+        format!("{:?} {:?}", a.sockets, a.noise),
+        format!("{:?} {:?}", b.sockets, b.noise)
+    );
+    assert_eq!((a.gravity, a.sample_time), (b.gravity, b.sample_time));
+    let effects = |m: &Model| -> Vec<(&str, Vec<f64>, Vec<String>)> {
+        m.effects
+            .iter()
+            .map(|e| {
+                (
+                    e.effect.name(),
+                    e.values.clone(),
+                    e.entries().into_iter().map(|e| e.name).collect(),
+                )
+            })
+            .collect()
+    };
+    assert_eq!(effects(a), effects(b));
+}
+
+#[test]
+fn every_shipped_model_loads() {
+    let files = shipped();
+    assert!(files.len() >= 3);
+    for file in files {
+        let model = Model::read(&file).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!(model.name, file.file_stem().unwrap().to_str().unwrap());
+        assert_eq!(model.path.as_deref(), Some(file.as_path()));
+        assert_eq!(
+            model.source.as_deref(),
+            Some(std::fs::read_to_string(&file).unwrap().as_str())
+        );
+        for b in 0..BODIES {
+            assert_eq!(check::inconsistency(&model.bodies[b]), None);
+        }
+    }
+}
+
+#[test]
+fn every_number_of_the_shipped_models_has_a_comment() {
+    for file in shipped() {
+        for line in std::fs::read_to_string(&file).unwrap().lines() {
+            let number = line.split_once('=').is_some_and(|(_, v)| {
+                v.trim_start()
+                    .starts_with(|c: char| "[-0123456789".contains(c))
+            });
+            let zero =
+                line.contains("0.0, 0.0]") && !line.contains(|c: char| ('1'..='9').contains(&c));
+            assert!(
+                !number || zero || line.contains(" # "),
+                "{}: {line}",
+                file.display()
+            );
+        }
+    }
+}
+
+#[test]
+fn numbers_arrive_where_they_belong() {
+    let m = parse(&nominal()).unwrap();
+    assert_eq!(m.geometry.strut_length, [1.106; 3]);
+    assert_eq!(m.geometry.flange_height, -0.0625);
+    assert_eq!(
+        m.bodies[ARM + 2],
+        Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.100, 0.258, 0.258])
+    );
+    assert_eq!(m.bodies[STRUT + 5].mass, 0.179);
+    assert_eq!(m.bodies[PLATFORM].mass, 1.2);
+    assert_eq!(m.bodies[END_EFFECTOR], Inertia::ZERO);
+    assert_eq!(m.drives[3].max_speed, 55.851);
+    assert_eq!(
+        (m.drives[0].gear_ratio, m.drives[0].encoder_bits),
+        (33.0, 15)
+    );
+    assert_eq!(m.noise.torque, [0.5, 0.5, 0.5, 0.05]);
+    assert_eq!(m.sample_time, 400e-6);
+    let names: Vec<&str> = m.effects.iter().map(|e| e.effect.name()).collect();
+    assert_eq!(
+        names,
+        ["drive_friction", "axis4_friction", "telescope_friction"]
+    );
+    assert_eq!(
+        m.effects[0].values,
+        [4.667, 4.376, 6.466, 1.727, 2.064, 1.557, 100.0]
+    );
+}
+
+#[test]
+fn disassembled_robot_needs_arms_and_rotor_only() {
+    let m = parse(&text_of("irb360-6-1600-disassembled")).unwrap();
+    assert!(!m.assembled);
+    assert_eq!(m.bodies[ARM].tensor[(1, 1)], 0.228);
+    assert_eq!(m.bodies[ARM + 2].first_moment.z, 0.016);
+    assert_eq!(m.bodies[ROTOR].tensor[(2, 2)], 0.003);
+    assert_eq!(m.bodies[STRUT], Inertia::ZERO);
+    assert_eq!(
+        m.effects[0].values[..8],
+        [4.201, 4.145, 5.773, 0.387, 0.281, 0.419, 0.448, 0.012]
+    );
+}
+
+#[test]
+fn effects_come_in_the_order_of_the_registry() {
+    let text = nominal();
+    let at = text
+        .find("# Coulomb and viscous friction of the arm")
+        .unwrap();
+    let shuffled = format!(
+        "{}[effects.ball_socket_viscous]\ncoefficient = 0.1\n\n{}",
+        &text[..at],
+        &text[at..]
+    );
+    let m = parse(&shuffled).unwrap();
+    let order: Vec<usize> = m
+        .effects
+        .iter()
+        .map(|e| {
+            effects::REGISTRY
+                .iter()
+                .position(|r| r.name() == e.effect.name())
+                .unwrap()
+        })
+        .collect();
+    assert_eq!(order.len(), 4);
+    assert!(order.is_sorted());
+}
+
+#[test]
+fn optional_parameters_take_their_defaults() {
+    let text = nominal()
+        .replace("steepness = 100.0 ", "# ")
+        .replace("saturation_speed = 8.5919", "#");
+    let m = parse(&text).unwrap();
+    assert_eq!(m.effects[0].values[6], 100.0);
+    assert_eq!(m.effects[1].values[2], 8.5919);
+}
+
+#[test]
+fn misspelt_keys_are_refused_with_the_nearest_name() {
+    let m = refused("arm_length =", "arm_lenght =");
+    assert_says(
+        &m,
+        &[
+            "[geometry] arm_lenght",
+            "did you mean `arm_length`?",
+            "platform_radius",
+        ],
+    );
+    assert_says(
+        &refused("gravity =", "gravitiy ="),
+        &["gravitiy", "did you mean `gravity`?"],
+    );
+    assert_says(
+        &refused("[sockets]", "[socket]"),
+        &["socket", "did you mean `sockets`?"],
+    );
+    assert_says(
+        &refused("[bodies.platform]", "[bodies.plattform]"),
+        &["[bodies] plattform", "`platform`"],
+    );
+    assert_says(
+        &refused("max_torque", "max_torqe"),
+        &["[drives.arm] max_torqe", "`max_torque`"],
+    );
+    assert_says(
+        &refused("first_moment = [0.176", "first_momet = [0.176"),
+        &["[bodies.arm] first_momet", "`first_moment`"],
+    );
+    assert_says(
+        &refused("saturating =", "saturatin ="),
+        &["[effects.axis4_friction] saturatin", "`saturating`"],
+    );
+}
+
+#[test]
+fn unknown_effects_are_refused_with_the_nearest_name() {
+    let m = refused("[effects.drive_friction]", "[effects.drive_fricton]");
+    assert_says(
+        &m,
+        &[
+            "[effects] drive_fricton",
+            "unknown effect",
+            "did you mean `drive_friction`?",
+            "axis4_friction",
+        ],
+    );
+    let m = refused("[effects.drive_friction]", "[effects.gravity_waves]");
+    assert_says(&m, &["gravity_waves", "expected one of"]);
+    assert!(!m.contains("did you mean"), "{m}");
+}
+
+#[test]
+fn bodies_are_no_effect() {
+    let m = refused("[effects.drive_friction]", "[effects.rigid_bodies]");
+    assert_says(&m, &["rigid_bodies", "always present", "[bodies]"]);
+}
+
+#[test]
+fn arrays_of_the_wrong_length_are_refused() {
+    let m = refused(
+        "coulomb = [4.667, 4.376, 6.466]",
+        "coulomb = [4.667, 4.376]",
+    );
+    assert_says(
+        &m,
+        &[
+            "[effects.drive_friction] coulomb = [4.667, 4.376]",
+            "an array of 2",
+            "3 or 4",
+            "N·m",
+        ],
+    );
+    assert_says(
+        &refused("arm_limits = [-0.703, 1.745]", "arm_limits = [1.745]"),
+        &["arm_limits = [1.745]", "array of 2"],
+    );
+    let m = refused(
+        "first_moment = [0.176, 0.0, 0.006]",
+        "first_moment = [0.176, 0.0, 0.006, 1.0]",
+    );
+    assert_says(
+        &m,
+        &["[bodies.arm] first_moment", "array of 4", "array of 3"],
+    );
+    assert_says(
+        &refused("strut_length = 1.106", "strut_length = [1.106, 1.106]"),
+        &["strut_length", "array of 3"],
+    );
+    assert_says(
+        &refused("base_radius = 0.200", "base_radius = [0.2]"),
+        &["base_radius = [0.2]", "expected a number in m"],
+    );
+}
+
+#[test]
+fn wrong_types_are_refused() {
+    assert_says(
+        &refused("base_radius = 0.200", "base_radius = \"0.2\""),
+        &["base_radius = \"0.2\"", "found a string", "number in m"],
+    );
+    assert_says(
+        &refused("assembled = true", "assembled = 1"),
+        &["assembled = 1", "true or false"],
+    );
+    assert_says(
+        &refused("name = \"irb360-6-1600\"", "name = 360"),
+        &["name = 360", "found an integer", "a string"],
+    );
+    assert_says(
+        &refused("mechanism = \"delta\"", "mechanism = \"scara\""),
+        &["mechanism = \"scara\"", "expected \"delta\""],
+    );
+    let m = refused(
+        "coulomb = [4.667, 4.376, 6.466]",
+        "coulomb = [4.667, true, 6.466]",
+    );
+    assert_says(
+        &m,
+        &["coulomb", "value 2 is a boolean", "expected a number"],
+    );
+    assert_says(
+        &refused("coulomb = [4.667, 4.376, 6.466]", "coulomb = 4.6"),
+        &["coulomb = 4.6", "array of 3 or 4"],
+    );
+    assert_says(
+        &refused("torque = [0.5, 0.5, 0.5, 0.05]", "torque = 0.5"),
+        &["[noise] torque = 0.5", "array of 4"],
+    );
+}
+
+#[test]
+fn values_outside_their_range_are_refused() {
+    let m = refused(
+        "coulomb = [4.667, 4.376, 6.466]",
+        "coulomb = [4.667, -4.376, 6.466]",
+    );
+    assert_says(
+        &m,
+        &[
+            "coulomb = [4.667, -4.376, 6.466]",
+            "value 2 is -4.376",
+            "from 0 to 50",
+            "N·m",
+        ],
+    );
+    assert_says(
+        &refused("saturation_speed = 8.5919", "saturation_speed = 0.01"),
+        &["saturation_speed = 0.01", "0.5", "rad/s"],
+    );
+    assert_says(
+        &refused("gear_ratio = 33.0", "gear_ratio = 0.0"),
+        &["[drives.arm] gear_ratio = 0.0", "above 0"],
+    );
+    assert_says(
+        &refused("gear_ratio = 33.0", "gear_ratio = -33.0"),
+        &["gear_ratio = -33.0", "above 0"],
+    );
+    for bits in ["0", "33", "15.5", "-1"] {
+        let m = refused("encoder_bits = 15", &format!("encoder_bits = {bits}"));
+        assert_says(
+            &m,
+            &[
+                &format!("encoder_bits = {bits}"),
+                "whole number",
+                "from 1 to 32",
+            ],
+        );
+    }
+    for time in ["0.0", "-4e-4", "0", "40.0"] {
+        let m = refused("sample_time = 400e-6", &format!("sample_time = {time}"));
+        assert_says(&m, &[&format!("sample_time = {time}"), "in s above 0"]);
+    }
+    assert_says(
+        &refused("strut_length = 1.106", "strut_length = 1106"),
+        &["strut_length = 1106", "in m", "at most 10"],
+    );
+    assert_says(
+        &refused("gravity = 9.81", "gravity = -9.81"),
+        &["gravity = -9.81", "from 0"],
+    );
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_refused() {
+    for bad in ["nan", "inf", "-inf", "1e999", "-nan"] {
+        assert_says(
+            &refused("gravity = 9.81", &format!("gravity = {bad}")),
+            &["gravity", bad, "expected a number in m/s²"],
+        );
+        let m = refused(
+            "first_moment = [0.176, 0.0,",
+            &format!("first_moment = [0.176, {bad},"),
+        );
+        assert_says(&m, &["first_moment", bad]);
+    }
+}
+
+#[test]
+fn impossible_bodies_are_refused_with_the_condition() {
+    assert_says(
+        &refused("mass = 0.179", "mass = -0.179"),
+        &["[bodies.strut] mass = -0.179", "in kg from 0"],
+    );
+    let m = refused(
+        "inertia = [0.100, 0.258, 0.258]",
+        "inertia = [0.100, 0.258, 0.100]",
+    );
+    assert_says(
+        &m,
+        &[
+            "[bodies.arm] inertia = [0.100, 0.258, 0.100]",
+            "triangle inequality",
+            "real body",
+        ],
+    );
+    let m = refused(
+        "first_moment = [0.076, 0.0, 0.0]",
+        "first_moment = [0.176, 0.0, 0.0]",
+    );
+    assert_says(
+        &m,
+        &[
+            "[bodies.strut] first_moment = [0.176, 0.0, 0.0]",
+            "centre of mass outside the body",
+            "0.98",
+        ],
+    );
+    let m = refused(
+        "inertia = [0.077, 0.077, 3.00e-5]",
+        "inertia = [0.077, 0.077, -3.00e-5]",
+    );
+    assert_says(&m, &["[bodies.telescope_lower] inertia", "negative"]);
+    let m = refused_at("mass = 0.179 ", "mass = 0 ", "first_moment = [0.076");
+    assert_says(&m, &["[bodies.strut] first_moment", "no mass"]);
+}
+
+#[test]
+fn struts_that_do_not_reach_are_refused() {
+    let m = refused("strut_length = 1.106", "strut_length = 0.6");
+    assert_says(&m, &["[geometry] strut_length = 0.6", "more than 0.6520 m"]);
+    let m = refused("strut_length = 1.106", "strut_length = [1.106, 1.106, 3.5]");
+    assert_says(&m, &["strut_length = [1.106, 1.106, 3.5]", "home pose"]);
+}
+
+#[test]
+fn limits_must_be_in_order_and_contain_the_home_pose() {
+    let m = refused(
+        "arm_limits = [-0.703, 1.745]",
+        "arm_limits = [1.745, -0.703]",
+    );
+    assert_says(
+        &m,
+        &["arm_limits = [1.745, -0.703]", "smallest angle first"],
+    );
+    assert_says(
+        &refused("arm_limits = [-0.703, 1.745]", "arm_limits = [0.5, 1.745]"),
+        &["home pose"],
+    );
+    assert_says(
+        &refused("arm_limits = [-0.703, 1.745]", "arm_limits = [-40, 100]"),
+        &["value 1 is -40", "rad"],
+    );
+    let m = refused(
+        "telescope_limits = [0.812, 1.372]",
+        "telescope_limits = [1.372, 0.812]",
+    );
+    assert_says(
+        &m,
+        &["telescope_limits = [1.372, 0.812]", "smallest length first"],
+    );
+    let m = refused(
+        "telescope_limits = [0.812, 1.372]",
+        "telescope_limits = [1.0, 1.372]",
+    );
+    assert_says(
+        &m,
+        &["telescope_limits = [1.0, 1.372]", "home pose", "0.9304 m"],
+    );
+}
+
+#[test]
+fn missing_keys_are_reported_with_their_table() {
+    assert_says(
+        &refused_at("arm_length = 0.500", "#", "[geometry]"),
+        &["[geometry] lacks `arm_length`", "number in m"],
+    );
+    assert_says(
+        &refused_at("saturating = 0.6672", "#", "[effects.axis4_friction]"),
+        &["[effects.axis4_friction] lacks `saturating`"],
+    );
+    assert_says(
+        &refused_at("gravity = 9.81", "#", "# ABB"),
+        &["the file lacks `gravity`", "m/s²"],
+    );
+    let text = nominal();
+    let without = |from: &str, to: &str| {
+        let (a, b) = (text.find(from).unwrap(), text.find(to).unwrap());
+        parse(&format!("{}{}", &text[..a], &text[b..]))
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    assert_says(
+        &without("[geometry]", "# Bodies: mass"),
+        &[NAME, "lacks table [geometry]"],
+    );
+    assert_says(
+        &without("\n[bodies.strut]", "# Frame at the ball plane"),
+        &[NAME, "[bodies] lacks table [bodies.strut]"],
+    );
+    assert_says(
+        &without("[drives.telescope]", "[sockets]"),
+        &["[drives] lacks table [drives.telescope]"],
+    );
+    assert_says(
+        &without("[sockets]", "# Standard dev"),
+        &["lacks table [sockets]"],
+    );
+    assert_says(
+        &parse("").err().unwrap().to_string(),
+        &[NAME, ":1:1:", "lacks `name`"],
+    );
+}
+
+#[test]
+fn broken_toml_and_missing_files_are_reported() {
+    assert_says(
+        &refused("arm_length = 0.500", "arm_length = = 0.500"),
+        &["not valid TOML"],
+    );
+    let m = refused("arm_length = 0.500", "arm_length = 0.500\narm_length = 0.7");
+    assert_says(&m, &["not valid TOML", "duplicate"]);
+    let missing = Model::read(Path::new("models/none.toml")).err().unwrap();
+    assert_says(
+        &format!("{missing:?}"),
+        &["models/none.toml", "cannot read"],
+    );
+}
+
+#[test]
+fn one_strut_may_depart_from_the_others() {
+    let text = format!(
+        "{}\n[bodies.strut4]\nmass = 0.34\nfirst_moment = [0.188, 0.0, 0.0]\ninertia = [1.5e-5, 0.14, 0.14]\n",
+        nominal()
+    );
+    let m = parse(&text).unwrap();
+    assert_eq!(m.bodies[STRUT + 3].mass, 0.34);
+    assert_eq!(m.bodies[STRUT + 4].mass, 0.179);
+    assert_same(&parse(&updated_text(&text, &m).unwrap()).unwrap(), &m);
+}
+
+#[test]
+fn unchanged_models_are_written_byte_for_byte() {
+    for file in shipped() {
+        let model = Model::read(&file).unwrap();
+        let text = model.source.clone().unwrap();
+        assert_eq!(updated_text(&text, &model).unwrap(), *text);
+    }
+}
+
+#[test]
+fn changed_numbers_keep_the_rest_of_the_file() {
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    for b in STRUT..PLATFORM {
+        m.bodies[b].mass = 0.18123456789012346;
+    }
+    m.effects[0].values[1] = 4.4;
+    m.effects[1].values[2] = 9.25;
+    m.drives[1].max_torque = 120.0;
+    let new = updated_text(&text, &m).unwrap();
+    assert_same(&parse(&new).unwrap(), &m);
+    let changed: Vec<(&str, &str)> = text
+        .lines()
+        .zip(new.lines())
+        .filter(|(a, b)| a != b)
+        .collect();
+    let new_lines: Vec<&str> = changed.iter().map(|(_, b)| *b).collect();
+    assert_eq!(text.lines().count(), new.lines().count());
+    assert_eq!(
+        new_lines
+            .iter()
+            .map(|l| l.split("  ").next().unwrap())
+            .collect::<Vec<_>>(),
+        [
+            "mass = 0.18123456789012346",
+            "max_torque = [132.0, 120.0, 132.0]",
+            "coulomb = [4.667, 4.4, 6.466]",
+            "saturation_speed = 9.25"
+        ]
+    );
+    for (old, new) in changed {
+        assert_eq!(
+            old.split_once('#').unwrap().1,
+            new.split_once('#').unwrap().1
+        );
+    }
+}
+
+#[test]
+fn effects_are_added_and_removed() {
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    m.effects.retain(|e| e.effect.name() != "axis4_friction");
+    m.effects.push(ActiveEffect::new(
+        effects::find("ball_socket_viscous").unwrap(),
+        &[&[0.31]],
+    ));
+    let new = updated_text(&text, &m).unwrap();
+    assert_same(&parse(&new).unwrap(), &m);
+    assert!(!new.contains("axis4_friction"));
+    assert!(
+        !new.contains("saturating with speed"),
+        "the comment goes with its table"
+    );
+    assert!(
+        new.contains("\n\n# viscous friction in the 12 ball sockets"),
+        "{new}"
+    );
+    assert!(
+        new.ends_with("[effects.ball_socket_viscous]\ncoefficient = 0.31 # N·m·s/rad\n"),
+        "{new}"
+    );
+    // everything before the effects is untouched
+    let head = text.find("[effects.drive_friction]").unwrap();
+    assert_eq!(&new[..head], &text[..head]);
+    // and back again
+    let again = updated_text(&new, &parse(&text).unwrap()).unwrap();
+    assert_same(&parse(&again).unwrap(), &parse(&text).unwrap());
+}
+
+#[test]
+fn effects_are_added_to_a_file_without_any() {
+    let text = nominal();
+    let text = text[..text.find("# Coulomb and viscous").unwrap()].to_string();
+    let mut m = parse(&text).unwrap();
+    assert!(m.effects.is_empty());
+    m.effects = parse(&nominal()).unwrap().effects;
+    let new = updated_text(&text, &m).unwrap();
+    assert!(new.starts_with(text.trim_end()));
+    assert_same(&parse(&new).unwrap(), &m);
+}
+
+#[test]
+fn inline_and_dotted_tables_are_edited_too() {
+    let text = nominal();
+    let at = text.find("# Coulomb and viscous").unwrap();
+    let effects_inline =
+        "effects = { drive_friction = { coulomb = [1, 2, 3], viscous = [1.0, 2.0, 3.0] } }\n";
+    let effects_dotted =
+        "effects.drive_friction.coulomb = [1, 2, 3]\neffects.drive_friction.viscous = [1, 2, 3]\n";
+    for effects_text in [effects_inline, effects_dotted] {
+        let text = format!("{effects_text}{}", &text[..at]);
+        let mut m = parse(&text).unwrap();
+        m.effects[0].values[0] = 1.5;
+        m.effects.push(ActiveEffect::new(
+            effects::find("ball_socket_viscous").unwrap(),
+            &[&[0.31]],
+        ));
+        let new = updated_text(&text, &m).unwrap();
+        assert_same(&parse(&new).unwrap(), &m);
+    }
+}
+
+#[test]
+fn a_single_body_departs_from_its_group_when_written() {
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    m.bodies[STRUT + 3] = Inertia::diagonal(0.34, [0.188, 0.0, 0.0], [1.5e-5, 0.14, 0.14]);
+    m.bodies[PLATFORM].tensor[(0, 1)] = 1e-4;
+    m.bodies[PLATFORM].tensor[(1, 0)] = 1e-4;
+    m.geometry.strut_length = [1.106, 1.1061, 1.106];
+    let new = updated_text(&text, &m).unwrap();
+    assert!(new.contains("[bodies.strut4]"));
+    assert_same(&parse(&new).unwrap(), &m);
+}
+
+#[test]
+fn generated_files_hold_every_number() {
+    for file in shipped() {
+        let model = Model::read(&file).unwrap();
+        let text = full_text(&model).unwrap();
+        assert_same(
+            &parse(&text).unwrap_or_else(|e| panic!("{e:?}\n{text}")),
+            &model,
+        );
+        assert!(text.contains("# m; centre line to motor shaft"), "{text}");
+    }
+}
+
+#[test]
+fn values_that_would_be_refused_are_not_written() {
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    m.effects[0].values[0] = -1.0;
+    let error = format!("{:?}", updated_text(&text, &m).unwrap_err());
+    assert_says(&error, &["coulomb", "-1", "from 0"]);
+    m.effects[0].values[0] = f64::NAN;
+    assert!(updated_text(&text, &m).is_err());
+}
+
+#[test]
+fn models_are_written_beside_and_renamed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mine.toml");
+    let mut m = parse(&nominal()).unwrap();
+    m.gravity = 9.8067;
+    m.write(&path).unwrap();
+    let again = Model::read(&path).unwrap();
+    assert_same(&again, &m);
+    assert!(
+        again
+            .source
+            .unwrap()
+            .contains("gravity = 9.8067                      # m/s², along −z")
+    );
+    m.source = None;
+    m.write(&path).unwrap();
+    assert_same(&Model::read(&path).unwrap(), &m);
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        1,
+        "no temporary file stays"
+    );
+    let error = format!(
+        "{:?}",
+        m.write(&folder.path().join("none/mine.toml")).unwrap_err()
+    );
+    assert_says(&error, &["cannot write", "mine.toml"]);
+}
+
+#[test]
+fn check_describes_the_machine() {
+    let summary = check::check_file(&folder().join("irb360-6-1600.toml")).unwrap();
+    assert_says(
+        &summary,
+        &[
+            "irb360-6-1600",
+            "delta",
+            "14 bodies",
+            "10 freedoms",
+            "1.2309 m below the mounting plane",
+            "telescope 0.9304 m",
+            "drive_friction, axis4_friction, telescope_friction",
+            "eigenvalue",
+        ],
+    );
+    let summary = check::check_file(&folder().join("irb360-6-1600-disassembled.toml")).unwrap();
+    assert_says(&summary, &["disassembled", "4 bodies", "4 freedoms"]);
+    assert!(check::check_file(&folder().join("none.toml")).is_err());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn damaged_files_never_panic(at in 0usize..6000, cut in 0usize..40, insert in "[\\[\\]={}\"'.,0-9a-z#\n -]{0,6}") {
+        let text: Vec<char> = nominal().chars().collect();
+        let at = at.min(text.len());
+        let end = (at + cut).min(text.len());
+        let damaged: String = text[..at].iter().chain(&insert.chars().collect::<Vec<_>>()).chain(&text[end..]).collect();
+        match parse(&damaged) {
+            Err(e) => { let _ = format!("{e:?}"); }
+            Ok(m) => {
+                let again = updated_text(&damaged, &m).unwrap();
+                assert_same(&parse(&again).unwrap(), &m);
+                prop_assert_eq!(again, damaged);
+            }
+        }
+    }
+
+    #[test]
+    fn arbitrary_text_never_panics(text in "(\\PC|\n){0,200}") {
+        if let Err(e) = parse(&text) {
+            let _ = format!("{e:?}");
+        }
+    }
+
+    #[test]
+    fn any_number_survives_writing(mass in 0.5f64..10.0, coulomb in 0.0f64..50.0, exponent in -12i32..0) {
+        let text = nominal();
+        let mut m = parse(&text).unwrap();
+        m.bodies[PLATFORM].mass = mass;
+        m.effects[0].values[2] = coulomb * 10f64.powi(exponent);
+        let again = parse(&updated_text(&text, &m).unwrap()).unwrap();
+        assert_same(&again, &m);
+    }
+}
