@@ -63,8 +63,8 @@ impl Effect for BallSocketCoulomb {
 mod tests {
     use nalgebra::Vector3;
 
-    use crate::effects::testing;
     use super::BallSocketCoulomb;
+    use crate::effects::testing;
     use crate::effects::unit_direction;
     use crate::model::bodies::{ARM, STRUT};
 
@@ -73,11 +73,7 @@ mod tests {
         let mut motion = testing::still();
         motion.bodies[STRUT].angular_velocity = Vector3::new(3.0, 0.0, 4.0);
         let total = testing::totals(&BallSocketCoulomb, &[&[0.25], &[0.05]], &motion);
-        approx::assert_relative_eq!(
-            total[STRUT].1,
-            Vector3::new(-0.3, 0.0, -0.4),
-            epsilon = 1e-12
-        );
+        approx::assert_relative_eq!(total[STRUT].1, Vector3::new(-0.3, 0.0, -0.4), epsilon = 1e-12);
         approx::assert_relative_eq!(total[ARM].1, Vector3::new(0.15, 0.0, 0.2), epsilon = 1e-12);
     }
 

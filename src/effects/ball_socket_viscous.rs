@@ -39,11 +39,7 @@ impl Effect for BallSocketViscous {
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for socket in 0..SOCKETS {
-            out.socket_moment(
-                values.index(COEFFICIENT, 0),
-                socket,
-                -at.motion.socket_rate(socket),
-            );
+            out.socket_moment(values.index(COEFFICIENT, 0), socket, -at.motion.socket_rate(socket));
         }
     }
 }
@@ -52,8 +48,8 @@ impl Effect for BallSocketViscous {
 mod tests {
     use nalgebra::Vector3;
 
-    use crate::effects::testing;
     use super::BallSocketViscous;
+    use crate::effects::testing;
     use crate::model::bodies::{ARM, PLATFORM, STRUT};
 
     #[test]

@@ -65,8 +65,8 @@ impl Effect for TelescopeFriction {
 
 #[cfg(test)]
 mod tests {
-    use crate::effects::testing;
     use super::TelescopeFriction;
+    use crate::effects::testing;
     use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
 
     #[test]

@@ -21,10 +21,8 @@ pub fn summary(model: &Model) -> String {
             AXES + STRUTS
         );
     } else {
-        text += &format!(
-            "delta mechanism, disassembled; {} bodies ({ARMS} arms and the rotor), {AXES} freedoms",
-            ARMS + 1
-        );
+        text +=
+            &format!("delta mechanism, disassembled; {} bodies ({ARMS} arms and the rotor), {AXES} freedoms", ARMS + 1);
     }
     if let Some(home) = model.assembled.then(|| home(&model.geometry)).flatten() {
         text += &format!(
@@ -83,8 +81,7 @@ pub fn home(geometry: &Geometry) -> Option<Home> {
 /// Sphere i: centre (R − r + l₁ cos φ_i)·u_i − l₁ sin φ_i·z, radius l₂,i.
 pub fn platform_at(geometry: &Geometry, arms: [f64; ARMS]) -> Option<Vector3<f64>> {
     let centre = |i: usize| {
-        let radius =
-            geometry.base_radius - geometry.platform_radius + geometry.arm_length * arms[i].cos();
+        let radius = geometry.base_radius - geometry.platform_radius + geometry.arm_length * arms[i].cos();
         Geometry::radial(i) * radius - Vector3::z() * (geometry.arm_length * arms[i].sin())
     };
     let [a, b, c] = std::array::from_fn(centre);
@@ -110,10 +107,7 @@ pub fn least_strut_length(geometry: &Geometry) -> f64 {
     let [low, high] = geometry.arm_limits;
     // |R − r + l₁ cos φ| has its maximum at an end of the range or at φ = 0
     [low, 0.0, high]
-        .map(|phi| {
-            (geometry.base_radius - geometry.platform_radius + geometry.arm_length * phi.cos())
-                .abs()
-        })
+        .map(|phi| (geometry.base_radius - geometry.platform_radius + geometry.arm_length * phi.cos()).abs())
         .into_iter()
         .fold(0.0, f64::max)
 }
@@ -152,10 +146,7 @@ pub fn inconsistency(inertia: &Inertia) -> Option<(Culprit, String)> {
         (s[0], s[1], s[2])
     };
     if a < -tolerance {
-        return Some((
-            Culprit::Tensor,
-            format!("the principal moment of inertia {a:.4e} kg·m² is negative"),
-        ));
+        return Some((Culprit::Tensor, format!("the principal moment of inertia {a:.4e} kg·m² is negative")));
     }
     if c > a + b + tolerance {
         return Some((
@@ -167,10 +158,7 @@ pub fn inconsistency(inertia: &Inertia) -> Option<(Culprit, String)> {
         ));
     }
     if m == 0.0 {
-        return Some((
-            Culprit::FirstMoment,
-            "has a first moment but no mass".into(),
-        ));
+        return Some((Culprit::FirstMoment, "has a first moment but no mass".into()));
     }
     let com = inertia.first_moment / m;
     Some((
@@ -232,30 +220,16 @@ mod tests {
     #[test]
     fn real_bodies_are_consistent() {
         assert_eq!(inconsistency(&Inertia::ZERO), None);
-        assert_eq!(
-            inconsistency(&Inertia::point(2.5, Vector3::new(0.3, -0.2, -0.8))),
-            None
-        );
-        assert_eq!(
-            inconsistency(&Inertia::diagonal(0.0, [0.0; 3], [0.0015, 0.0015, 0.003])),
-            None
-        );
+        assert_eq!(inconsistency(&Inertia::point(2.5, Vector3::new(0.3, -0.2, -0.8))), None);
+        assert_eq!(inconsistency(&Inertia::diagonal(0.0, [0.0; 3], [0.0015, 0.0015, 0.003])), None);
     }
 
     #[test]
     fn each_impossible_body_names_its_condition() {
         let reason = |m, c, i| inconsistency(&Inertia::diagonal(m, c, i)).unwrap();
         assert_eq!(reason(-1.0, [0.0; 3], [1.0; 3]).0, Culprit::Mass);
-        assert!(
-            reason(1.0, [0.0; 3], [0.1, 0.1, 0.3])
-                .1
-                .contains("triangle")
-        );
-        assert!(
-            reason(1.0, [0.0; 3], [-0.1, 0.1, 0.1])
-                .1
-                .contains("negative")
-        );
+        assert!(reason(1.0, [0.0; 3], [0.1, 0.1, 0.3]).1.contains("triangle"));
+        assert!(reason(1.0, [0.0; 3], [-0.1, 0.1, 0.1]).1.contains("negative"));
         assert!(reason(0.0, [0.1, 0.0, 0.0], [1.0; 3]).1.contains("no mass"));
         let (culprit, text) = reason(0.179, [0.3, 0.0, 0.0], [1.5e-5, 0.075, 0.075]);
         assert_eq!(culprit, Culprit::FirstMoment);

@@ -28,25 +28,12 @@ impl Model {
 
     /// Reads a model from `text`; `path` names it in errors.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        let file = File {
-            name: path.display().to_string(),
-            text,
-        };
+        let file = File { name: path.display().to_string(), text };
         let root = DeTable::parse(text).map_err(|e| {
             let message = e.message().trim_end().replace('\n', ", ");
-            file.problem(
-                e.span().unwrap_or(0..0),
-                format!("not valid TOML: {message}"),
-                "here".into(),
-                None,
-            )
+            file.problem(e.span().unwrap_or(0..0), format!("not valid TOML: {message}"), "here".into(), None)
         })?;
-        let top = Table {
-            file: &file,
-            path: String::new(),
-            span: 0..0,
-            entries: root.get_ref(),
-        };
+        let top = Table { file: &file, path: String::new(), span: 0..0, entries: root.get_ref() };
         let mut model = read_model(&top)?;
         model.path = Some(path.to_path_buf());
         model.source = Some(Arc::from(text));
@@ -55,30 +42,15 @@ impl Model {
 }
 
 fn read_model(top: &Table) -> Result<Model> {
-    let tables = [
-        "name",
-        "mechanism",
-        "assembled",
-        "geometry",
-        "bodies",
-        "drives",
-        "sockets",
-        "noise",
-        "effects",
-    ];
+    let tables = ["name", "mechanism", "assembled", "geometry", "bodies", "drives", "sockets", "noise", "effects"];
     top.only(&[&tables[..], &keys(schema::TOP)].concat())?;
-    let name = top
-        .string("name", "the machine's name, a string")?
-        .to_string();
+    let name = top.string("name", "the machine's name, a string")?.to_string();
     let mechanism = top.string("mechanism", "\"delta\"")?;
     if mechanism != "delta" {
         return Err(top.refuse("mechanism", "expected \"delta\", the only mechanism known"));
     }
     let assembled = top.boolean("assembled")?;
-    let mut numbers = schema::Top {
-        gravity: 0.0,
-        sample_time: 0.0,
-    };
+    let mut numbers = schema::Top { gravity: 0.0, sample_time: 0.0 };
     top.fill(schema::TOP, &mut numbers, true)?;
 
     let mut geometry = schema::GEOMETRY_ZERO;
@@ -116,16 +88,10 @@ fn read_model(top: &Table) -> Result<Model> {
 fn check_geometry(table: &Table, g: &Geometry, assembled: bool) -> Result<()> {
     let [low, high] = g.arm_limits;
     if low >= high {
-        return Err(table.refuse(
-            "arm_limits",
-            "expected the smallest angle first, then the largest",
-        ));
+        return Err(table.refuse("arm_limits", "expected the smallest angle first, then the largest"));
     }
     if !(low..=high).contains(&0.0) {
-        return Err(table.refuse(
-            "arm_limits",
-            "expected limits that contain the home pose, arm angle 0 rad",
-        ));
+        return Err(table.refuse("arm_limits", "expected limits that contain the home pose, arm angle 0 rad"));
     }
     if !assembled {
         return Ok(());
@@ -142,32 +108,29 @@ fn check_geometry(table: &Table, g: &Geometry, assembled: bool) -> Result<()> {
         ));
     }
     let Some(home) = check::home(g) else {
-        return Err(table.refuse(
-            "strut_length",
-            "expected lengths with which the three limbs meet at the home pose q = 0",
-        ));
+        return Err(
+            table.refuse("strut_length", "expected lengths with which the three limbs meet at the home pose q = 0")
+        );
     };
     let [min, max] = g.telescope_limits;
     if min >= max {
-        return Err(table.refuse(
-            "telescope_limits",
-            "expected the smallest length first, then the largest",
-        ));
+        return Err(table.refuse("telescope_limits", "expected the smallest length first, then the largest"));
     }
     if !(min..=max).contains(&home.telescope) {
         return Err(table.refuse(
             "telescope_limits",
-            &format!("expected limits that contain the telescope's length at the home pose q = 0, {:.4} m", home.telescope),
+            &format!(
+                "expected limits that contain the telescope's length at the home pose q = 0, {:.4} m",
+                home.telescope
+            ),
         ));
     }
     Ok(())
 }
 
 /// Bodies that come in numbers share one table, e.g. `[bodies.arm]`; `[bodies.arm2]` overrides it for one of them.
-pub(super) const GROUPS: [(&str, Range<usize>); 2] = [
-    ("arm", bodies::ARM..bodies::STRUT),
-    ("strut", bodies::STRUT..bodies::PLATFORM),
-];
+pub(super) const GROUPS: [(&str, Range<usize>); 2] =
+    [("arm", bodies::ARM..bodies::STRUT), ("strut", bodies::STRUT..bodies::PLATFORM)];
 
 /// Whether the file must describe body `b`.
 pub(super) fn body_needed(b: usize, assembled: bool) -> bool {
@@ -177,33 +140,21 @@ pub(super) fn body_needed(b: usize, assembled: bool) -> bool {
 
 /// The shared table of body `b`, if it has one.
 pub(super) fn body_group(b: usize) -> Option<&'static str> {
-    GROUPS
-        .iter()
-        .find(|(_, range)| range.contains(&b))
-        .map(|(name, _)| *name)
+    GROUPS.iter().find(|(_, range)| range.contains(&b)).map(|(name, _)| *name)
 }
 
 fn read_bodies(table: &Table, assembled: bool) -> Result<Bodies> {
-    let names: Vec<String> = GROUPS
-        .iter()
-        .map(|(name, _)| name.to_string())
-        .chain((0..BODIES).map(body_name))
-        .collect();
+    let names: Vec<String> =
+        GROUPS.iter().map(|(name, _)| name.to_string()).chain((0..BODIES).map(body_name)).collect();
     table.only(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
     let mut all = Bodies([Inertia::ZERO; BODIES]);
     for b in 0..BODIES {
         let own = table.optional_table(&body_name(b))?;
-        let shared = body_group(b)
-            .map(|name| table.optional_table(name))
-            .transpose()?
-            .flatten();
+        let shared = body_group(b).map(|name| table.optional_table(name)).transpose()?.flatten();
         match own.or(shared) {
             Some(t) => all[b] = read_inertia(&t)?,
             None if body_needed(b, assembled) => {
-                return Err(table.lacks(&format!(
-                    "table [bodies.{}]",
-                    body_group(b).unwrap_or(&body_name(b))
-                )));
+                return Err(table.lacks(&format!("table [bodies.{}]", body_group(b).unwrap_or(&body_name(b)))));
             }
             None => {}
         }
@@ -224,10 +175,7 @@ fn read_inertia(table: &Table) -> Result<Inertia> {
                 Culprit::Tensor => schema::TENSOR,
             }]
             .key;
-            Err(table.refuse(
-                key,
-                &format!("{reason}; expected the inertia of a real body"),
-            ))
+            Err(table.refuse(key, &format!("{reason}; expected the inertia of a real body")))
         }
     }
 }
@@ -241,10 +189,7 @@ fn read_drives(table: &Table) -> Result<[Drive; AXES]> {
         table.only(&keys(schema::DRIVE))?;
         for field in schema::DRIVE {
             let shape = drive_shape(drives.len());
-            (field.set)(
-                drives,
-                &table.numbers(field.key, shape, &field.bounds, field.unit)?,
-            );
+            (field.set)(drives, &table.numbers(field.key, shape, &field.bounds, field.unit)?);
         }
     }
     Ok(drives)
@@ -252,19 +197,11 @@ fn read_drives(table: &Table) -> Result<[Drive; AXES]> {
 
 /// Numbers per key of a drive table that describes `n` drives.
 pub(super) fn drive_shape(n: usize) -> Shape {
-    if n == 1 {
-        Shape::One
-    } else {
-        Shape::OneOrArray(n)
-    }
+    if n == 1 { Shape::One } else { Shape::OneOrArray(n) }
 }
 
 fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
-    let names: Vec<&str> = REGISTRY
-        .iter()
-        .map(|e| e.name())
-        .filter(|n| *n != ALWAYS_PRESENT)
-        .collect();
+    let names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).filter(|n| *n != ALWAYS_PRESENT).collect();
     if table.entry(ALWAYS_PRESENT).is_some() {
         return Err(table.refuse_key(
             ALWAYS_PRESENT,
@@ -272,11 +209,7 @@ fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
             None,
         ));
     }
-    if let Some((key, _)) = table
-        .sorted()
-        .into_iter()
-        .find(|(key, _)| !names.contains(key))
-    {
+    if let Some((key, _)) = table.sorted().into_iter().find(|(key, _)| !names.contains(key)) {
         let message = format!("unknown effect; expected one of {}", names.join(", "));
         return Err(table.refuse_key(key, &message, suggestion(key, &names)));
     }
@@ -300,20 +233,12 @@ fn read_effect(table: &Table, effect: &'static dyn Effect) -> Result<ActiveEffec
     for p in parameters {
         let present = p.role == Role::Linear || table.entry(p.name).is_some();
         blocks.push(if present {
-            table.numbers(
-                p.name,
-                Shape::of(p),
-                &Bounds::between(p.range.0, p.range.1),
-                p.unit,
-            )?
+            table.numbers(p.name, Shape::of(p), &Bounds::between(p.range.0, p.range.1), p.unit)?
         } else {
             default_values(p)
         });
     }
-    Ok(ActiveEffect::new(
-        effect,
-        &blocks.iter().map(Vec::as_slice).collect::<Vec<_>>(),
-    ))
+    Ok(ActiveEffect::new(effect, &blocks.iter().map(Vec::as_slice).collect::<Vec<_>>()))
 }
 
 /// Values of an optional parameter that the file leaves out.
@@ -331,12 +256,9 @@ fn keys<T: ?Sized>(fields: &[Field<T>]) -> Vec<&'static str> {
 
 /// The known name nearest to a misspelt one.
 fn suggestion(wrong: &str, known: &[&str]) -> Option<String> {
-    let (distance, name) = known
-        .iter()
-        .map(|name| (strsim::damerau_levenshtein(wrong, name), *name))
-        .min_by_key(|(d, _)| *d)?;
-    let near =
-        distance <= name.len().div_ceil(3).max(2) || name.contains(wrong) || wrong.contains(name);
+    let (distance, name) =
+        known.iter().map(|name| (strsim::damerau_levenshtein(wrong, name), *name)).min_by_key(|(d, _)| *d)?;
+    let near = distance <= name.len().div_ceil(3).max(2) || name.contains(wrong) || wrong.contains(name);
     near.then(|| format!("did you mean `{name}`?"))
 }
 
@@ -347,13 +269,7 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    fn problem(
-        &self,
-        span: Range<usize>,
-        message: String,
-        label: String,
-        help: Option<String>,
-    ) -> Report {
+    fn problem(&self, span: Range<usize>, message: String, label: String, help: Option<String>) -> Report {
         let before = self.text.get(..span.start).unwrap_or(self.text);
         let line_start = before.rfind('\n').map_or(0, |i| i + 1);
         Problem {
@@ -371,18 +287,9 @@ impl File<'_> {
 
     /// The text of a value, on one line and not too long.
     fn quote(&self, span: Range<usize>) -> String {
-        let text: Vec<&str> = self
-            .text
-            .get(span)
-            .unwrap_or("")
-            .split_whitespace()
-            .collect();
+        let text: Vec<&str> = self.text.get(span).unwrap_or("").split_whitespace().collect();
         let text = text.join(" ");
-        if text.chars().count() <= 60 {
-            text
-        } else {
-            text.chars().take(57).chain("...".chars()).collect()
-        }
+        if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
     }
 }
 
@@ -418,11 +325,7 @@ struct Table<'a> {
 impl<'a> Table<'a> {
     /// Keys and their spans in the order of the file.
     fn sorted(&self) -> Vec<(&'a str, Range<usize>)> {
-        let mut keys: Vec<_> = self
-            .entries
-            .keys()
-            .map(|k| (k.get_ref().as_ref(), k.span()))
-            .collect();
+        let mut keys: Vec<_> = self.entries.keys().map(|k| (k.get_ref().as_ref(), k.span())).collect();
         keys.sort_by_key(|(_, span)| span.start);
         keys
     }
@@ -432,28 +335,16 @@ impl<'a> Table<'a> {
     }
 
     fn place(&self, key: &str) -> String {
-        if self.path.is_empty() {
-            key.to_string()
-        } else {
-            format!("[{}] {key}", self.path)
-        }
+        if self.path.is_empty() { key.to_string() } else { format!("[{}] {key}", self.path) }
     }
 
     fn title(&self) -> String {
-        if self.path.is_empty() {
-            "the file".to_string()
-        } else {
-            format!("[{}]", self.path)
-        }
+        if self.path.is_empty() { "the file".to_string() } else { format!("[{}]", self.path) }
     }
 
     /// Refuses keys that are not in `known`.
     fn only(&self, known: &[&str]) -> Result<()> {
-        match self
-            .sorted()
-            .into_iter()
-            .find(|(key, _)| !known.contains(key))
-        {
+        match self.sorted().into_iter().find(|(key, _)| !known.contains(key)) {
             None => Ok(()),
             Some((key, _)) => {
                 let message = format!("unknown key; expected one of {}", known.join(", "));
@@ -474,93 +365,52 @@ impl<'a> Table<'a> {
     fn refuse_at(&self, key: &str, span: Range<usize>, why: &str) -> Report {
         let whole = self.entry(key).map_or(span.clone(), Spanned::span);
         let message = format!("{} = {}: {why}", self.place(key), self.file.quote(whole));
-        let label = why
-            .find("expected")
-            .map_or(why, |at| &why[at..])
-            .to_string();
+        let label = why.find("expected").map_or(why, |at| &why[at..]).to_string();
         self.file.problem(span, message, label, None)
     }
 
     /// `key` itself will not do.
     fn refuse_key(&self, key: &str, why: &str, help: Option<String>) -> Report {
-        let span = self
-            .entries
-            .get_key_value(key)
-            .map_or(self.span.clone(), |(k, _)| k.span());
+        let span = self.entries.get_key_value(key).map_or(self.span.clone(), |(k, _)| k.span());
         let hint = help.as_ref().map_or(String::new(), |h| format!("; {h}"));
-        self.file.problem(
-            span,
-            format!("{} {why}{hint}", self.place(key)),
-            "here".into(),
-            help,
-        )
+        self.file.problem(span, format!("{} {why}{hint}", self.place(key)), "here".into(), help)
     }
 
     fn lacks(&self, what: &str) -> Report {
-        self.file.problem(
-            self.span.clone(),
-            format!("{} lacks {what}", self.title()),
-            format!("expected {what}"),
-            None,
-        )
+        self.file.problem(self.span.clone(), format!("{} lacks {what}", self.title()), format!("expected {what}"), None)
     }
 
     fn required(&self, key: &str, expected: &str) -> Result<&'a Value<'a>> {
-        self.entry(key)
-            .ok_or_else(|| self.lacks(&format!("`{key}`: expected {expected}")))
+        self.entry(key).ok_or_else(|| self.lacks(&format!("`{key}`: expected {expected}")))
     }
 
     fn wrong_type(&self, key: &str, value: &Value, expected: &str) -> Report {
         let found = value.get_ref().type_str();
-        self.refuse_at(
-            key,
-            value.span(),
-            &format!("found {}, expected {expected}", article(found)),
-        )
+        self.refuse_at(key, value.span(), &format!("found {}, expected {expected}", article(found)))
     }
 
     fn string(&self, key: &str, expected: &str) -> Result<&'a str> {
         let value = self.required(key, expected)?;
-        value
-            .get_ref()
-            .as_str()
-            .ok_or_else(|| self.wrong_type(key, value, expected))
+        value.get_ref().as_str().ok_or_else(|| self.wrong_type(key, value, expected))
     }
 
     fn boolean(&self, key: &str) -> Result<bool> {
         let value = self.required(key, "true or false")?;
-        value
-            .get_ref()
-            .as_bool()
-            .ok_or_else(|| self.wrong_type(key, value, "true or false"))
+        value.get_ref().as_bool().ok_or_else(|| self.wrong_type(key, value, "true or false"))
     }
 
     fn table(&self, key: &str) -> Result<Table<'a>> {
-        let path = if self.path.is_empty() {
-            key.to_string()
-        } else {
-            format!("{}.{key}", self.path)
-        };
-        self.optional_table(key)?
-            .ok_or_else(|| self.lacks(&format!("table [{path}]")))
+        let path = if self.path.is_empty() { key.to_string() } else { format!("{}.{key}", self.path) };
+        self.optional_table(key)?.ok_or_else(|| self.lacks(&format!("table [{path}]")))
     }
 
     fn optional_table(&self, key: &str) -> Result<Option<Table<'a>>> {
         let Some((name, value)) = self.entries.get_key_value(key) else {
             return Ok(None);
         };
-        let path = if self.path.is_empty() {
-            key.to_string()
-        } else {
-            format!("{}.{key}", self.path)
-        };
+        let path = if self.path.is_empty() { key.to_string() } else { format!("{}.{key}", self.path) };
         match value.get_ref().as_table() {
-            Some(entries) => Ok(Some(Table {
-                file: self.file,
-                path,
-                span: name.span(),
-                entries,
-            })),
+            Some(entries) => Ok(Some(Table { file: self.file, path, span: name.span(), entries })),
             None => Err(self.wrong_type(key, value, &format!("a table [{path}]"))),
         }
     }
@@ -576,13 +426,7 @@ impl<'a> Table<'a> {
     }
 
     /// Fills `target` from the table `key`, which may be missing unless `needed`.
-    fn fill_table<T: ?Sized>(
-        &self,
-        key: &str,
-        fields: &[Field<T>],
-        target: &mut T,
-        needed: bool,
-    ) -> Result<()> {
+    fn fill_table<T: ?Sized>(&self, key: &str, fields: &[Field<T>], target: &mut T, needed: bool) -> Result<()> {
         if needed || self.entry(key).is_some() {
             let table = self.table(key)?;
             table.only(&keys(fields))?;
@@ -605,9 +449,7 @@ impl<'a> Table<'a> {
                 items
                     .iter()
                     .enumerate()
-                    .map(|(i, item)| {
-                        self.number(key, item, bounds, &each, &format!("value {} ", i + 1))
-                    })
+                    .map(|(i, item)| self.number(key, item, bounds, &each, &format!("value {} ", i + 1)))
                     .collect()
             }
             _ if !shape.takes_number() => Err(self.wrong_type(key, value, &expected)),
@@ -621,40 +463,23 @@ impl<'a> Table<'a> {
         }
     }
 
-    fn number(
-        &self,
-        key: &str,
-        value: &Value,
-        bounds: &Bounds,
-        expected: &str,
-        which: &str,
-    ) -> Result<f64> {
+    fn number(&self, key: &str, value: &Value, bounds: &Bounds, expected: &str, which: &str) -> Result<f64> {
         let number = match value.get_ref() {
             DeValue::Float(f) => f.as_str().parse::<f64>().ok(),
-            DeValue::Integer(i) => i128::from_str_radix(i.as_str(), i.radix())
-                .ok()
-                .map(|i| i as f64),
+            DeValue::Integer(i) => i128::from_str_radix(i.as_str(), i.radix()).ok().map(|i| i as f64),
             _ => None,
         };
         match number {
             Some(v) if bounds.allow(v) => Ok(v),
             Some(_) => {
                 let text = self.file.quote(value.span());
-                let found = if which.is_empty() {
-                    String::new()
-                } else {
-                    format!("{which}is {text}, ")
-                };
+                let found = if which.is_empty() { String::new() } else { format!("{which}is {text}, ") };
                 Err(self.refuse_at(key, value.span(), &format!("{found}expected {expected}")))
             }
             None => {
                 let found = article(value.get_ref().type_str());
                 let is = if which.is_empty() { "found " } else { "is " };
-                Err(self.refuse_at(
-                    key,
-                    value.span(),
-                    &format!("{which}{is}{found}, expected {expected}"),
-                ))
+                Err(self.refuse_at(key, value.span(), &format!("{which}{is}{found}, expected {expected}")))
             }
         }
     }

@@ -77,21 +77,11 @@ pub(super) struct Bounds {
 
 impl Bounds {
     pub const fn between(low: f64, high: f64) -> Self {
-        Self {
-            low,
-            high,
-            above: false,
-            integer: false,
-        }
+        Self { low, high, above: false, integer: false }
     }
 
     const fn positive(high: f64) -> Self {
-        Self {
-            low: 0.0,
-            high,
-            above: true,
-            integer: false,
-        }
+        Self { low: 0.0, high, above: true, integer: false }
     }
 
     pub fn allow(&self, v: f64) -> bool {
@@ -103,16 +93,8 @@ impl Bounds {
     }
 
     fn describe(&self, unit: &str) -> String {
-        let what = if self.integer {
-            "a whole number"
-        } else {
-            "a number"
-        };
-        let unit = if unit.is_empty() {
-            String::new()
-        } else {
-            format!(" in {unit}")
-        };
+        let what = if self.integer { "a whole number" } else { "a number" };
+        let unit = if unit.is_empty() { String::new() } else { format!(" in {unit}") };
         if self.above {
             format!("{what}{unit} above {} and at most {}", self.low, self.high)
         } else {
@@ -167,20 +149,8 @@ macro_rules! array {
 }
 
 pub(super) const TOP: &[Field<Top>] = &[
-    number!(
-        gravity,
-        "m/s²",
-        "gravitational acceleration along −z",
-        Bounds::between(0.0, 100.0),
-        true
-    ),
-    number!(
-        sample_time,
-        "s",
-        "sampling and control period",
-        Bounds::positive(1.0),
-        true
-    ),
+    number!(gravity, "m/s²", "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
+    number!(sample_time, "s", "sampling and control period", Bounds::positive(1.0), true),
 ];
 
 pub(super) const GEOMETRY: &[Field<Geometry>] = &[
@@ -196,64 +166,14 @@ pub(super) const GEOMETRY: &[Field<Geometry>] = &[
         get: |g| g.strut_length.to_vec(),
         set: |g, v| g.strut_length.copy_from_slice(v),
     },
-    number!(
-        platform_radius,
-        "m",
-        "platform centre to the middle of a ball pair",
-        Bounds::between(0.0, 10.0),
-        false
-    ),
-    number!(
-        pair_distance,
-        "m",
-        "distance of the two balls of a pair",
-        LENGTH,
-        false
-    ),
-    number!(
-        mounting_height,
-        "m",
-        "mounting plane above the shaft plane",
-        HEIGHT,
-        false
-    ),
-    number!(
-        upper_hooke_height,
-        "m",
-        "upper Hooke joint above the shaft plane",
-        HEIGHT,
-        false
-    ),
-    number!(
-        lower_hooke_height,
-        "m",
-        "lower Hooke joint above the platform's ball plane",
-        HEIGHT,
-        false
-    ),
-    number!(
-        flange_height,
-        "m",
-        "flange above the platform's ball plane, negative: below",
-        HEIGHT,
-        false
-    ),
-    array!(
-        arm_limits,
-        2,
-        "rad",
-        "smallest and largest arm angle, 0 = horizontal, positive down",
-        ANGLE,
-        true
-    ),
-    array!(
-        telescope_limits,
-        2,
-        "m",
-        "smallest and largest distance of the telescope's Hooke joints",
-        LENGTH,
-        false
-    ),
+    number!(platform_radius, "m", "platform centre to the middle of a ball pair", Bounds::between(0.0, 10.0), false),
+    number!(pair_distance, "m", "distance of the two balls of a pair", LENGTH, false),
+    number!(mounting_height, "m", "mounting plane above the shaft plane", HEIGHT, false),
+    number!(upper_hooke_height, "m", "upper Hooke joint above the shaft plane", HEIGHT, false),
+    number!(lower_hooke_height, "m", "lower Hooke joint above the platform's ball plane", HEIGHT, false),
+    number!(flange_height, "m", "flange above the platform's ball plane, negative: below", HEIGHT, false),
+    array!(arm_limits, 2, "rad", "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE, true),
+    array!(telescope_limits, 2, "m", "smallest and largest distance of the telescope's Hooke joints", LENGTH, false),
 ];
 
 pub(super) const MASS: usize = 0;
@@ -289,11 +209,7 @@ pub(super) const INERTIA: &[Field<Inertia>] = &[
             v
         },
         set: |i, v| {
-            let p = if v.len() == 6 {
-                [v[3], v[4], v[5]]
-            } else {
-                [0.0; 3]
-            };
+            let p = if v.len() == 6 { [v[3], v[4], v[5]] } else { [0.0; 3] };
             i.tensor = Matrix3::new(v[0], p[0], p[1], p[0], v[1], p[2], p[1], p[2], v[2]);
         },
     },
@@ -316,101 +232,33 @@ macro_rules! drive {
 
 /// Keys of `[drives.arm]`; `[drives.telescope]` has the same with one number each.
 pub(super) const DRIVE: &[Field<[Drive]>] = &[
-    drive!(
-        gear_ratio,
-        "",
-        "motor turns per output turn",
-        Bounds::positive(1e5)
-    ),
+    drive!(gear_ratio, "", "motor turns per output turn", Bounds::positive(1e5)),
     drive!(
         encoder_bits,
         "bit",
         "encoder resolution per motor turn",
-        Bounds {
-            low: 1.0,
-            high: 32.0,
-            above: false,
-            integer: true
-        }
+        Bounds { low: 1.0, high: 32.0, above: false, integer: true }
     ),
-    drive!(
-        max_torque,
-        "N·m",
-        "largest torque at the gear output",
-        Bounds::positive(1e5)
-    ),
-    drive!(
-        max_speed,
-        "rad/s",
-        "largest speed at the gear output",
-        Bounds::positive(1e4)
-    ),
-    drive!(
-        max_acceleration,
-        "rad/s²",
-        "largest acceleration",
-        Bounds::positive(1e7)
-    ),
+    drive!(max_torque, "N·m", "largest torque at the gear output", Bounds::positive(1e5)),
+    drive!(max_speed, "rad/s", "largest speed at the gear output", Bounds::positive(1e4)),
+    drive!(max_acceleration, "rad/s²", "largest acceleration", Bounds::positive(1e7)),
     drive!(max_jerk, "rad/s³", "largest jerk", Bounds::positive(1e10)),
 ];
 
 pub(super) const SOCKETS: &[Field<Sockets>] = &[
-    number!(
-        ball_radius,
-        "m",
-        "radius of the ball",
-        Bounds::positive(1.0),
-        true
-    ),
-    number!(
-        preload,
-        "N",
-        "force of the clamp spring on the ball",
-        Bounds::between(0.0, 1e5),
-        true
-    ),
-    number!(
-        dislocation_force,
-        "N",
-        "reaction at which a healthy socket leaves its ball",
-        Bounds::positive(1e6),
-        true
-    ),
-    number!(
-        spin_damping,
-        "N·m·s/rad",
-        "damping of a strut's spin about its own axis",
-        Bounds::between(0.0, 1e3),
-        true
-    ),
+    number!(ball_radius, "m", "radius of the ball", Bounds::positive(1.0), true),
+    number!(preload, "N", "force of the clamp spring on the ball", Bounds::between(0.0, 1e5), true),
+    number!(dislocation_force, "N", "reaction at which a healthy socket leaves its ball", Bounds::positive(1e6), true),
+    number!(spin_damping, "N·m·s/rad", "damping of a strut's spin about its own axis", Bounds::between(0.0, 1e3), true),
 ];
 
 pub(super) const NOISE: &[Field<Noise>] = &[
-    array!(
-        torque,
-        AXES,
-        "N·m",
-        "torque at the gear output, per axis",
-        Bounds::between(0.0, 1e3),
-        true
-    ),
-    number!(
-        strut_force,
-        "N",
-        "axial strut force",
-        Bounds::between(0.0, 1e5),
-        true
-    ),
+    array!(torque, AXES, "N·m", "torque at the gear output, per axis", Bounds::between(0.0, 1e3), true),
+    number!(strut_force, "N", "axial strut force", Bounds::between(0.0, 1e5), true),
 ];
 
-pub(super) const DRIVE_ZERO: Drive = Drive {
-    gear_ratio: 0.0,
-    encoder_bits: 0,
-    max_torque: 0.0,
-    max_speed: 0.0,
-    max_acceleration: 0.0,
-    max_jerk: 0.0,
-};
+pub(super) const DRIVE_ZERO: Drive =
+    Drive { gear_ratio: 0.0, encoder_bits: 0, max_torque: 0.0, max_speed: 0.0, max_acceleration: 0.0, max_jerk: 0.0 };
 
 pub(super) const GEOMETRY_ZERO: Geometry = Geometry {
     base_radius: 0.0,
@@ -426,14 +274,7 @@ pub(super) const GEOMETRY_ZERO: Geometry = Geometry {
     telescope_limits: [0.0; 2],
 };
 
-pub(super) const SOCKETS_ZERO: Sockets = Sockets {
-    ball_radius: 0.0,
-    preload: 0.0,
-    dislocation_force: 0.0,
-    spin_damping: 0.0,
-};
+pub(super) const SOCKETS_ZERO: Sockets =
+    Sockets { ball_radius: 0.0, preload: 0.0, dislocation_force: 0.0, spin_damping: 0.0 };
 
-pub(super) const NOISE_ZERO: Noise = Noise {
-    torque: [0.0; AXES],
-    strut_force: 0.0,
-};
+pub(super) const NOISE_ZERO: Noise = Noise { torque: [0.0; AXES], strut_force: 0.0 };

@@ -20,9 +20,7 @@ impl Model {
             Some(source) => updated_text(source, self)?,
             None => full_text(self)?,
         };
-        replace_file(path, &text)
-            .into_diagnostic()
-            .wrap_err_with(|| format!("cannot write {}", path.display()))
+        replace_file(path, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", path.display()))
     }
 }
 
@@ -31,10 +29,7 @@ impl Model {
 /// Comments and layout stay. Reading the result gives back every number of `model` exactly; if that is impossible,
 /// e.g. because a value lies outside its range, nothing is returned but the reason.
 pub fn updated_text(original: &str, model: &Model) -> Result<String> {
-    let mut document: DocumentMut = original
-        .parse()
-        .into_diagnostic()
-        .wrap_err("the model file is not valid TOML")?;
+    let mut document: DocumentMut = original.parse().into_diagnostic().wrap_err("the model file is not valid TOML")?;
     edit(&mut document, model)?;
     let text = document.to_string();
     verify(&text, model)?;
@@ -52,9 +47,7 @@ pub fn edit(document: &mut DocumentMut, model: &Model) -> Result<()> {
     set_plain(root, "name", Value::from(model.name.as_str()));
     set_plain(root, "mechanism", Value::from("delta"));
     set_plain(root, "assembled", Value::from(model.assembled));
-    let own: Vec<usize> = (0..BODIES)
-        .filter(|&b| has_table(root, &["bodies", &body_name(b)]))
-        .collect();
+    let own: Vec<usize> = (0..BODIES).filter(|&b| has_table(root, &["bodies", &body_name(b)])).collect();
     for section in sections(model, &own) {
         section.write(root)?;
     }
@@ -72,11 +65,7 @@ fn verify(text: &str, model: &Model) -> Result<()> {
         for (w, g) in wanted.lines.iter().zip(&got.lines) {
             if wanted.path != got.path || w.numbers != g.numbers {
                 let (path, key) = (wanted.path.join("."), w.key);
-                return Err(miette!(
-                    "cannot write [{path}] {key} = {:?}: it reads as {:?}",
-                    w.numbers,
-                    g.numbers
-                ));
+                return Err(miette!("cannot write [{path}] {key} = {:?}: it reads as {:?}", w.numbers, g.numbers));
             }
         }
     }
@@ -110,36 +99,22 @@ struct Line {
 /// Every table of the model's file; bodies in `own` have a table to themselves.
 fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     let assembled = model.assembled;
-    let top = Top {
-        gravity: model.gravity,
-        sample_time: model.sample_time,
-    };
+    let top = Top { gravity: model.gravity, sample_time: model.sample_time };
     let mut all = vec![
         section(&[], schema::TOP, &top, true),
         section(&["geometry"], schema::GEOMETRY, &model.geometry, assembled),
     ];
     all.extend(body_sections(model, own));
-    for (name, drives) in [
-        ("arm", &model.drives[..ARMS]),
-        ("telescope", &model.drives[ARMS..AXES]),
-    ] {
+    for (name, drives) in [("arm", &model.drives[..ARMS]), ("telescope", &model.drives[ARMS..AXES])] {
         let mut s = section(&["drives", name], schema::DRIVE, drives, true);
-        s.lines
-            .iter_mut()
-            .for_each(|line| line.shape = drive_shape(drives.len()));
+        s.lines.iter_mut().for_each(|line| line.shape = drive_shape(drives.len()));
         all.push(s);
     }
     let mut sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true);
     let mut noise = section(&["noise"], schema::NOISE, &model.noise, true);
     (sockets.optional, noise.optional) = (!assembled, !assembled);
     all.extend([sockets, noise]);
-    all.extend(
-        model
-            .effects
-            .iter()
-            .filter(|e| e.effect.name() != ALWAYS_PRESENT)
-            .map(effect_section),
-    );
+    all.extend(model.effects.iter().filter(|e| e.effect.name() != ALWAYS_PRESENT).map(effect_section));
     all
 }
 
@@ -148,14 +123,7 @@ fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled:
         let numbers = (f.get)(source);
         let default = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
         let comment = comment(f.unit, f.about);
-        Line {
-            key: f.key,
-            numbers,
-            default,
-            shape: f.shape,
-            integer: f.bounds.integer,
-            comment,
-        }
+        Line { key: f.key, numbers, default, shape: f.shape, integer: f.bounds.integer, comment }
     });
     Section {
         path: path.iter().map(|p| p.to_string()).collect(),
@@ -176,23 +144,13 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
         let Some(first) = range.clone().find(|b| !own.contains(b)) else {
             continue;
         };
-        all.push(body(
-            name,
-            &model.bodies[first],
-            !body_needed(first, model.assembled),
-        ));
+        all.push(body(name, &model.bodies[first], !body_needed(first, model.assembled)));
     }
     for b in 0..BODIES {
         // a body of a group gets its own table when it has one already or departs from the group
-        let shared = body_group(b)
-            .and_then(|name| GROUPS.iter().find(|(n, _)| *n == name))
-            .and_then(|(_, range)| {
-                range
-                    .clone()
-                    .find(|b| !own.contains(b))
-                    .filter(|_| !own.contains(&b))
-                    .map(|first| model.bodies[first])
-            });
+        let shared = body_group(b).and_then(|name| GROUPS.iter().find(|(n, _)| *n == name)).and_then(|(_, range)| {
+            range.clone().find(|b| !own.contains(b)).filter(|_| !own.contains(&b)).map(|first| model.bodies[first])
+        });
         if shared != Some(model.bodies[b]) {
             // a group's zero may be left out, but not the zero of a body that departs from its group
             let optional = !body_needed(b, model.assembled) && shared.is_none();
@@ -203,19 +161,14 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
 }
 
 fn effect_section(active: &ActiveEffect) -> Section {
-    let lines = active
-        .effect
-        .parameters()
-        .iter()
-        .enumerate()
-        .map(|(b, p)| Line {
-            key: p.name,
-            numbers: active.values().block(b).to_vec(),
-            default: (p.role != Role::Linear).then(|| default_values(p)),
-            shape: Shape::of(p),
-            integer: false,
-            comment: comment(p.unit, ""),
-        });
+    let lines = active.effect.parameters().iter().enumerate().map(|(b, p)| Line {
+        key: p.name,
+        numbers: active.values().block(b).to_vec(),
+        default: (p.role != Role::Linear).then(|| default_values(p)),
+        shape: Shape::of(p),
+        integer: false,
+        comment: comment(p.unit, ""),
+    });
     let about = active.effect.about();
     Section {
         path: vec!["effects".into(), active.effect.name().into()],
@@ -237,13 +190,7 @@ impl Section {
     fn write(&self, root: &mut Table) -> Result<()> {
         let path: Vec<&str> = self.path.iter().map(String::as_str).collect();
         let new = !has_table(root, &path);
-        if new
-            && self.optional
-            && self
-                .lines
-                .iter()
-                .all(|l| l.numbers.iter().all(|&v| v == 0.0))
-        {
+        if new && self.optional && self.lines.iter().all(|l| l.numbers.iter().all(|&v| v == 0.0)) {
             return Ok(());
         }
         let (table, inline) = table_at(root, &path, self.comment.as_deref())?;
@@ -272,11 +219,7 @@ impl Section {
 impl Line {
     fn scalar(&self, v: f64) -> Value {
         // `{:?}` is the shortest text that reads back as the same number
-        let text = if self.integer {
-            format!("{v:.0}")
-        } else {
-            format!("{v:?}")
-        };
+        let text = if self.integer { format!("{v:.0}") } else { format!("{v:?}") };
         text.parse().unwrap_or_else(|_| Value::from(v))
     }
 
@@ -286,12 +229,7 @@ impl Line {
         match (self.shape, self.numbers.first()) {
             (Shape::One, Some(&v)) => self.scalar(v),
             (Shape::OneOrArray(_), Some(&v)) if short && alike => self.scalar(v),
-            _ => Value::Array(
-                self.numbers
-                    .iter()
-                    .map(|&v| self.scalar(v))
-                    .collect::<Array>(),
-            ),
+            _ => Value::Array(self.numbers.iter().map(|&v| self.scalar(v)).collect::<Array>()),
         }
     }
 
@@ -365,11 +303,7 @@ fn has_table(root: &Table, path: &[&str]) -> bool {
 /// The table at `path`, made if it is not there; a new one gets `comment` above it.
 ///
 /// Also tells whether it stands inline or as dotted keys, where comments and headers have no place.
-fn table_at<'a>(
-    root: &'a mut Table,
-    path: &[&str],
-    comment: Option<&str>,
-) -> Result<(&'a mut dyn TableLike, bool)> {
+fn table_at<'a>(root: &'a mut Table, path: &[&str], comment: Option<&str>) -> Result<(&'a mut dyn TableLike, bool)> {
     let mut table: &mut dyn TableLike = root;
     let mut inline = false;
     for (i, key) in path.iter().enumerate() {
@@ -386,13 +320,9 @@ fn table_at<'a>(
             };
             table.insert(key, item);
         }
-        let item = table
-            .get_mut(key)
-            .ok_or_else(|| miette!("cannot add [{}]", path[..=i].join(".")))?;
+        let item = table.get_mut(key).ok_or_else(|| miette!("cannot add [{}]", path[..=i].join(".")))?;
         inline |= item.is_value();
-        table = item
-            .as_table_like_mut()
-            .ok_or_else(|| miette!("{} is not a table", path[..=i].join(".")))?;
+        table = item.as_table_like_mut().ok_or_else(|| miette!("{} is not a table", path[..=i].join(".")))?;
         inline |= table.is_dotted();
     }
     Ok((table, inline))
@@ -416,10 +346,7 @@ fn replace_file(path: &Path, text: &str) -> std::io::Result<()> {
     use std::io::Write;
     // through a symbolic link, to the file itself
     let path = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
-    let folder = path
-        .parent()
-        .filter(|p| !p.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.suffix(".partial");
     #[cfg(unix)]
