@@ -38,7 +38,6 @@ impl Model {
                 e.span().unwrap_or(0..0),
                 format!("not valid TOML: {message}"),
                 "here".into(),
-                None,
             )
         })?;
         let top = Table {
@@ -347,13 +346,7 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    fn problem(
-        &self,
-        span: Range<usize>,
-        message: String,
-        label: String,
-        help: Option<String>,
-    ) -> Report {
+    fn problem(&self, span: Range<usize>, message: String, label: String) -> Report {
         let before = self.text.get(..span.start).unwrap_or(self.text);
         let line_start = before.rfind('\n').map_or(0, |i| i + 1);
         Problem {
@@ -364,7 +357,6 @@ impl File<'_> {
             text: NamedSource::new(&self.name, self.text.to_string()).with_language("toml"),
             span: span.into(),
             label,
-            help,
         }
         .into()
     }
@@ -389,7 +381,6 @@ impl File<'_> {
 /// A refused model file.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("{file}:{line}:{column}: {message}")]
-#[diagnostic(code(model))]
 struct Problem {
     file: String,
     line: usize,
@@ -400,8 +391,6 @@ struct Problem {
     #[label("{label}")]
     span: SourceSpan,
     label: String,
-    #[help]
-    help: Option<String>,
 }
 
 type Value<'a> = Spanned<DeValue<'a>>;
@@ -478,21 +467,20 @@ impl<'a> Table<'a> {
             .find("expected")
             .map_or(why, |at| &why[at..])
             .to_string();
-        self.file.problem(span, message, label, None)
+        self.file.problem(span, message, label)
     }
 
     /// `key` itself will not do.
-    fn refuse_key(&self, key: &str, why: &str, help: Option<String>) -> Report {
+    fn refuse_key(&self, key: &str, why: &str, hint: Option<String>) -> Report {
         let span = self
             .entries
             .get_key_value(key)
             .map_or(self.span.clone(), |(k, _)| k.span());
-        let hint = help.as_ref().map_or(String::new(), |h| format!("; {h}"));
+        let hint = hint.map_or(String::new(), |h| format!("; {h}"));
         self.file.problem(
             span,
-            format!("{} {why}{hint}", self.place(key)),
+            format!("{}: {why}{hint}", self.place(key)),
             "here".into(),
-            help,
         )
     }
 
@@ -501,7 +489,6 @@ impl<'a> Table<'a> {
             self.span.clone(),
             format!("{} lacks {what}", self.title()),
             format!("expected {what}"),
-            None,
         )
     }
 

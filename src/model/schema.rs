@@ -261,7 +261,13 @@ pub(super) const FIRST_MOMENT: usize = 1;
 pub(super) const TENSOR: usize = 2;
 
 pub(super) const INERTIA: &[Field<Inertia>] = &[
-    number!(mass, "kg", "mass", Bounds::between(0.0, 1000.0), true),
+    number!(
+        mass,
+        "kg",
+        "of the whole body",
+        Bounds::between(0.0, 1000.0),
+        true
+    ),
     Field {
         key: "first_moment",
         unit: "kg·m",
