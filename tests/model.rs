@@ -352,6 +352,23 @@ fn unchanged_models_are_written_byte_for_byte() {
 }
 
 #[test]
+fn line_ends_of_other_systems_are_read_and_written() {
+    for text in [nominal().replace('\n', "\r\n"), format!("\u{feff}{}", nominal())] {
+        let mut m = parse(&text).unwrap();
+        assert_same(&m, &parse(&nominal()).unwrap());
+        m.gravity = 9.8067;
+        assert_same(&parse(&updated_text(&text, &m).unwrap()).unwrap(), &m);
+    }
+}
+
+#[test]
+fn deeply_nested_values_are_refused() {
+    let deep = format!("name = {}1{}", "[".repeat(100_000), "]".repeat(100_000));
+    assert!(parse(&deep).is_err());
+    assert!(parse(&format!("[{}a]", "a.".repeat(10_000))).is_err());
+}
+
+#[test]
 fn changed_numbers_keep_the_rest_of_the_file() {
     let text = nominal();
     let mut m = parse(&text).unwrap();

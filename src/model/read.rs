@@ -31,7 +31,7 @@ impl Model {
         let file = File { name: path.display().to_string(), text };
         let root = DeTable::parse(text).map_err(|e| {
             let message = e.message().trim_end().replace('\n', ", ");
-            file.problem(e.span().unwrap_or(0..0), format!("not valid TOML: {message}"), "here".into(), None)
+            file.problem(e.span().unwrap_or(0..0), format!("not valid TOML: {message}"), "here".into())
         })?;
         let top = Table { file: &file, path: String::new(), span: 0..0, entries: root.get_ref() };
         let mut model = read_model(&top)?;
@@ -269,7 +269,7 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    fn problem(&self, span: Range<usize>, message: String, label: String, help: Option<String>) -> Report {
+    fn problem(&self, span: Range<usize>, message: String, label: String) -> Report {
         let before = self.text.get(..span.start).unwrap_or(self.text);
         let line_start = before.rfind('\n').map_or(0, |i| i + 1);
         Problem {
@@ -280,7 +280,6 @@ impl File<'_> {
             text: NamedSource::new(&self.name, self.text.to_string()).with_language("toml"),
             span: span.into(),
             label,
-            help,
         }
         .into()
     }
@@ -296,7 +295,6 @@ impl File<'_> {
 /// A refused model file.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("{file}:{line}:{column}: {message}")]
-#[diagnostic(code(model))]
 struct Problem {
     file: String,
     line: usize,
@@ -307,8 +305,6 @@ struct Problem {
     #[label("{label}")]
     span: SourceSpan,
     label: String,
-    #[help]
-    help: Option<String>,
 }
 
 type Value<'a> = Spanned<DeValue<'a>>;
@@ -366,18 +362,18 @@ impl<'a> Table<'a> {
         let whole = self.entry(key).map_or(span.clone(), Spanned::span);
         let message = format!("{} = {}: {why}", self.place(key), self.file.quote(whole));
         let label = why.find("expected").map_or(why, |at| &why[at..]).to_string();
-        self.file.problem(span, message, label, None)
+        self.file.problem(span, message, label)
     }
 
     /// `key` itself will not do.
-    fn refuse_key(&self, key: &str, why: &str, help: Option<String>) -> Report {
+    fn refuse_key(&self, key: &str, why: &str, hint: Option<String>) -> Report {
         let span = self.entries.get_key_value(key).map_or(self.span.clone(), |(k, _)| k.span());
-        let hint = help.as_ref().map_or(String::new(), |h| format!("; {h}"));
-        self.file.problem(span, format!("{} {why}{hint}", self.place(key)), "here".into(), help)
+        let hint = hint.map_or(String::new(), |h| format!("; {h}"));
+        self.file.problem(span, format!("{}: {why}{hint}", self.place(key)), "here".into())
     }
 
     fn lacks(&self, what: &str) -> Report {
-        self.file.problem(self.span.clone(), format!("{} lacks {what}", self.title()), format!("expected {what}"), None)
+        self.file.problem(self.span.clone(), format!("{} lacks {what}", self.title()), format!("expected {what}"))
     }
 
     fn required(&self, key: &str, expected: &str) -> Result<&'a Value<'a>> {

@@ -181,7 +181,7 @@ pub(super) const FIRST_MOMENT: usize = 1;
 pub(super) const TENSOR: usize = 2;
 
 pub(super) const INERTIA: &[Field<Inertia>] = &[
-    number!(mass, "kg", "mass", Bounds::between(0.0, 1000.0), true),
+    number!(mass, "kg", "of the whole body", Bounds::between(0.0, 1000.0), true),
     Field {
         key: "first_moment",
         unit: "kg·m",
@@ -249,11 +249,11 @@ pub(super) const SOCKETS: &[Field<Sockets>] = &[
     number!(ball_radius, "m", "radius of the ball", Bounds::positive(1.0), true),
     number!(preload, "N", "force of the clamp spring on the ball", Bounds::between(0.0, 1e5), true),
     number!(dislocation_force, "N", "reaction at which a healthy socket leaves its ball", Bounds::positive(1e6), true),
-    number!(spin_damping, "N·m·s/rad", "damping of a strut's spin about its own axis", Bounds::between(0.0, 1e3), true),
+    number!(spin_damping, "N·m·s/rad", "damping of a strut's spin about its own axis", Bounds::between(0.0, 1e6), true),
 ];
 
 pub(super) const NOISE: &[Field<Noise>] = &[
-    array!(torque, AXES, "N·m", "torque at the gear output, per axis", Bounds::between(0.0, 1e3), true),
+    array!(torque, AXES, "N·m", "torque at the gear output, per axis", Bounds::between(0.0, 1e6), true),
     number!(strut_force, "N", "axial strut force", Bounds::between(0.0, 1e5), true),
 ];
 
