@@ -11,3 +11,5 @@ pub mod effects;
 pub mod dynamics;
 
 pub mod twin;
+
+pub mod report;
