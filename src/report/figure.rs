@@ -21,6 +21,8 @@ const MAX_PIECES: usize = 100;
 const MAX_DOTS: usize = 900;
 /// Magnitudes above this are treated as missing: their differences would overflow.
 const HUGE: f64 = 1e200;
+/// Rows of marker labels above a spectrum.
+const MARKER_ROWS: usize = 2;
 const RIGHT: f64 = 18.0;
 const TICK_SIZE: f64 = 11.0;
 const LABEL_SIZE: f64 = 12.0;
@@ -439,9 +441,12 @@ fn nice_step(span: f64, count: usize) -> f64 {
 
 fn tick_values(lo: f64, hi: f64, count: usize) -> (Vec<f64>, f64) {
     let step = nice_step(hi - lo, count);
+    (multiples(lo, hi, step), step)
+}
+
+fn multiples(lo: f64, hi: f64, step: f64) -> Vec<f64> {
     let first = (lo / step - 1e-9).ceil();
-    let ticks = (0..=3 * count).map(|k| (first + k as f64) * step).take_while(|v| *v <= hi + 1e-9 * step).collect();
-    (ticks, step)
+    (0..100).map(|k| (first + f64::from(k)) * step).take_while(|v| *v <= hi + 1e-9 * step).collect()
 }
 
 fn tick_labels(ticks: &[f64], step: f64) -> Vec<String> {
@@ -476,7 +481,19 @@ impl Axis {
         } else {
             (lo - pad * (hi - lo), hi + pad * (hi - lo))
         };
-        let (ticks, step) = tick_values(lo, hi, count);
+        let (mut lo, mut hi) = (lo, hi);
+        let (mut ticks, mut step) = tick_values(lo, hi, count);
+        if ticks.len() < 3 {
+            (ticks, step) = tick_values(lo, hi, 2 * count);
+        }
+        // A range that nearly ends at a tick, as 19.9996 s does, ends there.
+        if pad == 0.0 {
+            let near = 0.005 * (hi - lo);
+            let (below, above) = ((lo / step).floor() * step, (hi / step).ceil() * step);
+            lo = if lo - below < near { below } else { lo };
+            hi = if above - hi < near { above } else { hi };
+            ticks = multiples(lo, hi, step);
+        }
         let labels = tick_labels(&ticks, step);
         let ticks = ticks.into_iter().zip(labels).collect();
         Self { lo, hi, log: false, ticks, minor: vec![] }
@@ -899,7 +916,7 @@ pub fn falling_error(title: &str, y_label: &str, stages: &[&str], groups: &[Erro
             if let Some(py) = line.filter(|p| (r.y0..=r.y1).contains(p)) {
                 let end = start + bar * stages.len() as f64;
                 let (a, b) = ((start - 7.0, py), (end + 7.0, py));
-                c.line(a, b, WHITE, 3.0);
+                c.line(a, b, WHITE, 1.5);
                 c.dashed(&[a, b], TEXT, 1.5);
             }
             let name = shorten(&group.name, slot - 4.0, LABEL_SIZE);
@@ -1018,14 +1035,36 @@ pub fn scatter_binned(title: &str, x_label: &str, y_label: &str, curves: &[Curve
     })
 }
 
+/// The highest point of each of `columns` equal steps of the logarithm of the abscissa.
+fn peaks(curve: &Curve, (lo, hi): (f64, f64), columns: usize) -> Curve {
+    let step = ((hi / lo).ln() / columns as f64).max(1e-12);
+    let mut best: Vec<Option<(f64, f64)>> = vec![None; columns];
+    for (x, y) in usable(std::slice::from_ref(curve)).filter(|(x, y)| *x > 0.0 && *y > 0.0) {
+        let cell = &mut best[(((x / lo).ln() / step) as usize).min(columns - 1)];
+        if cell.is_none_or(|b| y > b.1) {
+            *cell = Some((x, y));
+        }
+    }
+    let (x, y) = best.into_iter().flatten().unzip();
+    Curve { x, y, label: curve.label.clone(), ..*curve }
+}
+
 /// Amplitude spectra on two logarithmic axes, at most six decades high, with vertical markers.
+///
+/// Where several lines share two pixels the highest is drawn, so that no peak is lost.
 pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], markers: &[Marker]) -> Figure {
     let (colors, entries) = colours(curves.iter());
     let positive = || usable(curves).filter(|(x, y)| *x > 0.0 && *y > 0.0);
-    let x = range(positive().map(|p| p.0)).map(|r| Axis::log(r, 8));
-    let y = range(positive().map(|p| p.1)).map(|(lo, hi)| Axis::log((lo.max(hi * 1e-6) / 1.3, hi * 1.6), 7));
-    let marked = !markers.is_empty();
-    let top = head(&entries) + if marked { 14.0 } else { 0.0 };
+    let x_range = range(positive().map(|p| p.0));
+    let x = x_range.map(|r| Axis::log(r, 8));
+    let curves: Vec<Curve> = match x_range {
+        Some(r) => curves.iter().map(|c| peaks(c, r, 420)).collect(),
+        None => vec![],
+    };
+    let y = range(usable(&curves).map(|p| p.1)).map(|(lo, hi)| Axis::log((lo.max(hi * 1e-6) / 1.3, hi * 1.6), 7));
+    // Labels that would overlap go into further rows, the last ones left out.
+    let mut rows: Vec<f64> = Vec::new();
+    let top = head(&entries) + 14.0 * markers.len().min(MARKER_ROWS) as f64;
     let left = left_margin(y.as_ref().map_or(0.0, Axis::label_width));
     let r = Rect { x0: left, y0: top, x1: WIDTH - RIGHT, y1: top + 280.0 };
     draw(title, r.y1 + 44.0, |c| {
@@ -1040,14 +1079,16 @@ pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], mar
             .filter(|(px, _)| (r.x0..=r.x1).contains(px))
             .collect();
         places.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut free = r.x0 - 20.0;
         for (px, label) in places {
             c.dashed(&[(px, r.y0), (px, r.y1)], Color::MUTED, 1.0);
             let half = 0.5 * text_width(label, TICK_SIZE);
-            let mid = px.min(WIDTH - half - 4.0);
-            if mid - half > free {
-                c.write(label, (mid, r.y0 - 9.0), TICK_SIZE, QUIET, Align::Middle);
-                free = mid + half + 6.0;
+            let mid = px.min(WIDTH - half - 4.0).max(half + 4.0);
+            let row = rows.iter().position(|end| mid - half > *end).unwrap_or(rows.len());
+            if row < MARKER_ROWS {
+                rows.resize(rows.len().max(row + 1), 0.0);
+                rows[row] = mid + half + 6.0;
+                let y = r.y0 - 9.0 - 14.0 * row as f64;
+                c.write(label, (mid, y), TICK_SIZE, QUIET, Align::Middle);
             }
         }
         for (curve, color) in curves.iter().zip(&colors) {
