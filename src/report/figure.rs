@@ -706,6 +706,15 @@ fn colours<'a>(curves: impl Iterator<Item = &'a Curve>) -> (Vec<Color>, Vec<Entr
 // ---------------------------------------------------------------------------------------------
 // Curves
 
+type Point = (f64, f64);
+
+/// The lowest and the highest point of a column, each with its place in the curve.
+struct Bucket {
+    number: i64,
+    low: (usize, Point),
+    high: (usize, Point),
+}
+
 /// Pieces of a line in pixels, at most two points (lowest, highest) per column.
 ///
 /// Gaps are kept where a whole column lacks values.
@@ -716,18 +725,14 @@ fn decimate(points: &[Option<(f64, f64)>], x0: f64, x1: f64, columns: usize) -> 
     let few = points.len() <= 2 * columns;
     let per_bucket = points.len().div_ceil(columns).max(1);
     let mut pieces: Vec<Vec<(f64, f64)>> = vec![vec![]];
-    // The current bucket: its number and its lowest and highest points with their order.
-    let mut bucket: Option<(i64, (usize, (f64, f64)), (usize, (f64, f64)))> = None;
+    let mut bucket: Option<Bucket> = None;
     let mut missing = false;
-    let flush = |bucket: &mut Option<(i64, _, _)>, pieces: &mut Vec<Vec<(f64, f64)>>| {
-        if let Some((_, low, high)) = bucket.take() {
-            let (low, high): ((usize, (f64, f64)), (usize, (f64, f64))) = (low, high);
+    let flush = |bucket: &mut Option<Bucket>, pieces: &mut Vec<Vec<Point>>| {
+        if let (Some(Bucket { low, high, .. }), Some(piece)) = (bucket.take(), pieces.last_mut()) {
             let (a, b) = if low.0 <= high.0 { (low, high) } else { (high, low) };
-            if let Some(piece) = pieces.last_mut() {
-                piece.push(a.1);
-                if a.0 != b.0 {
-                    piece.push(b.1);
-                }
+            piece.push(a.1);
+            if a.0 != b.0 {
+                piece.push(b.1);
             }
         }
     };
@@ -744,21 +749,22 @@ fn decimate(points: &[Option<(f64, f64)>], x0: f64, x1: f64, columns: usize) -> 
             (index / per_bucket) as i64
         };
         match &mut bucket {
-            Some((current, low, high)) if *current == number => {
-                if p.1 > low.1.1 {
-                    *low = (index, p);
+            // Pixels grow downwards.
+            Some(b) if b.number == number => {
+                if p.1 > b.low.1.1 {
+                    b.low = (index, p);
                 }
-                if p.1 < high.1.1 {
-                    *high = (index, p);
+                if p.1 < b.high.1.1 {
+                    b.high = (index, p);
                 }
             }
             _ => {
-                let jump = bucket.as_ref().is_some_and(|b| few || number - b.0 > 1);
+                let jump = bucket.as_ref().is_some_and(|b| few || number - b.number > 1);
                 flush(&mut bucket, &mut pieces);
                 if missing && jump && pieces.len() < MAX_PIECES {
                     pieces.push(vec![]);
                 }
-                bucket = Some((number, (index, p), (index, p)));
+                bucket = Some(Bucket { number, low: (index, p), high: (index, p) });
             }
         }
         missing = false;

@@ -189,7 +189,7 @@ fn degenerate_input_gives_a_figure() {
             well_formed(&spectrum("t", "x", "y", &curves, &[Marker { at: f64::NAN, label: "m".into() }]));
         }
         let group = ErrorGroup { name: "g".into(), values: y.clone(), floor: x.first().copied() };
-        well_formed(&falling_error("t", "y", &["a", "b", "c"], &[group.clone()]));
+        well_formed(&falling_error("t", "y", &["a", "b", "c"], std::slice::from_ref(&group)));
         well_formed(&falling_error("t", "y", &["a"], &[group]));
         let row = |&share: &f64| RankRow { name: "n".into(), share, note: "p".into(), highlight: true };
         well_formed(&ranking("t", "x", &y.iter().take(20).map(row).collect::<Vec<_>>()));
