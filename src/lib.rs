@@ -17,3 +17,5 @@ pub mod scenario;
 pub mod evidence;
 
 pub mod identification;
+
+pub mod report;

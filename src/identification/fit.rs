@@ -71,7 +71,7 @@ pub struct Fit {
 const MIN_SAMPLES: usize = 200;
 const MAX_ITERATIONS: usize = 12;
 /// Relative fall of the weighted sum of squares that still counts as progress.
-const PROGRESS: f64 = 1e-9;
+const PROGRESS: f64 = 1e-6;
 /// Blocks of time for the standard errors.
 const BLOCKS: usize = 50;
 /// Information (1/variance, in units of the parameters' own size) below which a direction counts as unknown.

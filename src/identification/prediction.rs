@@ -129,33 +129,57 @@ pub fn columns(
         None => std::iter::once(&rigid).chain(&plant.effects).collect(),
     };
     let mut out = linear_columns(plant, &effects, trace, &motions)?;
-    let mut base = None;
     let mut at = 0;
     for active in &effects {
+        let own: Vec<usize> = (at..at + active.values.len()).collect();
+        let mut unmoved: Option<Channels> = None;
         for (k, entry) in active.entries().iter().enumerate() {
-            let differs = match entry.parameter.role {
-                Role::Fixed => false,
-                Role::Shape => true,
-                Role::Linear => matches!(active.effect.kind(), Kind::Geometry | Kind::Sensor),
-            };
-            if differs {
-                if base.is_none() {
-                    base = Some(predict(&with(plant, active, None, candidate.is_some()), trace)?);
-                }
-                let step = 1e-4 * entry.parameter.default.abs().max(1e-6);
-                let moved = predict(&with(plant, active, Some((k, step)), candidate.is_some()), trace)?;
-                if let Some(reference) = &base {
-                    for (c, series) in moved.iter().enumerate() {
-                        for (i, value) in series.iter().enumerate() {
-                            out[at][c][i] = (value - reference[c][i]) / step;
-                        }
-                    }
-                }
+            let whole = matches!(active.effect.kind(), Kind::Geometry | Kind::Sensor);
+            if entry.parameter.role != Role::Shape && !(whole && entry.parameter.role == Role::Linear) {
+                continue;
             }
-            at += 1;
+            let step = 1e-4 * entry.parameter.default.abs().max(1e-6);
+            let moved = if whole {
+                predict(&with(plant, active, Some((k, step)), candidate.is_some()), trace)?
+            } else {
+                // Shape of a force law: only its own contribution moves.
+                let mut changed = (*active).clone();
+                changed.values[k] += step;
+                let columns = linear_columns(plant, &[&changed], trace, &motions)?;
+                weighted(&columns, &changed.values)
+            };
+            if unmoved.is_none() {
+                unmoved = Some(if whole {
+                    predict(&with(plant, active, None, candidate.is_some()), trace)?
+                } else {
+                    weighted(&own.iter().map(|&i| &out[i]).collect::<Vec<_>>(), &active.values)
+                });
+            }
+            let reference = unmoved.as_ref().expect("set above");
+            let slope = |(m, r): (&f64, &f64)| (m - r) / step;
+            out[at + k] = moved
+                .iter()
+                .zip(reference)
+                .map(|(m, r)| m.iter().zip(r).map(slope).collect())
+                .collect();
         }
+        at += active.values.len();
     }
     Ok(out)
+}
+
+/// Σ valuesₖ·columnₖ.
+fn weighted<C: std::borrow::Borrow<Channels>>(columns: &[C], values: &[f64]) -> Channels {
+    let first = columns[0].borrow();
+    let mut sum: Channels = first.iter().map(|s| vec![0.0; s.len()]).collect();
+    for (column, value) in columns.iter().zip(values).filter(|(_, v)| **v != 0.0) {
+        for (total, series) in sum.iter_mut().zip(column.borrow()) {
+            for (t, x) in total.iter_mut().zip(series) {
+                *t += value * x;
+            }
+        }
+    }
+    sum
 }
 
 /// The plant with a candidate in place, or with one of its own effects changed by a step.
@@ -192,21 +216,38 @@ fn linear_columns(
     let plant_states = own_states(plant, &plant_effects, trace, motions);
     let reads = effects.iter().any(|a| a.effect.reads_reactions());
     let total: usize = effects.iter().map(|a| a.values.len()).sum();
-    let rows: Vec<_> = (0..trace.len())
-        .into_par_iter()
-        .map(|k| {
-            let reactions = if reads {
-                let own = slices(&plant_states, k, plant.effects.len());
-                inverse_dynamics(plant, trace.t[k], &motions[k], &own, true)?.reactions
-            } else {
-                Reactions::default()
-            };
-            let own = slices(&states, k, effects.len());
-            regressor(plant, effects, trace.t[k], &motions[k], &reactions, &own, &trace.channels)
+    let channels = trace.channels.len();
+    let samples: Vec<usize> = (0..trace.len()).collect();
+    // Chunks keep the transposition from rows to series in the cache.
+    let chunks: Vec<Vec<Vec<f64>>> = samples
+        .par_chunks(512)
+        .map(|chunk| {
+            let mut series = vec![Vec::with_capacity(chunk.len()); total * channels];
+            for &k in chunk {
+                let reactions = if reads {
+                    let own = slices(&plant_states, k, plant.effects.len());
+                    inverse_dynamics(plant, trace.t[k], &motions[k], &own, true)?.reactions
+                } else {
+                    Reactions::default()
+                };
+                let own = slices(&states, k, effects.len());
+                let rows = regressor(plant, effects, trace.t[k], &motions[k], &reactions, &own, &trace.channels)?;
+                for p in 0..total {
+                    for c in 0..channels {
+                        series[p * channels + c].push(rows[(c, p)]);
+                    }
+                }
+            }
+            Ok(series)
         })
         .collect::<Result<_, KinematicsError>>()?;
     let mut out: Vec<Channels> = (0..total)
-        .map(|p| (0..trace.channels.len()).map(|c| rows.iter().map(|r| r[(c, p)]).collect()).collect())
+        .into_par_iter()
+        .map(|p| {
+            (0..channels)
+                .map(|c| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect())
+                .collect()
+        })
         .collect();
     if plant.observes() {
         let mut zero: Channels = vec![vec![0.0; trace.len()]; trace.channels.len()];
