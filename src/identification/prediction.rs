@@ -157,11 +157,7 @@ pub fn columns(
             }
             let reference = unmoved.as_ref().expect("set above");
             let slope = |(m, r): (&f64, &f64)| (m - r) / step;
-            out[at + k] = moved
-                .iter()
-                .zip(reference)
-                .map(|(m, r)| m.iter().zip(r).map(slope).collect())
-                .collect();
+            out[at + k] = moved.iter().zip(reference).map(|(m, r)| m.iter().zip(r).map(slope).collect()).collect();
         }
         at += active.values.len();
     }
@@ -244,9 +240,7 @@ fn linear_columns(
     let mut out: Vec<Channels> = (0..total)
         .into_par_iter()
         .map(|p| {
-            (0..channels)
-                .map(|c| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect())
-                .collect()
+            (0..channels).map(|c| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect()).collect()
         })
         .collect();
     if plant.observes() {
