@@ -18,4 +18,8 @@ pub mod evidence;
 
 pub mod identification;
 
+pub mod comparison;
+
+pub mod diagnosis;
+
 pub mod report;

@@ -10,6 +10,9 @@ use super::{About, Count, Effect, Kind, Parameter, Role, Values};
 use crate::model::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::recording::Payload;
 
+/// Name of the effect.
+pub const NAME: &str = "rigid_bodies";
+
 /// Newton–Euler terms of every body per unit of its inertia parameters (eq. 2–4).
 pub struct RigidBodies;
 
@@ -39,7 +42,7 @@ pub const PARAMETERS: &[Parameter] = &[
 
 impl Effect for RigidBodies {
     fn name(&self) -> &'static str {
-        "rigid_bodies"
+        NAME
     }
 
     fn about(&self) -> About {

@@ -1,0 +1,454 @@
+//! Which physical effect is missing: refit the model, try every absent effect, add what the data demand.
+//!
+//! The statistics stand in [`crate::evidence`]; this module states the hypotheses in the robot's terms and reads the
+//! outcome back into them.
+
+mod problem;
+
+use thiserror::Error;
+
+use crate::dynamics::Channel;
+use crate::effects::{self, ActiveEffect};
+use crate::evidence::{self, Chosen, Outcome, Problem, Settings, Visibility};
+use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals};
+use crate::identification::{Trace, fit};
+use crate::model::Model;
+
+/// Why a diagnosis cannot be made.
+#[derive(Debug, Error)]
+pub enum DiagnosisError {
+    /// The model cannot be fitted.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// The statistics failed.
+    #[error("diagnosis: {0}")]
+    Evidence(#[from] evidence::Error),
+    /// No recording was given.
+    #[error("no recording to diagnose")]
+    NoData,
+    /// The recordings measure different channels.
+    #[error("recordings {first} and {second} measure different channels")]
+    Channels {
+        /// Name of a recording.
+        first: String,
+        /// Name of another one.
+        second: String,
+    },
+    /// There is no such effect.
+    #[error("unknown effect `{0}`; `deltatwin effects` lists them")]
+    UnknownEffect(String),
+    /// The effect is in the model already.
+    #[error("the model has `{0}` already")]
+    Present(String),
+}
+
+/// Conclusion of a diagnosis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Nothing is missing.
+    None,
+    /// One effect is missing.
+    Effect,
+    /// More than one effect is missing.
+    Several,
+    /// Something is missing, and the data do not tell which of several effects.
+    Ambiguous,
+    /// Something is missing that no known effect explains.
+    Unknown,
+}
+
+impl std::fmt::Display for Verdict {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::None => "none",
+            Self::Effect => "effect",
+            Self::Several => "several",
+            Self::Ambiguous => "ambiguous",
+            Self::Unknown => "unknown",
+        })
+    }
+}
+
+/// What is missing.
+#[derive(Clone)]
+pub struct Diagnosis {
+    /// Conclusion.
+    pub verdict: Verdict,
+    /// Channels of the following arrays.
+    pub channels: Vec<Channel>,
+    /// Standard deviation of the sensor noise.
+    pub noise_floor: Vec<f64>,
+    /// RMS residual of the refitted model without new effects; on held-out data where given.
+    pub rms_before: Vec<f64>,
+    /// The same with the found effects.
+    pub rms_after: Vec<f64>,
+    /// Effects that are missing, in the order found.
+    pub effects: Vec<Named>,
+    /// All candidates, best first.
+    pub candidates: Vec<CandidateReport>,
+    /// Sets of effects the data cannot tell apart.
+    pub indistinguishable: Vec<Vec<String>>,
+    /// Effects the data could not show at their usual size.
+    pub unseen: Vec<String>,
+    /// What to measure to tell the members of a set apart.
+    pub next_experiment: Option<String>,
+    /// The refitted model with the found effects.
+    pub model: Model,
+}
+
+/// A missing effect.
+#[derive(Clone, Debug)]
+pub struct Named {
+    /// Its name.
+    pub name: String,
+    /// Weight of its evidence among all that explain the same.
+    pub probability: f64,
+    /// Share of the explainable error it explains.
+    pub explained: f64,
+    /// Its parameters.
+    pub parameters: Vec<Estimate>,
+}
+
+/// What the data say about one candidate.
+#[derive(Clone, Debug)]
+pub struct CandidateReport {
+    /// Its name.
+    pub name: String,
+    /// Weight of its evidence, relative to the best.
+    pub probability: f64,
+    /// Share of the explainable error it would explain alone.
+    pub explained: f64,
+    /// Family-wise p-value.
+    pub p_adjusted: f64,
+    /// Whether the data could show it at its usual size.
+    pub visible: bool,
+    /// Parameters that imitate it.
+    pub absorbed_by: Vec<String>,
+}
+
+/// Smallest share of the raw noise an effect must explain on some channel to be worth naming.
+const MIN_RELEVANCE: f64 = 0.05;
+
+/// Excess of the residual's RMS over the noise floor that no controller or filter explains.
+const UNEXPLAINED: f64 = 1.15;
+
+/// Finds the missing effects; `progress` is told what is being done.
+pub fn diagnose(
+    model: &Model,
+    traces: &[Trace],
+    held_out: &[Trace],
+    progress: &mut dyn FnMut(&str),
+) -> Result<Diagnosis, DiagnosisError> {
+    check(traces, held_out)?;
+    let noise = floor(model, traces);
+    let weights = vec![noise.clone(); traces.len()];
+    progress("refit");
+    let start = fit(model, traces, &weights)?;
+    let assembled = model.assembled && traces[0].setup.configuration == Default::default();
+    let mut candidates = problem::absent(model);
+    candidates.retain(|c| problem::applies(c[0].effect, assembled));
+    let mut refused: Vec<&str> = Vec::new();
+    let first = problem::problem(&start, traces, &noise, &candidates, progress)?;
+    let settings = Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
+    let (outcome, end) = loop {
+        let mut stated = first.clone();
+        for c in &mut stated.candidates {
+            if refused.contains(&c.name.as_str()) {
+                c.variants.clear();
+            }
+        }
+        progress("evidence");
+        let (outcome, end) = search(&start, traces, &weights, &candidates, &stated, &settings, progress)?;
+        // A law with a definite sign must come out with it.
+        let wrong = outcome
+            .found()
+            .into_iter()
+            .map(|i| candidates[i][0].effect.name())
+            .find(|name| has_impossible_value(&end, name));
+        match wrong {
+            Some(name) if refused.len() < candidates.len() => refused.push(name),
+            _ => break (outcome, end),
+        }
+    };
+    progress("held-out data");
+    let judge = if held_out.is_empty() { traces } else { held_out };
+    let rms_before = channel_rms(&residuals(&start.model, judge)?);
+    let rms_after = channel_rms(&residuals(&end.model, judge)?);
+    let noise_floor = floor(model, judge);
+    let found = outcome.found();
+    let mut effects = Vec::new();
+    for finding in &outcome.findings {
+        let name = candidates[finding.chosen.candidate][0].effect.name();
+        let without = if found.len() == 1 {
+            rms_before.clone()
+        } else {
+            let mut reduced = end.model.clone();
+            reduced.effects.retain(|a| a.effect.name() != name);
+            channel_rms(&residuals(&fit(&reduced, traces, &weights)?.model, judge)?)
+        };
+        effects.push(Named {
+            name: name.into(),
+            probability: probability(finding),
+            explained: explained(&rms_before, &without, &rms_after, &noise_floor),
+            parameters: parameters_of(&end, name),
+        });
+    }
+    let ranking = outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking);
+    let best = ranking.candidates.iter().map(|a| a.log_evidence).fold(f64::INFINITY, f64::min);
+    let mut reports: Vec<CandidateReport> = Vec::new();
+    for &i in &ranking.order {
+        let Some(a) = ranking.of(i).or_else(|| ranking.candidates.get(i)) else { continue };
+        reports.push(CandidateReport {
+            name: a.name.clone(),
+            probability: if a.passes(&settings) { (best - a.log_evidence).exp() } else { 0.0 },
+            explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
+            p_adjusted: a.p_adjusted,
+            visible: a.visibility == Visibility::Visible,
+            absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
+        });
+    }
+    let total: f64 = reports.iter().map(|r| r.probability).sum();
+    for r in &mut reports {
+        r.probability /= total.max(1.0);
+    }
+    let unseen = ranking
+        .candidates
+        .iter()
+        .filter(|a| a.visibility != Visibility::Visible && !found.contains(&a.candidate))
+        .map(|a| a.name.clone())
+        .collect();
+    let indistinguishable: Vec<Vec<String>> = outcome
+        .findings
+        .iter()
+        .map(|f| {
+            let own = candidates[f.chosen.candidate][0].effect.name().to_string();
+            let rivals = f.ranking.confidence_set().into_iter().map(|a| a.name.clone()).filter(|n| *n != own);
+            std::iter::once(own.clone()).chain(rivals.collect::<Vec<_>>()).collect::<Vec<String>>()
+        })
+        .filter(|set| set.len() > 1)
+        .collect();
+    let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
+    let next_experiment = next_experiment(verdict, &indistinguishable);
+    Ok(Diagnosis {
+        verdict,
+        channels: traces[0].channels.clone(),
+        noise_floor,
+        rms_before,
+        rms_after,
+        effects,
+        candidates: reports,
+        indistinguishable,
+        unseen,
+        next_experiment,
+        model: end.model,
+    })
+}
+
+fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
+    let first = traces.first().ok_or(DiagnosisError::NoData)?;
+    match traces.iter().chain(held_out).find(|t| t.channels != first.channels) {
+        Some(other) => Err(DiagnosisError::Channels { first: first.name.clone(), second: other.name.clone() }),
+        None => Ok(()),
+    }
+}
+
+/// Noise of each channel, the mean over the traces.
+pub fn floor(model: &Model, traces: &[Trace]) -> Vec<f64> {
+    let all: Vec<Vec<f64>> = traces.iter().map(|t| t.noise(model)).collect();
+    (0..all[0].len()).map(|c| all.iter().map(|n| n[c]).sum::<f64>() / all.len() as f64).collect()
+}
+
+/// Forward selection with a full refit of the model after every addition.
+fn search(
+    start: &Fit,
+    traces: &[Trace],
+    weights: &[Vec<f64>],
+    candidates: &[Vec<ActiveEffect>],
+    stated: &Problem,
+    settings: &Settings,
+    progress: &mut dyn FnMut(&str),
+) -> Result<(Outcome, Fit), DiagnosisError> {
+    let mut failure = None;
+    let refit = |chosen: &[Chosen]| -> Result<Fit, FitError> {
+        let mut model = start.model.clone();
+        for c in chosen {
+            model.effects.push(candidates[c.candidate][c.variant].clone());
+        }
+        fit(&model, traces, weights)
+    };
+    let outcome = evidence::select_with(stated, settings, |chosen, _| {
+        let names: Vec<&str> = chosen.iter().map(|c| candidates[c.candidate][0].effect.name()).collect();
+        progress(&format!("refit with {}", names.join(", ")));
+        relinearised(&refit, traces, stated, chosen, &names).map(Some).map_err(|e| {
+            let text = e.to_string();
+            failure = Some(e);
+            text
+        })
+    });
+    if let Some(e) = failure {
+        return Err(e.into());
+    }
+    let outcome = outcome?;
+    let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+    let end = if chosen.is_empty() { start.clone() } else { refit(&chosen)? };
+    Ok((outcome, end))
+}
+
+/// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
+fn relinearised(
+    refit: &dyn Fn(&[Chosen]) -> Result<Fit, FitError>,
+    traces: &[Trace],
+    stated: &Problem,
+    chosen: &[Chosen],
+    names: &[&str],
+) -> Result<Problem, FitError> {
+    let fitted = refit(chosen)?;
+    let mut next = problem::problem(&fitted, traces, &vec![1.0; stated.channels.len()], &[], &mut |_| {})?;
+    next.channels.clone_from(&stated.channels);
+    next.candidates.clone_from(&stated.candidates);
+    next.base = problem::base(&fitted.model, traces, Some(names))?;
+    for (c, name) in chosen.iter().zip(names) {
+        let (columns, contribution) = problem::present(&fitted.model, traces, name)?;
+        for (y, x) in next.y.iter_mut().zip(contribution) {
+            *y += x;
+        }
+        next.candidates[c.candidate].variants[c.variant].columns = columns;
+    }
+    Ok(next)
+}
+
+/// Whether a fitted linear parameter lies significantly outside its allowed range.
+fn has_impossible_value(fit: &Fit, effect: &str) -> bool {
+    let Some(active) = fit.model.effects.iter().find(|a| a.effect.name() == effect) else { return false };
+    let estimates = parameters_of(fit, effect);
+    active.entries().iter().any(|e| {
+        let Some(p) = estimates.iter().find(|p| p.name == e.name) else { return false };
+        let (low, high) = e.parameter.range;
+        p.std.is_finite() && (p.value < low - 3.0 * p.std || p.value > high + 3.0 * p.std)
+    })
+}
+
+/// Estimates of one effect, with its name left out of theirs.
+pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
+    let prefix = format!("{effect}.");
+    fit.parameters
+        .iter()
+        .filter_map(|p| p.name.strip_prefix(&prefix).map(|name| Estimate { name: name.into(), ..p.clone() }))
+        .collect()
+}
+
+/// Weight of a finding's evidence within its confidence set.
+fn probability(finding: &evidence::Finding) -> f64 {
+    let Some(own) = finding.ranking.of(finding.chosen.candidate) else { return 0.0 };
+    let rivals = finding.ranking.confidence_set();
+    let sum: f64 = rivals
+        .iter()
+        .filter(|a| a.candidate != own.candidate)
+        .map(|a| (own.log_evidence - a.log_evidence).clamp(-700.0, 700.0).exp())
+        .sum();
+    (1.0 - own.p_adjusted) / (1.0 + sum)
+}
+
+/// Σ over channels of the variance in units of the noise.
+fn relative_energy(rms: &[f64], floor: &[f64]) -> f64 {
+    rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).sum()
+}
+
+/// Share of the explainable error that goes from `without` to `with`.
+fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[f64]) -> f64 {
+    let explainable = relative_energy(before, floor) - floor.len() as f64;
+    if explainable <= 0.0 {
+        return 0.0;
+    }
+    ((relative_energy(without, floor) - relative_energy(with, floor)) / explainable).clamp(0.0, 1.0)
+}
+
+fn verdict(outcome: &Outcome, before: &[f64], after: &[f64], floor: &[f64], ambiguous: bool) -> Verdict {
+    let above = |rms: &[f64]| rms.iter().zip(floor).any(|(r, f)| *r > UNEXPLAINED * f);
+    let n = outcome.findings.len();
+    // Named effects must explain most of what is there, else something else is the matter.
+    let left = (relative_energy(after, floor) - floor.len() as f64)
+        / (relative_energy(before, floor) - floor.len() as f64).max(f64::MIN_POSITIVE);
+    match n {
+        _ if above(after) && (n == 0 || left > 0.5) => Verdict::Unknown,
+        _ if outcome.verdict == evidence::Verdict::Unknown => Verdict::Unknown,
+        0 => Verdict::None,
+        _ if ambiguous => Verdict::Ambiguous,
+        1 => Verdict::Effect,
+        _ => Verdict::Several,
+    }
+}
+
+fn next_experiment(verdict: Verdict, sets: &[Vec<String>]) -> Option<String> {
+    if verdict != Verdict::Ambiguous {
+        return None;
+    }
+    let set = sets.first()?;
+    let any = |part: &str| set.iter().any(|n| n.contains(part));
+    let what = if any("ball_socket") {
+        "the same motion at half and at double speed, with a force sensor in one strut"
+    } else if any("base_tilt") || any("asymmetry") {
+        "static poses over the whole workspace, each reached from both sides"
+    } else if any("payload") {
+        "the same motion without payload, then with a weighed one off the axis"
+    } else if any("delay") || any("gain") {
+        "a motion with fast reversals of one axis at a time"
+    } else {
+        "the same motion at half and at double speed"
+    };
+    Some(format!("to tell {} apart: {what}", set.join(", ")))
+}
+
+/// An effect added to a model.
+#[derive(Clone)]
+pub struct Addition {
+    /// Its name.
+    pub effect: String,
+    /// RMS residual of the refitted model without it; on held-out data where given.
+    pub rms_before: Vec<f64>,
+    /// The same with it.
+    pub rms_after: Vec<f64>,
+    /// Standard deviation of the sensor noise.
+    pub noise_floor: Vec<f64>,
+    /// The fit with it.
+    pub fit: Fit,
+}
+
+/// Adds an effect to a model and refits all parameters.
+pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) -> Result<Addition, DiagnosisError> {
+    check(traces, held_out)?;
+    if model.effects.iter().any(|a| a.effect.name() == effect) || effect == effects::rigid_bodies::NAME {
+        return Err(DiagnosisError::Present(effect.into()));
+    }
+    let shapes = problem::absent(model).into_iter().find(|c| c[0].effect.name() == effect);
+    let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
+    let noise = floor(model, traces);
+    let weights = vec![noise.clone(); traces.len()];
+    let before = fit(model, traces, &weights)?;
+    let mut best: Option<Fit> = None;
+    for shape in shapes {
+        let mut with = before.model.clone();
+        with.effects.push(shape);
+        sort_effects(&mut with);
+        let fitted = fit(&with, traces, &weights)?;
+        let energy = |f: &Fit| relative_energy(&f.rms, &noise);
+        if best.as_ref().is_none_or(|b| energy(&fitted) < energy(b)) {
+            best = Some(fitted);
+        }
+    }
+    let fit = best.expect("an effect has at least one shape");
+    let judge = if held_out.is_empty() { traces } else { held_out };
+    Ok(Addition {
+        effect: effect.into(),
+        rms_before: channel_rms(&residuals(&before.model, judge)?),
+        rms_after: channel_rms(&residuals(&fit.model, judge)?),
+        noise_floor: floor(model, judge),
+        fit,
+    })
+}
+
+/// Brings the effects of a model into the order of the registry.
+fn sort_effects(model: &mut Model) {
+    let place = |a: &ActiveEffect| effects::REGISTRY.iter().position(|e| e.name() == a.effect.name());
+    model.effects.sort_by_key(place);
+}

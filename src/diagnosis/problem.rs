@@ -1,0 +1,199 @@
+//! The statistical problem of a model and its recordings: residuals, columns of its parameters, columns of every effect
+//! it lacks.
+
+use crate::dynamics::Plant;
+use crate::effects::{self, ActiveEffect, Count, Role};
+use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
+use crate::identification::fit::{Fit, FitError, kinematics, own_size};
+use crate::identification::prediction::Channels;
+use crate::identification::{Trace, columns};
+use crate::model::{AXES, Model};
+
+/// Samples averaged into one. Physics lives below 80 Hz, the samples come at kilohertz.
+pub const BLOCK: usize = 5;
+
+/// Starting points of a shape parameter, as factors of its usual value.
+const SHAPE_GRID: [f64; 5] = [0.3, 0.6, 1.0, 2.0, 4.0];
+
+/// Share of its usual magnitude below which an effect is not worth caring about.
+const WORTH_CARING: f64 = 0.3;
+
+/// Effects the model lacks, one per way of setting their shape.
+pub fn absent(model: &Model) -> Vec<Vec<ActiveEffect>> {
+    effects::REGISTRY
+        .iter()
+        .filter(|e| e.name() != effects::rigid_bodies::NAME)
+        .filter(|e| !model.effects.iter().any(|a| a.effect.name() == e.name()))
+        .map(|&e| variants(model, e))
+        .collect()
+}
+
+/// An absent effect with the model's fixed numbers and every starting shape.
+fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEffect> {
+    let mut base = ActiveEffect::absent(effect);
+    let entries = base.entries();
+    for (value, entry) in base.values.iter_mut().zip(&entries) {
+        match entry.parameter.name {
+            "gear_ratio" => *value = model.drives[0].gear_ratio,
+            "radius" if model.sockets.ball_radius > 0.0 => *value = model.sockets.ball_radius,
+            _ => {}
+        }
+    }
+    let Some(shape) = entries.iter().position(|e| e.parameter.role == Role::Shape) else { return vec![base] };
+    let p = entries[shape].parameter;
+    SHAPE_GRID
+        .iter()
+        .map(|factor| {
+            let mut variant = base.clone();
+            variant.values[shape] = (factor * p.default).clamp(p.range.0, p.range.1);
+            variant
+        })
+        .collect()
+}
+
+/// Residuals of a fit with the columns of its parameters and of the candidates.
+pub fn problem(
+    fit: &Fit,
+    traces: &[Trace],
+    noise: &[f64],
+    candidates: &[Vec<ActiveEffect>],
+    progress: &mut dyn FnMut(&str),
+) -> Result<Problem, FitError> {
+    let (segments, samples) = segments(traces);
+    let channels = traces[0].channels.len();
+    let mut problem = Problem {
+        channels: traces[0]
+            .channels
+            .iter()
+            .zip(noise)
+            .map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / (BLOCK as f64).sqrt()) })
+            .collect(),
+        samples,
+        segments,
+        y: stack(traces, &fit.residuals, channels),
+        base: Vec::new(),
+        candidates: Vec::new(),
+    };
+    problem.base = base(&fit.model, traces, None)?;
+    for shapes in candidates {
+        progress(shapes[0].effect.name());
+        let variants = shapes
+            .iter()
+            .map(|active| Ok(Variant { label: label(active), columns: candidate(&fit.model, traces, active)? }))
+            .collect::<Result<_, FitError>>()?;
+        problem.candidates.push(Candidate { name: shapes[0].effect.name().into(), variants, generic: false });
+    }
+    Ok(problem)
+}
+
+fn label(active: &ActiveEffect) -> String {
+    let shape = active.entries().into_iter().zip(&active.values).find(|(e, _)| e.parameter.role == Role::Shape);
+    shape.map_or_else(String::new, |(e, v)| format!("{} = {v} {}", e.name, e.parameter.unit))
+}
+
+/// Columns of the model's parameters; those of the effects in `except` are left out.
+pub fn base(model: &Model, traces: &[Trace], except: Option<&[&str]>) -> Result<Vec<Column>, FitError> {
+    let parameters = Plant::new(model, &traces[0].setup).parameters();
+    let all = per_trace(traces, |t| columns(&Plant::new(model, &t.setup), t, None).map_err(kinematics(t)))?;
+    let channels = traces[0].channels.len();
+    Ok(parameters
+        .iter()
+        .enumerate()
+        .filter(|(_, p)| p.role != Role::Fixed && !except.is_some_and(|names| names.contains(&p.effect)))
+        .map(|(k, p)| Column {
+            name: p.name.clone(),
+            values: stack_column(traces, &all, k, channels),
+            magnitude: own_size(p),
+        })
+        .collect())
+}
+
+/// Columns of an effect as if it stood in the model with the values it has.
+pub fn candidate(model: &Model, traces: &[Trace], active: &ActiveEffect) -> Result<Vec<Column>, FitError> {
+    let all = per_trace(traces, |t| columns(&Plant::new(model, &t.setup), t, Some(active)).map_err(kinematics(t)))?;
+    let channels = traces[0].channels.len();
+    Ok(active
+        .entries()
+        .iter()
+        .enumerate()
+        .filter(|(_, e)| e.parameter.role == Role::Linear)
+        .map(|(k, e)| Column {
+            name: format!("{}.{}", active.effect.name(), e.name),
+            values: stack_column(traces, &all, k, channels),
+            magnitude: WORTH_CARING * e.parameter.default.abs(),
+        })
+        .collect())
+}
+
+/// Columns of an effect that stands in the model, shape parameters included, and Σ value·column of its linear ones.
+pub fn present(model: &Model, traces: &[Trace], name: &str) -> Result<(Vec<Column>, Vec<f64>), FitError> {
+    let parameters = Plant::new(model, &traces[0].setup).parameters();
+    let all = per_trace(traces, |t| columns(&Plant::new(model, &t.setup), t, None).map_err(kinematics(t)))?;
+    let channels = traces[0].channels.len();
+    let mut out = Vec::new();
+    let mut contribution: Vec<f64> = Vec::new();
+    for (k, p) in parameters.iter().enumerate().filter(|(_, p)| p.effect == name && p.role != Role::Fixed) {
+        let values = stack_column(traces, &all, k, channels);
+        if p.role == Role::Linear {
+            contribution.resize(values.len(), 0.0);
+            for (sum, v) in contribution.iter_mut().zip(&values) {
+                *sum += p.value * v;
+            }
+        }
+        out.push(Column { name: p.name.clone(), values, magnitude: own_size(p) });
+    }
+    Ok((out, contribution))
+}
+
+fn per_trace<T>(traces: &[Trace], f: impl Fn(&Trace) -> Result<T, FitError>) -> Result<Vec<T>, FitError> {
+    traces.iter().map(f).collect()
+}
+
+/// Averaged segments of all traces one after another, and their total length.
+fn segments(traces: &[Trace]) -> (Vec<std::ops::Range<usize>>, usize) {
+    let mut out = Vec::new();
+    let mut from = 0;
+    for segment in traces.iter().flat_map(|t| &t.segments) {
+        let n = segment.len() / BLOCK;
+        if n > 0 {
+            out.push(from..from + n);
+            from += n;
+        }
+    }
+    (out, from)
+}
+
+fn stack_column(traces: &[Trace], all: &[Vec<Channels>], k: usize, channels: usize) -> Vec<f64> {
+    let series: Vec<&Channels> = all.iter().map(|columns| &columns[k]).collect();
+    stack_refs(traces, &series, channels)
+}
+
+fn stack(traces: &[Trace], all: &[Channels], channels: usize) -> Vec<f64> {
+    stack_refs(traces, &all.iter().collect::<Vec<_>>(), channels)
+}
+
+/// Channel by channel, trace by trace, averaged over blocks of samples.
+fn stack_refs(traces: &[Trace], all: &[&Channels], channels: usize) -> Vec<f64> {
+    let mut out = Vec::new();
+    for c in 0..channels {
+        for (trace, series) in traces.iter().zip(all) {
+            for segment in &trace.segments {
+                out.extend(
+                    series[c][segment.clone()].chunks_exact(BLOCK).map(|b| b.iter().sum::<f64>() / BLOCK as f64),
+                );
+            }
+        }
+    }
+    out
+}
+
+/// Whether an effect fits this machine at all: no struts, no struts' effects.
+pub fn applies(effect: &dyn effects::Effect, assembled: bool) -> bool {
+    let drives_only = |name: &str| {
+        name.starts_with("drive_")
+            || name.starts_with("torque_")
+            || matches!(name, "signal_delay" | "base_tilt" | "thermal_friction_drift" | "axis4_friction")
+    };
+    let counts = effect.parameters().iter().all(|p| !matches!(p.count, Count::Named(n) if n.len() > AXES));
+    counts && (assembled || drives_only(effect.name()))
+}
