@@ -127,7 +127,7 @@ pub struct CandidateReport {
 }
 
 /// Smallest share of the raw noise an effect must explain on some channel to be worth naming.
-const MIN_RELEVANCE: f64 = 0.05;
+const MIN_RELEVANCE: f64 = 0.1;
 
 /// Excess of the residual's RMS over the noise floor that no controller or filter explains.
 const UNEXPLAINED: f64 = 1.15;
@@ -303,16 +303,21 @@ fn relinearised(
     names: &[&str],
 ) -> Result<Problem, FitError> {
     let fitted = refit(chosen)?;
-    let mut next = problem::problem(&fitted, traces, &vec![1.0; stated.channels.len()], &[], &mut |_| {})?;
-    next.channels.clone_from(&stated.channels);
-    next.candidates.clone_from(&stated.candidates);
-    next.base = problem::base(&fitted.model, traces, Some(names))?;
-    for (c, name) in chosen.iter().zip(names) {
-        let (columns, contribution) = problem::present(&fitted.model, traces, name)?;
-        for (y, x) in next.y.iter_mut().zip(contribution) {
-            *y += x;
+    let mut next = Problem { y: problem::residual_series(traces, &fitted), base: Vec::new(), ..stated.clone() };
+    for c in chosen {
+        next.candidates[c.candidate].variants[c.variant].columns.clear();
+    }
+    for owned in problem::owned_columns(&fitted.model, traces)? {
+        let Some(i) = names.iter().position(|n| *n == owned.effect) else {
+            next.base.push(owned.column);
+            continue;
+        };
+        if let Some(value) = owned.linear {
+            for (y, x) in next.y.iter_mut().zip(&owned.column.values) {
+                *y += value * x;
+            }
         }
-        next.candidates[c.candidate].variants[c.variant].columns = columns;
+        next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column);
     }
     Ok(next)
 }

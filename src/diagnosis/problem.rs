@@ -60,7 +60,6 @@ pub fn problem(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Problem, FitError> {
     let (segments, samples) = segments(traces);
-    let channels = traces[0].channels.len();
     let mut problem = Problem {
         channels: traces[0]
             .channels
@@ -70,11 +69,11 @@ pub fn problem(
             .collect(),
         samples,
         segments,
-        y: stack(traces, &fit.residuals, channels),
+        y: residual_series(traces, fit),
         base: Vec::new(),
         candidates: Vec::new(),
     };
-    problem.base = base(&fit.model, traces, None)?;
+    problem.base = owned_columns(&fit.model, traces)?.into_iter().map(|o| o.column).collect();
     for shapes in candidates {
         progress(shapes[0].effect.name());
         let variants = shapes
@@ -91,22 +90,40 @@ fn label(active: &ActiveEffect) -> String {
     shape.map_or_else(String::new, |(e, v)| format!("{} = {v} {}", e.name, e.parameter.unit))
 }
 
-/// Columns of the model's parameters; those of the effects in `except` are left out.
-pub fn base(model: &Model, traces: &[Trace], except: Option<&[&str]>) -> Result<Vec<Column>, FitError> {
+/// A column with the effect and role of its parameter.
+pub struct Owned {
+    /// Effect of the parameter.
+    pub effect: &'static str,
+    /// Present value if the parameter enters linearly.
+    pub linear: Option<f64>,
+    /// The column.
+    pub column: Column,
+}
+
+/// Columns of all estimated parameters of a model; what the motion does not excite at all is left out.
+pub fn owned_columns(model: &Model, traces: &[Trace]) -> Result<Vec<Owned>, FitError> {
     let parameters = Plant::new(model, &traces[0].setup).parameters();
     let all = per_trace(traces, |t| columns(&Plant::new(model, &t.setup), t, None).map_err(kinematics(t)))?;
     let channels = traces[0].channels.len();
     Ok(parameters
         .iter()
         .enumerate()
-        .filter(|(_, p)| p.role != Role::Fixed && !except.is_some_and(|names| names.contains(&p.effect)))
-        .map(|(k, p)| Column {
-            name: p.name.clone(),
-            values: stack_column(traces, &all, k, channels),
-            magnitude: own_size(p),
+        .filter(|(_, p)| p.role != Role::Fixed)
+        .map(|(k, p)| Owned {
+            effect: p.effect,
+            linear: (p.role == Role::Linear).then_some(p.value),
+            column: Column {
+                name: p.name.clone(),
+                values: stack_column(traces, &all, k, channels),
+                magnitude: own_size(p),
+            },
         })
+        .filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED))
         .collect())
 }
+
+/// Contribution of a parameter of usual size below which it is not excited, N·m or N.
+const NOT_EXCITED: f64 = 1e-9;
 
 /// Columns of an effect as if it stood in the model with the values it has.
 pub fn candidate(model: &Model, traces: &[Trace], active: &ActiveEffect) -> Result<Vec<Column>, FitError> {
@@ -123,26 +140,6 @@ pub fn candidate(model: &Model, traces: &[Trace], active: &ActiveEffect) -> Resu
             magnitude: WORTH_CARING * e.parameter.default.abs(),
         })
         .collect())
-}
-
-/// Columns of an effect that stands in the model, shape parameters included, and Σ value·column of its linear ones.
-pub fn present(model: &Model, traces: &[Trace], name: &str) -> Result<(Vec<Column>, Vec<f64>), FitError> {
-    let parameters = Plant::new(model, &traces[0].setup).parameters();
-    let all = per_trace(traces, |t| columns(&Plant::new(model, &t.setup), t, None).map_err(kinematics(t)))?;
-    let channels = traces[0].channels.len();
-    let mut out = Vec::new();
-    let mut contribution: Vec<f64> = Vec::new();
-    for (k, p) in parameters.iter().enumerate().filter(|(_, p)| p.effect == name && p.role != Role::Fixed) {
-        let values = stack_column(traces, &all, k, channels);
-        if p.role == Role::Linear {
-            contribution.resize(values.len(), 0.0);
-            for (sum, v) in contribution.iter_mut().zip(&values) {
-                *sum += p.value * v;
-            }
-        }
-        out.push(Column { name: p.name.clone(), values, magnitude: own_size(p) });
-    }
-    Ok((out, contribution))
 }
 
 fn per_trace<T>(traces: &[Trace], f: impl Fn(&Trace) -> Result<T, FitError>) -> Result<Vec<T>, FitError> {
@@ -168,8 +165,9 @@ fn stack_column(traces: &[Trace], all: &[Vec<Channels>], k: usize, channels: usi
     stack_refs(traces, &series, channels)
 }
 
-fn stack(traces: &[Trace], all: &[Channels], channels: usize) -> Vec<f64> {
-    stack_refs(traces, &all.iter().collect::<Vec<_>>(), channels)
+/// Residuals of a fit, stacked.
+pub fn residual_series(traces: &[Trace], fit: &Fit) -> Vec<f64> {
+    stack_refs(traces, &fit.residuals.iter().collect::<Vec<_>>(), traces[0].channels.len())
 }
 
 /// Channel by channel, trace by trace, averaged over blocks of samples.

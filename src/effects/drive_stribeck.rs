@@ -31,7 +31,7 @@ impl Effect for DriveStribeck {
                 count: Count::PerArm,
                 role: Role::Linear,
                 default: 0.9,
-                range: (-50.0, 50.0),
+                range: (0.0, 50.0),
             },
             Parameter {
                 name: "stribeck_speed",

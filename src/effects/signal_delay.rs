@@ -27,7 +27,7 @@ impl Effect for SignalDelay {
             count: Count::One,
             role: Role::Linear,
             default: 0.001,
-            range: (-0.05, 0.05),
+            range: (0.0, 0.05),
         }]
     }
 

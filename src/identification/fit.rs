@@ -69,9 +69,10 @@ pub struct Fit {
 }
 
 const MIN_SAMPLES: usize = 200;
-const MAX_ITERATIONS: usize = 12;
-/// Relative fall of the weighted sum of squares that still counts as progress.
-const PROGRESS: f64 = 1e-6;
+const MAX_ITERATIONS: usize = 8;
+/// Fall of the weighted sum of squares, in units of its mean per row, that still counts as progress: a parameter moved by
+/// its own standard error changes it by one.
+const PROGRESS: f64 = 0.5;
 /// Blocks of time for the standard errors.
 const BLOCKS: usize = 50;
 /// Information (1/variance, in units of the parameters' own size) below which a direction counts as unknown.
@@ -92,6 +93,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
     let mut residuals = residuals(&model, traces)?;
     let mut cost = weighted_squares(&residuals, noise);
     let nonlinear = is_nonlinear(&model);
+    let rows: usize = traces.iter().map(|t| t.len() * t.channels.len()).sum();
     for _ in 0..MAX_ITERATIONS {
         let system = System::new(&model, traces, noise, &residuals)?;
         let step = system.step();
@@ -114,7 +116,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
         if !cost.is_finite() {
             return Err(FitError::NotFinite);
         }
-        if !nonlinear || cost > before * (1.0 - PROGRESS) {
+        if !nonlinear || before - cost < PROGRESS * cost / rows as f64 {
             break;
         }
     }
@@ -142,7 +144,6 @@ fn is_nonlinear(model: &Model) -> bool {
         a.effect.reads_reactions()
             || matches!(a.effect.kind(), Kind::Geometry | Kind::Sensor)
             || a.effect.parameters().iter().any(|p| p.role == Role::Shape)
-            || a.effect.name() == "base_tilt"
     })
 }
 
