@@ -23,3 +23,5 @@ pub mod comparison;
 pub mod diagnosis;
 
 pub mod report;
+
+pub mod demo;
