@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use thiserror::Error;
 
-pub use hidden::Hidden;
+pub use hidden::{Hidden, perturb};
 
 use crate::comparison::{Comparison, compare};
 use crate::diagnosis::{Diagnosis, DiagnosisError, Verdict, diagnose};

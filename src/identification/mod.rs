@@ -4,6 +4,7 @@
 //! predicted channels and their derivatives by parameter; [`fit`] is weighted least squares on what the data can tell.
 
 pub mod base_parameters;
+pub mod consistency;
 pub mod filtering;
 pub mod fit;
 pub mod prediction;
