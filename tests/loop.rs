@@ -31,7 +31,7 @@ fn run(robot: &Model, seed: u64, duration: f64, noise: bool) -> (Recording, Repo
 fn twenty_seconds_with_all_frictions_keep_loops_closed_and_energy_balanced() {
     let (recording, report) = run(&model("irb360-6-1600-truth"), 5, 20.0, true);
     println!(
-        "gap {:.1e} m, rate {:.1e} m/s, energy {:.1e}, tracking {:.1e?} rad",
+        "gap {:.1e} m, rate {:.1e} m/s, energy {:.1e}, tracking {:?} rad",
         report.max_loop_gap, report.max_loop_rate, report.energy_error, report.tracking_error
     );
     assert_eq!(recording.signals.len(), 50_000);

@@ -182,7 +182,7 @@ fn pseudo_inertia(bodies: &Bodies, body: usize, scale: &DVector<f64>) -> ([Affin
     let mut mass = affine(m);
     for (k, unit) in &units {
         let (d, h, m) = read(unit);
-        let mut add = |to: &mut Affine, factor: f64| {
+        let add = |to: &mut Affine, factor: f64| {
             if factor != 0.0 {
                 to.terms.push((*k, factor * scale[*k]));
             }
