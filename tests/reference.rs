@@ -6,7 +6,7 @@ use std::collections::HashMap;
 
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::{JointState, Motion};
-use deltatwin::recording::Payload;
+use deltatwin::recording::{Payload, Setup};
 
 struct Table {
     columns: HashMap<String, usize>,
@@ -114,4 +114,11 @@ fn payload_agrees() {
     plant.payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
     plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
     compare_forces("rigid_payload", &plant);
+}
+
+#[test]
+fn friction_agrees() {
+    // The file holds exactly the effects of the reference: Table 4 for drives and telescope, eq. 48 for axis 4.
+    let model = common::model("irb360-6-1600");
+    compare_forces("friction_no_payload", &Plant::new(&model, &Setup::default()));
 }
