@@ -1,7 +1,8 @@
 //! Joint rates and accelerations from encoder angles: zero-phase local polynomials [Savitzky & Golay, 1964].
 //!
 //! A polynomial of degree 4 is fitted to the samples −m…m around each sample; its value and derivatives in the middle
-//! have no phase. The half width m is the smallest for which the encoder noise in the acceleration stays tolerable.
+//! have no phase. The half width m is the smallest for which the encoder noise in the acceleration stays tolerable. At
+//! the smallest width, m = 3, the polynomial of degree 6 passes through the samples: central differences of order 6.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,19 +13,21 @@ pub struct Kernel {
     weights: [DVector<f64>; 3],
 }
 
+/// Degree of the fitted polynomial.
 const DEGREE: usize = 4;
-/// Narrowest kernel; the polynomial needs DEGREE + 1 samples.
+/// Narrowest kernel.
 pub const MIN_HALF_WIDTH: usize = 3;
 /// Widest kernel.
 pub const MAX_HALF_WIDTH: usize = 60;
 
 impl Kernel {
-    /// Least-squares polynomial of degree 4 over 2m + 1 samples.
+    /// Polynomial over 2m + 1 samples.
     pub fn new(half_width: usize) -> Self {
         let m = half_width.max(MIN_HALF_WIDTH);
         let n = 2 * m + 1;
         let scale = m as f64;
-        let a = DMatrix::from_fn(n, DEGREE + 1, |i, j| ((i as f64 - scale) / scale).powi(j as i32));
+        let degree = if m == MIN_HALF_WIDTH { 2 * m } else { DEGREE };
+        let a = DMatrix::from_fn(n, degree + 1, |i, j| ((i as f64 - scale) / scale).powi(j as i32));
         let pseudo = (a.transpose() * &a).cholesky().expect("distinct samples").solve(&a.transpose());
         let row = |j: usize, factor: f64| pseudo.row(j).transpose() * factor;
         Self { half_width: m, weights: [row(0, 1.0), row(1, 1.0 / scale), row(2, 2.0 / (scale * scale))] }

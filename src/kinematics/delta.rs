@@ -110,7 +110,7 @@ impl Geometry {
             let (a, b) = (2.0 * self.arm_length * d.dot(&u), -2.0 * self.arm_length * d.z);
             let c = d.norm_squared() + self.arm_length.powi(2) - self.strut_length[limb].powi(2);
             let cosine = c / a.hypot(b);
-            if !(cosine.abs() <= 1.0) {
+            if cosine.is_nan() || cosine.abs() > 1.0 {
                 return Err(KinematicsError::OutOfReach { limb, x: position.x, y: position.y, z: position.z });
             }
             let angle = b.atan2(a) - cosine.acos();
@@ -134,7 +134,7 @@ impl Geometry {
         // Point of the line of both planes nearest to c₀, then along the normal to the sphere.
         let foot = (e2.cross(&n) * k1 + n.cross(&e1) * k2) / nn;
         let height2 = (r0 * r0 - foot.norm_squared()) / nn;
-        if !(height2 >= 0.0) {
+        if height2.is_nan() || height2 < 0.0 {
             return Err(KinematicsError::NoClosure { q: angles });
         }
         let side = if n.z > 0.0 { -1.0 } else { 1.0 };

@@ -325,10 +325,8 @@ fn heat(sigma: f64) -> [u8; 3] {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix3, Vector3};
-
     use super::*;
-    use crate::kinematics::{BodyMotion, Telescope};
+    use crate::kinematics::JointState;
 
     #[test]
     fn residual_colours() {
@@ -338,40 +336,10 @@ mod tests {
         assert_eq!(heat(f64::NAN), [215, 50, 45]);
     }
 
-    /// All arms alike: the platform goes straight up and down.
+    /// Arms apart, axis 4 turning.
     fn lift(g: &Geometry, phi: f64) -> Motion {
-        let mut bodies = [BodyMotion::REST; BODIES];
-        let mut strut_axis = [Vector3::z(); STRUTS];
-        let (sin, cos) = phi.sin_cos();
-        let reach = g.base_radius + g.arm_length * cos - g.platform_radius;
-        let z = -g.arm_length * sin - (g.strut_length[0].powi(2) - reach * reach).sqrt();
-        for i in 0..ARMS {
-            let (u, v) = (Geometry::radial(i), Geometry::tangential(i));
-            let x = u * cos - Vector3::z() * sin;
-            bodies[ARM + i].rotation = Matrix3::from_columns(&[x, v, x.cross(&v)]);
-            bodies[ARM + i].position = u * g.base_radius;
-            for s in [2 * i, 2 * i + 1] {
-                let upper = u * g.base_radius + x * g.arm_length + v * g.pair_offset(s);
-                let lower = u * g.platform_radius + v * g.pair_offset(s) + Vector3::z() * z;
-                strut_axis[s] = (lower - upper).normalize();
-                let side = v.cross(&strut_axis[s]).normalize();
-                bodies[STRUT + s].rotation = Matrix3::from_columns(&[strut_axis[s], v, -side]);
-                bodies[STRUT + s].position = upper;
-            }
-        }
-        bodies[PLATFORM].position.z = z;
-        bodies[END_EFFECTOR].position.z = z + g.flange_height;
-        bodies[TELESCOPE_UPPER].position = g.upper_hooke();
-        bodies[TELESCOPE_LOWER].position.z = z + g.lower_hooke_height;
-        let length = g.upper_hooke_height - z - g.lower_hooke_height;
-        Motion {
-            q: [phi; AXES],
-            qd: [0.0; AXES],
-            qdd: [0.0; AXES],
-            bodies,
-            strut_axis,
-            telescope: Telescope { axis: Vector3::z(), length, rate: 0.0 },
-        }
+        let joints = JointState { q: [phi, 0.8 * phi, phi + 0.1, 2.0 * phi], ..JointState::default() };
+        Motion::assembled(g, &joints).expect("a pose within reach")
     }
 
     #[test]
