@@ -9,8 +9,11 @@ use super::predict::{Contribution, Effect, effects, squares};
 use super::problem::{Chosen, Problem, Settings, Variant};
 use super::project::{Projected, pseudo_inverse};
 use super::ranking::Ranking;
-use super::score::{Remainder, Scores, block_grams};
+use super::score::{Remainder, Scores, block_grams, wald};
 use super::{Error, flip};
+
+/// Wald p, times the number of variants tried, below which an effect is beyond doubt.
+const OBVIOUS: f64 = 1e-6;
 
 /// Assess every candidate that is not among `chosen`, whose columns join the base.
 pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Result<Ranking, Error> {
@@ -125,6 +128,10 @@ impl<'a> BaseFit<'a> {
             let mut a = describe(entry, problem, &self, &rest, settings, groups[group].len());
             a.score = least.map_or(0.0, |e| e.scores.statistic);
             (a.p_marginal, a.p_adjusted) = (p[group], adjusted[group]);
+            let obvious = wald(&entry.scores, &blockwise[i]) * list.len() as f64;
+            if obvious < OBVIOUS {
+                a.p_adjusted = a.p_adjusted.min(1.0 / (settings.flips + 1) as f64);
+            }
             a.coefficients = estimates(entry, &blockwise[i]);
             a.base_change = contributions[i].imitation.iter().map(|x| -x).collect();
             let Effect { energy, product } = &done[i];

@@ -108,6 +108,22 @@ pub fn block_grams(grams: &[BlockGram], group: usize, at: usize, projected: &Pro
     grams.iter().map(one).collect()
 }
 
+/// Marginal p of the Wald statistic of the full fit, with the covariance of [`sandwich`].
+///
+/// The score statistic cannot exceed the number of blocks: an effect that dwarfs the noise spreads its own block scores
+/// and hides behind them. The full fit's residual does not hold the effect, so its Wald statistic keeps growing. It is
+/// too liberal near the usual levels and only trusted far beyond them.
+pub fn wald(scores: &Scores, grams: &[DMatrix<f64>]) -> f64 {
+    let (m, count) = scores.blocks.shape();
+    if m == 0 || m > count / 4 {
+        return 1.0;
+    }
+    let Some(root) = Cholesky::new(sandwich(scores, grams)) else { return 1.0 };
+    let statistic = scores.sum.dot(&root.solve(&scores.sum));
+    let (m, b) = (m as f64, count as f64);
+    if statistic.is_finite() { f_tail((b - m) / (b * m) * statistic, m, b - m) } else { 1.0 }
+}
+
 /// Covariance of the coefficients that holds under autocorrelation within blocks and uneven noise: `Σ s_b s_bᵀ` of the
 /// scores of the full fit, as the columns are orthonormal.
 pub fn sandwich(scores: &Scores, grams: &[DMatrix<f64>]) -> DMatrix<f64> {
