@@ -23,3 +23,11 @@ pub mod comparison;
 pub mod diagnosis;
 
 pub mod report;
+
+pub mod check;
+
+#[cfg(feature = "viewer")]
+pub mod replay;
+
+pub mod terminal;
+

@@ -154,7 +154,8 @@ impl File<'_> {
                     let message = "[motion] lacks `centre`; expected the mean of x, y, z in m and ψ in rad";
                     return Err(self.problem(motion.span(), message.into()));
                 };
-                let rows = |rows: &Option<Spanned<Vec<[f64; 4]>>>| rows.as_ref().map_or(Vec::new(), |r| r.get_ref().clone());
+                let rows =
+                    |rows: &Option<Spanned<Vec<[f64; 4]>>>| rows.as_ref().map_or(Vec::new(), |r| r.get_ref().clone());
                 let (mut sine, mut cosine) = (rows(&m.sine), rows(&m.cosine));
                 let harmonics = sine.len().max(cosine.len());
                 sine.resize(harmonics, [0.0; 4]);
@@ -185,7 +186,8 @@ impl File<'_> {
         match value {
             None => Ok(()),
             Some(v) => {
-                let message = format!("`motion.{key}` has no meaning for kind = \"{kind}\"; expected it to be left out");
+                let message =
+                    format!("`motion.{key}` has no meaning for kind = \"{kind}\"; expected it to be left out");
                 Err(self.problem(v.span(), message))
             }
         }
@@ -227,9 +229,8 @@ impl Scenario {
     /// Reads a scenario from `text`; `path` names it in errors and is where it looks for models.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let file = File { name: path.display().to_string(), text };
-        let document: Document = toml::from_str(text).map_err(|e| {
-            file.problem(e.span().unwrap_or(0..0), e.message().trim().replace('\n', ", "))
-        })?;
+        let document: Document = toml::from_str(text)
+            .map_err(|e| file.problem(e.span().unwrap_or(0..0), e.message().trim().replace('\n', ", ")))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let beside = |key: &str, name: &Spanned<String>| {
             let target = folder.join(name.get_ref());
