@@ -31,3 +31,4 @@ pub mod replay;
 
 pub mod terminal;
 
+pub mod demo;

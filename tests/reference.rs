@@ -6,7 +6,7 @@ use std::collections::HashMap;
 
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::{JointState, Motion};
-use deltatwin::recording::Payload;
+use deltatwin::recording::{Payload, Setup};
 
 struct Table {
     columns: HashMap<String, usize>,
@@ -114,4 +114,32 @@ fn payload_agrees() {
     plant.payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
     plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
     compare_forces("rigid_payload", &plant);
+}
+
+#[test]
+fn friction_agrees() {
+    // The file holds exactly the effects of the reference: Table 4 for drives and telescope, eq. 48 for axis 4.
+    let model = common::model("irb360-6-1600");
+    compare_forces("friction_no_payload", &Plant::new(&model, &Setup::default()));
+}
+
+#[test]
+fn socket_friction_takes_the_power_of_the_reference_rates() {
+    // Στ·q̇ of viscous friction alone is Σ c·|ω_rel|² over the 12 sockets; both struts of a pair turn alike.
+    let c = 0.30;
+    let (rigid, plant) =
+        (common::nominal_plant(), common::with_effect(common::nominal_plant(), "ball_socket_viscous", &[&[c]]));
+    let table = Table::read("kinematics");
+    let mut worst = Worst(HashMap::new());
+    for row in 0..table.rows.len() {
+        let joints = table.joints(row);
+        let motion = plant.motion(&joints).expect("reachable");
+        let with = inverse_dynamics(&plant, 0.0, &motion, &[&[]], false).expect("regular").tau;
+        let without = inverse_dynamics(&rigid, 0.0, &motion, &[], false).expect("regular").tau;
+        let got: f64 = (0..4).map(|i| (with[i] - without[i]) * joints.qd[i]).sum();
+        let rates = (1..=3).flat_map(|limb| ["upper", "lower"].map(|end| format!("limb{limb}_{end}_socket_rate")));
+        let want: f64 = rates.map(|column| 2.0 * c * table.get(row, &column).powi(2)).sum();
+        worst.see("power", got, want);
+    }
+    worst.assert_below(TOLERANCE, "socket friction");
 }

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
+use super::consistency::min_eigenvalue;
 use super::fit::{channel_rms, residuals};
 use super::{BaseParameter, Data, DataArgs, Fit, fit};
 use crate::diagnosis::floor;
 use crate::dynamics::Channel;
-use crate::model::bodies::BODIES;
-use crate::model::{Inertia, Model};
+use crate::model::Model;
 use crate::terminal::{
     DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
 };
@@ -86,7 +86,7 @@ impl Answer<'_> {
             None => drop(object.insert("held_out_rms".into(), Value::Null)),
         }
         insert_channels(&mut object, "noise_floor", &self.noise_floor);
-        object.insert("min_pseudo_inertia_eigenvalue".into(), json!(least_eigenvalue(&self.fitted.model)));
+        object.insert("min_pseudo_inertia_eigenvalue".into(), json!(min_eigenvalue(&self.fitted.model.bodies)));
         object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
         Value::Object(object)
     }
@@ -111,7 +111,7 @@ impl Answer<'_> {
             ("noise floor", Some(&self.noise_floor[..])),
         ];
         say(format!("\n{}", Table::of_channels(self.channels, &series)))?;
-        say(format!("\n  Smallest pseudo-inertia eigenvalue {:.3e}", least_eigenvalue(&self.fitted.model)))?;
+        say(format!("\n  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&self.fitted.model.bodies)))?;
         match &args.output {
             Some(output) => say(format!("  Wrote {}", output.display())),
             None => say("  Nothing written; -o FILE keeps the model"),
@@ -125,10 +125,4 @@ fn base(parameters: &[BaseParameter]) -> Value {
         (b.name.clone(), content)
     };
     Value::Object(parameters.iter().map(entry).collect())
-}
-
-/// Smallest eigenvalue among the pseudo-inertias of all bodies that have inertia; negative for an impossible body.
-fn least_eigenvalue(model: &Model) -> f64 {
-    let present = (0..BODIES).map(|b| &model.bodies[b]).filter(|i| **i != Inertia::ZERO);
-    present.map(Inertia::min_eigenvalue).min_by(f64::total_cmp).unwrap_or(0.0)
 }

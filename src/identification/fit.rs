@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
 use super::prediction::{Channels, columns, predict};
-use super::{BaseParameter, Trace, base_parameters};
+use super::{BaseParameter, Trace, base_parameters, consistency};
 use crate::dynamics::{Plant, PlantParameter, set_parameters};
 use crate::effects::{Kind, Role};
 use crate::kinematics::KinematicsError;
@@ -89,6 +89,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
             });
         }
     }
+    let prior = model;
     let mut model = model.clone();
     let mut residuals = residuals(&model, traces)?;
     let mut cost = weighted_squares(&residuals, noise);
@@ -120,8 +121,18 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
             break;
         }
     }
-    let system = System::new(&model, traces, noise, &residuals)?;
+    let mut system = System::new(&model, traces, noise, &residuals)?;
     let covariance = system.covariance();
+    let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
+    if consistency::min_eigenvalue(&model.bodies) < 0.0
+        && let Some(values) = system.consistent(&model, prior)
+    {
+        set_parameters(&mut model, &values);
+        residuals = self::residuals(&model, traces)?;
+        for (p, value) in system.parameters.iter_mut().zip(values) {
+            p.value = value;
+        }
+    }
     let known = system.known();
     let parameters = system
         .free
@@ -134,7 +145,6 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
             std: if known[i] { covariance[(i, i)].max(0.0).sqrt() } else { f64::INFINITY },
         })
         .collect();
-    let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
     let rms = channel_rms(&residuals);
     Ok(Fit { model, parameters, base, residuals, rms })
 }
@@ -267,6 +277,27 @@ impl System {
             }
         }
         values
+    }
+
+    /// All parameter values with every body possible, as near to the estimate as the data demand.
+    fn consistent(&self, model: &Model, prior: &Model) -> Option<Vec<f64>> {
+        let free = |all: &[f64]| DVector::from_fn(self.free.len(), |i, _| all[self.free[i]]);
+        let mut values: Vec<f64> = self.parameters.iter().map(|p| p.value).collect();
+        let before: Vec<f64> = crate::effects::rigid_bodies::values(&prior.bodies)
+            .into_iter()
+            .chain(prior.effects.iter().flat_map(|a| a.values.clone()))
+            .collect();
+        let nearest = consistency::nearest_consistent(
+            &model.bodies,
+            &free(&values),
+            &free(&before),
+            &self.scale,
+            &self.information,
+        )?;
+        for (i, &k) in self.free.iter().enumerate() {
+            values[k] = nearest[i];
+        }
+        Some(values)
     }
 
     /// H⁺ (Σ s sᵀ) H⁺ over blocks, never below what white noise of the stated size would give.

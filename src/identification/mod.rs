@@ -5,6 +5,7 @@
 
 pub mod base_parameters;
 pub mod command;
+pub mod consistency;
 pub mod data;
 pub mod filtering;
 pub mod fit;

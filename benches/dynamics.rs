@@ -1,0 +1,89 @@
+//! What one call costs: kinematics, inverse dynamics, regressor and a step of the twin.
+//!
+//! All benches cycle through the same 64 random motions, so no branch or cache favours a single pose.
+
+#![allow(missing_docs)] // the macros below write public functions
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use std::hint::black_box;
+
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use deltatwin::dynamics::{Channel, Plant, inverse_dynamics, regressor};
+use deltatwin::effects::ActiveEffect;
+use deltatwin::kinematics::{JointState, Motion, Reactions};
+use deltatwin::recording::Setup;
+use deltatwin::twin::{State, step};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+const POSES: usize = 64;
+
+fn truth() -> Plant {
+    Plant::new(&common::model("irb360-6-1600-truth"), &Setup::default())
+}
+
+fn joints(plant: &Plant) -> Vec<JointState> {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    (0..POSES).map(|_| common::random_joints(plant, &mut rng)).collect()
+}
+
+fn motions(plant: &Plant) -> Vec<Motion> {
+    joints(plant).iter().map(|j| plant.motion(j).expect("reachable")).collect()
+}
+
+fn kinematics(c: &mut Criterion) {
+    let plant = common::nominal_plant();
+    let mut joints = joints(&plant).into_iter().cycle();
+    c.bench_function("motion from joints", |b| b.iter(|| plant.motion(black_box(&joints.next().unwrap()))));
+}
+
+fn dynamics(c: &mut Criterion) {
+    for (name, plant) in [("rigid", common::nominal_plant()), ("truth", truth())] {
+        let motions = motions(&plant);
+        let states: Vec<&[f64]> = plant.effects.iter().map(|_| [].as_slice()).collect();
+        for (what, with_struts) in [("torques", false), ("torques and strut forces", true)] {
+            let mut cycle = motions.iter().cycle();
+            c.bench_function(&format!("inverse dynamics, {what} ({name})"), |b| {
+                b.iter(|| inverse_dynamics(&plant, 0.0, black_box(cycle.next().unwrap()), &states, with_struts))
+            });
+        }
+        let rigid = plant.rigid_bodies();
+        let effects: Vec<&ActiveEffect> = std::iter::once(&rigid).chain(&plant.effects).collect();
+        let states: Vec<&[f64]> = effects.iter().map(|_| [].as_slice()).collect();
+        let none = Reactions::default();
+        let mut cycle = motions.iter().cycle();
+        c.bench_function(&format!("regressor, four torque rows ({name})"), |b| {
+            b.iter(|| {
+                let motion = black_box(cycle.next().unwrap());
+                regressor(&plant, &effects, 0.0, motion, &none, &states, &Channel::TORQUES)
+            })
+        });
+    }
+}
+
+fn twin(c: &mut Criterion) {
+    let h = 200e-6; // half a control period
+    for (name, plant) in [("rigid", common::nominal_plant()), ("truth", truth())] {
+        let states: Vec<_> = motions(&plant)
+            .iter()
+            .map(|motion| {
+                let tau = inverse_dynamics(&plant, 0.0, motion, &vec![[].as_slice(); plant.effects.len()], true)
+                    .expect("a regular pose");
+                (State::from_motion(motion, Vec::new(), plant.effects.len()), tau)
+            })
+            .collect();
+        let mut cycle = states.iter().cycle();
+        c.bench_function(&format!("step of the twin ({name})"), |b| {
+            b.iter_batched_ref(
+                || cycle.next().unwrap().clone(),
+                |(state, out)| step(&plant, state, h, &|_| out.tau, &out.reactions),
+                BatchSize::SmallInput,
+            )
+        });
+    }
+}
+
+criterion_group!(benches, kinematics, dynamics, twin);
+criterion_main!(benches);

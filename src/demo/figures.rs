@@ -1,0 +1,227 @@
+//! Figures, report and Rerun scene of a demo.
+
+use super::{Campaign, Findings};
+use crate::dynamics::Plant;
+use crate::identification::fit::residuals;
+use crate::identification::predict;
+use crate::model::{AXES, Model};
+use crate::report::{
+    Callout, Color, Curve, ErrorGroup, Panel, RankRow, Report, Style, falling_error, panels, ranking, scatter_binned,
+    spectrum,
+};
+
+/// The HTML report; figures judge on the held-out motion.
+pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
+    let d = &findings.diagnosis;
+    let mut report = Report::new(
+        "deltatwin demo",
+        "A hidden effect in a robot: compare, identify, diagnose, add, and watch the error fall",
+    );
+    let hidden = campaign.hidden.describe();
+    let names: Vec<&str> = d.effects.iter().map(|e| e.name.as_str()).collect();
+    let verdict = format!(
+        "Verdict: {} {}. Hidden was {hidden}.",
+        d.verdict,
+        if names.is_empty() { String::new() } else { format!("({})", names.join(", ")) }
+    );
+    report.callout(if findings.right { Callout::Good } else { Callout::Bad }, &verdict);
+    report.heading("The error falls");
+    let stages = stage_rms(campaign, findings);
+    let groups: Vec<ErrorGroup> = (0..AXES)
+        .map(|i| ErrorGroup {
+            name: format!("axis {}", i + 1),
+            values: stages.iter().map(|s| s[i]).collect(),
+            floor: Some(d.noise_floor[i]),
+        })
+        .collect();
+    report.figure(
+        &falling_error(
+            "RMS torque error on the held-out motion",
+            "RMS / N·m",
+            &["as delivered", "identified", "effect added"],
+            &groups,
+        ),
+        "Each axis against the noise of its torque sensor (dashed).",
+    );
+    let rows: Vec<Vec<String>> = d
+        .channels
+        .iter()
+        .enumerate()
+        .map(|(c, channel)| {
+            let mut row = vec![format!("{channel} / {}", channel.unit())];
+            row.extend(stages.iter().map(|s| format!("{:.4}", s[c])));
+            row.push(format!("{:.4}", d.noise_floor[c]));
+            row
+        })
+        .collect();
+    report.table(&["RMS, held out", "as delivered", "identified", "effect added", "noise floor"], &rows);
+    report.heading("Where the model fails");
+    for finding in findings.comparison.findings.iter().take(6) {
+        report.paragraph(&finding.sentence);
+    }
+    if let Some((torques, phase, spectra)) = residual_figures(campaign, findings) {
+        report.figure(&torques, "Held-out motion: measured torque, identified model and what it leaves.");
+        report.figure(&phase, "Residual of the arms before and after, against joint speed.");
+        report.figure(&spectra, "Spectrum of the residuals of axis 1.");
+    }
+    report.heading("Which effect is missing");
+    let rows: Vec<RankRow> = d
+        .candidates
+        .iter()
+        .map(|c| RankRow {
+            name: c.name.clone(),
+            share: c.explained,
+            note: if c.visible { format!("p = {:.3}", c.p_adjusted) } else { "not visible in these data".into() },
+            highlight: names.contains(&c.name.as_str()),
+        })
+        .collect();
+    report.figure(
+        &ranking("Candidates", "share of the explainable error explained alone / %", &rows),
+        "Every absent effect tried on the measurement; p is family-wise over all of them.",
+    );
+    for e in &d.effects {
+        let rows: Vec<Vec<String>> = e
+            .parameters
+            .iter()
+            .map(|p| {
+                vec![
+                    format!("{}.{}", e.name, p.name),
+                    format!("{:.5}", p.value),
+                    format!("{:.5}", p.std),
+                    p.unit.into(),
+                ]
+            })
+            .collect();
+        report.table(&["parameter", "estimate", "standard error", "unit"], &rows);
+    }
+    if let Some(next) = &d.next_experiment {
+        report.callout(Callout::Note, next);
+    }
+    report
+}
+
+/// RMS on the held-out motion: model as delivered, identified, with the effect.
+pub fn stage_rms(_campaign: &Campaign, findings: &Findings) -> [Vec<f64>; 3] {
+    let d = &findings.diagnosis;
+    let delivered = findings.comparison.held_out_rms.clone().unwrap_or_else(|| findings.comparison.rms.clone());
+    [delivered, d.rms_before.clone(), d.rms_after.clone()]
+}
+
+fn residual_figures(
+    campaign: &Campaign,
+    findings: &Findings,
+) -> Option<(crate::report::Figure, crate::report::Figure, crate::report::Figure)> {
+    let trace = &findings.validation;
+    let before_model = &findings.identified.model;
+    let predicted = predict(&Plant::new(before_model, &campaign.validation.setup), trace).ok()?;
+    let before = residuals(before_model, std::slice::from_ref(trace)).ok()?.remove(0);
+    let after = residuals(&findings.diagnosis.model, std::slice::from_ref(trace)).ok()?.remove(0);
+    let stack: Vec<Panel> = (0..AXES)
+        .map(|i| Panel {
+            title: format!("axis {}", i + 1),
+            y_label: "torque / N·m".into(),
+            curves: vec![
+                Curve::new("measured", trace.t.clone(), trace.measured[i].clone()).color(Color::MEASURED),
+                Curve::new("identified model", trace.t.clone(), predicted[i].clone()).color(Color::MODEL),
+                Curve::new("residual", trace.t.clone(), before[i].clone()).color(Color::RESIDUAL).style(Style::Thin),
+            ],
+        })
+        .collect();
+    let speed: Vec<f64> = (0..3).flat_map(|i| trace.joints.iter().map(move |j| j.qd[i])).collect();
+    let all = |r: &[Vec<f64>]| -> Vec<f64> { r[..3].concat() };
+    let phase = scatter_binned(
+        "Residual of the arms over joint speed",
+        "joint speed / rad/s",
+        "residual / N·m",
+        &[
+            Curve::new("identified", speed.clone(), all(&before)).color(Color::RESIDUAL),
+            Curve::new("effect added", speed, all(&after)).color(Color::IMPROVED),
+        ],
+        40,
+    );
+    let line = |r: &[f64]| amplitude_spectrum(r, trace.dt);
+    let (f, a) = line(&before[0]);
+    let (g, b) = line(&after[0]);
+    let spectra = spectrum(
+        "Residual of axis 1",
+        "frequency / Hz",
+        "amplitude / N·m",
+        &[
+            Curve::new("identified", f, a).color(Color::RESIDUAL),
+            Curve::new("effect added", g, b).color(Color::IMPROVED),
+        ],
+        &[],
+    );
+    Some((panels("Torques of the held-out motion", "time / s", &stack), phase, spectra))
+}
+
+/// Single-sided amplitude spectrum without the mean.
+fn amplitude_spectrum(x: &[f64], dt: f64) -> (Vec<f64>, Vec<f64>) {
+    let n = x.len();
+    let mut buffer = x.to_vec();
+    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
+    let mut out = fft.make_output_vec();
+    if fft.process(&mut buffer, &mut out).is_err() {
+        return (Vec::new(), Vec::new());
+    }
+    let frequency = |k: usize| k as f64 / (n as f64 * dt);
+    out.iter().enumerate().skip(1).map(|(k, z)| (frequency(k), 2.0 * z.norm() / n as f64)).unzip()
+}
+
+/// Writes the moving robot with torques and residuals for Rerun.
+#[cfg(feature = "viewer")]
+pub fn write_scene(
+    path: &std::path::Path,
+    recording: &crate::recording::Recording,
+    trace: &crate::identification::Trace,
+    model: &Model,
+) -> Result<(), String> {
+    use crate::recording::rerun::{Scene, Series, measured, write_rrd};
+    /// Frames of the moving robot per second.
+    const FRAMES: f64 = 50.0;
+    let plant = Plant::new(model, &recording.setup);
+    let left = residuals(model, std::slice::from_ref(trace)).map_err(|e| e.to_string())?.remove(0);
+    let stride = ((1.0 / FRAMES / trace.dt).round() as usize).max(1);
+    let picked: Vec<usize> = (0..trace.len()).step_by(stride).collect();
+    let times: Vec<f64> = picked.iter().map(|&k| trace.t[k]).collect();
+    let motions = picked
+        .iter()
+        .map(|&k| plant.motion(&trace.joints[k]))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|e| e.to_string())?;
+    let noise = trace.noise(model);
+    let sigmas: Vec<[f64; AXES]> = picked
+        .iter()
+        .map(|&k| {
+            // Mean over a frame: single samples are noise.
+            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(trace.len());
+            std::array::from_fn(|i| {
+                let sum: f64 = window.clone().map(|j| left[i][j]).sum();
+                sum / window.len() as f64 / noise[i]
+            })
+        })
+        .collect();
+    let mut series = measured(recording);
+    for i in 0..AXES {
+        series.push(Series {
+            path: format!("residual/axis{}/residual", i + 1),
+            times: trace.t.clone(),
+            values: left[i].clone(),
+            color: [200, 60, 60],
+            label: "residual [N·m]".into(),
+        });
+    }
+    let scene = Scene { times: &times, motions: &motions, geometry: &plant.geometry, series, residual: Some(&sigmas) };
+    write_rrd(path, "deltatwin", &scene).map_err(|e| e.to_string())
+}
+
+/// Without the viewer SDK there is no scene to write.
+#[cfg(not(feature = "viewer"))]
+pub fn write_scene(
+    _path: &std::path::Path,
+    _recording: &crate::recording::Recording,
+    _trace: &crate::identification::Trace,
+    _model: &Model,
+) -> Result<(), String> {
+    Err("built without the `viewer` feature".into())
+}

@@ -1,0 +1,595 @@
+//! Laws that hold for every registered effect and for the shipped models, whoever wrote the effect.
+
+mod common;
+
+use common::{model, nominal_plant, random_joints};
+use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor, set_parameters};
+use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
+use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions};
+use deltatwin::model::bodies::{
+    BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
+};
+use deltatwin::model::{Geometry, Model};
+use deltatwin::recording::{Payload, Setup, Signals};
+use deltatwin::twin::energy;
+use nalgebra::{Matrix3, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+const NOMINAL: &str = "irb360-6-1600";
+const TRUTH: &str = "irb360-6-1600-truth";
+
+fn rng(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}
+
+fn payload() -> Setup {
+    Setup { payload: Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 }, ..Setup::default() }
+}
+
+/// The effect with linear parameters drawn up to three times their usual size, shapes and constants at their defaults.
+fn at_random(effect: &'static dyn Effect, rng: &mut ChaCha8Rng, non_negative: bool) -> ActiveEffect {
+    let mut active = ActiveEffect::absent(effect);
+    let entries = active.entries();
+    for (value, entry) in active.values.iter_mut().zip(entries) {
+        let p = entry.parameter;
+        if p.role == Role::Linear {
+            let low = if non_negative { 0.0 } else { -3.0 };
+            *value = (p.default * rng.random_range(low..3.0)).clamp(p.range.0, p.range.1);
+        }
+    }
+    active
+}
+
+/// The nominal model with every registered effect beyond the bodies at once.
+fn model_with_everything(rng: &mut ChaCha8Rng) -> Model {
+    let mut all = model(NOMINAL);
+    all.effects = REGISTRY[1..].iter().map(|e| at_random(*e, rng, false)).collect();
+    all
+}
+
+fn initial_states(plant: &Plant) -> Vec<Vec<f64>> {
+    plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect()
+}
+
+fn slices(states: &[Vec<f64>]) -> Vec<&[f64]> {
+    states.iter().map(Vec::as_slice).collect()
+}
+
+fn inverse(plant: &Plant, motion: &Motion) -> Output {
+    inverse_dynamics(plant, 0.0, motion, &slices(&initial_states(plant)), true).expect("a regular pose")
+}
+
+fn all_channels() -> Vec<Channel> {
+    let struts = (0..6).map(Channel::StrutUpper).chain((0..6).map(Channel::StrutLower));
+    Channel::TORQUES.into_iter().chain(struts).collect()
+}
+
+fn values_of(out: &Output) -> Vec<f64> {
+    [&out.tau[..], &out.reactions.upper, &out.reactions.lower].concat()
+}
+
+/// Power of an effect's wrenches on the bodies, and the sum of the magnitudes of its parts, W.
+fn power(plant: &Plant, active: &ActiveEffect, motion: &Motion, reactions: &Reactions) -> (f64, f64) {
+    let state = active.effect.initial_state(&active.values());
+    let at = Instant { t: 0.0, motion, bodies: &plant.bodies, gravity: plant.gravity, reactions, state: &state };
+    let (mut sum, mut size) = (0.0, 0.0);
+    active.effect.forces(
+        &active.values(),
+        &at,
+        &mut Wrenches::new(&mut |k, body, force, moment| {
+            let m = &motion.bodies[body];
+            let part = active.values[k] * (force.dot(&m.velocity) + moment.dot(&m.angular_velocity));
+            sum += part;
+            size += part.abs();
+        }),
+    );
+    (sum, size)
+}
+
+// The registry.
+
+#[test]
+fn every_effect_file_is_registered_under_its_name() {
+    let mut files: Vec<String> = std::fs::read_dir("src/effects")
+        .expect("the effects' folder")
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter_map(|file| file.strip_suffix(".rs").map(String::from))
+        .filter(|name| name != "mod" && name != "testing")
+        .collect();
+    let mut names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).collect();
+    files.sort();
+    names.sort();
+    assert_eq!(files, names);
+    assert!(names.windows(2).all(|w| w[0] != w[1]), "names are unique");
+    for name in names {
+        assert_eq!(find(name).map(|e| e.name()), Some(name));
+    }
+}
+
+#[test]
+fn every_effect_explains_itself() {
+    for effect in REGISTRY {
+        let name = effect.name();
+        let about = effect.about();
+        for text in [about.summary, about.law, about.shows, about.source] {
+            assert!(!text.trim().is_empty(), "{name}: {about:?}");
+        }
+        let mut keys = std::collections::BTreeSet::new();
+        assert!(!effect.parameters().is_empty(), "{name} has parameters");
+        for p in effect.parameters() {
+            let (low, high) = p.range;
+            assert!(low.is_finite() && high.is_finite() && low < high, "{name}.{}", p.name);
+            assert!((low..=high).contains(&p.default), "{name}.{}: default {} in {low}..{high}", p.name, p.default);
+            assert!(!p.unit.is_empty(), "{name}.{} has a unit (\"1\" without dimension)", p.name);
+            assert!(keys.insert(p.name), "{name}.{} appears twice", p.name);
+            if p.role == Role::Linear {
+                assert!((low..=high).contains(&0.0), "{name}.{}: zero, no effect, is allowed", p.name);
+            }
+        }
+    }
+}
+
+// What effects do to the dynamics.
+
+#[test]
+fn zero_parameters_change_nothing() {
+    for name in [NOMINAL, TRUTH] {
+        let base = model(name);
+        let plant = Plant::new(&base, &payload());
+        for &effect in REGISTRY {
+            let mut with = base.clone();
+            with.effects.push(ActiveEffect::absent(effect));
+            let with = Plant::new(&with, &payload());
+            assert_eq!(with.geometry, plant.geometry, "{}", effect.name());
+            assert_eq!(with.bodies, plant.bodies, "{}", effect.name());
+            let mut rng = rng(1);
+            for _ in 0..10 {
+                let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
+                // Zero times a finite term is an exact zero.
+                assert_eq!(inverse(&with, &motion), inverse(&plant, &motion), "{}", effect.name());
+            }
+            let signals = random_signals(&mut rng);
+            let mut observed = signals.clone();
+            let absent = ActiveEffect::absent(effect);
+            effect.observe(&absent.values(), &mut observed);
+            assert_eq!(observed, signals, "{}", effect.name());
+        }
+    }
+}
+
+fn random_signals(rng: &mut ChaCha8Rng) -> Signals {
+    let mut four = || std::array::from_fn(|_| rng.random_range(-3.0..3.0));
+    Signals {
+        t: (0..50).map(|k| 4e-4 * f64::from(k)).collect(),
+        q: (0..50).map(|_| four()).collect(),
+        tau: (0..50).map(|_| four()).collect(),
+        ..Signals::default()
+    }
+}
+
+/// Largest |offset + regressor · parameters − inverse dynamics| over 50 motions, relative to each channel's largest value,
+/// and the largest |offset| on the torques and on the strut forces.
+///
+/// The offset is what no parameter describes: inverse dynamics of the same plant with all linear parameters zero.
+fn regressor_gap(model: &Model, setup: &Setup) -> (f64, [f64; 2]) {
+    let plant = Plant::new(model, setup);
+    let mut bare = model.clone();
+    bare.effects.clear();
+    set_parameters(&mut bare, &vec![0.0; plant.rigid_bodies().values.len()]);
+    let mut bare = Plant::new(&bare, setup);
+    bare.geometry = plant.geometry;
+    let rigid = plant.rigid_bodies();
+    let effects: Vec<&ActiveEffect> = std::iter::once(&rigid).chain(&plant.effects).collect();
+    let mut theta = Vec::new();
+    for active in &effects {
+        let linear = |role| role == Role::Linear;
+        let acts = matches!(active.effect.kind(), Kind::Force | Kind::Inertia);
+        for (value, entry) in active.values.iter().zip(active.entries()) {
+            theta.push(if acts && linear(entry.parameter.role) { *value } else { 0.0 });
+        }
+    }
+    let theta = nalgebra::DVector::from_vec(theta);
+    let mut states = vec![Vec::new()];
+    states.extend(initial_states(&plant));
+    let channels = all_channels();
+    let mut rng = rng(2);
+    let (mut gap, mut scale) = (vec![0f64; 16], vec![0f64; 16]);
+    let mut offsets = [0f64; 2];
+    for _ in 0..50 {
+        let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
+        let out = inverse(&plant, &motion);
+        let offset = values_of(&inverse(&bare, &motion));
+        let rows = regressor(&plant, &effects, 0.0, &motion, &out.reactions, &slices(&states), &channels).unwrap();
+        let product = rows * &theta;
+        for (c, want) in values_of(&out).into_iter().enumerate() {
+            gap[c] = gap[c].max((offset[c] + product[c] - want).abs());
+            scale[c] = scale[c].max(want.abs());
+            offsets[usize::from(c >= 4)] = offsets[usize::from(c >= 4)].max(offset[c].abs());
+        }
+    }
+    (gap.iter().zip(&scale).map(|(g, s)| g / s).fold(0.0, f64::max), offsets)
+}
+
+/// Rounding of a sum of some hundred terms, times the condition of the strut map (about 1e3), is below 1e-12; the
+/// iteration over load-dependent friction stops at 1e-11 N of some 100 N.
+const REGRESSOR_TOLERANCE: f64 = 1e-10;
+
+#[test]
+fn regressor_times_parameters_is_inverse_dynamics() {
+    for name in [NOMINAL, TRUTH] {
+        let (gap, [torque, strut]) = regressor_gap(&model(name), &Setup::default());
+        println!("{name}: {gap:.1e}; not described by parameters: {torque:.1e} N·m, {strut:.2} N");
+        assert!(gap < REGRESSOR_TOLERANCE, "{name}: {gap:e}");
+        // The torques are described by the parameters alone. The platform's first moment is no parameter, because it
+        // never enters the torques, but it loads the struts: it is all that is missing there.
+        assert!(torque < 1e-10, "{name}: {torque:e} N·m");
+        let mut centred = model(name);
+        centred.bodies[PLATFORM].first_moment = Vector3::zeros();
+        let (gap, [_, strut]) = regressor_gap(&centred, &Setup::default());
+        assert!(gap < REGRESSOR_TOLERANCE && strut < 1e-10, "{name}: {gap:e}, {strut:e} N");
+    }
+}
+
+#[test]
+fn regressor_times_parameters_is_inverse_dynamics_with_every_effect() {
+    let mut rng = rng(3);
+    for round in 0..5 {
+        let (gap, _) = regressor_gap(&model_with_everything(&mut rng), &payload());
+        println!("round {round}: {gap:.1e}");
+        assert!(gap < REGRESSOR_TOLERANCE, "round {round}: {gap:e}");
+    }
+}
+
+#[test]
+fn friction_only_removes_energy() {
+    let plant = nominal_plant();
+    let frictions: Vec<_> = REGISTRY
+        .iter()
+        .filter(|e| ["friction", "ball_socket", "stribeck"].iter().any(|part| e.name().contains(part)))
+        .collect();
+    assert!(frictions.len() >= 8, "{}", frictions.len());
+    for effect in frictions {
+        let mut rng = rng(4);
+        let mut total = 0.0;
+        for _ in 0..200 {
+            let active = at_random(*effect, &mut rng, true);
+            let mut joints = random_joints(&plant, &mut rng);
+            let slowness = 10f64.powf(rng.random_range(-3.0..0.0)); // also within the smooth signs' transition
+            joints.qd = joints.qd.map(|x| x * slowness);
+            let mut motion = plant.motion(&joints).unwrap();
+            for s in 0..6 {
+                motion.bodies[STRUT + s].angular_velocity += motion.strut_axis[s] * rng.random_range(-2.0..2.0);
+            }
+            let mut force = || std::array::from_fn(|_| rng.random_range(-150.0..150.0));
+            let reactions = Reactions { upper: force(), lower: force() };
+            let (sum, size) = power(&plant, &active, &motion, &reactions);
+            assert!(sum <= 4.0 * f64::EPSILON * size, "{} gives {sum:e} W", effect.name()); // rounding of its parts
+            total += sum;
+        }
+        assert!(total < 0.0, "{} does nothing", effect.name());
+    }
+}
+
+#[test]
+fn renaming_the_limbs_in_turn_permutes_torques_and_strut_forces() {
+    // Turning robot and end effector by 120° about the vertical moves limb i to limb i + 1; gravity does not notice.
+    let plant = nominal_plant();
+    let mut rng = rng(5);
+    let next = |x: [f64; 4]| [x[2], x[0], x[1], x[3]];
+    let next_struts = |x: [f64; 6]| [x[4], x[5], x[0], x[1], x[2], x[3]];
+    let mut worst = 0f64;
+    for _ in 0..100 {
+        let joints = random_joints(&plant, &mut rng);
+        let mut turned = JointState { q: next(joints.q), qd: next(joints.qd), qdd: next(joints.qdd) };
+        turned.q[3] += std::f64::consts::TAU / 3.0;
+        let before = inverse(&plant, &plant.motion(&joints).unwrap());
+        let after = inverse(&plant, &plant.motion(&turned).unwrap());
+        let moved = Output {
+            tau: next(before.tau),
+            reactions: Reactions {
+                upper: next_struts(before.reactions.upper),
+                lower: next_struts(before.reactions.lower),
+            },
+        };
+        for (a, b) in values_of(&after).iter().zip(values_of(&moved)) {
+            worst = worst.max((a - b).abs());
+        }
+    }
+    println!("120° symmetry: {worst:.1e} N·m or N");
+    assert!(worst < 1e-10, "{worst:e}"); // rounding of 100 N times the condition of the strut map, about 1e3
+}
+
+// Kinematics.
+
+/// A smooth joint motion through the middle of the workspace, with exact derivatives.
+fn along(t: f64) -> JointState {
+    // amplitude, angular frequency, phase
+    const WAVES: [[f64; 3]; 4] = [[0.30, 5.0, 0.3], [0.35, 4.0, 1.7], [0.25, 6.0, 4.1], [1.2, 3.0, 2.2]];
+    const CENTRE: [f64; 4] = [0.35, 0.30, 0.40, 0.5];
+    let mut joints = JointState::default();
+    for (i, [a, w, p]) in WAVES.into_iter().enumerate() {
+        let (s, c) = (w * t + p).sin_cos();
+        (joints.q[i], joints.qd[i], joints.qdd[i]) = (CENTRE[i] + a * s, a * w * c, -a * w * w * s);
+    }
+    joints
+}
+
+/// Step of the differences below, s.
+const H: f64 = 5e-4;
+
+/// Derivative by differences over seven points: truncation h⁶/140·f⁽⁷⁾, rounding about 2ε|f|/h.
+fn derivative<T>(f: impl Fn(f64) -> T, t: f64) -> T
+where
+    T: std::ops::Sub<Output = T> + std::ops::Add<Output = T> + std::ops::Mul<f64, Output = T>,
+{
+    let d = |k: f64| f(t + k * H) - f(t - k * H);
+    (d(1.0) * 45.0 + d(2.0) * -9.0 + d(3.0)) * (1.0 / (60.0 * H))
+}
+
+/// Lengths, rates and accelerations reach 10, 30 and 300 in SI units and repeat with ω up to 20 rad/s (third harmonics
+/// and more of the joint motion), so f⁽⁷⁾ ≤ 300·20⁷ and truncation is below h⁶·3e9 = 5e-11; rounding of accelerations
+/// is 2ε·300/h = 3e-10.
+const DIFFERENCES: f64 = 1e-9;
+
+fn times() -> impl Iterator<Item = f64> {
+    (0..100).map(|k| 0.013 * f64::from(k))
+}
+
+#[test]
+fn forward_inverts_inverse() {
+    let plant = nominal_plant();
+    let g = &plant.geometry;
+    let mut rng = rng(6);
+    let (mut worst, mut worst_rate, mut worst_acceleration) = (0f64, 0f64, 0f64);
+    for _ in 0..1000 {
+        let joints = random_joints(&plant, &mut rng);
+        let platform = g.forward_motion(&joints).unwrap();
+        let back = g.inverse_motion(&platform).unwrap();
+        let there = g.forward_motion(&back).unwrap();
+        for i in 0..4 {
+            worst = worst.max((back.q[i] - joints.q[i]).abs());
+            worst_rate = worst_rate.max((back.qd[i] - joints.qd[i]).abs());
+            worst_acceleration = worst_acceleration.max((back.qdd[i] - joints.qdd[i]).abs());
+        }
+        worst = worst.max((there.position - platform.position).norm());
+        for limb in 0..3 {
+            let length = g.strut_vector(limb, joints.q[limb], &platform.position).norm();
+            assert!((length - g.strut_length[limb]).abs() < 1e-14, "strut of limb {limb}"); // rounding of 1 m
+        }
+    }
+    println!("round trip: {worst:.1e} rad, {worst_rate:.1e} rad/s, {worst_acceleration:.1e} rad/s²");
+    // Rounding of 1, 12 and 300 times the condition of the Jacobian, below 100 within the limits.
+    assert!(worst < 1e-13 && worst_rate < 1e-12 && worst_acceleration < 1e-10);
+}
+
+#[test]
+fn platform_rates_are_derivatives_of_its_position() {
+    let g = nominal_plant().geometry;
+    let at = |t: f64| -> PlatformState { g.forward_motion(&along(t)).unwrap() };
+    let mut worst = 0f64;
+    for t in times() {
+        let velocity = (derivative(|t| at(t).position, t) - at(t).velocity).norm();
+        let acceleration = (derivative(|t| at(t).velocity, t) - at(t).acceleration).norm();
+        worst = worst.max(velocity).max(acceleration);
+    }
+    println!("platform: {worst:.1e}");
+    assert!(worst < DIFFERENCES, "{worst:e}");
+}
+
+#[test]
+fn twists_and_accelerations_of_all_bodies_are_derivatives_of_their_poses() {
+    let g = nominal_plant().geometry;
+    let at = |t: f64, b: usize| Motion::assembled(&g, &along(t)).unwrap().bodies[b];
+    let mut worst = [0f64; BODIES];
+    for t in times() {
+        for b in 0..BODIES {
+            let now = at(t, b);
+            let turning: Matrix3<f64> = now.angular_velocity.cross_matrix() * now.rotation;
+            let mut rotation = derivative(|t| at(t, b).rotation, t) - turning;
+            if (STRUT..PLATFORM).contains(&b) {
+                // A strut's roll is not defined by the joints: its twist has none, its frame keeps y near the pair.
+                rotation =
+                    Matrix3::from_columns(&[rotation.column(0).into_owned(), Vector3::zeros(), Vector3::zeros()]);
+                let roll = now.angular_velocity.dot(&now.rotation.column(0));
+                assert!(roll.abs() < 1e-14, "{}: {roll:e}", body_name(b));
+            }
+            for gap in [
+                rotation.norm(),
+                (derivative(|t| at(t, b).position, t) - now.velocity).norm(),
+                (derivative(|t| at(t, b).velocity, t) - now.acceleration).norm(),
+                (derivative(|t| at(t, b).angular_velocity, t) - now.angular_acceleration).norm(),
+            ] {
+                worst[b] = worst[b].max(gap);
+            }
+        }
+    }
+    for b in 0..BODIES {
+        println!("{}: {:.1e}", body_name(b), worst[b]);
+        assert!(worst[b] < DIFFERENCES, "{}: {:e}", body_name(b), worst[b]);
+    }
+}
+
+/// Angles of a Hooke joint: about x of the yoke, then about y of the bar.
+fn hooke_angles(motion: &Motion, yoke: usize) -> [f64; 2] {
+    let m = motion.bodies[yoke].rotation.tr_mul(&motion.bodies[TELESCOPE_UPPER].rotation);
+    let first = m[(2, 1)].atan2(m[(1, 1)]);
+    let second = m[(0, 2)].atan2(m[(0, 0)]);
+    [first, second]
+}
+
+#[test]
+fn passive_joint_rates_are_derivatives_of_passive_joint_angles() {
+    let g = nominal_plant().geometry;
+    let at = |t: f64| Motion::assembled(&g, &along(t)).unwrap();
+    let mut worst = 0f64;
+    for t in times() {
+        let now = at(t);
+        worst = worst.max((derivative(|t| at(t).telescope.length, t) - now.telescope.rate).abs());
+        for (joint, yoke) in [ROTOR, END_EFFECTOR].into_iter().enumerate() {
+            // The cross holds: the yoke's x is normal to the bar's y.
+            let cross = now.bodies[yoke].rotation.column(0).dot(&now.bodies[TELESCOPE_UPPER].rotation.column(1));
+            assert!(cross.abs() < 1e-14, "{cross:e}");
+            for i in 0..2 {
+                let rate = derivative(|t| hooke_angles(&at(t), yoke)[i], t);
+                worst = worst.max((rate - now.hooke_rates()[joint][i]).abs());
+            }
+        }
+        for socket in 0..SOCKETS {
+            // Seen from the ball's body, the strut's axis turns with the socket rate; the struts' own roll is zero.
+            let (strut, ball) = Motion::socket_bodies(socket);
+            let seen = |m: &Motion| m.bodies[ball].rotation.tr_mul(&m.strut_axis[strut - STRUT]);
+            let turning = now.bodies[ball].rotation * derivative(|t| seen(&at(t)), t);
+            let axis = now.strut_axis[strut - STRUT];
+            worst = worst.max((now.socket_rate(socket).cross(&axis) - turning).norm());
+            let roll = (now.socket_rate(socket) + now.bodies[ball].angular_velocity).dot(&axis);
+            assert!(roll.abs() < 1e-14, "{roll:e}");
+        }
+        assert_eq!(now.bodies[TELESCOPE_LOWER].angular_velocity, now.bodies[TELESCOPE_UPPER].angular_velocity);
+    }
+    println!("passive joints: {worst:.1e}");
+    assert!(worst < DIFFERENCES, "{worst:e}");
+}
+
+#[test]
+fn poses_beyond_the_limits_name_the_limit() {
+    let g = nominal_plant().geometry;
+    let home = g.forward(&[0.3; 3]).unwrap();
+    let [min, max] = g.arm_limits;
+    for arm in 0..3 {
+        for angle in [min - 1e-9, max + 1e-9, f64::NAN] {
+            let mut q = [0.3; 3];
+            q[arm] = angle;
+            let refused =
+                matches!(g.check_limits(&q, &home), Err(KinematicsError::ArmLimit { arm: a, .. }) if a == arm);
+            assert!(refused, "arm {arm} at {angle}");
+        }
+        for angle in [min, max] {
+            let mut q = [0.3; 3];
+            q[arm] = angle;
+            assert_eq!(g.check_limits(&q, &home), Ok(()));
+        }
+    }
+    let [shortest, longest] = g.telescope_limits;
+    let below = |length: f64| Vector3::z() * (g.upper_hooke_height - g.lower_hooke_height - length);
+    for length in [shortest - 1e-9, longest + 1e-9] {
+        let found = g.check_limits(&[0.3; 3], &below(length));
+        assert!(matches!(found, Err(KinematicsError::TelescopeLimit { .. })), "{length}: {found:?}");
+    }
+    assert_eq!(g.check_limits(&[0.3; 3], &below(0.5 * (shortest + longest))), Ok(()));
+    // 0.2 m + 0.5 m + 1.106 m is as far as a limb goes.
+    let far = g.inverse(&Vector3::new(-1.8, 0.0, -0.5));
+    assert!(matches!(far, Err(KinematicsError::OutOfReach { limb: 0, .. })), "{far:?}");
+    let stubby = Geometry { strut_length: [0.3; 3], ..g };
+    let open = stubby.forward(&[0.0; 3]);
+    assert!(matches!(open, Err(KinematicsError::NoClosure { .. })), "{open:?}");
+}
+
+// Energy.
+
+/// Largest |Στ·q̇ − dE/dt + power of the effects| along the smooth motion, W, and the largest power of the drives.
+fn energy_gap(model: &Model, setup: &Setup) -> (f64, f64) {
+    let plant = Plant::new(model, setup);
+    let (mut worst, mut largest) = (0f64, 0f64);
+    for t in times() {
+        let motion = plant.motion(&along(t)).unwrap();
+        let out = inverse(&plant, &motion);
+        let drives: f64 = out.tau.iter().zip(&motion.qd).map(|(tau, rate)| tau * rate).sum();
+        let effects: f64 = plant.effects.iter().map(|a| power(&plant, a, &motion, &out.reactions).0).sum();
+        let stored = derivative(|t| energy::total(&plant, &plant.motion(&along(t)).unwrap()), t);
+        worst = worst.max((drives - stored + effects).abs());
+        largest = largest.max(drives.abs());
+    }
+    (worst, largest)
+}
+
+#[test]
+fn drives_pay_for_stored_energy_and_friction() {
+    let mut rng = rng(7);
+    let mut rigid = model(NOMINAL);
+    rigid.effects.clear();
+    let everything = model_with_everything(&mut rng);
+    for (what, model) in
+        [("rigid", rigid), (NOMINAL, model(NOMINAL)), (TRUTH, model(TRUTH)), ("everything", everything)]
+    {
+        for setup in [Setup::default(), payload()] {
+            let (gap, size) = energy_gap(&model, &setup);
+            println!("{what}: {gap:.1e} W of {size:.0} W");
+            // The energy, up to 100 J, is differenced: see `DIFFERENCES`.
+            assert!(gap < DIFFERENCES, "{what}: {gap:e} W");
+        }
+    }
+}
+
+// Ball sockets, from positions alone.
+
+/// ∂ω_rel/∂φ̇ⱼ at every socket and for every arm, by differences of strut directions over the arm angles.
+fn socket_rate_jacobian(g: &Geometry, q: [f64; 4]) -> [[Vector3<f64>; 3]; SOCKETS] {
+    let axis = |q: &[f64; 4], limb: usize| {
+        let radial = Vector3::new(Geometry::azimuth(limb).cos(), Geometry::azimuth(limb).sin(), 0.0);
+        let elbow =
+            radial * (g.base_radius + g.arm_length * q[limb].cos()) - Vector3::z() * g.arm_length * q[limb].sin();
+        (g.forward(q).unwrap() + radial * g.platform_radius - elbow).normalize()
+    };
+    std::array::from_fn(|socket| {
+        let limb = socket % 6 / 2;
+        std::array::from_fn(|j| {
+            let moved = |dq: f64| {
+                let mut q = q;
+                q[j] += dq;
+                axis(&q, limb)
+            };
+            // A strut that does not roll turns with u × u̇.
+            let strut = moved(0.0).cross(&derivative(moved, 0.0));
+            let turns_with_arm = socket < 6 && j == limb;
+            let azimuth = Geometry::azimuth(limb);
+            let arm = Vector3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+            if turns_with_arm { strut - arm } else { strut }
+        })
+    })
+}
+
+#[test]
+fn socket_friction_reaches_each_drive_by_virtual_work() {
+    let rigid = nominal_plant();
+    let viscous = common::with_effect(nominal_plant(), "ball_socket_viscous", &[&[0.30]]);
+    let coulomb = common::with_effect(nominal_plant(), "ball_socket_coulomb", &[&[0.25], &[0.05]]);
+    let loaded = common::with_effect(nominal_plant(), "ball_socket_load_dependent", &[&[0.15], &[0.0095], &[0.05]]);
+    let mut rng = rng(8);
+    let mut worst = [0f64; 3];
+    for _ in 0..100 {
+        let joints = random_joints(&rigid, &mut rng);
+        let motion = rigid.motion(&joints).unwrap();
+        let base = inverse(&rigid, &motion);
+        let jacobian = socket_rate_jacobian(&rigid.geometry, joints.q);
+        let rates = jacobian.map(|columns| (0..3).map(|j| columns[j] * joints.qd[j]).sum::<Vector3<f64>>());
+        let saturated = |w: &Vector3<f64>| (w.norm() / 0.05).tanh() / w.norm();
+        for (case, plant) in [&viscous, &coulomb, &loaded].into_iter().enumerate() {
+            let out = inverse(plant, &motion);
+            let forces = [out.reactions.upper, out.reactions.lower].concat();
+            let coefficient = |socket: usize| match case {
+                0 => 0.30,
+                1 => 0.25 * saturated(&rates[socket]),
+                _ => 0.15 * 0.0095 * forces[socket].abs() * saturated(&rates[socket]),
+            };
+            let mut dissipated = 0.0;
+            for socket in 0..SOCKETS {
+                dissipated += coefficient(socket) * rates[socket].norm_squared();
+            }
+            let mut drives = 0.0;
+            for j in 0..3 {
+                let friction = out.tau[j] - base.tau[j];
+                let want: f64 = (0..SOCKETS).map(|s| coefficient(s) * rates[s].dot(&jacobian[s][j])).sum();
+                worst[case] = worst[case].max((friction - want).abs());
+                drives += friction * joints.qd[j];
+            }
+            worst[case] = worst[case].max((drives - dissipated).abs());
+            assert!((out.tau[3] - base.tau[3]).abs() < 1e-12, "sockets do not load axis 4"); // rounding
+        }
+    }
+    println!("socket friction: {worst:?} N·m or W");
+    // Rounding of the differences, 2ε/h = 1e-12 per rate, times rates up to 10 rad/s, slopes 0.25/0.05 and 12 sockets.
+    assert!(worst.iter().all(|w| *w < DIFFERENCES), "{worst:?}");
+}

@@ -1,0 +1,116 @@
+//! Round trips through the twin: long runs, identification, diagnosis.
+
+use std::path::Path;
+
+use deltatwin::diagnosis::{Verdict, diagnose};
+use deltatwin::dynamics::Plant;
+use deltatwin::effects::{ActiveEffect, find};
+use deltatwin::identification::{Trace, fit};
+use deltatwin::model::Model;
+use deltatwin::recording::{Recording, Setup};
+use deltatwin::scenario::{FourierMotion, MotionLimits};
+use deltatwin::twin::{Options, Report, simulate};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+fn model(name: &str) -> Model {
+    Model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model")
+}
+
+fn run(robot: &Model, seed: u64, duration: f64, noise: bool) -> (Recording, Report) {
+    let nominal = model("irb360-6-1600");
+    let setup = Setup { torque_noise: Some([0.4, 0.4, 0.4, 0.05]), ..Setup::default() };
+    let believed = Plant::new(&nominal, &setup);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.45), 0.1, 10, &mut rng);
+    let options = Options { duration, noise_seed: noise.then_some(seed), ..Options::default() };
+    simulate(robot, &setup, &believed, &|t| motion.at(t), &options, &mut |_| true).expect("a feasible motion")
+}
+
+#[test]
+fn twenty_seconds_with_all_frictions_keep_loops_closed_and_energy_balanced() {
+    let (recording, report) = run(&model("irb360-6-1600-truth"), 5, 20.0, true);
+    println!(
+        "gap {:.1e} m, rate {:.1e} m/s, energy {:.1e}, tracking {:?} rad",
+        report.max_loop_gap, report.max_loop_rate, report.energy_error, report.tracking_error
+    );
+    assert_eq!(recording.signals.len(), 50_000);
+    assert!(report.max_loop_gap < 1e-10, "{:e}", report.max_loop_gap);
+    assert!(report.max_loop_rate < 1e-9, "{:e}", report.max_loop_rate);
+    assert!(report.energy_error < 1e-7, "{:e}", report.energy_error);
+    assert!(report.tracking_error[..3].iter().all(|e| *e < 0.05), "{:?}", report.tracking_error);
+}
+
+/// The robot of the paper's model, a few percent away from it.
+fn perturbed() -> Model {
+    let mut robot = model("irb360-6-1600");
+    deltatwin::demo::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
+    robot
+}
+
+/// Base parameters of `robot` in the combinations of a fit.
+fn true_base(robot: &Model, base: &[deltatwin::identification::BaseParameter]) -> Vec<f64> {
+    let parameters = Plant::new(robot, &Setup::default()).parameters();
+    let value = |name: &str| parameters.iter().find(|p| p.name == name).expect("a parameter").value;
+    base.iter().map(|b| value(&b.name) + b.others.iter().map(|(n, f)| f * value(n)).sum::<f64>()).collect()
+}
+
+#[test]
+fn noise_free_data_return_the_base_parameters() {
+    let robot = perturbed();
+    let (recording, _) = run(&robot, 2, 10.0, false);
+    let trace = Trace::new(&recording);
+    let nominal = model("irb360-6-1600");
+    let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let truth = true_base(&robot, &fitted.base);
+    for (b, truth) in fitted.base.iter().zip(&truth) {
+        let error = ((b.value - truth) / truth).abs();
+        println!("{:<50} {:>10.5} {error:.1e}", b.name, b.value);
+    }
+    for (b, truth) in fitted.base.iter().zip(&truth) {
+        // Combinations of the telescope's tiny spin inertia are below the accuracy of the derivatives.
+        let resolution = 3e-7;
+        assert!((b.value - truth).abs() < 1e-4 * truth.abs() + resolution, "{}: {} {truth}", b.name, b.value);
+    }
+}
+
+#[test]
+fn noisy_data_return_the_base_parameters_within_three_standard_errors() {
+    let robot = perturbed();
+    let (recording, _) = run(&robot, 3, 10.0, true);
+    let trace = Trace::new(&recording);
+    let nominal = model("irb360-6-1600");
+    let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let truth = true_base(&robot, &fitted.base);
+    for (b, truth) in fitted.base.iter().zip(&truth) {
+        println!("{:<50} {:>10.5} ± {:.5}: {:+.1} σ", b.name, b.value, b.std, (b.value - truth) / b.std);
+    }
+    for (b, truth) in fitted.base.iter().zip(&truth) {
+        assert!((b.value - truth).abs() < 3.0 * b.std, "{}: {} ± {} {truth}", b.name, b.value, b.std);
+    }
+}
+
+#[test]
+fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
+    let mut robot = perturbed();
+    robot.effects.push(ActiveEffect::new(find("ball_socket_coulomb").unwrap(), &[&[0.3], &[0.05]]));
+    let (recording, _) = run(&robot, 4, 10.0, true);
+    let (held, _) = run(&robot, 14, 8.0, true);
+    let nominal = model("irb360-6-1600");
+    let d = diagnose(&nominal, &[Trace::new(&recording)], &[Trace::new(&held)], &mut |_| {}).unwrap();
+    assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.effects);
+    assert_eq!(d.effects[0].name, "ball_socket_coulomb");
+    let p = &d.effects[0].parameters[0];
+    assert!((p.value - 0.3).abs() < 4.0 * p.std + 0.003, "{} ± {}", p.value, p.std);
+    for (after, floor) in d.rms_after.iter().zip(&d.noise_floor) {
+        assert!(*after < 1.1 * floor, "{:?} {:?}", d.rms_after, d.noise_floor);
+    }
+}
+
+#[test]
+fn nothing_hidden_is_nothing_found() {
+    let (recording, _) = run(&perturbed(), 6, 10.0, true);
+    let d = diagnose(&model("irb360-6-1600"), &[Trace::new(&recording)], &[], &mut |_| {}).unwrap();
+    assert_eq!(d.verdict, Verdict::None, "{:?}", d.effects);
+    assert!(d.effects.is_empty());
+}
