@@ -24,4 +24,11 @@ pub mod diagnosis;
 
 pub mod report;
 
+pub mod check;
+
+#[cfg(feature = "viewer")]
+pub mod replay;
+
+pub mod terminal;
+
 pub mod demo;

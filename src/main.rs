@@ -1,12 +1,40 @@
-//! The `deltatwin` command.
+//! The `deltatwin` command line.
+
+mod cli;
+
+use std::process::ExitCode;
+
 use clap::Parser;
-#[derive(Parser)]
-struct Cli {
-    #[command(flatten)]
-    args: deltatwin::demo::command::Args,
+use cli::{Cli, Command};
+use deltatwin::{check, comparison, demo, diagnosis, effects, identification, recording, terminal, twin};
+use miette::MietteHandlerOpts;
+
+fn main() -> ExitCode {
+    // Paths and lines of an error stay whole for whoever searches in them.
+    miette::set_hook(Box::new(|_| Box::new(MietteHandlerOpts::new().wrap_lines(false).build())))
+        .expect("no other handler is installed");
+    match run(Cli::parse().command.unwrap_or_else(|| Command::Demo(demo::command::Args::default()))) {
+        Ok(status) => ExitCode::from(status),
+        Err(report) => {
+            eprintln!("{report:?}");
+            ExitCode::from(terminal::BAD_INPUT)
+        }
+    }
 }
-fn main() -> miette::Result<()> {
-    let c = Cli::parse();
-    let code = deltatwin::demo::command::run(&c.args)?;
-    std::process::exit(code.into())
+
+fn run(command: Command) -> miette::Result<u8> {
+    match &command {
+        Command::Demo(args) => demo::command::run(args),
+        Command::Simulate(args) => twin::command::run(args),
+        Command::Import(args) => recording::command::import::run(args),
+        Command::Export(args) => recording::command::export::run(args),
+        Command::Identify(args) => identification::command::run(args),
+        Command::Compare(args) => comparison::command::run(args),
+        Command::Diagnose(args) => diagnosis::command::diagnose::run(args),
+        Command::Add(args) => diagnosis::command::add::run(args),
+        Command::Effects(args) => effects::command::run(args),
+        #[cfg(feature = "viewer")]
+        Command::Replay(args) => deltatwin::replay::command::run(args),
+        Command::Check(args) => check::command::run(args),
+    }
 }

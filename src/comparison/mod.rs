@@ -1,5 +1,7 @@
 //! How far model and measurement are apart, and where.
 
+pub mod command;
+
 use crate::dynamics::Channel;
 use crate::identification::Trace;
 use crate::identification::fit::{FitError, channel_rms, residuals};

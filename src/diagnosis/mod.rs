@@ -3,6 +3,7 @@
 //! The statistics stand in [`crate::evidence`]; this module states the hypotheses in the robot's terms and reads the
 //! outcome back into them.
 
+pub mod command;
 mod problem;
 
 use thiserror::Error;

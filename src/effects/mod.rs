@@ -19,6 +19,7 @@ mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
 mod ball_socket_viscous;
 mod base_tilt;
+pub mod command;
 mod drive_coulomb_asymmetry;
 mod drive_friction;
 mod drive_stribeck;

@@ -4,13 +4,16 @@
 //! predicted channels and their derivatives by parameter; [`fit`] is weighted least squares on what the data can tell.
 
 pub mod base_parameters;
+pub mod command;
 pub mod consistency;
+pub mod data;
 pub mod filtering;
 pub mod fit;
 pub mod prediction;
 pub mod trace;
 
 pub use base_parameters::{BaseParameter, base_parameters};
+pub use data::{Data, DataArgs};
 pub use fit::{Estimate, Fit, FitError, fit};
 pub use prediction::{columns, predict};
 pub use trace::Trace;

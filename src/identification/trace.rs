@@ -98,6 +98,14 @@ impl Trace {
         self.t.is_empty()
     }
 
+    /// Keeps only `channels`, in their order; those the trace does not have stay missing.
+    pub fn restrict(&mut self, channels: &[Channel]) {
+        let place = |c: &Channel| self.channels.iter().position(|own| own == c);
+        let kept: Vec<usize> = channels.iter().filter_map(place).collect();
+        self.measured = kept.iter().map(|&i| std::mem::take(&mut self.measured[i])).collect();
+        self.channels = kept.iter().map(|&i| self.channels[i]).collect();
+    }
+
     /// Noise standard deviation of each channel: stated in the setup, else estimated from the channel's differences,
     /// else that of the model.
     pub fn noise(&self, model: &Model) -> Vec<f64> {

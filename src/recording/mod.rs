@@ -3,6 +3,7 @@
 //! Only `csv.rs`, `mcap.rs` and `rerun.rs` know file formats.
 
 mod check;
+pub mod command;
 pub mod csv;
 mod error;
 mod file;

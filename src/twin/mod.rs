@@ -1,5 +1,6 @@
 //! The machine in absolute coordinates: fourteen bodies, 84 velocities, 74 constraint rows.
 
+pub mod command;
 pub mod constraints;
 pub mod controller;
 pub mod energy;

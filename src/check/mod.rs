@@ -1,0 +1,143 @@
+//! What a file is and whether it is right: models, scenarios, setups, recordings.
+
+pub mod command;
+
+use std::path::Path;
+
+use miette::{IntoDiagnostic, WrapErr, miette};
+use toml::de::DeTable;
+
+use crate::model::{Model, check};
+use crate::recording::{Configuration, Recording, Setup, mcap};
+use crate::scenario::{Course, Scenario};
+
+/// Kinds of files deltatwin reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Description of a machine.
+    Model,
+    /// Description of a run.
+    Scenario,
+    /// What is known about a measurement.
+    Setup,
+    /// Measurement or simulated run.
+    Recording,
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Model => "model",
+            Self::Scenario => "scenario",
+            Self::Setup => "setup",
+            Self::Recording => "recording",
+        })
+    }
+}
+
+/// A file without mistakes.
+#[derive(Clone, Debug)]
+pub struct Verified {
+    /// What it is.
+    pub kind: Kind,
+    /// Its content in a sentence.
+    pub summary: String,
+    /// What is odd about it.
+    pub warnings: Vec<String>,
+}
+
+/// Checks a file of any kind.
+pub fn check(path: &Path) -> miette::Result<Verified> {
+    let kind = kind(path)?;
+    let (summary, warnings) = match kind {
+        Kind::Model => (check::check_file(path)?, Vec::new()),
+        Kind::Scenario => (scenario(path)?, Vec::new()),
+        Kind::Setup => (setup(&Setup::read(path)?), Vec::new()),
+        Kind::Recording => recording(path)?,
+    };
+    Ok(Verified { kind, summary, warnings })
+}
+
+/// What `path` is: TOML by its keys, everything else is a recording.
+pub fn kind(path: &Path) -> miette::Result<Kind> {
+    if path.is_dir() {
+        return Err(miette!("{}: is a folder; expected a file", path.display()));
+    }
+    if mcap::is_mcap(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+        return Ok(Kind::Recording);
+    }
+    let text = std::fs::read_to_string(path)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("{}: cannot be read", path.display()))?;
+    if path.to_string_lossy().ends_with(".setup.toml") {
+        return Ok(Kind::Setup);
+    }
+    // The model reader reports what is wrong with the TOML itself.
+    let Ok(table) = DeTable::parse(&text) else { return Ok(Kind::Model) };
+    let has = |keys: &[&str]| keys.iter().any(|k| table.get_ref().contains_key(*k));
+    if has(&["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]) {
+        Ok(Kind::Model)
+    } else if has(&["motion", "duration", "controller_model", "model", "substeps"]) {
+        Ok(Kind::Scenario)
+    } else if has(&["configuration", "payload", "noise"]) {
+        Ok(Kind::Setup)
+    } else {
+        Err(miette!(
+            "{}: is TOML of no kind that is known; expected a model ([geometry], [bodies], …), a scenario (model, \
+             duration, [motion], …) or a setup (configuration, [payload], …)",
+            path.display()
+        ))
+    }
+}
+
+fn scenario(path: &Path) -> miette::Result<String> {
+    let scenario = Scenario::read(path)?;
+    let machine = Model::read(&scenario.model)?;
+    let controller = scenario.controller_model.as_deref().map(Model::read).transpose()?;
+    let planning = controller.as_ref().unwrap_or(&machine);
+    scenario.motion(planning).into_diagnostic().wrap_err_with(|| path.display().to_string())?;
+    let course = match &scenario.motion {
+        Course::RandomFourier { .. } => "random Fourier series",
+        Course::Fourier(_) => "Fourier series",
+    };
+    let sensors = scenario.strut_sensors.iter().filter(|s| **s).count();
+    Ok(format!(
+        "{} s of a {course} on {}, feed-forward from {}, {}, {}, {sensors} strut force sensors; the motion can be reached.",
+        scenario.duration,
+        machine.name,
+        planning.name,
+        payload(&scenario.setup),
+        if scenario.noise { "noisy" } else { "no noise" },
+    ))
+}
+
+fn payload(setup: &Setup) -> String {
+    match setup.payload.mass {
+        0.0 => "no payload".into(),
+        m => format!("payload {m} kg"),
+    }
+}
+
+fn setup(setup: &Setup) -> String {
+    let configuration = match setup.configuration {
+        Configuration::Assembled => "assembled",
+        Configuration::Disassembled => "disassembled",
+    };
+    let noise = if setup.torque_noise.is_some() { ", torque noise stated" } else { "" };
+    format!("{configuration}, {}{noise}.", payload(setup))
+}
+
+fn recording(path: &Path) -> miette::Result<(String, Vec<String>)> {
+    let (recording, warnings) = Recording::read(path, None)?;
+    let s = &recording.signals;
+    let duration = s.t.last().zip(s.t.first()).map_or(0.0, |(b, a)| b - a);
+    let forces = s.strut_upper.iter().chain(&s.strut_lower).flatten().count();
+    let summary = format!(
+        "{} samples over {duration:.4} s every {:.1} µs in {} stretch(es), {forces} strut forces; {}",
+        s.len(),
+        1e6 * s.sample_time(),
+        s.stretches().len(),
+        setup(&recording.setup),
+    );
+    Ok((summary, warnings))
+}

@@ -1,0 +1,29 @@
+//! The commands.
+
+use clap::{Parser, Subcommand};
+use deltatwin::{check, comparison, demo, diagnosis, effects, identification, recording, twin};
+
+/// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
+#[derive(Parser)]
+#[command(version, after_help = "Without a command, deltatwin runs the demo. Example: deltatwin demo --seed 7")]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// One variant per command.
+#[derive(Subcommand)]
+pub enum Command {
+    Demo(demo::command::Args),
+    Simulate(twin::command::Args),
+    Import(recording::command::import::Args),
+    Export(recording::command::export::Args),
+    Identify(identification::command::Args),
+    Compare(comparison::command::Args),
+    Diagnose(diagnosis::command::diagnose::Args),
+    Add(diagnosis::command::add::Args),
+    Effects(effects::command::Args),
+    #[cfg(feature = "viewer")]
+    Replay(deltatwin::replay::command::Args),
+    Check(check::command::Args),
+}

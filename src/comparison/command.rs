@@ -1,0 +1,78 @@
+//! `deltatwin compare`.
+
+use std::path::PathBuf;
+
+use miette::IntoDiagnostic;
+use serde_json::{Map, Value, json};
+
+use super::{Comparison, Finding, compare};
+use crate::dynamics::Channel;
+use crate::identification::{Data, DataArgs};
+use crate::model::Model;
+use crate::terminal::{DONE, Table, channel_names, insert_channels, say, spinner, warn};
+
+/// Show where a model fails to predict recordings.
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Example: deltatwin compare models/irb360-6-1600.toml run.mcap")]
+pub struct Args {
+    /// Model file.
+    pub model: PathBuf,
+    #[command(flatten)]
+    data: DataArgs,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let model = Model::read(&args.model)?;
+    let data = Data::read(&args.data)?;
+    warn(&data.warnings);
+    let progress = spinner("compare");
+    let comparison = compare(&model, &data.traces, &data.held_out);
+    progress.finish_and_clear();
+    let comparison = comparison.into_diagnostic()?;
+    if args.json { say(json(&comparison)) } else { print(&comparison) }?;
+    Ok(DONE)
+}
+
+fn json(c: &Comparison) -> Value {
+    let mut object = Map::new();
+    object.insert("channels".into(), channel_names(&c.channels));
+    insert_channels(&mut object, "rms", &c.rms);
+    insert_channels(&mut object, "noise_floor", &c.noise_floor);
+    match &c.held_out_rms {
+        Some(rms) => insert_channels(&mut object, "held_out_rms", rms),
+        None => drop(object.insert("held_out_rms".into(), Value::Null)),
+    }
+    let finding = |f: &Finding| {
+        let axis = match f.channel {
+            Channel::Torque(i) => Some(i + 1),
+            _ => None,
+        };
+        json!({
+            "axis": axis,
+            "channel": f.channel.to_string(),
+            "where": f.place,
+            "share": f.share,
+            "sentence": f.sentence,
+        })
+    };
+    object.insert("findings".into(), c.findings.iter().map(finding).collect());
+    Value::Object(object)
+}
+
+fn print(c: &Comparison) -> miette::Result<()> {
+    let series = [
+        ("model", Some(&c.rms[..])),
+        ("held out", c.held_out_rms.as_deref()),
+        ("noise floor", Some(&c.noise_floor[..])),
+    ];
+    say(Table::of_channels(&c.channels, &series))?;
+    if c.findings.is_empty() {
+        return say("\n  Nothing stands out.");
+    }
+    say("")?;
+    c.findings.iter().try_for_each(|f| say(format!("  {}", f.sentence)))
+}

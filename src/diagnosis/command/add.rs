@@ -1,0 +1,83 @@
+//! `deltatwin add`.
+
+use std::path::PathBuf;
+
+use miette::IntoDiagnostic;
+use serde_json::{Map, Value};
+
+use crate::diagnosis::{Addition, add, parameters_of};
+use crate::identification::{Data, DataArgs, Estimate};
+use crate::model::Model;
+use crate::terminal::{
+    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
+};
+
+/// Add an effect to a model, refit, and see the error fall.
+#[derive(clap::Args, Clone, Debug)]
+#[command(
+    after_help = "Example: deltatwin add models/irb360-6-1600.toml ball_socket_coulomb run.mcap -o with-sockets.toml"
+)]
+pub struct Args {
+    /// Model file; it stays as it is.
+    pub model: PathBuf,
+    /// Name of the effect, see `deltatwin effects`.
+    pub effect: String,
+    #[command(flatten)]
+    data: DataArgs,
+    /// Model file to write.
+    #[arg(short, long, value_name = "MODEL2")]
+    pub output: PathBuf,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let model = Model::read(&args.model)?;
+    crate::effects::command::known(&args.effect)?;
+    let mut inputs = Data::inputs(&args.data);
+    inputs.push(&args.model);
+    check_output(&args.output, &inputs, &["toml"])?;
+    let data = Data::read(&args.data)?;
+    warn(&data.warnings);
+    let progress = spinner(&format!("add {}", args.effect));
+    let addition = add(&model, &args.effect, &data.traces, &data.held_out);
+    progress.finish_and_clear();
+    let addition = addition.into_diagnostic()?;
+    crate::identification::command::write(&addition.fit.model, &args.output)?;
+    let parameters = parameters_of(&addition.fit, &addition.effect);
+    if args.json {
+        say(json(&addition, &parameters, &data, args))?;
+    } else {
+        print(&addition, &parameters, &data, args)?;
+    }
+    Ok(DONE)
+}
+
+fn json(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> Value {
+    let mut object = Map::new();
+    object.insert("effect".into(), a.effect.clone().into());
+    object.insert("channels".into(), channel_names(data.channels()));
+    insert_channels(&mut object, "rms_before", &a.rms_before);
+    insert_channels(&mut object, "rms_after", &a.rms_after);
+    insert_channels(&mut object, "noise_floor", &a.noise_floor);
+    object.insert("parameters".into(), estimates(parameters));
+    object.insert("model".into(), path(&args.output));
+    Value::Object(object)
+}
+
+fn print(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> miette::Result<()> {
+    let mut table = Table::new(&[&a.effect, "value", "std", "unit"], &[3]);
+    for p in parameters {
+        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
+    }
+    say(table)?;
+    let series = [
+        ("before", Some(&a.rms_before[..])),
+        ("after", Some(&a.rms_after[..])),
+        ("noise floor", Some(&a.noise_floor[..])),
+    ];
+    say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
+    say(format!("\n  Wrote {}", args.output.display()))
+}

@@ -1,0 +1,4 @@
+//! `deltatwin diagnose` and `deltatwin add`.
+
+pub mod add;
+pub mod diagnose;

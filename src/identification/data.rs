@@ -1,0 +1,88 @@
+//! Recordings that are used together: the traces of several files with the channels they have in common.
+
+use std::path::{Path, PathBuf};
+
+use super::Trace;
+use crate::dynamics::Channel;
+use crate::recording::{ReadError, Recording};
+
+/// What several commands take as data.
+#[derive(clap::Args, Clone, Debug)]
+pub struct DataArgs {
+    /// Recordings (CSV or MCAP), used together.
+    #[arg(required = true, value_name = "DATA")]
+    pub data: Vec<PathBuf>,
+    /// A recording to judge by that the fit does not see; may be given several times.
+    #[arg(long, value_name = "DATA")]
+    pub held_out: Vec<PathBuf>,
+    /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
+    #[arg(long, value_name = "FILE")]
+    pub setup: Option<PathBuf>,
+}
+
+/// Traces to fit to and traces to judge by, all with the same channels.
+pub struct Data {
+    /// Traces to fit to.
+    pub traces: Vec<Trace>,
+    /// Traces to judge by.
+    pub held_out: Vec<Trace>,
+    /// What was noticed and repaired or left out.
+    pub warnings: Vec<String>,
+}
+
+impl Data {
+    /// Channels of all traces.
+    pub fn channels(&self) -> &[Channel] {
+        self.traces.first().map_or(&[], |t| &t.channels)
+    }
+
+    /// Reads all recordings and keeps the channels they have in common.
+    pub fn read(args: &DataArgs) -> Result<Self, ReadError> {
+        let mut warnings = Vec::new();
+        let mut traces = Vec::new();
+        for file in args.data.iter().chain(&args.held_out) {
+            traces.push(trace(file, args.setup.as_deref(), &mut warnings)?);
+        }
+        warnings.extend(keep_common_channels(&mut traces));
+        let held_out = traces.split_off(args.data.len());
+        Ok(Self { traces, held_out, warnings })
+    }
+
+    /// Input files, which no output may replace.
+    pub fn inputs(args: &DataArgs) -> Vec<&Path> {
+        args.data.iter().chain(&args.held_out).chain(&args.setup).map(PathBuf::as_path).collect()
+    }
+}
+
+fn trace(file: &Path, setup: Option<&Path>, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
+    let (recording, noticed) = Recording::read(file, setup)?;
+    warnings.extend(noticed);
+    let trace = Trace::new(&recording);
+    if trace.is_empty() {
+        let samples = recording.signals.len();
+        return Err(ReadError::Content {
+            file: file.into(),
+            problem: format!("has {samples} samples, of which differentiation leaves none"),
+            expected: "a longer stretch without gaps".into(),
+        });
+    }
+    Ok(trace)
+}
+
+/// Drops the channels that not all traces have; says what was dropped.
+fn keep_common_channels(traces: &mut [Trace]) -> Vec<String> {
+    let Some(first) = traces.first() else { return Vec::new() };
+    let in_all = |c: &Channel| traces.iter().all(|t| t.channels.contains(c));
+    let common: Vec<Channel> = first.channels.iter().copied().filter(in_all).collect();
+    let mut warnings = Vec::new();
+    for trace in traces {
+        let dropped: Vec<String> =
+            trace.channels.iter().filter(|c| !common.contains(c)).map(Channel::to_string).collect();
+        if !dropped.is_empty() {
+            let what = dropped.join(", ");
+            warnings.push(format!("{}: {what} left out, other recordings do not have it", trace.name));
+        }
+        trace.restrict(&common);
+    }
+    warnings
+}

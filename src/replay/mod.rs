@@ -1,0 +1,55 @@
+//! A recording as a moving robot with measured and predicted torques in Rerun.
+
+pub mod command;
+
+use std::path::Path;
+
+use miette::IntoDiagnostic;
+
+use crate::dynamics::Plant;
+use crate::identification::{Trace, predict};
+use crate::model::{AXES, Model};
+use crate::recording::Recording;
+use crate::recording::rerun::{Scene, Series, measured, write_rrd};
+
+/// Frames per second of the moving robot.
+const FRAMES: f64 = 50.0;
+const PREDICTED: [u8; 3] = [40, 40, 40];
+const RESIDUAL: [u8; 3] = [200, 60, 60];
+
+/// Writes `recording` as an `.rrd` file beside what `model` predicts for it.
+pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Result<()> {
+    let trace = Trace::new(recording);
+    let plant = Plant::new(model, &recording.setup);
+    let predicted = predict(&plant, &trace).into_diagnostic()?;
+    let noise = trace.noise(model);
+    let mut series = measured(recording);
+    for axis in 0..AXES {
+        let left = trace.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
+        let mut add = |path: String, values: Vec<f64>, color, label: &str| {
+            series.push(Series { path, times: trace.t.clone(), values, color, label: label.into() });
+        };
+        let axis_name = format!("axis{}", axis + 1);
+        add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, "model [N·m]");
+        add(format!("residual/{axis_name}/residual"), left, RESIDUAL, "residual [N·m]");
+    }
+    let stride = (1.0 / FRAMES / trace.dt).round().max(1.0) as usize;
+    let frames: Vec<usize> = (0..trace.len()).step_by(stride).collect();
+    let times: Vec<f64> = frames.iter().map(|&k| trace.t[k]).collect();
+    let motions: Vec<_> =
+        frames.iter().map(|&k| plant.motion(&trace.joints[k])).collect::<Result<_, _>>().into_diagnostic()?;
+    // Mean over a frame: single samples are noise.
+    let residual: Vec<[f64; AXES]> = frames
+        .iter()
+        .map(|&k| {
+            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(trace.len());
+            std::array::from_fn(|i| {
+                let sum: f64 = window.clone().map(|k| trace.measured[i][k] - predicted[i][k]).sum();
+                sum / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
+            })
+        })
+        .collect();
+    let scene =
+        Scene { times: &times, motions: &motions, geometry: &plant.geometry, series, residual: Some(&residual) };
+    write_rrd(path, &recording.name, &scene).into_diagnostic()
+}
