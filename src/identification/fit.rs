@@ -7,6 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
+use super::filtering::MIN_HALF_WIDTH;
 use super::prediction::{Channels, columns, predict};
 use super::{BaseParameter, Trace, base_parameters, consistency};
 use crate::dynamics::{Plant, PlantParameter, set_parameters};
@@ -73,6 +74,8 @@ const MAX_ITERATIONS: usize = 8;
 /// Fall of the weighted sum of squares, in units of its mean per row, that still counts as progress: a parameter moved by
 /// its own standard error changes it by one.
 const PROGRESS: f64 = 0.5;
+/// Rounds of trimmed least squares on data without encoder noise.
+const CLEAN_ROUNDS: usize = 4;
 /// Blocks of time for the standard errors.
 const BLOCKS: usize = 50;
 /// Information (1/variance, in units of the parameters' own size) below which a direction counts as unknown.
@@ -121,6 +124,17 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
             break;
         }
     }
+    if traces.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH)) {
+        // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
+        for _ in 0..CLEAN_ROUNDS {
+            let trimmed = trimmed(&residuals);
+            let system = System::new(&model, traces, noise, &trimmed)?;
+            let mut next = model.clone();
+            set_parameters(&mut next, &system.moved(&system.step(), 1.0));
+            residuals = self::residuals(&next, traces)?;
+            model = next;
+        }
+    }
     let mut system = System::new(&model, traces, noise, &residuals)?;
     let covariance = system.covariance();
     let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
@@ -147,6 +161,17 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
         .collect();
     let rms = channel_rms(&residuals);
     Ok(Fit { model, parameters, base, residuals, rms })
+}
+
+/// Residuals with those beyond three robust standard deviations of their channel marked as missing.
+fn trimmed(residuals: &[Channels]) -> Vec<Channels> {
+    let trim = |series: &Vec<f64>| {
+        let mut magnitude: Vec<f64> = series.iter().map(|r| r.abs()).collect();
+        let middle = magnitude.len() / 2;
+        let limit = 3.0 * *magnitude.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
+        series.iter().map(|r| if r.abs() > limit { f64::NAN } else { *r }).collect()
+    };
+    residuals.iter().map(|channels| channels.iter().map(trim).collect()).collect()
 }
 
 fn is_nonlinear(model: &Model) -> bool {
@@ -221,8 +246,10 @@ impl System {
                 let range = start..(start + length).min(trace.len());
                 let mut score = DVector::zeros(n);
                 for (c, s) in sigma.iter().enumerate() {
-                    let block = DMatrix::from_fn(range.len(), n, |i, j| all[free[j]][c][range.start + i] / s);
-                    let r = DVector::from_fn(range.len(), |i, _| residual[c][range.start + i] / s);
+                    // Missing residuals (NaN) do not count.
+                    let rows: Vec<usize> = range.clone().filter(|&k| !residual[c][k].is_nan()).collect();
+                    let block = DMatrix::from_fn(rows.len(), n, |i, j| all[free[j]][c][rows[i]] / s);
+                    let r = DVector::from_fn(rows.len(), |i, _| residual[c][rows[i]] / s);
                     information += block.tr_mul(&block);
                     score += block.tr_mul(&r);
                 }

@@ -26,6 +26,13 @@ fn motions(plant: &Plant, trace: &Trace) -> Result<Vec<Motion>, KinematicsError>
 }
 
 fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
+    let mut series = ideal(plant, trace, motions)?;
+    observe(plant, trace, &mut series);
+    Ok(series)
+}
+
+/// Predicted channels before the sensors change them.
+fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let states = own_states(plant, &effects, trace, motions);
     let with_struts = trace.channels.len() > AXES;
@@ -33,7 +40,7 @@ fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Cha
         .into_par_iter()
         .map(|k| inverse_dynamics(plant, trace.t[k], &motions[k], &slices(&states, k, effects.len()), with_struts))
         .collect::<Result<_, _>>()?;
-    let mut series: Channels = trace
+    let series: Channels = trace
         .channels
         .iter()
         .map(|channel| {
@@ -45,7 +52,6 @@ fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Cha
             outputs.iter().map(value).collect()
         })
         .collect();
-    observe(plant, trace, &mut series);
     Ok(series)
 }
 
@@ -130,6 +136,7 @@ pub fn columns(
     };
     let mut out = linear_columns(plant, &effects, trace, &motions)?;
     let mut at = 0;
+    let mut unobserved: Option<Channels> = None;
     for active in &effects {
         let own: Vec<usize> = (at..at + active.values.len()).collect();
         let mut unmoved: Option<Channels> = None;
@@ -139,18 +146,33 @@ pub fn columns(
                 continue;
             }
             let step = 1e-4 * entry.parameter.default.abs().max(1e-6);
-            let moved = if whole {
-                predict(&with(plant, active, Some((k, step)), candidate.is_some()), trace)?
+            let changed = |step| with(plant, active, step, candidate.is_some());
+            let moved = if active.effect.kind() == Kind::Sensor {
+                // Sensors act on what the mechanism does anyway.
+                if unobserved.is_none() {
+                    unobserved = Some(ideal(plant, trace, &motions)?);
+                }
+                let seen = |plant: Plant| {
+                    let mut series = unobserved.clone().unwrap_or_default();
+                    observe(&plant, trace, &mut series);
+                    series
+                };
+                if unmoved.is_none() {
+                    unmoved = Some(seen(changed(None)));
+                }
+                seen(changed(Some((k, step))))
+            } else if whole {
+                predict(&changed(Some((k, step))), trace)?
             } else {
                 // Shape of a force law: only its own contribution moves.
-                let mut changed = (*active).clone();
-                changed.values[k] += step;
-                let columns = linear_columns(plant, &[&changed], trace, &motions)?;
-                weighted(&columns, &changed.values)
+                let mut shaped = (*active).clone();
+                shaped.values[k] += step;
+                let columns = linear_columns(plant, &[&shaped], trace, &motions)?;
+                weighted(&columns, &shaped.values)
             };
             if unmoved.is_none() {
                 unmoved = Some(if whole {
-                    predict(&with(plant, active, None, candidate.is_some()), trace)?
+                    predict(&changed(None), trace)?
                 } else {
                     weighted(&own.iter().map(|&i| &out[i]).collect::<Vec<_>>(), &active.values)
                 });
