@@ -27,16 +27,21 @@ pub fn min_eigenvalue(bodies: &Bodies) -> f64 {
 /// Parameters nearest to `estimate` for which all bodies are possible.
 ///
 /// The first [`rigid_bodies::PARAMETERS`] entries are those of the links `bodies`; `information` is YᵀWY of all entries,
-/// `scale` their own sizes, `prior` what they were before the data. `None` if the solver finds no solution.
+/// `scale` their own sizes, `prior` what they were before the data, `ranges` what the effects' parameters, those after the
+/// links', may be. `None` if the solver finds no solution.
 pub fn nearest_consistent(
     bodies: &Bodies,
     estimate: &DVector<f64>,
     prior: &DVector<f64>,
     scale: &DVector<f64>,
     information: &DMatrix<f64>,
+    ranges: &[(f64, f64)],
 ) -> Option<DVector<f64>> {
     let n = estimate.len();
-    let problem = Cones::new(bodies, scale, n);
+    let mut problem = Cones::new(bodies, scale, n);
+    for i in rigid_bodies::PARAMETERS.len()..n {
+        problem.within(i, scale[i], ranges[i]);
+    }
     let total = problem.variables;
     // Variables are parameters in units of their own size, then the tᵢ.
     let mut p = DMatrix::<f64>::zeros(total, total);
@@ -74,7 +79,12 @@ pub fn nearest_consistent(
         solver.solution.status,
         SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress
     );
-    usable.then(|| DVector::from_fn(n, |i, _| solver.solution.x[i] * scale[i]))
+    // The solver stays on either side of a bound by its tolerance.
+    let value = |i: usize| {
+        let v = solver.solution.x[i] * scale[i];
+        if i < rigid_bodies::PARAMETERS.len() { v } else { v.clamp(ranges[i].0, ranges[i].1) }
+    };
+    usable.then(|| DVector::from_fn(n, |i, _| value(i)))
 }
 
 /// Affine expression in the variables.
@@ -115,6 +125,12 @@ impl Cones {
             out.body(&pseudo_inertia(bodies, body, scale), bodies[body].pseudo_inertia().amax());
         }
         out
+    }
+
+    /// Keeps variable `i`, in units of `scale`, within a range.
+    fn within(&mut self, i: usize, scale: f64, (low, high): (f64, f64)) {
+        self.linear.push(Affine { constant: -low / scale, terms: vec![(i, 1.0)] });
+        self.linear.push(Affine { constant: high / scale, terms: vec![(i, -1.0)] });
     }
 
     fn body(&mut self, (second, first, mass): &([Affine; 3], [Affine; 3], Affine), size: f64) {

@@ -138,7 +138,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
     let mut system = System::new(&model, traces, noise, &residuals)?;
     let covariance = system.covariance();
     let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
-    if consistency::min_eigenvalue(&model.bodies) < 0.0
+    if (consistency::min_eigenvalue(&model.bodies) < 0.0 || system.out_of_range())
         && let Some(values) = system.consistent(&model, prior)
     {
         set_parameters(&mut model, &values);
@@ -306,7 +306,12 @@ impl System {
         values
     }
 
-    /// All parameter values with every body possible, as near to the estimate as the data demand.
+    /// Whether an effect's parameter has a value its law does not allow, e.g. negative friction.
+    fn out_of_range(&self) -> bool {
+        self.parameters.iter().any(|p| !(p.range.0..=p.range.1).contains(&p.value))
+    }
+
+    /// All parameter values with every body and every effect possible, as near to the estimate as the data demand.
     fn consistent(&self, model: &Model, prior: &Model) -> Option<Vec<f64>> {
         let free = |all: &[f64]| DVector::from_fn(self.free.len(), |i, _| all[self.free[i]]);
         let mut values: Vec<f64> = self.parameters.iter().map(|p| p.value).collect();
@@ -320,6 +325,7 @@ impl System {
             &free(&before),
             &self.scale,
             &self.information,
+            &self.free_parameters().iter().map(|p| p.range).collect::<Vec<_>>(),
         )?;
         for (i, &k) in self.free.iter().enumerate() {
             values[k] = nearest[i];

@@ -167,7 +167,7 @@ impl File<'_> {
                     ("cosine", m.cosine.as_ref().map(Spanned::span), &series.cosine[..]),
                 ] {
                     // Radians of axis 4 may be many turns; metres may not be many.
-                    if let Some(v) = rows.iter().flatten().find(|v| !(v.abs() <= 1e3)) {
+                    if let Some(v) = rows.iter().flatten().find(|v| v.is_nan() || v.abs() > 1e3) {
                         let message = format!("`motion.{key}` has {v}; expected numbers from -1000 to 1000");
                         return Err(self.problem(span.unwrap_or_else(|| motion.span()), message));
                     }

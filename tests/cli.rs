@@ -1,0 +1,255 @@
+//! The program itself: every command, its exit status, what it says and what it leaves behind.
+
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const MODEL: &str = "models/irb360-6-1600.toml";
+const SMOKE: &str = "scenarios/smoke.toml";
+
+fn run(arguments: &[&str]) -> Output {
+    Command::cargo_bin("deltatwin").unwrap().args(arguments).output().unwrap()
+}
+
+fn done(arguments: &[&str]) -> String {
+    let out = run(arguments);
+    assert_eq!(out.status.code(), Some(0), "{arguments:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap()
+}
+
+/// The one object on stdout.
+fn json(arguments: &[&str]) -> Value {
+    let text = done(&[arguments, &["--json"]].concat());
+    serde_json::from_str(&text).unwrap_or_else(|e| panic!("{arguments:?}: {e}: {text}"))
+}
+
+/// What a refused input is answered with.
+fn refused(arguments: &[&str]) -> String {
+    let out = run(arguments);
+    let text = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(out.status.code(), Some(2), "{arguments:?}: {text}");
+    assert!(out.stdout.is_empty(), "{arguments:?}: {}", String::from_utf8_lossy(&out.stdout));
+    assert!(!text.contains("panicked"), "{text}");
+    text
+}
+
+fn toml_files(folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    entries.filter(|p| p.extension().is_some_and(|e| e == "toml")).collect()
+}
+
+fn path(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).display().to_string()
+}
+
+/// A short run of the twin as CSV.
+fn smoke(folder: &TempDir) -> String {
+    let csv = path(folder, "smoke.csv");
+    done(&["simulate", SMOKE, "-o", &csv]);
+    csv
+}
+
+#[test]
+fn every_command_explains_itself_with_an_example() {
+    let top = done(&["--help"]);
+    for command in
+        ["demo", "simulate", "import", "export", "identify", "compare", "diagnose", "add", "effects", "check"]
+    {
+        assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
+        let help = done(&[command, "--help"]);
+        assert!(help.contains(&format!("Example: deltatwin {command}")) && help.contains("--json"), "{help}");
+    }
+    refused(&["simulat", SMOKE]);
+    refused(&["simulate"]);
+}
+
+#[test]
+fn every_shipped_file_is_right() {
+    let files: Vec<String> =
+        ["models", "scenarios"].iter().flat_map(|f| toml_files(f)).map(|p| p.display().to_string()).collect();
+    assert!(files.len() >= 7, "{files:?}");
+    let arguments: Vec<&str> = std::iter::once("check").chain(files.iter().map(String::as_str)).collect();
+    let answer = json(&arguments);
+    for entry in answer["files"].as_array().unwrap() {
+        let expected = if entry["file"].as_str().unwrap().starts_with("models") { "model" } else { "scenario" };
+        assert_eq!(entry["kind"], expected, "{entry}");
+    }
+    assert_eq!(answer["files"].as_array().unwrap().len(), files.len());
+}
+
+#[test]
+fn the_library_of_effects_is_listed_and_described() {
+    let names: Vec<String> = json(&["effects"])["effects"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|e| e["name"].as_str().unwrap().to_string())
+        .collect();
+    assert_eq!(names, deltatwin::effects::REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>());
+    let one = json(&["effects", "ball_socket_coulomb"]);
+    assert_eq!(one["parameters"][0]["unit"], "N·m");
+    assert!(refused(&["effects", "ball_socket_colomb"]).contains("did you mean `ball_socket_coulomb`?"));
+}
+
+#[test]
+fn simulate_then_identify() {
+    let folder = TempDir::new().unwrap();
+    let mcap = path(&folder, "smoke.mcap");
+    let run = json(&["simulate", SMOKE, "-o", &mcap]);
+    assert_eq!(run["simulated_s"], 0.5);
+    for key in ["wall_s", "steps", "max_loop_gap", "max_loop_rate", "energy_error", "peak_strut_force"] {
+        assert!(run[key].is_number(), "{key}: {run}");
+    }
+    assert!(run["events"].is_array() && run["max_loop_gap"].as_f64().unwrap() < 1e-9, "{run}");
+
+    let csv = smoke(&folder);
+    let fitted = path(&folder, "fitted.toml");
+    let answer = json(&["identify", MODEL, &mcap, "--held-out", &csv, "-o", &fitted]);
+    for key in ["rms", "held_out_rms", "noise_floor"] {
+        assert_eq!(answer[key].as_array().unwrap().len(), 4, "{key}: {answer}");
+        assert_eq!(answer[format!("strut_{key}")].as_array().unwrap().len(), 1, "{key}: {answer}");
+    }
+    assert_eq!(answer["channels"].as_array().unwrap().len(), 5);
+    assert!(answer["min_pseudo_inertia_eigenvalue"].as_f64().unwrap() >= 0.0);
+    let friction = &answer["parameters"]["drive_friction.coulomb_1"];
+    assert!(friction["value"].is_number() && friction["unit"] == "N·m", "{friction}");
+    assert!(friction["std"].is_number() || friction["std"].is_null(), "{friction}");
+    let base = answer["base_parameters"].as_object().unwrap().values().next().unwrap();
+    assert!(base["combination"].is_string(), "{base}");
+    assert_eq!(answer["model"], fitted.as_str());
+    done(&["check", &fitted]);
+    done(&["compare", &fitted, &mcap]);
+}
+
+#[test]
+fn compare_and_add_answer_in_json() {
+    let folder = TempDir::new().unwrap();
+    let csv = smoke(&folder);
+    let answer = json(&["compare", MODEL, &csv]);
+    assert_eq!(answer["rms"].as_array().unwrap().len(), 4);
+    for finding in answer["findings"].as_array().unwrap() {
+        assert!(finding["where"].is_string() && finding["share"].is_number(), "{finding}");
+    }
+    let added = path(&folder, "added.toml");
+    let answer = json(&["add", MODEL, "ball_socket_coulomb", &csv, "-o", &added]);
+    assert!(answer["parameters"]["moment"]["value"].is_number(), "{answer}");
+    for key in ["rms_before", "rms_after", "noise_floor"] {
+        assert_eq!(answer[key].as_array().unwrap().len(), 4, "{answer}");
+    }
+    assert!(std::fs::read_to_string(&added).unwrap().contains("[effects.ball_socket_coulomb]"));
+    refused(&["add", MODEL, "ball_socket_colomb", &csv, "-o", &path(&folder, "no.toml")]);
+    assert!(refused(&["add", MODEL, "ball_socket_coulomb", &csv, "-o", MODEL]).contains("is an input"));
+}
+
+#[test]
+fn export_and_import_lose_nothing() {
+    let folder = TempDir::new().unwrap();
+    let [mcap, csv, again, last] = ["a.mcap", "a.csv", "b.mcap", "b.csv"].map(|n| path(&folder, n));
+    done(&["simulate", SMOKE, "-o", &mcap]);
+    done(&["export", &mcap, "--csv", &csv]);
+    done(&["import", &csv, "-o", &again]);
+    done(&["export", &again, "--csv", &last]);
+    assert!(std::fs::read(&csv).unwrap() == std::fs::read(&last).unwrap());
+    assert!(folder.path().join("a.setup.toml").is_file());
+    assert!(refused(&["import", &csv, "-o", &csv]).contains("is an input"));
+}
+
+/// The lines of a good recording, changed into a bad one.
+fn damaged(folder: &TempDir, name: &str, good: &str, change: impl Fn(usize, Vec<String>) -> Vec<String>) -> String {
+    let lines: Vec<String> = good
+        .lines()
+        .enumerate()
+        .map(|(i, line)| change(i, line.split(',').map(str::to_string).collect()).join(","))
+        .collect();
+    let file = path(folder, name);
+    std::fs::write(&file, lines.join("\n")).unwrap();
+    file
+}
+
+#[test]
+fn bad_measurements_are_refused_in_one_message() {
+    let folder = TempDir::new().unwrap();
+    let good = std::fs::read_to_string(smoke(&folder)).unwrap();
+    let set = |line: usize, column: usize, value: &'static str| {
+        move |i: usize, mut cells: Vec<String>| {
+            if i == line {
+                cells[column] = value.into();
+            }
+            cells
+        }
+    };
+    let degrees = |i: usize, mut cells: Vec<String>| {
+        if i > 0 {
+            for cell in &mut cells[1..5] {
+                *cell = cell.parse::<f64>().unwrap().to_degrees().to_string();
+            }
+        }
+        cells
+    };
+    let (empty, binary) = (path(&folder, "empty.csv"), path(&folder, "binary.csv"));
+    std::fs::write(&empty, "").unwrap();
+    std::fs::write(&binary, [0u8, 159, 146, 150, 0, 1, 2].repeat(100)).unwrap();
+    let cases = [
+        (damaged(&folder, "nan.csv", &good, set(17, 2, "NaN")), "line 18, column `q2`"),
+        (damaged(&folder, "word.csv", &good, set(17, 6, "fast")), "line 18, column `tau2`"),
+        (damaged(&folder, "column.csv", &good, set(0, 3, "other")), "`q3`"),
+        (damaged(&folder, "time.csv", &good, set(40, 0, "0.0001")), "line 41, column `t`"),
+        (damaged(&folder, "degrees.csv", &good, degrees), "degrees"),
+        (empty, "is empty"),
+        (binary, "binary"),
+        (path(&folder, "missing.csv"), "cannot be read"),
+    ];
+    let (mcap, model) = (path(&folder, "out.mcap"), path(&folder, "out.toml"));
+    for (file, place) in &cases {
+        for arguments in
+            [vec!["check", file], vec!["import", file, "-o", &mcap], vec!["identify", MODEL, file, "-o", &model]]
+        {
+            let text = refused(&arguments);
+            assert!(text.contains(place), "{file}: {text}");
+            assert_eq!(text.matches(file.as_str()).count(), 1, "{file}: {text}");
+            assert!(!Path::new(&mcap).exists() && !Path::new(&model).exists(), "{arguments:?}");
+        }
+    }
+}
+
+#[test]
+fn misspelt_keys_are_named_with_their_line() {
+    let folder = TempDir::new().unwrap();
+    let text = std::fs::read_to_string(MODEL).unwrap();
+    let line = 1 + text.lines().position(|l| l.starts_with("arm_length")).unwrap();
+    let model = path(&folder, "model.toml");
+    std::fs::write(&model, text.replace("arm_length", "arm_lenght")).unwrap();
+    for arguments in [vec!["check", &model], vec!["simulate", SMOKE, "--model", &model]] {
+        let answer = refused(&arguments);
+        assert!(answer.contains(&format!("model.toml:{line}:1")) && answer.contains("arm_length"), "{answer}");
+    }
+    let scenario = path(&folder, "scenario.toml");
+    std::fs::write(&scenario, "model = \"model.toml\"\nduratoin = 1.0\n").unwrap();
+    let answer = refused(&["check", &scenario]);
+    assert!(answer.contains("scenario.toml:2:1") && answer.contains("duratoin"), "{answer}");
+}
+
+/// Ctrl-C ends a run early, and what is there is a valid recording.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_is_kept() {
+    let folder = TempDir::new().unwrap();
+    let mcap = path(&folder, "cut.mcap");
+    let child = std::process::Command::new(assert_cmd::cargo::cargo_bin("deltatwin"))
+        .args(["simulate", "scenarios/excitation.toml", "-o", &mcap, "--json"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let out = child.wait_with_output().unwrap();
+    assert_eq!(out.status.code(), Some(130));
+    let answer: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(answer["interrupted"], true);
+    assert!(answer["simulated_s"].as_f64().unwrap() < 20.0);
+    done(&["check", &mcap]);
+}
