@@ -165,7 +165,7 @@ pub fn diagnose(
             .found()
             .into_iter()
             .map(|i| candidates[i][0].effect.name())
-            .find(|name| has_impossible_value(&end, name));
+            .find(|name| end.impossible.iter().any(|p| p.split('.').next() == Some(*name)));
         match wrong {
             Some(name) if refused.len() < candidates.len() => refused.push(name),
             _ => break (outcome, end),
@@ -321,17 +321,6 @@ fn relinearised(
         next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column);
     }
     Ok(next)
-}
-
-/// Whether a fitted linear parameter lies significantly outside its allowed range.
-fn has_impossible_value(fit: &Fit, effect: &str) -> bool {
-    let Some(active) = fit.model.effects.iter().find(|a| a.effect.name() == effect) else { return false };
-    let estimates = parameters_of(fit, effect);
-    active.entries().iter().any(|e| {
-        let Some(p) = estimates.iter().find(|p| p.name == e.name) else { return false };
-        let (low, high) = e.parameter.range;
-        p.std.is_finite() && (p.value < low - 3.0 * p.std || p.value > high + 3.0 * p.std)
-    })
 }
 
 /// Estimates of one effect, with its name left out of theirs.

@@ -63,6 +63,9 @@ pub struct Fit {
     pub parameters: Vec<Estimate>,
     /// The combinations the data determine.
     pub base: Vec<BaseParameter>,
+    /// Parameters whose unconstrained estimate lies more than three standard errors outside the allowed range: the law is
+    /// not what the data show.
+    pub impossible: Vec<String>,
     /// Residual (measured − predicted) per recording and channel.
     pub residuals: Vec<Channels>,
     /// Root mean square residual per channel, over all recordings.
@@ -138,6 +141,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
     let mut system = System::new(&model, traces, noise, &residuals)?;
     let covariance = system.covariance();
     let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
+    let impossible = system.impossible(&covariance);
     if (consistency::min_eigenvalue(&model.bodies) < 0.0 || system.out_of_range())
         && let Some(values) = system.consistent(&model, prior)
     {
@@ -160,7 +164,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
         })
         .collect();
     let rms = channel_rms(&residuals);
-    Ok(Fit { model, parameters, base, residuals, rms })
+    Ok(Fit { model, parameters, base, impossible, residuals, rms })
 }
 
 /// Residuals with those beyond three robust standard deviations of their channel marked as missing.
@@ -304,6 +308,17 @@ impl System {
             }
         }
         values
+    }
+
+    /// Names of parameters significantly outside their range.
+    fn impossible(&self, covariance: &DMatrix<f64>) -> Vec<String> {
+        let known = self.known();
+        let outside = |&i: &usize| {
+            let p = &self.parameters[self.free[i]];
+            let margin = 3.0 * covariance[(i, i)].max(0.0).sqrt();
+            known[i] && (p.value < p.range.0 - margin || p.value > p.range.1 + margin)
+        };
+        (0..self.free.len()).filter(outside).map(|i| self.parameters[self.free[i]].name.clone()).collect()
     }
 
     /// Whether an effect's parameter has a value its law does not allow, e.g. negative friction.
