@@ -32,7 +32,7 @@ pub struct Trace {
 }
 
 /// Acceptable standard deviation of accelerations from encoder noise, rad/s²: torques below a tenth of sensor noise.
-const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 1.5];
+const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
 
 impl Trace {
     /// Differentiates the joint angles of a recording; samples at the ends of a stretch are lost to the filter.
