@@ -99,10 +99,11 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
         .into_diagnostic()
         .wrap_err_with(|| format!("cannot write {}", path.display()))?;
     files.push(path);
-    let path = folder.join("validation.rrd");
-    match figures::write_scene(&path, &campaign.validation, &findings.validation, &findings.identified.model) {
-        Ok(()) => files.push(path),
-        Err(why) => eprintln!("no Rerun file: {why}"),
+    #[cfg(feature = "viewer")]
+    {
+        let path = folder.join("validation.rrd");
+        crate::replay::write(&path, &campaign.validation, &findings.identified.model)?;
+        files.push(path);
     }
     Ok(files)
 }
@@ -131,7 +132,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
     if let Some(next) = &d.next_experiment {
         println!("  {next}");
     }
-    let [delivered, identified, added] = figures::stage_rms(campaign, findings);
+    let [delivered, identified, added] = figures::stage_rms(findings);
     println!("\nRMS error on the held-out motion");
     println!("  {:<14} {:>12} {:>12} {:>12} {:>12}", "", "delivered", "identified", "effect added", "noise floor");
     for (c, channel) in d.channels.iter().enumerate() {
@@ -163,7 +164,7 @@ fn summary(args: &Args, campaign: &Campaign, findings: &Findings, files: &[PathB
         "named": d.effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>(),
         "indistinguishable": d.indistinguishable,
         "right": findings.right,
-        "rms_delivered": axes(&figures::stage_rms(campaign, findings)[0]),
+        "rms_delivered": axes(&figures::stage_rms(findings)[0]),
         "rms_before": axes(&d.rms_before),
         "rms_after": axes(&d.rms_after),
         "noise_floor": axes(&d.noise_floor),

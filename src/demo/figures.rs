@@ -1,10 +1,10 @@
-//! Figures, report and Rerun scene of a demo.
+//! Figures and report of a demo.
 
 use super::{Campaign, Findings};
 use crate::dynamics::Plant;
 use crate::identification::fit::residuals;
 use crate::identification::predict;
-use crate::model::{AXES, Model};
+use crate::model::AXES;
 use crate::report::{
     Callout, Color, Curve, ErrorGroup, Panel, RankRow, Report, Style, falling_error, panels, ranking, scatter_binned,
     spectrum,
@@ -26,7 +26,7 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
     );
     report.callout(if findings.right { Callout::Good } else { Callout::Bad }, &verdict);
     report.heading("The error falls");
-    let stages = stage_rms(campaign, findings);
+    let stages = stage_rms(findings);
     let groups: Vec<ErrorGroup> = (0..AXES)
         .map(|i| ErrorGroup {
             name: format!("axis {}", i + 1),
@@ -101,7 +101,7 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
 }
 
 /// RMS on the held-out motion: model as delivered, identified, with the effect.
-pub fn stage_rms(_campaign: &Campaign, findings: &Findings) -> [Vec<f64>; 3] {
+pub fn stage_rms(findings: &Findings) -> [Vec<f64>; 3] {
     let d = &findings.diagnosis;
     let delivered = findings.comparison.held_out_rms.clone().unwrap_or_else(|| findings.comparison.rms.clone());
     [delivered, d.rms_before.clone(), d.rms_after.clone()]
@@ -166,62 +166,4 @@ fn amplitude_spectrum(x: &[f64], dt: f64) -> (Vec<f64>, Vec<f64>) {
     }
     let frequency = |k: usize| k as f64 / (n as f64 * dt);
     out.iter().enumerate().skip(1).map(|(k, z)| (frequency(k), 2.0 * z.norm() / n as f64)).unzip()
-}
-
-/// Writes the moving robot with torques and residuals for Rerun.
-#[cfg(feature = "viewer")]
-pub fn write_scene(
-    path: &std::path::Path,
-    recording: &crate::recording::Recording,
-    trace: &crate::identification::Trace,
-    model: &Model,
-) -> Result<(), String> {
-    use crate::recording::rerun::{Scene, Series, measured, write_rrd};
-    /// Frames of the moving robot per second.
-    const FRAMES: f64 = 50.0;
-    let plant = Plant::new(model, &recording.setup);
-    let left = residuals(model, std::slice::from_ref(trace)).map_err(|e| e.to_string())?.remove(0);
-    let stride = ((1.0 / FRAMES / trace.dt).round() as usize).max(1);
-    let picked: Vec<usize> = (0..trace.len()).step_by(stride).collect();
-    let times: Vec<f64> = picked.iter().map(|&k| trace.t[k]).collect();
-    let motions = picked
-        .iter()
-        .map(|&k| plant.motion(&trace.joints[k]))
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(|e| e.to_string())?;
-    let noise = trace.noise(model);
-    let sigmas: Vec<[f64; AXES]> = picked
-        .iter()
-        .map(|&k| {
-            // Mean over a frame: single samples are noise.
-            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(trace.len());
-            std::array::from_fn(|i| {
-                let sum: f64 = window.clone().map(|j| left[i][j]).sum();
-                sum / window.len() as f64 / noise[i]
-            })
-        })
-        .collect();
-    let mut series = measured(recording);
-    for i in 0..AXES {
-        series.push(Series {
-            path: format!("residual/axis{}/residual", i + 1),
-            times: trace.t.clone(),
-            values: left[i].clone(),
-            color: [200, 60, 60],
-            label: "residual [N·m]".into(),
-        });
-    }
-    let scene = Scene { times: &times, motions: &motions, geometry: &plant.geometry, series, residual: Some(&sigmas) };
-    write_rrd(path, "deltatwin", &scene).map_err(|e| e.to_string())
-}
-
-/// Without the viewer SDK there is no scene to write.
-#[cfg(not(feature = "viewer"))]
-pub fn write_scene(
-    _path: &std::path::Path,
-    _recording: &crate::recording::Recording,
-    _trace: &crate::identification::Trace,
-    _model: &Model,
-) -> Result<(), String> {
-    Err("built without the `viewer` feature".into())
 }

@@ -14,7 +14,7 @@ use crate::recording::rerun::{Scene, Series, measured, write_rrd};
 
 /// Frames per second of the moving robot.
 const FRAMES: f64 = 50.0;
-const PREDICTED: [u8; 3] = [40, 40, 40];
+const PREDICTED: [u8; 3] = [225, 225, 225];
 const RESIDUAL: [u8; 3] = [200, 60, 60];
 
 /// Writes `recording` as an `.rrd` file beside what `model` predicts for it.
