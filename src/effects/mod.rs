@@ -14,6 +14,7 @@ use crate::kinematics::{Motion, Reactions};
 use crate::model::{Bodies, Geometry, Inertia};
 use crate::recording::{Payload, Signals};
 
+mod air_drag;
 mod axis4_friction;
 mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
@@ -50,6 +51,7 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &payload_mass_error::PayloadMassError,
     &strut_length_error::StrutLengthError,
     &base_tilt::BaseTilt,
+    &air_drag::AirDrag,
     &torque_gain_error::TorqueGainError,
     &signal_delay::SignalDelay,
 ];

@@ -1,0 +1,57 @@
+//! Drag of the air on the platform.
+
+use nalgebra::Vector3;
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use crate::model::bodies::PLATFORM;
+
+/// F = −c·|v|·v on the platform; F in N, v in m/s, c in N/(m/s)². Dissipates c·|v|³.
+pub struct AirDrag;
+
+impl Effect for AirDrag {
+    fn name(&self) -> &'static str {
+        "air_drag"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "drag of the air on the platform",
+            law: "F = −c·|v|·v on the platform",
+            shows: "torque of all arms against the platform's velocity, growing with its square",
+            source: "turbulent drag; six struts and a plate of 0.06 m² give 0.02–0.1 N/(m/s)² (estimate)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter {
+            name: "coefficient",
+            unit: "N·s²/m²",
+            count: Count::One,
+            role: Role::Linear,
+            default: 0.04,
+            range: (0.0, 50.0),
+        }]
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let v = at.motion.bodies[PLATFORM].velocity;
+        out.wrench(values.index(0, 0), PLATFORM, -v * v.norm(), Vector3::zeros());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing;
+
+    #[test]
+    fn twice_the_speed_is_four_times_the_drag() {
+        for (speed, force) in [(5.0, -1.0), (10.0, -4.0)] {
+            let mut motion = testing::still();
+            motion.bodies[PLATFORM].velocity.x = speed;
+            // 0.04·5² = 1 N and 0.04·10² = 4 N, against the motion
+            let total = testing::totals(&AirDrag, &[&[0.04]], &motion);
+            approx::assert_relative_eq!(total[PLATFORM].0.x, force, epsilon = 1e-12);
+        }
+    }
+}
