@@ -39,7 +39,7 @@ pub struct Finding {
 pub fn compare(model: &Model, traces: &[Trace], held_out: &[Trace]) -> Result<Comparison, FitError> {
     let all = residuals(model, traces)?;
     let rms = channel_rms(&all);
-    let noise_floor = crate::diagnosis::floor(model, traces);
+    let noise_floor = crate::identification::trace::noise_floor(model, traces);
     let held_out_rms = if held_out.is_empty() { None } else { Some(channel_rms(&residuals(model, held_out)?)) };
     let channels = traces[0].channels.clone();
     let mut findings = Vec::new();
@@ -48,7 +48,7 @@ pub fn compare(model: &Model, traces: &[Trace], held_out: &[Trace]) -> Result<Co
         if rms[c] < 1.02 * noise_floor[c] {
             continue;
         }
-        for place in places(channel) {
+        for place in places() {
             let (x, r): (Vec<f64>, Vec<f64>) = traces
                 .iter()
                 .zip(&all)
@@ -101,7 +101,7 @@ fn axis(channel: Channel) -> usize {
     }
 }
 
-fn places(_: Channel) -> [Place; 5] {
+fn places() -> [Place; 5] {
     [
         Place { name: "joint speed", symbol: "q̇", unit: "rad/s", of: |t, k, c| t.joints[k].qd[axis(c)] },
         Place { name: "joint angle", symbol: "q", unit: "rad", of: |t, k, c| t.joints[k].q[axis(c)] },

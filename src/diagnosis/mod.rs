@@ -12,6 +12,7 @@ use crate::dynamics::Channel;
 use crate::effects::{self, ActiveEffect};
 use crate::evidence::{self, Chosen, Outcome, Problem, Settings, Visibility};
 use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals};
+use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
 use crate::model::Model;
 
@@ -251,12 +252,6 @@ fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
         Some(other) => Err(DiagnosisError::Channels { first: first.name.clone(), second: other.name.clone() }),
         None => Ok(()),
     }
-}
-
-/// Noise of each channel, the mean over the traces.
-pub fn floor(model: &Model, traces: &[Trace]) -> Vec<f64> {
-    let all: Vec<Vec<f64>> = traces.iter().map(|t| t.noise(model)).collect();
-    (0..all[0].len()).map(|c| all.iter().map(|n| n[c]).sum::<f64>() / all.len() as f64).collect()
 }
 
 /// Forward selection with a full refit of the model after every addition.

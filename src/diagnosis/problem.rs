@@ -2,12 +2,12 @@
 //! it lacks.
 
 use crate::dynamics::Plant;
-use crate::effects::{self, ActiveEffect, Count, Role};
+use crate::effects::{self, ActiveEffect, Role};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::fit::{Fit, FitError, kinematics, own_size};
 use crate::identification::prediction::Channels;
 use crate::identification::{Trace, columns};
-use crate::model::{AXES, Model};
+use crate::model::Model;
 
 /// Samples averaged into one. Physics lives below 80 Hz, the samples come at kilohertz.
 pub const BLOCK: usize = 5;
@@ -192,6 +192,5 @@ pub fn applies(effect: &dyn effects::Effect, assembled: bool) -> bool {
             || name.starts_with("torque_")
             || matches!(name, "signal_delay" | "base_tilt" | "thermal_friction_drift" | "axis4_friction")
     };
-    let counts = effect.parameters().iter().all(|p| !matches!(p.count, Count::Named(n) if n.len() > AXES));
-    counts && (assembled || drives_only(effect.name()))
+    assembled || drives_only(effect.name())
 }

@@ -8,8 +8,8 @@ use serde_json::{Map, Value, json};
 use super::consistency::min_eigenvalue;
 use super::fit::{channel_rms, residuals};
 use super::{BaseParameter, Data, DataArgs, Fit, fit};
-use crate::diagnosis::floor;
 use crate::dynamics::Channel;
+use crate::identification::trace::noise_floor as floor;
 use crate::model::Model;
 use crate::terminal::{
     DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,

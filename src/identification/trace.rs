@@ -125,6 +125,12 @@ impl Trace {
     }
 }
 
+/// Noise of each channel, the mean over the traces.
+pub fn noise_floor(model: &Model, traces: &[Trace]) -> Vec<f64> {
+    let all: Vec<Vec<f64>> = traces.iter().map(|t| t.noise(model)).collect();
+    (0..all[0].len()).map(|c| all.iter().map(|n| n[c]).sum::<f64>() / all.len() as f64).collect()
+}
+
 fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {
     let mut channels = Channel::TORQUES.to_vec();
     if configuration == Configuration::Assembled {
