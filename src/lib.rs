@@ -10,9 +10,11 @@ pub mod effects;
 
 pub mod dynamics;
 
-pub mod twin;
+pub mod cell;
 
 pub mod scenario;
+
+pub mod twin;
 
 pub mod evidence;
 

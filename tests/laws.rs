@@ -6,7 +6,7 @@ use common::{model, nominal_plant, random_joints};
 use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
 use deltatwin::kinematics::motion::SOCKETS;
-use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions};
+use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions, SocketSet};
 use deltatwin::model::bodies::{
     BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
@@ -74,7 +74,16 @@ fn values_of(out: &Output) -> Vec<f64> {
 /// Power of an effect's wrenches on the bodies, and the sum of the magnitudes of its parts, W.
 fn power(plant: &Plant, active: &ActiveEffect, motion: &Motion, reactions: &Reactions) -> (f64, f64) {
     let state = active.effect.initial_state(&active.values());
-    let at = Instant { t: 0.0, motion, bodies: &plant.bodies, gravity: plant.gravity, reactions, state: &state };
+    let at = Instant {
+        t: 0.0,
+        motion,
+        bodies: &plant.bodies,
+        gravity: plant.gravity,
+        reactions,
+        state: &state,
+        torque: [0.0; 4],
+        closed: SocketSet::ALL,
+    };
     let (mut sum, mut size) = (0.0, 0.0);
     active.effect.forces(
         &active.values(),

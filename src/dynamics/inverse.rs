@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, Vector3};
 
 use super::{Channel, ChannelMap, Plant, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
-use crate::kinematics::{KinematicsError, Motion, Reactions};
+use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::STRUTS;
 
 /// Drive torques and strut forces of one instant.
@@ -66,7 +66,16 @@ pub fn inverse_dynamics(
         }
     }
     let add = |active: &ActiveEffect, state: &[f64], reactions: &Reactions, sum: &mut [f64]| {
-        let at = Instant { t, motion, bodies: &plant.bodies, gravity: plant.gravity, reactions, state };
+        let at = Instant {
+            t,
+            motion,
+            bodies: &plant.bodies,
+            gravity: plant.gravity,
+            reactions,
+            state,
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
+        };
         active.effect.forces(
             &active.values(),
             &at,
@@ -141,7 +150,16 @@ pub fn regressor(
             let (force, moment) = inertial_wrench(&unit, &motion.bodies[body], &gravity);
             add(k, body, &force, &moment, -1.0);
         });
-        let at = Instant { t, motion, bodies: &plant.bodies, gravity: plant.gravity, reactions, state };
+        let at = Instant {
+            t,
+            motion,
+            bodies: &plant.bodies,
+            gravity: plant.gravity,
+            reactions,
+            state,
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
+        };
         active.effect.forces(
             &values,
             &at,

@@ -1,7 +1,6 @@
 //! Coulomb friction in the ball sockets of the struts, constant under the clamp springs' preload.
 
 use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, unit_direction};
-use crate::kinematics::motion::SOCKETS;
 
 /// M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -52,7 +51,7 @@ impl Effect for BallSocketCoulomb {
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let epsilon = values.one(REGULARISATION);
-        for socket in 0..SOCKETS {
+        for socket in at.closed.iter() {
             let direction = unit_direction(&at.motion.socket_rate(socket), epsilon);
             out.socket_moment(values.index(MOMENT, 0), socket, -direction);
         }

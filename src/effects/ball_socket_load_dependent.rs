@@ -1,7 +1,6 @@
 //! Ball-socket friction proportional to the strut force.
 
 use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, unit_direction};
-use crate::kinematics::motion::SOCKETS;
 use crate::model::STRUTS;
 
 /// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| on the strut at each socket, F the axial force at that end.
@@ -60,7 +59,7 @@ impl Effect for BallSocketLoadDependent {
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (radius, epsilon) = (values.one(RADIUS), values.one(REGULARISATION));
-        for socket in 0..SOCKETS {
+        for socket in at.closed.iter() {
             let strut = socket % STRUTS;
             let force = if socket < STRUTS { at.reactions.upper[strut] } else { at.reactions.lower[strut] };
             let direction = unit_direction(&at.motion.socket_rate(socket), epsilon);

@@ -1,7 +1,6 @@
 //! Viscous friction in the ball sockets of the struts.
 
 use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
-use crate::kinematics::motion::SOCKETS;
 
 /// M = −c·ω_rel on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -38,7 +37,7 @@ impl Effect for BallSocketViscous {
     }
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
-        for socket in 0..SOCKETS {
+        for socket in at.closed.iter() {
             out.socket_moment(values.index(COEFFICIENT, 0), socket, -at.motion.socket_rate(socket));
         }
     }

@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 
-use crate::kinematics::{Motion, Reactions};
-use crate::model::{Bodies, Geometry, Inertia};
+use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::model::{AXES, Bodies, Geometry, Inertia, STRUTS};
 use crate::recording::{Payload, Signals};
 
 mod air_drag;
@@ -88,8 +88,17 @@ pub trait Effect: Sync {
         Vec::new()
     }
 
-    /// Time derivative of the effect's own states.
-    fn state_rate(&self, _values: &Values, _at: &Instant, _rate: &mut [f64]) {}
+    /// Time derivative of the effect's own states, and its derivative by each state itself where it is steep
+    /// (`slope`, 1/s, zero on entry): the twin treats it implicitly.
+    fn state_rate(&self, _values: &Values, _at: &Instant, _rate: &mut [f64], _slope: &mut [f64]) {}
+
+    /// What the motor-side encoders read beyond the joint angles: adds to `angles`, rad.
+    fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut [f64; AXES]) {}
+
+    /// Axial spring and damper of each strut per unit of compliance, see [`StrutSpring`].
+    fn strut_spring(&self, _values: &Values) -> Option<[StrutSpring; STRUTS]> {
+        None
+    }
 
     /// Changes the geometry.
     fn geometry(&self, _values: &Values, _geometry: &mut Geometry) {}
@@ -101,6 +110,15 @@ pub trait Effect: Sync {
     fn kind(&self) -> Kind {
         Kind::Force
     }
+}
+
+/// An elastic strut: T = stiffness · elongation + damping · its rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StrutSpring {
+    /// N/m.
+    pub stiffness: f64,
+    /// N·s/m.
+    pub damping: f64,
 }
 
 /// What an effect changes.
@@ -317,6 +335,10 @@ pub struct Instant<'a> {
     pub reactions: &'a Reactions,
     /// The effect's own states.
     pub state: &'a [f64],
+    /// Torques of the drives at the gear output, N·m; zero where they are what is asked for.
+    pub torque: [f64; AXES],
+    /// Ball sockets that still hold.
+    pub closed: SocketSet,
 }
 
 /// Receives wrenches: `(parameter, body, force, moment about the body's origin)`, world axes, per unit of parameter.

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{ActiveEffect, Effect, Instant, Wrenches};
-use crate::kinematics::{BodyMotion, Motion, Reactions, Telescope};
+use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
 use crate::model::bodies::BODIES;
 use crate::model::{Bodies, Geometry, Inertia, STRUTS};
 
@@ -57,12 +57,36 @@ pub(super) fn wrenches_with(
 ) -> Vec<Written> {
     let active = ActiveEffect::absent(effect);
     let state = effect.initial_state(&active.values());
-    write(effect, &Instant { t: 0.0, motion, bodies, gravity: 9.81, reactions, state: &state })
+    write(
+        effect,
+        &Instant {
+            t: 0.0,
+            motion,
+            bodies,
+            gravity: 9.81,
+            reactions,
+            state: &state,
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
+        },
+    )
 }
 
 pub(super) fn wrenches_in_state(effect: &'static dyn Effect, motion: &Motion, state: &[f64]) -> Vec<Written> {
     let (bodies, reactions) = (no_bodies(), Reactions::default());
-    write(effect, &Instant { t: 0.0, motion, bodies: &bodies, gravity: 9.81, reactions: &reactions, state })
+    write(
+        effect,
+        &Instant {
+            t: 0.0,
+            motion,
+            bodies: &bodies,
+            gravity: 9.81,
+            reactions: &reactions,
+            state,
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
+        },
+    )
 }
 
 fn write(effect: &'static dyn Effect, at: &Instant) -> Vec<Written> {
@@ -87,7 +111,16 @@ pub(super) fn totals(
 ) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
     let active = ActiveEffect::new(effect, blocks);
     let (bodies, reactions) = (no_bodies(), Reactions::default());
-    let at = Instant { t: 0.0, motion, bodies: &bodies, gravity: 9.81, reactions: &reactions, state: &[] };
+    let at = Instant {
+        t: 0.0,
+        motion,
+        bodies: &bodies,
+        gravity: 9.81,
+        reactions: &reactions,
+        state: &[],
+        torque: [0.0; 4],
+        closed: SocketSet::ALL,
+    };
     let mut sum = [(Vector3::zeros(), Vector3::zeros()); BODIES];
     effect.forces(
         &active.values(),

@@ -65,7 +65,7 @@ impl Effect for ThermalFrictionDrift {
         vec![1.0]
     }
 
-    fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64]) {
+    fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], _slope: &mut [f64]) {
         rate[0] = -at.state[0] / values.one(TIME);
     }
 

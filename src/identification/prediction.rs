@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::Trace;
 use crate::dynamics::{Channel, Plant, inverse_dynamics, regressor};
 use crate::effects::{ActiveEffect, Instant, Kind, Role};
-use crate::kinematics::{KinematicsError, Motion, Reactions};
+use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::AXES;
 use crate::recording::Signals;
 
@@ -75,8 +75,10 @@ fn own_states(plant: &Plant, effects: &[&ActiveEffect], trace: &Trace, motions: 
             gravity: plant.gravity,
             reactions: &none,
             state,
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
         };
-        active.effect.state_rate(&active.values(), &at, &mut rate);
+        active.effect.state_rate(&active.values(), &at, &mut rate, &mut vec![0.0; state.len()]);
         rate
     };
     let mut out = Vec::with_capacity(trace.len());

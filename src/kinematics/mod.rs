@@ -6,4 +6,4 @@ pub mod delta;
 pub mod motion;
 
 pub use delta::{JointState, KinematicsError, PlatformState};
-pub use motion::{BodyMotion, Motion, Reactions, Telescope};
+pub use motion::{BodyMotion, Motion, Reactions, SocketSet, Telescope};

@@ -79,6 +79,31 @@ pub struct Motion {
 /// Number of ball sockets: 0..6 at the elbows (struts 1–6), 6..12 at the platform.
 pub const SOCKETS: usize = 2 * STRUTS;
 
+/// A set of ball sockets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SocketSet(u16);
+
+impl SocketSet {
+    /// All twelve.
+    pub const ALL: Self = Self((1 << SOCKETS) - 1);
+
+    /// Whether `socket` is in the set.
+    pub fn contains(self, socket: usize) -> bool {
+        self.0 >> socket & 1 == 1
+    }
+
+    /// The set without `socket`.
+    #[must_use]
+    pub fn without(self, socket: usize) -> Self {
+        Self(self.0 & !(1 << socket))
+    }
+
+    /// Its sockets in order.
+    pub fn iter(self) -> impl Iterator<Item = usize> {
+        (0..SOCKETS).filter(move |&s| self.contains(s))
+    }
+}
+
 impl Motion {
     /// Body a drive acts on and its axis in the inertial frame.
     pub fn drive(axis: usize) -> (usize, Vector3<f64>) {

@@ -8,7 +8,7 @@ use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector3};
 
 use crate::dynamics::{Plant, inertial_wrench};
 use crate::effects::{Instant, Wrenches};
-use crate::kinematics::{Motion, Reactions};
+use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{ARMS, Geometry, STRUTS};
 
@@ -70,8 +70,16 @@ pub(super) fn loads(plant: &Plant, t: f64, motion: &Motion, own: &[f64], reactio
     for active in &plant.effects {
         let values = active.values();
         let n = active.states();
-        let instant =
-            Instant { t, motion, bodies: &plant.bodies, gravity: plant.gravity, reactions, state: &own[at..at + n] };
+        let instant = Instant {
+            t,
+            motion,
+            bodies: &plant.bodies,
+            gravity: plant.gravity,
+            reactions,
+            state: &own[at..at + n],
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
+        };
         at += n;
         let mut power = 0.0;
         active.effect.forces(

@@ -18,7 +18,7 @@ use super::state::{State, WORK_EFFECTS, WORK_SPIN, rotation, wrapped};
 use crate::dynamics::Plant;
 use crate::effects::Instant;
 use crate::kinematics::motion::telescope_rotation;
-use crate::kinematics::{Motion, Reactions};
+use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{ARMS, Geometry, STRUTS};
 
@@ -274,8 +274,10 @@ fn derivative(
                 gravity: plant.gravity,
                 reactions: &acc.reactions,
                 state: &stage.own[at..at + n],
+                torque: *tau,
+                closed: SocketSet::ALL,
             };
-            active.effect.state_rate(&active.values(), &instant, &mut own[at..at + n]);
+            active.effect.state_rate(&active.values(), &instant, &mut own[at..at + n], &mut vec![0.0; n]);
             at += n;
         }
     }
