@@ -9,12 +9,12 @@ mod common;
 
 use std::hint::black_box;
 
-use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::{Channel, Plant, inverse_dynamics, regressor};
 use deltatwin::effects::ActiveEffect;
 use deltatwin::kinematics::{JointState, Motion, Reactions};
 use deltatwin::recording::Setup;
-use deltatwin::twin::{State, step};
+use deltatwin::twin::{Mark, Torque, Twin};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -64,23 +64,41 @@ fn dynamics(c: &mut Criterion) {
 }
 
 fn twin(c: &mut Criterion) {
-    let h = 200e-6; // half a control period
-    for (name, plant) in [("rigid", common::nominal_plant()), ("truth", truth())] {
-        let states: Vec<_> = motions(&plant)
+    for (name, plant, h) in [("rigid", common::nominal_plant(), 4e-3), ("truth", truth(), 400e-6)] {
+        let mut twins: Vec<(Twin, Torque, Mark)> = motions(&plant)
             .iter()
             .map(|motion| {
-                let tau = inverse_dynamics(&plant, 0.0, motion, &vec![[].as_slice(); plant.effects.len()], true)
-                    .expect("a regular pose");
-                (State::from_motion(motion, Vec::new(), plant.effects.len()), tau)
+                let tau = inverse_dynamics(&plant, 0.0, motion, &vec![[].as_slice(); plant.effects.len()], false)
+                    .expect("a regular pose")
+                    .tau;
+                let twin = Twin::new(plant.clone(), motion).expect("a regular pose");
+                let mut mark = Mark::default();
+                twin.save(&mut mark);
+                (twin, Torque::constant(tau), mark)
             })
             .collect();
-        let mut cycle = states.iter().cycle();
-        c.bench_function(&format!("step of the twin ({name})"), |b| {
-            b.iter_batched_ref(
-                || cycle.next().unwrap().clone(),
-                |(state, out)| step(&plant, state, h, &|_| out.tau, &out.reactions),
-                BatchSize::SmallInput,
-            )
+        let mut k = 0;
+        let mut next = move || {
+            k = (k + 1) % POSES;
+            k
+        };
+        c.bench_function(&format!("84 accelerations and 74 reactions ({name})"), |b| {
+            b.iter(|| {
+                let (twin, torque, _) = &mut twins[next()];
+                black_box(twin.evaluate(torque).expect("a regular pose"))
+            })
+        });
+        let mut k = 0;
+        let mut next = move || {
+            k = (k + 1) % POSES;
+            k
+        };
+        c.bench_function(&format!("step of {} ms ({name})", h * 1e3), |b| {
+            b.iter(|| {
+                let (twin, torque, mark) = &mut twins[next()];
+                twin.restore(mark);
+                twin.step(h, torque).expect("a regular pose");
+            })
         });
     }
 }

@@ -3,10 +3,10 @@
 mod common;
 
 use deltatwin::dynamics::{Plant, inertial_wrench, inverse_dynamics};
-use deltatwin::kinematics::{JointState, Motion, Reactions};
+use deltatwin::kinematics::{JointState, Motion};
 use deltatwin::model::bodies::{BODIES, STRUT};
 use deltatwin::twin::constraints::{ROWS, rows};
-use deltatwin::twin::{State, accelerations, energy, step};
+use deltatwin::twin::{Snapshot, Torque, Twin};
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -33,6 +33,11 @@ fn loaded_plant() -> Plant {
     common::with_effect(plant, "axis4_friction", &[&[0.5272], &[0.6672], &[8.5919]])
 }
 
+/// Accelerations and forces of the twin at a motion under drive torques.
+fn at(plant: &Plant, motion: &Motion, tau: [f64; 4]) -> Snapshot {
+    Twin::new(plant.clone(), motion).unwrap().evaluate(&Torque::constant(tau)).unwrap()
+}
+
 #[test]
 fn forward_dynamics_inverts_inverse_dynamics() {
     let plant = loaded_plant();
@@ -42,8 +47,7 @@ fn forward_dynamics_inverts_inverse_dynamics() {
         let joints = random_joints(&plant, &mut rng);
         let motion = plant.motion(&joints).unwrap();
         let out = inverse_dynamics(&plant, 0.0, &motion, &[&[], &[]], true).unwrap();
-        let state = State::from_motion(&motion, vec![], 2);
-        let (twin, reactions) = accelerations(&plant, &state, &out.tau, &Reactions::default()).unwrap();
+        let Snapshot { motion: twin, reactions, .. } = at(&plant, &motion, out.tau);
         for i in 0..4 {
             worst = worst.max((twin.qdd[i] - joints.qdd[i]).abs() / 60.0);
         }
@@ -92,9 +96,8 @@ fn what_the_joints_must_carry_is_in_the_range_of_the_constraint_jacobian() {
     for _ in 0..10 {
         let joints = random_joints(&plant, &mut rng);
         let motion = plant.motion(&joints).unwrap();
-        let state = State::from_motion(&motion, vec![], 2);
         let tau = [20.0, -15.0, 30.0, 1.0];
-        let (twin, _) = accelerations(&plant, &state, &tau, &Reactions::default()).unwrap();
+        let twin = at(&plant, &motion, tau).motion;
         let mut demand = DVector::zeros(6 * BODIES);
         for b in 0..BODIES {
             let (force, moment) = inertial_wrench(&plant.bodies[b], &twin.bodies[b], &plant.gravity_vector());
@@ -127,19 +130,14 @@ fn what_the_joints_must_carry_is_in_the_range_of_the_constraint_jacobian() {
 fn swing(plant: &Plant, h: f64, duration: f64) -> ([f64; 4], f64, f64) {
     let joints = JointState { q: [0.3, 0.2, 0.4, 0.0], qd: [2.0, -1.5, 1.0, 5.0], qdd: [0.0; 4] };
     let motion = plant.motion(&joints).unwrap();
-    let own = plant.effects.iter().flat_map(|a| a.effect.initial_state(&a.values())).collect();
-    let mut state = State::from_motion(&motion, own, plant.effects.len());
-    let start = energy::total(plant, &motion);
-    let mut reactions = Reactions::default();
+    let mut twin = Twin::new(plant.clone(), &motion).unwrap();
+    let torque = Torque::constant([-8.0, -9.0, -7.0, 0.4]);
     let mut gap = 0f64;
     for _ in 0..(duration / h).round() as usize {
-        reactions = step(plant, &mut state, h, &|_| [-8.0, -9.0, -7.0, 0.4], &reactions).unwrap();
-        let motion = state.motion(&plant.geometry);
-        gap = rows(&plant.geometry, &motion).iter().fold(gap, |g, r| g.max(r.0.abs()).max(0.1 * r.1.abs()));
+        twin.step(h, &torque).unwrap();
+        gap = rows(&plant.geometry, &twin.motion()).iter().fold(gap, |g, r| g.max(r.0.abs()).max(0.1 * r.1.abs()));
     }
-    let motion = state.motion(&plant.geometry);
-    let balance = energy::total(plant, &motion) - start - state.work.iter().sum::<f64>();
-    (motion.q, balance, gap)
+    (twin.motion().q, twin.energy_balance(), gap)
 }
 
 /// Observed orders of convergence of position and energy over halvings of the step.
@@ -158,10 +156,10 @@ fn observed_order(plant: &Plant, coarse: f64) -> (f64, f64) {
 }
 
 #[test]
-fn order_is_three_without_friction() {
-    let (order, energy_order) = observed_order(&common::nominal_plant(), 8e-4);
-    assert!((2.7..3.5).contains(&order), "{order}");
-    assert!(energy_order > 2.7, "{energy_order}");
+fn order_is_four_without_friction() {
+    let (order, energy_order) = observed_order(&common::nominal_plant(), 4e-3);
+    assert!((3.7..4.6).contains(&order), "{order}");
+    assert!(energy_order > 3.7, "{energy_order}");
 }
 
 #[test]
@@ -178,14 +176,14 @@ fn order_is_three_with_smooth_stiff_friction() {
 fn struts_do_not_spin_against_their_restraint() {
     let plant = common::with_effect(common::nominal_plant(), "ball_socket_viscous", &[&[0.3]]);
     let joints = JointState { q: [0.3, 0.2, 0.4, 0.0], qd: [2.0, -1.5, 1.0, 5.0], qdd: [0.0; 4] };
-    let mut state = State::from_motion(&plant.motion(&joints).unwrap(), vec![], 1);
-    let mut reactions = Reactions::default();
+    let mut twin = Twin::new(plant.clone(), &plant.motion(&joints).unwrap()).unwrap();
     for _ in 0..100 {
-        reactions = step(&plant, &mut state, 2e-4, &|_| [0.0; 4], &reactions).unwrap();
+        twin.step(2e-4, &Torque::default()).unwrap();
     }
+    let motion = twin.motion();
     for s in 0..6 {
         // 2·0.3 N·m·s/rad at the sockets against 1000 at the restraint.
-        let spin = state.bodies[STRUT + s].angular_velocity.x;
+        let spin = motion.bodies[STRUT + s].angular_velocity.dot(&motion.strut_axis[s]);
         assert!(spin.abs() < 1e-3 && spin != 0.0, "{spin:e}");
     }
 }

@@ -9,7 +9,6 @@ mod newton_euler;
 mod plant;
 
 pub use channels::{Channel, ChannelMap};
-pub(crate) use channels::{spread, spread_chain};
 pub use inverse::{Output, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
 pub use plant::{Plant, PlantParameter, set_parameters};

@@ -1,16 +1,27 @@
 //! The machine in absolute coordinates: fourteen bodies, 84 velocities, 74 constraint rows.
 
+mod assembled;
 pub mod command;
 pub mod constraints;
 pub mod controller;
 pub mod energy;
-mod equations;
+mod forces;
 mod integrator;
+mod layout;
+mod machine;
+mod mechanism;
 mod simulate;
 mod state;
+mod torque;
+mod wrench;
 
 pub use controller::Gains;
-pub use equations::SingularPose;
-pub use integrator::{accelerations, step};
+pub use machine::{Mark, Snapshot, Twin};
 pub use simulate::{Options, Report, SimulationError, simulate};
-pub use state::{BodyState, State};
+pub use state::BodyState;
+pub use torque::Torque;
+pub use wrench::Twist;
+
+/// The mechanism has lost rank: a singular pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SingularPose;

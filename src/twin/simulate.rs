@@ -5,11 +5,11 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use thiserror::Error;
 
+use super::SingularPose;
 use super::constraints;
 use super::controller::{Controller, Gains, quantised};
-use super::integrator;
-use super::state::{State, WORK_SPIN};
-use super::{SingularPose, energy};
+use super::machine::Twin;
+use super::torque::Torque;
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, PlatformState, Reactions};
 use crate::model::bodies::PLATFORM;
@@ -101,55 +101,47 @@ pub fn simulate(
     };
     let wanted = joints(0.0)?;
     let motion = plant.motion(&wanted).map_err(|source| SimulationError::Trajectory { t: 0.0, source })?;
-    let own = plant.effects.iter().flat_map(|a| a.effect.initial_state(&a.values())).collect();
-    let mut state = State::from_motion(&motion, own, plant.effects.len());
+    let mut twin = Twin::new(plant.clone(), &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
     let mut controller = Controller::new(controller_plant, model.drives, options.gains, period);
-    let singular = |t: f64| move |_: SingularPose| SimulationError::Singular { t };
-    integrator::project(&plant, &mut state).map_err(singular(0.0))?;
     let mut tau = controller.feed_forward(&wanted).map_err(|source| SimulationError::Trajectory { t: 0.0, source })?;
     let mut sensors = Sensors::new(model, setup, options);
     let mut report = Report::default();
     let mut signals = Signals::default();
-    let mut reactions = Reactions::default();
-    let start_energy = energy::total(&plant, &state.motion(&plant.geometry));
     let mut turned_over = 0.0;
+    let mut drives = [0.0; AXES];
     let mut now = wanted;
+    let singular = |t: f64| move |_: SingularPose| SimulationError::Singular { t };
     for k in 0..samples {
         let t = k as f64 * period;
-        state.t = t;
-        let motion = state.motion(&plant.geometry);
-        let encoders = sensors.angles(&motion.q);
+        twin.set_time(t);
+        let snapshot = twin.evaluate(&Torque::constant(tau)).map_err(singular(t))?;
+        let motion = &snapshot.motion;
+        for (gap, rate) in constraints::rows(&plant.geometry, motion) {
+            report.max_loop_gap = report.max_loop_gap.max(gap.abs());
+            report.max_loop_rate = report.max_loop_rate.max(rate.abs());
+        }
+        let encoders = sensors.angles(&twin.encoders());
         for i in 0..AXES {
             report.tracking_error[i] = report.tracking_error[i].max((motion.q[i] - now.q[i]).abs());
         }
         let next = joints(t + period)?;
         let target =
             controller.update(&now, &encoders, &next).map_err(|source| SimulationError::Trajectory { t, source })?;
-        let start = tau;
-        let torque = |time: f64| -> [f64; AXES] {
-            let s = (time - t) / period;
-            std::array::from_fn(|i| start[i] + s * (target[i] - start[i]))
-        };
-        let before = state.work[..WORK_SPIN].to_vec();
-        for sub in 0..options.substeps {
-            let h = period / options.substeps as f64;
-            let at_start = integrator::step(&plant, &mut state, h, &torque, &reactions).map_err(singular(t))?;
-            if sub == 0 {
-                sensors.record(&mut signals, t, &encoders, &start, &motion.bodies[PLATFORM].position, &at_start);
-                for force in at_start.upper.iter().chain(&at_start.lower) {
-                    report.peak_strut_force = report.peak_strut_force.max(force.abs());
-                }
-            }
-            reactions = at_start;
+        sensors.record(&mut signals, t, &encoders, &tau, &motion.bodies[PLATFORM].position, &snapshot.reactions);
+        for force in snapshot.reactions.upper.iter().chain(&snapshot.reactions.lower) {
+            report.peak_strut_force = report.peak_strut_force.max(force.abs());
+        }
+        let torque = Torque::ramp(t, tau, target, period);
+        let h = period / options.substeps as f64;
+        for _ in 0..options.substeps {
+            twin.step(h, &torque).map_err(singular(t))?;
             report.steps += 1;
         }
-        turned_over += before.iter().zip(&state.work).map(|(a, b)| (b - a).abs()).sum::<f64>();
-        let motion = state.motion(&plant.geometry);
-        for (gap, rate) in constraints::rows(&plant.geometry, &motion) {
-            report.max_loop_gap = report.max_loop_gap.max(gap.abs());
-            report.max_loop_rate = report.max_loop_rate.max(rate.abs());
+        for (before, after) in drives.iter_mut().zip(twin.work()) {
+            turned_over += (after - *before).abs();
+            *before = *after;
         }
-        let balance = energy::total(&plant, &motion) - start_energy - state.work.iter().sum::<f64>();
+        let balance = twin.energy_balance();
         if !balance.is_finite() {
             return Err(SimulationError::Singular { t });
         }

@@ -1,0 +1,333 @@
+//! The assembled mechanism as a system of differential equations over a flat state.
+
+use nalgebra::{Quaternion, Vector3};
+
+use super::SingularPose;
+use super::forces::{Forces, Scene};
+use super::integrator::System;
+use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_SPIN, WORK_STRUTS};
+use super::mechanism::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
+use super::torque::Torque;
+use super::wrench::{STILL, Twist};
+use crate::dynamics::Plant;
+use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::model::bodies::{ARM, BODIES, ROTOR, STRUT};
+use crate::model::{ARMS, AXES, Geometry, STRUTS};
+
+/// Positions: three arms, rotor, platform position and quaternion, six rolls.
+const PSI: usize = 3;
+const POSITION: usize = 4;
+const ORIENTATION: usize = 7;
+const ROLL: usize = 11;
+/// Velocities: ν, then six spins.
+const NU: usize = 17;
+const SPIN: usize = NU + OPEN;
+/// Length of positions and velocities.
+pub(super) const LENGTH: usize = SPIN + STRUTS;
+
+/// Change of the strut forces at which the iteration over friction that reads them stops, N.
+const REACTION_TOLERANCE: f64 = 1e-9;
+/// Enough for a contraction by two thirds per iteration.
+const MAX_REACTION_ITERATIONS: usize = 60;
+/// Change of a rate by which the damping of effects is measured, rad/s.
+const RATE: f64 = 1e-6;
+
+/// Buffers that live as long as the twin.
+pub(super) struct Scratch {
+    /// Reactions of the last evaluation, first guess of the next.
+    pub reactions: Reactions,
+    /// Largest change in the last iteration over the reactions that did not converge, N; zero if all did.
+    pub unconverged: f64,
+    wrenches: [Twist; BODIES],
+    total: [Twist; BODIES],
+    powers: Vec<f64>,
+    idle: Vec<f64>,
+    damping_drives: [f64; AXES],
+    damping_spins: [f64; STRUTS],
+    slopes: Vec<f64>,
+    fresh_slopes: Vec<f64>,
+}
+
+impl Scratch {
+    pub fn new(plant: &Plant, forces: &Forces) -> Self {
+        Self {
+            reactions: Reactions::default(),
+            unconverged: 0.0,
+            wrenches: [STILL; BODIES],
+            total: [STILL; BODIES],
+            powers: vec![0.0; plant.effects.len()],
+            idle: vec![0.0; plant.effects.len()],
+            damping_drives: [0.0; AXES],
+            damping_spins: [0.0; STRUTS],
+            slopes: vec![0.0; forces.states()],
+            fresh_slopes: vec![0.0; forces.states()],
+        }
+    }
+}
+
+/// Right-hand side of the assembled mechanism for one step.
+pub(super) struct Assembled<'a> {
+    pub plant: &'a Plant,
+    pub forces: &'a Forces,
+    pub mechanism: &'a Mechanism,
+    pub layout: Layout,
+    pub torque: Torque,
+    /// Wrenches from outside, held over the step.
+    pub external: &'a [Twist; BODIES],
+    pub scratch: &'a mut Scratch,
+}
+
+pub(super) fn pose(y: &[f64]) -> (Pose, OpenVector, [f64; STRUTS]) {
+    (
+        Pose {
+            phi: [y[0], y[1], y[2]],
+            psi: y[PSI],
+            position: Vector3::new(y[POSITION], y[POSITION + 1], y[POSITION + 2]),
+            orientation: Quaternion::new(y[ORIENTATION], y[ORIENTATION + 1], y[ORIENTATION + 2], y[ORIENTATION + 3]),
+            roll: std::array::from_fn(|s| y[ROLL + s]),
+        },
+        OpenVector::from_column_slice(&y[NU..NU + OPEN]),
+        std::array::from_fn(|s| y[SPIN + s]),
+    )
+}
+
+pub(super) fn store(y: &mut [f64], pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS]) {
+    y[..ARMS].copy_from_slice(&pose.phi);
+    y[PSI] = pose.psi;
+    y[POSITION..ORIENTATION].copy_from_slice(pose.position.as_slice());
+    let q = &pose.orientation;
+    y[ORIENTATION..ROLL].copy_from_slice(&[q.w, q.i, q.j, q.k]);
+    y[ROLL..NU].copy_from_slice(&pose.roll);
+    y[NU..SPIN].copy_from_slice(nu.as_slice());
+    y[SPIN..LENGTH].copy_from_slice(spin);
+}
+
+impl Assembled<'_> {
+    /// All bodies at a state.
+    pub fn frame(&self, y: &[f64]) -> Frame {
+        let (mut pose, nu, spin) = pose(y);
+        pose.orientation /= pose.orientation.norm();
+        self.mechanism.frame(&pose, &nu, &spin)
+    }
+
+    fn scene<'b>(&self, t: f64, motion: &'b Motion, own: &'b [f64]) -> Scene<'b> {
+        Scene { t, motion, own, torque: self.torque.at(t), closed: SocketSet::ALL }
+    }
+
+    /// Wrenches of everything that does not read reactions.
+    fn prepare(&mut self, t: f64, frame: &Frame, own: &[f64]) {
+        let scene = self.scene(t, &frame.motion, own);
+        let scratch = &mut *self.scratch;
+        scratch.wrenches = *self.external;
+        self.forces.add(self.plant, &scene, &scratch.reactions, false, &mut scratch.wrenches, &mut scratch.powers);
+        self.restrain(&frame.motion);
+    }
+
+    fn restrain(&mut self, motion: &Motion) {
+        for s in 0..STRUTS {
+            let u = motion.strut_axis[s];
+            let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
+            self.scratch.wrenches[STRUT + s].1 -= u * (self.plant.spin_damping * spin);
+        }
+    }
+
+    /// Solves for accelerations and reactions, and the friction that depends on them with them.
+    fn solve(&mut self, t: f64, frame: &Frame, own: &[f64], implicit: &Implicit) -> Result<Solution, SingularPose> {
+        let tau = self.torque.at(t);
+        let reads = self.forces.read_reactions();
+        let mut iteration = 0;
+        loop {
+            self.scratch.total = self.scratch.wrenches;
+            if reads {
+                let scene = self.scene(t, &frame.motion, own);
+                let scratch = &mut *self.scratch;
+                self.forces.add(self.plant, &scene, &scratch.reactions, true, &mut scratch.total, &mut scratch.powers);
+            }
+            let solution = self.mechanism.solve(self.plant, frame, &self.scratch.total, &tau, implicit)?;
+            let change = change(&solution.reactions, &self.scratch.reactions);
+            self.scratch.reactions = solution.reactions;
+            iteration += 1;
+            if !reads || change < REACTION_TOLERANCE {
+                return Ok(solution);
+            }
+            if iteration == MAX_REACTION_ITERATIONS {
+                self.scratch.unconverged = self.scratch.unconverged.max(change);
+                return Ok(solution);
+            }
+        }
+    }
+
+    /// Accelerations and reactions at a state.
+    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Frame, Solution), SingularPose> {
+        let frame = self.frame(y);
+        let own = &y[self.layout.own()];
+        self.prepare(t, &frame, own);
+        let solution = self.solve(t, &frame, own, &Implicit::default())?;
+        Ok((frame, solution))
+    }
+
+    /// Damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
+    fn measure_damping(&mut self, t: f64, frame: &Frame, own: &[f64]) {
+        let mut moved = frame.motion;
+        for a in 0..AXES {
+            moved.qd[a] += RATE;
+        }
+        let driven = self.all_wrenches(t, &moved, own);
+        moved.qd = frame.motion.qd;
+        for s in 0..STRUTS {
+            moved.bodies[STRUT + s].angular_velocity += moved.strut_axis[s] * RATE;
+        }
+        let spun = self.all_wrenches(t, &moved, own);
+        let base = self.all_wrenches(t, &frame.motion, own);
+        let scratch = &mut *self.scratch;
+        for i in 0..ARMS {
+            let slope = (base[ARM + i].1 - driven[ARM + i].1).dot(&Geometry::tangential(i)) / RATE;
+            scratch.damping_drives[i] = slope.max(0.0);
+        }
+        scratch.damping_drives[3] = ((base[ROTOR].1.z - driven[ROTOR].1.z) / RATE).max(0.0);
+        for s in 0..STRUTS {
+            let slope = (base[STRUT + s].1 - spun[STRUT + s].1).dot(&frame.motion.strut_axis[s]) / RATE;
+            scratch.damping_spins[s] = self.plant.spin_damping + slope.max(0.0);
+        }
+    }
+
+    fn all_wrenches(&mut self, t: f64, motion: &Motion, own: &[f64]) -> [Twist; BODIES] {
+        let scene = self.scene(t, motion, own);
+        let mut wrenches = [STILL; BODIES];
+        for reading in [false, true] {
+            let scratch = &mut *self.scratch;
+            self.forces.add(self.plant, &scene, &scratch.reactions, reading, &mut wrenches, &mut scratch.idle);
+        }
+        wrenches
+    }
+
+    /// Implicit terms of a stage.
+    fn implicit(&self, frame: &Frame, sum: &[f64], g: f64, base: &OpenVector) -> Implicit {
+        let scratch = &*self.scratch;
+        let mut out = Implicit::default();
+        for a in 0..AXES {
+            out.drives[a] = g * scratch.damping_drives[a];
+            out.drive_torque[a] = -scratch.damping_drives[a] * sum[NU + a];
+        }
+        for s in 0..STRUTS {
+            out.spins[s] = g * scratch.damping_spins[s];
+            out.spin_moment[s] = -scratch.damping_spins[s] * sum[SPIN + s];
+        }
+        if let Some(springs) = &self.mechanism.springs {
+            let velocities = OpenVector::from_column_slice(&sum[NU..SPIN]);
+            // Changes of the open coordinates: angles, position and (of the quaternion) rotation vector.
+            let (mut pose, ..) = pose(sum);
+            let turned = pose.orientation;
+            pose.orientation = quaternion_of(frame);
+            let rotation = (turned * pose.orientation.conjugate()).imag() * 2.0;
+            let mut positions = OpenVector::zeros();
+            positions.fixed_rows_mut::<3>(0).copy_from_slice(&pose.phi);
+            positions[PSI] = pose.psi;
+            positions.fixed_rows_mut::<3>(4).copy_from(&pose.position);
+            positions.fixed_rows_mut::<3>(7).copy_from(&rotation);
+            for s in 0..STRUTS {
+                let (k, d) = (springs[s].stiffness, springs[s].damping);
+                let along = |x: &OpenVector| frame.along(s, x);
+                out.tension[s] = g * d + g * g * k;
+                out.tension_force[s] = d * along(&velocities) + k * (along(&positions) + g * along(base));
+            }
+        }
+        out
+    }
+}
+
+fn quaternion_of(frame: &Frame) -> Quaternion<f64> {
+    *nalgebra::UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(
+        frame.motion.bodies[crate::model::bodies::PLATFORM].rotation,
+    ))
+}
+
+fn change(a: &Reactions, b: &Reactions) -> f64 {
+    let worst = |a: &[f64; STRUTS], b: &[f64; STRUTS]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    worst(&a.upper, &b.upper).max(worst(&a.lower, &b.lower))
+}
+
+impl System for Assembled<'_> {
+    fn stage(
+        &mut self,
+        t: f64,
+        y: &[f64],
+        sum: &[f64],
+        g: f64,
+        first: bool,
+        k: &mut [f64],
+    ) -> Result<(), SingularPose> {
+        let (mut pose, nu, spin) = pose(y);
+        pose.orientation /= pose.orientation.norm();
+        let mut frame = self.mechanism.frame(&pose, &nu, &spin);
+        let own = &y[self.layout.own()];
+        self.prepare(t, &frame, own);
+        // Position rates are ν, and ν one step ahead where struts are elastic (their stiffness is implicit).
+        let elastic = g > 0.0 && self.mechanism.springs.is_some();
+        let mut rate = nu;
+        if elastic {
+            rate += OpenVector::from_column_slice(&sum[NU..SPIN]);
+        }
+        let implicit = if g > 0.0 {
+            if first {
+                self.measure_damping(t, &frame, own);
+            }
+            self.implicit(&frame, sum, g, &rate)
+        } else {
+            Implicit::default()
+        };
+        let solution = self.solve(t, &frame, own, &implicit)?;
+        if elastic {
+            rate += solution.nu_rate * g;
+        }
+        k[..ARMS].copy_from_slice(&rate.as_slice()[..ARMS]);
+        k[PSI] = rate[3];
+        k[POSITION..ORIENTATION].copy_from_slice(&rate.as_slice()[4..7]);
+        let turning = Quaternion::new(0.0, rate[7], rate[8], rate[9]) * pose.orientation * 0.5;
+        k[ORIENTATION..ROLL].copy_from_slice(&[turning.w, turning.i, turning.j, turning.k]);
+        k[ROLL..NU].copy_from_slice(&frame.roll_rate);
+        k[NU..SPIN].copy_from_slice(solution.nu_rate.as_slice());
+        // Nothing turns the struts where the method is explicit, and their restraint would be steep: they rest.
+        let spin_rate = if g > 0.0 { solution.spin_rate } else { [0.0; STRUTS] };
+        k[SPIN..LENGTH].copy_from_slice(&spin_rate);
+
+        let (work_at, own_at) = (self.layout.work(), self.layout.own());
+        if !own_at.is_empty() {
+            frame.motion.qdd.copy_from_slice(&solution.nu_rate.as_slice()[..AXES]);
+            let scene = self.scene(t, &frame.motion, own);
+            let scratch = &mut *self.scratch;
+            let rates = &mut k[own_at.clone()];
+            self.forces.state_rates(self.plant, &scene, &scratch.reactions, rates, &mut scratch.fresh_slopes);
+            if first {
+                scratch.slopes.copy_from_slice(&scratch.fresh_slopes);
+            }
+            if g > 0.0 {
+                for (i, at) in own_at.enumerate() {
+                    let slope = scratch.slopes[i];
+                    k[at] = (k[at] + slope * sum[at]) / (1.0 - g * slope);
+                }
+            }
+        }
+        let tau = self.torque.at(t);
+        let motion = &frame.motion;
+        let work = &mut k[work_at];
+        for a in 0..AXES {
+            work[a] = tau[a] * motion.qd[a];
+        }
+        work[WORK_SPIN] = -self.plant.spin_damping * spin.iter().map(|x| x * x).sum::<f64>();
+        work[WORK_CONTACT] = 0.0;
+        for (m, wrench) in motion.bodies.iter().zip(self.external) {
+            work[WORK_CONTACT] += wrench.0.dot(&m.velocity) + wrench.1.dot(&m.angular_velocity);
+        }
+        work[WORK_STRUTS] = self.mechanism.spring_power(&frame);
+        work[WORK_EFFECTS..].copy_from_slice(&self.scratch.powers);
+        Ok(())
+    }
+
+    fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
+        let (mut pose, mut nu, spin) = pose(y);
+        self.mechanism.close(&mut pose, &mut nu)?;
+        store(y, &pose, &nu, &spin);
+        Ok(())
+    }
+}
