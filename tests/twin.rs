@@ -4,7 +4,7 @@ mod common;
 
 use deltatwin::dynamics::{Plant, inertial_wrench, inverse_dynamics};
 use deltatwin::kinematics::{JointState, Motion};
-use deltatwin::model::bodies::{BODIES, STRUT};
+use deltatwin::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_UPPER};
 use deltatwin::twin::constraints::{ROWS, rows};
 use deltatwin::twin::{Snapshot, Torque, Twin};
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -86,6 +86,38 @@ fn constraint_jacobian(plant: &Plant, motion: &Motion) -> DMatrix<f64> {
         }
     }
     g
+}
+
+#[test]
+fn reactions_hold_every_body_and_spare_every_freedom() {
+    // Seventy-four numbers: what a joint leaves free it does not load.
+    let plant = loaded_plant();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    for _ in 0..20 {
+        let joints = random_joints(&plant, &mut rng);
+        let motion = plant.motion(&joints).unwrap();
+        let Snapshot { motion, joints, .. } = at(&plant, &motion, [20.0, -15.0, 30.0, 1.0]);
+        let axis = |b: usize, i: usize| motion.bodies[b].rotation.column(i).into_owned();
+        let mut free = Vec::new();
+        for i in 0..3 {
+            free.push(joints.arms[i].1.dot(&axis(i, 1)));
+        }
+        free.push(joints.rotor.1.z);
+        for (hooke, yoke) in [(joints.upper_hooke, ROTOR), (joints.lower_hooke, END_EFFECTOR)] {
+            free.push(hooke.1.dot(&axis(yoke, 0)));
+            free.push(hooke.1.dot(&axis(TELESCOPE_UPPER, 1)));
+        }
+        free.push(joints.slide.0.dot(&axis(TELESCOPE_UPPER, 2)));
+        free.push(joints.end_effector.1.dot(&axis(PLATFORM, 2)));
+        for (k, x) in free.iter().enumerate() {
+            assert!(x.abs() < 1e-9, "freedom {k}: {x:e}");
+        }
+        // The frame carries the whole machine: sum of bearings = demand of all bodies.
+        let carried = joints.arms.iter().map(|a| a.0).sum::<Vector3<f64>>() + joints.rotor.0;
+        let demand: Vector3<f64> =
+            (0..BODIES).map(|b| inertial_wrench(&plant.bodies[b], &motion.bodies[b], &plant.gravity_vector()).0).sum();
+        assert!((carried - demand).norm() < 1e-9 * demand.norm(), "{carried} {demand}");
+    }
 }
 
 #[test]

@@ -3,16 +3,16 @@
 use nalgebra::{Quaternion, Vector3};
 
 use super::SingularPose;
-use super::forces::{Forces, Scene};
+use super::forces::{Damping, Forces, Scene};
 use super::integrator::System;
 use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_SPIN, WORK_STRUTS};
 use super::mechanism::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
 use super::torque::Torque;
-use super::wrench::{STILL, Twist};
+use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::kinematics::{Motion, Reactions, SocketSet};
-use crate::model::bodies::{ARM, BODIES, ROTOR, STRUT};
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::model::bodies::{BODIES, STRUT};
+use crate::model::{ARMS, AXES, STRUTS};
 
 /// Positions: three arms, rotor, platform position and quaternion, six rolls.
 const PSI: usize = 3;
@@ -26,11 +26,9 @@ const SPIN: usize = NU + OPEN;
 pub(super) const LENGTH: usize = SPIN + STRUTS;
 
 /// Change of the strut forces at which the iteration over friction that reads them stops, N.
-const REACTION_TOLERANCE: f64 = 1e-9;
+pub(super) const REACTION_TOLERANCE: f64 = 1e-9;
 /// Enough for a contraction by two thirds per iteration.
-const MAX_REACTION_ITERATIONS: usize = 60;
-/// Change of a rate by which the damping of effects is measured, rad/s.
-const RATE: f64 = 1e-6;
+pub(super) const MAX_REACTION_ITERATIONS: usize = 60;
 
 /// Buffers that live as long as the twin.
 pub(super) struct Scratch {
@@ -38,12 +36,15 @@ pub(super) struct Scratch {
     pub reactions: Reactions,
     /// Largest change in the last iteration over the reactions that did not converge, N; zero if all did.
     pub unconverged: f64,
-    wrenches: [Twist; BODIES],
-    total: [Twist; BODIES],
-    powers: Vec<f64>,
-    idle: Vec<f64>,
-    damping_drives: [f64; AXES],
-    damping_spins: [f64; STRUTS],
+    /// Wrenches that do not depend on the reactions.
+    pub wrenches: [Twist; BODIES],
+    /// All wrenches of the last evaluation.
+    pub total: [Twist; BODIES],
+    /// Power of each effect, W.
+    pub powers: Vec<f64>,
+    pub idle: Vec<f64>,
+    /// W of the present step.
+    pub damping: Damping,
     slopes: Vec<f64>,
     fresh_slopes: Vec<f64>,
 }
@@ -57,10 +58,32 @@ impl Scratch {
             total: [STILL; BODIES],
             powers: vec![0.0; plant.effects.len()],
             idle: vec![0.0; plant.effects.len()],
-            damping_drives: [0.0; AXES],
-            damping_spins: [0.0; STRUTS],
+            damping: Damping::default(),
             slopes: vec![0.0; forces.states()],
             fresh_slopes: vec![0.0; forces.states()],
+        }
+    }
+}
+
+impl Scratch {
+    /// Stage derivatives of the effects' own states: (1 − g·J)·k = rate + J·sum with their slopes J.
+    pub fn own_rates(
+        &mut self,
+        forces: &Forces,
+        plant: &Plant,
+        scene: &Scene,
+        (sum, g, first): (&[f64], f64, bool),
+        at: std::ops::Range<usize>,
+        k: &mut [f64],
+    ) {
+        forces.state_rates(plant, scene, &self.reactions, &mut k[at.clone()], &mut self.fresh_slopes);
+        if first {
+            self.slopes.copy_from_slice(&self.fresh_slopes);
+        }
+        if g > 0.0 {
+            for (slope, i) in self.slopes.iter().zip(at) {
+                k[i] = (k[i] + slope * sum[i]) / (1.0 - g * slope);
+            }
         }
     }
 }
@@ -72,8 +95,7 @@ pub(super) struct Assembled<'a> {
     pub mechanism: &'a Mechanism,
     pub layout: Layout,
     pub torque: Torque,
-    /// Wrenches from outside, held over the step.
-    pub external: &'a [Twist; BODIES],
+    pub external: &'a Load,
     pub scratch: &'a mut Scratch,
 }
 
@@ -118,7 +140,7 @@ impl Assembled<'_> {
     fn prepare(&mut self, t: f64, frame: &Frame, own: &[f64]) {
         let scene = self.scene(t, &frame.motion, own);
         let scratch = &mut *self.scratch;
-        scratch.wrenches = *self.external;
+        scratch.wrenches = if self.external.is_none() { [STILL; BODIES] } else { self.external.at(t) };
         self.forces.add(self.plant, &scene, &scratch.reactions, false, &mut scratch.wrenches, &mut scratch.powers);
         self.restrain(&frame.motion);
     }
@@ -166,52 +188,17 @@ impl Assembled<'_> {
         Ok((frame, solution))
     }
 
-    /// Damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
-    fn measure_damping(&mut self, t: f64, frame: &Frame, own: &[f64]) {
-        let mut moved = frame.motion;
-        for a in 0..AXES {
-            moved.qd[a] += RATE;
-        }
-        let driven = self.all_wrenches(t, &moved, own);
-        moved.qd = frame.motion.qd;
-        for s in 0..STRUTS {
-            moved.bodies[STRUT + s].angular_velocity += moved.strut_axis[s] * RATE;
-        }
-        let spun = self.all_wrenches(t, &moved, own);
-        let base = self.all_wrenches(t, &frame.motion, own);
-        let scratch = &mut *self.scratch;
-        for i in 0..ARMS {
-            let slope = (base[ARM + i].1 - driven[ARM + i].1).dot(&Geometry::tangential(i)) / RATE;
-            scratch.damping_drives[i] = slope.max(0.0);
-        }
-        scratch.damping_drives[3] = ((base[ROTOR].1.z - driven[ROTOR].1.z) / RATE).max(0.0);
-        for s in 0..STRUTS {
-            let slope = (base[STRUT + s].1 - spun[STRUT + s].1).dot(&frame.motion.strut_axis[s]) / RATE;
-            scratch.damping_spins[s] = self.plant.spin_damping + slope.max(0.0);
-        }
-    }
-
-    fn all_wrenches(&mut self, t: f64, motion: &Motion, own: &[f64]) -> [Twist; BODIES] {
-        let scene = self.scene(t, motion, own);
-        let mut wrenches = [STILL; BODIES];
-        for reading in [false, true] {
-            let scratch = &mut *self.scratch;
-            self.forces.add(self.plant, &scene, &scratch.reactions, reading, &mut wrenches, &mut scratch.idle);
-        }
-        wrenches
-    }
-
     /// Implicit terms of a stage.
     fn implicit(&self, frame: &Frame, sum: &[f64], g: f64, base: &OpenVector) -> Implicit {
         let scratch = &*self.scratch;
         let mut out = Implicit::default();
         for a in 0..AXES {
-            out.drives[a] = g * scratch.damping_drives[a];
-            out.drive_torque[a] = -scratch.damping_drives[a] * sum[NU + a];
+            out.drives[a] = g * scratch.damping.drives[a];
+            out.drive_torque[a] = -scratch.damping.drives[a] * sum[NU + a];
         }
         for s in 0..STRUTS {
-            out.spins[s] = g * scratch.damping_spins[s];
-            out.spin_moment[s] = -scratch.damping_spins[s] * sum[SPIN + s];
+            out.spins[s] = g * scratch.damping.spins[s];
+            out.spin_moment[s] = -scratch.damping.spins[s] * sum[SPIN + s];
         }
         if let Some(springs) = &self.mechanism.springs {
             let velocities = OpenVector::from_column_slice(&sum[NU..SPIN]);
@@ -242,7 +229,7 @@ fn quaternion_of(frame: &Frame) -> Quaternion<f64> {
     ))
 }
 
-fn change(a: &Reactions, b: &Reactions) -> f64 {
+pub(super) fn change(a: &Reactions, b: &Reactions) -> f64 {
     let worst = |a: &[f64; STRUTS], b: &[f64; STRUTS]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     worst(&a.upper, &b.upper).max(worst(&a.lower, &b.lower))
 }
@@ -270,7 +257,9 @@ impl System for Assembled<'_> {
         }
         let implicit = if g > 0.0 {
             if first {
-                self.measure_damping(t, &frame, own);
+                let scene = self.scene(t, &frame.motion, own);
+                let scratch = &mut *self.scratch;
+                scratch.damping = self.forces.damping(self.plant, &scene, &scratch.reactions, &mut scratch.idle);
             }
             self.implicit(&frame, sum, g, &rate)
         } else {
@@ -295,18 +284,7 @@ impl System for Assembled<'_> {
         if !own_at.is_empty() {
             frame.motion.qdd.copy_from_slice(&solution.nu_rate.as_slice()[..AXES]);
             let scene = self.scene(t, &frame.motion, own);
-            let scratch = &mut *self.scratch;
-            let rates = &mut k[own_at.clone()];
-            self.forces.state_rates(self.plant, &scene, &scratch.reactions, rates, &mut scratch.fresh_slopes);
-            if first {
-                scratch.slopes.copy_from_slice(&scratch.fresh_slopes);
-            }
-            if g > 0.0 {
-                for (i, at) in own_at.enumerate() {
-                    let slope = scratch.slopes[i];
-                    k[at] = (k[at] + slope * sum[at]) / (1.0 - g * slope);
-                }
-            }
+            self.scratch.own_rates(self.forces, self.plant, &scene, (sum, g, first), own_at, k);
         }
         let tau = self.torque.at(t);
         let motion = &frame.motion;
@@ -315,10 +293,7 @@ impl System for Assembled<'_> {
             work[a] = tau[a] * motion.qd[a];
         }
         work[WORK_SPIN] = -self.plant.spin_damping * spin.iter().map(|x| x * x).sum::<f64>();
-        work[WORK_CONTACT] = 0.0;
-        for (m, wrench) in motion.bodies.iter().zip(self.external) {
-            work[WORK_CONTACT] += wrench.0.dot(&m.velocity) + wrench.1.dot(&m.angular_velocity);
-        }
+        work[WORK_CONTACT] = if self.external.is_none() { 0.0 } else { self.external.power(t, motion) };
         work[WORK_STRUTS] = self.mechanism.spring_power(&frame);
         work[WORK_EFFECTS..].copy_from_slice(&self.scratch.powers);
         Ok(())

@@ -1,12 +1,13 @@
 //! Sums what acts on the bodies apart from joints and drives.
 
+use nalgebra::Vector3;
+
+use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::{Instant, Wrenches};
 use crate::kinematics::{Motion, Reactions, SocketSet};
-use crate::model::AXES;
-use crate::model::bodies::BODIES;
-
-use super::wrench::Twist;
+use crate::model::bodies::{BODIES, STRUT};
+use crate::model::{AXES, STRUTS};
 
 /// What a force law may read besides the plant.
 #[derive(Clone, Copy)]
@@ -115,5 +116,52 @@ impl Forces {
             active.effect.encoder(&active.values(), &own[self.starts[k]..self.starts[k + 1]], &mut angles);
         }
         angles
+    }
+}
+
+/// Damping that effects put on the steep freedoms, N·m·s/rad.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Damping {
+    /// Arms and rotor.
+    pub drives: [f64; AXES],
+    /// Struts about their own axes, with their restraint.
+    pub spins: [f64; STRUTS],
+}
+
+/// Change of a rate by which the damping of effects is measured, rad/s.
+const RATE: f64 = 1e-6;
+
+impl Forces {
+    /// Damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
+    pub fn damping(&self, plant: &Plant, scene: &Scene, reactions: &Reactions, idle: &mut [f64]) -> Damping {
+        let mut wrenches = |motion: &Motion| {
+            let mut out = [STILL; BODIES];
+            let scene = Scene { motion, ..*scene };
+            for reading in [false, true] {
+                self.add(plant, &scene, reactions, reading, &mut out, idle);
+            }
+            out
+        };
+        let base = wrenches(scene.motion);
+        let mut moved = *scene.motion;
+        for a in 0..AXES {
+            moved.qd[a] += RATE;
+        }
+        let driven = wrenches(&moved);
+        moved.qd = scene.motion.qd;
+        for s in 0..STRUTS {
+            moved.bodies[STRUT + s].angular_velocity += moved.strut_axis[s] * RATE;
+        }
+        let spun = wrenches(&moved);
+        let slope = |body: usize, axis: &Vector3<f64>, other: &[Twist; BODIES]| {
+            ((base[body].1 - other[body].1).dot(axis) / RATE).max(0.0)
+        };
+        Damping {
+            drives: std::array::from_fn(|a| {
+                let (body, axis) = Motion::drive(a);
+                slope(body, &axis, &driven)
+            }),
+            spins: std::array::from_fn(|s| plant.spin_damping + slope(STRUT + s, &scene.motion.strut_axis[s], &spun)),
+        }
     }
 }

@@ -1,17 +1,15 @@
 //! [`Twin`]: the machine with its state, advanced step by step.
 
-use nalgebra::Vector3;
-
 use super::assembled::{self, Assembled, Scratch};
 use super::forces::Forces;
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
 use super::mechanism::Mechanism;
+use super::reactions::JointReactions;
 use super::torque::Torque;
 use super::wrench::{STILL, Twist};
 use super::{SingularPose, energy};
 use crate::dynamics::Plant;
-use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{Motion, Reactions};
 use crate::model::AXES;
 use crate::model::bodies::BODIES;
@@ -23,8 +21,8 @@ pub struct Snapshot {
     pub motion: Motion,
     /// Axial strut forces.
     pub reactions: Reactions,
-    /// Force on each strut at its sockets (six upper, six lower), N, world.
-    pub socket_force: [Vector3<f64>; SOCKETS],
+    /// What all joints transmit.
+    pub joints: JointReactions,
 }
 
 /// The machine in motion.
@@ -123,7 +121,13 @@ impl Twin {
             (body.acceleration, body.angular_acceleration) = (linear, angular);
         }
         motion.qdd.copy_from_slice(&solution.nu_rate.as_slice()[..AXES]);
-        Ok(Snapshot { motion, reactions: solution.reactions, socket_force: solution.socket_force })
+        let mut wrenches = *self.scratch.applied();
+        for (axis, torque) in torque.at(t).into_iter().enumerate() {
+            let (body, direction) = Motion::drive(axis);
+            wrenches[body].1 += direction * torque;
+        }
+        let joints = JointReactions::new(&self.plant, &motion, &wrenches, &solution.socket_force);
+        Ok(Snapshot { motion, reactions: solution.reactions, joints })
     }
 
     /// Motion of all bodies now, without accelerations.

@@ -10,6 +10,7 @@ mod integrator;
 mod layout;
 mod machine;
 mod mechanism;
+mod reactions;
 mod simulate;
 mod state;
 mod torque;
@@ -17,6 +18,7 @@ mod wrench;
 
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
+pub use reactions::JointReactions;
 pub use simulate::{Options, Report, SimulationError, simulate};
 pub use state::BodyState;
 pub use torque::Torque;

@@ -2,8 +2,58 @@
 
 use nalgebra::Vector3;
 
+use crate::kinematics::Motion;
+use crate::model::bodies::BODIES;
+
 /// Twist (velocity of the origin, angular velocity) or wrench (force, moment about the origin) of a body, world axes.
 pub type Twist = (Vector3<f64>, Vector3<f64>);
 
 /// No motion, no load.
 pub(super) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+
+/// Wrenches from outside on all bodies that change linearly with time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Load {
+    /// Time at which they are `start`, s.
+    pub since: f64,
+    /// N and N·m.
+    pub start: [Twist; BODIES],
+    /// Per second.
+    pub rate: [Twist; BODIES],
+}
+
+impl Load {
+    /// Nothing acts.
+    pub const NONE: Self = Self { since: 0.0, start: [STILL; BODIES], rate: [STILL; BODIES] };
+
+    /// Wrenches that stay.
+    pub fn constant(wrenches: [Twist; BODIES]) -> Self {
+        Self { start: wrenches, ..Self::NONE }
+    }
+
+    /// Wrenches that go from `start` to `end` within `h` seconds.
+    pub fn ramp(since: f64, start: &[Twist; BODIES], end: &[Twist; BODIES], h: f64) -> Self {
+        let rate = std::array::from_fn(|b| ((end[b].0 - start[b].0) / h, (end[b].1 - start[b].1) / h));
+        Self { since, start: *start, rate }
+    }
+
+    /// Whether nothing acts.
+    pub fn is_none(&self) -> bool {
+        self.start.iter().chain(&self.rate).all(|w| *w == STILL)
+    }
+
+    /// Wrenches at time `t`.
+    pub fn at(&self, t: f64) -> [Twist; BODIES] {
+        let s = t - self.since;
+        std::array::from_fn(|b| (self.start[b].0 + self.rate[b].0 * s, self.start[b].1 + self.rate[b].1 * s))
+    }
+
+    /// Power on the bodies, W.
+    pub fn power(&self, t: f64, motion: &Motion) -> f64 {
+        self.at(t)
+            .iter()
+            .zip(&motion.bodies)
+            .map(|(w, m)| w.0.dot(&m.velocity) + w.1.dot(&m.angular_velocity))
+            .sum()
+    }
+}
