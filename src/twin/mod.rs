@@ -6,6 +6,7 @@ pub mod controller;
 pub mod energy;
 mod equations;
 mod integrator;
+pub mod loose;
 mod simulate;
 mod state;
 
