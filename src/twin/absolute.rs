@@ -159,11 +159,7 @@ impl Absolute<'_> {
                     self.scratch.unconverged = self.scratch.unconverged.max(change);
                 }
                 self.scratch.total = wrenches;
-                return Ok(Solution {
-                    bodies: solution.bodies,
-                    reactions,
-                    socket_force: self.loose.socket_forces(),
-                });
+                return Ok(Solution { bodies: solution.bodies, reactions, socket_force: self.loose.socket_forces() });
             }
         }
     }

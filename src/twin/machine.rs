@@ -1,18 +1,20 @@
 //! [`Twin`]: the machine with its state, advanced step by step.
 
+use super::absolute::{self, Absolute};
 use super::assembled::{self, Assembled, Scratch};
 use super::forces::Forces;
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
+use super::loose::Loose;
 use super::mechanism::Mechanism;
 use super::reactions::JointReactions;
 use super::torque::Torque;
-use super::wrench::{STILL, Twist};
+use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, energy};
 use crate::dynamics::Plant;
-use crate::kinematics::{Motion, Reactions};
-use crate::model::AXES;
-use crate::model::bodies::BODIES;
+use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::model::bodies::{BODIES, END_EFFECTOR};
+use crate::model::{AXES, Inertia, STRUTS};
 
 /// What the equations of motion yield at one instant.
 #[derive(Clone, Debug)]
@@ -29,7 +31,8 @@ pub struct Snapshot {
 pub struct Twin {
     plant: Plant,
     forces: Forces,
-    mechanism: Mechanism,
+    form: Form,
+    closed: SocketSet,
     layout: Layout,
     /// No force law and no elasticity: nothing is steep, nothing turns the struts.
     smooth: bool,
@@ -37,11 +40,18 @@ pub struct Twin {
     scratch: Scratch,
     t: f64,
     y: Vec<f64>,
-    external: [Twist; BODIES],
-    start_energy: f64,
+    external: Load,
+    /// Energy at the start and what was put in or lost at once since.
+    reference_energy: f64,
 }
 
-/// A state to return to.
+/// How the equations are solved.
+enum Form {
+    Assembled(Mechanism),
+    Loose(Loose),
+}
+
+/// A state to return to, as long as no socket opens in between.
 #[derive(Clone, Debug, Default)]
 pub struct Mark {
     t: f64,
@@ -73,67 +83,170 @@ impl Twin {
             smooth: smooth && mechanism.springs.is_none(),
             plant,
             forces,
-            mechanism,
+            form: Form::Assembled(mechanism),
+            closed: SocketSet::ALL,
             layout,
             t: 0.0,
             y,
-            external: [STILL; BODIES],
-            start_energy: 0.0,
+            external: Load::NONE,
+            reference_energy: 0.0,
         };
-        twin.start_energy = twin.energy();
+        twin.reference_energy = twin.energy();
         Ok(twin)
-    }
-
-    fn system(&mut self, torque: Torque) -> (Assembled<'_>, &mut Stepper, &mut Vec<f64>) {
-        (
-            Assembled {
-                plant: &self.plant,
-                forces: &self.forces,
-                mechanism: &self.mechanism,
-                layout: self.layout,
-                torque,
-                external: &self.external,
-                scratch: &mut self.scratch,
-            },
-            &mut self.stepper,
-            &mut self.y,
-        )
     }
 
     /// Advances by `h` seconds under drive torques. On an error the state stays as it was.
     pub fn step(&mut self, h: f64, torque: &Torque) -> Result<(), SingularPose> {
-        let t = self.t;
-        let tableau: &Tableau = if self.smooth && self.external.iter().all(|w| *w == STILL) { &RK4 } else { &ROS34PW2 };
-        let (mut system, stepper, y) = self.system(*torque);
-        stepper.step(tableau, &mut system, t, y, h)?;
-        self.t = t + h;
+        let Self { plant, forces, layout, external, scratch, stepper, y, t, closed, smooth, .. } = self;
+        match &mut self.form {
+            Form::Assembled(mechanism) => {
+                let tableau: &Tableau = if *smooth && external.is_none() { &RK4 } else { &ROS34PW2 };
+                let mut system =
+                    Assembled { plant, forces, mechanism, layout: *layout, torque: *torque, external, scratch };
+                stepper.step(tableau, &mut system, *t, y, h)?;
+            }
+            Form::Loose(loose) => {
+                let mut system = Absolute {
+                    plant,
+                    forces,
+                    loose,
+                    layout: *layout,
+                    torque: *torque,
+                    external,
+                    closed: *closed,
+                    scratch,
+                };
+                stepper.step(&ROS34PW2, &mut system, *t, y, h)?;
+            }
+        }
+        self.t += h;
         Ok(())
     }
 
-    /// Accelerations, strut and socket forces now, under drive torques.
+    /// Accelerations, strut and joint forces now, under drive torques.
     pub fn evaluate(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
-        let t = self.t;
-        let (mut system, _, y) = self.system(*torque);
-        let (frame, solution) = system.evaluate(t, y)?;
-        let mut motion = frame.motion;
-        let accelerations = self.mechanism.accelerations(&frame, &solution);
+        let Self { plant, forces, layout, external, scratch, y, t, closed, .. } = self;
+        let (motion, accelerations, reactions, sockets) = match &mut self.form {
+            Form::Assembled(mechanism) => {
+                let mut system =
+                    Assembled { plant, forces, mechanism, layout: *layout, torque: *torque, external, scratch };
+                let (frame, solution) = system.evaluate(*t, y)?;
+                let accelerations = mechanism.accelerations(&frame, &solution);
+                (frame.motion, accelerations, solution.reactions, solution.socket_force)
+            }
+            Form::Loose(loose) => {
+                let mut system = Absolute {
+                    plant,
+                    forces,
+                    loose,
+                    layout: *layout,
+                    torque: *torque,
+                    external,
+                    closed: *closed,
+                    scratch,
+                };
+                let (motion, solution) = system.evaluate(*t, y)?;
+                (motion, solution.bodies, solution.reactions, solution.socket_force)
+            }
+        };
+        let mut motion = motion;
         for (body, (linear, angular)) in motion.bodies.iter_mut().zip(accelerations) {
             (body.acceleration, body.angular_acceleration) = (linear, angular);
         }
-        motion.qdd.copy_from_slice(&solution.nu_rate.as_slice()[..AXES]);
-        let mut wrenches = *self.scratch.applied();
-        for (axis, torque) in torque.at(t).into_iter().enumerate() {
+        let mut wrenches = self.scratch.total;
+        for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
             let (body, direction) = Motion::drive(axis);
+            motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
             wrenches[body].1 += direction * torque;
         }
-        let joints = JointReactions::new(&self.plant, &motion, &wrenches, &solution.socket_force);
-        Ok(Snapshot { motion, reactions: solution.reactions, joints })
+        let joints = JointReactions::new(&self.plant, &motion, &wrenches, &sockets);
+        Ok(Snapshot { motion, reactions, joints })
     }
 
     /// Motion of all bodies now, without accelerations.
     pub fn motion(&self) -> Motion {
-        let (pose, nu, spin) = assembled::pose(&self.y);
-        self.mechanism.frame(&pose, &nu, &spin).motion
+        match &self.form {
+            Form::Assembled(mechanism) => {
+                let (pose, nu, spin) = assembled::pose(&self.y);
+                mechanism.frame(&pose, &nu, &spin).motion
+            }
+            Form::Loose(_) => absolute::motion(&self.plant.geometry, &self.y),
+        }
+    }
+
+    /// Opens a ball socket: its rows drop out.
+    pub fn open(&mut self, socket: usize) {
+        if let Form::Assembled(_) = self.form {
+            let motion = self.motion();
+            let layout = Layout::new(absolute::LENGTH, self.forces.states(), self.plant.effects.len());
+            let mut y = vec![0.0; layout.len()];
+            absolute::store(&mut y, &motion);
+            y[layout.own().start..].copy_from_slice(&self.y[self.layout.own().start..]);
+            self.stepper = Stepper::new(layout.len());
+            (self.y, self.layout) = (y, layout);
+            self.form = Form::Loose(Loose::new());
+        }
+        self.closed = self.closed.without(socket);
+    }
+
+    /// Sockets that hold.
+    pub fn closed(&self) -> SocketSet {
+        self.closed
+    }
+
+    /// Fastens a body to the end effector: `inertia` in the end effector's frame, `momentum` (linear, N·s, and angular
+    /// about the end effector's origin, N·m·s, world axes) what it brings along. The velocities change at once so that
+    /// momentum is conserved.
+    pub fn attach(&mut self, inertia: &Inertia, momentum: &Twist) -> Result<(), SingularPose> {
+        let balance = self.energy_balance();
+        let motion = self.motion();
+        let mut joined = self.plant.clone();
+        joined.bodies[END_EFFECTOR] += *inertia;
+        let mut impulses = [STILL; BODIES];
+        impulses[END_EFFECTOR] = *momentum;
+        let mut solver = Loose::new();
+        let after = solver.impulse(&joined, &self.plant.bodies, &motion.bodies, self.closed, &impulses)?;
+        let mut moved = motion;
+        for (body, (v, omega)) in moved.bodies.iter_mut().zip(&after.bodies) {
+            (body.velocity, body.angular_velocity) = (*v, *omega);
+        }
+        for axis in 0..AXES {
+            let (body, direction) = Motion::drive(axis);
+            moved.qd[axis] = moved.bodies[body].angular_velocity.dot(&direction);
+        }
+        self.plant = joined;
+        self.reload(Some(&moved))?;
+        self.reference_energy += self.energy_balance() - balance;
+        Ok(())
+    }
+
+    /// Lets go of a body of this inertia; the velocities stay.
+    pub fn detach(&mut self, inertia: &Inertia) -> Result<(), SingularPose> {
+        let balance = self.energy_balance();
+        self.plant.bodies[END_EFFECTOR] += *inertia * -1.0;
+        self.reload(None)?;
+        self.reference_energy += self.energy_balance() - balance;
+        Ok(())
+    }
+
+    fn reload(&mut self, moved: Option<&Motion>) -> Result<(), SingularPose> {
+        match &mut self.form {
+            Form::Assembled(mechanism) => {
+                *mechanism = Mechanism::new(&self.plant);
+                if let Some(motion) = moved {
+                    let (mut pose, ..) = assembled::pose(&self.y);
+                    let (_, mut nu, spin) = mechanism.pose(motion);
+                    mechanism.close(&mut pose, &mut nu)?;
+                    assembled::store(&mut self.y, &pose, &nu, &spin);
+                }
+            }
+            Form::Loose(_) => {
+                if let Some(motion) = moved {
+                    absolute::store(&mut self.y, motion);
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Machine it runs.
@@ -151,15 +264,18 @@ impl Twin {
         self.t = t;
     }
 
-    /// Wrenches from outside on all bodies (about their origins, world axes), held until set again.
-    pub fn set_external(&mut self, wrenches: &[Twist; BODIES]) {
-        self.external = *wrenches;
+    /// Wrenches from outside on all bodies (about their origins, world axes), until set again.
+    pub fn set_external(&mut self, load: Load) {
+        self.external = load;
     }
 
     /// Angles the motor-side encoders see, rad.
     pub fn encoders(&self) -> [f64; AXES] {
-        let own = &self.y[self.layout.own()];
-        self.forces.encoders(&self.plant, own, &[self.y[0], self.y[1], self.y[2], self.y[3]])
+        let q = match &self.form {
+            Form::Assembled(_) => [self.y[0], self.y[1], self.y[2], self.y[3]],
+            Form::Loose(_) => self.motion().q,
+        };
+        self.forces.encoders(&self.plant, &self.y[self.layout.own()], &q)
     }
 
     /// Kinetic plus potential energy of the bodies, J.
@@ -174,7 +290,7 @@ impl Twin {
 
     /// Energy that no work accounts for, J: zero but for the integrator's error.
     pub fn energy_balance(&self) -> f64 {
-        self.energy() - self.start_energy - self.work().iter().sum::<f64>()
+        self.energy() - self.reference_energy - self.work().iter().sum::<f64>()
     }
 
     /// Largest change in the last iteration over load-dependent friction that did not converge, N.
@@ -189,10 +305,19 @@ impl Twin {
         mark.reactions = self.scratch.reactions;
     }
 
-    /// Returns to a state.
+    /// Returns to a state of the same mechanism.
+    ///
+    /// # Panics
+    /// If a socket opened since.
     pub fn restore(&mut self, mark: &Mark) {
         self.t = mark.t;
         self.y.copy_from_slice(&mark.y);
         self.scratch.reactions = mark.reactions;
     }
+}
+
+/// Sockets of one clamp spring unit: both struts of a pair at one end.
+pub fn clamp_partner(socket: usize) -> usize {
+    let (end, strut) = (socket / STRUTS, socket % STRUTS);
+    end * STRUTS + (strut ^ 1)
 }

@@ -1,5 +1,9 @@
 //! The machine in absolute coordinates: fourteen bodies, 84 velocities, 74 constraint rows.
+//!
+//! While all sockets hold, `mechanism` solves the equations in closed form; from the first dislocation on `loose`
+//! solves them for whatever joints are left. `integrator` steps either.
 
+mod absolute;
 mod assembled;
 pub mod command;
 pub mod constraints;
@@ -8,6 +12,7 @@ pub mod energy;
 mod forces;
 mod integrator;
 mod layout;
+pub mod loose;
 mod machine;
 mod mechanism;
 mod reactions;
@@ -17,12 +22,12 @@ mod torque;
 mod wrench;
 
 pub use controller::Gains;
-pub use machine::{Mark, Snapshot, Twin};
+pub use machine::{Mark, Snapshot, Twin, clamp_partner};
 pub use reactions::JointReactions;
 pub use simulate::{Options, Report, SimulationError, simulate};
 pub use state::BodyState;
 pub use torque::Torque;
-pub use wrench::Twist;
+pub use wrench::{Load, Twist};
 
 /// The mechanism has lost rank: a singular pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Pose and twist of a body in absolute coordinates.
 
-use nalgebra::{Quaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 /// Pose and twist of one body frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,4 +13,9 @@ pub struct BodyState {
     pub velocity: Vector3<f64>,
     /// Angular velocity, rad/s, in the *body* frame.
     pub angular_velocity: Vector3<f64>,
+}
+
+/// Rotation matrix of a quaternion that may be slightly off unit length.
+pub(super) fn rotation(q: &Quaternion<f64>) -> Matrix3<f64> {
+    UnitQuaternion::new_normalize(*q).to_rotation_matrix().into_inner()
 }

@@ -50,10 +50,6 @@ impl Load {
 
     /// Power on the bodies, W.
     pub fn power(&self, t: f64, motion: &Motion) -> f64 {
-        self.at(t)
-            .iter()
-            .zip(&motion.bodies)
-            .map(|(w, m)| w.0.dot(&m.velocity) + w.1.dot(&m.angular_velocity))
-            .sum()
+        self.at(t).iter().zip(&motion.bodies).map(|(w, m)| w.0.dot(&m.velocity) + w.1.dot(&m.angular_velocity)).sum()
     }
 }

@@ -1,0 +1,489 @@
+//! The mechanism in absolute coordinates with any ball sockets open: M·a + Gᵀ·λ = W, G·a = γ.
+//!
+//! Fourteen bodies with 84 velocities (of each body frame's origin and angular, world axes) and 74 rows, three fewer per
+//! open socket. It runs once sockets have left, and it checks the closed-form elimination of `mechanism`: nothing is
+//! shared with it but the inertia parameters.
+//!
+//! M is block diagonal, so S = G·M⁻¹·Gᵀ couples only joints of one body; it is factored along the mechanism's
+//! branches. The end effector may have no inertia of its own (M singular). Inertia is therefore shifted to it from
+//! platform and telescope *exactly*: for a row g_E·a_E + g_D·a_D = γ and any r,
+//!
+//! M_E + r·g_Eᵀg_E, M_D − r·g_Dᵀg_D, W_D − r·g_Dᵀγ give the same a, and λ = λ′ + r·g_E·a_E.
+//!
+//! With r at most half of the donor's inertia along g_D both stay positive definite. Any other body without inertia
+//! gets a millionth of the mechanism's, removed again by iterative refinement. Where S has lost rank (redundant rows in
+//! a degenerate pose) it is relaxed and refined as well: a is unique then, λ one of many. What cannot be refined to
+//! 1e-9 of the terms of either equation is a [`SingularPose`].
+
+mod factor;
+mod rows;
+mod schur;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use self::factor::{Root, Six, add, dot};
+use self::rows::*;
+use self::schur::Schur;
+use super::SingularPose;
+use super::constraints::ROWS;
+use super::state::{BodyState, rotation};
+use crate::dynamics::Plant;
+use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::{BodyMotion, Reactions, SocketSet};
+use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
+use crate::model::{ARMS, Bodies, Geometry, Inertia, STRUTS};
+
+/// Two world vectors at a body's origin: velocity and angular velocity, their rates, or force and moment.
+pub type Pair = (Vector3<f64>, Vector3<f64>);
+
+/// Accelerations (or velocities after an impulse) and multipliers.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// Acceleration of the origin, m/s², and angular acceleration, rad/s², of every body, world axes.
+    pub bodies: [Pair; BODIES],
+    /// λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets. Joints act with −Gᵀ·λ.
+    pub multipliers: [f64; ROWS],
+}
+
+/// Forces of all joints on one of their two bodies, N and N·m, world axes, moments about that body's origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointReactions {
+    /// Bearings: on the arms.
+    pub arms: [Pair; ARMS],
+    /// Bearing of motor 4: on the rotor.
+    pub rotor: Pair,
+    /// Ball sockets (elbows, then platform): force on the strut.
+    pub sockets: [Vector3<f64>; SOCKETS],
+    /// Revolute joint on the platform: on the end effector.
+    pub pivot: Pair,
+    /// On the telescope's upper part, from the rotor.
+    pub upper_hooke: Pair,
+    /// Prismatic joint: on the telescope's lower part.
+    pub slide: Pair,
+    /// On the telescope's lower part, from the end effector.
+    pub lower_hooke: Pair,
+}
+
+/// Workspace of the solver; nothing is allocated after [`Loose::new`].
+pub struct Loose(Box<Workspace>);
+
+struct Workspace {
+    rows: Rows,
+    mass: [[Six; 6]; BODIES],
+    roots: [Root; BODIES],
+    /// L⁻¹·Gᵀ block row by block row.
+    y: [Six; BLOCK_ROWS],
+    schur: Schur,
+    /// Weights r of the inertia shifts.
+    shifts: [f64; SHIFTS.len()],
+    /// M or S was regularised: refine until the equations hold.
+    regularised: bool,
+    accelerations: [Six; BODIES],
+    solution: Solution,
+}
+
+/// Donor, and the block rows of a row on donor and end effector.
+struct Shift {
+    donor: usize,
+    from: usize,
+    to: usize,
+}
+
+/// Along the pivot's five rows from the platform, about the lower Hooke joint's normal from the telescope.
+const SHIFTS: [Shift; 6] = {
+    let (p, e) = (PIVOT_ON_PLATFORM, PIVOT_ON_END_EFFECTOR);
+    [
+        Shift { donor: PLATFORM, from: p, to: e },
+        Shift { donor: PLATFORM, from: p + 1, to: e + 1 },
+        Shift { donor: PLATFORM, from: p + 2, to: e + 2 },
+        Shift { donor: PLATFORM, from: p + 3, to: e + 3 },
+        Shift { donor: PLATFORM, from: p + 4, to: e + 4 },
+        Shift { donor: TELESCOPE_LOWER, from: LOWER_HOOKE_ON_LOWER + 3, to: LOWER_HOOKE_ON_END_EFFECTOR + 3 },
+    ]
+};
+/// Shifts by donor: the platform gives along five rows at once, 1/(2·5) of its inertia along each is safe.
+const PLATFORM_SHARE: f64 = 0.1;
+const TELESCOPE_SHARE: f64 = 0.5;
+
+/// Inertia lent to a body that has none, relative to the mechanism's mass and, for rotation, a lever of 0.1 m.
+const LENT: f64 = 1e-6;
+const LENT_LEVER: f64 = 0.1;
+/// Relaxation of S where it has lost rank.
+const TIKHONOV: f64 = 1e-9;
+/// Residual, relative to the largest term of its equation, at which refinement stops; and beyond which a pose is singular.
+const REFINED: f64 = 1e-13;
+const ACCEPTED: f64 = 1e-9;
+const MAX_REFINEMENTS: usize = 8;
+
+/// Violation at which all rows count as closed, m or 1.
+const CLOSED: f64 = 1e-13;
+const MAX_PROJECTIONS: usize = 12;
+
+impl Default for Loose {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Loose {
+    /// An empty workspace.
+    pub fn new() -> Self {
+        const NONE: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+        Self(Box::new(Workspace {
+            rows: Rows::new(),
+            mass: [[[0.0; 6]; 6]; BODIES],
+            roots: [Root::ONE; BODIES],
+            y: [[0.0; 6]; BLOCK_ROWS],
+            schur: Schur::new(),
+            shifts: [0.0; SHIFTS.len()],
+            regularised: false,
+            accelerations: [[0.0; 6]; BODIES],
+            solution: Solution { bodies: [NONE; BODIES], multipliers: [0.0; ROWS] },
+        }))
+    }
+
+    /// Accelerations and multipliers of M·a + Gᵀ·λ = W, G·a = γ.
+    ///
+    /// `bodies` gives poses and velocities; W is the sum of `wrenches` (applied forces and moments about the origins,
+    /// N and N·m, world axes: effects, drives, contacts), weight and velocity products. `damping` is added to M's
+    /// rotational blocks, kg·m², symmetric, world axes: h·γ·D of an implicit integrator.
+    pub fn solve(
+        &mut self,
+        plant: &Plant,
+        bodies: &[BodyMotion; BODIES],
+        closed: SocketSet,
+        wrenches: &[Pair; BODIES],
+        damping: Option<&[Matrix3<f64>; BODIES]>,
+    ) -> Result<&Solution, SingularPose> {
+        let gravity = plant.gravity_vector();
+        self.0.prepare(&plant.geometry, &plant.bodies, bodies, closed, damping)?;
+        let loads = std::array::from_fn(|b| {
+            let (force, moment) = velocity_products(&plant.bodies[b], &bodies[b], &gravity);
+            six(&(wrenches[b].0 - force, wrenches[b].1 - moment))
+        });
+        let gamma = self.0.rows.gamma;
+        self.0.equations(&loads, &gamma)
+    }
+
+    /// Velocities after an impulsive load or a change of inertia, with all rows fulfilled: `solution.bodies` are twists
+    /// (m/s, rad/s) and its multipliers impulses (N·s, N·m·s).
+    ///
+    /// M₊·v⁺ = M₋·v⁻ + p − Gᵀ·λ, G·v⁺ = 0. M₊ is the inertia of `plant`, M₋ that of `before` (a body that joins brings
+    /// its own momentum in p), v⁻ the velocities in `bodies` and p the `impulses` about the origins, N·s and N·m·s.
+    pub fn impulse(
+        &mut self,
+        plant: &Plant,
+        before: &Bodies,
+        bodies: &[BodyMotion; BODIES],
+        closed: SocketSet,
+        impulses: &[Pair; BODIES],
+    ) -> Result<&Solution, SingularPose> {
+        self.0.prepare(&plant.geometry, &plant.bodies, bodies, closed, None)?;
+        let loads = std::array::from_fn(|b| {
+            let (p, l) = momentum(&before[b], &bodies[b]);
+            six(&(impulses[b].0 + p, impulses[b].1 + l))
+        });
+        self.0.equations(&loads, &[0.0; ROWS])
+    }
+
+    /// Makes the rows of all joints hold: poses to 1e-13 m (or 1), velocities to rounding.
+    ///
+    /// Gauss–Newton on the poses in the metric of M, δ = −M⁻¹·Gᵀ·S⁻¹·c with rotations by exp(δω), then the orthogonal
+    /// projection of the velocities: M·v⁺ + Gᵀ·μ = M·v, G·v⁺ = 0.
+    pub fn project(
+        &mut self,
+        plant: &Plant,
+        bodies: &mut [BodyState; BODIES],
+        closed: SocketSet,
+    ) -> Result<(), SingularPose> {
+        let work = &mut *self.0;
+        for _ in 0..MAX_PROJECTIONS {
+            let motion = motions(bodies);
+            work.prepare(&plant.geometry, &plant.bodies, &motion, closed, None)?;
+            if work.rows.values.iter().all(|c| c.abs() < CLOSED) {
+                let loads = std::array::from_fn(|b| six(&momentum(&plant.bodies[b], &motion[b])));
+                let solution = work.equations(&loads, &[0.0; ROWS])?;
+                for (b, body) in bodies.iter_mut().enumerate() {
+                    body.velocity = solution.bodies[b].0;
+                    body.angular_velocity = motion[b].rotation.tr_mul(&solution.bodies[b].1);
+                }
+                return Ok(());
+            }
+            let back = work.rows.values.map(|c| -c);
+            let solution = work.equations(&[[0.0; 6]; BODIES], &back)?;
+            for (body, (shift, turn)) in bodies.iter_mut().zip(&solution.bodies) {
+                body.position += shift;
+                let old = UnitQuaternion::new_normalize(body.orientation);
+                body.orientation = *(UnitQuaternion::from_scaled_axis(*turn) * old);
+            }
+        }
+        Err(SingularPose)
+    }
+
+    /// Largest violation of a row, m or 1, at the pose last given.
+    pub fn violation(&self) -> f64 {
+        self.0.rows.values.iter().fold(0.0, |worst, c| worst.max(c.abs()))
+    }
+
+    /// Force on the strut at each socket, N, world axes, from the last solution; zero where open.
+    pub fn socket_forces(&self) -> [Vector3<f64>; SOCKETS] {
+        std::array::from_fn(|k| self.wrench(socket_block(k), 3).0)
+    }
+
+    /// Axial forces of the struts, tension positive, N, from the last solution; `bodies` as given to it.
+    pub fn axial_forces(&self, bodies: &[BodyMotion; BODIES]) -> Reactions {
+        let forces = self.socket_forces();
+        let along = |s: usize, k: usize| bodies[STRUT + s].rotation.column(0).dot(&forces[k]);
+        Reactions { upper: std::array::from_fn(|s| -along(s, s)), lower: std::array::from_fn(|s| along(s, STRUTS + s)) }
+    }
+
+    /// Forces and moments of all joints from the last solution.
+    pub fn reactions(&self) -> JointReactions {
+        JointReactions {
+            arms: std::array::from_fn(|i| self.wrench(bearing_block(i), 5)),
+            rotor: self.wrench(ROTOR_BEARING_BLOCK, 5),
+            sockets: self.socket_forces(),
+            pivot: self.wrench(PIVOT_ON_END_EFFECTOR, 5),
+            upper_hooke: self.wrench(UPPER_HOOKE_ON_TELESCOPE, 4),
+            slide: self.wrench(SLIDE_ON_LOWER, 5),
+            lower_hooke: self.wrench(LOWER_HOOKE_ON_LOWER, 4),
+        }
+    }
+
+    /// −Gᵀ·λ of one joint on one body.
+    fn wrench(&self, block: usize, n: usize) -> Pair {
+        let mut sum = [0.0; 6];
+        for k in block..block + n {
+            add(&mut sum, -self.0.solution.multipliers[ROW[k]], &self.0.rows.blocks[k]);
+        }
+        pair(&sum)
+    }
+}
+
+fn socket_block(k: usize) -> usize {
+    if k < STRUTS { elbow_on_strut(k) } else { ball_on_strut(k - STRUTS) }
+}
+
+impl Workspace {
+    /// Rows, masses and factors at a pose.
+    fn prepare(
+        &mut self,
+        geometry: &Geometry,
+        inertia: &Bodies,
+        bodies: &[BodyMotion; BODIES],
+        closed: SocketSet,
+        damping: Option<&[Matrix3<f64>; BODIES]>,
+    ) -> Result<(), SingularPose> {
+        self.rows.fill(geometry, bodies, closed);
+        self.regularised = false;
+        let total: f64 = inertia.0.iter().map(|i| i.mass).sum();
+        for b in 0..BODIES {
+            self.mass[b] = spatial(&inertia[b], &bodies[b].rotation, damping.map(|d| &d[b]));
+        }
+        for b in 0..BODIES {
+            if b != END_EFFECTOR {
+                self.root(b, total)?;
+            }
+        }
+        self.shift();
+        for b in [PLATFORM, END_EFFECTOR, TELESCOPE_LOWER] {
+            self.root(b, total)?;
+        }
+        for b in 0..BODIES {
+            for k in BODY[b]..BODY[b + 1] {
+                self.y[k] = self.roots[b].lower(&self.rows.blocks[k]);
+            }
+        }
+        if !self.schur.factor(&self.y, closed, 0.0) {
+            self.regularised = true;
+            if !self.schur.factor(&self.y, closed, TIKHONOV) {
+                return Err(SingularPose);
+            }
+        }
+        Ok(())
+    }
+
+    /// Factors a body's mass, lending inertia where it has none.
+    fn root(&mut self, b: usize, total: f64) -> Result<(), SingularPose> {
+        if let Some(root) = Root::new(&self.mass[b]) {
+            self.roots[b] = root;
+            return Ok(());
+        }
+        self.regularised = true;
+        let mut lent = self.mass[b];
+        for k in 0..6 {
+            lent[k][k] += LENT * total * if k < 3 { 1.0 } else { LENT_LEVER * LENT_LEVER };
+        }
+        self.roots[b] = Root::new(&lent).ok_or(SingularPose)?;
+        Ok(())
+    }
+
+    /// Shifts inertia from platform and telescope to the end effector.
+    fn shift(&mut self) {
+        for (k, s) in SHIFTS.iter().enumerate() {
+            let from = self.rows.blocks[s.from];
+            let y = self.roots[s.donor].lower(&from);
+            let share = if s.donor == PLATFORM { PLATFORM_SHARE } else { TELESCOPE_SHARE };
+            self.shifts[k] = share / dot(&y, &y);
+            let to = self.rows.blocks[s.to];
+            for j in 0..6 {
+                add(&mut self.mass[s.donor][j], -self.shifts[k] * from[j], &from);
+                add(&mut self.mass[END_EFFECTOR][j], self.shifts[k] * to[j], &to);
+            }
+        }
+    }
+
+    /// Solves the equations for given W and γ with the factors at hand.
+    fn equations(&mut self, loads: &[Six; BODIES], gamma: &[f64; ROWS]) -> Result<&Solution, SingularPose> {
+        let mut w = *loads;
+        for (s, r) in SHIFTS.iter().zip(&self.shifts) {
+            add(&mut w[s.donor], -r * gamma[ROW[s.from]], &self.rows.blocks[s.from]);
+        }
+        self.accelerations = [[0.0; 6]; BODIES];
+        self.solution.multipliers = [0.0; ROWS];
+        self.correct(&w, gamma);
+        let (mut loads_left, mut rows_left) = self.residuals(&w, gamma);
+        for _ in 0..MAX_REFINEMENTS {
+            if loads_left.1 < REFINED && rows_left.1 < REFINED {
+                break;
+            }
+            let (w_left, gamma_left) = (loads_left.0, rows_left.0);
+            self.correct(&w_left, &gamma_left);
+            let worst = loads_left.1.max(rows_left.1);
+            (loads_left, rows_left) = self.residuals(&w, gamma);
+            if !self.regularised && loads_left.1.max(rows_left.1) > 0.5 * worst {
+                break; // at rounding
+            }
+        }
+        if !(loads_left.1 < ACCEPTED && rows_left.1 < ACCEPTED) {
+            return Err(SingularPose);
+        }
+        for (s, r) in SHIFTS.iter().zip(&self.shifts) {
+            let along = dot(&self.rows.blocks[s.to], &self.accelerations[END_EFFECTOR]);
+            self.solution.multipliers[ROW[s.to]] += r * along;
+        }
+        for (out, a) in self.solution.bodies.iter_mut().zip(&self.accelerations) {
+            *out = pair(a);
+        }
+        Ok(&self.solution)
+    }
+
+    /// Adds the solution of the factored equations to accelerations and multipliers.
+    fn correct(&mut self, w: &[Six; BODIES], gamma: &[f64; ROWS]) {
+        let mut lambda = gamma.map(|x| -x);
+        let mut z = [[0.0; 6]; BODIES];
+        for b in 0..BODIES {
+            z[b] = self.roots[b].lower(&w[b]);
+            for k in BODY[b]..BODY[b + 1] {
+                lambda[ROW[k]] += dot(&self.y[k], &z[b]);
+            }
+        }
+        self.schur.solve(&mut lambda);
+        for b in 0..BODIES {
+            for k in BODY[b]..BODY[b + 1] {
+                add(&mut z[b], -lambda[ROW[k]], &self.y[k]);
+            }
+            add(&mut self.accelerations[b], 1.0, &self.roots[b].upper(&z[b]));
+        }
+        for (sum, x) in self.solution.multipliers.iter_mut().zip(&lambda) {
+            *sum += x;
+        }
+    }
+
+    /// W − M·a − Gᵀ·λ and γ − G·a, each with its size relative to the largest terms of its kind.
+    fn residuals(&self, w: &[Six; BODIES], gamma: &[f64; ROWS]) -> (([Six; BODIES], f64), ([f64; ROWS], f64)) {
+        let (mut loads, mut rows) = (*w, *gamma);
+        // Forces, moments, rows.
+        let (mut terms, mut sizes) = ([f64::MIN_POSITIVE; 3], [0f64; 3]);
+        for b in 0..BODIES {
+            let a = &self.accelerations[b];
+            for k in 0..6 {
+                let x = dot(&self.mass[b][k], a);
+                loads[b][k] -= x;
+                terms[k / 3] = terms[k / 3].max(x.abs()).max(w[b][k].abs());
+            }
+            for k in BODY[b]..BODY[b + 1] {
+                let x = dot(&self.rows.blocks[k], a);
+                rows[ROW[k]] -= x;
+                terms[2] = terms[2].max(x.abs());
+                add(&mut loads[b], -self.solution.multipliers[ROW[k]], &self.rows.blocks[k]);
+            }
+        }
+        for load in &loads {
+            for k in 0..6 {
+                sizes[k / 3] = worst(sizes[k / 3], load[k]);
+            }
+        }
+        for (x, g) in rows.iter().zip(gamma) {
+            terms[2] = terms[2].max(g.abs());
+            sizes[2] = worst(sizes[2], *x);
+        }
+        let load = worst(sizes[0] / terms[0], sizes[1] / terms[1]);
+        ((loads, load), (rows, sizes[2] / terms[2]))
+    }
+}
+
+/// The larger magnitude; NaN stays.
+fn worst(a: f64, b: f64) -> f64 {
+    if a.abs() < b.abs() || b.is_nan() { b.abs() } else { a }
+}
+
+/// Spatial inertia about the body's origin, world axes: [m, −h×; h×, Θ + D] with h = m·c.
+fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Matrix3<f64>>) -> [Six; 6] {
+    let h = r * inertia.first_moment;
+    let mut tensor = r * inertia.tensor * r.transpose();
+    if let Some(d) = damping {
+        tensor += d;
+    }
+    let mut m = [[0.0; 6]; 6];
+    for k in 0..3 {
+        m[k][k] = inertia.mass;
+        for i in 0..3 {
+            m[3 + k][3 + i] = 0.5 * (tensor[(i, k)] + tensor[(k, i)]);
+        }
+    }
+    // M = h × a: the moment per acceleration.
+    for (i, k, x) in [(0, 1, -h.z), (0, 2, h.y), (1, 0, h.z), (1, 2, -h.x), (2, 0, -h.y), (2, 1, h.x)] {
+        m[k][3 + i] = x;
+        m[3 + i][k] = x;
+    }
+    m
+}
+
+/// What `dynamics::inertial_wrench` gives at zero acceleration: F = ω × (ω × h) − m·g, M = ω × Θω − h × g.
+fn velocity_products(inertia: &Inertia, b: &BodyMotion, gravity: &Vector3<f64>) -> Pair {
+    let h = b.rotation * inertia.first_moment;
+    let omega = &b.angular_velocity;
+    let spin = b.rotation * (inertia.tensor * b.rotation.tr_mul(omega));
+    (omega.cross(&omega.cross(&h)) - gravity * inertia.mass, omega.cross(&spin) - h.cross(gravity))
+}
+
+/// Momentum p = m·v + ω × h and angular momentum about the origin l = h × v + Θω.
+fn momentum(inertia: &Inertia, b: &BodyMotion) -> Pair {
+    let h = b.rotation * inertia.first_moment;
+    let spin = b.rotation * (inertia.tensor * b.rotation.tr_mul(&b.angular_velocity));
+    (b.velocity * inertia.mass + b.angular_velocity.cross(&h), h.cross(&b.velocity) + spin)
+}
+
+fn motions(bodies: &[BodyState; BODIES]) -> [BodyMotion; BODIES] {
+    bodies.map(|b| {
+        let rotation = rotation(&b.orientation);
+        BodyMotion {
+            rotation,
+            position: b.position,
+            velocity: b.velocity,
+            angular_velocity: rotation * b.angular_velocity,
+            ..BodyMotion::REST
+        }
+    })
+}
+
+fn six(p: &Pair) -> Six {
+    [p.0.x, p.0.y, p.0.z, p.1.x, p.1.y, p.1.z]
+}
+
+fn pair(x: &Six) -> Pair {
+    (Vector3::new(x[0], x[1], x[2]), Vector3::new(x[3], x[4], x[5]))
+}

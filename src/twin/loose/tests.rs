@@ -1,0 +1,553 @@
+use std::f64::consts::FRAC_PI_2;
+use std::path::Path;
+
+use nalgebra::{Quaternion, Rotation3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use super::*;
+use crate::dynamics::inertial_wrench;
+use crate::kinematics::{JointState, Motion};
+use crate::model::Model;
+use crate::model::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
+use crate::recording::Setup;
+use crate::twin::constraints::rows;
+use crate::twin::{Torque, Twin, absolute, energy};
+
+/// Poses and twists of all bodies.
+#[derive(Clone)]
+struct State {
+    bodies: [BodyState; BODIES],
+}
+
+impl State {
+    fn new(motion: &Motion) -> Self {
+        let bodies = motion.bodies.map(|b| BodyState {
+            position: b.position,
+            orientation: *UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(b.rotation)),
+            velocity: b.velocity,
+            angular_velocity: b.rotation.tr_mul(&b.angular_velocity),
+        });
+        Self { bodies }
+    }
+
+    fn motion(&self, geometry: &Geometry) -> Motion {
+        let mut y = [0.0; absolute::LENGTH];
+        for (b, body) in self.bodies.iter().enumerate() {
+            let (q, omega) = (&body.orientation, rotation(&body.orientation) * body.angular_velocity);
+            let at = &mut y[13 * b..13 * (b + 1)];
+            at[..3].copy_from_slice(body.position.as_slice());
+            at[3..7].copy_from_slice(&[q.w, q.i, q.j, q.k]);
+            at[7..10].copy_from_slice(body.velocity.as_slice());
+            at[10..].copy_from_slice(omega.as_slice());
+        }
+        absolute::motion(geometry, &y)
+    }
+}
+
+const STILL: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+
+/// The shipped model without effects: its end effector has no inertia.
+fn plant() -> Plant {
+    let mut model = Model::read(Path::new("models/irb360-6-1600.toml")).expect("a shipped model");
+    model.effects.clear();
+    Plant::new(&model, &Setup::default())
+}
+
+fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
+    loop {
+        let mut draw = |x: f64| rng.random_range(-x..x);
+        let q = [0.35 + draw(0.85), 0.35 + draw(0.85), 0.35 + draw(0.85), draw(3.0)];
+        let qd = [draw(4.0), draw(4.0), draw(4.0), draw(12.0)];
+        let Ok(p) = plant.geometry.forward(&q) else { continue };
+        if plant.geometry.check_limits(&q, &p).is_ok() {
+            return JointState { q, qd, qdd: [0.0; 4] };
+        }
+    }
+}
+
+fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| rng.random_range(-size..size))
+}
+
+/// An assembled pose with a random disturbance of every body; rows do not hold.
+fn disturbed(plant: &Plant, rng: &mut ChaCha8Rng, size: f64) -> Motion {
+    let mut motion = plant.motion(&joints(plant, rng)).unwrap();
+    for b in &mut motion.bodies {
+        b.position += vector(rng, size);
+        b.rotation = Rotation3::from_scaled_axis(vector(rng, size)).into_inner() * b.rotation;
+        b.velocity += vector(rng, 3.0);
+        b.angular_velocity += vector(rng, 5.0);
+    }
+    motion
+}
+
+/// Pose and velocities after `h` at given accelerations, to second order.
+fn moved(motion: &Motion, a: &[Pair; BODIES], h: f64) -> Motion {
+    let mut out = *motion;
+    for (b, (linear, angular)) in out.bodies.iter_mut().zip(a) {
+        b.position += b.velocity * h + linear * (0.5 * h * h);
+        let turn = b.angular_velocity * h + angular * (0.5 * h * h);
+        b.rotation = Rotation3::from_scaled_axis(turn).into_inner() * b.rotation;
+        b.velocity += linear * h;
+        b.angular_velocity += angular * h;
+    }
+    out
+}
+
+fn times(rows: &Rows, x: &[Pair; BODIES]) -> [f64; ROWS] {
+    let mut out = [0.0; ROWS];
+    for b in 0..BODIES {
+        for k in BODY[b]..BODY[b + 1] {
+            out[ROW[k]] += dot(&rows.blocks[k], &six(&x[b]));
+        }
+    }
+    out
+}
+
+fn velocities(motion: &Motion) -> [Pair; BODIES] {
+    motion.bodies.map(|b| (b.velocity, b.angular_velocity))
+}
+
+#[test]
+fn jacobian_and_velocity_products_are_derivatives_of_the_rows() {
+    let (plant, mut rng) = (plant(), ChaCha8Rng::seed_from_u64(1));
+    let (mut of_rate, mut of_value, mut of_product) = (0f64, 0f64, 0f64);
+    for _ in 0..20 {
+        let motion = disturbed(&plant, &mut rng, 0.2);
+        let mut analytic = Rows::new();
+        analytic.fill(&plant.geometry, &motion.bodies, SocketSet::ALL);
+        let a: [Pair; BODIES] = std::array::from_fn(|_| (vector(&mut rng, 50.0), vector(&mut rng, 50.0)));
+        let h = 1e-5;
+        let [before, now, after] = [-h, 0.0, h].map(|h| rows(&plant.geometry, &moved(&motion, &a, h)));
+        let (gv, ga) = (times(&analytic, &velocities(&motion)), times(&analytic, &a));
+        for k in 0..ROWS {
+            assert!((analytic.values[k] - now[k].0).abs() < 1e-15);
+            of_rate = of_rate.max((gv[k] - now[k].1).abs());
+            of_value = of_value.max((gv[k] - (after[k].0 - before[k].0) / (2.0 * h)).abs());
+            of_product = of_product.max((ga[k] - analytic.gamma[k] - (after[k].1 - before[k].1) / (2.0 * h)).abs());
+        }
+    }
+    println!("G·v: {of_rate:.1e}, numeric {of_value:.1e}; G·a − γ: {of_product:.1e}");
+    assert!(of_rate < 1e-13 && of_value < 1e-7 && of_product < 1e-5, "{of_rate:e} {of_value:e} {of_product:e}");
+}
+
+/// Plants of every kind: end effector without inertia, with a payload, with a full tensor; uneven links.
+fn plants() -> [Plant; 4] {
+    let mut all = std::array::from_fn(|_| plant());
+    let payload = crate::recording::Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    all[1].bodies[END_EFFECTOR] += payload.inertia();
+    all[2].bodies[END_EFFECTOR] += Inertia::point(1.5, Vector3::new(0.1, -0.05, -0.1));
+    all[3].bodies[END_EFFECTOR] += Inertia::diagonal(0.8, [0.0; 3], [0.01, 0.02, 0.025]);
+    for b in 0..BODIES {
+        if b != END_EFFECTOR && !(STRUT..PLATFORM).contains(&b) {
+            all[3].bodies[b] += Inertia::point(0.3, Vector3::new(0.02, 0.05, -0.04));
+        }
+    }
+    all[3].bodies[STRUT + 1] += Inertia::point(0.34, Vector3::new(0.5, 0.0, 0.0));
+    all
+}
+
+fn torques(tau: &[f64; 4]) -> [Pair; BODIES] {
+    let mut out = [STILL; BODIES];
+    for (a, tau) in tau.iter().enumerate() {
+        let (body, axis) = Motion::drive(a);
+        out[body].1 += axis * *tau;
+    }
+    out
+}
+
+#[test]
+fn agrees_with_the_closed_form_elimination() {
+    let (mut loose, mut rng) = (Loose::new(), ChaCha8Rng::seed_from_u64(2));
+    for (n, plant) in plants().into_iter().enumerate() {
+        let (mut worst, mut worst_force) = (0f64, 0f64);
+        for _ in 0..100 {
+            let mut motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
+            let tau = std::array::from_fn(|i| rng.random_range(-1.0..1.0) * if i < 3 { 80.0 } else { 5.0 });
+            let mut wrenches = torques(&tau);
+            for s in 0..STRUTS {
+                // A millirad per second: the restraint of the spins is stiff.
+                let spin = motion.strut_axis[s] * rng.random_range(-1e-3..1e-3);
+                motion.bodies[STRUT + s].angular_velocity += spin;
+                wrenches[STRUT + s].1 -= spin * plant.spin_damping;
+            }
+            let mut twin = Twin::new(plant.clone(), &motion).unwrap();
+            let fast = twin.evaluate(&Torque::constant(tau)).unwrap();
+            let (fast, forces) = (fast.motion, fast.reactions);
+            let solution = loose.solve(&plant, &fast.bodies, SocketSet::ALL, &wrenches, None).unwrap().clone();
+            let mut size = [1f64; 2];
+            for b in &fast.bodies {
+                size = [size[0].max(b.acceleration.norm()), size[1].max(b.angular_acceleration.norm())];
+            }
+            for (a, b) in solution.bodies.iter().zip(&fast.bodies) {
+                worst = worst.max((a.0 - b.acceleration).norm() / size[0]);
+                worst = worst.max((a.1 - b.angular_acceleration).norm() / size[1]);
+            }
+            let axial = loose.axial_forces(&fast.bodies);
+            let largest = forces.upper.iter().fold(1f64, |x, f| x.max(f.abs()));
+            for s in 0..STRUTS {
+                worst_force = worst_force.max((axial.upper[s] - forces.upper[s]).abs() / largest);
+                worst_force = worst_force.max((axial.lower[s] - forces.lower[s]).abs() / largest);
+            }
+        }
+        println!("plant {n}: accelerations to {worst:.1e}, strut forces to {worst_force:.1e}");
+        assert!(worst < 1e-9 && worst_force < 1e-9, "plant {n}: {worst:e} {worst_force:e}");
+    }
+}
+
+fn without(open: &[usize]) -> SocketSet {
+    open.iter().fold(SocketSet::ALL, |set, &k| set.without(k))
+}
+
+fn with_accelerations(motion: &Motion, solution: &Solution) -> [BodyMotion; BODIES] {
+    let mut bodies = motion.bodies;
+    for (b, a) in bodies.iter_mut().zip(&solution.bodies) {
+        (b.acceleration, b.angular_acceleration) = *a;
+    }
+    bodies
+}
+
+/// Force and moment about the world's origin that the inertia of `set` demands beyond weight.
+fn demand(plant: &Plant, bodies: &[BodyMotion; BODIES], set: impl Iterator<Item = usize>) -> Pair {
+    set.fold(STILL, |sum, b| {
+        let (force, moment) = inertial_wrench(&plant.bodies[b], &bodies[b], &plant.gravity_vector());
+        (sum.0 + force, sum.1 + moment + bodies[b].position.cross(&force))
+    })
+}
+
+#[test]
+fn a_strut_without_sockets_flies_freely() {
+    let (plant, mut rng, mut loose) = (plant(), ChaCha8Rng::seed_from_u64(3), Loose::new());
+    let closed = without(&[2, 8]);
+    for _ in 0..20 {
+        let mut motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
+        motion.bodies[STRUT + 2].angular_velocity = vector(&mut rng, 20.0);
+        motion.bodies[STRUT + 2].velocity = vector(&mut rng, 5.0);
+        let solution = loose.solve(&plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap().clone();
+        let strut = with_accelerations(&motion, &solution)[STRUT + 2];
+        let centre = strut.rotation * plant.bodies[STRUT + 2].first_moment / plant.bodies[STRUT + 2].mass;
+        let (omega, alpha) = (strut.angular_velocity, strut.angular_acceleration);
+        let falls = strut.acceleration + alpha.cross(&centre) + omega.cross(&omega.cross(&centre));
+        assert!((falls - plant.gravity_vector()).norm() < 1e-11, "{falls}");
+        // Weight and inertia balance, so momentum and angular momentum change by the weight alone.
+        let (force, moment) = inertial_wrench(&plant.bodies[STRUT + 2], &strut, &plant.gravity_vector());
+        assert!(force.norm() < 1e-12 && moment.norm() < 1e-12, "{force} {moment}");
+        assert_eq!((loose.socket_forces()[2], loose.socket_forces()[8]), (Vector3::zeros(), Vector3::zeros()));
+    }
+}
+
+#[test]
+fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
+    let (mut rng, mut loose) = (ChaCha8Rng::seed_from_u64(4), Loose::new());
+    let closed = without(&[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
+    let mut worst = 0f64;
+    for plant in plants() {
+        for _ in 0..20 {
+            let mut state = State::new(&disturbed(&plant, &mut rng, 0.1));
+            loose.project(&plant, &mut state.bodies, closed).unwrap();
+            let motion = state.motion(&plant.geometry);
+            let tau = [3.0, -2.0, 1.0, 0.5];
+            let solution = loose.solve(&plant, &motion.bodies, closed, &torques(&tau), None).unwrap().clone();
+            let bodies = with_accelerations(&motion, &solution);
+            let joints = loose.reactions();
+            // Only the bearing of motor 4 and its drive act from outside.
+            let (force, moment) = demand(&plant, &bodies, PLATFORM..BODIES);
+            let at = bodies[ROTOR].position;
+            worst = worst.max((force - joints.rotor.0).norm());
+            let drive = Vector3::z() * tau[3];
+            worst = worst.max((moment - joints.rotor.1 - at.cross(&joints.rotor.0) - drive).norm());
+            // Below the telescope's slide.
+            let (force, moment) = demand(&plant, &bodies, [PLATFORM, END_EFFECTOR, TELESCOPE_LOWER].into_iter());
+            let at = bodies[TELESCOPE_LOWER].position;
+            worst = worst.max((force - joints.slide.0).norm());
+            worst = worst.max((moment - joints.slide.1 - at.cross(&joints.slide.0)).norm());
+            let (force, moment) = demand(&plant, &bodies, std::iter::once(TELESCOPE_LOWER));
+            let (slide, hooke) = (joints.slide, joints.lower_hooke);
+            worst = worst.max((force - slide.0 - hooke.0).norm());
+            worst = worst.max((moment - slide.1 - hooke.1 - at.cross(&(slide.0 + hooke.0))).norm());
+            let (force, moment) = demand(&plant, &bodies, std::iter::once(PLATFORM));
+            let at = bodies[END_EFFECTOR].position;
+            worst = worst.max((force + joints.pivot.0).norm());
+            worst = worst.max((moment + joints.pivot.1 + at.cross(&joints.pivot.0)).norm());
+            let (force, moment) = demand(&plant, &bodies, [ROTOR].into_iter());
+            let (bearing, hooke) = (joints.rotor, joints.upper_hooke);
+            let at = bodies[ROTOR].position;
+            worst = worst.max((force - bearing.0 + hooke.0).norm());
+            worst = worst.max((moment - bearing.1 - drive + hooke.1 - at.cross(&(bearing.0 - hooke.0))).norm());
+            // Arms move by themselves.
+            for i in 0..ARMS {
+                let (force, moment) =
+                    inertial_wrench(&plant.bodies[ARM + i], &bodies[ARM + i], &plant.gravity_vector());
+                worst = worst.max((force - joints.arms[i].0).norm());
+                worst = worst.max((moment - joints.arms[i].1 - Geometry::tangential(i) * tau[i]).norm());
+            }
+        }
+    }
+    println!("balances to {worst:.1e} N, N·m");
+    assert!(worst < 1e-9, "{worst:e}");
+}
+
+#[test]
+fn socket_forces_balance_each_strut_whatever_is_open() {
+    let (plant, mut rng, mut loose) = (plants()[3].clone(), ChaCha8Rng::seed_from_u64(5), Loose::new());
+    let mut worst = 0f64;
+    for open in [&[][..], &[7], &[0, 6], &[0, 1, 8, 9], &[6, 7, 8, 9, 10], &[6, 7, 8, 9, 10, 11]] {
+        let closed = without(open);
+        for _ in 0..10 {
+            let mut state = State::new(&disturbed(&plant, &mut rng, 0.01));
+            loose.project(&plant, &mut state.bodies, closed).unwrap();
+            let motion = state.motion(&plant.geometry);
+            let mut wrenches = [STILL; BODIES];
+            for w in &mut wrenches {
+                *w = (vector(&mut rng, 5.0), vector(&mut rng, 0.02));
+            }
+            let solution = loose.solve(&plant, &motion.bodies, closed, &wrenches, None).unwrap().clone();
+            let bodies = with_accelerations(&motion, &solution);
+            let forces = loose.socket_forces();
+            for s in 0..STRUTS {
+                let b = STRUT + s;
+                let (force, moment) = inertial_wrench(&plant.bodies[b], &bodies[b], &plant.gravity_vector());
+                let lever = motion.strut_axis[s] * motion.strut_length[s];
+                worst = worst.max((force - wrenches[b].0 - forces[s] - forces[6 + s]).norm());
+                worst = worst.max((moment - wrenches[b].1 - lever.cross(&forces[6 + s])).norm());
+            }
+        }
+    }
+    println!("struts balance to {worst:.1e} N, N·m");
+    assert!(worst < 1e-9, "{worst:e}");
+}
+
+/// Four-stage Runge–Kutta without loads; the rows are restored after every step.
+fn step(plant: &Plant, loose: &mut Loose, state: &mut State, closed: SocketSet, h: f64) {
+    let mut stages = [(0.5, 1.0), (0.5, 2.0), (1.0, 2.0), (0.0, 1.0)].into_iter();
+    let start = state.bodies;
+    let mut sum = start;
+    let mut stage = state.clone();
+    for (ahead, weight) in &mut stages {
+        let motion = stage.motion(&plant.geometry);
+        let a = loose.solve(plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap();
+        for b in 0..BODIES {
+            let s = stage.bodies[b];
+            let turn = s.orientation * Quaternion::from_imag(s.angular_velocity) * 0.5;
+            let angular = motion.bodies[b].rotation.tr_mul(&a.bodies[b].1);
+            let add = |to: &mut BodyState, from: &BodyState, h: f64| {
+                to.position = from.position + s.velocity * h;
+                to.orientation = from.orientation + turn * h;
+                to.velocity = from.velocity + a.bodies[b].0 * h;
+                to.angular_velocity = from.angular_velocity + angular * h;
+            };
+            let so_far = sum[b];
+            add(&mut sum[b], &so_far, h * weight / 6.0);
+            add(&mut stage.bodies[b], &start[b], h * ahead);
+        }
+    }
+    state.bodies = sum;
+    loose.project(plant, &mut state.bodies, closed).unwrap();
+}
+
+#[test]
+fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
+    let (mut plant, mut loose) = (plant(), Loose::new());
+    for i in 0..ARMS {
+        plant.bodies[ARM + i].tensor *= 1e12; // held
+    }
+    let closed = without(&[6]);
+    let joints = JointState { q: [0.4; 4], qd: [0.0; 4], qdd: [0.0; 4] };
+    let mut state = State::new(&plant.motion(&joints).unwrap());
+    let angle = 2e-3;
+    // Strut frame x down and a little along world x.
+    let hanging = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2 - angle);
+    state.bodies[STRUT].orientation = *hanging;
+    loose.project(&plant, &mut state.bodies, closed).unwrap();
+    let inertia = plant.bodies[STRUT];
+    let frequency = (inertia.first_moment.x * plant.gravity / inertia.tensor[(1, 1)]).sqrt();
+    let start = energy::total(&plant, &state.motion(&plant.geometry));
+    let (mut worst, mut drift, mut gap, h) = (0f64, 0f64, 0f64, 1e-4);
+    for k in 1..=10_000 {
+        step(&plant, &mut loose, &mut state, closed, h);
+        let motion = state.motion(&plant.geometry);
+        let swing = motion.strut_axis[0].x / angle;
+        worst = worst.max((swing - (frequency * k as f64 * h).cos()).abs());
+        drift = drift.max((energy::total(&plant, &motion) - start).abs());
+        for (k, (value, rate)) in rows(&plant.geometry, &motion).into_iter().enumerate() {
+            if !(socket(6)..socket(6) + 3).contains(&k) {
+                gap = gap.max(value.abs()).max(rate.abs());
+            }
+        }
+    }
+    let kinetic = energy::total(&Plant { gravity: 0.0, ..plant.clone() }, &state.motion(&plant.geometry));
+    println!(
+        "frequency {frequency:.4} rad/s, swing off by {worst:.1e}, energy drift {drift:.1e} J of {kinetic:.2} J, rows {gap:.1e}"
+    );
+    assert!(worst < 1e-5 && drift < 1e-6 && gap < 1e-11, "{worst:e} {drift:e} {gap:e}");
+}
+
+#[test]
+fn a_whole_fall_keeps_its_energy() {
+    // The sockets of limb 1 are gone and the drives have tripped.
+    let (plant, mut loose) = (plant(), Loose::new());
+    let closed = without(&[6, 7]);
+    let joints = JointState { q: [0.2, 0.3, 0.1, 0.5], qd: [3.0, -2.0, 1.0, 5.0], qdd: [0.0; 4] };
+    let mut state = State::new(&plant.motion(&joints).unwrap());
+    let start = energy::total(&plant, &state.motion(&plant.geometry));
+    let mut drift = 0f64;
+    for _ in 0..2000 {
+        step(&plant, &mut loose, &mut state, closed, 1e-4);
+        drift = drift.max((energy::total(&plant, &state.motion(&plant.geometry)) - start).abs());
+    }
+    let tilt = state.motion(&plant.geometry).bodies[PLATFORM].rotation[(2, 2)].acos();
+    println!("energy drift {drift:.1e} J, platform tilted by {tilt:.2} rad");
+    assert!(drift < 1e-6 && tilt > 0.1, "{drift:e} {tilt}");
+}
+
+#[test]
+fn projection_restores_poses_and_velocities() {
+    let (mut rng, mut loose) = (ChaCha8Rng::seed_from_u64(6), Loose::new());
+    let mut worst = (0f64, 0f64);
+    for plant in plants() {
+        for open in [&[][..], &[3], &[0, 6, 9]] {
+            let closed = without(open);
+            for _ in 0..10 {
+                let mut state = State::new(&disturbed(&plant, &mut rng, 0.02));
+                loose.project(&plant, &mut state.bodies, closed).unwrap();
+                let motion = state.motion(&plant.geometry);
+                let mut all = Rows::new();
+                all.fill(&plant.geometry, &motion.bodies, closed);
+                worst.0 = all.values.iter().fold(worst.0, |w, c| w.max(c.abs()));
+                worst.1 = times(&all, &velocities(&motion)).iter().fold(worst.1, |w, c| w.max(c.abs()));
+                let before = state.clone();
+                loose.project(&plant, &mut state.bodies, closed).unwrap();
+                for (a, b) in state.bodies.iter().zip(&before.bodies) {
+                    assert!((a.position - b.position).norm() < 1e-12 && (a.velocity - b.velocity).norm() < 1e-10);
+                }
+            }
+        }
+    }
+    println!("violation {:.1e}, rate {:.1e}", worst.0, worst.1);
+    assert!(worst.0 < 1e-12 && worst.1 < 1e-11, "{worst:?}");
+    // Struts that cannot reach.
+    let mut short = plant();
+    let mut state = State::new(&short.motion(&joints(&short, &mut rng)).unwrap());
+    short.geometry.strut_length = [0.05, 1.9, 1.9];
+    assert_eq!(loose.project(&short, &mut state.bodies, SocketSet::ALL), Err(SingularPose));
+}
+
+#[test]
+fn impulses_conserve_momentum() {
+    let (plant, mut rng, mut loose) = (plant(), ChaCha8Rng::seed_from_u64(7), Loose::new());
+    let closed = without(&[2, 8]);
+    for _ in 0..10 {
+        let motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
+        let impulses: [Pair; BODIES] = std::array::from_fn(|_| (vector(&mut rng, 2.0), vector(&mut rng, 0.01)));
+        let after = loose.impulse(&plant, &plant.bodies, &motion.bodies, closed, &impulses).unwrap().clone();
+        let mut then = motion;
+        for (b, x) in then.bodies.iter_mut().zip(&after.bodies) {
+            (b.velocity, b.angular_velocity) = *x;
+        }
+        let joints = loose.reactions();
+        let change = |b: usize| {
+            let (was, is) =
+                (momentum(&plant.bodies[b], &motion.bodies[b]), momentum(&plant.bodies[b], &then.bodies[b]));
+            (is.0 - was.0, is.1 - was.1)
+        };
+        // A free strut takes all of its impulse.
+        let (p, l) = change(STRUT + 2);
+        assert!((p - impulses[STRUT + 2].0).norm() < 1e-12 && (l - impulses[STRUT + 2].1).norm() < 1e-12);
+        // All others: impulses, bearings, nothing else.
+        let mut sum = joints.rotor.0 + joints.arms.iter().map(|a| a.0).sum::<Vector3<f64>>();
+        for b in 0..BODIES {
+            sum += impulses[b].0 - change(b).0;
+        }
+        assert!(sum.norm() < 1e-11, "{sum}");
+        let mut all = Rows::new();
+        all.fill(&plant.geometry, &motion.bodies, closed);
+        let rate = times(&all, &velocities(&then)).iter().fold(0f64, |w, c| w.max(c.abs()));
+        assert!(rate < 1e-11, "{rate:e}");
+    }
+}
+
+#[test]
+fn picking_up_a_product_at_rest_loses_energy_as_a_plastic_shock() {
+    let (plant, mut loose) = (plant(), Loose::new());
+    let joints = JointState { q: [0.3; 4], qd: [1.0, 1.0, 1.0, 0.0], qdd: [0.0; 4] };
+    let motion = plant.motion(&joints).unwrap();
+    let mut loaded = plant.clone();
+    loaded.bodies[END_EFFECTOR] += Inertia::point(2.0, Vector3::new(0.0, 0.0, -0.05));
+    let after = loose.impulse(&loaded, &plant.bodies, &motion.bodies, SocketSet::ALL, &[STILL; BODIES]).unwrap();
+    let mut then = motion;
+    for (b, x) in then.bodies.iter_mut().zip(&after.bodies) {
+        (b.velocity, b.angular_velocity) = *x;
+    }
+    // One freedom (all arms alike): p = M·q̇ is conserved, so E₊/E₋ = M₋/M₊ and q̇₊/q̇₋ too.
+    let kinetic = |plant: &Plant, motion: &Motion| energy::total(&Plant { gravity: 0.0, ..plant.clone() }, motion);
+    let (before, with_product) = (kinetic(&plant, &motion), kinetic(&loaded, &motion));
+    let slowed = then.bodies[PLATFORM].velocity.z / motion.bodies[PLATFORM].velocity.z;
+    assert!((slowed - before / with_product).abs() < 1e-12, "{slowed}");
+    assert!((kinetic(&loaded, &then) / before - slowed).abs() < 1e-12);
+}
+
+#[test]
+fn damping_adds_to_the_inertia() {
+    let (plant, mut loose) = (plant(), Loose::new());
+    let joints = JointState { q: [0.3, 0.2, 0.4, 0.1], qd: [2.0, -1.0, 1.0, 4.0], qdd: [0.0; 4] };
+    let motion = plant.motion(&joints).unwrap();
+    let mut damping = [Matrix3::zeros(); BODIES];
+    let mut heavier = plant.clone();
+    for b in (ARM..STRUT).chain([ROTOR]) {
+        let (_, axis) = Motion::drive(if b == ROTOR { 3 } else { b });
+        damping[b] = axis * axis.transpose() * 0.4;
+        let own = motion.bodies[b].rotation.tr_mul(&axis);
+        heavier.bodies[b].tensor += own * own.transpose() * 0.4;
+    }
+    let a = loose.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], Some(&damping)).unwrap().clone();
+    let b = loose.solve(&heavier, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap();
+    for (a, b) in a.bodies.iter().zip(&b.bodies) {
+        assert!((a.0 - b.0).norm() < 1e-10 && (a.1 - b.1).norm() < 1e-9);
+    }
+}
+
+#[test]
+fn redundant_rows_and_bodies_without_inertia_do_not_stop_a_run() {
+    // All struts and arms hang straight down: three of six strut rows say the same.
+    let mut plant = plant();
+    plant.geometry.base_radius = plant.geometry.platform_radius;
+    plant.geometry.upper_hooke_height = 0.3;
+    let joints = JointState { q: [FRAC_PI_2; 4], qd: [0.0; 4], qdd: [0.0; 4] };
+    let height = -plant.geometry.arm_length - plant.geometry.strut_length[0];
+    let mut motion = Motion::disassembled(&plant.geometry, &joints);
+    let start = |z: f64| BodyMotion { position: Vector3::new(0.0, 0.0, z), ..BodyMotion::REST };
+    for s in 0..STRUTS {
+        let limb = s / 2;
+        let foot = Geometry::radial(limb) * plant.geometry.platform_radius
+            + Geometry::tangential(limb) * plant.geometry.pair_offset(s);
+        motion.bodies[STRUT + s] = start(-plant.geometry.arm_length);
+        motion.bodies[STRUT + s].position += foot;
+        motion.bodies[STRUT + s].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
+    }
+    motion.bodies[PLATFORM] = start(height);
+    let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2).into_inner();
+    let _ = turned;
+    motion.bodies[END_EFFECTOR] = start(height + plant.geometry.flange_height);
+    motion.bodies[TELESCOPE_UPPER] = start(plant.geometry.upper_hooke_height);
+    motion.bodies[TELESCOPE_LOWER] = start(height + plant.geometry.lower_hooke_height);
+    motion.bodies[ROTOR].rotation = Matrix3::identity();
+    let mut loose = Loose::new();
+    let weight: f64 = (PLATFORM..BODIES).map(|b| plant.bodies[b].mass).sum::<f64>() * plant.gravity;
+    for massless in [false, true] {
+        if massless {
+            plant.bodies[PLATFORM].tensor = Matrix3::zeros();
+            plant.bodies[PLATFORM].first_moment = Vector3::zeros();
+            plant.bodies[ARM].tensor = Matrix3::from_diagonal(&Vector3::new(0.0, 0.258, 0.0));
+        }
+        let solution = loose.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap();
+        assert!(solution.multipliers.iter().all(|x| x.is_finite()));
+        println!("{:?}", solution.bodies[PLATFORM]);
+        assert!(solution.bodies[PLATFORM].0.norm() < 1e-6, "{}", solution.bodies[PLATFORM].0);
+        let carried: f64 = loose.socket_forces()[6..].iter().map(|f| -f.z).sum();
+        println!("carried {carried} of {weight}");
+    }
+    motion.bodies[PLATFORM].position.x = f64::NAN;
+    assert!(loose.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).is_err());
+}
