@@ -9,7 +9,7 @@ use toml::de::DeTable;
 
 use crate::model::{Model, check};
 use crate::recording::{Configuration, Recording, Setup, mcap};
-use crate::scenario::{Course, Scenario};
+use crate::scenario::Scenario;
 
 /// Kinds of files deltatwin reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,13 +96,10 @@ fn scenario(path: &Path) -> miette::Result<String> {
     let controller = scenario.controller_model.as_deref().map(Model::read).transpose()?;
     let planning = controller.as_ref().unwrap_or(&machine);
     scenario.motion(planning).into_diagnostic().wrap_err_with(|| path.display().to_string())?;
-    let course = match &scenario.motion {
-        Course::RandomFourier { .. } => "random Fourier series",
-        Course::Fourier(_) => "Fourier series",
-    };
-    let sensors = scenario.strut_sensors.iter().filter(|s| **s).count();
+    let course = scenario.motion.describe();
+    let sensors = scenario.sensors.strut_upper.iter().chain(&scenario.sensors.strut_lower).filter(|s| **s).count();
     Ok(format!(
-        "{} s of a {course} on {}, feed-forward from {}, {}, {}, {sensors} strut force sensors; the motion can be reached.",
+        "{} s of {course} on {}, feed-forward from {}, {}, {}, {sensors} strut force sensors; the motion can be reached.",
         scenario.duration,
         machine.name,
         planning.name,

@@ -1,22 +1,25 @@
-//! What a run does: the desired motion of the end effector over time, payload, sensors and noise.
+//! What a run does: desired motion, payload, things around the robot, sockets, supervision and sensors.
+//!
+//! A [`Scenario`] only describes; `twin` runs it. Only `read` knows TOML.
 
-pub mod fourier;
+pub mod motion;
 mod read;
+pub mod sockets;
 
-pub use fourier::{FourierMotion, MotionLimits};
+pub use motion::fourier::{FourierMotion, MotionLimits};
+pub use motion::{Course, DesiredMotion, MotionError};
 pub use read::ScenarioError;
+pub use sockets::SocketSetup;
 
 use std::path::PathBuf;
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
-use thiserror::Error;
+use nalgebra::Vector3;
 
+use crate::cell::{Object, Shape};
 use crate::dynamics::Plant;
-use crate::kinematics::KinematicsError;
-use crate::model::{Model, STRUTS};
+use crate::kinematics::motion::SOCKETS;
+use crate::model::{AXES, Model, STRUTS};
 use crate::recording::Setup;
-use crate::twin;
 
 /// A run of the twin, as described by a scenario file.
 #[derive(Clone, Debug)]
@@ -29,107 +32,144 @@ pub struct Scenario {
     pub controller_model: Option<PathBuf>,
     /// Length, s.
     pub duration: f64,
-    /// Seed of the sensor noise.
+    /// Seed of the sensor noise and of drawn socket holds.
     pub seed: u64,
     /// Whether sensors are noisy and quantised.
     pub noise: bool,
     /// Integration steps per control period.
     pub substeps: usize,
+    /// Sample times per control period.
+    pub control_period: usize,
+    /// Torque between two control instants.
+    pub hold_torque: HoldTorque,
+    /// Controller gains that differ from the default.
+    pub gains: Gains,
     /// Desired motion.
     pub motion: Course,
     /// Payload and configuration.
     pub setup: Setup,
+    /// Shape of the payload for collisions.
+    pub payload_shape: Option<PayloadShape>,
+    /// Things around the robot, each with its own name.
+    pub objects: Vec<Object>,
+    /// What the gripper does, in order of time.
+    pub actions: Vec<Action>,
+    /// Ball sockets.
+    pub sockets: SocketSetup,
+    /// When the drives trip.
+    pub supervision: Supervision,
+    /// What is recorded.
+    pub sensors: Sensors,
+}
+
+/// Torque between two control instants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum HoldTorque {
+    /// It changes linearly over the period, so that a recorded torque is the one that acts at its time stamp.
+    #[default]
+    Ramp,
+    /// It stays constant over the period (zero-order hold).
+    Hold,
+}
+
+/// Controller gains; what is `None` keeps its default.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gains {
+    /// N·m/rad.
+    pub proportional: Option<[f64; AXES]>,
+    /// N·m·s/rad.
+    pub derivative: Option<[f64; AXES]>,
+    /// Cut-off of the low-pass on the differentiated error, Hz.
+    pub cutoff: Option<f64>,
+}
+
+/// Shape of the payload.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PayloadShape {
+    /// Shape with its axes along those of the flange.
+    pub shape: Shape,
+    /// Its centre, m; origin at the flange centre, z up, turns with ψ.
+    pub centre: Vector3<f64>,
+}
+
+/// Something the gripper does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Action {
+    /// When, s.
+    pub t: f64,
+    /// What.
+    pub kind: ActionKind,
+}
+
+/// What the gripper can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ActionKind {
+    /// Attaches an object, an index into [`Scenario::objects`].
+    Pick(usize),
+    /// Lets go of the object it holds.
+    Release,
+}
+
+/// When the drives trip and what they do then.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Supervision {
+    /// Largest torque of the feedback (not of the feed-forward) on an arm, N·m.
+    pub torque: Option<f64>,
+    /// Largest distance between desired and measured angle of an arm, rad.
+    pub tracking: Option<f64>,
+    /// Drives after a trip.
+    pub trip: Trip,
+}
+
+/// Drives after a trip.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Trip {
+    /// No torque.
+    #[default]
+    Coast,
+    /// Brakes resist every motion.
+    Brake {
+        /// Torque of each brake at the gear output, N·m.
+        torque: f64,
+    },
+}
+
+/// What is recorded beside time, joint angles and torques.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sensors {
     /// Struts that carry a force sensor at the elbow.
-    pub strut_sensors: [bool; STRUTS],
+    pub strut_upper: [bool; STRUTS],
+    /// Struts that carry a force sensor at the platform.
+    pub strut_lower: [bool; STRUTS],
+    /// Platform ball plane's centre.
+    pub ee: bool,
+    /// Joint rates.
+    pub velocity: bool,
+    /// Joint accelerations.
+    pub acceleration: bool,
+    /// Margins of all sockets.
+    pub sockets: bool,
 }
 
-/// The desired motion of a scenario.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Course {
-    /// A Fourier series drawn at random within a share of all limits.
-    RandomFourier {
-        /// Seed of the draw.
-        seed: u64,
-        /// Base frequency, Hz.
-        frequency: f64,
-        /// Number of harmonics.
-        harmonics: usize,
-        /// Share of the limits that may be used.
-        share: f64,
-    },
-    /// A given Fourier series.
-    Fourier(FourierMotion),
+impl Default for Sensors {
+    /// Only the platform's position.
+    fn default() -> Self {
+        let none = [false; STRUTS];
+        Self { strut_upper: none, strut_lower: none, ee: true, velocity: false, acceleration: false, sockets: false }
+    }
 }
-
-/// A desired motion that the machine cannot make.
-#[derive(Debug, Error)]
-pub enum MotionError {
-    /// A pose is impossible or outside the joint limits.
-    #[error("the desired motion cannot be reached at t = {t:.3} s: {source}")]
-    Unreachable {
-        /// Time, s.
-        t: f64,
-        /// What is wrong with the pose.
-        source: KinematicsError,
-    },
-    /// A drive would have to turn too fast.
-    #[error("the desired motion needs {speed:.2} rad/s of axis {} at t = {t:.3} s; its limit is {limit:.2} rad/s", .axis + 1)]
-    TooFast {
-        /// Time, s.
-        t: f64,
-        /// Axis, from 0.
-        axis: usize,
-        /// Speed, rad/s.
-        speed: f64,
-        /// Limit, rad/s.
-        limit: f64,
-    },
-}
-
-/// Instants per period at which a motion is checked, per harmonic.
-const GRID: usize = 200;
 
 impl Scenario {
     /// The desired motion for a machine like `planning`, refused if it is out of reach.
-    pub fn motion(&self, planning: &Model) -> Result<FourierMotion, MotionError> {
+    pub fn motion(&self, planning: &Model) -> Result<DesiredMotion, MotionError> {
         let plant = Plant::new(planning, &self.setup);
-        let motion = match &self.motion {
-            Course::Fourier(motion) => motion.clone(),
-            Course::RandomFourier { seed, frequency, harmonics, share } => FourierMotion::random(
-                &plant,
-                &MotionLimits::of(planning, *share),
-                *frequency,
-                *harmonics,
-                &mut ChaCha8Rng::seed_from_u64(*seed),
-            ),
-        };
-        let steps = GRID * motion.sine.len().max(motion.cosine.len()).max(1);
-        for k in 0..steps {
-            let t = k as f64 / steps as f64 / motion.frequency;
-            let platform = motion.at(t);
-            let joints =
-                plant.geometry.inverse_motion(&platform).map_err(|source| MotionError::Unreachable { t, source })?;
-            plant
-                .geometry
-                .check_limits(&joints.q, &platform.position)
-                .map_err(|source| MotionError::Unreachable { t, source })?;
-            for (axis, (rate, drive)) in joints.qd.iter().zip(&planning.drives).enumerate() {
-                if rate.abs() > drive.max_speed {
-                    return Err(MotionError::TooFast { t, axis, speed: rate.abs(), limit: drive.max_speed });
-                }
-            }
-        }
+        let motion = self.motion.motion(planning, &plant)?;
+        motion.check(planning, &plant.geometry)?;
         Ok(motion)
     }
 
-    /// How the twin is to run.
-    pub fn options(&self) -> twin::Options {
-        twin::Options {
-            duration: self.duration,
-            substeps: self.substeps,
-            noise_seed: self.noise.then_some(self.seed),
-            strut_sensors: self.strut_sensors,
-            ..twin::Options::default()
-        }
+    /// Force at which each ball socket of `model` leaves its ball, N; 0..6 at the elbows, 6..12 at the platform.
+    pub fn socket_holds(&self, model: &Model) -> [f64; SOCKETS] {
+        self.sockets.holds(model.sockets.dislocation_force, self.seed)
     }
 }

@@ -1,0 +1,265 @@
+//! Desired motions of the end effector: what a scenario asks for ([`Course`]) and the motion over time it becomes.
+
+pub mod constant_speed;
+pub mod fourier;
+pub mod path;
+pub mod polynomial;
+pub mod static_poses;
+pub mod table;
+
+use nalgebra::Vector3;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use thiserror::Error;
+
+use crate::dynamics::Plant;
+use crate::kinematics::{JointState, KinematicsError, PlatformState};
+use crate::model::{ARMS, Geometry, Model};
+
+use constant_speed::ConstantSpeed;
+use fourier::{FourierMotion, MotionLimits};
+use path::Path;
+use polynomial::Piecewise;
+use static_poses::StaticPoses;
+use table::Table;
+
+/// What a scenario asks the end effector to do.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Course {
+    /// A Fourier series drawn at random within a share of all limits.
+    RandomFourier {
+        /// Seed of the draw.
+        seed: u64,
+        /// Base frequency, Hz.
+        frequency: f64,
+        /// Number of harmonics.
+        harmonics: usize,
+        /// Share of the limits that may be used.
+        share: f64,
+    },
+    /// A given Fourier series.
+    Fourier(FourierMotion),
+    /// Travel along waypoints.
+    Path(Path),
+    /// A look-up table.
+    Table(Table),
+    /// One axis to and fro at constant speeds.
+    ConstantSpeed(ConstantSpeed),
+    /// Poses held one after the other.
+    StaticPoses(StaticPoses),
+}
+
+impl Course {
+    /// The kind in words.
+    pub fn describe(&self) -> &'static str {
+        match self {
+            Self::RandomFourier { .. } => "a random Fourier series",
+            Self::Fourier(_) => "a Fourier series",
+            Self::Path(_) => "travel along waypoints",
+            Self::Table(_) => "a look-up table",
+            Self::ConstantSpeed(_) => "runs at constant speed",
+            Self::StaticPoses(_) => "static poses",
+        }
+    }
+
+    /// Time at which the motion is over, s; a Fourier series goes on for ever.
+    pub fn length(&self) -> Option<f64> {
+        match self {
+            Self::RandomFourier { .. } | Self::Fourier(_) => None,
+            Self::Path(path) => Some(path.course().length()),
+            Self::Table(table) => table.t.last().copied(),
+            Self::ConstantSpeed(runs) => Some(runs.course([0.0; 4]).length()),
+            Self::StaticPoses(poses) => Some(poses.course().length()),
+        }
+    }
+
+    /// The motion over time on a machine like `plant`, built from `planning`; not yet checked.
+    pub(super) fn motion(&self, planning: &Model, plant: &Plant) -> Result<DesiredMotion, MotionError> {
+        let geometry = plant.geometry;
+        Ok(match self {
+            Self::RandomFourier { seed, frequency, harmonics, share } => DesiredMotion::Fourier(FourierMotion::random(
+                plant,
+                &MotionLimits::of(planning, *share),
+                *frequency,
+                *harmonics,
+                &mut ChaCha8Rng::seed_from_u64(*seed),
+            )),
+            Self::Fourier(series) => DesiredMotion::Fourier(series.clone()),
+            Self::Path(path) => DesiredMotion::Platform(path.course()),
+            Self::StaticPoses(poses) => DesiredMotion::Platform(poses.course()),
+            Self::Table(table) if table.joints => DesiredMotion::Joints { course: table.course(), geometry },
+            Self::Table(table) => DesiredMotion::Platform(table.course()),
+            Self::ConstantSpeed(runs) => {
+                let [x, y, z, psi] = runs.pose;
+                let [a, b, c] = geometry
+                    .inverse(&Vector3::new(x, y, z))
+                    .map_err(|source| MotionError::Unreachable { t: 0.0, source })?;
+                DesiredMotion::Joints { course: runs.course([a, b, c, psi]), geometry }
+            }
+        })
+    }
+}
+
+/// Platform and ψ over time.
+///
+/// Position, velocity and acceleration are continuous, but for the ends of a table that begins or ends in motion.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DesiredMotion {
+    /// A periodic Fourier series; all derivatives are continuous.
+    Fourier(FourierMotion),
+    /// Polynomials of (x, y, z, ψ).
+    Platform(Piecewise),
+    /// Polynomials of the joint angles.
+    Joints {
+        /// (φ1, φ2, φ3, ψ).
+        course: Piecewise,
+        /// Geometry that turns them into a platform motion.
+        geometry: Geometry,
+    },
+}
+
+impl DesiredMotion {
+    /// Platform state at time `t`, s.
+    pub fn state(&self, t: f64) -> Result<PlatformState, KinematicsError> {
+        match self {
+            Self::Fourier(series) => Ok(series.at(t)),
+            Self::Platform(course) => {
+                let [p, v, a] = course.at(t);
+                Ok(PlatformState {
+                    position: p.xyz(),
+                    velocity: v.xyz(),
+                    acceleration: a.xyz(),
+                    psi: [p[3], v[3], a[3]],
+                })
+            }
+            Self::Joints { course, geometry } => {
+                let [q, qd, qdd] = course.at(t).map(Into::into);
+                geometry.forward_motion(&JointState { q, qd, qdd })
+            }
+        }
+    }
+
+    /// Platform state at time `t`, s; not numbers where the joint angles do not close the loop.
+    pub fn at(&self, t: f64) -> PlatformState {
+        let nowhere = Vector3::repeat(f64::NAN);
+        let unreachable =
+            PlatformState { position: nowhere, velocity: nowhere, acceleration: nowhere, psi: [f64::NAN; 3] };
+        self.state(t).unwrap_or(unreachable)
+    }
+
+    /// Times at which the motion is checked: their number and spacing, s.
+    fn grid(&self) -> (usize, f64) {
+        match self {
+            Self::Fourier(series) => {
+                let steps = PER_HARMONIC * series.sine.len().max(series.cosine.len()).max(1);
+                (steps, 1.0 / steps as f64 / series.frequency)
+            }
+            Self::Platform(course) | Self::Joints { course, .. } => {
+                let steps = (course.lap() / SPACING).ceil().clamp(1.0, MOST);
+                (steps as usize, course.lap() / steps)
+            }
+        }
+    }
+
+    /// Checks workspace, joint limits and speeds all along.
+    pub(super) fn check(&self, planning: &Model, geometry: &Geometry) -> Result<(), MotionError> {
+        let (steps, spacing) = self.grid();
+        for k in 0..=steps {
+            let t = k as f64 * spacing;
+            let unreachable = |source| MotionError::Unreachable { t, source };
+            let platform = self.state(t).map_err(unreachable)?;
+            let joints = geometry.inverse_motion(&platform).map_err(unreachable)?;
+            geometry.check_limits(&joints.q, &platform.position).map_err(unreachable)?;
+            if let Self::Joints { course, .. } = self {
+                // The platform position alone must give the same angles back.
+                let wanted = course.at(t)[0];
+                if (0..ARMS).any(|i| (wanted[i] - joints.q[i]).abs() > 1e-6) {
+                    let q = [wanted[0], wanted[1], wanted[2]];
+                    return Err(MotionError::Unreachable { t, source: KinematicsError::Singular { q } });
+                }
+            }
+            for (axis, (rate, drive)) in joints.qd.iter().zip(&planning.drives).enumerate() {
+                if rate.is_nan() || rate.abs() > drive.max_speed {
+                    return Err(MotionError::TooFast { t, axis, speed: rate.abs(), limit: drive.max_speed });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Instants per period at which a Fourier series is checked, per harmonic.
+const PER_HARMONIC: usize = 200;
+/// Spacing of the instants at which other motions are checked, s, and their largest number.
+const SPACING: f64 = 5e-4;
+const MOST: f64 = 2e6;
+
+/// A desired motion that the machine cannot make.
+#[derive(Debug, Error)]
+pub enum MotionError {
+    /// A pose is impossible or outside the joint limits.
+    #[error("the desired motion cannot be reached at t = {t:.3} s: {source}")]
+    Unreachable {
+        /// Time, s.
+        t: f64,
+        /// What is wrong with the pose.
+        source: KinematicsError,
+    },
+    /// A drive would have to turn too fast.
+    #[error("the desired motion needs {speed:.2} rad/s of axis {} at t = {t:.3} s; its limit is {limit:.2} rad/s", .axis + 1)]
+    TooFast {
+        /// Time, s.
+        t: f64,
+        /// Axis, from 0.
+        axis: usize,
+        /// Speed, rad/s.
+        speed: f64,
+        /// Limit, rad/s.
+        limit: f64,
+    },
+}
+
+#[cfg(test)]
+mod testing {
+    use super::polynomial::Piecewise;
+
+    /// Rates and accelerations are the derivatives, all three are continuous.
+    pub fn smooth(course: &Piecewise) {
+        let size = |order: usize| {
+            let n = 2000;
+            (0..=n).map(|k| course.at(course.lap() * k as f64 / n as f64)[order].norm()).fold(1e-9, f64::max)
+        };
+        let scale = [size(0), size(1), size(2)];
+        for k in 1..500 {
+            let t = course.lap() * k as f64 / 500.0;
+            let h = 1e-6 * course.lap();
+            let (before, now, after) = (course.at(t - h), course.at(t), course.at(t + h));
+            for order in 0..2 {
+                let difference = (after[order] - before[order]) / (2.0 * h);
+                let error = (difference - now[order + 1]).norm();
+                let rounding = 1e-15 * scale[order] / h;
+                assert!(error < 1e-3 * scale[order + 1] + 10.0 * rounding, "order {order} at {t}: {error}");
+            }
+        }
+        for t in &course.joints()[1..] {
+            let (before, after) = (course.at(t * (1.0 - 1e-15) - 1e-300), course.at(*t));
+            for order in 0..3 {
+                let jump = (after[order] - before[order]).norm();
+                assert!(jump < 1e-6 * scale[order], "order {order} jumps by {jump} at {t}");
+            }
+        }
+    }
+
+    /// A smooth motion that rests at both ends.
+    pub fn check(course: &Piecewise) {
+        smooth(course);
+        let [rate, acceleration] = [1, 2].map(|order| {
+            (0..=1000).map(|k| course.at(course.lap() * k as f64 / 1e3)[order].norm()).fold(1e-9, f64::max)
+        });
+        for t in [0.0, course.length() * (1.0 - 1e-15), course.length() + 1.0] {
+            let [_, v, a] = course.at(t);
+            assert!(v.norm() < 1e-6 * rate && a.norm() < 1e-6 * acceleration, "{t}: {v} {a}");
+        }
+        assert!((course.at(-1.0)[0] - course.at(0.0)[0]).norm() < 1e-12);
+    }
+}

@@ -1,0 +1,127 @@
+//! A scenario as text: errors with their place, and checks that every table needs.
+
+use std::ops::Range;
+
+use miette::NamedSource;
+use toml::Spanned;
+
+use super::{Result, ScenarioError};
+
+/// A scenario as text.
+pub(super) struct File<'a> {
+    pub name: String,
+    pub text: &'a str,
+}
+
+impl File<'_> {
+    /// An error about the text at `span`.
+    pub fn problem(&self, span: Range<usize>, message: String) -> ScenarioError {
+        let before = self.text.get(..span.start).unwrap_or(self.text);
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        ScenarioError::Content {
+            place: format!("{}:{line}:{column}", self.name),
+            message,
+            text: NamedSource::new(&self.name, self.text.to_string()).with_language("toml").into(),
+            span: span.into(),
+        }
+    }
+
+    /// An error of the TOML reader.
+    pub fn broken(&self, error: &toml::de::Error) -> ScenarioError {
+        self.problem(error.span().unwrap_or(0..0), error.message().trim().replace('\n', ", "))
+    }
+
+    pub fn within(&self, key: &str, value: &Spanned<f64>, low: f64, high: f64, unit: &str) -> Result<f64> {
+        let v = *value.get_ref();
+        if (low..=high).contains(&v) {
+            return Ok(v);
+        }
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a number from {low} to {high}{unit}")))
+    }
+
+    pub fn optional(
+        &self,
+        key: &str,
+        value: &Option<Spanned<f64>>,
+        default: f64,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Result<f64> {
+        value.as_ref().map_or(Ok(default), |v| self.within(key, v, low, high, unit))
+    }
+
+    pub fn maybe(
+        &self,
+        key: &str,
+        value: &Option<Spanned<f64>>,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Result<Option<f64>> {
+        value.as_ref().map(|v| self.within(key, v, low, high, unit)).transpose()
+    }
+
+    /// An array of numbers, each from `low` to `high`.
+    pub fn numbers<const N: usize>(
+        &self,
+        key: &str,
+        value: &Spanned<[f64; N]>,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Result<[f64; N]> {
+        match value.get_ref().iter().find(|v| !(low..=high).contains(*v)) {
+            None => Ok(*value.get_ref()),
+            Some(v) => {
+                let message = format!("`{key}` has {v}; expected {N} numbers from {low} to {high} {unit}");
+                Err(self.problem(value.span(), message.trim_end().to_string()))
+            }
+        }
+    }
+
+    pub fn count(&self, key: &str, value: &Spanned<i64>, low: i64, high: i64) -> Result<usize> {
+        let v = *value.get_ref();
+        if (low..=high).contains(&v) {
+            return Ok(v as usize);
+        }
+        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a whole number from {low} to {high}")))
+    }
+
+    /// One of several words.
+    pub fn choice<T: Copy>(&self, key: &str, value: &Spanned<String>, choices: &[(&str, T)]) -> Result<T> {
+        let word = value.get_ref();
+        if let Some((_, choice)) = choices.iter().find(|(name, _)| name == word) {
+            return Ok(*choice);
+        }
+        let names: Vec<String> = choices.iter().map(|(name, _)| format!("\"{name}\"")).collect();
+        let names = match names.split_last() {
+            Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+            _ => names.concat(),
+        };
+        Err(self.problem(value.span(), format!("`{key}` is \"{word}\"; expected {names}")))
+    }
+
+    /// A key that `context` needs.
+    pub fn needed<'v, T>(
+        &self,
+        key: &str,
+        value: &'v Option<Spanned<T>>,
+        context: &str,
+        at: Range<usize>,
+    ) -> Result<&'v Spanned<T>> {
+        value.as_ref().ok_or_else(|| self.problem(at, format!("{context} lacks `{key}`; expected it beside")))
+    }
+
+    /// Refuses a key that has no meaning in `context`.
+    pub fn foreign<T>(&self, key: &str, value: &Option<Spanned<T>>, context: &str) -> Result<()> {
+        match value {
+            None => Ok(()),
+            Some(v) => {
+                Err(self.problem(v.span(), format!("`{key}` has no meaning for {context}; expected it to be left out")))
+            }
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! Ball sockets of a run: how hard each clamp holds and whether it may let go.
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, Normal};
+
+use crate::kinematics::motion::SOCKETS;
+
+/// Number of clamp spring units, one per pair of sockets: limbs 1–3 upper (elbow), then limbs 1–3 lower (platform).
+pub const SPRINGS: usize = SOCKETS / 2;
+
+/// Stream of the generator from which holds are drawn; the sensor noise has stream 0.
+const STREAM: u64 = 1;
+
+/// State of the ball sockets; 0..6 at the elbows (struts 1–6), 6..12 at the platform.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SocketSetup {
+    /// Whether a socket leaves its ball when the reaction across its cup exceeds its hold; else margins are reported.
+    pub armed: bool,
+    /// Hold of each socket, N, instead of the model's.
+    pub hold: Option<[f64; SOCKETS]>,
+    /// Share of the hold that each socket has lost, 0 to 1.
+    pub wear: [f64; SOCKETS],
+    /// Spring units that are missing, see [`spring_name`].
+    pub missing: [bool; SPRINGS],
+    /// Standard deviation of the holds about the model's, N; drawn with the scenario's seed.
+    pub sigma: Option<f64>,
+}
+
+impl SocketSetup {
+    /// Force at which each socket leaves its ball, N; `healthy` is the model's and `seed` the scenario's.
+    ///
+    /// Zero for both sockets of a missing spring, never negative.
+    pub fn holds(&self, healthy: f64, seed: u64) -> [f64; SOCKETS] {
+        let mut holds = self.hold.unwrap_or([healthy; SOCKETS]);
+        if let Some(normal) = self.sigma.and_then(|sigma| Normal::new(0.0, sigma).ok()) {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(STREAM);
+            for hold in &mut holds {
+                *hold += normal.sample(&mut rng);
+            }
+        }
+        std::array::from_fn(|s| if self.missing[spring(s)] { 0.0 } else { (holds[s] * (1.0 - self.wear[s])).max(0.0) })
+    }
+}
+
+/// The spring unit at `socket`.
+pub fn spring(socket: usize) -> usize {
+    socket / 2
+}
+
+/// Name of a spring unit: `limb1_upper` … `limb3_upper`, `limb1_lower` … `limb3_lower`.
+pub fn spring_name(spring: usize) -> String {
+    let limbs = SPRINGS / 2;
+    format!("limb{}_{}", spring % limbs + 1, if spring < limbs { "upper" } else { "lower" })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::kinematics::Motion;
+
+    #[test]
+    fn wear_and_missing_springs_weaken_their_own_sockets() {
+        assert_eq!(SocketSetup::default().holds(200.0, 7), [200.0; SOCKETS]);
+        let mut sockets = SocketSetup::default();
+        sockets.wear[3] = 0.25;
+        sockets.missing[4] = true;
+        let mut expected = [200.0; SOCKETS];
+        expected[3] = 150.0;
+        (expected[8], expected[9]) = (0.0, 0.0);
+        assert_eq!(sockets.holds(200.0, 7), expected);
+        assert_eq!(spring_name(4), "limb2_lower");
+        // Both sockets of a unit are on the same limb and end.
+        for s in 0..SOCKETS {
+            let name = spring_name(spring(s));
+            let strut = Motion::socket_bodies(s).0 - crate::model::bodies::STRUT;
+            let end = if s < 6 { "upper" } else { "lower" };
+            assert_eq!(name, format!("limb{}_{end}", strut / 2 + 1));
+        }
+    }
+
+    #[test]
+    fn draws_scatter_about_the_model_and_follow_the_seed() {
+        let sockets = SocketSetup { sigma: Some(10.0), ..SocketSetup::default() };
+        let all: Vec<f64> = (0..200).flat_map(|seed| sockets.holds(200.0, seed)).collect();
+        let mean = all.iter().sum::<f64>() / all.len() as f64;
+        let sigma = (all.iter().map(|h| (h - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt();
+        assert!((mean - 200.0).abs() < 1.0 && (sigma - 10.0).abs() < 0.7, "{mean} {sigma}");
+        assert_eq!(sockets.holds(200.0, 3), sockets.holds(200.0, 3));
+        assert_ne!(sockets.holds(200.0, 3), sockets.holds(200.0, 4));
+    }
+
+    proptest! {
+        #[test]
+        fn holds_are_never_negative(
+            wear in prop::array::uniform12(0.0..=1.0f64),
+            sigma in prop::option::of(0.0..1e3f64),
+            missing in prop::array::uniform6(any::<bool>()),
+            seed in any::<u64>(),
+        ) {
+            let sockets = SocketSetup { wear, sigma, missing, ..SocketSetup::default() };
+            for (s, hold) in sockets.holds(200.0, seed).iter().enumerate() {
+                prop_assert!(*hold >= 0.0 && hold.is_finite() && (!missing[s / 2] || *hold == 0.0));
+            }
+        }
+    }
+}
