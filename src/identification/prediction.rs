@@ -1,11 +1,21 @@
 //! What a plant predicts for a trace, and how that changes with each parameter.
+//!
+//! A trace holds what the encoders read. What lies between encoder and joint ([`Kind::Encoder`]) is taken off first:
+//! constant offsets o, then the deflection of elastic gears. With θ the encoder angle less its offset, J the rotor's
+//! inertia and c the compliance, the exact inverse is q = θ − δ, δ = c·(τ − J·θ̈), τ = ID(q, q̇, q̈) + J·δ̈, ID the inverse
+//! dynamics with the rotor on the arm. δ is taken from τ = ID(θ, θ̇, θ̈) instead, smoothed and differentiated like the
+//! angles: exact to first order in c, and valid below the ringing of the gears, which a measured motion does not
+//! determine. Their damper, a shift of δ by c·d (under a millisecond), is of second order and left out.
+//!
+//! Own states of force laws are integrated along the measured motion.
 
 use rayon::prelude::*;
 
 use super::Trace;
-use crate::dynamics::{Channel, Plant, inverse_dynamics, regressor};
-use crate::effects::{ActiveEffect, Instant, Kind, Role};
-use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
+use super::filtering::Kernel;
+use crate::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
+use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Role};
+use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::AXES;
 use crate::recording::Signals;
 
@@ -21,8 +31,70 @@ pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError
     predict_along(plant, trace, &motions)
 }
 
+/// Motion of the mechanism: that of the encoders less what lies between them and the joints.
 fn motions(plant: &Plant, trace: &Trace) -> Result<Vec<Motion>, KinematicsError> {
-    trace.joints.par_iter().map(|j| plant.motion(j)).collect()
+    let mut offset = [0.0; AXES];
+    for active in &plant.effects {
+        active.effect.encoder(&active.values(), &active.effect.initial_state(&active.values()), &mut offset);
+    }
+    let joint = |j: &JointState| JointState { q: std::array::from_fn(|i| j.q[i] - offset[i]), ..*j };
+    let rigid: Vec<Motion> = trace.joints.par_iter().map(|j| plant.motion(&joint(j))).collect::<Result<_, _>>()?;
+    match gear_springs(plant) {
+        Some(gears) => deflected(plant, trace, &rigid, &gears),
+        None => Ok(rigid),
+    }
+}
+
+fn gear_springs(plant: &Plant) -> Option<[GearSpring; AXES]> {
+    plant.effects.iter().find_map(|a| a.effect.gear_springs(&a.values()))
+}
+
+/// Shortest half width over which deflections are smoothed, s: a third of the gears' period leaves the ringing out.
+const DEFLECTION_HALF_WIDTH: f64 = 4e-3;
+
+/// Joint motion behind elastic gears that is `rigid` at the encoders.
+fn deflected(
+    plant: &Plant,
+    trace: &Trace,
+    rigid: &[Motion],
+    gears: &[GearSpring; AXES],
+) -> Result<Vec<Motion>, KinematicsError> {
+    let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let states = own_states(plant, &effects, trace, rigid);
+    let torque: Vec<[f64; AXES]> = (0..trace.len())
+        .into_par_iter()
+        .map(|k| {
+            let own = slices(&states, k, effects.len());
+            Ok(inverse_dynamics(plant, trace.t[k], &rigid[k], &own, false)?.tau)
+        })
+        .collect::<Result<_, KinematicsError>>()?;
+    let mut joints: Vec<JointState> = rigid.iter().map(|m| JointState { q: m.q, qd: m.qd, qdd: m.qdd }).collect();
+    let least = (DEFLECTION_HALF_WIDTH / trace.dt).round() as usize;
+    for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.compliance != 0.0) {
+        let kernel = Kernel::new(trace.half_width[i].max(least));
+        for segment in &trace.segments {
+            let deflection: Vec<f64> = segment
+                .clone()
+                .map(|k| gear.compliance * (torque[k][i] - gear.rotor_inertia * rigid[k].qdd[i]))
+                .collect();
+            let padded = reflected(&deflection, kernel.half_width);
+            for (derivative, scale) in [(0, 1.0), (1, 1.0 / trace.dt), (2, 1.0 / (trace.dt * trace.dt))] {
+                for (joint, x) in joints[segment.clone()].iter_mut().zip(kernel.apply(derivative, &padded)) {
+                    let target = [&mut joint.q, &mut joint.qd, &mut joint.qdd];
+                    target[derivative][i] -= x * scale;
+                }
+            }
+        }
+    }
+    joints.par_iter().map(|j| plant.motion(j)).collect()
+}
+
+/// A series with `m` samples more at either end, turned about the end points: value and slope go on.
+fn reflected(x: &[f64], m: usize) -> Vec<f64> {
+    let Some(last) = x.len().checked_sub(1) else { return Vec::new() };
+    let before = (1..=m).rev().map(|k| 2.0 * x[0] - x[k.min(last)]);
+    let after = (1..=m).map(|k| 2.0 * x[last] - x[last.saturating_sub(k)]);
+    before.chain(x.iter().copied()).chain(after).collect()
 }
 
 fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
@@ -36,15 +108,24 @@ fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, K
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let states = own_states(plant, &effects, trace, motions);
     let with_struts = trace.channels.len() > AXES;
+    let gears = gear_springs(plant).unwrap_or_default();
     let outputs: Vec<_> = (0..trace.len())
         .into_par_iter()
-        .map(|k| inverse_dynamics(plant, trace.t[k], &motions[k], &slices(&states, k, effects.len()), with_struts))
+        .map(|k| {
+            let own = slices(&states, k, effects.len());
+            let mut out = inverse_dynamics(plant, trace.t[k], &motions[k], &own, with_struts)?;
+            for (i, gear) in gears.iter().enumerate() {
+                // The rotor moves with the encoder, not with the arm.
+                out.tau[i] += gear.rotor_inertia * (trace.joints[k].qdd[i] - motions[k].qdd[i]);
+            }
+            Ok(out)
+        })
         .collect::<Result<_, _>>()?;
     let series: Channels = trace
         .channels
         .iter()
         .map(|channel| {
-            let value = |o: &crate::dynamics::Output| match *channel {
+            let value = |o: &Output| match *channel {
                 Channel::Torque(axis) => o.tau[axis],
                 Channel::StrutUpper(s) => o.reactions.upper[s],
                 Channel::StrutLower(s) => o.reactions.lower[s],
@@ -59,7 +140,7 @@ fn slices(states: &OwnStates, k: usize, effects: usize) -> Vec<&[f64]> {
     if states.is_empty() { vec![&[]; effects] } else { states[k].iter().map(Vec::as_slice).collect() }
 }
 
-/// Integrates the effects' own states along the measured motion with Heun's method.
+/// Integrates the effects' own states along the measured motion; those of [`Kind::Encoder`] rest.
 fn own_states(plant: &Plant, effects: &[&ActiveEffect], trace: &Trace, motions: &[Motion]) -> OwnStates {
     if effects.iter().all(|a| a.states() == 0) {
         return Vec::new();
@@ -67,7 +148,7 @@ fn own_states(plant: &Plant, effects: &[&ActiveEffect], trace: &Trace, motions: 
     let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
     let none = Reactions::default();
     let rate = |active: &ActiveEffect, k: usize, state: &[f64]| {
-        let mut rate = vec![0.0; state.len()];
+        let (mut rate, mut slope) = (vec![0.0; state.len()], vec![0.0; state.len()]);
         let at = Instant {
             t: trace.t[k],
             motion: &motions[k],
@@ -78,25 +159,51 @@ fn own_states(plant: &Plant, effects: &[&ActiveEffect], trace: &Trace, motions: 
             torque: [0.0; 4],
             closed: SocketSet::ALL,
         };
-        active.effect.state_rate(&active.values(), &at, &mut rate, &mut vec![0.0; state.len()]);
-        rate
+        active.effect.state_rate(&active.values(), &at, &mut rate, &mut slope);
+        (rate, slope)
     };
     let mut out = Vec::with_capacity(trace.len());
     for k in 0..trace.len() {
         if k > 0 {
             let h = trace.t[k] - trace.t[k - 1];
-            for (active, x) in effects.iter().zip(&mut now).filter(|(_, x)| !x.is_empty()) {
-                let first = rate(active, k - 1, x);
-                let ahead: Vec<f64> = x.iter().zip(&first).map(|(x, r)| x + h * r).collect();
-                let second = rate(active, k, &ahead);
-                for (i, x) in x.iter_mut().enumerate() {
-                    *x += 0.5 * h * (first[i] + second[i]);
+            for (active, x) in effects.iter().zip(&mut now) {
+                if !x.is_empty() && active.effect.kind() != Kind::Encoder {
+                    *x = exponential_heun(x, h, |end, state| rate(active, k - 1 + usize::from(end), state));
                 }
             }
         }
         out.push(now.clone());
     }
     out
+}
+
+/// One step of ẋ = f(t, x): exact for f linear in x with constant slope λ, second order otherwise, stable for λ·h → −∞;
+/// Heun's method for λ = 0.
+///
+/// `rate(end, x)` gives f and λ = ∂f_i/∂x_i at the start or the end of the step. λ is the mean of both, so that a slope that
+/// varies with the motion enters by its integral.
+fn exponential_heun(x: &[f64], h: f64, rate: impl Fn(bool, &[f64]) -> (Vec<f64>, Vec<f64>)) -> Vec<f64> {
+    let (first, slope) = rate(false, x);
+    let ahead: Vec<f64> = (0..x.len()).map(|i| x[i] + h * phi(h * slope[i]).0 * first[i]).collect();
+    let (second, slope_ahead) = rate(true, &ahead);
+    (0..x.len())
+        .map(|i| {
+            let lambda = 0.5 * (slope[i] + slope_ahead[i]);
+            let (phi_1, phi_2) = phi(h * lambda);
+            let change = second[i] - first[i] - lambda * (ahead[i] - x[i]);
+            x[i] + h * (phi_1 * first[i] + phi_2 * change)
+        })
+        .collect()
+}
+
+/// φ₁(z) = (eᶻ − 1)/z and φ₂(z) = (eᶻ − 1 − z)/z².
+fn phi(z: f64) -> (f64, f64) {
+    if z.abs() < 1e-2 {
+        let phi_2 = 0.5 + z * (1.0 / 6.0 + z * (1.0 / 24.0 + z * (1.0 / 120.0 + z / 720.0)));
+        (1.0 + z * phi_2, phi_2)
+    } else {
+        (z.exp_m1() / z, (z.exp_m1() - z) / (z * z))
+    }
 }
 
 /// Passes the torque channels through the plant's sensor effects.
@@ -143,7 +250,7 @@ pub fn columns(
         let own: Vec<usize> = (at..at + active.values.len()).collect();
         let mut unmoved: Option<Channels> = None;
         for (k, entry) in active.entries().iter().enumerate() {
-            let whole = matches!(active.effect.kind(), Kind::Geometry | Kind::Sensor);
+            let whole = active.effect.kind().acts_on_the_whole();
             if entry.parameter.role != Role::Shape && !(whole && entry.parameter.role == Role::Linear) {
                 continue;
             }
@@ -222,6 +329,9 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
     } else if let Some(own) = plant.effects.iter_mut().find(|a| a.effect.name() == active.effect.name()) {
         *own = changed;
     }
+    if active.effect.kind() == Kind::Encoder {
+        plant.sum_inertia();
+    }
     plant
 }
 
@@ -234,7 +344,8 @@ fn linear_columns(
     let states = own_states(plant, effects, trace, motions);
     let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let plant_states = own_states(plant, &plant_effects, trace, motions);
-    let reads = effects.iter().any(|a| a.effect.reads_reactions());
+    let reads_reactions = effects.iter().any(|a| a.effect.reads_reactions());
+    let reads = reads_reactions || effects.iter().any(|a| a.effect.reads_torque());
     let total: usize = effects.iter().map(|a| a.values.len()).sum();
     let channels = trace.channels.len();
     let samples: Vec<usize> = (0..trace.len()).collect();
@@ -244,14 +355,14 @@ fn linear_columns(
         .map(|chunk| {
             let mut series = vec![Vec::with_capacity(chunk.len()); total * channels];
             for &k in chunk {
-                let reactions = if reads {
+                let loads = if reads {
                     let own = slices(&plant_states, k, plant.effects.len());
-                    inverse_dynamics(plant, trace.t[k], &motions[k], &own, true)?.reactions
+                    inverse_dynamics(plant, trace.t[k], &motions[k], &own, reads_reactions)?
                 } else {
-                    Reactions::default()
+                    Output::default()
                 };
                 let own = slices(&states, k, effects.len());
-                let rows = regressor(plant, effects, trace.t[k], &motions[k], &reactions, &own, &trace.channels)?;
+                let rows = regressor(plant, effects, trace.t[k], &motions[k], &loads, &own, &trace.channels)?;
                 for p in 0..total {
                     for c in 0..channels {
                         series[p * channels + c].push(rows[(c, p)]);
