@@ -10,9 +10,9 @@ mod common;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use deltatwin::dynamics::{Channel, Plant, inverse_dynamics, regressor};
+use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
 use deltatwin::effects::ActiveEffect;
-use deltatwin::kinematics::{JointState, Motion, Reactions};
+use deltatwin::kinematics::{JointState, Motion};
 use deltatwin::recording::Setup;
 use deltatwin::twin::{Mark, Torque, Twin};
 use rand_chacha::ChaCha8Rng;
@@ -52,7 +52,7 @@ fn dynamics(c: &mut Criterion) {
         let rigid = plant.rigid_bodies();
         let effects: Vec<&ActiveEffect> = std::iter::once(&rigid).chain(&plant.effects).collect();
         let states: Vec<&[f64]> = effects.iter().map(|_| [].as_slice()).collect();
-        let none = Reactions::default();
+        let none = Output::default();
         let mut cycle = motions.iter().cycle();
         c.bench_function(&format!("regressor, four torque rows ({name})"), |b| {
             b.iter(|| {

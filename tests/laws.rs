@@ -72,20 +72,11 @@ fn values_of(out: &Output) -> Vec<f64> {
 }
 
 /// Power of an effect's wrenches on the bodies, and the sum of the magnitudes of its parts, W.
-fn power(plant: &Plant, active: &ActiveEffect, motion: &Motion, reactions: &Reactions) -> (f64, f64) {
+fn power(plant: &Plant, active: &ActiveEffect, motion: &Motion, loads: &Output) -> (f64, f64) {
     let state = active.effect.initial_state(&active.values());
-    let at = Instant {
-        t: 0.0,
-        motion,
-        bodies: &plant.bodies,
-        gravity: plant.gravity,
-        reactions,
-        state: &state,
-        torque: [0.0; 4],
-        closed: SocketSet::ALL,
-    };
+    let at = instant(plant, motion, &loads.reactions, loads.tau, &state);
     let (mut sum, mut size) = (0.0, 0.0);
-    active.effect.forces(
+    active.effect.forces_along(
         &active.values(),
         &at,
         &mut Wrenches::new(&mut |k, body, force, moment| {
@@ -165,7 +156,52 @@ fn zero_parameters_change_nothing() {
             let absent = ActiveEffect::absent(effect);
             effect.observe(&absent.values(), &mut observed);
             assert_eq!(observed, signals, "{}", effect.name());
+            let state: Vec<f64> = effect.initial_state(&absent.values()).iter().map(|x| x + 1.0).collect();
+            let mut angles = [0.5; 4];
+            effect.encoder(&absent.values(), &state, &mut angles);
+            assert_eq!(angles, [0.5; 4], "{}", effect.name());
+            assert_eq!(effect.strut_spring(&absent.values()), None, "{}", effect.name());
+            assert_eq!(effect.gear_springs(&absent.values()), None, "{}", effect.name());
+            let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
+            let [torque, zero] =
+                [[30.0; 4], [0.0; 4]].map(|torque| drive_torques(&plant, &absent, &motion, torque, &state));
+            assert_eq!((torque, zero), ([0.0; 4], [0.0; 4]), "{}", effect.name());
         }
+    }
+}
+
+/// Torques an effect's wrenches put on the four drives in the twin, where the drives' torques are known.
+fn drive_torques(plant: &Plant, active: &ActiveEffect, motion: &Motion, torque: [f64; 4], state: &[f64]) -> [f64; 4] {
+    let reactions = Reactions::default();
+    let mut sum = [0.0; 4];
+    active.effect.forces(
+        &active.values(),
+        &instant(plant, motion, &reactions, torque, state),
+        &mut Wrenches::new(&mut |k, body, _, moment| {
+            for (axis, sum) in sum.iter_mut().enumerate().filter(|(axis, _)| Motion::drive(*axis).0 == body) {
+                *sum += active.values[k] * moment.dot(&Motion::drive(axis).1);
+            }
+        }),
+    );
+    sum
+}
+
+fn instant<'a>(
+    plant: &'a Plant,
+    motion: &'a Motion,
+    reactions: &'a Reactions,
+    torque: [f64; 4],
+    state: &'a [f64],
+) -> Instant<'a> {
+    Instant {
+        t: 0.0,
+        motion,
+        bodies: &plant.bodies,
+        gravity: plant.gravity,
+        reactions,
+        state,
+        torque,
+        closed: SocketSet::ALL,
     }
 }
 
@@ -211,7 +247,7 @@ fn regressor_gap(model: &Model, setup: &Setup) -> (f64, [f64; 2]) {
         let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
         let out = inverse(&plant, &motion);
         let offset = values_of(&inverse(&bare, &motion));
-        let rows = regressor(&plant, &effects, 0.0, &motion, &out.reactions, &slices(&states), &channels).unwrap();
+        let rows = regressor(&plant, &effects, 0.0, &motion, &out, &slices(&states), &channels).unwrap();
         let product = rows * &theta;
         for (c, want) in values_of(&out).into_iter().enumerate() {
             gap[c] = gap[c].max((offset[c] + product[c] - want).abs());
@@ -259,7 +295,7 @@ fn friction_only_removes_energy() {
         .iter()
         .filter(|e| ["friction", "ball_socket", "stribeck"].iter().any(|part| e.name().contains(part)))
         .collect();
-    assert!(frictions.len() >= 8, "{}", frictions.len());
+    assert!(frictions.len() >= 11, "{}", frictions.len());
     for effect in frictions {
         let mut rng = rng(4);
         let mut total = 0.0;
@@ -274,11 +310,176 @@ fn friction_only_removes_energy() {
             }
             let mut force = || std::array::from_fn(|_| rng.random_range(-150.0..150.0));
             let reactions = Reactions { upper: force(), lower: force() };
-            let (sum, size) = power(&plant, &active, &motion, &reactions);
+            let tau = std::array::from_fn(|_| rng.random_range(-100.0..100.0));
+            let (sum, size) = power(&plant, &active, &motion, &Output { tau, reactions });
             assert!(sum <= 4.0 * f64::EPSILON * size, "{} gives {sum:e} W", effect.name()); // rounding of its parts
             total += sum;
         }
         assert!(total < 0.0, "{} does nothing", effect.name());
+    }
+}
+
+/// Arms and rotor of the nominal robot alone, at given joint motion.
+fn arms_alone(plant: &Plant, joints: JointState) -> Motion {
+    Motion::disassembled(&plant.geometry, &joints)
+}
+
+#[test]
+fn stated_slopes_are_derivatives_of_the_state_rates() {
+    let plant = nominal_plant();
+    let mut rng = rng(9);
+    let mut steep = 0;
+    for &effect in REGISTRY {
+        let active = at_random(effect, &mut rng, true);
+        let n = active.states();
+        for _ in 0..20 {
+            let motion = arms_alone(&plant, random_joints(&plant, &mut rng));
+            let state: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let rate = |state: &[f64]| {
+                let (mut rate, mut slope) = (vec![0.0; n], vec![0.0; n]);
+                let reactions = Reactions::default();
+                let at = instant(&plant, &motion, &reactions, [10.0; 4], state);
+                effect.state_rate(&active.values(), &at, &mut rate, &mut slope);
+                (rate, slope)
+            };
+            let (before, slope) = rate(&state);
+            // A slope that is not steep may be left at zero.
+            for i in (0..n).filter(|&i| slope[i] != 0.0) {
+                let mut moved = state.clone();
+                moved[i] += 0.5;
+                let want = (rate(&moved).0[i] - before[i]) / 0.5;
+                // The laws are linear in their states; rounding of rates up to 1e5/s.
+                assert!((slope[i] - want).abs() < 1e-9 * want.abs().max(1.0), "{}: {} {want}", effect.name(), slope[i]);
+                assert!(slope[i] < 0.0, "{} does not run away", effect.name());
+                steep += 1;
+            }
+        }
+    }
+    assert!(steep >= 100, "{steep}");
+}
+
+#[test]
+fn hysteresis_returns_no_more_than_its_springs_hold() {
+    let plant = nominal_plant();
+    let mut rng = rng(10);
+    const ANGLE: f64 = 2e-3;
+    let moment = [1.0, 1.5, 2.0];
+    let active = ActiveEffect::new(find("backlash_hysteresis").unwrap(), &[&moment, &[ANGLE]]);
+    let mut state = active.effect.initial_state(&active.values());
+    let waves: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(0.2..2.0)));
+    let (mut taken, mut least) = ([0.0; 3], f64::INFINITY);
+    let h = 2e-5;
+    let reactions = Reactions::default();
+    for step in 0..50_000 {
+        let t = f64::from(step) * h;
+        let qd = std::array::from_fn(|i| {
+            let w = waves[i % 3];
+            w[0] * (31.0 * w[1] * t).sin() + 0.1 * (300.0 * w[2] * t).cos()
+        });
+        let motion = arms_alone(&plant, JointState { qd, ..JointState::default() });
+        let (mut rate, mut slope) = (vec![0.0; 3], vec![0.0; 3]);
+        let before = state.clone();
+        active.effect.state_rate(
+            &active.values(),
+            &instant(&plant, &motion, &reactions, [0.0; 4], &state),
+            &mut rate,
+            &mut slope,
+        );
+        for i in 0..3 {
+            state[i] += h * (1.0 + 0.5 * h * slope[i]) * rate[i];
+            assert!(state[i].abs() <= 1.0 + 1e-9, "{}", state[i]);
+        }
+        let middle: Vec<f64> = state.iter().zip(&before).map(|(a, b)| 0.5 * (a + b)).collect();
+        let torque = drive_torques(&plant, &active, &motion, [0.0; 4], &middle);
+        for i in 0..3 {
+            taken[i] -= torque[i] * qd[i] * h;
+            least = least.min(taken[i] - 0.5 * moment[i] * ANGLE * state[i] * state[i]);
+        }
+    }
+    println!("taken {taken:?} J, least beyond the springs {least:.1e} J");
+    assert!(least > -1e-9, "{least:e}"); // truncation of the steps
+    assert!(taken.iter().all(|x| *x > 0.05), "{taken:?}");
+}
+
+#[test]
+fn elastic_drives_keep_account_of_their_energy() {
+    // The drive pays for rotor, spring, damper and what reaches the arm, whatever the arm does.
+    let plant = nominal_plant();
+    let (c, d, rotor) = (4e-5, 20.0, 0.18);
+    let active = ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[c; 3], &[d], &[rotor]]);
+    let arm = |t: f64| {
+        let (s, k) = (40.0 * t).sin_cos();
+        JointState { q: [0.1 * s; 4], qd: [4.0 * k; 4], qdd: [-160.0 * s; 4] }
+    };
+    let torque = |t: f64| 30.0 * (90.0 * t).sin() + 20.0;
+    let reactions = Reactions::default();
+    let rate = |t: f64, x: &[f64]| {
+        let (mut rate, mut slope) = (vec![0.0; 6], vec![0.0; 6]);
+        let motion = arms_alone(&plant, arm(t));
+        let at = instant(&plant, &motion, &reactions, [torque(t); 4], x);
+        active.effect.state_rate(&active.values(), &at, &mut rate, &mut slope);
+        rate
+    };
+    let moved = |x: &[f64], r: &[f64], h: f64| -> Vec<f64> { x.iter().zip(r).map(|(x, r)| x + h * r).collect() };
+    let stored = |t: f64, x: &[f64]| 0.5 * rotor * (arm(t).qd[0] + x[3]).powi(2) + 0.5 * x[0] * x[0] / c;
+    // Power of the drive less that of the damper and that given to the arm, with the effect's own torque on the arm.
+    let power = |t: f64, x: &[f64]| {
+        let joints = arm(t);
+        let given = torque(t) + drive_torques(&plant, &active, &arms_alone(&plant, joints), [torque(t); 4], x)[0];
+        torque(t) * (joints.qd[0] + x[3]) - d * x[3] * x[3] - given * joints.qd[0]
+    };
+    let mut x = active.effect.initial_state(&active.values());
+    let h = 1e-5;
+    let (start, mut work, mut paid) = (stored(0.0, &x), 0.0, 0.0);
+    for step in 0..30_000 {
+        let t = f64::from(step) * h;
+        let a = rate(t, &x);
+        let b = rate(t + 0.5 * h, &moved(&x, &a, 0.5 * h));
+        let middle = moved(&x, &b, 0.5 * h);
+        let c = rate(t + 0.5 * h, &middle);
+        let e = rate(t + h, &moved(&x, &c, h));
+        let next: Vec<f64> = (0..6).map(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + e[i])).collect();
+        let parts = [power(t, &x), power(t + 0.5 * h, &middle), power(t + h, &next)];
+        work += h / 6.0 * (parts[0] + 4.0 * parts[1] + parts[2]);
+        paid += h * (torque(t) * (arm(t).qd[0] + x[3])).abs();
+        x = next;
+    }
+    let gap = stored(0.3, &x) - start - work;
+    println!("energy gap {gap:.1e} J of {paid:.1} J");
+    assert!(gap.abs() < 1e-6, "{gap:e}");
+}
+
+#[test]
+fn elastic_drives_at_rest_in_themselves_are_rigid() {
+    let rigid = nominal_plant();
+    let mut elastic = model(NOMINAL);
+    elastic.effects =
+        vec![ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5, 1e-4, 0.0], &[20.0], &[0.18]])];
+    let elastic = Plant::new(&elastic, &Setup::default());
+    assert!((elastic.bodies[0].tensor[(1, 1)] - 0.078).abs() < 1e-12, "the rotor left the arm");
+    let mut rng = rng(11);
+    for _ in 0..50 {
+        let motion = rigid.motion(&random_joints(&rigid, &mut rng)).unwrap();
+        for (a, b) in inverse(&elastic, &motion).tau.iter().zip(inverse(&rigid, &motion).tau) {
+            assert!((a - b).abs() < 1e-11, "{a} {b}"); // rounding of 1/c and back
+        }
+    }
+}
+
+#[test]
+fn gear_friction_is_solved_with_the_torque_it_depends_on() {
+    // τ = τ₀ + μ·|τ|·s with s = tanh(k·q̇): τ₀/(1 − μ·s) for positive, τ₀/(1 + μ·s) for negative torque.
+    let free = nominal_plant();
+    let rubbing = common::with_effect(nominal_plant(), "gear_load_friction", &[&[0.02, 0.05, 0.1], &[100.0]]);
+    let mut rng = rng(12);
+    for _ in 0..50 {
+        let motion = free.motion(&random_joints(&free, &mut rng)).unwrap();
+        let (before, after) = (inverse(&free, &motion).tau, inverse(&rubbing, &motion).tau);
+        for (i, friction) in [0.02, 0.05, 0.1].into_iter().enumerate() {
+            let share = friction * (100.0 * motion.qd[i]).tanh() * before[i].signum();
+            assert!((after[i] - before[i] / (1.0 - share)).abs() < 1e-10, "{} {}", after[i], before[i]);
+        }
+        assert_eq!(before[3], after[3]);
     }
 }
 
@@ -506,7 +707,7 @@ fn energy_gap(model: &Model, setup: &Setup) -> (f64, f64) {
         let motion = plant.motion(&along(t)).unwrap();
         let out = inverse(&plant, &motion);
         let drives: f64 = out.tau.iter().zip(&motion.qd).map(|(tau, rate)| tau * rate).sum();
-        let effects: f64 = plant.effects.iter().map(|a| power(&plant, a, &motion, &out.reactions).0).sum();
+        let effects: f64 = plant.effects.iter().map(|a| power(&plant, a, &motion, &out).0).sum();
         let stored = derivative(|t| energy::total(&plant, &plant.motion(&along(t)).unwrap()), t);
         worst = worst.max((drives - stored + effects).abs());
         largest = largest.max(drives.abs());

@@ -39,6 +39,12 @@ pub enum DiagnosisError {
     /// There is no such effect.
     #[error("unknown effect `{0}`; `deltatwin effects` lists them")]
     UnknownEffect(String),
+    /// The effect is in the twin only.
+    #[error(
+        "`{0}` acts in the twin only: inverse dynamics along a measured motion does not show it, so no data determine its \
+         parameters; put its table into the model file by hand"
+    )]
+    TwinOnly(String),
     /// The effect is in the model already.
     #[error("the model has `{0}` already")]
     Present(String),
@@ -213,11 +219,14 @@ pub fn diagnose(
     for r in &mut reports {
         r.probability /= total.max(1.0);
     }
+    let beyond =
+        problem::beyond(model).into_iter().filter(|e| problem::applies(*e, assembled)).map(|e| e.name().into());
     let unseen = ranking
         .candidates
         .iter()
         .filter(|a| a.visibility != Visibility::Visible && !found.contains(&a.candidate))
         .map(|a| a.name.clone())
+        .chain(beyond)
         .collect();
     let indistinguishable: Vec<Vec<String>> = outcome
         .findings
@@ -409,6 +418,9 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     check(traces, held_out)?;
     if model.effects.iter().any(|a| a.effect.name() == effect) || effect == effects::rigid_bodies::NAME {
         return Err(DiagnosisError::Present(effect.into()));
+    }
+    if problem::beyond(model).iter().any(|e| e.name() == effect) {
+        return Err(DiagnosisError::TwinOnly(effect.into()));
     }
     let shapes = problem::absent(model).into_iter().find(|c| c[0].effect.name() == effect);
     let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;

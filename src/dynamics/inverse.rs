@@ -31,13 +31,16 @@ const STRUT_CHANNELS: [Channel; 2 * STRUTS] = [
     Channel::StrutLower(5),
 ];
 
-impl Reactions {
-    /// Reactions in the order of all strut channels: six upper, six lower.
+impl Output {
+    /// Values of four torques and, where present, six upper and six lower strut forces.
     fn from_channels(values: &[f64]) -> Self {
-        let mut r = Self::default();
-        r.upper.copy_from_slice(&values[..STRUTS]);
-        r.lower.copy_from_slice(&values[STRUTS..2 * STRUTS]);
-        r
+        let mut out = Self::default();
+        out.tau.copy_from_slice(&values[..4]);
+        if values.len() > 4 {
+            out.reactions.upper.copy_from_slice(&values[4..4 + STRUTS]);
+            out.reactions.lower.copy_from_slice(&values[4 + STRUTS..4 + 2 * STRUTS]);
+        }
+        out
     }
 }
 
@@ -51,9 +54,10 @@ pub fn inverse_dynamics(
     states: &[&[f64]],
     with_struts: bool,
 ) -> Result<Output, KinematicsError> {
-    let reads = plant.assembled && plant.effects.iter().any(|a| a.effect.reads_reactions());
+    let reads_reactions = plant.assembled && plant.effects.iter().any(|a| a.effect.reads_reactions());
+    let iterated = |a: &ActiveEffect| a.effect.reads_reactions() || a.effect.reads_torque();
     let mut channels = Channel::TORQUES.to_vec();
-    if plant.assembled && (with_struts || reads) {
+    if plant.assembled && (with_struts || reads_reactions) {
         channels.extend(STRUT_CHANNELS);
     }
     let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, &channels)?;
@@ -65,18 +69,9 @@ pub fn inverse_dynamics(
             fixed[c] -= map.project(c, body, &force, &moment);
         }
     }
-    let add = |active: &ActiveEffect, state: &[f64], reactions: &Reactions, sum: &mut [f64]| {
-        let at = Instant {
-            t,
-            motion,
-            bodies: &plant.bodies,
-            gravity: plant.gravity,
-            reactions,
-            state,
-            torque: [0.0; 4],
-            closed: SocketSet::ALL,
-        };
-        active.effect.forces(
+    let add = |active: &ActiveEffect, state: &[f64], loads: &Output, sum: &mut [f64]| {
+        let at = instant(plant, active, t, motion, loads, state);
+        active.effect.forces_along(
             &active.values(),
             &at,
             &mut Wrenches::new(&mut |k, body, force, moment| {
@@ -86,22 +81,20 @@ pub fn inverse_dynamics(
             }),
         );
     };
-    let none = Reactions::default();
     for (active, state) in plant.effects.iter().zip(states) {
-        if !active.effect.reads_reactions() {
-            add(active, state, &none, &mut fixed);
+        if !iterated(active) {
+            add(active, state, &Output::default(), &mut fixed);
         }
     }
     let mut values = fixed.clone();
-    if reads {
-        // Friction moments are a few thousandths of the lever times the reactions: the iteration contracts fast.
+    if plant.effects.iter().any(iterated) {
+        // Friction moments are a few thousandths of the lever times the reactions, gear friction a few hundredths of the
+        // torque: the iteration contracts fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
-            let reactions = Reactions::from_channels(&values[4..]);
+            let loads = Output::from_channels(&values);
             let mut next = fixed.clone();
-            for (active, state) in plant.effects.iter().zip(states) {
-                if active.effect.reads_reactions() {
-                    add(active, state, &reactions, &mut next);
-                }
+            for (active, state) in plant.effects.iter().zip(states).filter(|(a, _)| iterated(a)) {
+                add(active, state, &loads, &mut next);
             }
             let change = next.iter().zip(&values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             values = next;
@@ -110,12 +103,28 @@ pub fn inverse_dynamics(
             }
         }
     }
-    let mut out = Output::default();
-    out.tau.copy_from_slice(&values[..4]);
-    if values.len() > 4 {
-        out.reactions = Reactions::from_channels(&values[4..]);
+    Ok(Output::from_channels(&values))
+}
+
+/// What a force law reads along a given motion.
+fn instant<'a>(
+    plant: &'a Plant,
+    active: &ActiveEffect,
+    t: f64,
+    motion: &'a Motion,
+    loads: &'a Output,
+    state: &'a [f64],
+) -> Instant<'a> {
+    Instant {
+        t,
+        motion,
+        bodies: &plant.bodies,
+        gravity: plant.gravity,
+        reactions: &loads.reactions,
+        state,
+        torque: if active.effect.reads_torque() { loads.tau } else { [0.0; 4] },
+        closed: SocketSet::ALL,
     }
-    Ok(out)
 }
 
 /// Enough for a contraction factor of a third to reach rounding.
@@ -124,13 +133,14 @@ const MAX_REACTION_ITERATIONS: usize = 30;
 /// Rows of the regressor for `channels` at one motion, one column per parameter of `effects`
 /// (columns of nonlinear parameters stay zero).
 ///
-/// `states` as in [`inverse_dynamics`], one slice per entry of `effects`.
+/// `loads` are the torques and strut forces of the whole plant, for the laws that read them; `states` as in
+/// [`inverse_dynamics`], one slice per entry of `effects`.
 pub fn regressor(
     plant: &Plant,
     effects: &[&ActiveEffect],
     t: f64,
     motion: &Motion,
-    reactions: &Reactions,
+    loads: &Output,
     states: &[&[f64]],
     channels: &[Channel],
 ) -> Result<DMatrix<f64>, KinematicsError> {
@@ -150,17 +160,8 @@ pub fn regressor(
             let (force, moment) = inertial_wrench(&unit, &motion.bodies[body], &gravity);
             add(k, body, &force, &moment, -1.0);
         });
-        let at = Instant {
-            t,
-            motion,
-            bodies: &plant.bodies,
-            gravity: plant.gravity,
-            reactions,
-            state,
-            torque: [0.0; 4],
-            closed: SocketSet::ALL,
-        };
-        active.effect.forces(
+        let at = instant(plant, active, t, motion, loads, state);
+        active.effect.forces_along(
             &values,
             &at,
             &mut Wrenches::new(&mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),

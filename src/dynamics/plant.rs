@@ -68,7 +68,8 @@ impl Plant {
         plant
     }
 
-    fn sum_inertia(&mut self) {
+    /// Brings the bodies up to date with the effects.
+    pub(crate) fn sum_inertia(&mut self) {
         self.bodies = self.links.clone();
         self.bodies[END_EFFECTOR] += self.payload.inertia();
         for active in &self.effects {

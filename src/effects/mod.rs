@@ -16,22 +16,36 @@ use crate::recording::{Payload, Signals};
 
 mod air_drag;
 mod axis4_friction;
+mod backlash_hysteresis;
 mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
 mod ball_socket_viscous;
 mod base_tilt;
 pub mod command;
 mod drive_coulomb_asymmetry;
+mod drive_elasticity;
 mod drive_friction;
 mod drive_stribeck;
+mod drive_viscous_asymmetry;
+mod gear_load_friction;
+mod hooke_friction;
+mod hose_spring;
+mod joint_zero_offset;
+mod limb_asymmetry;
+mod payload_com_offset;
 mod payload_mass_error;
 pub mod rigid_bodies;
+mod rotor_inertia;
 mod signal_delay;
+mod strut_elasticity;
 mod strut_length_error;
+mod telescope_end_stop;
 mod telescope_friction;
+mod telescope_retract_friction;
 #[cfg(test)]
 pub(crate) mod testing;
 mod thermal_friction_drift;
+mod torque_bias;
 mod torque_gain_error;
 mod torque_ripple;
 
@@ -45,14 +59,28 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &ball_socket_coulomb::BallSocketCoulomb,
     &drive_stribeck::DriveStribeck,
     &drive_coulomb_asymmetry::DriveCoulombAsymmetry,
+    &drive_viscous_asymmetry::DriveViscousAsymmetry,
+    &gear_load_friction::GearLoadFriction,
+    &backlash_hysteresis::BacklashHysteresis,
+    &drive_elasticity::DriveElasticity,
     &thermal_friction_drift::ThermalFrictionDrift,
     &torque_ripple::TorqueRipple,
+    &rotor_inertia::RotorInertia,
     &ball_socket_load_dependent::BallSocketLoadDependent,
+    &telescope_retract_friction::TelescopeRetractFriction,
+    &telescope_end_stop::TelescopeEndStop,
+    &hooke_friction::HookeFriction,
     &payload_mass_error::PayloadMassError,
+    &payload_com_offset::PayloadComOffset,
+    &limb_asymmetry::LimbAsymmetry,
+    &strut_elasticity::StrutElasticity,
     &strut_length_error::StrutLengthError,
     &base_tilt::BaseTilt,
+    &hose_spring::HoseSpring,
     &air_drag::AirDrag,
+    &joint_zero_offset::JointZeroOffset,
     &torque_gain_error::TorqueGainError,
+    &torque_bias::TorqueBias,
     &signal_delay::SignalDelay,
 ];
 
@@ -78,9 +106,26 @@ pub trait Effect: Sync {
     /// Wrenches per unit of each linear parameter.
     fn forces(&self, _values: &Values, _at: &Instant, _out: &mut Wrenches) {}
 
+    /// The same along a given motion, where the drive torques are what is asked for. Differs from `forces` for what lies
+    /// between drive and joint: [`Instant::torque`] is no help there, and own states of [`Kind::Encoder`] rest.
+    fn forces_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        self.forces(values, at, out);
+    }
+
     /// Whether `forces` reads [`Instant::reactions`].
     fn reads_reactions(&self) -> bool {
         false
+    }
+
+    /// Whether `forces_along` reads [`Instant::torque`].
+    fn reads_torque(&self) -> bool {
+        false
+    }
+
+    /// Whether inverse dynamics along a measured motion shows the effect. If not, only the twin has it: identification
+    /// leaves its parameters alone, and the diagnosis lists it as unseen.
+    fn identifiable(&self) -> bool {
+        true
     }
 
     /// Initial values of the effect's own states.
@@ -94,6 +139,11 @@ pub trait Effect: Sync {
 
     /// What the motor-side encoders read beyond the joint angles: adds to `angles`, rad.
     fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut [f64; AXES]) {}
+
+    /// Elastic gears between encoder and joint, for readers of a measured motion; the twin integrates own states.
+    fn gear_springs(&self, _values: &Values) -> Option<[GearSpring; AXES]> {
+        None
+    }
 
     /// Axial spring and damper of each strut per unit of compliance, see [`StrutSpring`].
     fn strut_spring(&self, _values: &Values) -> Option<[StrutSpring; STRUTS]> {
@@ -121,6 +171,15 @@ pub struct StrutSpring {
     pub damping: f64,
 }
 
+/// An elastic gear: the encoder leads the joint by compliance · transmitted torque.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GearSpring {
+    /// rad/(N·m); zero is rigid.
+    pub compliance: f64,
+    /// Inertia on the motor side, seen at the gear output, kg·m².
+    pub rotor_inertia: f64,
+}
+
 /// What an effect changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -132,6 +191,16 @@ pub enum Kind {
     Geometry,
     /// Reported signals.
     Sensor,
+    /// What lies between encoder and joint; shifts the motion that a recording stands for.
+    Encoder,
+}
+
+impl Kind {
+    /// Whether the effect acts through everything else rather than by terms of its own, so that its columns are
+    /// differences of whole predictions.
+    pub fn acts_on_the_whole(self) -> bool {
+        matches!(self, Self::Geometry | Self::Sensor | Self::Encoder)
+    }
 }
 
 /// What a person wants to know about an effect.
@@ -335,7 +404,8 @@ pub struct Instant<'a> {
     pub reactions: &'a Reactions,
     /// The effect's own states.
     pub state: &'a [f64],
-    /// Torques of the drives at the gear output, N·m; zero where they are what is asked for.
+    /// Torques of the drives at the gear output, N·m. Where they are what is asked for, zero, unless the effect says that
+    /// it reads them.
     pub torque: [f64; AXES],
     /// Ball sockets that still hold.
     pub closed: SocketSet,

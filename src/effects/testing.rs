@@ -89,6 +89,20 @@ pub(super) fn wrenches_in_state(effect: &'static dyn Effect, motion: &Motion, st
     )
 }
 
+/// Calls `read` with an instant of the given motion and own states; no torque, no reactions.
+pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
+    read(&Instant {
+        t: 0.0,
+        motion,
+        bodies: &no_bodies(),
+        gravity: 9.81,
+        reactions: &Reactions::default(),
+        state,
+        torque: [0.0; 4],
+        closed: SocketSet::ALL,
+    });
+}
+
 fn write(effect: &'static dyn Effect, at: &Instant) -> Vec<Written> {
     let active = ActiveEffect::absent(effect);
     let mut seen = Vec::new();

@@ -3,6 +3,14 @@
 use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
 
 /// τ = −x·(c_C·tanh(k q̇) + c_v·q̇) with the effect's own state ẋ = −x/T, x(0) = 1.
+///
+/// The parameters are the surplus of the cold drives over `drive_friction`, which describes the warm ones; c_C in N·m, c_v
+/// in N·m·s/rad, T in s. Dissipates x·(c_C·q̇·tanh(k·q̇) + c_v·q̇²).
+///
+/// x starts from 1, cold, with every run of the twin, which integrates it beside its motion like any other state (T is
+/// half a second at least: nothing steep), and with every recording in identification, which integrates it along the
+/// recorded time, gaps included. Warming does not depend on how much the drives move. With the T of a real gear, half an
+/// hour and more, a run of seconds sees constant friction: the default fits short runs.
 pub struct ThermalFrictionDrift;
 
 const COULOMB: usize = 0;

@@ -11,7 +11,7 @@ use super::filtering::MIN_HALF_WIDTH;
 use super::prediction::{Channels, columns, predict};
 use super::{BaseParameter, Trace, base_parameters, consistency};
 use crate::dynamics::{Plant, PlantParameter, set_parameters};
-use crate::effects::{Kind, Role};
+use crate::effects::Role;
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 
@@ -181,7 +181,8 @@ fn trimmed(residuals: &[Channels]) -> Vec<Channels> {
 fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
         a.effect.reads_reactions()
-            || matches!(a.effect.kind(), Kind::Geometry | Kind::Sensor)
+            || a.effect.reads_torque()
+            || a.effect.kind().acts_on_the_whole()
             || a.effect.parameters().iter().any(|p| p.role == Role::Shape)
     })
 }

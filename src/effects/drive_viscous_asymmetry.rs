@@ -1,0 +1,59 @@
+//! Viscous drive friction that differs between the two directions.
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+
+/// τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
+///
+/// a in N·m·s/rad, either sign. Takes energy in one direction and gives as much in the other: only with
+/// `drive_friction`, |a| ≤ p_v, is it friction.
+pub struct DriveViscousAsymmetry;
+
+const DIFFERENCE: usize = 0;
+
+impl Effect for DriveViscousAsymmetry {
+    fn name(&self) -> &'static str {
+        "drive_viscous_asymmetry"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "viscous friction of an arm drive differs between + and − direction",
+            law: "τ_i = −a_i·|q̇_i|; viscous friction is p_v + a for q̇ > 0 and p_v − a for q̇ < 0",
+            shows: "a torque per arm that grows with speed and has the same sign in both directions",
+            source: "usual for geared drives; a few tenths of the viscous coefficient (estimate)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter {
+            name: "difference",
+            unit: "N·m·s/rad",
+            count: Count::PerArm,
+            role: Role::Linear,
+            default: 0.3,
+            range: (-20.0, 20.0),
+        }]
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        for axis in 0..values.len(DIFFERENCE) {
+            out.drive_torque(values.index(DIFFERENCE, axis), axis, -at.motion.qd[axis].abs());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing;
+
+    #[test]
+    fn same_sign_in_both_directions() {
+        for rate in [-2.0, 2.0] {
+            let mut motion = testing::still();
+            motion.qd[1] = rate;
+            let torque = testing::drive_torque(&DriveViscousAsymmetry, &motion, 1);
+            approx::assert_relative_eq!(torque, -2.0, epsilon = 1e-12);
+        }
+    }
+}

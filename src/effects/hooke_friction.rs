@@ -1,0 +1,95 @@
+//! Friction of the telescope's two Hooke joints.
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use crate::model::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+
+/// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
+///
+/// ω in rad/s: rate of the telescope against the other body about that axis (`Motion::hooke_rates`). M_C in N·m, d in
+/// N·m·s/rad, never negative, per axis; k in s/rad. Dissipates Σ ω·(M_C·tanh(k·ω) + d·ω).
+pub struct HookeFriction;
+
+const COULOMB: usize = 0;
+const VISCOUS: usize = 1;
+const STEEPNESS: usize = 2;
+
+impl Effect for HookeFriction {
+    fn name(&self) -> &'static str {
+        "hooke_friction"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "Coulomb and viscous friction of the telescope's Hooke joints",
+            law: "M = −M_C·tanh(k·ω) − d·ω about each cross axis of both joints",
+            shows: "torque of all drives when the telescope swings, also of axis 4 when it turns an inclined telescope",
+            source: "needle bearings of a small cardan joint, 0.02–0.1 N·m per axis (estimate)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter {
+                name: "coulomb",
+                unit: "N·m",
+                count: Count::One,
+                role: Role::Linear,
+                default: 0.05,
+                range: (0.0, 20.0),
+            },
+            Parameter {
+                name: "viscous",
+                unit: "N·m·s/rad",
+                count: Count::One,
+                role: Role::Linear,
+                default: 0.02,
+                range: (0.0, 20.0),
+            },
+            Parameter {
+                name: "steepness",
+                unit: "s/rad",
+                count: Count::One,
+                role: Role::Fixed,
+                default: 100.0,
+                range: (1.0, 1e4),
+            },
+        ]
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let rates = at.motion.hooke_rates();
+        let joints = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
+        for ((yoke, telescope), rates) in joints.into_iter().zip(rates) {
+            let axes =
+                [at.motion.bodies[yoke].rotation.column(0), at.motion.bodies[TELESCOPE_UPPER].rotation.column(1)];
+            for (axis, rate) in axes.into_iter().zip(rates) {
+                let sign = smooth_sign(rate, values.one(STEEPNESS));
+                for (block, moment) in [(COULOMB, axis * -sign), (VISCOUS, axis * -rate)] {
+                    out.wrench(values.index(block, 0), telescope, nalgebra::Vector3::zeros(), moment);
+                    out.wrench(values.index(block, 0), yoke, nalgebra::Vector3::zeros(), -moment);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn swing_about_x_is_braked_at_both_ends() {
+        // Telescope swings at 2 rad/s about x against rotor and end effector at rest: 0.1·tanh(200) + 0.05·2 = 0.2 N·m
+        // on each part, its reaction on the rotor and on the end effector.
+        let mut motion = testing::still();
+        for body in [TELESCOPE_UPPER, TELESCOPE_LOWER] {
+            motion.bodies[body].angular_velocity = Vector3::x() * 2.0;
+        }
+        let total = testing::totals(&HookeFriction, &[&[0.1], &[0.05], &[100.0]], &motion);
+        for (body, moment) in [(TELESCOPE_UPPER, -0.2), (TELESCOPE_LOWER, -0.2), (ROTOR, 0.2), (END_EFFECTOR, 0.2)] {
+            approx::assert_relative_eq!(total[body].1, Vector3::x() * moment, epsilon = 1e-12);
+        }
+    }
+}

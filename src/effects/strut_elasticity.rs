@@ -1,0 +1,90 @@
+//! Struts and their sockets give way along their axis.
+
+use super::{About, Count, Effect, Parameter, Role, StrutSpring, Values};
+use crate::model::STRUTS;
+
+/// Axial spring and damper in each strut: T = Δl/c + d·Δl̇, tension positive, Δl the elongation.
+///
+/// c in m/N per limb (both struts alike), d in N·s/m; c ≤ 1e-10 m/N counts as rigid. Contains rod and both sockets.
+///
+/// Only the twin has it: it needs the platform's motion, which then no longer follows from the joint angles. Inverse
+/// dynamics along a measured joint motion takes the struts as rigid (deflections of 15 µm per 50 N), so the diagnosis
+/// cannot name it and identification leaves it alone.
+pub struct StrutElasticity;
+
+const COMPLIANCE: usize = 0;
+const DAMPING: usize = 1;
+
+/// Compliance that counts as rigid, m/N.
+const RIGID: f64 = 1e-10;
+
+impl Effect for StrutElasticity {
+    fn name(&self) -> &'static str {
+        "strut_elasticity"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "axial compliance of the struts with their sockets (twin only)",
+            law: "T = Δl/c + d·dΔl/dt in each strut, tension positive",
+            shows: "vibration of the platform against the arms above 50 Hz, lag of the platform under acceleration",
+            source: "E·A/l of a carbon tube 16/14 mm, 5.1e6 N/m at 120 GPa, in series with two sockets of 2e7: 3.4e6 N/m \
+                     (2.3e6–5e6, estimate); d: about a tenth of critical for 0.4 kg per strut",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter {
+                name: "compliance",
+                unit: "m/N",
+                count: Count::PerArm,
+                role: Role::Linear,
+                default: 1.0 / 3.4e6,
+                range: (0.0, 2e-6),
+            },
+            Parameter {
+                name: "damping",
+                unit: "N·s/m",
+                count: Count::One,
+                role: Role::Fixed,
+                default: 300.0,
+                range: (0.0, 1e5),
+            },
+        ]
+    }
+
+    fn identifiable(&self) -> bool {
+        false
+    }
+
+    fn strut_spring(&self, values: &Values) -> Option<[StrutSpring; STRUTS]> {
+        let compliance = values.block(COMPLIANCE);
+        // A rigid limb among elastic ones is as stiff as the law allows.
+        let spring =
+            |s: usize| StrutSpring { stiffness: 1.0 / compliance[s / 2].max(RIGID), damping: values.one(DAMPING) };
+        compliance.iter().any(|c| *c > RIGID).then(|| std::array::from_fn(spring))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::ActiveEffect;
+
+    #[test]
+    fn stiffness_is_the_inverse_of_compliance() {
+        // 0.25 µm/N: 4e6 N/m; 34 N stretch it by 8.5 µm.
+        let active = ActiveEffect::new(&StrutElasticity, &[&[2.5e-7, 5e-7, 2.5e-7], &[300.0]]);
+        let springs = StrutElasticity.strut_spring(&active.values()).unwrap();
+        approx::assert_relative_eq!(springs[1].stiffness, 4e6);
+        approx::assert_relative_eq!(springs[2].stiffness, 2e6);
+        approx::assert_relative_eq!(34.0 / springs[0].stiffness, 8.5e-6);
+        assert_eq!(springs[5].damping, 300.0);
+    }
+
+    #[test]
+    fn without_compliance_struts_are_rigid() {
+        assert_eq!(StrutElasticity.strut_spring(&ActiveEffect::absent(&StrutElasticity).values()), None);
+    }
+}

@@ -1,0 +1,73 @@
+//! Extra friction of the telescope while it shortens.
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+
+/// F = d·v + e·v² while ṡ = −v < 0, nothing while the telescope lengthens.
+///
+/// F in N along the bar, pushing the parts apart; d in N·s/m, e in N·s²/m², never negative: the bush drags harder inward
+/// and the trapped air is pressed out. Continuous through ṡ = 0. Dissipates d·v² + e·v³.
+pub struct TelescopeRetractFriction;
+
+const VISCOUS: usize = 0;
+const QUADRATIC: usize = 1;
+
+impl Effect for TelescopeRetractFriction {
+    fn name(&self) -> &'static str {
+        "telescope_retract_friction"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "extra friction of the telescope while it shortens, growing with speed",
+            law: "F = d·v + e·v², v = max(0, −ṡ), pushing the parts apart",
+            shows: "torque of all arms while the platform rises, none while it sinks",
+            source: "viscous friction inward up to twice that outward, air cushion 2 (0–5) N/(m/s)² (estimate)",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter {
+                name: "viscous",
+                unit: "N·s/m",
+                count: Count::One,
+                role: Role::Linear,
+                default: 1.25,
+                range: (0.0, 100.0),
+            },
+            Parameter {
+                name: "quadratic",
+                unit: "N·s²/m²",
+                count: Count::One,
+                role: Role::Linear,
+                default: 2.0,
+                range: (0.0, 100.0),
+            },
+        ]
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let speed = (-at.motion.telescope.rate).max(0.0);
+        out.telescope_force(values.index(VISCOUS, 0), at.motion, speed);
+        out.telescope_force(values.index(QUADRATIC, 0), at.motion, speed * speed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing;
+    use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+
+    #[test]
+    fn only_shortening_costs() {
+        // 1.5 m/s inward: 2·1.5 + 4·2.25 = 12 N, apart; the axis points up, so the upper part is pushed up.
+        for (rate, force) in [(-1.5, 12.0), (1.5, 0.0)] {
+            let mut motion = testing::still();
+            motion.telescope.rate = rate;
+            let total = testing::totals(&TelescopeRetractFriction, &[&[2.0], &[4.0]], &motion);
+            approx::assert_relative_eq!(total[TELESCOPE_UPPER].0.z, force);
+            approx::assert_relative_eq!(total[TELESCOPE_LOWER].0.z, -force);
+        }
+    }
+}
