@@ -11,6 +11,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::model::bodies::BODIES;
 use crate::model::{AXES, Bodies, Geometry, Inertia, STRUTS};
 use crate::recording::{Payload, Signals};
 
@@ -411,26 +412,63 @@ pub struct Instant<'a> {
     pub closed: SocketSet,
 }
 
-/// Receives wrenches: `(parameter, body, force, moment about the body's origin)`, world axes, per unit of parameter.
+/// Receives wrenches per unit of each parameter: force and moment about the body's origin, world axes.
 pub struct Wrenches<'a> {
-    sink: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>),
+    sink: Sink<'a>,
+}
+
+enum Sink<'a> {
+    /// `(parameter, body, force, moment)` one by one.
+    Each(&'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)),
+    /// Times the parameters' values, summed over all laws, with their power.
+    Sum { values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); BODIES], power: f64 },
 }
 
 impl<'a> Wrenches<'a> {
-    /// Wraps a reader.
+    /// Hands every wrench to a reader as `(parameter, body, force, moment)`.
     pub fn new(sink: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)) -> Self {
-        Self { sink }
+        Self { sink: Sink::Each(sink) }
+    }
+
+    /// Adds every wrench times its parameter's value to `total`.
+    pub fn sum(values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); BODIES]) -> Self {
+        Self { sink: Sink::Sum { values, motion, total, power: 0.0 } }
+    }
+
+    /// Power of the summed wrenches on the bodies, W.
+    pub fn power(&self) -> f64 {
+        if let Sink::Sum { power, .. } = &self.sink { *power } else { 0.0 }
     }
 
     /// Force and moment on `body` about its origin.
     pub fn wrench(&mut self, k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>) {
-        (self.sink)(k, body, force, moment);
+        match &mut self.sink {
+            Sink::Each(read) => read(k, body, force, moment),
+            Sink::Sum { values, motion, total, power } => {
+                let force = force * values[k];
+                total[body].0 += force;
+                *power += force.dot(&motion.bodies[body].velocity);
+                self.moment(k, body, moment);
+            }
+        }
+    }
+
+    /// Moment on `body`.
+    pub fn moment(&mut self, k: usize, body: usize, moment: Vector3<f64>) {
+        match &mut self.sink {
+            Sink::Each(read) => read(k, body, Vector3::zeros(), moment),
+            Sink::Sum { values, motion, total, power } => {
+                let moment = moment * values[k];
+                total[body].1 += moment;
+                *power += moment.dot(&motion.bodies[body].angular_velocity);
+            }
+        }
     }
 
     /// Torque on drive `axis`, positive along its joint angle; the reaction goes to the base.
     pub fn drive_torque(&mut self, k: usize, axis: usize, torque: f64) {
         let (body, direction) = Motion::drive(axis);
-        self.wrench(k, body, Vector3::zeros(), direction * torque);
+        self.moment(k, body, direction * torque);
     }
 
     /// Force along the telescope, positive when it pushes the two parts apart.
@@ -443,8 +481,8 @@ impl<'a> Wrenches<'a> {
     /// Moment on the strut at `socket` with its reaction on the arm or the platform.
     pub fn socket_moment(&mut self, k: usize, socket: usize, moment: Vector3<f64>) {
         let (strut, partner) = Motion::socket_bodies(socket);
-        self.wrench(k, strut, Vector3::zeros(), moment);
-        self.wrench(k, partner, Vector3::zeros(), -moment);
+        self.moment(k, strut, moment);
+        self.moment(k, partner, -moment);
     }
 }
 

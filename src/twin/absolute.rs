@@ -187,7 +187,7 @@ impl System for Absolute<'_> {
         if first {
             let scene = self.scene(t, &motion, own);
             let scratch = &mut *self.scratch;
-            scratch.damping = self.forces.damping(self.plant, &scene, &scratch.reactions, &mut scratch.idle);
+            self.forces.measure_damping(self.plant, &scene, &scratch.reactions, &mut scratch.damping);
         }
         let solution = self.solve(t, &motion, own, Some((sum, g)))?;
         for b in 0..BODIES {

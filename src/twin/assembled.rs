@@ -42,7 +42,6 @@ pub(super) struct Scratch {
     pub total: [Twist; BODIES],
     /// Power of each effect, W.
     pub powers: Vec<f64>,
-    pub idle: Vec<f64>,
     /// W of the present step.
     pub damping: Damping,
     slopes: Vec<f64>,
@@ -57,7 +56,6 @@ impl Scratch {
             wrenches: [STILL; BODIES],
             total: [STILL; BODIES],
             powers: vec![0.0; plant.effects.len()],
-            idle: vec![0.0; plant.effects.len()],
             damping: Damping::default(),
             slopes: vec![0.0; forces.states()],
             fresh_slopes: vec![0.0; forces.states()],
@@ -259,7 +257,7 @@ impl System for Assembled<'_> {
             if first {
                 let scene = self.scene(t, &frame.motion, own);
                 let scratch = &mut *self.scratch;
-                scratch.damping = self.forces.damping(self.plant, &scene, &scratch.reactions, &mut scratch.idle);
+                self.forces.measure_damping(self.plant, &scene, &scratch.reactions, &mut scratch.damping);
             }
             self.implicit(&frame, sum, g, &rate)
         } else {

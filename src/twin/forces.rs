@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::{Instant, Wrenches};
-use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::kinematics::{JointState, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, STRUT};
 use crate::model::{AXES, STRUTS};
 
@@ -24,6 +24,8 @@ pub(super) struct Scene<'a> {
 pub(super) struct Forces {
     starts: Vec<usize>,
     reads: Vec<bool>,
+    /// Effects that damp drives and struts' spins.
+    damps: [Vec<usize>; 2],
 }
 
 impl Forces {
@@ -32,7 +34,11 @@ impl Forces {
         for active in &plant.effects {
             starts.push(starts[starts.len() - 1] + active.states());
         }
-        Self { starts, reads: plant.effects.iter().map(|a| a.effect.reads_reactions()).collect() }
+        let all: Vec<usize> = (0..plant.effects.len()).collect();
+        let reads = plant.effects.iter().map(|a| a.effect.reads_reactions()).collect();
+        let mut forces = Self { starts, reads, damps: [all.clone(), all] };
+        forces.damps = forces.damping_effects(plant);
+        forces
     }
 
     /// Number of own states of all effects.
@@ -74,19 +80,9 @@ impl Forces {
                 continue;
             }
             let instant = self.instant(plant, k, scene, reactions);
-            let mut power = 0.0;
-            active.effect.forces(
-                &active.values(),
-                &instant,
-                &mut Wrenches::new(&mut |p, body, force, moment| {
-                    let (force, moment) = (force * active.values[p], moment * active.values[p]);
-                    wrenches[body].0 += force;
-                    wrenches[body].1 += moment;
-                    let m = &scene.motion.bodies[body];
-                    power += force.dot(&m.velocity) + moment.dot(&m.angular_velocity);
-                }),
-            );
-            powers[k] = power;
+            let mut out = Wrenches::sum(&active.values, scene.motion, wrenches);
+            active.effect.forces(&active.values(), &instant, &mut out);
+            powers[k] = out.power();
         }
     }
 
@@ -126,42 +122,108 @@ pub(super) struct Damping {
     pub drives: [f64; AXES],
     /// Struts about their own axes, with their restraint.
     pub spins: [f64; STRUTS],
+    /// Steps for which the damping of the spins may be kept.
+    keep: usize,
 }
 
 /// Change of a rate by which the damping of effects is measured, rad/s.
 const RATE: f64 = 1e-6;
+/// Steps without a new measurement where the restraint of the spins is ten times stronger than all friction.
+const KEEP: usize = 32;
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Freedom {
+    Drives,
+    Spins,
+}
 
 impl Forces {
-    /// Damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
-    pub fn damping(&self, plant: &Plant, scene: &Scene, reactions: &Reactions, idle: &mut [f64]) -> Damping {
-        let mut wrenches = |motion: &Motion| {
+    /// Wrenches of the effects that damp a freedom, at the scene or with that freedom's rates a little higher.
+    fn probe(
+        &self,
+        plant: &Plant,
+        scene: &Scene,
+        reactions: &Reactions,
+        freedom: Freedom,
+        k: Option<usize>,
+    ) -> [[Twist; BODIES]; 2] {
+        let mut moved = *scene.motion;
+        match freedom {
+            Freedom::Drives => moved.qd.iter_mut().for_each(|rate| *rate += RATE),
+            Freedom::Spins => {
+                for s in 0..STRUTS {
+                    moved.bodies[STRUT + s].angular_velocity += moved.strut_axis[s] * RATE;
+                }
+            }
+        }
+        [scene.motion, &moved].map(|motion| {
             let mut out = [STILL; BODIES];
             let scene = Scene { motion, ..*scene };
-            for reading in [false, true] {
-                self.add(plant, &scene, reactions, reading, &mut out, idle);
+            for &e in &self.damps[freedom as usize] {
+                if k.is_none_or(|k| k == e) {
+                    let instant = self.instant(plant, e, &scene, reactions);
+                    let active = &plant.effects[e];
+                    active.effect.forces(
+                        &active.values(),
+                        &instant,
+                        &mut Wrenches::sum(&active.values, motion, &mut out),
+                    );
+                }
             }
             out
-        };
-        let base = wrenches(scene.motion);
-        let mut moved = *scene.motion;
-        for a in 0..AXES {
-            moved.qd[a] += RATE;
-        }
-        let driven = wrenches(&moved);
-        moved.qd = scene.motion.qd;
+        })
+    }
+
+    /// Effects whose wrenches change with the rates of drives and of spins, found by trying.
+    fn damping_effects(&self, plant: &Plant) -> [Vec<usize>; 2] {
+        let mut motion = Motion::disassembled(&plant.geometry, &JointState::default());
+        motion.strut_axis = [Vector3::z(); STRUTS];
+        motion.telescope.length = 1.0;
+        motion.qd = [0.01; AXES];
         for s in 0..STRUTS {
-            moved.bodies[STRUT + s].angular_velocity += moved.strut_axis[s] * RATE;
+            motion.bodies[STRUT + s].angular_velocity = Vector3::new(0.3, 0.2, 0.1);
         }
-        let spun = wrenches(&moved);
-        let slope = |body: usize, axis: &Vector3<f64>, other: &[Twist; BODIES]| {
-            ((base[body].1 - other[body].1).dot(axis) / RATE).max(0.0)
+        let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.effect.initial_state(&a.values())).collect();
+        let scene = Scene { t: 0.0, motion: &motion, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL };
+        let reactions = Reactions { upper: [100.0; STRUTS], lower: [100.0; STRUTS] };
+        [Freedom::Drives, Freedom::Spins].map(|freedom| {
+            (0..plant.effects.len())
+                .filter(|&k| {
+                    let [base, moved] = self.probe(plant, &scene, &reactions, freedom, Some(k));
+                    base != moved
+                })
+                .collect()
+        })
+    }
+
+    /// Measures the damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
+    pub fn measure_damping(&self, plant: &Plant, scene: &Scene, reactions: &Reactions, damping: &mut Damping) {
+        let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, axis: &Vector3<f64>| {
+            ((base[body].1 - moved[body].1).dot(axis) / RATE).max(0.0)
         };
-        Damping {
-            drives: std::array::from_fn(|a| {
+        if !self.damps[Freedom::Drives as usize].is_empty() {
+            let probe = self.probe(plant, scene, reactions, Freedom::Drives, None);
+            for a in 0..AXES {
                 let (body, axis) = Motion::drive(a);
-                slope(body, &axis, &driven)
-            }),
-            spins: std::array::from_fn(|s| plant.spin_damping + slope(STRUT + s, &scene.motion.strut_axis[s], &spun)),
+                damping.drives[a] = slope(&probe, body, &axis);
+            }
+        }
+        if damping.keep > 0 {
+            damping.keep -= 1;
+            return;
+        }
+        damping.spins = [plant.spin_damping; STRUTS];
+        if !self.damps[Freedom::Spins as usize].is_empty() {
+            let probe = self.probe(plant, scene, reactions, Freedom::Spins, None);
+            let mut worst = 0f64;
+            for s in 0..STRUTS {
+                let slope = slope(&probe, STRUT + s, &scene.motion.strut_axis[s]);
+                damping.spins[s] += slope;
+                worst = worst.max(slope);
+            }
+            if worst < 0.1 * plant.spin_damping {
+                damping.keep = KEEP;
+            }
         }
     }
 }

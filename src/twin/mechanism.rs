@@ -11,7 +11,7 @@
 //! B is square in the platform's twist. Rigid struts make the platform follow the arms (null space of B), elastic
 //! struts turn T into a force law.
 
-use nalgebra::{Const, LU, Matrix3, Matrix4, Quaternion, SMatrix, SVector, UnitQuaternion, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix4, Quaternion, SMatrix, SVector, UnitQuaternion, Vector3, Vector4};
 
 use super::SingularPose;
 use super::wrench::{STILL, Twist};
@@ -32,7 +32,6 @@ pub(super) const PLATFORM_V: usize = 4;
 pub(super) type OpenVector = SVector<f64, OPEN>;
 type Vector6 = SVector<f64, 6>;
 type Matrix6 = SMatrix<f64, 6, 6>;
-type Lu6 = LU<f64, Const<6>, Const<6>>;
 
 /// Configuration of the opened mechanism.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -445,14 +444,14 @@ impl Mechanism {
                 tension[s] += implicit.tension[s] * (rows[s].dot(&x) + row_drive[s] * arms[s / 2]);
             }
         } else {
-            let lu = factor(&rows)?;
+            let pairs = Pairs::new(&rows)?;
             // Platform = offset + Σ arms · φ̈: the null space of the length rows.
-            let offset = lu.solve(&target).ok_or(SingularPose)?;
+            let offset = pairs.solve(&target);
             let mut follow = [Vector6::zeros(); ARMS];
             for i in 0..ARMS {
                 let mut column = Vector6::zeros();
                 (column[2 * i], column[2 * i + 1]) = (-row_drive[2 * i], -row_drive[2 * i + 1]);
-                follow[i] = lu.solve(&column).ok_or(SingularPose)?;
+                follow[i] = pairs.solve(&column);
             }
             let free = platform_force - mass * offset;
             let carried: [Vector6; ARMS] = std::array::from_fn(|i| mass * follow[i] + coupling[i]);
@@ -475,7 +474,7 @@ impl Mechanism {
             let x = reduced.cholesky().ok_or(SingularPose)?.solve(&f);
             let twist = offset + follow[0] * x[0] + follow[1] * x[1] + follow[2] * x[2];
             let left = free - carried[0] * x[0] - carried[1] * x[1] - carried[2] * x[2] - rotor_coupling * x[3];
-            tension = solve_transposed(&rows, &left)?;
+            tension = pairs.solve_transposed(&left);
             nu_rate = OpenVector::from_column_slice(&[
                 x[0], x[1], x[2], x[3], twist[0], twist[1], twist[2], twist[3], twist[4], twist[5],
             ]);
@@ -601,7 +600,7 @@ impl Mechanism {
             if closed {
                 break;
             }
-            let correction = factor(&rows)?.solve(&-gaps).ok_or(SingularPose)?;
+            let correction = Pairs::new(&rows)?.solve(&-gaps);
             pose.position += correction.fixed_rows::<3>(0);
             orientation = UnitQuaternion::from_scaled_axis(correction.fixed_rows::<3>(3).into_owned()) * orientation;
         }
@@ -613,7 +612,7 @@ impl Mechanism {
             let u = rows[s].fixed_rows::<3>(0);
             u.dot(&levers[s / 2]) * nu[s / 2]
         });
-        let twist = factor(&rows)?.solve(&rates).ok_or(SingularPose)?;
+        let twist = Pairs::new(&rows)?.solve(&rates);
         nu.fixed_rows_mut::<6>(PLATFORM_V).copy_from(&twist);
         Ok(())
     }
@@ -665,14 +664,48 @@ fn platform_twist(nu: &OpenVector) -> Twist {
     (Vector3::new(nu[4], nu[5], nu[6]), Vector3::new(nu[7], nu[8], nu[9]))
 }
 
-fn factor(rows: &[Vector6; STRUTS]) -> Result<Lu6, SingularPose> {
-    let matrix = Matrix6::from_fn(|r, c| rows[r][c]);
-    let lu = matrix.lu();
-    if lu.is_invertible() { Ok(lu) } else { Err(SingularPose) }
+/// The length rows' platform part B_P, factored by sums and differences of each pair's rows.
+///
+/// The struts of a pair are all but parallel, so the sums (S_v S_w) see the platform's velocity, the differences (D_v D_w)
+/// its rotation alone, and two 3 × 3 inverses do.
+struct Pairs {
+    s_v_inverse: Matrix3<f64>,
+    s_w: Matrix3<f64>,
+    d_v: Matrix3<f64>,
+    /// (D_w − D_v S_v⁻¹ S_w)⁻¹
+    schur_inverse: Matrix3<f64>,
 }
 
-fn solve_transposed(rows: &[Vector6; STRUTS], f: &Vector6) -> Result<Vector6, SingularPose> {
-    Matrix6::from_columns(rows).lu().solve(f).ok_or(SingularPose)
+impl Pairs {
+    fn new(rows: &[Vector6; STRUTS]) -> Result<Self, SingularPose> {
+        let block =
+            |sign: f64, at: usize| Matrix3::from_fn(|i, k| rows[2 * i][at + k] + sign * rows[2 * i + 1][at + k]);
+        let (s_w, d_v, d_w) = (block(1.0, 3), block(-1.0, 0), block(-1.0, 3));
+        let s_v_inverse = block(1.0, 0).try_inverse().ok_or(SingularPose)?;
+        let schur_inverse = (d_w - d_v * s_v_inverse * s_w).try_inverse().ok_or(SingularPose)?;
+        Ok(Self { s_v_inverse, s_w, d_v, schur_inverse })
+    }
+
+    /// x with B_P x = g.
+    fn solve(&self, g: &Vector6) -> Vector6 {
+        let sum = Vector3::from_fn(|i, _| g[2 * i] + g[2 * i + 1]);
+        let difference = Vector3::from_fn(|i, _| g[2 * i] - g[2 * i + 1]);
+        let free = self.s_v_inverse * sum;
+        let w = self.schur_inverse * (difference - self.d_v * free);
+        let v = free - self.s_v_inverse * (self.s_w * w);
+        join(&v, &w)
+    }
+
+    /// T with B_Pᵀ T = f.
+    fn solve_transposed(&self, f: &Vector6) -> Vector6 {
+        let (f_v, f_w) = (f.fixed_rows::<3>(0).into_owned(), f.fixed_rows::<3>(3).into_owned());
+        let free = self.s_v_inverse.tr_mul(&f_v);
+        let difference = self.schur_inverse.tr_mul(&(f_w - self.s_w.tr_mul(&free)));
+        let sum = free - self.s_v_inverse.tr_mul(&self.d_v.tr_mul(&difference));
+        Vector6::from_fn(
+            |s, _| if s % 2 == 0 { sum[s / 2] + difference[s / 2] } else { sum[s / 2] - difference[s / 2] },
+        )
+    }
 }
 
 /// Accelerations at zero ν̇ of the telescope's end and of end effector and telescope.

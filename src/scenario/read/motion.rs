@@ -8,8 +8,8 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
-use super::file::File;
 use super::Result;
+use super::file::File;
 use crate::model::AXES;
 use crate::scenario::motion::constant_speed::ConstantSpeed;
 use crate::scenario::motion::path::Path;
