@@ -1,0 +1,1 @@
+//! Tests of the cell as a whole.
