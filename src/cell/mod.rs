@@ -240,7 +240,8 @@ impl Cell {
     }
 
     /// Contact wrenches on the robot's bodies for the poses and twists of `motion`, while the sockets in `closed` hold.
-    /// The opposite loads act on the objects in the next [`Self::advance`].
+    /// The opposite loads act on the objects in the next [`Self::advance`]: momentum is conserved if the twin holds the
+    /// wrenches over that step.
     pub fn contact(&mut self, motion: &Motion, closed: SocketSet) -> &BodyWrenches {
         let Self { world, parts, grip, wrenches, reactions, pairs, points, links } = self;
         *wrenches = UNLOADED;

@@ -78,7 +78,7 @@ impl PhysicsHooks for Belts {
         let belt = |body: Option<RigidBodyHandle>| {
             self.0.iter().find(|(h, _)| Some(*h) == body).map_or(Vector::ZERO, |(_, v)| glam(v))
         };
-        let relative = belt(context.rigid_body2) - belt(context.rigid_body1);
+        let relative = belt(context.rigid_body1) - belt(context.rigid_body2);
         if let Some(contact) = context.rigid_mut() {
             let normal = *contact.normal;
             for point in contact.solver_contacts.iter_mut() {
@@ -232,4 +232,35 @@ fn glam(v: &Vector3<f64>) -> Vector {
 
 fn own(v: &Vector) -> Vector3<f64> {
     Vector3::new(v.x, v.y, v.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{Shape, Surface};
+
+    #[test]
+    fn the_table_carries_the_weight_of_a_box() {
+        let object = |name: &str, size: [f64; 3], mobility, z| Object {
+            name: name.into(),
+            shape: Shape::Box { size: size.into() },
+            mobility,
+            position: Vector3::z() * z,
+            yaw: 0.3,
+            surface: Surface::default(),
+        };
+        let objects = [
+            object("table", [1.0, 1.0, 0.1], Mobility::Fixed, -0.05),
+            object("box", [0.1, 0.08, 0.06], Mobility::Free { mass: 0.4 }, 0.0301),
+        ];
+        let mut world = World::new(&objects, Vector3::z() * -9.81);
+        let h = 5e-4;
+        let none = [(Vector3::zeros(), Vector3::zeros()); 2];
+        (0..2000).for_each(|_| world.advance(h, &none));
+        let impulse: f64 = world.rapier.contact_pairs().map(|p| p.total_impulse_magnitude()).sum();
+        // 0.4·9.81 = 3.924 N
+        approx::assert_relative_eq!(impulse / h, 3.924, max_relative = 1e-3);
+        approx::assert_relative_eq!(world.objects[1].at.position, Vector3::z() * 0.03, epsilon = 2e-5);
+        assert!(world.objects[1].at.velocity.norm() < 1e-6);
+    }
 }
