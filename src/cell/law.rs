@@ -7,7 +7,7 @@
 //! - sliding friction, regularised Coulomb: −μ f tanh(|v_t|/ε_v) v_t/|v_t|, N;
 //! - rolling resistance: −c_r f tanh(|ω|/ε_ω) ω/|ω|, N·m.
 //!
-//! All three dissipate but for k δ, which stores ½ k δ². The other body gets the exact opposite at the same point.
+//! Only k δ stores energy, ½ k δ²; the rest dissipates. The other body gets the exact opposite at the same point.
 //!
 //! K. H. Hunt, F. R. E. Crossley: Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42
 //! (1975).

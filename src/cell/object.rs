@@ -51,7 +51,7 @@ pub enum Mobility {
     Fixed,
     /// Stands still while its surface moves.
     Conveyor {
-        /// Velocity of the surface, m/s.
+        /// Velocity of the surface, m/s, inertial frame.
         velocity: Vector3<f64>,
     },
     /// Falls, slides and tumbles.
