@@ -289,9 +289,10 @@ impl Cell {
     }
 
     /// Moves the free objects on by `h` s under gravity, their own contacts and, constant over the step, the opposite of
-    /// the last [`Self::contact`].
+    /// the last [`Self::contact`], which is used up: without another one the next step is free of the robot.
     pub fn advance(&mut self, h: f64) {
         self.world.advance(h, &self.reactions);
+        self.reactions.fill((Vector3::zeros(), Vector3::zeros()));
     }
 
     /// Takes a free object into the gripper, where it keeps its pose relative to the end effector.

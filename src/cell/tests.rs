@@ -152,6 +152,21 @@ fn a_link_hitting_a_free_box_conserves_momentum_and_creates_no_energy() {
     assert!((l1 - l0).norm() < 1e-3 * l0.norm());
 }
 
+#[test]
+fn a_reaction_acts_for_one_step() {
+    let shape = Shape::Sphere { radius: 0.05 };
+    let objects = [object("ball", shape, Mobility::Free { mass: 0.2 }, [0.0; 3])];
+    let mut cell = Cell::new(&objects, &geometry(), None, Vector3::zeros()).unwrap();
+    let mut motion = scattered();
+    // The strut's middle 0.1 mm deep: 20 N for 1 ms.
+    motion.bodies[STRUT].position = Vector3::new(-0.5, 0.0, 0.058 - 1e-4);
+    cell.contact(&motion, SocketSet::ALL);
+    for _ in 0..3 {
+        cell.advance(1e-3);
+        assert_relative_eq!(cell.momentum().0, Vector3::z() * -0.02, epsilon = 1e-12);
+    }
+}
+
 /// Strut with its rounded ends `height` above the table.
 fn dropped(height: f64) -> FreeLink {
     FreeLink::strut(Vector3::new(-0.5, 0.0, TABLE_TOP + 0.008 + height))
