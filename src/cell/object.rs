@@ -2,6 +2,9 @@
 
 use nalgebra::Vector3;
 
+use super::CellError;
+use crate::model::Inertia;
+
 /// A thing in the robot's cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
@@ -48,7 +51,7 @@ pub enum Mobility {
     Fixed,
     /// Stands still while its surface moves.
     Conveyor {
-        /// Velocity of the surface, m/s.
+        /// Velocity of the surface, m/s, inertial frame.
         velocity: Vector3<f64>,
     },
     /// Falls, slides and tumbles.
@@ -75,5 +78,67 @@ impl Default for Surface {
     /// Hard plastic on metal.
     fn default() -> Self {
         Self { stiffness: 2e5, dissipation: 1.0, friction: 0.3, rolling: 5e-4 }
+    }
+}
+
+impl Object {
+    /// What is wrong with object `index`, if anything.
+    pub(super) fn check(&self, index: usize) -> Result<(), CellError> {
+        if self.name.is_empty() {
+            return Err(CellError::NoName(index + 1));
+        }
+        check_shape(&self.name, &self.shape)?;
+        check_finite(&self.name, "position", self.position.as_slice())?;
+        check_finite(&self.name, "yaw", &[self.yaw])?;
+        match &self.mobility {
+            Mobility::Fixed => {}
+            Mobility::Conveyor { velocity } => check_finite(&self.name, "velocity", velocity.as_slice())?,
+            Mobility::Free { mass } => require(&self.name, "mass", *mass, *mass > 0.0, "positive")?,
+        }
+        let Surface { stiffness, dissipation, friction, rolling } = self.surface;
+        require(&self.name, "stiffness", stiffness, stiffness > 0.0, "positive")?;
+        for (what, value) in [("dissipation", dissipation), ("friction", friction), ("rolling", rolling)] {
+            require(&self.name, what, value, value >= 0.0, "non-negative")?;
+        }
+        Ok(())
+    }
+}
+
+/// All lengths of the shape are positive.
+pub(super) fn check_shape(object: &str, shape: &Shape) -> Result<(), CellError> {
+    let lengths: &[(&'static str, f64)] = &match *shape {
+        Shape::Box { size } => [("size along x", size.x), ("size along y", size.y), ("size along z", size.z)],
+        Shape::Cylinder { radius, height } => [("radius", radius), ("height", height), ("height", height)],
+        Shape::Sphere { radius } => [("radius", radius); 3],
+    };
+    lengths.iter().try_for_each(|&(what, length)| require(object, what, length, length > 0.0, "positive"))
+}
+
+pub(super) fn check_finite(object: &str, what: &'static str, values: &[f64]) -> Result<(), CellError> {
+    values.iter().try_for_each(|&value| require(object, what, value, true, "finite"))
+}
+
+fn require(object: &str, what: &'static str, value: f64, holds: bool, expected: &'static str) -> Result<(), CellError> {
+    if value.is_finite() && holds {
+        return Ok(());
+    }
+    Err(CellError::BadValue { object: object.into(), what, value, expected })
+}
+
+impl Shape {
+    /// Inertia about its origin of the shape filled with `mass`, kg.
+    pub fn inertia(&self, mass: f64) -> Inertia {
+        let moments = match *self {
+            Self::Box { size } => {
+                let s = size.component_mul(&size);
+                Vector3::new(s.y + s.z, s.x + s.z, s.x + s.y) / 12.0
+            }
+            Self::Cylinder { radius, height } => {
+                let across = radius * radius / 4.0 + height * height / 12.0;
+                Vector3::new(across, across, radius * radius / 2.0)
+            }
+            Self::Sphere { radius } => Vector3::repeat(0.4 * radius * radius),
+        };
+        Inertia::diagonal(mass, [0.0; 3], (mass * moments).into())
     }
 }

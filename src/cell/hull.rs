@@ -1,0 +1,411 @@
+//! Collision geometry: balls joined by ball-swept edges, and for objects the exact convex solid around them.
+//!
+//! The compliant law needs penetrations that vary continuously with the poses. Balls against solids and edges against
+//! edges have closed forms that do; clipped contact manifolds and GJK witnesses jump.
+
+use nalgebra::{Matrix3, Vector3};
+use parry3d::math::{Pose, Vector};
+use parry3d::query::{self, details};
+use parry3d::shape::{Segment, SharedShape};
+
+use super::object::Shape;
+use crate::kinematics::BodyMotion;
+
+/// Corners and edges of solids are this round, m (at most a quarter of the smallest size).
+const ROUNDING: f64 = 1e-3;
+/// Contacts of a solid's edges fade over this length towards their ends, m (at most a quarter of the smallest size). The
+/// fading does work like friction with a coefficient of penetration over twice this length: 0.01 at 0.1 mm.
+const FADE: f64 = 5e-3;
+/// Balls around the rim of a cylinder.
+const RIM: usize = 12;
+/// Sine of the angle below which crossing edges count as parallel and meet at their ends instead.
+const PARALLEL: f64 = 0.05;
+/// Distance of centre lines at which their common normal is lost, m.
+const COINCIDENT: f64 = 1e-9;
+
+/// A corner: ball about a point of the body.
+#[derive(Clone, Copy, Debug)]
+struct Ball {
+    centre: Vector3<f64>,
+    radius: f64,
+}
+
+/// A ball swept along a segment.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    ends: [Vector3<f64>; 2],
+    radius: f64,
+    /// Length over which its contacts fade towards the ends, where balls take over, m.
+    fade: f64,
+    /// The side of a cylinder: no balls at its ends, so parallel edges meet at the ends of their overlap.
+    side: bool,
+}
+
+/// Exact convex solid.
+#[derive(Clone)]
+struct Solid {
+    shape: SharedShape,
+    /// Turns the body's axes into the shape's: parry's cylinders stand along y.
+    turn: Matrix3<f64>,
+}
+
+/// Collision geometry of a body or a part of it, in its frame.
+#[derive(Clone, Default)]
+pub struct Hull {
+    balls: Vec<Ball>,
+    edges: Vec<Edge>,
+    solid: Option<Solid>,
+    sphere: bool,
+}
+
+/// Where a body is and how it moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Placement {
+    /// Maps body to world.
+    pub rotation: Matrix3<f64>,
+    /// Origin, m.
+    pub position: Vector3<f64>,
+    /// Of the origin, m/s.
+    pub velocity: Vector3<f64>,
+    /// World axes, rad/s.
+    pub angular_velocity: Vector3<f64>,
+}
+
+impl Placement {
+    /// Velocity of the material point at `point` in the world, m/s.
+    pub fn velocity_at(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.velocity + self.angular_velocity.cross(&(point - self.position))
+    }
+
+    /// A frame fixed to this body.
+    pub fn offset(&self, rotation: &Matrix3<f64>, position: &Vector3<f64>) -> Self {
+        let position = self.to_world(position);
+        Self { rotation: self.rotation * rotation, position, velocity: self.velocity_at(&position), ..*self }
+    }
+
+    fn to_world(self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.position + self.rotation * point
+    }
+}
+
+impl From<&BodyMotion> for Placement {
+    fn from(b: &BodyMotion) -> Self {
+        Self { rotation: b.rotation, position: b.position, velocity: b.velocity, angular_velocity: b.angular_velocity }
+    }
+}
+
+/// Axis-aligned box in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+}
+
+impl Bounds {
+    /// Whether the two come within `margin` of each other along all axes.
+    pub fn overlap(&self, other: &Self, margin: f64) -> bool {
+        (0..3).all(|i| self.low[i] - margin <= other.high[i] && other.low[i] - margin <= self.high[i])
+    }
+
+    /// Largest distance of a point of the box from `point`, m.
+    pub fn reach(&self, point: &Vector3<f64>) -> f64 {
+        (self.high - point).sup(&(point - self.low)).norm()
+    }
+}
+
+/// A point where two bodies press on each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// Middle of the overlap, m.
+    pub position: Vector3<f64>,
+    /// Unit vector from the second body to the first.
+    pub normal: Vector3<f64>,
+    /// Penetration, m.
+    pub depth: f64,
+    /// Share of the stiffness.
+    pub weight: f64,
+}
+
+impl Hull {
+    /// A chain of balls of `radius` about `centres`, joined by edges; `closed` joins the last to the first.
+    pub fn chain(centres: &[Vector3<f64>], radius: f64, closed: bool) -> Self {
+        let n = centres.len();
+        let edges = if closed { n } else { n.saturating_sub(1) };
+        Self {
+            balls: centres.iter().map(|&centre| Ball { centre, radius }).collect(),
+            edges: (0..edges)
+                .map(|i| Edge { ends: [centres[i], centres[(i + 1) % n]], radius, fade: radius, side: false })
+                .collect(),
+            ..Self::default()
+        }
+    }
+
+    /// Both hulls as one; neither may be solid.
+    pub fn and(mut self, other: Self) -> Self {
+        self.balls.extend(other.balls);
+        self.edges.extend(other.edges);
+        self
+    }
+
+    /// Hull of a solid shape.
+    pub fn solid(shape: &Shape) -> Self {
+        let solid = |shape, turn| Some(Solid { shape, turn });
+        match *shape {
+            Shape::Sphere { radius } => Self {
+                balls: vec![Ball { centre: Vector3::zeros(), radius }],
+                edges: Vec::new(),
+                solid: solid(SharedShape::ball(radius), Matrix3::identity()),
+                sphere: true,
+            },
+            Shape::Box { size } => {
+                let half = size / 2.0;
+                let rounding = ROUNDING.min(size.min() / 4.0);
+                let core = half.add_scalar(-rounding);
+                let corner =
+                    |i: usize| Vector3::from_fn(|axis, _| if i >> axis & 1 == 1 { core[axis] } else { -core[axis] });
+                let edges = (0..8usize).flat_map(|i| {
+                    (0..3).filter(move |axis| i >> axis & 1 == 0).map(move |axis| Edge {
+                        ends: [corner(i), corner(i | 1 << axis)],
+                        radius: rounding,
+                        fade: FADE.min(size.min() / 4.0),
+                        side: false,
+                    })
+                });
+                Self {
+                    balls: (0..8).map(|i| Ball { centre: corner(i), radius: rounding }).collect(),
+                    edges: edges.collect(),
+                    solid: solid(SharedShape::cuboid(half.x, half.y, half.z), Matrix3::identity()),
+                    sphere: false,
+                }
+            }
+            Shape::Cylinder { radius, height } => {
+                let rounding = ROUNDING.min(radius.min(height) / 4.0);
+                let rim = |z: f64| {
+                    let points: Vec<_> = (0..RIM)
+                        .map(|i| {
+                            let (s, c) = (i as f64 * std::f64::consts::TAU / RIM as f64).sin_cos();
+                            Vector3::new((radius - rounding) * c, (radius - rounding) * s, z)
+                        })
+                        .collect();
+                    Self::chain(&points, rounding, true)
+                };
+                let mut hull = rim(height / 2.0 - rounding).and(rim(rounding - height / 2.0));
+                hull.edges.push(Edge {
+                    ends: [Vector3::z() * (-height / 2.0), Vector3::z() * (height / 2.0)],
+                    radius,
+                    fade: FADE.min(radius.min(height) / 4.0),
+                    side: true,
+                });
+                let turn = Matrix3::new(1., 0., 0., 0., 0., 1., 0., -1., 0.);
+                hull.solid = solid(SharedShape::cylinder(height / 2.0, radius), turn);
+                hull
+            }
+        }
+    }
+
+    /// The solid, and the rotation from its axes to the body's.
+    pub fn solid_shape(&self) -> Option<(SharedShape, Matrix3<f64>)> {
+        self.solid.as_ref().map(|s| (s.shape.clone(), s.turn.transpose()))
+    }
+
+    /// Bounds of the hull at `at`.
+    pub fn bounds(&self, at: &Placement) -> Bounds {
+        let mut bounds = Bounds { low: Vector3::repeat(f64::INFINITY), high: Vector3::repeat(f64::NEG_INFINITY) };
+        let mut include = |point: &Vector3<f64>, radius: f64| {
+            let p = at.to_world(point);
+            bounds.low = bounds.low.inf(&p.add_scalar(-radius));
+            bounds.high = bounds.high.sup(&p.add_scalar(radius));
+        };
+        for ball in &self.balls {
+            include(&ball.centre, ball.radius);
+        }
+        // Other edges end in balls of their radius.
+        for edge in self.edges.iter().filter(|e| e.side) {
+            edge.ends.iter().for_each(|end| include(end, edge.radius));
+        }
+        bounds
+    }
+
+    /// Whether the gap between the two hulls is below `margin`.
+    pub fn within(&self, at: &Placement, other: &Self, there: &Placement, margin: f64) -> bool {
+        match (&self.solid, &other.solid) {
+            (Some(a), Some(b)) => query::distance(&a.pose(at), &*a.shape.0, &b.pose(there), &*b.shape.0)
+                .is_ok_and(|d| d.distance < margin),
+            (Some(_), None) => other.within(there, self, at, margin),
+            (None, Some(solid)) => {
+                let pose = solid.pose(there);
+                self.edges.iter().any(|e| {
+                    query::distance(&Pose::IDENTITY, &e.segment(at), &pose, &*solid.shape.0)
+                        .is_ok_and(|d| d.distance < margin + e.radius)
+                }) || self.balls.iter().any(|b| solid.distance(there, &at.to_world(&b.centre)).0 < margin + b.radius)
+            }
+            (None, None) => self.edges.iter().any(|e| {
+                let own = e.segment(at);
+                other.edges.iter().any(|o| {
+                    let (_, _, p, q) = closest(&own, &o.segment(there));
+                    (p - q).norm() < margin + e.radius + o.radius
+                })
+            }),
+        }
+    }
+
+    /// Contact points of this hull at `at` with `other` at `there`.
+    pub fn contacts(&self, at: &Placement, other: &Self, there: &Placement, out: &mut Vec<Point>) {
+        if self.solid.is_some() && other.solid.is_none() {
+            let first = out.len();
+            other.contacts(there, self, at, out);
+            out[first..].iter_mut().for_each(|p| p.normal = -p.normal);
+            return;
+        }
+        // Of two solids a sphere has one ball that says it all.
+        if !(other.sphere && !self.sphere && self.solid.is_some()) {
+            self.corners_on(at, other, there, false, 1.0, out);
+        }
+        if !self.sphere {
+            other.corners_on(there, self, at, true, -1.0, out);
+        }
+        for a in &self.edges {
+            let own = a.segment(at);
+            for b in &other.edges {
+                a.crossing(&own, b, &b.segment(there), out);
+            }
+        }
+    }
+
+    /// Balls of this hull on the other; `sign` turns the normal. On a chain of edges each ball has one contact, and with
+    /// `fade` none at an edge's end, which is a ball of the other.
+    fn corners_on(&self, at: &Placement, other: &Self, there: &Placement, fade: bool, sign: f64, out: &mut Vec<Point>) {
+        for ball in &self.balls {
+            let centre = at.to_world(&ball.centre);
+            let deepest = match &other.solid {
+                Some(solid) => {
+                    let (distance, normal) = solid.distance(there, &centre);
+                    (ball.radius > distance).then(|| Point {
+                        position: centre - normal * (0.5 * (ball.radius + distance)),
+                        normal: normal * sign,
+                        depth: ball.radius - distance,
+                        weight: 1.0,
+                    })
+                }
+                None => other
+                    .edges
+                    .iter()
+                    .filter_map(|edge| {
+                        let (s, foot) = edge.foot(there, &centre);
+                        let gap = centre - foot;
+                        let distance = gap.norm();
+                        let depth = ball.radius + edge.radius - distance;
+                        if depth <= 0.0 || distance < COINCIDENT {
+                            return None;
+                        }
+                        let normal = gap / distance;
+                        Some(Point {
+                            position: foot + normal * (edge.radius - 0.5 * depth),
+                            normal: normal * sign,
+                            depth,
+                            weight: if fade { edge.faded(s) } else { 1.0 },
+                        })
+                    })
+                    .max_by(|p, q| (p.depth * p.weight).total_cmp(&(q.depth * q.weight))),
+            };
+            out.extend(deepest);
+        }
+    }
+}
+
+impl Solid {
+    fn pose(&self, at: &Placement) -> Pose {
+        let rotation = nalgebra::Rotation3::from_matrix_unchecked(at.rotation * self.turn.transpose());
+        nalgebra::Isometry3::from_parts(at.position.into(), rotation.into()).into()
+    }
+
+    /// Signed distance of a point in the world from the surface, negative inside, and the outward normal there.
+    fn distance(&self, at: &Placement, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let local = self.turn * at.rotation.tr_mul(&(point - at.position));
+        let projection = self.shape.project_local_point(parry(&local), false);
+        let gap = local - own(&projection.point);
+        let distance = gap.norm();
+        // On the surface itself the direction from the middle stands in for the normal.
+        let normal = if distance > 1e-12 { gap / distance } else { local.try_normalize(0.0).unwrap_or(Vector3::z()) };
+        let outward = if projection.is_inside && distance > 1e-12 { -normal } else { normal };
+        let signed = if projection.is_inside { -distance } else { distance };
+        (signed, at.rotation * self.turn.tr_mul(&outward))
+    }
+}
+
+impl Edge {
+    fn segment(&self, at: &Placement) -> Segment {
+        Segment::new(parry(&at.to_world(&self.ends[0])), parry(&at.to_world(&self.ends[1])))
+    }
+
+    fn length(&self) -> f64 {
+        (self.ends[1] - self.ends[0]).norm()
+    }
+
+    /// Weight of a contact at the fraction `s` of the edge.
+    fn faded(&self, s: f64) -> f64 {
+        (s.min(1.0 - s) * self.length() / self.fade).clamp(0.0, 1.0)
+    }
+
+    /// Fraction along the edge and world position of its point nearest to `point`.
+    fn foot(&self, at: &Placement, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let start = at.to_world(&self.ends[0]);
+        let along = at.to_world(&self.ends[1]) - start;
+        let s = ((point - start).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        (s, start + along * s)
+    }
+
+    /// Contact of two edges between their ends, both already in the world.
+    fn crossing(&self, own_segment: &Segment, other: &Self, other_segment: &Segment, out: &mut Vec<Point>) {
+        let [a, b] = [own(&own_segment.a), own(&own_segment.b)];
+        let [c, d] = [own(&other_segment.a), own(&other_segment.b)];
+        let (u, v) = (b - a, d - c);
+        let (lu, lv) = (u.norm(), v.norm());
+        let radii = self.radius + other.radius;
+        if (a + b - c - d).norm() > lu + lv + 2.0 * radii || lu * lv == 0.0 {
+            return;
+        }
+        let mut touch = |p: Vector3<f64>, q: Vector3<f64>, weight: f64| {
+            let gap = p - q;
+            let distance = gap.norm();
+            if distance >= radii || distance < COINCIDENT || weight <= 0.0 {
+                return;
+            }
+            let normal = gap / distance;
+            let depth = radii - distance;
+            out.push(Point { position: q + normal * (other.radius - 0.5 * depth), normal, depth, weight });
+        };
+        let skew = (u.cross(&v).norm() / (lu * lv * PARALLEL)).min(1.0);
+        if skew > 0.0 {
+            let (s, t, p, q) = closest(own_segment, other_segment);
+            touch(p, q, skew * self.faded(s).min(other.faded(t)));
+        }
+        if skew < 1.0 && (self.side || other.side) {
+            let axis = u / lu;
+            let [from, to] = [(c - a).dot(&axis), (d - a).dot(&axis)];
+            let [low, high] = [from.min(to).max(0.0), from.max(to).min(lu)];
+            let weight = (1.0 - skew) * ((high - low) / self.fade.max(other.fade)).min(1.0);
+            for x in [low, high] {
+                let p = a + axis * x;
+                let t = ((p - c).dot(&v) / (lv * lv)).clamp(0.0, 1.0);
+                touch(p, c + v * t, weight);
+            }
+        }
+    }
+}
+
+/// Fractions and closest points of two segments.
+fn closest(a: &Segment, b: &Segment) -> (f64, f64, Vector3<f64>, Vector3<f64>) {
+    let (s, t) = details::closest_points_segment_segment_with_locations_nD((&a.a, &a.b), (&b.a, &b.b));
+    let (s, t) = (s.barycentric_coordinates()[1], t.barycentric_coordinates()[1]);
+    let at = |g: &Segment, x: f64| own(&g.a) * (1.0 - x) + own(&g.b) * x;
+    (s, t, at(a, s), at(b, t))
+}
+
+fn parry(v: &Vector3<f64>) -> Vector {
+    Vector::new(v.x, v.y, v.z)
+}
+
+fn own(v: &Vector) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
+}

@@ -1,0 +1,131 @@
+//! Collision shapes of the robot's links, and which of them can meet.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::hull::Hull;
+use crate::kinematics::SocketSet;
+use crate::kinematics::motion::SOCKETS;
+use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::{ARMS, Geometry, STRUTS};
+
+/// Radius of an arm's tube, m; estimate from pictures.
+const ARM_RADIUS: f64 = 0.03;
+/// Arm's tube ends this far before the ball line, where the struts are, m; estimate.
+const ARM_TRIM: f64 = 0.06;
+/// Radius of the balls, m; CAD.
+const BALL_RADIUS: f64 = 0.0095;
+/// Radius of a strut's tube, m; CAD, outside diameter 16 mm.
+const STRUT_RADIUS: f64 = 0.008;
+/// Gap between a strut's rounded end and the ball, m, so that neighbours do not touch.
+const STRUT_GAP: f64 = 1e-3;
+/// Half the thickness of the platform, m; estimate.
+const PLATFORM_THICKNESS: f64 = 0.012;
+/// The plate's middle line lies this far inside the ball pairs, m; estimate.
+const PLATFORM_INSET: f64 = 0.015;
+/// Radius of the flange face, m; estimate.
+const FLANGE_RADIUS: f64 = 0.025;
+/// Rounding of the flange's rim, m; estimate.
+const FLANGE_ROUNDING: f64 = 0.005;
+/// Radius of the telescope's upper rod, m; CAD, diameter 14.5 mm.
+const ROD_RADIUS: f64 = 0.00725;
+/// The rod ends this far before the lower Hooke joint when the telescope is shortest, m; CAD, 812 − 760 mm.
+const ROD_CLEARANCE: f64 = 0.052;
+/// Radius of the telescope's lower tube, m; CAD, outside diameter 27.5 mm.
+const TUBE_RADIUS: f64 = 0.01375;
+/// The tube ends this far before the upper Hooke joint when the telescope is shortest, m; CAD, 812 − 776.5 mm.
+const TUBE_CLEARANCE: f64 = 0.0355;
+/// Corners of the plate and of the flange's rim.
+const CORNERS: usize = 6;
+
+/// A part of a link.
+pub struct Part {
+    /// Body of the twin it belongs to.
+    pub body: usize,
+    /// Pose of the hull's frame in the body.
+    pub rotation: Matrix3<f64>,
+    /// Its origin, m.
+    pub position: Vector3<f64>,
+    /// Shape.
+    pub hull: Hull,
+    /// Whether other links can meet it; balls and the like, which sit in their sockets, only meet objects.
+    pub meets_links: bool,
+}
+
+impl Part {
+    fn new(body: usize, hull: Hull, meets_links: bool) -> Self {
+        Self { body, rotation: Matrix3::identity(), position: Vector3::zeros(), hull, meets_links }
+    }
+}
+
+/// Shapes of the links of a robot; the rotor is inside the base.
+pub fn parts(geometry: &Geometry) -> Vec<Part> {
+    let mut parts = Vec::new();
+    for i in 0..ARMS {
+        let elbow = Vector3::x() * geometry.arm_length;
+        let end = Vector3::x() * (geometry.arm_length - ARM_TRIM).max(0.5 * geometry.arm_length);
+        let pair = Vector3::y() * (0.5 * geometry.pair_distance);
+        parts.push(Part::new(ARM + i, Hull::chain(&[Vector3::zeros(), end], ARM_RADIUS, false), true));
+        parts.push(Part::new(ARM + i, Hull::chain(&[elbow - pair, elbow + pair], BALL_RADIUS, false), false));
+    }
+    for s in 0..STRUTS {
+        let length = geometry.strut_length[s / 2];
+        let trim = (BALL_RADIUS + STRUT_RADIUS + STRUT_GAP).min(0.4 * length);
+        let ends = [Vector3::x() * trim, Vector3::x() * (length - trim)];
+        parts.push(Part::new(STRUT + s, Hull::chain(&ends, STRUT_RADIUS, false), true));
+    }
+    let ring = (geometry.platform_radius - PLATFORM_INSET).max(0.5 * geometry.platform_radius);
+    let plate = Hull::chain(&polygon(ring, 0.0), PLATFORM_THICKNESS, true);
+    parts.push(Part::new(PLATFORM, plate, true));
+    let balls: Vec<_> = (0..ARMS)
+        .flat_map(|i| {
+            let (u, v) = (Geometry::radial(i) * geometry.platform_radius, Geometry::tangential(i));
+            [-0.5, 0.5].map(|side| u + v * (side * geometry.pair_distance))
+        })
+        .collect();
+    parts.push(Part::new(PLATFORM, Hull::chain(&balls, BALL_RADIUS, true), false));
+    let rim = polygon(FLANGE_RADIUS - FLANGE_ROUNDING, FLANGE_ROUNDING);
+    let mut flange = Hull::chain(&rim, FLANGE_ROUNDING, true);
+    let plane = -geometry.flange_height;
+    if plane > FLANGE_RADIUS {
+        let foot = Vector3::z() * (FLANGE_RADIUS + 1e-4);
+        flange = flange.and(Hull::chain(&[foot, foot.sup(&(Vector3::z() * plane))], FLANGE_RADIUS, false));
+    }
+    parts.push(Part::new(END_EFFECTOR, flange, true));
+    let shortest = geometry.telescope_limits[0];
+    let (rod, tube) = ((shortest - ROD_CLEARANCE).max(0.0), (shortest - TUBE_CLEARANCE).max(0.0));
+    for (body, end, radius) in [(TELESCOPE_UPPER, -rod, ROD_RADIUS), (TELESCOPE_LOWER, tube, TUBE_RADIUS)] {
+        let hull = Hull::chain(&[Vector3::zeros(), Vector3::z() * end], radius, false);
+        parts.push(Part::new(body, hull, true));
+    }
+    parts
+}
+
+/// Regular polygon of `CORNERS` corners about z.
+fn polygon(radius: f64, z: f64) -> Vec<Vector3<f64>> {
+    (0..CORNERS)
+        .map(|i| {
+            let (s, c) = (i as f64 * std::f64::consts::TAU / CORNERS as f64).sin_cos();
+            Vector3::new(radius * c, radius * s, z)
+        })
+        .collect()
+}
+
+/// Whether links `a` and `b` can meet while the sockets in `closed` hold: the mechanism keeps the links of an intact robot
+/// apart, and neighbours at a joint overlap by construction.
+pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
+    let (a, b) = (a.min(b), a.max(b));
+    let is_strut = |x: usize| (STRUT..PLATFORM).contains(&x);
+    if closed == SocketSet::ALL || a == b {
+        return false;
+    }
+    match (a, b) {
+        (_, STRUT..) if a < STRUT => !is_strut(b) || (b - STRUT) / 2 != a || !closed.contains(b - STRUT),
+        _ if is_strut(a) && is_strut(b) => {
+            let (s, t) = (a - STRUT, b - STRUT);
+            s / 2 != t / 2 || ![s, t, s + STRUTS, t + STRUTS].into_iter().all(|socket| closed.contains(socket))
+        }
+        (_, PLATFORM | END_EFFECTOR) if is_strut(a) => !closed.contains(a - STRUT + SOCKETS - STRUTS),
+        (_, TELESCOPE_UPPER | TELESCOPE_LOWER) => is_strut(a),
+        _ => false,
+    }
+}
