@@ -8,8 +8,8 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
-use super::file::File;
 use super::Result;
+use super::file::File;
 use crate::model::AXES;
 use crate::scenario::motion::constant_speed::ConstantSpeed;
 use crate::scenario::motion::path::Path;
@@ -364,8 +364,8 @@ mod tests {
             (PATH, "speed = 1.0\n", "", "missing field `speed`"),
             (PATH, "speed = 1.0", "speed = nan", ":6:9: `motion.speed` is NaN"),
             (PATH, "jerk = 1000", "jerk = 1000\nshare = 0.5", ":9:1: [motion]: unknown field `share`"),
-            (PATH, "[0.1, 0, -1, 0]", "[0, 0, -1, 0]", ":5:30: `motion.waypoints` has [0.0, 0.0, -1.0, 0.0] twice"),
-            (PATH, "[0.1, 0, -1, 0]", "[0, 0, -1]", ":5:30: "),
+            (PATH, "[0.1, 0, -1, 0]", "[0, 0, -1, 0]", ":5:29: `motion.waypoints` has [0.0, 0.0, -1.0, 0.0] twice"),
+            (PATH, "[0.1, 0, -1, 0]", "[0, 0, -1]", ":5:29: "),
             (PATH, "[0.1, 0, -1, 0], [0.1, 0.1, -1, 0]", "", "`motion.waypoints` has 1 row(s)"),
             (PATH, "[0.1, 0.1, -1, 0]]", "[0, 0, -1, 0]]\nclosed = true", "twice in a row"),
             (PATH, "jerk = 1000", "jerk = 1000\nrepeat = 2", ":9:10: `motion.repeat` needs closed"),
