@@ -100,7 +100,7 @@ fn scenario(path: &Path) -> miette::Result<String> {
     let sensors = scenario.sensors.strut_upper.iter().chain(&scenario.sensors.strut_lower).filter(|s| **s).count();
     Ok(format!(
         "{} s of {course} on {}, feed-forward from {}, {}, {}, {sensors} strut force sensors; the motion can be reached.",
-        scenario.duration,
+        (1e4 * scenario.duration).round() / 1e4,
         machine.name,
         planning.name,
         payload(&scenario.setup),

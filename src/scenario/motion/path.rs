@@ -47,9 +47,10 @@ impl Path {
         if self.closed {
             points.extend(points.first().copied());
         }
+        let Some(start) = points.first() else { return Piecewise::new(ZERO) };
         let lines: Vec<Line> = points.windows(2).map(Line::between).collect();
         let (blends, speeds) = self.corners(&lines);
-        let mut out = Builder { course: Piecewise::new(points[0].component_div(&scale)), scale };
+        let mut out = Builder { course: Piecewise::new(start.component_div(&scale)), scale };
         for (i, line) in lines.iter().enumerate() {
             let (b0, b1) = (blends[i], blends[i + 1]);
             self.travel(

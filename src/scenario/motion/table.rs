@@ -96,8 +96,11 @@ impl Table {
 
     /// The rows, joined; beyond the end of a moving table it goes on with the last rate.
     pub fn course(&self) -> Piecewise {
-        let n = self.t.len() - 1;
         let rows: Vec<Vector4<f64>> = self.rows.iter().map(|r| Vector4::from(*r)).collect();
+        let n = self.t.len().min(rows.len()).saturating_sub(1);
+        if n == 0 {
+            return Piecewise::new(rows.first().copied().unwrap_or_default());
+        }
         let ends = if self.moving {
             let m = END_ROWS.min(n + 1);
             let backwards: Vec<usize> = (0..m).map(|k| n - k).collect();
@@ -105,7 +108,7 @@ impl Table {
         } else {
             [Matrix2x4::zeros(); 2]
         };
-        let steps: Vec<f64> = self.t.windows(2).map(|w| w[1] - w[0]).collect();
+        let steps: Vec<f64> = self.t[..=n].windows(2).map(|w| w[1] - w[0]).collect();
         let inner = spline(&steps, &rows, ends);
         let mut course = Piecewise::new(rows[0]);
         let state = |i: usize| [rows[i], inner[i].row(0).transpose(), inner[i].row(1).transpose()];

@@ -173,6 +173,8 @@ fn duration(file: &File, given: &Option<Spanned<f64>>, motion: &Course) -> Resul
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     pub const HEAD: &str = "model = \"../models/irb360-6-1600.toml\"\nduration = 1.0\n";
@@ -243,5 +245,24 @@ mod tests {
             "kind = \"constant_speed\"\naxis = 4\npose = [3, 0, -1, 0]\nbetween = [0, 2]\nspeeds = [1]\nacceleration = 9\n",
         );
         assert!(e.contains("out of reach"), "{e}");
+    }
+
+    proptest! {
+        #[test]
+        fn damaged_files_are_read_or_refused_with_a_place(
+            file in prop::sample::select(vec!["path", "pick-and-place", "constant-speed", "worn-sockets", "table"]),
+            at in any::<prop::sample::Index>(),
+            length in 0..30usize,
+            put in prop::sample::select(vec!["", "nan", "-1", "1e300", "inf", "[", "\"\"", "9223372036854775807", "ψ", "\n"]),
+        ) {
+            let path = format!("scenarios/{file}.toml");
+            let text: Vec<char> = std::fs::read_to_string(&path).unwrap().chars().collect();
+            let at = at.index(text.len());
+            let end = (at + length).min(text.len());
+            let damaged: String = text[..at].iter().copied().chain(put.chars()).chain(text[end..].iter().copied()).collect();
+            if let Err(e) = Scenario::parse(&damaged, Path::new(&path)) {
+                prop_assert!(e.to_string().starts_with(&format!("{path}:")), "{e}");
+            }
+        }
     }
 }
