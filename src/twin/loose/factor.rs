@@ -7,11 +7,13 @@
 /// Rows of one body's block or of a twist: velocity of the origin, angular velocity.
 pub(super) type Six = [f64; 6];
 
+#[inline]
 pub(super) fn dot(a: &Six, b: &Six) -> f64 {
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
 }
 
 /// a += k·b.
+#[inline]
 pub(super) fn add(a: &mut Six, k: f64, b: &Six) {
     for (x, y) in a.iter_mut().zip(b) {
         *x += k * y;
@@ -58,6 +60,7 @@ impl Root {
     }
 
     /// L⁻¹·x.
+    #[inline]
     pub fn lower(&self, x: &Six) -> Six {
         let mut y = *x;
         for k in 0..6 {
@@ -70,6 +73,7 @@ impl Root {
     }
 
     /// L⁻ᵀ·x.
+    #[inline]
     pub fn upper(&self, x: &Six) -> Six {
         let mut y = *x;
         for k in (0..6).rev() {
