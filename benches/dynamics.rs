@@ -12,9 +12,12 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
 use deltatwin::effects::ActiveEffect;
-use deltatwin::kinematics::{JointState, Motion};
+use deltatwin::kinematics::{JointState, Motion, SocketSet};
+use deltatwin::model::bodies::BODIES;
 use deltatwin::recording::Setup;
+use deltatwin::twin::loose::Loose;
 use deltatwin::twin::{Mark, Torque, Twin};
+use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -103,5 +106,19 @@ fn twin(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, kinematics, dynamics, twin);
+fn loose(c: &mut Criterion) {
+    let plant = common::nominal_plant();
+    let motions = motions(&plant);
+    let wrenches = [(Vector3::zeros(), Vector3::zeros()); BODIES];
+    let mut loose = Loose::new();
+    let mut cycle = motions.iter().cycle();
+    c.bench_function("loose solve, 84 + 74", |b| {
+        b.iter(|| {
+            let motion = black_box(cycle.next().unwrap());
+            loose.solve(&plant, &motion.bodies, SocketSet::ALL, &wrenches, None).map(|s| s.bodies[0].1)
+        })
+    });
+}
+
+criterion_group!(benches, kinematics, dynamics, twin, loose);
 criterion_main!(benches);

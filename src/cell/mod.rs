@@ -139,7 +139,11 @@ pub struct Cell {
     grip: Option<Grip>,
     wrenches: BodyWrenches,
     /// On each object: force, and moment about its origin.
+    /// Loads on the objects at the last contact, and at the one before.
     reactions: Vec<(Vector3<f64>, Vector3<f64>)>,
+    earlier: Vec<(Vector3<f64>, Vector3<f64>)>,
+    /// `contact` was called since the last `advance`.
+    fresh: bool,
     pairs: Vec<Pair>,
     points: Vec<Point>,
     links: Vec<Placed>,
@@ -187,6 +191,8 @@ impl Cell {
             grip: None,
             wrenches: UNLOADED,
             reactions: vec![(Vector3::zeros(), Vector3::zeros()); objects.len()],
+            earlier: vec![(Vector3::zeros(), Vector3::zeros()); objects.len()],
+            fresh: false,
             pairs: Vec::new(),
             points: Vec::new(),
             links: Vec::new(),
@@ -240,11 +246,12 @@ impl Cell {
     }
 
     /// Contact wrenches on the robot's bodies for the poses and twists of `motion`, while the sockets in `closed` hold.
-    /// The opposite loads act on the objects in the next [`Self::advance`]: momentum is conserved if the twin holds the
-    /// wrenches over that step.
+    /// The opposite loads act on the objects in the next [`Self::advance`]: momentum is conserved if the twin's wrenches go
+    /// linearly from those of the call before to these over that step.
     pub fn contact(&mut self, motion: &Motion, closed: SocketSet) -> &BodyWrenches {
-        let Self { world, parts, grip, wrenches, reactions, pairs, points, links } = self;
+        let Self { world, parts, grip, wrenches, reactions, fresh, pairs, points, links, .. } = self;
         *wrenches = UNLOADED;
+        *fresh = true;
         reactions.fill((Vector3::zeros(), Vector3::zeros()));
         pairs.clear();
         place(parts, world, *grip, motion, links);
@@ -288,11 +295,24 @@ impl Cell {
         wrenches
     }
 
-    /// Moves the free objects on by `h` s under gravity, their own contacts and, constant over the step, the opposite of
-    /// the last [`Self::contact`], which is used up: without another one the next step is free of the robot.
-    pub fn advance(&mut self, h: f64) {
-        self.world.advance(h, &self.reactions);
-        self.reactions.fill((Vector3::zeros(), Vector3::zeros()));
+    /// Moves the free objects on by `h` s under gravity, their own contacts and the opposite of the robot's contact
+    /// wrenches, which went linearly from those of the [`Self::contact`] before to the last one's and got as far as
+    /// `share` (0 to 1) of that way. Without a new `contact` the robot touches nothing.
+    pub fn advance(&mut self, h: f64, share: f64) {
+        if std::mem::take(&mut self.fresh) {
+            for (now, earlier) in self.reactions.iter_mut().zip(&self.earlier) {
+                now.0 = earlier.0.lerp(&now.0, share);
+                now.1 = earlier.1.lerp(&now.1, share);
+            }
+        } else {
+            self.reactions.fill((Vector3::zeros(), Vector3::zeros()));
+            self.earlier.fill((Vector3::zeros(), Vector3::zeros()));
+        }
+        for (mean, now) in self.earlier.iter_mut().zip(&self.reactions) {
+            *mean = (0.5 * (mean.0 + now.0), 0.5 * (mean.1 + now.1));
+        }
+        self.world.advance(h, &self.earlier);
+        std::mem::swap(&mut self.earlier, &mut self.reactions);
     }
 
     /// Takes a free object into the gripper, where it keeps its pose relative to the end effector.
@@ -314,6 +334,7 @@ impl Cell {
         self.grip = Some(Grip { object: index, rotation, position });
         self.world.take(index);
         self.reactions[index] = (Vector3::zeros(), Vector3::zeros());
+        self.earlier[index] = (Vector3::zeros(), Vector3::zeros());
         let twist = Twist { velocity: at.velocity, angular_velocity: at.angular_velocity };
         Ok(Held { name: name.into(), inertia, position: at.position, twist })
     }

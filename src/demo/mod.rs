@@ -16,7 +16,7 @@ use crate::dynamics::Plant;
 use crate::identification::{Fit, FitError, Trace, fit};
 use crate::model::Model;
 use crate::recording::{Payload, Recording, Setup};
-use crate::scenario::{FourierMotion, MotionLimits};
+use crate::scenario::{FourierMotion, MotionLimits, Sensors};
 use crate::twin::{Options, Report, SimulationError, simulate};
 
 /// The demo's machine: the shipped model of the IRB 360-6/1600.
@@ -95,7 +95,7 @@ pub fn campaign(
         let options = Options {
             duration: DURATION,
             noise_seed: Some(seed.wrapping_mul(2).wrapping_add(k as u64)),
-            strut_sensors: [true, false, false, false, false, false],
+            sensors: Sensors { strut_upper: [true, false, false, false, false, false], ..Sensors::default() },
             ..Options::default()
         };
         simulate(&robot, &setup, &believed, &|t| motions[k].at(t), &options, &mut |t| {

@@ -475,6 +475,7 @@ impl Table {
             ee,
             qd: has_qd.then(|| axes("qd")),
             qdd: has_qdd.then(|| axes("qdd")),
+            socket_margin: None,
             segments,
             t: self.t.clone(),
         }

@@ -103,6 +103,8 @@ pub struct Signals {
     pub qd: Option<Vec<[f64; AXES]>>,
     /// Joint accelerations, rad/s².
     pub qdd: Option<Vec<[f64; AXES]>>,
+    /// What each ball socket could still take (six at the elbows, six at the platform), zero once open, N.
+    pub socket_margin: Option<Vec<[f64; 2 * STRUTS]>>,
     /// Stretches of samples without a gap in time between them; filters work on one at a time.
     ///
     /// Empty means a single stretch; read [`Signals::stretches`].

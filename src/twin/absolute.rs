@@ -8,7 +8,7 @@ use super::SingularPose;
 use super::assembled::{MAX_REACTION_ITERATIONS, REACTION_TOLERANCE, Scratch, change};
 use super::forces::{Forces, Scene};
 use super::integrator::System;
-use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_SPIN, WORK_STRUTS};
+use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
 use super::loose::Loose;
 use super::state::BodyState;
 use super::torque::Torque;
@@ -113,6 +113,7 @@ impl Absolute<'_> {
         let scene = self.scene(t, motion, own);
         let scratch = &mut *self.scratch;
         self.forces.add(self.plant, &scene, &scratch.reactions, false, &mut base, &mut scratch.powers);
+        scratch.restraint_power = self.forces.add_brakes(motion, &mut base);
         for s in 0..STRUTS {
             let u = motion.strut_axis[s];
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
@@ -214,10 +215,10 @@ impl System for Absolute<'_> {
         for a in 0..AXES {
             work[a] = tau[a] * motion.qd[a];
         }
-        work[WORK_SPIN] = 0.0;
+        work[WORK_RESTRAINTS] = self.scratch.restraint_power;
         for s in 0..STRUTS {
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&motion.strut_axis[s]);
-            work[WORK_SPIN] -= self.plant.spin_damping * spin * spin;
+            work[WORK_RESTRAINTS] -= self.plant.spin_damping * spin * spin;
         }
         work[WORK_CONTACT] = self.external.power(t, &motion);
         work[WORK_STRUTS] = 0.0;

@@ -5,7 +5,7 @@ use nalgebra::{Quaternion, Vector3};
 use super::SingularPose;
 use super::forces::{Damping, Forces, Scene};
 use super::integrator::System;
-use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_SPIN, WORK_STRUTS};
+use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
 use super::mechanism::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
@@ -42,6 +42,8 @@ pub(super) struct Scratch {
     pub total: [Twist; BODIES],
     /// Power of each effect, W.
     pub powers: Vec<f64>,
+    /// Power of the brakes, W.
+    pub restraint_power: f64,
     /// W of the present step.
     pub damping: Damping,
     slopes: Vec<f64>,
@@ -56,6 +58,7 @@ impl Scratch {
             wrenches: [STILL; BODIES],
             total: [STILL; BODIES],
             powers: vec![0.0; plant.effects.len()],
+            restraint_power: 0.0,
             damping: Damping::default(),
             slopes: vec![0.0; forces.states()],
             fresh_slopes: vec![0.0; forces.states()],
@@ -140,6 +143,7 @@ impl Assembled<'_> {
         let scratch = &mut *self.scratch;
         scratch.wrenches = if self.external.is_none() { [STILL; BODIES] } else { self.external.at(t) };
         self.forces.add(self.plant, &scene, &scratch.reactions, false, &mut scratch.wrenches, &mut scratch.powers);
+        scratch.restraint_power = self.forces.add_brakes(&frame.motion, &mut scratch.wrenches);
         self.restrain(&frame.motion);
     }
 
@@ -290,7 +294,8 @@ impl System for Assembled<'_> {
         for a in 0..AXES {
             work[a] = tau[a] * motion.qd[a];
         }
-        work[WORK_SPIN] = -self.plant.spin_damping * spin.iter().map(|x| x * x).sum::<f64>();
+        work[WORK_RESTRAINTS] =
+            self.scratch.restraint_power - self.plant.spin_damping * spin.iter().map(|x| x * x).sum::<f64>();
         work[WORK_CONTACT] = if self.external.is_none() { 0.0 } else { self.external.power(t, motion) };
         work[WORK_STRUTS] = self.mechanism.spring_power(&frame);
         work[WORK_EFFECTS..].copy_from_slice(&self.scratch.powers);

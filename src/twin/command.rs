@@ -6,7 +6,7 @@ use std::time::Instant;
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Value, json};
 
-use super::{Gains, Options, Report, SimulationError, simulate};
+use super::{Options, Report, SimulationError, simulate};
 use crate::dynamics::Plant;
 use crate::model::Model;
 use crate::recording::Recording;
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| args.scenario.display().to_string())?;
     let controller = Plant::new(&planning, &scenario.setup);
-    let options = options(&scenario);
+    let options = Options::of(&scenario, &machine);
     catch_interrupt()?;
     let progress = bar("simulate", (scenario.duration * 1e3) as u64);
     let start = Instant::now();
@@ -91,22 +91,6 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         print(&report, &recording, wall, args)?;
     }
     Ok(if interrupted() { INTERRUPTED } else { DONE })
-}
-
-/// How the twin is to run `scenario`.
-fn options(scenario: &Scenario) -> Options {
-    let default = Gains::default();
-    Options {
-        duration: scenario.duration,
-        substeps: scenario.substeps,
-        noise_seed: scenario.noise.then_some(scenario.seed),
-        strut_sensors: scenario.sensors.strut_upper,
-        gains: Gains {
-            proportional: scenario.gains.proportional.unwrap_or(default.proportional),
-            derivative: scenario.gains.derivative.unwrap_or(default.derivative),
-            cutoff: scenario.gains.cutoff.unwrap_or(default.cutoff),
-        },
-    }
 }
 
 /// Force that the sockets could still take beyond the largest strut force, N.

@@ -12,6 +12,13 @@ use crate::model::{ARMS, Geometry, STRUTS};
 /// Number of constraint rows.
 pub const ROWS: usize = 74;
 
+/// The ball socket that a row belongs to.
+pub fn socket(row: usize) -> Option<usize> {
+    // After three arms and the rotor, each strut's upper and lower socket with three rows each.
+    let k = row.checked_sub(20).filter(|k| *k < 6 * STRUTS)?;
+    Some(k / 6 + if k % 6 < 3 { 0 } else { STRUTS })
+}
+
 /// Violation (m or 1) and its rate (m/s or 1/s) of every row.
 pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     let mut out = Rows { values: [(0.0, 0.0); ROWS], n: 0 };

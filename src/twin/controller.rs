@@ -22,6 +22,15 @@ impl Default for Gains {
     }
 }
 
+/// What the controller asks for.
+#[derive(Clone, Copy, Debug)]
+pub struct Command {
+    /// Torque at the gear output, within the drives' limits, N·m.
+    pub torque: [f64; AXES],
+    /// The feedback's part of it before the limits, N·m.
+    pub feedback: [f64; AXES],
+}
+
 /// Feed-forward plus PD at the sample time, with torque limits.
 pub struct Controller<'a> {
     plant: &'a Plant,
@@ -53,18 +62,20 @@ impl<'a> Controller<'a> {
         desired_now: &JointState,
         encoders: &[f64; AXES],
         ahead: &JointState,
-    ) -> Result<[f64; AXES], KinematicsError> {
-        let mut tau = self.feed_forward(ahead)?;
+    ) -> Result<Command, KinematicsError> {
+        let mut torque = self.feed_forward(ahead)?;
+        let mut feedback = [0.0; AXES];
         let error: [f64; AXES] = std::array::from_fn(|i| desired_now.q[i] - encoders[i]);
         let last = self.last_error.unwrap_or(error);
         let blend = 1.0 - (-std::f64::consts::TAU * self.gains.cutoff * self.step).exp();
         for i in 0..AXES {
             self.filtered[i] += blend * ((error[i] - last[i]) / self.step - self.filtered[i]);
-            tau[i] += self.gains.proportional[i] * error[i] + self.gains.derivative[i] * self.filtered[i];
-            tau[i] = tau[i].clamp(-self.drives[i].max_torque, self.drives[i].max_torque);
+            feedback[i] = self.gains.proportional[i] * error[i] + self.gains.derivative[i] * self.filtered[i];
+            let limit = self.drives[i].max_torque;
+            torque[i] = (torque[i] + feedback[i]).clamp(-limit, limit);
         }
         self.last_error = Some(error);
-        Ok(tau)
+        Ok(Command { torque, feedback })
     }
 }
 

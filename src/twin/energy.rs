@@ -1,22 +1,29 @@
 //! Energy of the mechanism.
 
 use crate::dynamics::Plant;
-use crate::kinematics::Motion;
+use crate::kinematics::{BodyMotion, Motion};
+use crate::model::Inertia;
 
 /// Kinetic plus potential energy, J; potential zero in the shaft plane.
 pub fn total(plant: &Plant, motion: &Motion) -> f64 {
-    plant
+    let potential: f64 = plant
         .bodies
         .0
         .iter()
         .zip(&motion.bodies)
-        .map(|(inertia, m)| {
-            let h = m.rotation * inertia.first_moment;
-            let omega = m.rotation.tr_mul(&m.angular_velocity);
-            let kinetic = 0.5 * inertia.mass * m.velocity.norm_squared()
-                + m.velocity.dot(&m.angular_velocity.cross(&h))
-                + 0.5 * omega.dot(&(inertia.tensor * omega));
-            kinetic + plant.gravity * (inertia.mass * m.position.z + h.z)
-        })
-        .sum()
+        .map(|(inertia, m)| inertia.mass * m.position.z + (m.rotation * inertia.first_moment).z)
+        .sum();
+    kinetic(plant, motion) + plant.gravity * potential
+}
+
+/// Kinetic energy, J.
+pub fn kinetic(plant: &Plant, motion: &Motion) -> f64 {
+    let of_body = |(inertia, m): (&Inertia, &BodyMotion)| {
+        let h = m.rotation * inertia.first_moment;
+        let omega = m.rotation.tr_mul(&m.angular_velocity);
+        0.5 * inertia.mass * m.velocity.norm_squared()
+            + m.velocity.dot(&m.angular_velocity.cross(&h))
+            + 0.5 * omega.dot(&(inertia.tensor * omega))
+    };
+    plant.bodies.0.iter().zip(&motion.bodies).map(of_body).sum()
 }

@@ -26,7 +26,12 @@ pub(super) struct Forces {
     reads: Vec<bool>,
     /// Effects that damp drives and struts' spins.
     damps: [Vec<usize>; 2],
+    /// Brakes on all drives, N·m.
+    pub brake: f64,
 }
+
+/// Steepness of the brakes' Coulomb friction about rest, s/rad.
+const BRAKE_STEEPNESS: f64 = 100.0;
 
 impl Forces {
     pub fn new(plant: &Plant) -> Self {
@@ -36,7 +41,7 @@ impl Forces {
         }
         let all: Vec<usize> = (0..plant.effects.len()).collect();
         let reads = plant.effects.iter().map(|a| a.effect.reads_reactions()).collect();
-        let mut forces = Self { starts, reads, damps: [all.clone(), all] };
+        let mut forces = Self { starts, reads, damps: [all.clone(), all], brake: 0.0 };
         forces.damps = forces.damping_effects(plant);
         forces
     }
@@ -84,6 +89,20 @@ impl Forces {
             active.effect.forces(&active.values(), &instant, &mut out);
             powers[k] = out.power();
         }
+    }
+
+    /// Adds the brakes' torques −T·tanh(k·q̇) and returns their power, W.
+    pub fn add_brakes(&self, motion: &Motion, wrenches: &mut [Twist; BODIES]) -> f64 {
+        let mut power = 0.0;
+        if self.brake > 0.0 {
+            for axis in 0..AXES {
+                let (body, direction) = Motion::drive(axis);
+                let torque = -self.brake * (BRAKE_STEEPNESS * motion.qd[axis]).tanh();
+                wrenches[body].1 += direction * torque;
+                power += torque * motion.qd[axis];
+            }
+        }
+        power
     }
 
     /// Rates of all own states and their slopes; `scene.motion` holds the accelerations of this instant.
@@ -201,11 +220,17 @@ impl Forces {
         let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, axis: &Vector3<f64>| {
             ((base[body].1 - moved[body].1).dot(axis) / RATE).max(0.0)
         };
+        damping.drives = [0.0; AXES];
         if !self.damps[Freedom::Drives as usize].is_empty() {
             let probe = self.probe(plant, scene, reactions, Freedom::Drives, None);
             for a in 0..AXES {
                 let (body, axis) = Motion::drive(a);
                 damping.drives[a] = slope(&probe, body, &axis);
+            }
+        }
+        if self.brake > 0.0 {
+            for (drive, rate) in damping.drives.iter_mut().zip(scene.motion.qd) {
+                *drive += self.brake * BRAKE_STEEPNESS / (BRAKE_STEEPNESS * rate).cosh().powi(2);
             }
         }
         if damping.keep > 0 {

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-/// Work entries: four drives first.
-pub(super) const WORK_SPIN: usize = 4;
+/// Work entries: four drives first, then the restraint of the spins and the brakes.
+pub(super) const WORK_RESTRAINTS: usize = 4;
 /// Contacts and other wrenches from outside.
 pub(super) const WORK_CONTACT: usize = 5;
 /// Elastic struts.

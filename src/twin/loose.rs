@@ -10,10 +10,11 @@
 //!
 //! M_E + r·g_Eᵀg_E, M_D − r·g_Dᵀg_D, W_D − r·g_Dᵀγ give the same a, and λ = λ′ + r·g_E·a_E.
 //!
-//! With r at most half of the donor's inertia along g_D both stay positive definite. Any other body without inertia
-//! gets a millionth of the mechanism's, removed again by iterative refinement. Where S has lost rank (redundant rows in
-//! a degenerate pose) it is relaxed and refined as well: a is unique then, λ one of many. What cannot be refined to
-//! 1e-9 of the terms of either equation is a [`SingularPose`].
+//! With r at most half of the donor's inertia along g_D both stay positive definite. Any other body whose inertia is
+//! singular (a point mass, a bar) is lent a millionth of the mechanism's, removed again by iterative refinement. Where S
+//! has lost rank (redundant rows in a degenerate pose) it is relaxed and refined as well: a is unique then, λ one of
+//! many. What cannot be refined to 1e-9 of the terms of either equation is a [`SingularPose`], as is an inertia that no
+//! body can have.
 
 mod factor;
 mod rows;
@@ -75,6 +76,8 @@ struct Workspace {
     roots: [Root; BODIES],
     /// L⁻¹·Gᵀ block row by block row.
     y: [Six; BLOCK_ROWS],
+    /// The same component by component.
+    y_columns: [[f64; BLOCK_ROWS]; 6],
     schur: Schur,
     /// Weights r of the inertia shifts.
     shifts: [f64; SHIFTS.len()],
@@ -136,6 +139,7 @@ impl Loose {
             mass: [[[0.0; 6]; 6]; BODIES],
             roots: [Root::ONE; BODIES],
             y: [[0.0; 6]; BLOCK_ROWS],
+            y_columns: [[0.0; BLOCK_ROWS]; 6],
             schur: Schur::new(),
             shifts: [0.0; SHIFTS.len()],
             regularised: false,
@@ -293,12 +297,16 @@ impl Workspace {
         }
         for b in 0..BODIES {
             for k in BODY[b]..BODY[b + 1] {
-                self.y[k] = self.roots[b].lower(&self.rows.blocks[k]);
+                let y = self.roots[b].lower(&self.rows.blocks[k]);
+                self.y[k] = y;
+                for (column, y) in self.y_columns.iter_mut().zip(y) {
+                    column[k] = y;
+                }
             }
         }
-        if !self.schur.factor(&self.y, closed, 0.0) {
+        if !self.schur.factor(&self.y_columns, closed, 0.0) {
             self.regularised = true;
-            if !self.schur.factor(&self.y, closed, TIKHONOV) {
+            if !self.schur.factor(&self.y_columns, closed, TIKHONOV) {
                 return Err(SingularPose);
             }
         }
@@ -357,7 +365,8 @@ impl Workspace {
                 break; // at rounding
             }
         }
-        if !(loads_left.1 < ACCEPTED && rows_left.1 < ACCEPTED) {
+        let holds = loads_left.1 < ACCEPTED && rows_left.1 < ACCEPTED; // also false of NaN
+        if !holds {
             return Err(SingularPose);
         }
         for (s, r) in SHIFTS.iter().zip(&self.shifts) {

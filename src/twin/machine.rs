@@ -14,7 +14,7 @@ use super::{SingularPose, energy};
 use crate::dynamics::Plant;
 use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR};
-use crate::model::{AXES, Inertia, STRUTS};
+use crate::model::{AXES, Inertia};
 
 /// What the equations of motion yield at one instant.
 #[derive(Clone, Debug)]
@@ -269,6 +269,17 @@ impl Twin {
         self.external = load;
     }
 
+    /// Wrenches from outside now.
+    pub fn external_now(&self) -> [Twist; BODIES] {
+        if self.external.is_none() { [STILL; BODIES] } else { self.external.at(self.t) }
+    }
+
+    /// Brakes on all drives that resist motion with up to `torque` N·m.
+    pub fn set_brake(&mut self, torque: f64) {
+        self.forces.brake = torque;
+        self.smooth = false;
+    }
+
     /// Angles the motor-side encoders see, rad.
     pub fn encoders(&self) -> [f64; AXES] {
         let q = match &self.form {
@@ -314,10 +325,4 @@ impl Twin {
         self.y.copy_from_slice(&mark.y);
         self.scratch.reactions = mark.reactions;
     }
-}
-
-/// Sockets of one clamp spring unit: both struts of a pair at one end.
-pub fn clamp_partner(socket: usize) -> usize {
-    let (end, strut) = (socket / STRUTS, socket % STRUTS);
-    end * STRUTS + (strut ^ 1)
 }

@@ -1,56 +1,150 @@
-//! A closed-loop run of the twin: trajectory, controller, plant, sensors.
+//! A closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and what the robot touches.
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
-use rand_distr::{Distribution, Normal};
+use nalgebra::Vector3;
 use thiserror::Error;
 
-use super::SingularPose;
-use super::constraints;
-use super::controller::{Controller, Gains, quantised};
-use super::machine::Twin;
+use super::controller::{Controller, Gains};
+use super::machine::{Mark, Snapshot, Twin};
+use super::sensors::Sensors;
+use super::sockets::{Clamps, socket_name};
 use super::torque::Torque;
+use super::wrench::{Load, STILL, Twist};
+use super::{SingularPose, constraints, energy};
+use crate::cell::{Cell, CellError, Held, Object};
 use crate::dynamics::Plant;
-use crate::kinematics::{JointState, KinematicsError, PlatformState, Reactions};
-use crate::model::bodies::PLATFORM;
-use crate::model::{AXES, Model, STRUTS};
+use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::{JointState, KinematicsError, Motion, PlatformState, SocketSet};
+use crate::model::bodies::{BODIES, END_EFFECTOR};
+use crate::model::{ARMS, AXES, Inertia, Model, STRUTS};
 use crate::recording::{Recording, Setup, Signals};
+use crate::scenario::{self, Action, ActionKind, HoldTorque, PayloadShape, Scenario, Supervision, Trip};
 
 /// How a run is made.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Length of the run, s.
     pub duration: f64,
-    /// Integration steps per control period.
+    /// Integration steps per sample time.
     pub substeps: usize,
+    /// Sample times per control period.
+    pub control_period: usize,
+    /// Torque between two control instants.
+    pub hold_torque: HoldTorque,
     /// Seed of the sensor noise; `None` switches noise and quantisation off.
     pub noise_seed: Option<u64>,
-    /// Struts that carry a force sensor at the elbow.
-    pub strut_sensors: [bool; STRUTS],
+    /// What is recorded.
+    pub sensors: scenario::Sensors,
     /// Controller gains.
     pub gains: Gains,
+    /// Ball sockets; healthy and only watched without.
+    pub clamps: Option<Clamps>,
+    /// When the drives trip.
+    pub supervision: Supervision,
+    /// Things around the robot.
+    pub objects: Vec<Object>,
+    /// Shape of the payload.
+    pub payload_shape: Option<PayloadShape>,
+    /// What the gripper does, in order of time.
+    pub actions: Vec<Action>,
 }
 
 impl Default for Options {
     fn default() -> Self {
         Self {
             duration: 20.0,
-            substeps: 2,
+            substeps: 1,
+            control_period: 1,
+            hold_torque: HoldTorque::Ramp,
             noise_seed: Some(0),
-            strut_sensors: [false; STRUTS],
+            sensors: scenario::Sensors::default(),
             gains: Gains::default(),
+            clamps: None,
+            supervision: Supervision::default(),
+            objects: Vec::new(),
+            payload_shape: None,
+            actions: Vec::new(),
+        }
+    }
+}
+
+impl Options {
+    /// As `scenario` says, for a machine like `model`.
+    pub fn of(scenario: &Scenario, model: &Model) -> Self {
+        let gains = Gains::default();
+        Self {
+            duration: scenario.duration,
+            substeps: scenario.substeps,
+            control_period: scenario.control_period,
+            hold_torque: scenario.hold_torque,
+            noise_seed: scenario.noise.then_some(scenario.seed),
+            sensors: scenario.sensors,
+            gains: Gains {
+                proportional: scenario.gains.proportional.unwrap_or(gains.proportional),
+                derivative: scenario.gains.derivative.unwrap_or(gains.derivative),
+                cutoff: scenario.gains.cutoff.unwrap_or(gains.cutoff),
+            },
+            clamps: Some(Clamps { hold: scenario.socket_holds(model), armed: scenario.sockets.armed }),
+            supervision: scenario.supervision,
+            objects: scenario.objects.clone(),
+            payload_shape: scenario.payload_shape,
+            actions: scenario.actions.clone(),
+        }
+    }
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// When, s.
+    pub t: f64,
+    /// What kind.
+    pub kind: EventKind,
+    /// What, in words.
+    pub what: String,
+}
+
+/// Kinds of events.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EventKind {
+    /// A ball socket left its ball.
+    Dislocation,
+    /// The drives tripped.
+    Trip,
+    /// The robot touched something.
+    Contact,
+    /// An object was picked up.
+    Pick,
+    /// An object was let go.
+    Release,
+    /// Everything has come to rest after a trip.
+    Rest,
+    /// The mechanism reached a pose from which the equations go no further.
+    Singular,
+}
+
+impl EventKind {
+    /// Name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dislocation => "dislocation",
+            Self::Trip => "trip",
+            Self::Contact => "contact",
+            Self::Pick => "pick",
+            Self::Release => "release",
+            Self::Rest => "rest",
+            Self::Singular => "singular",
         }
     }
 }
 
 /// What a run showed besides its recording.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Report {
     /// Simulated time, s.
     pub simulated: f64,
     /// Integration steps.
     pub steps: usize,
-    /// Largest violation of a position row, m (or 1).
+    /// Largest violation of a position row of the joints that hold, m (or 1).
     pub max_loop_gap: f64,
     /// Largest violation of a velocity row, m/s (or 1/s).
     pub max_loop_rate: f64,
@@ -58,8 +152,18 @@ pub struct Report {
     pub energy_error: f64,
     /// Largest axial strut force, N.
     pub peak_strut_force: f64,
-    /// Largest distance between desired and actual joint angle, rad.
+    /// Smallest margin of every socket while it held, N.
+    pub min_margin: [f64; SOCKETS],
+    /// Largest distance between desired and actual joint angle until the drives trip, rad.
     pub tracking_error: [f64; AXES],
+    /// What happened, in order.
+    pub events: Vec<Event>,
+    /// Sockets that hold at the end.
+    pub closed: SocketSet,
+    /// Kinetic energy of robot and objects at the end, J.
+    pub kinetic_energy: f64,
+    /// Largest change in the last iteration over load-dependent friction that did not converge, N.
+    pub unconverged: f64,
 }
 
 /// Why a run ended early.
@@ -79,12 +183,31 @@ pub enum SimulationError {
         /// Time, s.
         t: f64,
     },
+    /// The objects around the robot are impossible, or the gripper cannot do what it is told.
+    #[error("t = {t:.4} s: {source}")]
+    Cell {
+        /// Time, s.
+        t: f64,
+        /// What is wrong.
+        source: CellError,
+    },
 }
+
+/// Time within which a dislocation is located, s.
+const EVENT_TIME: f64 = 1e-7;
+/// Kinetic energy below which everything rests, J, and for how long, s.
+const REST_ENERGY: f64 = 1e-4;
+const REST_TIME: f64 = 0.1;
+/// A pair that has not touched for this long touches anew, s.
+const CONTACT_PAUSE: f64 = 0.05;
+/// Slack of time comparisons, s.
+const INSTANT: f64 = 1e-12;
 
 /// Runs `model` under `setup` along `desired`, controlled by `controller_plant`'s feed-forward.
 ///
-/// The drives ramp the torque linearly over each period, so a recorded torque is the one that acts at its time stamp.
-/// `progress` is called with the simulated time once per period; returning false ends the run there.
+/// With [`HoldTorque::Ramp`] the drives ramp the torque linearly over each period, so a recorded torque is the one that
+/// acts at its time stamp. `progress` is called with the simulated time once per sample; returning false ends the run
+/// there.
 pub fn simulate(
     model: &Model,
     setup: &Setup,
@@ -93,134 +216,411 @@ pub fn simulate(
     options: &Options,
     progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(Recording, Report), SimulationError> {
-    let plant = Plant::new(model, setup);
+    let mut run = Run::new(model, setup, controller_plant, desired, options)?;
     let period = model.sample_time;
     let samples = (options.duration / period).round() as usize;
-    let joints = |t: f64| -> Result<JointState, SimulationError> {
-        plant.geometry.inverse_motion(&desired(t)).map_err(|source| SimulationError::Trajectory { t, source })
-    };
-    let wanted = joints(0.0)?;
-    let motion = plant.motion(&wanted).map_err(|source| SimulationError::Trajectory { t: 0.0, source })?;
-    let mut twin = Twin::new(plant.clone(), &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
-    let mut controller = Controller::new(controller_plant, model.drives, options.gains, period);
-    let mut tau = controller.feed_forward(&wanted).map_err(|source| SimulationError::Trajectory { t: 0.0, source })?;
-    let mut sensors = Sensors::new(model, setup, options);
-    let mut report = Report::default();
-    let mut signals = Signals::default();
-    let mut turned_over = 0.0;
-    let mut drives = [0.0; AXES];
-    let mut now = wanted;
-    let singular = |t: f64| move |_: SingularPose| SimulationError::Singular { t };
+    run.sensors.reserve(&mut run.signals, samples);
     for k in 0..samples {
-        let t = k as f64 * period;
-        twin.set_time(t);
-        let snapshot = twin.evaluate(&Torque::constant(tau)).map_err(singular(t))?;
-        let motion = &snapshot.motion;
-        for (gap, rate) in constraints::rows(&plant.geometry, motion) {
-            report.max_loop_gap = report.max_loop_gap.max(gap.abs());
-            report.max_loop_rate = report.max_loop_rate.max(rate.abs());
+        if !run.sample(k)? {
+            break;
         }
-        let encoders = sensors.angles(&twin.encoders());
-        for i in 0..AXES {
-            report.tracking_error[i] = report.tracking_error[i].max((motion.q[i] - now.q[i]).abs());
-        }
-        let next = joints(t + period)?;
-        let target =
-            controller.update(&now, &encoders, &next).map_err(|source| SimulationError::Trajectory { t, source })?;
-        sensors.record(&mut signals, t, &encoders, &tau, &motion.bodies[PLATFORM].position, &snapshot.reactions);
-        for force in snapshot.reactions.upper.iter().chain(&snapshot.reactions.lower) {
-            report.peak_strut_force = report.peak_strut_force.max(force.abs());
-        }
-        let torque = Torque::ramp(t, tau, target, period);
-        let h = period / options.substeps as f64;
-        for _ in 0..options.substeps {
-            twin.step(h, &torque).map_err(singular(t))?;
-            report.steps += 1;
-        }
-        for (before, after) in drives.iter_mut().zip(twin.work()) {
-            turned_over += (after - *before).abs();
-            *before = *after;
-        }
-        let balance = twin.energy_balance();
-        if !balance.is_finite() {
-            return Err(SimulationError::Singular { t });
-        }
-        report.energy_error = report.energy_error.max(balance.abs());
-        tau = target;
-        now = next;
-        report.simulated = t + period;
-        if !progress(report.simulated) {
+        run.report.simulated = (k + 1) as f64 * period;
+        if !progress(run.report.simulated) {
             break;
         }
     }
-    report.energy_error /= turned_over.max(f64::MIN_POSITIVE);
-    for active in &plant.effects {
-        active.effect.observe(&active.values(), &mut signals);
+    Ok(run.finish(model, setup))
+}
+
+/// A run under way.
+struct Run<'a> {
+    options: &'a Options,
+    desired: &'a dyn Fn(f64) -> PlatformState,
+    period: f64,
+    twin: Twin,
+    controller: Controller<'a>,
+    sensors: Sensors<'a>,
+    clamps: Clamps,
+    cell: Option<Cell>,
+    held: Option<Inertia>,
+    next_action: usize,
+    /// Torque of the present control period.
+    torque: Torque,
+    /// Desired joint state at the present control instant.
+    wanted: JointState,
+    tripped: bool,
+    mark: Mark,
+    /// Contact wrenches at the present time.
+    contact: [Twist; BODIES],
+    touching: Vec<(String, f64)>,
+    rest_since: Option<f64>,
+    rested: bool,
+    drive_work: [f64; AXES],
+    turned_over: f64,
+    signals: Signals,
+    report: Report,
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        model: &'a Model,
+        setup: &Setup,
+        controller_plant: &'a Plant,
+        desired: &'a dyn Fn(f64) -> PlatformState,
+        options: &'a Options,
+    ) -> Result<Self, SimulationError> {
+        let plant = Plant::new(model, setup);
+        let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
+        let wanted = plant.geometry.inverse_motion(&desired(0.0)).map_err(trajectory)?;
+        let motion = plant.motion(&wanted).map_err(trajectory)?;
+        let cell = if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
+            None
+        } else {
+            let payload = options.payload_shape.map(|p| (p.shape, p.centre));
+            let cell = Cell::new(&options.objects, &plant.geometry, payload, plant.gravity_vector());
+            Some(cell.map_err(|source| SimulationError::Cell { t: 0.0, source })?)
+        };
+        let twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
+        let step = model.sample_time * options.control_period as f64;
+        let controller = Controller::new(controller_plant, model.drives, options.gains, step);
+        let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
+        let clamps = options.clamps.unwrap_or(Clamps::watched(model.sockets.dislocation_force));
+        Ok(Self {
+            options,
+            desired,
+            period: model.sample_time,
+            twin,
+            controller,
+            sensors: Sensors::new(model, setup, options.sensors, options.noise_seed),
+            clamps,
+            cell,
+            held: None,
+            next_action: 0,
+            torque,
+            wanted,
+            tripped: false,
+            mark: Mark::default(),
+            contact: [STILL; BODIES],
+            touching: Vec::new(),
+            rest_since: None,
+            rested: false,
+            drive_work: [0.0; AXES],
+            turned_over: 0.0,
+            signals: Signals::default(),
+            report: Report {
+                simulated: 0.0,
+                steps: 0,
+                max_loop_gap: 0.0,
+                max_loop_rate: 0.0,
+                energy_error: 0.0,
+                peak_strut_force: 0.0,
+                min_margin: clamps.hold,
+                tracking_error: [0.0; AXES],
+                events: Vec::new(),
+                closed: SocketSet::ALL,
+                kinetic_energy: 0.0,
+                unconverged: 0.0,
+            },
+        })
     }
-    sensors.add_noise(&mut signals);
-    Ok((Recording { name: model.name.clone(), signals, setup: *setup }, report))
-}
 
-/// Encoders, torque and force sensors.
-struct Sensors<'a> {
-    model: &'a Model,
-    struts: [bool; STRUTS],
-    torque_noise: [f64; AXES],
-    rng: Option<ChaCha8Rng>,
-}
+    fn event(&mut self, t: f64, kind: EventKind, what: impl Into<String>) {
+        self.report.events.push(Event { t, kind, what: what.into() });
+    }
 
-impl<'a> Sensors<'a> {
-    fn new(model: &'a Model, setup: &Setup, options: &Options) -> Self {
-        Self {
-            model,
-            struts: options.strut_sensors,
-            torque_noise: setup.torque_noise.unwrap_or(model.noise.torque),
-            rng: options.noise_seed.map(ChaCha8Rng::seed_from_u64),
+    /// One sample time: record, control, move on. False if the run cannot go on.
+    fn sample(&mut self, k: usize) -> Result<bool, SimulationError> {
+        let t = k as f64 * self.period;
+        self.twin.set_time(t);
+        self.act(t)?;
+        let singular = SimulationError::Singular { t };
+        let Ok(snapshot) = self.twin.evaluate(&self.torque) else { return self.stuck(t, singular) };
+        let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, self.twin.closed());
+        self.watch(&snapshot, &margins);
+        let tau = self.torque.at(t);
+        let encoders = self.sensors.angles(&self.twin.encoders());
+        self.sensors.record(&mut self.signals, t, &encoders, &tau, &snapshot, &margins);
+        if k.is_multiple_of(self.options.control_period) {
+            self.control(t, &encoders, &tau, &snapshot.motion)?;
+        }
+        if self.advance(t + self.period).is_err() {
+            return self.stuck(t, singular);
+        }
+        for (before, after) in self.drive_work.iter_mut().zip(self.twin.work()) {
+            self.turned_over += (after - *before).abs();
+            *before = *after;
+        }
+        let balance = self.twin.energy_balance();
+        if !balance.is_finite() {
+            return self.stuck(t, singular);
+        }
+        self.report.energy_error = self.report.energy_error.max(balance.abs());
+        if self.tripped && !self.rested {
+            self.look_for_rest();
+        }
+        Ok(true)
+    }
+
+    /// An intact robot must not get stuck; a broken one may lie where the equations end.
+    fn stuck(&mut self, t: f64, error: SimulationError) -> Result<bool, SimulationError> {
+        if self.twin.closed() == SocketSet::ALL {
+            return Err(error);
+        }
+        self.event(t, EventKind::Singular, "the broken mechanism reached a pose without a unique motion");
+        Ok(false)
+    }
+
+    fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
+        let closed = self.twin.closed();
+        let plant = self.twin.plant();
+        // The length of an elastic strut is no constraint.
+        let rigid = plant.effects.iter().all(|a| a.effect.strut_spring(&a.values()).is_none());
+        let report = &mut self.report;
+        for (row, (gap, rate)) in constraints::rows(&plant.geometry, &snapshot.motion).into_iter().enumerate() {
+            let holds = constraints::socket(row).is_none_or(|s| closed.contains(s) && (rigid || s < STRUTS));
+            if holds {
+                report.max_loop_gap = report.max_loop_gap.max(gap.abs());
+                report.max_loop_rate = report.max_loop_rate.max(rate.abs());
+            }
+        }
+        if !self.tripped {
+            for i in 0..AXES {
+                let error = (snapshot.motion.q[i] - self.wanted.q[i]).abs();
+                report.tracking_error[i] = report.tracking_error[i].max(error);
+            }
+        }
+        let forces = snapshot.reactions.upper.iter().chain(&snapshot.reactions.lower);
+        report.peak_strut_force = forces.fold(report.peak_strut_force, |peak, f| peak.max(f.abs()));
+        for s in closed.iter() {
+            report.min_margin[s] = report.min_margin[s].min(margins[s]);
         }
     }
 
-    fn angles(&self, q: &[f64; AXES]) -> [f64; AXES] {
-        if self.rng.is_none() {
-            return *q;
-        }
-        std::array::from_fn(|i| quantised(q[i], &self.model.drives[i]))
-    }
-
-    fn record(
-        &self,
-        signals: &mut Signals,
+    /// Chooses the torque of the coming control period.
+    fn control(
+        &mut self,
         t: f64,
-        q: &[f64; AXES],
+        encoders: &[f64; AXES],
         tau: &[f64; AXES],
-        position: &nalgebra::Vector3<f64>,
-        reactions: &Reactions,
-    ) {
-        signals.t.push(t);
-        signals.q.push(*q);
-        signals.tau.push(*tau);
-        signals.ee.get_or_insert_default().push([position.x, position.y, position.z]);
-        for s in 0..STRUTS {
-            if self.struts[s] {
-                signals.strut_upper[s].get_or_insert_default().push(reactions.upper[s]);
+        motion: &Motion,
+    ) -> Result<(), SimulationError> {
+        if self.tripped {
+            return Ok(());
+        }
+        if self.twin.closed() != SocketSet::ALL {
+            self.trip(t, "a socket has left its ball");
+            return Ok(());
+        }
+        let span = self.period * self.options.control_period as f64;
+        let trajectory = |source| SimulationError::Trajectory { t, source };
+        let geometry = self.twin.plant().geometry;
+        let next = geometry.inverse_motion(&(self.desired)(t + span)).map_err(trajectory)?;
+        let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
+        let limits = &self.options.supervision;
+        for i in 0..ARMS {
+            let (feedback, error) = (command.feedback[i].abs(), (self.wanted.q[i] - motion.q[i]).abs());
+            if let Some(limit) = limits.torque.filter(|limit| feedback > *limit) {
+                self.trip(t, format!("feedback torque {feedback:.1} N·m on axis {} exceeds {limit} N·m", i + 1));
+                return Ok(());
             }
+            if let Some(limit) = limits.tracking.filter(|limit| error > *limit) {
+                self.trip(t, format!("tracking error {error:.4} rad on axis {} exceeds {limit} rad", i + 1));
+                return Ok(());
+            }
+        }
+        self.torque = match self.options.hold_torque {
+            HoldTorque::Ramp => Torque::ramp(t, *tau, command.torque, span),
+            HoldTorque::Hold => Torque::constant(command.torque),
+        };
+        self.wanted = next;
+        Ok(())
+    }
+
+    fn trip(&mut self, t: f64, why: impl Into<String>) {
+        self.tripped = true;
+        self.torque = Torque::default();
+        if let Trip::Brake { torque } = self.options.supervision.trip {
+            self.twin.set_brake(torque);
+        }
+        self.event(t, EventKind::Trip, why);
+    }
+
+    /// Moves on to `end`, opening sockets whose hold is exceeded.
+    fn advance(&mut self, end: f64) -> Result<(), SingularPose> {
+        let full = self.period / self.options.substeps as f64;
+        while end - self.twin.time() > INSTANT {
+            let mut h = full.min(end - self.twin.time());
+            if end - self.twin.time() - h < 1e-3 * full {
+                h = end - self.twin.time();
+            }
+            h = self.touch(h);
+            let t = self.twin.time();
+            if self.clamps.armed {
+                self.twin.save(&mut self.mark);
+            }
+            self.twin.step(h, &self.torque)?;
+            self.report.steps += 1;
+            if self.clamps.armed && self.weakest()? < 0.0 {
+                self.open_sockets(h)?;
+            }
+            if let Some(cell) = &mut self.cell {
+                cell.advance(self.twin.time() - t, (self.twin.time() - t) / h);
+                self.contact = self.twin.external_now();
+            }
+        }
+        Ok(())
+    }
+
+    /// Contact wrenches over the coming step, which is shortened to resolve them.
+    fn touch(&mut self, h: f64) -> f64 {
+        let Some(cell) = &mut self.cell else { return h };
+        let motion = self.twin.motion();
+        let closed = self.twin.closed();
+        if !cell.near(&motion, closed, h) && self.contact.iter().all(|w| *w == STILL) {
+            self.twin.set_external(Load::NONE);
+            return h;
+        }
+        let n = (h / cell.contact_step()).ceil().max(1.0);
+        let h = h / n;
+        // Wrenches go linearly to what they will be at the end of the step, so reactions are continuous in time.
+        let ahead = extrapolated(&motion, h);
+        let next = *cell.contact(&ahead, closed);
+        let t = self.twin.time();
+        self.twin.set_external(Load::ramp(t, &self.contact, &next, h));
+        let touches = cell.touching();
+        for touch in touches {
+            let what = format!("{} touches {}", touch.link, touch.other);
+            match self.touching.iter_mut().find(|(known, _)| *known == what) {
+                Some((_, last)) if t - *last < CONTACT_PAUSE => *last = t,
+                Some((_, last)) => {
+                    *last = t;
+                    self.event(t, EventKind::Contact, what);
+                }
+                None => {
+                    self.touching.push((what.clone(), t));
+                    self.event(t, EventKind::Contact, what);
+                }
+            }
+        }
+        h
+    }
+
+    /// Smallest margin of the sockets that hold.
+    fn weakest(&mut self) -> Result<f64, SingularPose> {
+        let snapshot = self.twin.evaluate(&self.torque)?;
+        let closed = self.twin.closed();
+        let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, closed);
+        Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
+    }
+
+    /// Goes back to where a margin vanished within the last step of `h` and opens every socket that cannot hold there.
+    fn open_sockets(&mut self, h: f64) -> Result<(), SingularPose> {
+        let (mut before, mut after) = (0.0, h);
+        while after - before > EVENT_TIME {
+            let middle = 0.5 * (before + after);
+            self.twin.restore(&self.mark);
+            self.twin.step(middle, &self.torque)?;
+            if self.weakest()? < 0.0 { after = middle } else { before = middle }
+        }
+        self.twin.restore(&self.mark);
+        self.twin.step(after, &self.torque)?;
+        let t = self.twin.time();
+        // Each loss loads the others and takes the hold of its partner.
+        loop {
+            let snapshot = self.twin.evaluate(&self.torque)?;
+            let closed = self.twin.closed();
+            let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, closed);
+            let worst = closed.iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b]));
+            let Some(socket) = worst.filter(|&s| margins[s] < 0.0) else { return Ok(()) };
+            let force = (self.clamps.hold[socket] - margins[socket]).max(0.0);
+            let hold = self.clamps.hold[socket];
+            self.report.min_margin[socket] = self.report.min_margin[socket].min(margins[socket]);
+            self.event(
+                t,
+                EventKind::Dislocation,
+                format!("{}: {force:.3} N across the cup, hold {hold:.3} N", socket_name(socket)),
+            );
+            self.twin.open(socket);
+            self.clamps.release(socket);
         }
     }
 
-    /// Adds white noise to torques and forces.
-    fn add_noise(&mut self, signals: &mut Signals) {
-        let Some(rng) = &mut self.rng else { return };
-        for tau in &mut signals.tau {
-            for (x, sigma) in tau.iter_mut().zip(self.torque_noise) {
-                *x += normal(sigma).sample(rng);
+    /// What the gripper does by time `t`.
+    fn act(&mut self, t: f64) -> Result<(), SimulationError> {
+        while let Some(action) = self.options.actions.get(self.next_action).filter(|a| a.t <= t + INSTANT) {
+            self.next_action += 1;
+            let Some(cell) = &mut self.cell else { continue };
+            let failed = |source| SimulationError::Cell { t, source };
+            let singular = |_| SimulationError::Singular { t };
+            let motion = self.twin.motion();
+            match action.kind {
+                ActionKind::Pick(object) => {
+                    let name = self.options.objects[object].name.clone();
+                    let Held { inertia, position, twist, .. } = cell.pick(&name, &motion).map_err(failed)?;
+                    let hand = motion.bodies[END_EFFECTOR];
+                    let linear = twist.velocity * inertia.mass;
+                    // About the end effector's origin: spin of the object and its path.
+                    let centre = hand.rotation * inertia.first_moment / inertia.mass;
+                    let about_centre = {
+                        let point = Inertia::point(inertia.mass, inertia.first_moment / inertia.mass);
+                        hand.rotation * (inertia.tensor - point.tensor) * hand.rotation.transpose()
+                    };
+                    let angular = about_centre * twist.angular_velocity + (position - hand.position).cross(&linear);
+                    debug_assert!((position - hand.position - centre).norm() < 1e-6);
+                    self.twin.attach(&inertia, &(linear, angular)).map_err(singular)?;
+                    self.held = Some(inertia);
+                    self.event(t, EventKind::Pick, name);
+                }
+                ActionKind::Release => {
+                    let name = cell.release(&motion).map_err(failed)?;
+                    if let Some(inertia) = self.held.take() {
+                        self.twin.detach(&inertia).map_err(singular)?;
+                    }
+                    self.event(t, EventKind::Release, name);
+                }
             }
         }
-        let force = normal(self.model.noise.strut_force);
-        for x in signals.strut_upper.iter_mut().flatten().flatten() {
-            *x += force.sample(rng);
+        Ok(())
+    }
+
+    fn kinetic_energy(&self) -> f64 {
+        energy::kinetic(self.twin.plant(), &self.twin.motion()) + self.cell.as_ref().map_or(0.0, Cell::kinetic_energy)
+    }
+
+    fn look_for_rest(&mut self) {
+        let t = self.twin.time();
+        if self.kinetic_energy() > REST_ENERGY {
+            self.rest_since = None;
+        } else if t - *self.rest_since.get_or_insert(t) > REST_TIME {
+            self.rested = true;
+            let since = self.rest_since.unwrap_or(t);
+            self.event(since, EventKind::Rest, "everything is at rest");
         }
+    }
+
+    fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
+        self.report.kinetic_energy = self.kinetic_energy();
+        self.report.energy_error /= self.turned_over.max(f64::MIN_POSITIVE);
+        self.report.closed = self.twin.closed();
+        self.report.unconverged = self.twin.unconverged();
+        for active in &self.twin.plant().effects {
+            active.effect.observe(&active.values(), &mut self.signals);
+        }
+        self.sensors.add_noise(&mut self.signals);
+        (Recording { name: model.name.clone(), signals: self.signals, setup: *setup }, self.report)
     }
 }
 
-fn normal(sigma: f64) -> Normal<f64> {
-    Normal::new(0.0, sigma.max(0.0)).expect("a finite standard deviation")
+/// Poses `h` seconds ahead at the present twists.
+fn extrapolated(motion: &Motion, h: f64) -> Motion {
+    let mut out = *motion;
+    for body in &mut out.bodies {
+        body.position += body.velocity * h;
+        let turn: Vector3<f64> = body.angular_velocity * h;
+        body.rotation = nalgebra::Rotation3::from_scaled_axis(turn).into_inner() * body.rotation;
+    }
+    for s in 0..STRUTS {
+        out.strut_axis[s] = out.bodies[crate::model::bodies::STRUT + s].rotation.column(0).into_owned();
+    }
+    out
 }

@@ -4,14 +4,18 @@
 //! the platform. Each branch is a front whose inner rows are eliminated by themselves; what they leave on the platform's
 //! rows is added to the last, dense front of 23 rows. No fill arises outside of the fronts.
 
+use super::rows::BLOCK_ROWS;
+
 /// Rows of one body's block or of a twist: velocity of the origin, angular velocity.
 pub(super) type Six = [f64; 6];
 
+#[inline]
 pub(super) fn dot(a: &Six, b: &Six) -> f64 {
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
 }
 
 /// a += k·b.
+#[inline]
 pub(super) fn add(a: &mut Six, k: f64, b: &Six) {
     for (x, y) in a.iter_mut().zip(b) {
         *x += k * y;
@@ -34,30 +38,57 @@ impl Root {
 
     /// Factor of the symmetric `m` (lower triangle by columns), `None` when it is not safely positive definite.
     pub fn new(m: &[Six; 6]) -> Option<Self> {
-        let mut columns = *m;
-        let mut inverse = [0.0; 6];
-        for k in 0..6 {
-            let pivot = columns[k][k];
-            // Also catches NaN.
-            if !(pivot > BODY_RANK * m[k][k]) {
+        let mut root = Self { columns: *m, inverse: [0.0; 6] };
+        // Of a body nothing was shifted to or from, translation is m·1.
+        if m[0][1] == 0.0 && m[0][2] == 0.0 && m[1][2] == 0.0 && m[0][0] == m[1][1] && m[0][0] == m[2][2] {
+            if m[0][0] <= 0.0 {
+                return None;
+            }
+            let scale = 1.0 / m[0][0].sqrt();
+            for k in 0..3 {
+                root.inverse[k] = scale;
+                for x in &mut root.columns[k] {
+                    *x *= scale;
+                }
+            }
+            let [a, b, c, rest @ ..] = &mut root.columns;
+            for j in 0..3 {
+                for i in j..3 {
+                    rest[j][3 + i] -= a[3 + i] * a[3 + j] + b[3 + i] * b[3 + j] + c[3 + i] * c[3 + j];
+                }
+            }
+            root.eliminate::<3>(m)?;
+        } else {
+            root.eliminate::<0>(m)?;
+        }
+        Some(root)
+    }
+
+    #[inline(always)]
+    fn eliminate<const FROM: usize>(&mut self, m: &[Six; 6]) -> Option<()> {
+        for k in FROM..6 {
+            let pivot = self.columns[k][k];
+            let regular = pivot > BODY_RANK * m[k][k]; // also false of NaN
+            if !regular {
                 return None;
             }
             let scale = 1.0 / pivot.sqrt();
-            inverse[k] = scale;
+            self.inverse[k] = scale;
             for i in k..6 {
-                columns[k][i] *= scale;
+                self.columns[k][i] *= scale;
             }
-            let column = columns[k];
+            let column = self.columns[k];
             for j in k + 1..6 {
                 for i in j..6 {
-                    columns[j][i] -= column[j] * column[i];
+                    self.columns[j][i] -= column[j] * column[i];
                 }
             }
         }
-        Some(Self { columns, inverse })
+        Some(())
     }
 
     /// L⁻¹·x.
+    #[inline]
     pub fn lower(&self, x: &Six) -> Six {
         let mut y = *x;
         for k in 0..6 {
@@ -70,6 +101,7 @@ impl Root {
     }
 
     /// L⁻ᵀ·x.
+    #[inline]
     pub fn upper(&self, x: &Six) -> Six {
         let mut y = *x;
         for k in (0..6).rev() {
@@ -82,42 +114,71 @@ impl Root {
     }
 }
 
-/// A symmetric matrix of N rows, lower triangle by columns, whose first `P` rows are eliminated.
+/// L⁻¹·Gᵀ component by component: six rows of block rows.
+pub(super) type Columns = [[f64; BLOCK_ROWS]; 6];
+
+/// target += Σ factor_b·source_b, entry by entry; all of one length.
+#[inline(always)]
+fn add_all<const B: usize>(target: &mut [f64], factors: &[f64; B], sources: &[&[f64]; B]) {
+    let n = target.len();
+    let mut cut = *sources;
+    for b in 0..B {
+        cut[b] = &sources[b][..n];
+    }
+    for i in 0..n {
+        let mut sum = target[i];
+        for b in 0..B {
+            sum += factors[b] * cut[b][i];
+        }
+        target[i] = sum;
+    }
+}
+
+/// target += products of block row `row` with those from `others` on.
+#[inline(always)]
+fn row_times(target: &mut [f64], y: &Columns, row: usize, others: usize) {
+    let n = target.len();
+    let mut factors = [0.0; 6];
+    let mut sources: [&[f64]; 6] = [&[]; 6];
+    for c in 0..6 {
+        factors[c] = y[c][row];
+        sources[c] = &y[c][others..others + n];
+    }
+    add_all(target, &factors, &sources);
+}
+
+/// A symmetric matrix of N rows, lower triangle by columns, whose first `P` rows are eliminated joint by joint.
 pub(super) struct Front<const N: usize, const P: usize> {
     pub columns: [[f64; N]; N],
     inverse: [f64; P],
-    /// One past the last row that elimination of a column reaches.
-    reach: [usize; P],
+    /// Rows of each joint, 3 to 5, and one past the last row that its elimination reaches.
+    panels: &'static [(usize, usize)],
 }
 
 impl<const N: usize, const P: usize> Front<N, P> {
-    pub fn new(reach: [usize; P]) -> Self {
-        Self { columns: [[0.0; N]; N], inverse: [0.0; P], reach }
+    pub fn new(panels: &'static [(usize, usize)]) -> Self {
+        Self { columns: [[0.0; N]; N], inverse: [0.0; P], panels }
     }
 
     pub fn clear(&mut self) {
         self.columns = [[0.0; N]; N];
     }
 
-    /// Adds `Y·Yᵀ` at row `at`; `y` are rows after the body's root.
-    pub fn gram(&mut self, y: &[Six], at: usize) {
-        for (j, yj) in y.iter().enumerate() {
-            let column = &mut self.columns[at + j][at + j..at + y.len()];
-            for (x, yi) in column.iter_mut().zip(&y[j..]) {
-                *x += dot(yj, yi);
-            }
+    /// Adds `Y·Yᵀ` at row `at` for `n` block rows of a body from `from` on.
+    pub fn gram(&mut self, y: &Columns, from: usize, n: usize, at: usize) {
+        for j in 0..n {
+            row_times(&mut self.columns[at + j][at + j..at + n], y, from + j, from + j);
         }
     }
 
-    /// Adds `Y_i·Y_jᵀ` at row `i` and column `j`, for two joints of one body, i after j.
-    pub fn cross(&mut self, yi: &[Six], i: usize, yj: &[Six], j: usize) {
-        for (b, y) in yj.iter().enumerate() {
-            for (a, x) in yi.iter().enumerate() {
-                self.columns[j + b][i + a] += dot(x, y);
-            }
+    /// Adds `Y_i·Y_jᵀ` at row `i` and column `j` for three block rows each of one body, i after j.
+    pub fn cross(&mut self, y: &Columns, from: [usize; 2], [i, j]: [usize; 2]) {
+        for b in 0..3 {
+            row_times(&mut self.columns[j + b][i..i + 3], y, from[1] + b, from[0]);
         }
     }
 
+    /// Diagonal entries.
     pub fn diagonal(&self) -> [f64; N] {
         std::array::from_fn(|k| self.columns[k][k])
     }
@@ -126,48 +187,108 @@ impl<const N: usize, const P: usize> Front<N, P> {
     ///
     /// False when a pivot vanishes against its `diagonal` entry in the whole matrix.
     pub fn eliminate(&mut self, diagonal: &[f64; N]) -> bool {
-        for k in 0..P {
-            let (done, rest) = self.columns.split_at_mut(k + 1);
-            let reach = self.reach[k];
-            let column = &mut done[k][..reach];
-            let pivot = column[k];
-            if !(pivot > ROW_RANK * diagonal[k]) {
-                return false;
-            }
-            let scale = 1.0 / pivot.sqrt();
-            self.inverse[k] = scale;
-            for x in &mut column[k..] {
-                *x *= scale;
-            }
-            for (j, target) in rest[..reach - k - 1].iter_mut().enumerate() {
-                let tail = &column[k + 1 + j..];
-                let factor = tail[0];
-                for (x, y) in target[k + 1 + j..reach].iter_mut().zip(tail) {
-                    *x -= factor * y;
+        let mut at = 0;
+        for &(n, reach) in self.panels {
+            for k in at..at + n {
+                let (done, rest) = self.columns.split_at_mut(k + 1);
+                let column = &mut done[k][k..reach];
+                let regular = column[0] > ROW_RANK * diagonal[k]; // also false of NaN
+                if !regular {
+                    return false;
+                }
+                let scale = 1.0 / column[0].sqrt();
+                self.inverse[k] = scale;
+                for x in column.iter_mut() {
+                    *x *= scale;
+                }
+                for (j, target) in rest[..at + n - k - 1].iter_mut().enumerate() {
+                    add_all(&mut target[k + 1 + j..reach], &[-column[j + 1]], &[&column[j + 1..]]);
                 }
             }
+            match n {
+                3 => self.update::<3>(at, reach),
+                4 => self.update::<4>(at, reach),
+                5 => self.update::<5>(at, reach),
+                _ => unreachable!("rows of a joint"),
+            }
+            at += n;
         }
         true
     }
 
+    /// Subtracts what the panel of `B` columns at `at` gives to the columns behind it.
+    fn update<const B: usize>(&mut self, at: usize, reach: usize) {
+        let (done, rest) = self.columns.split_at_mut(at + B);
+        for j in at + B..reach {
+            let mut factors = [0.0; B];
+            let mut panel: [&[f64]; B] = [&[]; B];
+            for b in 0..B {
+                panel[b] = &done[at + b][j..reach];
+                factors[b] = -panel[b][0];
+            }
+            add_all(&mut rest[j - at - B][j..reach], &factors, &panel);
+        }
+    }
+
     /// x := L⁻¹·x on the eliminated rows, with what they leave on the others.
     pub fn forward(&self, x: &mut [f64; N]) {
-        for k in 0..P {
-            x[k] *= self.inverse[k];
-            let (done, rest) = x.split_at_mut(k + 1);
-            let last = self.reach[k];
-            for (x, l) in rest.iter_mut().zip(&self.columns[k][k + 1..last]) {
-                *x -= l * done[k];
+        let mut at = 0;
+        for &(n, reach) in self.panels {
+            match n {
+                3 => self.forward_panel::<3>(x, at, reach),
+                4 => self.forward_panel::<4>(x, at, reach),
+                _ => self.forward_panel::<5>(x, at, reach),
+            }
+            at += n;
+        }
+    }
+
+    fn forward_panel<const B: usize>(&self, x: &mut [f64; N], at: usize, reach: usize) {
+        let (own, rest) = x[at..reach].split_at_mut(B);
+        for k in 0..B {
+            own[k] *= self.inverse[at + k];
+            for i in k + 1..B {
+                own[i] -= self.columns[at + k][at + i] * own[k];
             }
         }
+        let mut factors = [0.0; B];
+        let mut panel: [&[f64]; B] = [&[]; B];
+        for k in 0..B {
+            panel[k] = &self.columns[at + k][at + B..reach];
+            factors[k] = -own[k];
+        }
+        add_all(rest, &factors, &panel);
     }
 
     /// x := L⁻ᵀ·x on the eliminated rows, the others known.
     pub fn backward(&self, x: &mut [f64; N]) {
-        for k in (0..P).rev() {
-            let last = self.reach[k];
-            let sum: f64 = self.columns[k][k + 1..last].iter().zip(&x[k + 1..last]).map(|(l, x)| l * x).sum();
-            x[k] = (x[k] - sum) * self.inverse[k];
+        let mut at = P;
+        for &(n, reach) in self.panels.iter().rev() {
+            at -= n;
+            match n {
+                3 => self.backward_panel::<3>(x, at, reach),
+                4 => self.backward_panel::<4>(x, at, reach),
+                _ => self.backward_panel::<5>(x, at, reach),
+            }
+        }
+    }
+
+    fn backward_panel<const B: usize>(&self, x: &mut [f64; N], at: usize, reach: usize) {
+        let (own, rest) = x[at..reach].split_at_mut(B);
+        let mut panel: [&[f64]; B] = [&[]; B];
+        for k in 0..B {
+            panel[k] = &self.columns[at + k][at + B..reach][..rest.len()];
+        }
+        for i in 0..rest.len() {
+            for k in 0..B {
+                own[k] -= panel[k][i] * rest[i];
+            }
+        }
+        for k in (0..B).rev() {
+            for i in k + 1..B {
+                own[k] -= self.columns[at + k][at + i] * own[i];
+            }
+            own[k] *= self.inverse[at + k];
         }
     }
 }

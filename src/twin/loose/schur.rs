@@ -1,9 +1,9 @@
 //! S = G·M⁻¹·Gᵀ of all 74 rows, assembled in fronts and factored.
 
-use super::factor::{Front, Six};
+use super::factor::{Columns, Front};
 use super::rows::*;
 use crate::kinematics::SocketSet;
-use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{ARMS, STRUTS};
 use crate::twin::constraints::ROWS;
 
@@ -30,25 +30,17 @@ pub(super) struct Schur {
 
 impl Schur {
     pub fn new() -> Self {
-        let limb_reach = std::array::from_fn(|k| [11, 14, 17][(k.max(2) - 2) / 3]);
-        let chain_reach = std::array::from_fn(|k| match k {
-            0..5 => 9,
-            5..9 => 14,
-            9..14 => 18,
-            _ => 23,
-        });
         Self {
-            limbs: std::array::from_fn(|_| Front::new(limb_reach)),
-            chain: Front::new(chain_reach),
-            hub: Front::new([HUB; HUB]),
+            limbs: std::array::from_fn(|_| Front::new(&[(5, 11), (3, 14), (3, 17)])),
+            chain: Front::new(&[(5, 9), (4, 14), (5, 18), (4, 23)]),
+            hub: Front::new(&[(5, HUB), (3, HUB), (3, HUB), (3, HUB), (3, HUB), (3, HUB), (3, HUB)]),
         }
     }
 
     /// Factors S + `tikhonov`·diag S from the blocks of L⁻¹·Gᵀ (M = L·Lᵀ); false when rank is lost.
-    pub fn factor(&mut self, y: &[Six; BLOCK_ROWS], closed: SocketSet, tikhonov: f64) -> bool {
-        let of = |body: usize| &y[BODY[body]..BODY[body + 1]];
+    pub fn factor(&mut self, y: &Columns, closed: SocketSet, tikhonov: f64) -> bool {
         self.hub.clear();
-        self.hub.gram(of(PLATFORM), 0);
+        self.hub.gram(y, BODY[PLATFORM], HUB, 0);
         let mut hub_diagonal = self.hub.diagonal();
         for s in (0..STRUTS).filter(|&s| !closed.contains(STRUTS + s)) {
             for k in 0..3 {
@@ -57,13 +49,13 @@ impl Schur {
         }
         for (i, front) in self.limbs.iter_mut().enumerate() {
             front.clear();
-            front.gram(of(ARM + i), 0);
+            front.gram(y, BODY[ARM + i], LIMB_INNER, 0);
             for side in 0..2 {
                 let s = 2 * i + side;
-                let (elbow, ball) = of(STRUT + s).split_at(3);
-                front.gram(elbow, ELBOW[side]);
-                front.cross(ball, BALL[side], elbow, ELBOW[side]);
-                front.gram(ball, BALL[side]);
+                let (elbow, ball) = (elbow_on_strut(s), ball_on_strut(s));
+                front.gram(y, elbow, 3, ELBOW[side]);
+                front.cross(y, [ball, elbow], [BALL[side], ELBOW[side]]);
+                front.gram(y, ball, 3, BALL[side]);
                 if !closed.contains(s) {
                     for k in ELBOW[side]..ELBOW[side] + 3 {
                         front.columns[k][k] = 1.0;
@@ -83,7 +75,7 @@ impl Schur {
         let chain = &mut self.chain;
         chain.clear();
         for (body, at) in [(ROTOR, 0), (TELESCOPE_UPPER, 5), (TELESCOPE_LOWER, 9), (END_EFFECTOR, 14)] {
-            chain.gram(of(body), at);
+            chain.gram(y, BODY[body], BODY[body + 1] - BODY[body], at);
         }
         let diagonal = chain.diagonal();
         relax(chain, &diagonal, tikhonov);
@@ -100,7 +92,7 @@ impl Schur {
             }
         }
         // What the branches passed on is relaxed already.
-        let platform: [f64; HUB] = std::array::from_fn(|k| y[BODY[PLATFORM] + k].iter().map(|x| x * x).sum());
+        let platform: [f64; HUB] = std::array::from_fn(|k| y.iter().map(|c| c[BODY[PLATFORM] + k].powi(2)).sum());
         relax(&mut self.hub, &platform, tikhonov);
         self.hub.eliminate(&hub_diagonal)
     }

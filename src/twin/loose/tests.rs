@@ -378,9 +378,8 @@ fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
         }
     }
     let kinetic = energy::total(&Plant { gravity: 0.0, ..plant.clone() }, &state.motion(&plant.geometry));
-    println!(
-        "frequency {frequency:.4} rad/s, swing off by {worst:.1e}, energy drift {drift:.1e} J of {kinetic:.2} J, rows {gap:.1e}"
-    );
+    println!("frequency {frequency:.4} rad/s, swing off by {worst:.1e}, energy drift {drift:.1e} J of {kinetic:.2} J");
+    println!("rows {gap:.1e}");
     assert!(worst < 1e-5 && drift < 1e-6 && gap < 1e-11, "{worst:e} {drift:e} {gap:e}");
 }
 
@@ -399,7 +398,7 @@ fn a_whole_fall_keeps_its_energy() {
     }
     let tilt = state.motion(&plant.geometry).bodies[PLATFORM].rotation[(2, 2)].acos();
     println!("energy drift {drift:.1e} J, platform tilted by {tilt:.2} rad");
-    assert!(drift < 1e-6 && tilt > 0.1, "{drift:e} {tilt}");
+    assert!(drift < 1e-6 && tilt > 0.03, "{drift:e} {tilt}");
 }
 
 #[test]
@@ -509,45 +508,74 @@ fn damping_adds_to_the_inertia() {
 }
 
 #[test]
-fn redundant_rows_and_bodies_without_inertia_do_not_stop_a_run() {
-    // All struts and arms hang straight down: three of six strut rows say the same.
-    let mut plant = plant();
-    plant.geometry.base_radius = plant.geometry.platform_radius;
-    plant.geometry.upper_hooke_height = 0.3;
-    let joints = JointState { q: [FRAC_PI_2; 4], qd: [0.0; 4], qdd: [0.0; 4] };
-    let height = -plant.geometry.arm_length - plant.geometry.strut_length[0];
-    let mut motion = Motion::disassembled(&plant.geometry, &joints);
-    let start = |z: f64| BodyMotion { position: Vector3::new(0.0, 0.0, z), ..BodyMotion::REST };
-    for s in 0..STRUTS {
-        let limb = s / 2;
-        let foot = Geometry::radial(limb) * plant.geometry.platform_radius
-            + Geometry::tangential(limb) * plant.geometry.pair_offset(s);
-        motion.bodies[STRUT + s] = start(-plant.geometry.arm_length);
-        motion.bodies[STRUT + s].position += foot;
-        motion.bodies[STRUT + s].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
+fn bodies_without_inertia_are_solved_exactly() {
+    // A platform without a tensor and arms of two points each, against such with inertia that does not enter the motion.
+    let (mut full, mut rng, mut loose) = (plant(), ChaCha8Rng::seed_from_u64(8), Loose::new());
+    full.bodies[PLATFORM] = Inertia::point(1.2, Vector3::zeros());
+    for i in 0..ARMS {
+        full.bodies[ARM + i] = Inertia::point(1.0, Vector3::new(0.1, 0.0, 0.02));
+        full.bodies[ARM + i] += Inertia::point(0.4, Vector3::new(0.3, 0.0, -0.03));
     }
-    motion.bodies[PLATFORM] = start(height);
-    let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2).into_inner();
-    let _ = turned;
-    motion.bodies[END_EFFECTOR] = start(height + plant.geometry.flange_height);
-    motion.bodies[TELESCOPE_UPPER] = start(plant.geometry.upper_hooke_height);
-    motion.bodies[TELESCOPE_LOWER] = start(height + plant.geometry.lower_hooke_height);
-    motion.bodies[ROTOR].rotation = Matrix3::identity();
-    let mut loose = Loose::new();
-    let weight: f64 = (PLATFORM..BODIES).map(|b| plant.bodies[b].mass).sum::<f64>() * plant.gravity;
-    for massless in [false, true] {
-        if massless {
-            plant.bodies[PLATFORM].tensor = Matrix3::zeros();
-            plant.bodies[PLATFORM].first_moment = Vector3::zeros();
-            plant.bodies[ARM].tensor = Matrix3::from_diagonal(&Vector3::new(0.0, 0.258, 0.0));
+    let bare = full.clone();
+    full.bodies[PLATFORM] += Inertia::diagonal(0.0, [0.0; 3], [0.005, 0.005, 0.006]);
+    for i in 0..ARMS {
+        full.bodies[ARM + i] += Inertia::diagonal(0.0, [0.0; 3], [0.1, 0.0, 0.1]);
+    }
+    let (mut worst, mut size) = (0f64, 1f64);
+    for _ in 0..50 {
+        let motion = full.motion(&joints(&full, &mut rng)).unwrap();
+        let wrenches = torques(&[50.0, -20.0, 30.0, 1.0]);
+        let a = loose.solve(&full, &motion.bodies, SocketSet::ALL, &wrenches, None).unwrap().clone();
+        let b = loose.solve(&bare, &motion.bodies, SocketSet::ALL, &wrenches, None).unwrap();
+        for (a, b) in a.bodies.iter().zip(&b.bodies) {
+            size = size.max(a.0.norm()).max(a.1.norm());
+            worst = worst.max((a.0 - b.0).norm()).max((a.1 - b.1).norm());
         }
-        let solution = loose.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap();
-        assert!(solution.multipliers.iter().all(|x| x.is_finite()));
-        println!("{:?}", solution.bodies[PLATFORM]);
-        assert!(solution.bodies[PLATFORM].0.norm() < 1e-6, "{}", solution.bodies[PLATFORM].0);
-        let carried: f64 = loose.socket_forces()[6..].iter().map(|f| -f.z).sum();
-        println!("carried {carried} of {weight}");
     }
-    motion.bodies[PLATFORM].position.x = f64::NAN;
-    assert!(loose.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).is_err());
+    println!("off by {worst:.1e} of {size:.1e}");
+    assert!(worst < 1e-9 * size, "{worst:e}");
+}
+
+/// All struts and arms hang straight down: three of six strut rows say the same.
+fn hanging() -> (Plant, [BodyMotion; BODIES]) {
+    let mut plant = plant();
+    let g = &mut plant.geometry;
+    g.base_radius = g.platform_radius;
+    g.upper_hooke_height = 0.3;
+    let g = plant.geometry;
+    let joints = JointState { q: [FRAC_PI_2; 4], qd: [0.0; 4], qdd: [0.0; 4] };
+    let mut bodies = Motion::disassembled(&g, &joints).bodies;
+    let height = -g.arm_length - g.strut_length[0];
+    for s in 0..STRUTS {
+        let foot = Geometry::radial(s / 2) * g.platform_radius + Geometry::tangential(s / 2) * g.pair_offset(s);
+        bodies[STRUT + s].position = foot - Vector3::z() * g.arm_length;
+        bodies[STRUT + s].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
+    }
+    // Rotor and cross axes are turned alike by q4.
+    for (b, z) in [
+        (END_EFFECTOR, height + g.flange_height),
+        (TELESCOPE_UPPER, g.upper_hooke_height),
+        (TELESCOPE_LOWER, height + g.lower_hooke_height),
+    ] {
+        bodies[b] = BodyMotion { position: Vector3::new(0.0, 0.0, z), ..bodies[ROTOR] };
+    }
+    bodies[PLATFORM].position.z = height;
+    (plant, bodies)
+}
+
+#[test]
+fn redundant_rows_do_not_stop_a_run() {
+    let (plant, mut bodies) = hanging();
+    let mut loose = Loose::new();
+    let solution = loose.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap().clone();
+    assert!(loose.violation() < 1e-15 && loose.0.regularised);
+    for (b, a) in solution.bodies.iter().enumerate().skip(PLATFORM) {
+        assert!(a.0.norm() < 1e-9 && a.1.norm() < 1e-9, "body {b}: {a:?}");
+    }
+    let weight: f64 = [PLATFORM, TELESCOPE_LOWER].iter().map(|&b| plant.bodies[b].mass * plant.gravity).sum();
+    let carried: f64 = loose.socket_forces()[6..].iter().map(|f| -f.z).sum();
+    assert!((carried - weight).abs() < 1e-9, "{carried} of {weight}");
+    // A platform that is no body.
+    bodies[PLATFORM].rotation[(0, 1)] = f64::NAN;
+    assert_eq!(loose.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap_err(), SingularPose);
 }
