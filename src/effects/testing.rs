@@ -28,7 +28,7 @@ pub(crate) fn geometry() -> Geometry {
 }
 
 /// All bodies at rest in the origin, struts and telescope along z.
-pub(super) fn still() -> Motion {
+pub(crate) fn still() -> Motion {
     Motion {
         q: [0.0; 4],
         qd: [0.0; 4],
