@@ -5,6 +5,7 @@
 mod check;
 pub mod command;
 pub mod csv;
+mod difference;
 mod error;
 mod file;
 pub mod mcap;
@@ -12,6 +13,7 @@ pub mod mcap;
 pub mod rerun;
 pub mod setup;
 
+pub use difference::Difference;
 pub use error::{ReadError, WriteError};
 
 use std::ops::Range;

@@ -1,32 +1,46 @@
 //! `deltatwin simulate`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use miette::{IntoDiagnostic, WrapErr, miette};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
+use super::sockets::socket_name;
 use super::{Options, Report, SimulationError, simulate};
 use crate::dynamics::Plant;
+use crate::kinematics::motion::SOCKETS;
 use crate::model::Model;
-use crate::recording::Recording;
-use crate::scenario::Scenario;
+use crate::recording::{Difference, Recording};
+use crate::scenario::{DesiredMotion, Scenario};
 use crate::terminal::{BAD_ANSWER, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say};
 
 /// Run the twin.
 ///
-/// Ctrl-C ends the run at the next period; what was simulated until then is written.
+/// Several scenarios run at once on all cores. Ctrl-C ends a run at its next sample; what was simulated until then is
+/// written.
 #[derive(clap::Args, Clone, Debug)]
-#[command(after_help = "Example: deltatwin simulate scenarios/excitation.toml -o run.mcap")]
+#[command(after_help = "Examples: deltatwin simulate scenarios/excitation.toml -o run.mcap
+          deltatwin simulate scenarios/crash.toml --step-error
+          deltatwin simulate scenarios/smoke.toml --verify run.mcap")]
 pub struct Args {
-    /// Scenario file.
-    pub scenario: PathBuf,
-    /// Recording to write, .mcap or .csv.
+    /// Scenario files.
+    #[arg(required = true)]
+    pub scenarios: Vec<PathBuf>,
+    /// Recording to write, .mcap or .csv; with several scenarios a folder, which gets one .mcap each.
     #[arg(short, long, value_name = "REC")]
     pub output: Option<PathBuf>,
     /// Model file of the machine, instead of the scenario's; the controller keeps its own.
     #[arg(long, value_name = "M")]
     pub model: Option<PathBuf>,
+    /// Run again at 1/16 of the step, without noise, and report how far the two are apart.
+    #[arg(long)]
+    pub step_error: bool,
+    /// Compare with an earlier recording of the same scenario, bit by bit; reports the first sample that differs.
+    #[arg(long, value_name = "REC")]
+    pub verify: Option<PathBuf>,
     /// Rerun file to write.
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "FILE")]
@@ -36,9 +50,103 @@ pub struct Args {
     pub json: bool,
 }
 
+/// Steps of the reference run per step.
+const REFERENCE: usize = 16;
+
+/// A scenario with all it names, checked.
+struct Job {
+    scenario: Scenario,
+    machine: Model,
+    planning: Model,
+    motion: DesiredMotion,
+    output: Option<PathBuf>,
+}
+
+/// What became of a job.
+struct Outcome {
+    recording: Recording,
+    report: Report,
+    wall: f64,
+    step_error: Option<Vec<Difference>>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let scenario = Scenario::read(&args.scenario)?;
+    let jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
+    if jobs.len() > 1 {
+        if args.verify.is_some() {
+            return Err(miette!("--verify compares one scenario; {} were given", jobs.len()));
+        }
+        #[cfg(feature = "viewer")]
+        if args.rrd.is_some() {
+            return Err(miette!("--rrd shows one scenario; {} were given", jobs.len()));
+        }
+        if let Some(folder) = &args.output {
+            std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
+        }
+    }
+    #[cfg(feature = "viewer")]
+    if let Some(rrd) = &args.rrd {
+        check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
+    }
+    let verify = args.verify.as_deref().map(|file| Recording::read(file, None).map(|(r, _)| r)).transpose()?;
+    catch_interrupt()?;
+    let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
+    let progress = bar("simulate", (total * 1e3) as u64);
+    let done = AtomicU64::new(0);
+    let outcomes: Vec<Result<Outcome, SimulationError>> = jobs
+        .par_iter()
+        .map(|job| {
+            let mut last = 0;
+            execute(job, args.step_error, &mut |t| {
+                let now = (t * 1e3) as u64;
+                progress.set_position(done.fetch_add(now - last, Ordering::Relaxed) + now - last);
+                last = now;
+                !interrupted()
+            })
+        })
+        .collect();
+    progress.finish_and_clear();
+    let mut status = DONE;
+    let mut runs = Vec::new();
+    for (job, outcome) in jobs.iter().zip(outcomes) {
+        let outcome = match outcome {
+            Ok(outcome) => outcome,
+            Err(error @ (SimulationError::Singular { .. } | SimulationError::Cell { .. })) => {
+                eprintln!("error: {}: {error}", job.scenario.name);
+                status = BAD_ANSWER;
+                continue;
+            }
+            Err(error) => return Err(error).into_diagnostic().wrap_err_with(|| job.scenario.name.clone()),
+        };
+        if let Some(output) = &job.output {
+            outcome.recording.write(output).into_diagnostic()?;
+        }
+        #[cfg(feature = "viewer")]
+        if let Some(rrd) = &args.rrd {
+            crate::replay::write(rrd, &outcome.recording, &job.planning)?;
+        }
+        let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
+        if matches!(difference, Some(Some(_))) {
+            status = BAD_ANSWER;
+        }
+        if args.json {
+            runs.push(json(job, &outcome, difference.as_ref()));
+        } else {
+            print(job, &outcome, difference.as_ref(), args)?;
+        }
+    }
+    if args.json {
+        match runs.len() {
+            1 if jobs.len() == 1 => say(runs.remove(0))?,
+            _ => say(json!({ "runs": runs }))?,
+        }
+    }
+    Ok(if interrupted() { INTERRUPTED } else { status })
+}
+
+fn job(file: &Path, args: &Args) -> miette::Result<Job> {
+    let scenario = Scenario::read(file)?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
     let machine = Model::read(machine_file)?;
     // Another machine does not change what the controller knows: the same motion drives both.
@@ -46,60 +154,56 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         same if same == machine_file => machine.clone(),
         other => Model::read(other)?,
     };
-    let inputs = [args.scenario.as_path(), machine_file];
-    if let Some(output) = &args.output {
-        check_output(output, &inputs, &["mcap", "csv"])?;
-    }
-    #[cfg(feature = "viewer")]
-    if let Some(rrd) = &args.rrd {
-        check_output(rrd, &inputs, &["rrd"])?;
-    }
     if !machine.assembled {
         return Err(miette!("{}: is disassembled; expected an assembled robot", machine_file.display()));
     }
-    let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| args.scenario.display().to_string())?;
-    let controller = Plant::new(&planning, &scenario.setup);
-    let options = Options::of(&scenario, &machine);
-    catch_interrupt()?;
-    let progress = bar("simulate", (scenario.duration * 1e3) as u64);
-    let start = Instant::now();
-    let outcome = simulate(&machine, &scenario.setup, &controller, &|t| motion.at(t), &options, &mut |t| {
-        progress.set_position((t * 1e3) as u64);
-        !interrupted()
+    let output = args.output.as_ref().map(|output| {
+        if args.scenarios.len() > 1 { output.join(&scenario.name).with_extension("mcap") } else { output.clone() }
     });
+    if let Some(output) = &output {
+        check_output(output, &[file, machine_file], &["mcap", "csv"])?;
+    }
+    let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
+    Ok(Job { scenario, machine, planning, motion, output })
+}
+
+fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
+    let Job { scenario, machine, planning, motion, .. } = job;
+    let controller = Plant::new(planning, &scenario.setup);
+    let options = Options::of(scenario, machine);
+    let desired = |t: f64| motion.at(t);
+    let start = Instant::now();
+    let (mut recording, report) = simulate(machine, &scenario.setup, &controller, &desired, &options, progress)?;
     let wall = start.elapsed().as_secs_f64();
-    progress.finish_and_clear();
-    let (mut recording, report) = match outcome {
-        Ok(done) => done,
-        Err(error @ SimulationError::Singular { .. }) => {
-            eprintln!("error: {}: {error}", args.scenario.display());
-            return Ok(BAD_ANSWER);
-        }
-        Err(error) => return Err(error).into_diagnostic(),
-    };
     recording.name.clone_from(&scenario.name);
-    if let Some(output) = &args.output {
-        recording.write(output).into_diagnostic()?;
-    }
-    #[cfg(feature = "viewer")]
-    if let Some(rrd) = &args.rrd {
-        crate::replay::write(rrd, &recording, &planning)?;
-    }
-    if args.json {
-        say(json(&report, &machine, wall, args))?;
+    let step_error = if step_error {
+        let again = |substeps: usize| {
+            let options = Options { noise_seed: None, substeps, ..options.clone() };
+            simulate(machine, &scenario.setup, &controller, &desired, &options, &mut |_| !interrupted())
+        };
+        let coarse = again(options.substeps)?.0;
+        let fine = again(REFERENCE * options.substeps)?.0;
+        Some(coarse.differences(&fine))
     } else {
-        print(&report, &recording, wall, args)?;
-    }
-    Ok(if interrupted() { INTERRUPTED } else { DONE })
+        None
+    };
+    Ok(Outcome { recording, report, wall, step_error })
 }
 
-/// Force that the sockets could still take beyond the largest strut force, N.
-fn socket_margin(report: &Report, machine: &Model) -> f64 {
-    machine.sockets.dislocation_force - report.peak_strut_force
+/// The socket that came closest to leaving, or left first by the most, and its margin, N.
+fn weakest(report: &Report) -> (usize, f64) {
+    (0..SOCKETS).map(|s| (s, report.min_margin[s])).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::INFINITY))
 }
 
-fn json(report: &Report, machine: &Model, wall: f64, args: &Args) -> Value {
-    json!({
+fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -> Value {
+    let Outcome { report, wall, step_error, .. } = outcome;
+    let differences = |all: &[Difference]| {
+        all.iter().map(|d| (d.channel.clone(), json!(d.size))).collect::<serde_json::Map<String, Value>>()
+    };
+    let events: Vec<Value> =
+        report.events.iter().map(|e| json!({ "t": e.t, "kind": e.kind.name(), "what": e.what })).collect();
+    let mut out = json!({
+        "scenario": job.scenario.name,
         "simulated_s": report.simulated,
         "wall_s": wall,
         "steps": report.steps,
@@ -107,23 +211,63 @@ fn json(report: &Report, machine: &Model, wall: f64, args: &Args) -> Value {
         "max_loop_rate": report.max_loop_rate,
         "energy_error": report.energy_error,
         "tracking_error": report.tracking_error,
-        "events": [],
+        "events": events,
         "peak_strut_force": report.peak_strut_force,
-        "min_socket_margin": socket_margin(report, machine),
+        "min_socket_margin": weakest(report).1,
+        "socket_margins": report.min_margin,
+        "kinetic_energy": report.kinetic_energy,
         "interrupted": interrupted(),
-        "recording": args.output.as_deref().map_or(Value::Null, path),
-    })
+        "recording": job.output.as_deref().map_or(Value::Null, path),
+    });
+    if let Some(step_error) = step_error {
+        out["step_error"] = Value::Object(differences(step_error));
+    }
+    if let Some(difference) = difference {
+        out["first_difference"] = difference
+            .as_ref()
+            .map_or(Value::Null, |d| json!({ "sample": d.sample, "channel": d.channel, "size": d.size }));
+    }
+    out
 }
 
-fn print(report: &Report, recording: &Recording, wall: f64, args: &Args) -> miette::Result<()> {
+fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, args: &Args) -> miette::Result<()> {
+    let Outcome { recording, report, wall, step_error } = outcome;
     let ended = if interrupted() { ", interrupted" } else { "" };
-    say(format!("Simulated {:.4} s in {wall:.2} s, {} steps{ended}", report.simulated, report.steps))?;
+    let name = &job.scenario.name;
+    say(format!("{name}: simulated {:.4} s in {wall:.2} s, {} steps{ended}", report.simulated, report.steps))?;
     say(format!("  loops      gap {:.1e} m, rate {:.1e} m/s at most", report.max_loop_gap, report.max_loop_rate))?;
     say(format!("  energy     {:.1e} of the work turned over is unaccounted for", report.energy_error))?;
-    say(format!("  struts     {:.1} N at most", report.peak_strut_force))?;
+    let (socket, margin) = weakest(report);
+    say(format!(
+        "  struts     {:.1} N at most; weakest socket {} with a margin of {margin:.1} N",
+        report.peak_strut_force,
+        socket_name(socket)
+    ))?;
     let e = report.tracking_error.map(|e| 1e3 * e);
     say(format!("  tracking   {:.3}, {:.3}, {:.3}, {:.3} mrad at most", e[0], e[1], e[2], e[3]))?;
-    match &args.output {
+    if report.unconverged > 0.0 {
+        say(format!(
+            "  friction   load-dependent friction did not converge, off by up to {:.1e} N",
+            report.unconverged
+        ))?;
+    }
+    for event in &report.events {
+        say(format!("  {:9.6} s  {}: {}", event.t, event.kind.name(), event.what))?;
+    }
+    if let Some(step_error) = step_error {
+        say(format!("  against {REFERENCE} times smaller steps, without noise:"))?;
+        for d in step_error {
+            say(format!("    {:<14} {:.1e} {} at most, at sample {}", d.channel, d.size, d.unit, d.sample))?;
+        }
+    }
+    match difference {
+        None => {}
+        Some(None) => say("  verified   every sample is the same, bit for bit")?,
+        Some(Some(d)) => {
+            say(format!("  differs    first at sample {} in {}, by {:e} {}", d.sample, d.channel, d.size, d.unit))?;
+        }
+    }
+    match &job.output {
         Some(output) => say(format!("  Wrote {}: {} samples", output.display(), recording.signals.len()))?,
         None => say("  Nothing written; -o FILE keeps the recording")?,
     }
@@ -131,5 +275,7 @@ fn print(report: &Report, recording: &Recording, wall: f64, args: &Args) -> miet
     if let Some(rrd) = &args.rrd {
         say(format!("  Wrote {}; look at it with: rerun {}", rrd.display(), rrd.display()))?;
     }
+    #[cfg(not(feature = "viewer"))]
+    let _ = args;
     Ok(())
 }

@@ -26,7 +26,7 @@ mod wrench;
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
 pub use reactions::JointReactions;
-pub use simulate::{Event, EventKind, Options, Report, SimulationError, simulate};
+pub use simulate::{Event, EventKind, Frame, Options, Report, SimulationError, simulate};
 pub use sockets::Clamps;
 pub use state::BodyState;
 pub use torque::Torque;

@@ -1,6 +1,6 @@
 //! A closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and what the robot touches.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
 use super::controller::{Controller, Gains};
@@ -46,6 +46,21 @@ pub struct Options {
     pub payload_shape: Option<PayloadShape>,
     /// What the gripper does, in order of time.
     pub actions: Vec<Action>,
+    /// Keep the poses of all bodies and objects every so many seconds.
+    pub frames: Option<f64>,
+}
+
+/// Where everything was at one time.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Time, s.
+    pub t: f64,
+    /// Poses of the bodies' frames, world.
+    pub bodies: [Isometry3<f64>; BODIES],
+    /// Poses of the objects, in the order of [`Options::objects`].
+    pub objects: Vec<Isometry3<f64>>,
+    /// Sockets that held.
+    pub closed: SocketSet,
 }
 
 impl Default for Options {
@@ -63,6 +78,7 @@ impl Default for Options {
             objects: Vec::new(),
             payload_shape: None,
             actions: Vec::new(),
+            frames: None,
         }
     }
 }
@@ -88,6 +104,7 @@ impl Options {
             objects: scenario.objects.clone(),
             payload_shape: scenario.payload_shape,
             actions: scenario.actions.clone(),
+            frames: None,
         }
     }
 }
@@ -158,6 +175,8 @@ pub struct Report {
     pub tracking_error: [f64; AXES],
     /// What happened, in order.
     pub events: Vec<Event>,
+    /// Poses, as far as [`Options::frames`] asks for them.
+    pub frames: Vec<Frame>,
     /// Sockets that hold at the end.
     pub closed: SocketSet,
     /// Kinetic energy of robot and objects at the end, J.
@@ -317,6 +336,7 @@ impl<'a> Run<'a> {
                 min_margin: clamps.hold,
                 tracking_error: [0.0; AXES],
                 events: Vec::new(),
+                frames: Vec::new(),
                 closed: SocketSet::ALL,
                 kinetic_energy: 0.0,
                 unconverged: 0.0,
@@ -337,6 +357,7 @@ impl<'a> Run<'a> {
         let Ok(snapshot) = self.twin.evaluate(&self.torque) else { return self.stuck(t, singular) };
         let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, self.twin.closed());
         self.watch(&snapshot, &margins);
+        self.keep_frame(t, &snapshot.motion);
         let tau = self.torque.at(t);
         let encoders = self.sensors.angles(&self.twin.encoders());
         self.sensors.record(&mut self.signals, t, &encoders, &tau, &snapshot, &margins);
@@ -583,6 +604,19 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    fn keep_frame(&mut self, t: f64, motion: &Motion) {
+        let Some(spacing) = self.options.frames else { return };
+        if t + INSTANT < self.report.frames.len() as f64 * spacing {
+            return;
+        }
+        let bodies = motion.bodies.map(|b| {
+            let rotation = Rotation3::from_matrix_unchecked(b.rotation);
+            Isometry3::from_parts(b.position.into(), UnitQuaternion::from_rotation_matrix(&rotation))
+        });
+        let objects = self.cell.as_ref().map_or_else(Vec::new, |c| c.objects(motion).map(|(_, at, _)| at).collect());
+        self.report.frames.push(Frame { t, bodies, objects, closed: self.twin.closed() });
+    }
+
     fn kinetic_energy(&self) -> f64 {
         energy::kinetic(self.twin.plant(), &self.twin.motion()) + self.cell.as_ref().map_or(0.0, Cell::kinetic_energy)
     }
@@ -617,7 +651,7 @@ fn extrapolated(motion: &Motion, h: f64) -> Motion {
     for body in &mut out.bodies {
         body.position += body.velocity * h;
         let turn: Vector3<f64> = body.angular_velocity * h;
-        body.rotation = nalgebra::Rotation3::from_scaled_axis(turn).into_inner() * body.rotation;
+        body.rotation = Rotation3::from_scaled_axis(turn).into_inner() * body.rotation;
     }
     for s in 0..STRUTS {
         out.strut_axis[s] = out.bodies[crate::model::bodies::STRUT + s].rotation.column(0).into_owned();

@@ -1,0 +1,120 @@
+//! How far two recordings of the same run are apart.
+
+use super::{Recording, Signals};
+use crate::model::AXES;
+
+/// A difference in one channel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Difference {
+    /// Channel, e.g. `tau2`, or a family such as `tau`.
+    pub channel: String,
+    /// Sample, from 0.
+    pub sample: usize,
+    /// Size of the difference, in `unit`.
+    pub size: f64,
+    /// Unit.
+    pub unit: &'static str,
+}
+
+/// A channel of a recording.
+struct Channel<'a> {
+    family: &'static str,
+    name: String,
+    unit: &'static str,
+    value: Box<dyn Fn(usize) -> f64 + 'a>,
+}
+
+impl Recording {
+    /// Largest difference of every family of channels both have, over the samples both have.
+    pub fn differences(&self, other: &Self) -> Vec<Difference> {
+        let samples = self.signals.len().min(other.signals.len());
+        let theirs = channels(&other.signals);
+        let mut out: Vec<Difference> = Vec::new();
+        for mine in channels(&self.signals) {
+            let Some(theirs) = theirs.iter().find(|c| c.name == mine.name) else { continue };
+            if out.last().is_none_or(|d| d.channel != mine.family) {
+                out.push(Difference { channel: mine.family.into(), sample: 0, size: 0.0, unit: mine.unit });
+            }
+            let Some(worst) = out.last_mut() else { continue };
+            for i in 0..samples {
+                let size = ((mine.value)(i) - (theirs.value)(i)).abs();
+                if size > worst.size {
+                    (worst.sample, worst.size) = (i, size);
+                }
+            }
+        }
+        out
+    }
+
+    /// The first sample at which the two are not the same bit for bit; a missing channel or sample counts.
+    pub fn first_difference(&self, other: &Self) -> Option<Difference> {
+        let (mine, theirs) = (channels(&self.signals), channels(&other.signals));
+        if let Some(c) = mine.iter().chain(&theirs).find(|c| {
+            let has = |all: &[Channel]| all.iter().any(|d| d.name == c.name);
+            !(has(&mine) && has(&theirs))
+        }) {
+            return Some(Difference { channel: c.name.clone(), sample: 0, size: f64::INFINITY, unit: c.unit });
+        }
+        let samples = self.signals.len().min(other.signals.len());
+        for i in 0..samples {
+            for (a, b) in mine.iter().zip(&theirs) {
+                let (x, y) = ((a.value)(i), (b.value)(i));
+                if x.to_bits() != y.to_bits() {
+                    return Some(Difference { channel: a.name.clone(), sample: i, size: (x - y).abs(), unit: a.unit });
+                }
+            }
+        }
+        (self.signals.len() != other.signals.len()).then(|| Difference {
+            channel: "t".into(),
+            sample: samples,
+            size: f64::INFINITY,
+            unit: "s",
+        })
+    }
+}
+
+fn channels(signals: &Signals) -> Vec<Channel<'_>> {
+    fn add<'a>(
+        out: &mut Vec<Channel<'a>>,
+        family: &'static str,
+        name: String,
+        unit: &'static str,
+        value: impl Fn(usize) -> f64 + 'a,
+    ) {
+        out.push(Channel { family, name, unit, value: Box::new(value) });
+    }
+    let mut out = Vec::new();
+    add(&mut out, "t", "t".into(), "s", |i| signals.t[i]);
+    let axes = [
+        ("q", "rad", Some(&signals.q)),
+        ("tau", "N·m", Some(&signals.tau)),
+        ("qd", "rad/s", signals.qd.as_ref()),
+        ("qdd", "rad/s²", signals.qdd.as_ref()),
+    ];
+    for (family, unit, values) in axes {
+        for k in 0..AXES {
+            if let Some(values) = values {
+                add(&mut out, family, format!("{family}{}", k + 1), unit, move |i| values[i][k]);
+            }
+        }
+    }
+    for (end, struts) in [("upper", &signals.strut_upper), ("lower", &signals.strut_lower)] {
+        for (s, values) in struts.iter().enumerate() {
+            if let Some(values) = values {
+                add(&mut out, "strut force", format!("strut{}_{end}", s + 1), "N", move |i| values[i]);
+            }
+        }
+    }
+    if let Some(ee) = &signals.ee {
+        for (k, name) in ["ee_x", "ee_y", "ee_z"].into_iter().enumerate() {
+            add(&mut out, "ee", name.into(), "m", move |i| ee[i][k]);
+        }
+    }
+    if let Some(margins) = &signals.socket_margin {
+        for s in 0..12 {
+            let end = if s < 6 { "upper" } else { "lower" };
+            add(&mut out, "socket margin", format!("margin{}_{end}", s % 6 + 1), "N", move |i| margins[i][s]);
+        }
+    }
+    out
+}
