@@ -192,7 +192,7 @@ mod tests {
         assert_eq!((s.gains.proportional, s.gains.derivative), (Some([1.0, 2.0, 3.0, 4.0]), None));
         let model = crate::model::Model::read(&s.model).unwrap();
         let holds = s.socket_holds(&model);
-        assert!(holds[0] == 0.0 && holds[1] == 0.0 && holds[2] > 150.0 && holds[11] < 130.0, "{holds:?}");
+        assert!(holds[0] < 120.0 && holds[1] < 120.0 && holds[2] > 150.0 && holds[11] < 130.0, "{holds:?}");
         let fixed = with(&format!("[sockets]\nhold = {TWELVE}\n")).unwrap();
         assert_eq!(fixed.socket_holds(&model)[11], 0.5);
     }
