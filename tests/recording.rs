@@ -12,6 +12,11 @@ fn angle(k: usize, t: f64) -> f64 {
     0.4 + 0.1 * k as f64 + 0.3 * ((3.0 + k as f64) * t).sin()
 }
 
+/// Socket 8 opens after half a second.
+fn margin(socket: usize, t: f64) -> f64 {
+    if socket == 8 && t > 0.5 { 0.0 } else { 200.0 - 10.0 * socket as f64 * (6.0 * t).sin().abs() / 3.0 }
+}
+
 /// A small motion with every optional channel; time has few decimals, as measurements have.
 fn run(n: usize) -> Recording {
     let t: Vec<f64> = (0..n).map(|i| (i * 4) as f64 / 1e4).collect();
@@ -25,6 +30,7 @@ fn run(n: usize) -> Recording {
         qd: Some(axes(&|k, t| 0.3 * w(k) * (w(k) * t).cos())),
         qdd: Some(axes(&|k, t| -0.3 * w(k) * w(k) * (w(k) * t).sin())),
         ee: Some(t.iter().map(|t| [0.1 * t.sin(), 0.2, -1.0 / (2.0 + t)]).collect()),
+        socket_margin: Some(t.iter().map(|&t| std::array::from_fn(|s| margin(s, t))).collect()),
         segments: std::iter::once(0..n).collect(),
         t: t.clone(),
         ..Signals::default()
@@ -98,7 +104,7 @@ fn mcap_is_deterministic_and_keeps_missing_channels_missing() {
     let folder = folder();
     let mut written = run(300);
     let s = &mut written.signals;
-    (s.qd, s.qdd, s.ee) = (None, None, None);
+    (s.qd, s.qdd, s.ee, s.socket_margin) = (None, None, None, None);
     (s.strut_upper, s.strut_lower) = Default::default();
     let (a, b) = (folder.path().join("run.mcap"), folder.path().join("b.mcap"));
     written.write(&a).unwrap();
@@ -136,6 +142,7 @@ fn truncated_mcap_is_read_as_far_as_it_goes() {
     assert!((3000..9999).contains(&n), "{n}");
     assert_eq!(part.signals.q[..], whole.signals.q[..n]);
     assert_eq!(part.signals.strut_upper[0].as_ref().unwrap()[..], whole.signals.strut_upper[0].as_ref().unwrap()[..n]);
+    assert_eq!(part.signals.socket_margin.unwrap()[..], whole.signals.socket_margin.as_ref().unwrap()[..n]);
     assert_eq!(part.setup, whole.setup);
     // However it is cut or damaged, reading ends with a recording or an error.
     for k in 0..40 {
