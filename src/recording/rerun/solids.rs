@@ -23,8 +23,8 @@ const BRASS: [u8; 3] = [215, 175, 80];
 /// A strut with an open socket.
 const LOOSE: [u8; 3] = [225, 40, 60];
 const PAYLOAD: [u8; 3] = [110, 150, 190];
-const FIXED: [u8; 3] = [120, 122, 118];
-const BELT: [u8; 3] = [55, 80, 95];
+const FIXED: [[u8; 3]; 3] = [[165, 150, 130], [110, 113, 116], [140, 140, 125]];
+const BELT: [u8; 3] = [60, 95, 120];
 const PRODUCTS: [[u8; 3]; 4] = [[200, 90, 110], [95, 170, 150], [205, 170, 90], [140, 120, 190]];
 
 /// The mounting ring and the motors, which stand still.
@@ -165,7 +165,7 @@ pub(super) fn things(rec: &RecordingStream, scene: &Scene) -> Outcome {
         let parts = ["world", "objects", &object.name].map(EntityPathPart::new);
         let entity = EntityPath::from(parts.to_vec());
         let paint = match object.mobility {
-            Mobility::Fixed => FIXED,
+            Mobility::Fixed => FIXED[i % FIXED.len()],
             Mobility::Conveyor { .. } => BELT,
             Mobility::Free { .. } => PRODUCTS[i % PRODUCTS.len()],
         };
@@ -181,23 +181,28 @@ pub(super) fn things(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// A shape of an object, with its name.
+/// A shape of an object, and its name where it hides little.
 fn solid(rec: &RecordingStream, entity: &EntityPath, shape: &Shape, rgb: [u8; 3], name: &str) -> Outcome {
     let (paint, fill) = ([color(rgb)], FillMode::Solid);
-    match *shape {
+    let corner = match *shape {
         Shape::Box { size } => {
             let solid = a::Boxes3D::from_half_sizes([point(0.5 * size)]);
-            rec.log_static(entity.clone(), &solid.with_colors(paint).with_fill_mode(fill).with_labels([name]))?;
+            rec.log_static(entity.clone(), &solid.with_colors(paint).with_fill_mode(fill))?;
+            Vector3::new(0.5 * size.x, -0.5 * size.y, 0.5 * size.z)
         }
         Shape::Cylinder { radius, height } => {
             let solid = a::Cylinders3D::from_lengths_and_radii([height as f32], [radius as f32]);
-            rec.log_static(entity.clone(), &solid.with_colors(paint).with_fill_mode(fill).with_labels([name]))?;
+            rec.log_static(entity.clone(), &solid.with_colors(paint).with_fill_mode(fill))?;
+            Vector3::new(radius, 0.0, 0.5 * height)
         }
         Shape::Sphere { radius } => {
             let solid = a::Ellipsoids3D::from_radii([radius as f32]);
-            rec.log_static(entity.clone(), &solid.with_colors(paint).with_fill_mode(fill).with_labels([name]))?;
+            rec.log_static(entity.clone(), &solid.with_colors(paint).with_fill_mode(fill))?;
+            Vector3::new(0.0, 0.0, radius)
         }
-    }
+    };
+    let tag = a::Points3D::new([point(corner)]).with_radii([0.001f32]).with_colors(paint).with_labels([name]);
+    rec.log_static(entity.join(&EntityPath::from("name")), &tag)?;
     Ok(())
 }
 
