@@ -291,7 +291,15 @@ impl Twin {
 
     /// Kinetic plus potential energy of the bodies, J.
     pub fn energy(&self) -> f64 {
-        energy::total(&self.plant, &self.motion())
+        match &self.form {
+            Form::Assembled(mechanism) => {
+                let (pose, nu, spin) = assembled::pose(&self.y);
+                let frame = mechanism.frame(&pose, &nu, &spin);
+                energy::total(&self.plant, &frame.motion)
+                    + mechanism.stretch_energy(&frame, &self.plant.gravity_vector())
+            }
+            Form::Loose(_) => energy::total(&self.plant, &self.motion()),
+        }
     }
 
     /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, each effect.
