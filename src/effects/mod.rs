@@ -22,6 +22,7 @@ mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
 mod ball_socket_viscous;
 mod base_tilt;
+mod clamp_springs;
 pub mod command;
 mod drive_coulomb_asymmetry;
 mod drive_elasticity;
@@ -75,6 +76,7 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &payload_com_offset::PayloadComOffset,
     &limb_asymmetry::LimbAsymmetry,
     &strut_elasticity::StrutElasticity,
+    &clamp_springs::ClampSprings,
     &strut_length_error::StrutLengthError,
     &base_tilt::BaseTilt,
     &hose_spring::HoseSpring,
@@ -441,6 +443,7 @@ impl<'a> Wrenches<'a> {
     }
 
     /// Force and moment on `body` about its origin.
+    #[inline]
     pub fn wrench(&mut self, k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>) {
         match &mut self.sink {
             Sink::Each(read) => read(k, body, force, moment),
@@ -454,6 +457,7 @@ impl<'a> Wrenches<'a> {
     }
 
     /// Moment on `body`.
+    #[inline]
     pub fn moment(&mut self, k: usize, body: usize, moment: Vector3<f64>) {
         match &mut self.sink {
             Sink::Each(read) => read(k, body, Vector3::zeros(), moment),
@@ -466,6 +470,7 @@ impl<'a> Wrenches<'a> {
     }
 
     /// Torque on drive `axis`, positive along its joint angle; the reaction goes to the base.
+    #[inline]
     pub fn drive_torque(&mut self, k: usize, axis: usize, torque: f64) {
         let (body, direction) = Motion::drive(axis);
         self.moment(k, body, direction * torque);
@@ -479,6 +484,7 @@ impl<'a> Wrenches<'a> {
     }
 
     /// Moment on the strut at `socket` with its reaction on the arm or the platform.
+    #[inline]
     pub fn socket_moment(&mut self, k: usize, socket: usize, moment: Vector3<f64>) {
         let (strut, partner) = Motion::socket_bodies(socket);
         self.moment(k, strut, moment);

@@ -35,6 +35,22 @@ impl BodyMotion {
     };
 }
 
+impl BodyMotion {
+    /// Sets pose and twist; accelerations stay.
+    pub fn place(
+        &mut self,
+        rotation: Matrix3<f64>,
+        position: Vector3<f64>,
+        velocity: Vector3<f64>,
+        angular_velocity: Vector3<f64>,
+    ) {
+        self.rotation = rotation;
+        self.position = position;
+        self.velocity = velocity;
+        self.angular_velocity = angular_velocity;
+    }
+}
+
 /// The telescope between its two Hooke joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Telescope {

@@ -167,8 +167,11 @@ impl Absolute<'_> {
 
     /// Accelerations and forces at a state; `scratch.total` then holds all wrenches with the drives' torques.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, Solution), SingularPose> {
-        let motion = motion(&self.plant.geometry, y);
+        let mut motion = motion(&self.plant.geometry, y);
         let solution = self.solve(t, &motion, &y[self.layout.own()], None)?;
+        for (body, (linear, angular)) in motion.bodies.iter_mut().zip(solution.bodies) {
+            (body.acceleration, body.angular_acceleration) = (linear, angular);
+        }
         Ok((motion, solution))
     }
 }

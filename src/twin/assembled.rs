@@ -32,6 +32,7 @@ pub(super) const MAX_REACTION_ITERATIONS: usize = 60;
 
 /// Buffers that live as long as the twin.
 pub(super) struct Scratch {
+    frame: Option<Box<Frame>>,
     /// Reactions of the last evaluation, first guess of the next.
     pub reactions: Reactions,
     /// Largest change in the last iteration over the reactions that did not converge, N; zero if all did.
@@ -53,6 +54,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub fn new(plant: &Plant, forces: &Forces) -> Self {
         Self {
+            frame: None,
             reactions: Reactions::default(),
             unconverged: 0.0,
             wrenches: [STILL; BODIES],
@@ -126,11 +128,15 @@ pub(super) fn store(y: &mut [f64], pose: &Pose, nu: &OpenVector, spin: &[f64; ST
 }
 
 impl Assembled<'_> {
-    /// All bodies at a state.
-    pub fn frame(&self, y: &[f64]) -> Frame {
+    /// Runs `what` on the frame at a state.
+    fn with_frame<T>(&mut self, y: &[f64], what: impl FnOnce(&mut Self, &mut Frame) -> T) -> T {
         let (mut pose, nu, spin) = pose(y);
         pose.orientation /= pose.orientation.norm();
-        self.mechanism.frame(&pose, &nu, &spin)
+        let mut frame = self.scratch.frame.take().unwrap_or_else(|| Box::new(Frame::empty()));
+        self.mechanism.frame(&pose, &nu, &spin, &mut frame);
+        let out = what(self, &mut frame);
+        self.scratch.frame = Some(frame);
+        out
     }
 
     fn scene<'b>(&self, t: f64, motion: &'b Motion, own: &'b [f64]) -> Scene<'b> {
@@ -181,13 +187,19 @@ impl Assembled<'_> {
         }
     }
 
-    /// Accelerations and reactions at a state.
-    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Frame, Solution), SingularPose> {
-        let frame = self.frame(y);
-        let own = &y[self.layout.own()];
-        self.prepare(t, &frame, own);
-        let solution = self.solve(t, &frame, own, &Implicit::default())?;
-        Ok((frame, solution))
+    /// Accelerations and reactions at a state: motion of all bodies, and the solution.
+    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, Solution), SingularPose> {
+        self.with_frame(y, |system, frame| {
+            let own = &y[system.layout.own()];
+            system.prepare(t, frame, own);
+            let solution = system.solve(t, frame, own, &Implicit::default())?;
+            let mut motion = frame.motion;
+            let accelerations = system.mechanism.accelerations(frame, &solution);
+            for (body, (linear, angular)) in motion.bodies.iter_mut().zip(accelerations) {
+                (body.acceleration, body.angular_acceleration) = (linear, angular);
+            }
+            Ok((motion, solution))
+        })
     }
 
     /// Implicit terms of a stage.
@@ -246,11 +258,32 @@ impl System for Assembled<'_> {
         first: bool,
         k: &mut [f64],
     ) -> Result<(), SingularPose> {
-        let (mut pose, nu, spin) = pose(y);
-        pose.orientation /= pose.orientation.norm();
-        let mut frame = self.mechanism.frame(&pose, &nu, &spin);
+        self.with_frame(y, |system, frame| system.stage_at(t, y, frame, sum, g, first, k))
+    }
+
+    fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
+        let (mut pose, mut nu, spin) = pose(y);
+        self.mechanism.close(&mut pose, &mut nu)?;
+        store(y, &pose, &nu, &spin);
+        Ok(())
+    }
+}
+
+impl Assembled<'_> {
+    /// The stage at a frame.
+    fn stage_at(
+        &mut self,
+        t: f64,
+        y: &[f64],
+        frame: &mut Frame,
+        sum: &[f64],
+        g: f64,
+        first: bool,
+        k: &mut [f64],
+    ) -> Result<(), SingularPose> {
+        let (pose, nu, spin) = pose(y);
         let own = &y[self.layout.own()];
-        self.prepare(t, &frame, own);
+        self.prepare(t, frame, own);
         // Position rates are ν, and ν one step ahead where struts are elastic (their stiffness is implicit).
         let elastic = g > 0.0 && self.mechanism.springs.is_some();
         let mut rate = nu;
@@ -263,11 +296,11 @@ impl System for Assembled<'_> {
                 let scratch = &mut *self.scratch;
                 self.forces.measure_damping(self.plant, &scene, &scratch.reactions, &mut scratch.damping);
             }
-            self.implicit(&frame, sum, g, &rate)
+            self.implicit(frame, sum, g, &rate)
         } else {
             Implicit::default()
         };
-        let solution = self.solve(t, &frame, own, &implicit)?;
+        let solution = self.solve(t, frame, own, &implicit)?;
         if elastic {
             rate += solution.nu_rate * g;
         }
@@ -297,15 +330,8 @@ impl System for Assembled<'_> {
         work[WORK_RESTRAINTS] =
             self.scratch.restraint_power - self.plant.spin_damping * spin.iter().map(|x| x * x).sum::<f64>();
         work[WORK_CONTACT] = if self.external.is_none() { 0.0 } else { self.external.power(t, motion) };
-        work[WORK_STRUTS] = self.mechanism.spring_power(&frame);
+        work[WORK_STRUTS] = self.mechanism.spring_power(frame);
         work[WORK_EFFECTS..].copy_from_slice(&self.scratch.powers);
-        Ok(())
-    }
-
-    fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
-        let (mut pose, mut nu, spin) = pose(y);
-        self.mechanism.close(&mut pose, &mut nu)?;
-        store(y, &pose, &nu, &spin);
         Ok(())
     }
 }

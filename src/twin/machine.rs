@@ -6,7 +6,7 @@ use super::forces::Forces;
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
 use super::loose::Loose;
-use super::mechanism::Mechanism;
+use super::mechanism::{Frame, Mechanism};
 use super::reactions::JointReactions;
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
@@ -126,13 +126,12 @@ impl Twin {
     /// Accelerations, strut and joint forces now, under drive torques.
     pub fn evaluate(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
         let Self { plant, forces, layout, external, scratch, y, t, closed, .. } = self;
-        let (motion, accelerations, reactions, sockets) = match &mut self.form {
+        let (mut motion, reactions, sockets) = match &mut self.form {
             Form::Assembled(mechanism) => {
                 let mut system =
                     Assembled { plant, forces, mechanism, layout: *layout, torque: *torque, external, scratch };
-                let (frame, solution) = system.evaluate(*t, y)?;
-                let accelerations = mechanism.accelerations(&frame, &solution);
-                (frame.motion, accelerations, solution.reactions, solution.socket_force)
+                let (motion, solution) = system.evaluate(*t, y)?;
+                (motion, solution.reactions, solution.socket_force)
             }
             Form::Loose(loose) => {
                 let mut system = Absolute {
@@ -146,13 +145,9 @@ impl Twin {
                     scratch,
                 };
                 let (motion, solution) = system.evaluate(*t, y)?;
-                (motion, solution.bodies, solution.reactions, solution.socket_force)
+                (motion, solution.reactions, solution.socket_force)
             }
         };
-        let mut motion = motion;
-        for (body, (linear, angular)) in motion.bodies.iter_mut().zip(accelerations) {
-            (body.acceleration, body.angular_acceleration) = (linear, angular);
-        }
         let mut wrenches = self.scratch.total;
         for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
             let (body, direction) = Motion::drive(axis);
@@ -168,7 +163,9 @@ impl Twin {
         match &self.form {
             Form::Assembled(mechanism) => {
                 let (pose, nu, spin) = assembled::pose(&self.y);
-                mechanism.frame(&pose, &nu, &spin).motion
+                let mut frame = Frame::empty();
+                mechanism.frame(&pose, &nu, &spin, &mut frame);
+                frame.motion
             }
             Form::Loose(_) => absolute::motion(&self.plant.geometry, &self.y),
         }

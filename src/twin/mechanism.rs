@@ -169,16 +169,12 @@ impl Mechanism {
     }
 
     /// All bodies at a pose with velocities ν and spins.
-    pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS]) -> Frame {
+    pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
         let g = &self.geometry;
-        let mut bodies = [BodyMotion::REST; BODIES];
-        let mut levers = Levers {
-            elbow: [Vector3::zeros(); ARMS],
-            elbow_bias: [Vector3::zeros(); ARMS],
-            ball: [Vector3::zeros(); STRUTS],
-            stretch: [Vector3::zeros(); STRUTS],
-            chain: Chain::zero(),
-        };
+        let Frame { motion, roll_rate, length_rate, levers } = out;
+        let Motion { q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
+        *q = [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi];
+        *qd = [nu[0], nu[1], nu[2], nu[3]];
         let mut elbows = [Vector3::zeros(); ARMS];
         for i in 0..ARMS {
             let (s, c) = pose.phi[i].sin_cos();
@@ -199,10 +195,6 @@ impl Mechanism {
         let rotation = UnitQuaternion::new_unchecked(pose.orientation).to_rotation_matrix().into_inner();
         bodies[PLATFORM] =
             BodyMotion { rotation, position: pose.position, velocity, angular_velocity: omega, ..BodyMotion::REST };
-        let mut strut_axis = [Vector3::zeros(); STRUTS];
-        let mut strut_length = [0.0; STRUTS];
-        let mut roll_rate = [0.0; STRUTS];
-        let mut length_rate = [0.0; STRUTS];
         for s in 0..STRUTS {
             let i = s / 2;
             let v = Geometry::tangential(i);
@@ -222,35 +214,16 @@ impl Mechanism {
             let z = axis.cross(&y);
             let facing_rate = -share / lateral * (stretch - axis * along).dot(&z) / length;
             let (sin, cos) = pose.roll[s].sin_cos();
-            bodies[STRUT + s] = BodyMotion {
-                rotation: Matrix3::from_columns(&[axis, y * cos + z * sin, z * cos - y * sin]),
-                position: upper,
-                velocity: upper_velocity,
-                angular_velocity: swing + axis * spin[s],
-                ..BodyMotion::REST
-            };
+            let roll = Matrix3::from_columns(&[axis, y * cos + z * sin, z * cos - y * sin]);
+            bodies[STRUT + s].place(roll, upper, upper_velocity, swing + axis * spin[s]);
             (strut_axis[s], strut_length[s]) = (axis, length);
             (levers.ball[s], levers.stretch[s]) = (ball, stretch);
             (roll_rate[s], length_rate[s]) = (spin[s] - facing_rate, along);
         }
         let (sin, cos) = pose.psi.sin_cos();
-        bodies[ROTOR] = BodyMotion {
-            rotation: Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0),
-            position: g.upper_hooke(),
-            angular_velocity: Vector3::new(0.0, 0.0, nu[3]),
-            ..BodyMotion::REST
-        };
-        let telescope = self.place_chain(&mut bodies, &mut levers.chain, nu[3]);
-        let motion = Motion {
-            q: [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi],
-            qd: [nu[0], nu[1], nu[2], nu[3]],
-            qdd: [0.0; AXES],
-            bodies,
-            strut_axis,
-            strut_length,
-            telescope,
-        };
-        Frame { motion, roll_rate, length_rate, levers }
+        let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        bodies[ROTOR].place(turned, g.upper_hooke(), Vector3::zeros(), Vector3::new(0.0, 0.0, nu[3]));
+        *telescope = self.place_chain(bodies, &mut levers.chain, nu[3]);
     }
 
     /// Telescope and end effector between the rotor and the platform.
@@ -285,22 +258,14 @@ impl Mechanism {
         chain.c_omega = -n * passed;
         let relative = (omega_t - omega).dot(&n) * passed;
         let flange = pivot * g.flange_height;
-        bodies[END_EFFECTOR] = BodyMotion {
-            rotation: Matrix3::from_columns(&[x, pivot.cross(&x), pivot]),
-            position: platform.position + flange,
-            velocity: platform.velocity + omega.cross(&flange),
-            angular_velocity: omega + pivot * relative,
-            ..BodyMotion::REST
-        };
-        bodies[TELESCOPE_UPPER] =
-            BodyMotion { rotation, position: g.upper_hooke(), angular_velocity: omega_t, ..BodyMotion::REST };
-        bodies[TELESCOPE_LOWER] = BodyMotion {
-            rotation,
-            position: lower,
-            velocity: lower_velocity,
-            angular_velocity: omega_t,
-            ..BodyMotion::REST
-        };
+        bodies[END_EFFECTOR].place(
+            Matrix3::from_columns(&[x, pivot.cross(&x), pivot]),
+            platform.position + flange,
+            platform.velocity + omega.cross(&flange),
+            omega + pivot * relative,
+        );
+        bodies[TELESCOPE_UPPER].place(rotation, g.upper_hooke(), Vector3::zeros(), omega_t);
+        bodies[TELESCOPE_LOWER].place(rotation, lower, lower_velocity, omega_t);
         Telescope { axis, length, rate: -axis.dot(&lower_velocity) }
     }
 
@@ -713,6 +678,33 @@ struct ChainBias {
     hooke: Vector3<f64>,
     telescope: Vector3<f64>,
     end_effector: Twist,
+}
+
+impl Frame {
+    /// Room for a frame.
+    pub fn empty() -> Self {
+        let none = Vector3::zeros();
+        Self {
+            motion: Motion {
+                q: [0.0; AXES],
+                qd: [0.0; AXES],
+                qdd: [0.0; AXES],
+                bodies: [BodyMotion::REST; BODIES],
+                strut_axis: [none; STRUTS],
+                strut_length: [0.0; STRUTS],
+                telescope: Telescope { axis: none, length: 0.0, rate: 0.0 },
+            },
+            roll_rate: [0.0; STRUTS],
+            length_rate: [0.0; STRUTS],
+            levers: Levers {
+                elbow: [none; ARMS],
+                elbow_bias: [none; ARMS],
+                ball: [none; STRUTS],
+                stretch: [none; STRUTS],
+                chain: Chain::zero(),
+            },
+        }
+    }
 }
 
 impl Chain {

@@ -507,7 +507,12 @@ impl<'a> Run<'a> {
         let ahead = extrapolated(&motion, h);
         let next = *cell.contact(&ahead, closed);
         let t = self.twin.time();
-        self.twin.set_external(Load::ramp(t, &self.contact, &next, h));
+        let load = if next.iter().chain(&self.contact).all(|w| *w == STILL) {
+            Load::NONE
+        } else {
+            Load::ramp(t, &self.contact, &next, h)
+        };
+        self.twin.set_external(load);
         let touches = cell.touching();
         for touch in touches {
             let what = format!("{} touches {}", touch.link, touch.other);

@@ -20,26 +20,27 @@ pub struct Load {
     pub start: [Twist; BODIES],
     /// Per second.
     pub rate: [Twist; BODIES],
+    nothing: bool,
 }
 
 impl Load {
     /// Nothing acts.
-    pub const NONE: Self = Self { since: 0.0, start: [STILL; BODIES], rate: [STILL; BODIES] };
+    pub const NONE: Self = Self { since: 0.0, start: [STILL; BODIES], rate: [STILL; BODIES], nothing: true };
 
     /// Wrenches that stay.
     pub fn constant(wrenches: [Twist; BODIES]) -> Self {
-        Self { start: wrenches, ..Self::NONE }
+        Self { start: wrenches, nothing: false, ..Self::NONE }
     }
 
     /// Wrenches that go from `start` to `end` within `h` seconds.
     pub fn ramp(since: f64, start: &[Twist; BODIES], end: &[Twist; BODIES], h: f64) -> Self {
         let rate = std::array::from_fn(|b| ((end[b].0 - start[b].0) / h, (end[b].1 - start[b].1) / h));
-        Self { since, start: *start, rate }
+        Self { since, start: *start, rate, nothing: false }
     }
 
     /// Whether nothing acts.
     pub fn is_none(&self) -> bool {
-        self.start.iter().chain(&self.rate).all(|w| *w == STILL)
+        self.nothing
     }
 
     /// Wrenches at time `t`.

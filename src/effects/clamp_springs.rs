@@ -1,0 +1,142 @@
+//! The springs that press the cups on the balls and keep the struts from spinning.
+
+use nalgebra::Vector3;
+
+use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use crate::model::bodies::STRUT;
+use crate::model::{ARMS, STRUTS};
+
+/// A clamp unit at each end of a pair: two tension springs between the struts, F = ½·(P + k·(d − d₀)) each.
+///
+/// F in N along the line between a spring's anchors, pulling the struts together; P in N and k in N/m of the unit; d the
+/// distance of the anchors in m, d₀ (`gap`) that of the assembled robot. In the strut frame the anchors stand at
+/// x = `position` from the unit's ball, at y = `offset` towards the other strut and at z = ±`spread`.
+///
+/// Anchored on the struts' axes (`offset` 0) the springs of a parallel pair keep their length and direction and do no
+/// work; with an offset they resist the pair's shear. A strut that spins by θ against the other one twists them: per
+/// unit the moment about its axis is −(k·spread²·2 + P·offset)·θ for opposite spins and −P·offset·(1 + 2·offset/d₀)·θ
+/// for spins alike, which friction in the sockets has to hold where the offset is zero. The force on a ball has a
+/// component P·(u·v) along the strut where the pair is sheared (u the strut's axis, v the pair's direction).
+/// A unit is gone once one of its two sockets has left its ball.
+pub struct ClampSprings;
+
+const PRELOAD: usize = 0;
+const RATE: usize = 1;
+const POSITION: usize = 2;
+const OFFSET: usize = 3;
+const SPREAD: usize = 4;
+const GAP: usize = 5;
+
+const fn length(name: &'static str, default: f64) -> Parameter {
+    Parameter { name, unit: "m", count: Count::One, role: Role::Fixed, default, range: (0.0, 1.0) }
+}
+
+const PARAMETERS: &[Parameter] = &[
+    Parameter { name: "preload", unit: "N", count: Count::One, role: Role::Linear, default: 200.0, range: (0.0, 1e4) },
+    Parameter { name: "rate", unit: "N/m", count: Count::One, role: Role::Linear, default: 9200.0, range: (0.0, 1e6) },
+    length("position", 0.03),
+    length("offset", 0.0),
+    length("spread", 0.012),
+    length("gap", 0.1),
+];
+
+impl Effect for ClampSprings {
+    fn name(&self) -> &'static str {
+        "clamp_springs"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "springs between the struts of a pair, which clamp the sockets and restrain the struts' spin",
+            law: "F = ½·(P + k·(d − d₀)) along each of two springs per end of a pair",
+            shows: "nowhere in a recording: the springs of a parallel pair do no work",
+            source: "CAD: two springs per unit 30 mm from the ball, 4.3–5.0 N/mm each; anchors' offsets and P estimates",
+        }
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PARAMETERS
+    }
+
+    fn identifiable(&self) -> bool {
+        false
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        let (position, offset) = (values.one(POSITION), values.one(OFFSET));
+        let (spread, gap) = (values.one(SPREAD), values.one(GAP));
+        for limb in 0..ARMS {
+            for end in 0..2 {
+                let pair = [2 * limb, 2 * limb + 1];
+                if pair.iter().any(|s| !at.closed.contains(end * STRUTS + s)) {
+                    continue;
+                }
+                for side in [spread, -spread] {
+                    // The first strut of a pair stands at +v, so the other one is at −y.
+                    let anchors: [Vector3<f64>; 2] = std::array::from_fn(|k| {
+                        let along = if end == 0 { position } else { at.motion.strut_length[pair[k]] - position };
+                        let towards = if k == 0 { -offset } else { offset };
+                        at.motion.bodies[STRUT + pair[k]].rotation * Vector3::new(along, towards, side)
+                    });
+                    let points: [Vector3<f64>; 2] =
+                        std::array::from_fn(|k| at.motion.bodies[STRUT + pair[k]].position + anchors[k]);
+                    let line = points[1] - points[0];
+                    let distance = line.norm();
+                    let pull = line / distance;
+                    for (parameter, size) in [(PRELOAD, 0.5), (RATE, 0.5 * (distance - gap))] {
+                        let (parameter, force) = (values.index(parameter, 0), pull * size);
+                        out.wrench(parameter, STRUT + pair[0], force, anchors[0].cross(&force));
+                        out.wrench(parameter, STRUT + pair[1], -force, -anchors[1].cross(&force));
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::testing;
+
+    /// Struts 1 and 2 hang along x from balls 100 mm apart in y; the first is rolled by `roll`.
+    fn moments(roll: [f64; 2]) -> [Vector3<f64>; 2] {
+        let mut motion = testing::still();
+        for (k, y) in [(0, 0.05), (1, -0.05)] {
+            let strut = &mut motion.bodies[STRUT + k];
+            strut.position = Vector3::new(0.0, y, 0.0);
+            strut.rotation = *nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), roll[k]).matrix();
+        }
+        // The other pairs far away, so that nothing divides by zero.
+        for s in 2..STRUTS {
+            motion.bodies[STRUT + s].position = Vector3::new(0.0, if s % 2 == 0 { 1.0 } else { -1.0 }, s as f64);
+        }
+        let total =
+            testing::totals(&ClampSprings, &[&[200.0], &[9200.0], &[0.03], &[0.01], &[0.012], &[0.08]], &motion);
+        assert!((total[STRUT].0 + total[STRUT + 1].0).norm() < 1e-12);
+        [total[STRUT].1, total[STRUT + 1].1]
+    }
+
+    #[test]
+    fn clamps_bend_the_struts_but_do_not_twist_them() {
+        // Two units of 200 N, 30 mm from either ball of a strut of 1 m: −y on the first strut, moment about z
+        // −200·(0.03 + 0.97) = −200 N·m, none about x.
+        let [first, second] = moments([0.0, 0.0]);
+        approx::assert_relative_eq!(first, Vector3::new(0.0, 0.0, -200.0), epsilon = 1e-9);
+        approx::assert_relative_eq!(second, Vector3::new(0.0, 0.0, 200.0), epsilon = 1e-9);
+    }
+
+    #[test]
+    fn spin_is_restrained() {
+        let step = 1e-4;
+        // Alike, per unit: P·offset·(1 + 2·offset/d₀) = 200·0.01·1.25 = 2.5 N·m/rad, two units: 5.
+        let [first, second] = moments([step, step]);
+        approx::assert_relative_eq!(first.x / step, -5.0, max_relative = 1e-4);
+        approx::assert_relative_eq!(second.x / step, -5.0, max_relative = 1e-4);
+        // Opposite: the lines stay parallel to y, P·offset = 2, and the springs stretch by 2·spread·θ:
+        // 9200·2·0.012² = 2.6496; two units: 9.2992.
+        let [first, second] = moments([step, -step]);
+        approx::assert_relative_eq!(first.x / step, -9.2992, max_relative = 1e-3);
+        approx::assert_relative_eq!(second.x / step, 9.2992, max_relative = 1e-3);
+    }
+}
