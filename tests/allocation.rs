@@ -13,7 +13,7 @@ fn allocations(model: &Model, open: &[usize]) -> [u64; 2] {
     let plant = Plant::new(model, &common::payload());
     let mut twin = Twin::new(plant.clone(), &plant.motion(&reversing(0.0)).unwrap()).unwrap();
     for &socket in open {
-        twin.open(socket);
+        twin.open(socket).unwrap();
     }
     let torque = Torque::constant([-8.0, -9.0, -7.0, 0.4]);
     twin.step(1e-4, &torque).unwrap();
