@@ -89,6 +89,11 @@ pub(super) fn motion(geometry: &Geometry, y: &[f64]) -> Motion {
     }
 }
 
+/// Damping that keeps strut `s` from spinning, N·m·s/rad: none once it has left both its balls.
+fn spin_restraint(plant: &Plant, closed: SocketSet, s: usize) -> f64 {
+    if closed.contains(s) || closed.contains(STRUTS + s) { plant.spin_damping } else { 0.0 }
+}
+
 /// Accelerations of all bodies and the forces in the sockets.
 pub(super) struct Solution {
     pub bodies: [Twist; BODIES],
@@ -117,7 +122,7 @@ impl Absolute<'_> {
         for s in 0..STRUTS {
             let u = motion.strut_axis[s];
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
-            base[STRUT + s].1 -= u * (self.plant.spin_damping * spin);
+            base[STRUT + s].1 -= u * (spin_restraint(self.plant, self.closed, s) * spin);
         }
         scratch.wrenches = base;
         let mut damping = None;
@@ -137,7 +142,8 @@ impl Absolute<'_> {
                 restrain(body, direction, scratch.damping.drives[axis]);
             }
             for s in 0..STRUTS {
-                restrain(STRUT + s, motion.strut_axis[s], scratch.damping.spins[s]);
+                let free = self.plant.spin_damping - spin_restraint(self.plant, self.closed, s);
+                restrain(STRUT + s, motion.strut_axis[s], scratch.damping.spins[s] - free);
             }
         }
         let mut iteration = 0;
@@ -222,7 +228,7 @@ impl System for Absolute<'_> {
         work[WORK_RESTRAINTS] = self.scratch.restraint_power;
         for s in 0..STRUTS {
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&motion.strut_axis[s]);
-            work[WORK_RESTRAINTS] -= self.plant.spin_damping * spin * spin;
+            work[WORK_RESTRAINTS] -= spin_restraint(self.plant, self.closed, s) * spin * spin;
         }
         work[WORK_CONTACT] = self.external.power(t, &motion);
         work[WORK_STRUTS] = 0.0;
@@ -231,25 +237,30 @@ impl System for Absolute<'_> {
     }
 
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
-        let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| {
-            let at = &y[BODY * b..BODY * (b + 1)];
-            let orientation = UnitQuaternion::new_normalize(quaternion(&at[3..7]));
-            BodyState {
-                position: vector(&at[..3]),
-                orientation: *orientation,
-                velocity: vector(&at[7..10]),
-                angular_velocity: orientation.inverse() * vector(&at[10..]),
-            }
-        });
-        self.loose.project(self.plant, &mut bodies, self.closed)?;
-        for (b, body) in bodies.iter().enumerate() {
-            let orientation = UnitQuaternion::new_normalize(body.orientation);
-            let at = &mut y[BODY * b..BODY * (b + 1)];
-            at[..3].copy_from_slice(body.position.as_slice());
-            at[3..7].copy_from_slice(&[orientation.w, orientation.i, orientation.j, orientation.k]);
-            at[7..10].copy_from_slice(body.velocity.as_slice());
-            at[10..].copy_from_slice((orientation * body.angular_velocity).as_slice());
-        }
-        Ok(())
+        close(self.loose, self.plant, y, self.closed)
     }
+}
+
+/// Puts a state back on the rows of the joints that hold.
+pub(super) fn close(loose: &mut Loose, plant: &Plant, y: &mut [f64], closed: SocketSet) -> Result<(), SingularPose> {
+    let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| {
+        let at = &y[BODY * b..BODY * (b + 1)];
+        let orientation = UnitQuaternion::new_normalize(quaternion(&at[3..7]));
+        BodyState {
+            position: vector(&at[..3]),
+            orientation: *orientation,
+            velocity: vector(&at[7..10]),
+            angular_velocity: orientation.inverse() * vector(&at[10..]),
+        }
+    });
+    loose.project(plant, &mut bodies, closed)?;
+    for (b, body) in bodies.iter().enumerate() {
+        let orientation = UnitQuaternion::new_normalize(body.orientation);
+        let at = &mut y[BODY * b..BODY * (b + 1)];
+        at[..3].copy_from_slice(body.position.as_slice());
+        at[3..7].copy_from_slice(&[orientation.w, orientation.i, orientation.j, orientation.k]);
+        at[7..10].copy_from_slice(body.velocity.as_slice());
+        at[10..].copy_from_slice((orientation * body.angular_velocity).as_slice());
+    }
+    Ok(())
 }

@@ -124,8 +124,15 @@ impl Twin {
         Ok(())
     }
 
-    /// Accelerations, strut and joint forces now, under drive torques.
+    /// Accelerations, strut and joint forces now, under drive torques; what happens next does not depend on the asking.
     pub fn evaluate(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
+        let guess = self.scratch.reactions;
+        let snapshot = self.snapshot(torque);
+        self.scratch.reactions = guess;
+        snapshot
+    }
+
+    fn snapshot(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
         let Self { plant, forces, layout, external, scratch, y, t, closed, .. } = self;
         let (mut motion, reactions, sockets) = match &mut self.form {
             Form::Assembled(mechanism) => {
@@ -172,20 +179,30 @@ impl Twin {
         }
     }
 
-    /// Opens a ball socket: its rows drop out.
-    pub fn open(&mut self, socket: usize) {
-        if let Form::Assembled(_) = self.form {
+    /// Opens a ball socket: its rows drop out. With the first one elastic struts become rigid, and what they store is lost.
+    pub fn open(&mut self, socket: usize) -> Result<(), SingularPose> {
+        if let Form::Assembled(mechanism) = &self.form {
+            let elastic = mechanism.springs.is_some();
+            let balance = self.energy_balance();
             let motion = self.motion();
             let layout = Layout::new(absolute::LENGTH, self.forces.states(), self.plant.effects.len());
             let mut y = vec![0.0; layout.len()];
             absolute::store(&mut y, &motion);
             y[layout.own().start..].copy_from_slice(&self.y[self.layout.own().start..]);
+            let mut loose = Loose::new();
+            if elastic {
+                absolute::close(&mut loose, &self.plant, &mut y, self.closed)?;
+            }
             self.stepper = Stepper::new(layout.len());
             (self.y, self.layout) = (y, layout);
-            self.form = Form::Loose(Loose::new());
+            self.form = Form::Loose(loose);
+            if elastic {
+                self.reference_energy += self.energy_balance() - balance;
+            }
         }
         self.scratch.forget();
         self.closed = self.closed.without(socket);
+        Ok(())
     }
 
     /// Sockets that hold.
@@ -296,7 +313,16 @@ impl Twin {
 
     /// Kinetic plus potential energy of the bodies, J.
     pub fn energy(&self) -> f64 {
-        energy::total(&self.plant, &self.motion())
+        match &self.form {
+            Form::Assembled(mechanism) => {
+                let (pose, nu, spin) = assembled::pose(&self.y);
+                let mut frame = Frame::empty();
+                mechanism.frame(&pose, &nu, &spin, &mut frame);
+                energy::total(&self.plant, &frame.motion)
+                    + mechanism.stretch_energy(&frame, &self.plant.gravity_vector())
+            }
+            Form::Loose(_) => energy::total(&self.plant, &self.motion()),
+        }
     }
 
     /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, each effect.

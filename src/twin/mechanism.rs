@@ -815,6 +815,23 @@ impl Frame {
 }
 
 impl Mechanism {
+    /// What stretched struts have beyond the energy of rigid ones, J: they move linearly between their ends.
+    pub fn stretch_energy(&self, frame: &Frame, gravity: &Vector3<f64>) -> f64 {
+        if self.springs.is_none() {
+            return 0.0;
+        }
+        (0..STRUTS)
+            .map(|s| {
+                let (rod, u) = (&self.rods[s], frame.motion.strut_axis[s]);
+                let (stretch, length) = (frame.levers.stretch[s], frame.motion.strut_length[s]);
+                let rigid = (stretch - u * frame.length_rate[s]) * (rod.length / length);
+                let kinetic = frame.motion.bodies[STRUT + s].velocity.dot(&(stretch - rigid)) * (rod.ab + rod.bb)
+                    + 0.5 * rod.bb * (stretch.norm_squared() - rigid.norm_squared());
+                kinetic - rod.weight[1] * gravity.dot(&u) * (length - rod.length)
+            })
+            .sum()
+    }
+
     /// Power of the elastic struts on the bodies, W.
     pub fn spring_power(&self, frame: &Frame) -> f64 {
         let Some(springs) = &self.springs else { return 0.0 };

@@ -570,7 +570,7 @@ impl<'a> Run<'a> {
                 EventKind::Dislocation,
                 format!("{}: {force:.3} N across the cup, hold {hold:.3} N", socket_name(socket)),
             );
-            self.twin.open(socket);
+            self.twin.open(socket)?;
             self.clamps.release(socket);
         }
     }

@@ -7,7 +7,7 @@ use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::JointState;
 use deltatwin::model::Model;
-use deltatwin::recording::Setup;
+use deltatwin::recording::{Payload, Setup};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -41,4 +41,42 @@ pub fn random_joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
             return JointState { q, qd, qdd };
         }
     }
+}
+
+/// An effect with every parameter at its default, linear ones too.
+pub fn defaults(name: &str) -> ActiveEffect {
+    let mut active = ActiveEffect::absent(find(name).expect("registered"));
+    let values = active.entries().iter().map(|e| e.parameter.default).collect();
+    active.values = values;
+    active
+}
+
+/// Joint motion whose arms and rotor reverse every 0.13 s and more, with exact derivatives.
+pub fn reversing(t: f64) -> JointState {
+    // amplitude, angular frequency, phase
+    const WAVES: [[f64; 3]; 4] = [[0.12, 23.0, 0.3], [0.14, 19.0, 1.7], [0.11, 24.0, 4.1], [0.8, 15.0, 2.2]];
+    waves(&WAVES, [0.0; 4], t)
+}
+
+/// Joint motion in one direction on all axes, with exact derivatives; until 0.2 s.
+pub fn one_way(t: f64) -> JointState {
+    const WAVES: [[f64; 3]; 4] = [[0.03, 23.0, 0.3], [0.04, 19.0, 1.7], [0.03, 24.0, 4.1], [0.1, 15.0, 2.2]];
+    waves(&WAVES, [2.0, 1.6, -2.2, 6.0], t)
+}
+
+fn waves(waves: &[[f64; 3]; 4], rate: [f64; 4], t: f64) -> JointState {
+    const CENTRE: [f64; 4] = [0.25, 0.30, 0.60, 0.5];
+    let mut joints = JointState::default();
+    for (i, [a, w, p]) in waves.iter().enumerate() {
+        let (s, c) = (w * t + p).sin_cos();
+        joints.q[i] = CENTRE[i] + rate[i] * t + a * s;
+        joints.qd[i] = rate[i] + a * w * c;
+        joints.qdd[i] = -a * w * w * s;
+    }
+    joints
+}
+
+/// A payload off the axis.
+pub fn payload() -> Setup {
+    Setup { payload: Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 }, ..Setup::default() }
 }

@@ -1,0 +1,389 @@
+//! Ball sockets that leave their balls: exact falls, the instant, the history before it, the cascade and the end.
+
+mod common;
+
+use std::path::Path;
+
+use common::{model, nominal_plant, reversing, with_effect};
+use deltatwin::dynamics::Plant;
+use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::kinematics::{JointState, Motion, PlatformState};
+use deltatwin::model::Model;
+use deltatwin::model::bodies::{END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
+use deltatwin::recording::{Payload, Recording, Setup};
+use deltatwin::scenario::{FourierMotion, Scenario};
+use deltatwin::twin::{Clamps, Event, EventKind, Mark, Options, Report, Torque, Twin, simulate};
+use nalgebra::Vector3;
+
+// Falls with exact solutions.
+
+const G: f64 = 9.81;
+
+/// Platform in the middle, 0.95 m below the shafts, with 2 kg on the axis; all its sockets open.
+fn dropped(plant: &Plant) -> (Twin, f64) {
+    let mut plant = plant.clone();
+    let payload = Payload { mass: 2.0, com: [0.0, 0.0, -0.08].into(), inertia_zz: 0.01 };
+    plant.bodies[END_EFFECTOR] += payload.inertia();
+    let q = plant.geometry.inverse(&Vector3::new(0.0, 0.0, -0.95)).unwrap();
+    let joints = JointState { q: [q[0], q[1], q[2], 0.3], ..JointState::default() };
+    let mut twin = Twin::new(plant.clone(), &plant.motion(&joints).unwrap()).unwrap();
+    (6..SOCKETS).for_each(|s| twin.open(s).unwrap());
+    (twin, plant.bodies[PLATFORM].mass + plant.bodies[END_EFFECTOR].mass + plant.bodies[TELESCOPE_LOWER].mass)
+}
+
+#[test]
+fn a_platform_without_struts_falls_freely() {
+    let (mut twin, _) = dropped(&nominal_plant());
+    let start = twin.motion().bodies[PLATFORM].position;
+    let mut worst = 0f64;
+    for k in 1..=200 {
+        twin.step(1e-3, &Torque::default()).unwrap();
+        let t = 1e-3 * f64::from(k);
+        for body in [PLATFORM, END_EFFECTOR, TELESCOPE_LOWER] {
+            let m = twin.motion().bodies[body];
+            worst = worst.max((m.velocity + Vector3::z() * G * t).norm()).max(m.angular_velocity.norm());
+        }
+        let position = twin.motion().bodies[PLATFORM].position;
+        worst = worst.max((position - start + Vector3::z() * (0.5 * G * t * t)).norm());
+    }
+    println!("free fall over {:.3} m: {worst:.1e}", 0.5 * G * 0.04);
+    assert!(worst < 1e-9, "{worst:e}");
+}
+
+#[test]
+fn the_telescope_brakes_the_fall() {
+    // m·v̇ = −m·g − c·v: z = −v∞·(t − T·(1 − e^(−t/T))) with T = m/c and v∞ = g·T.
+    let c = 40.0;
+    let (mut twin, mass) = dropped(&with_effect(nominal_plant(), "telescope_friction", &[&[0.0], &[c], &[100.0]]));
+    assert!((mass - (1.2 + 2.0 + 0.557)).abs() < 1e-12);
+    let start = twin.motion().bodies[PLATFORM].position;
+    let (time, mut worst) = (mass / c, 0f64);
+    for k in 1..=2000 {
+        twin.step(1e-4, &Torque::default()).unwrap();
+        let t = 1e-4 * f64::from(k);
+        let z = -G * time * (t - time * (1.0 - (-t / time).exp()));
+        worst = worst.max((twin.motion().bodies[PLATFORM].position - start - Vector3::z() * z).norm());
+    }
+    println!("braked fall: {worst:.1e} m");
+    assert!(worst < 1e-9, "{worst:e}");
+}
+
+#[test]
+fn a_strut_off_both_balls_flies_like_a_thrown_stick() {
+    let plant = nominal_plant();
+    let mut motion = plant.motion(&reversing(0.0)).unwrap();
+    let axis = motion.strut_axis[2];
+    motion.bodies[STRUT + 2].angular_velocity += axis * 7.0;
+    let mut twin = Twin::new(plant.clone(), &motion).unwrap();
+    twin.open(2).unwrap();
+    twin.open(8).unwrap();
+    let inertia = plant.bodies[STRUT + 2];
+    // Centre of mass, its velocity, and angular momentum about it.
+    let state = |m: &Motion| {
+        let b = &m.bodies[STRUT + 2];
+        let lever = b.rotation * inertia.first_moment / inertia.mass;
+        let velocity = b.velocity + b.angular_velocity.cross(&lever);
+        let about_origin = b.rotation * inertia.tensor * b.rotation.tr_mul(&b.angular_velocity);
+        let momentum =
+            about_origin + lever.cross(&b.velocity) * inertia.mass - lever.cross(&velocity) * inertia.mass;
+        (b.position + lever, velocity, momentum)
+    };
+    let (start, velocity, momentum) = state(&twin.motion());
+    let spin = |m: &Motion| m.bodies[STRUT + 2].angular_velocity.dot(&m.strut_axis[2]);
+    assert!(spin(&twin.motion()) == 7.0 || (spin(&twin.motion()) - 7.0).abs() < 1e-12);
+    let mut worst = [0f64; 4];
+    for k in 1..=2000 {
+        twin.step(1e-4, &Torque::constant([-8.0, -9.0, -7.0, 0.4])).unwrap();
+        let t = 1e-4 * f64::from(k);
+        let motion = twin.motion();
+        let (x, v, l) = state(&motion);
+        let fall = Vector3::z() * G;
+        worst[0] = worst[0].max((x - start - velocity * t + fall * (0.5 * t * t)).norm());
+        worst[1] = worst[1].max((v - velocity + fall * t).norm());
+        worst[2] = worst[2].max((l - momentum).norm() / momentum.norm());
+        worst[3] = worst[3].max((spin(&motion) - 7.0).abs());
+    }
+    println!("thrown strut: {:.1e} m, {:.1e} m/s, angular momentum {:.1e}, spin {:.1e} rad/s", worst[0], worst[1], worst[2], worst[3]);
+    assert!(worst.iter().all(|w| *w < 1e-9), "{worst:?}");
+    assert!(twin.energy_balance().abs() < 1e-9, "{:e}", twin.energy_balance());
+}
+
+#[test]
+fn opening_changes_no_velocity_and_spends_what_springs_hold() {
+    for name in ["irb360-6-1600", "irb360-6-1600-truth"] {
+        let mut model = model(name);
+        model.effects.push(common::defaults("strut_elasticity"));
+        let plant = Plant::new(&model, &common::payload());
+        let mut twin = Twin::new(plant.clone(), &plant.motion(&reversing(0.0)).unwrap()).unwrap();
+        let torque = Torque::constant([-8.0, -9.0, -7.0, 0.4]);
+        (0..400).for_each(|_| twin.step(1e-4, &torque).unwrap());
+        let (before, balance) = (twin.motion(), twin.energy_balance());
+        twin.open(7).unwrap();
+        let gap = twin.energy_balance() - balance;
+        let after = twin.motion();
+        let moved = (after.bodies[PLATFORM].position - before.bodies[PLATFORM].position).norm();
+        println!("{name}: platform moved {moved:.1e} m, energy gap {gap:.1e} J");
+        assert!(moved < 1e-4 && gap.abs() < 1e-9, "{moved:e} {gap:e}");
+        (0..400).for_each(|_| twin.step(1e-4, &torque).unwrap());
+        let gap = twin.energy_balance() - balance;
+        assert!(gap.abs() < 1e-6, "{gap:e}");
+    }
+}
+
+// The instant, through closed-loop runs.
+
+fn motion() -> FourierMotion {
+    FourierMotion {
+        frequency: 2.0,
+        centre: [0.0, 0.0, -0.95, 0.0],
+        sine: vec![[0.12, 0.05, 0.02, 0.5], [0.04, 0.06, 0.01, 0.2]],
+        cosine: vec![[0.05, 0.10, 0.0, 0.3], [0.01, -0.03, 0.02, 0.1]],
+    }
+}
+
+fn setup() -> Setup {
+    let payload = Payload { mass: 2.5, com: [0.04, 0.0, -0.1].into(), inertia_zz: 0.012 };
+    Setup { payload, ..Setup::default() }
+}
+
+fn options(hold: f64, armed: bool) -> Options {
+    let clamps = Clamps { hold: [hold; SOCKETS], armed };
+    let mut options =
+        Options { duration: 0.4, noise_seed: None, clamps: Some(clamps), ..Options::default() };
+    (options.sensors.sockets, options.sensors.velocity, options.sensors.acceleration) = (true, true, true);
+    (options.sensors.strut_upper, options.sensors.strut_lower) = ([true; 6], [true; 6]);
+    options
+}
+
+fn run(robot: &Model, options: &Options) -> (Recording, Report) {
+    let motion = motion();
+    let believed = Plant::new(&model("irb360-6-1600"), &setup());
+    let desired = |t: f64| -> PlatformState { motion.at(t) };
+    simulate(robot, &setup(), &believed, &desired, options, &mut |_| true).expect("a feasible motion")
+}
+
+/// The truth with friction that reads the reactions.
+fn robot(load_dependent: bool) -> Model {
+    let mut robot = model("irb360-6-1600-truth");
+    if load_dependent {
+        robot.effects.push(common::defaults("ball_socket_load_dependent"));
+    }
+    robot
+}
+
+fn of_kind(report: &Report, kind: EventKind) -> Vec<Event> {
+    report.events.iter().filter(|e| e.kind == kind).cloned().collect()
+}
+
+/// Socket, force and hold in a dislocation event.
+fn told(event: &Event) -> (usize, f64, f64) {
+    let words: Vec<&str> = event.what.split_whitespace().collect();
+    let strut: usize = words[1].parse().unwrap();
+    let end = if words[2].starts_with("upper") { 0 } else { 6 };
+    (end + strut - 1, words[3].parse().unwrap(), words[9].parse().unwrap())
+}
+
+#[test]
+fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
+    for load_dependent in [false, true] {
+        let robot = robot(load_dependent);
+        let period = robot.sample_time;
+        const WATCHED: f64 = 1e3;
+        let (free, _) = run(&robot, &options(WATCHED, false));
+        let margins = free.signals.socket_margin.as_ref().unwrap();
+        let across: Vec<f64> = margins.iter().map(|m| WATCHED - m.iter().copied().fold(f64::INFINITY, f64::min)).collect();
+        // A level that the force crosses upwards after a while, 2/3 of the way to its peak.
+        let calm = across[..250].iter().copied().fold(0.0, f64::max);
+        let peak = across.iter().copied().fold(0.0, f64::max);
+        let hold = calm + 0.66 * (peak - calm);
+        assert!(peak > calm + 5.0, "{calm} {peak}");
+        let (watched, _) = run(&robot, &options(hold, false));
+        let (armed, report) = run(&robot, &options(hold, true));
+        let gone = of_kind(&report, EventKind::Dislocation);
+        let event = gone.first().expect("a dislocation");
+        let k = (event.t / period).floor() as usize;
+
+        // The history until then is the same bit for bit, and the margin changes its sign in that sample.
+        let head = |r: &Recording| {
+            let mut r = r.clone();
+            let s = &mut r.signals;
+            s.t.truncate(k + 1);
+            s.q.truncate(k + 1);
+            s.tau.truncate(k + 1);
+            s.strut_upper.iter_mut().chain(&mut s.strut_lower).flatten().for_each(|f| f.truncate(k + 1));
+            s.ee.as_mut().unwrap().truncate(k + 1);
+            s.qd.as_mut().unwrap().truncate(k + 1);
+            s.qdd.as_mut().unwrap().truncate(k + 1);
+            s.socket_margin.as_mut().unwrap().truncate(k + 1);
+            r
+        };
+        assert!(armed.signals.len() > k + 1);
+        if let Some(d) = head(&armed).first_difference(&head(&watched)) {
+            panic!("arming changes sample {} of {} by {:e}", d.sample, d.channel, d.size);
+        }
+        assert!(across[k] < hold && across[k + 1] >= hold, "{} {hold} {}", across[k], across[k + 1]);
+
+        // The instant: the unarmed machine under the recorded torques, found on its own.
+        let plant = Plant::new(&robot, &setup());
+        let start = plant.geometry.inverse_motion(&motion().at(0.0)).unwrap();
+        let crossing = |substeps: usize| {
+            let mut twin = Twin::new(plant.clone(), &plant.motion(&start).unwrap()).unwrap();
+            let clamps = Clamps { hold: [hold; SOCKETS], armed: true };
+            let tau = &watched.signals.tau;
+            let torque = |j: usize| Torque::ramp(j as f64 * period, tau[j], tau[j + 1], period);
+            for j in 0..k {
+                twin.set_time(j as f64 * period);
+                (0..substeps).for_each(|_| twin.step(period / substeps as f64, &torque(j)).unwrap());
+            }
+            twin.set_time(k as f64 * period);
+            let mut mark = Mark::default();
+            twin.save(&mut mark);
+            let (mut low, mut high) = (0.0, period);
+            while high - low > 1e-10 {
+                let middle = 0.5 * (low + high);
+                twin.restore(&mark);
+                (0..substeps).for_each(|_| twin.step(middle / substeps as f64, &torque(k)).unwrap());
+                let s = twin.evaluate(&torque(k)).unwrap();
+                let margins = clamps.margins(&s.motion, &s.joints.sockets, twin.closed());
+                if margins.iter().any(|m| *m < 0.0) { high = middle } else { low = middle }
+            }
+            twin.restore(&mark);
+            (0..substeps).for_each(|_| twin.step(high / substeps as f64, &torque(k)).unwrap());
+            (twin.time(), twin)
+        };
+        let (at, mut twin) = crossing(1);
+        let (finer, _) = crossing(16);
+        let rate = (across[k + 1] - across[k]) / period;
+        let (first, force, told_hold) = told(event);
+        println!(
+            "hold {hold:.3} N, {rate:.0} N/s: event at {:.7} s, crossing at {at:.7} s, at 1/16 of the step {finer:.7} s; \
+             {force:.3} N",
+            event.t
+        );
+        assert!((event.t - at).abs() < 1.1e-7 && (event.t - finer).abs() < 1e-6);
+        assert!((told_hold - hold).abs() < 6e-4 && force - hold > -6e-4 && force - hold < rate * 1e-7 + 1e-3);
+
+        // The cascade: again and again the socket that lacks most; the first loss takes the partner's hold.
+        let mut clamps = Clamps { hold: [hold; SOCKETS], armed: true };
+        let at_once: Vec<usize> = gone.iter().filter(|e| e.t == event.t).map(|e| told(e).0).collect();
+        assert_eq!(at_once[..2], [first, first ^ 1], "the partner follows");
+        let tau = &watched.signals.tau;
+        let torque = Torque::ramp(k as f64 * period, tau[k], tau[k + 1], period);
+        for (n, &socket) in at_once.iter().enumerate() {
+            let s = twin.evaluate(&torque).unwrap();
+            let margins = clamps.margins(&s.motion, &s.joints.sockets, twin.closed());
+            let worst = twin.closed().iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b])).unwrap();
+            assert_eq!((worst, margins[worst] < 0.0), (socket, true), "loss {n}");
+            twin.open(socket).unwrap();
+            clamps.hold[socket] = 0.0;
+            clamps.hold[socket ^ 1] = 0.0;
+        }
+        let s = twin.evaluate(&torque).unwrap();
+        let margins = clamps.margins(&s.motion, &s.joints.sockets, twin.closed());
+        assert!(twin.closed().iter().all(|s| margins[s] >= 0.0), "the rest holds");
+
+        // The drives trip at the next control instant, and not before.
+        let trips = of_kind(&report, EventKind::Trip);
+        assert_eq!(trips.len(), 1);
+        assert!((trips[0].t - (k + 1) as f64 * period).abs() < 1e-12, "{} {}", trips[0].t, event.t);
+        let tau = &armed.signals.tau;
+        assert!(tau[k + 1] != [0.0; 4] && tau[k + 2..].iter().all(|t| *t == [0.0; 4]));
+        println!("lost at once: {at_once:?}; later: {}; trip at {:.4} s", gone.len() - at_once.len(), trips[0].t);
+        assert!((0..SOCKETS).all(|s| report.closed.contains(s) != gone.iter().any(|e| told(e).0 == s)));
+    }
+}
+
+#[test]
+fn a_missing_spring_holds_nothing_from_the_start() {
+    let mut options = options(500.0, true);
+    options.duration = 0.02;
+    let clamps = options.clamps.as_mut().unwrap();
+    (clamps.hold[8], clamps.hold[9]) = (0.0, 0.0);
+    let (_, report) = run(&robot(false), &options);
+    let gone = of_kind(&report, EventKind::Dislocation);
+    let mut sockets: Vec<usize> = gone.iter().map(|e| told(e).0).collect();
+    sockets.sort_unstable();
+    assert_eq!(sockets, [8, 9]);
+    assert!(gone.iter().all(|e| e.t < 1e-6), "{gone:?}");
+}
+
+// Shipped scenarios.
+
+fn scenario(name: &str) -> Scenario {
+    Scenario::read(Path::new(&format!("scenarios/{name}.toml"))).unwrap()
+}
+
+fn play(scenario: &Scenario, options: &Options) -> Report {
+    let machine = Model::read(&scenario.model).unwrap();
+    let planning = Model::read(scenario.controller_model.as_ref().unwrap()).unwrap();
+    let motion = scenario.motion(&planning).unwrap();
+    let believed = Plant::new(&planning, &scenario.setup);
+    simulate(&machine, &scenario.setup, &believed, &|t| motion.at(t), options, &mut |_| true).unwrap().1
+}
+
+fn tell(name: &str, report: &Report) {
+    println!("{name}: {:.3} s, kinetic energy {:.2e} J, energy {:.1e}", report.simulated, report.kinetic_energy, report.energy_error);
+    for e in &report.events {
+        println!("  {:9.6} {}: {}", e.t, e.kind.name(), e.what);
+    }
+}
+
+#[test]
+fn drawn_and_worn_holds_decide_which_socket_goes_first() {
+    let worn = scenario("worn-sockets");
+    let machine = Model::read(&worn.model).unwrap();
+    let holds = worn.socket_holds(&machine);
+    assert_ne!(holds[6], holds[7], "drawn one by one");
+    let report = play(&worn, &Options { duration: 0.3, ..Options::of(&worn, &machine) });
+    let gone = of_kind(&report, EventKind::Dislocation);
+    let (socket, force, hold) = told(&gone[0]);
+    assert!([6, 7].contains(&socket) && (hold - holds[socket]).abs() < 6e-4 && force >= hold - 6e-4, "{:?}", gone[0]);
+    let mut healthy = worn.clone();
+    healthy.sockets.wear = [0.0; SOCKETS];
+    let report = play(&healthy, &Options { duration: 0.3, ..Options::of(&healthy, &machine) });
+    assert!(of_kind(&report, EventKind::Dislocation).is_empty());
+}
+
+#[test]
+fn two_metres_per_second_dislocate_and_five_centimetres_do_not() {
+    let crash = scenario("crash");
+    let machine = Model::read(&crash.model).unwrap();
+    let report = play(&crash, &Options { duration: 0.3, ..Options::of(&crash, &machine) });
+    tell("crash", &report);
+    let contact = &of_kind(&report, EventKind::Contact)[0];
+    let gone = &of_kind(&report, EventKind::Dislocation)[0];
+    assert!(contact.t < gone.t && gone.t < contact.t + 0.05, "{contact:?} {gone:?}");
+    let touch = scenario("touch");
+    let report = play(&touch, &Options::of(&touch, &machine));
+    tell("touch", &report);
+    assert!(!of_kind(&report, EventKind::Contact).is_empty());
+    assert!(of_kind(&report, EventKind::Dislocation).is_empty());
+    assert_eq!(of_kind(&report, EventKind::Trip).len(), 1);
+}
+
+#[test]
+fn what_has_fallen_comes_to_rest() {
+    for name in ["worn-sockets", "crash"] {
+        let scenario = scenario(name);
+        let machine = Model::read(&scenario.model).unwrap();
+        let options = Options { duration: 4.0, frames: Some(0.05), ..Options::of(&scenario, &machine) };
+        let start = std::time::Instant::now();
+        let report = play(&scenario, &options);
+        tell(name, &report);
+        println!("  {:.1} s of wall clock", start.elapsed().as_secs_f64());
+        let last: Vec<_> = report.frames.iter().rev().take(2).collect();
+        let dt = last[0].t - last[1].t;
+        for b in 0..deltatwin::model::bodies::BODIES {
+            let (a, c) = (last[1].bodies[b], last[0].bodies[b]);
+            println!("    {:<18} {:.4} m/s {:.4} rad/s", deltatwin::model::bodies::body_name(b),
+                (c.translation.vector - a.translation.vector).norm() / dt, a.rotation.angle_to(&c.rotation) / dt);
+        }
+        println!("    closed {:?}", report.closed.iter().collect::<Vec<_>>());
+        let k = |t: f64| report.frames.iter().min_by(|a, b| (a.t - t).abs().total_cmp(&(b.t - t).abs())).unwrap();
+        for t in [1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 3.9] {
+            let (a, c) = (k(t), k(t + 0.05));
+            let w: Vec<String> = (0..14).map(|b| format!("{:.3}", a.bodies[b].rotation.angle_to(&c.bodies[b].rotation) / (c.t - a.t).max(1e-9))).collect();
+            println!("    {t}: {}", w.join(" "));
+        }
+    }
+}
