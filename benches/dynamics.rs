@@ -15,11 +15,13 @@ use deltatwin::effects::ActiveEffect;
 use deltatwin::kinematics::{JointState, Motion, SocketSet};
 use deltatwin::model::bodies::BODIES;
 use deltatwin::recording::Setup;
+use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::loose::Loose;
-use deltatwin::twin::{Mark, Torque, Twin};
+use deltatwin::twin::{Mark, Options, Torque, Twin, simulate};
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
 
 const POSES: usize = 64;
 
@@ -120,5 +122,25 @@ fn loose(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, kinematics, dynamics, twin, loose);
+/// The whole closed loop: 2.5 kHz control, all frictions, encoders, noise, recording in memory.
+fn closed_loop(c: &mut Criterion) {
+    let robot = common::model("irb360-6-1600-truth");
+    let believed = Plant::new(&common::model("irb360-6-1600"), &Setup::default());
+    let limits = MotionLimits::of(&robot, 0.8);
+    let motion = FourierMotion::random(&believed, &limits, 0.1, 10, &mut ChaCha8Rng::seed_from_u64(1));
+    let options = Options { duration: 1.0, ..Options::default() };
+    let run = || {
+        simulate(&robot, &Setup::default(), &believed, &|t| motion.at(t), &options, &mut |_| true).expect("feasible")
+    };
+    let mut group = c.benchmark_group("closed loop");
+    group.sample_size(20);
+    group.bench_function("one second", |b| b.iter(run));
+    let cores = rayon::current_num_threads();
+    group.bench_function(format!("{} runs of one second on {cores} cores", 4 * cores), |b| {
+        b.iter(|| (0..4 * cores).into_par_iter().map(|_| run().1.steps).sum::<usize>())
+    });
+    group.finish();
+}
+
+criterion_group!(benches, kinematics, dynamics, twin, closed_loop, loose);
 criterion_main!(benches);

@@ -12,6 +12,11 @@ fn angle(k: usize, t: f64) -> f64 {
     0.4 + 0.1 * k as f64 + 0.3 * ((3.0 + k as f64) * t).sin()
 }
 
+/// Socket 8 opens after half a second.
+fn margin(socket: usize, t: f64) -> f64 {
+    if socket == 8 && t > 0.5 { 0.0 } else { 200.0 - 10.0 * socket as f64 * (6.0 * t).sin().abs() / 3.0 }
+}
+
 /// A small motion with every optional channel; time has few decimals, as measurements have.
 fn run(n: usize) -> Recording {
     let t: Vec<f64> = (0..n).map(|i| (i * 4) as f64 / 1e4).collect();
@@ -25,6 +30,7 @@ fn run(n: usize) -> Recording {
         qd: Some(axes(&|k, t| 0.3 * w(k) * (w(k) * t).cos())),
         qdd: Some(axes(&|k, t| -0.3 * w(k) * w(k) * (w(k) * t).sin())),
         ee: Some(t.iter().map(|t| [0.1 * t.sin(), 0.2, -1.0 / (2.0 + t)]).collect()),
+        socket_margin: Some(t.iter().map(|&t| std::array::from_fn(|s| margin(s, t))).collect()),
         segments: std::iter::once(0..n).collect(),
         t: t.clone(),
         ..Signals::default()
@@ -98,7 +104,7 @@ fn mcap_is_deterministic_and_keeps_missing_channels_missing() {
     let folder = folder();
     let mut written = run(300);
     let s = &mut written.signals;
-    (s.qd, s.qdd, s.ee) = (None, None, None);
+    (s.qd, s.qdd, s.ee, s.socket_margin) = (None, None, None, None);
     (s.strut_upper, s.strut_lower) = Default::default();
     let (a, b) = (folder.path().join("run.mcap"), folder.path().join("b.mcap"));
     written.write(&a).unwrap();
@@ -136,6 +142,7 @@ fn truncated_mcap_is_read_as_far_as_it_goes() {
     assert!((3000..9999).contains(&n), "{n}");
     assert_eq!(part.signals.q[..], whole.signals.q[..n]);
     assert_eq!(part.signals.strut_upper[0].as_ref().unwrap()[..], whole.signals.strut_upper[0].as_ref().unwrap()[..n]);
+    assert_eq!(part.signals.socket_margin.unwrap()[..], whole.signals.socket_margin.as_ref().unwrap()[..n]);
     assert_eq!(part.setup, whole.setup);
     // However it is cut or damaged, reading ends with a recording or an error.
     for k in 0..40 {
@@ -401,6 +408,57 @@ fn gaps_split() {
     assert_eq!(s.stretches(), std::slice::from_ref(&(0..1500)));
     assert_eq!(s.len(), 1500);
     assert!((s.q[700][0] - angle(0, s.t[700])).abs() < 1e-9);
+}
+
+#[test]
+fn socket_margins_come_all_together_or_not_at_all() {
+    let folder = folder();
+    let path = folder.path().join("run.csv");
+    let whole = run(1500);
+    whole.write(&path).unwrap();
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.lines().next().unwrap().contains("margin6_upper,margin1_lower"), "{text:.300}");
+
+    fs::write(&path, text.replacen("margin3_lower", "margin9_lower", 1)).unwrap();
+    let (recording, warnings) = read(&path);
+    assert_eq!(recording.signals.socket_margin, None);
+    let has = |parts: &[&str]| warnings.iter().any(|w| parts.iter().all(|part| w.contains(part)));
+    assert!(has(&["unknown columns ignored", "`margin9_lower`"]), "{warnings:?}");
+    assert!(has(&["`margin1_upper` ignored", "needs `margin3_lower`"]), "{warnings:?}");
+
+    // They go where the samples go: a gap splits, jitter resamples.
+    let gap: Vec<&str> = text.lines().enumerate().filter(|(i, _)| !(500..600).contains(i)).map(|(_, l)| l).collect();
+    fs::write(&path, gap.join("\n")).unwrap();
+    let s = read(&path).0.signals;
+    let all = whole.signals.socket_margin.unwrap();
+    assert_eq!(s.segments.len(), 2);
+    assert_eq!(s.socket_margin.unwrap(), [&all[..499], &all[599..]].concat());
+
+    let mut shaken = run(1500);
+    for (i, t) in shaken.signals.t.iter_mut().enumerate() {
+        *t += 0.2 * STEP * (i as f64 * 12.9).sin();
+    }
+    let t = &shaken.signals.t;
+    shaken.signals.q = t.iter().map(|&t| std::array::from_fn(|k| angle(k, t))).collect();
+    shaken.signals.socket_margin = Some(t.iter().map(|&t| [100.0 + 50.0 * (6.0 * t).sin(); 12]).collect());
+    shaken.write(&path).unwrap();
+    let s = read(&path).0.signals;
+    for (t, m) in s.t.iter().zip(s.socket_margin.unwrap()) {
+        assert!((m[11] - 100.0 - 50.0 * (6.0 * t).sin()).abs() < 1e-6, "at {t}");
+    }
+}
+
+/// A socket that is open from the start is no dead sensor.
+#[test]
+fn constant_margins_are_not_remarked() {
+    let folder = folder();
+    let path = folder.path().join("run.mcap");
+    let mut written = run(300);
+    written.signals.socket_margin.as_mut().unwrap().iter_mut().for_each(|m| m[3] = 0.0);
+    written.write(&path).unwrap();
+    let (back, warnings) = read(&path);
+    assert_eq!(back, written);
+    assert!(!warnings.iter().any(|w| w.contains("margin")), "{warnings:?}");
 }
 
 /// Damaged text ends in a recording or an error, never in a panic.

@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use super::object::Surface;
 
 /// Sliding speed below which friction falls off, m/s. Bounds the friction's damping μ f/ε_v and with it the step.
-pub const SLIDING: f64 = 0.01;
+pub const SLIDING: f64 = 0.003;
 /// Angular velocity below which rolling resistance falls off, rad/s.
 pub const ROLLING: f64 = 1.0;
 

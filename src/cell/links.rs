@@ -9,31 +9,31 @@ use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, 
 use crate::model::{ARMS, Geometry, STRUTS};
 
 /// Radius of an arm's tube, m; estimate from pictures.
-const ARM_RADIUS: f64 = 0.03;
+pub(crate) const ARM_RADIUS: f64 = 0.03;
 /// Arm's tube ends this far before the ball line, where the struts are, m; estimate.
-const ARM_TRIM: f64 = 0.06;
+pub(crate) const ARM_TRIM: f64 = 0.06;
 /// Radius of the balls, m; CAD.
-const BALL_RADIUS: f64 = 0.0095;
+pub(crate) const BALL_RADIUS: f64 = 0.0095;
 /// Radius of a strut's tube, m; CAD, outside diameter 16 mm.
-const STRUT_RADIUS: f64 = 0.008;
+pub(crate) const STRUT_RADIUS: f64 = 0.008;
 /// Gap between a strut's rounded end and the ball, m, so that neighbours do not touch.
 const STRUT_GAP: f64 = 1e-3;
 /// Half the thickness of the platform, m; estimate.
-const PLATFORM_THICKNESS: f64 = 0.012;
+pub(crate) const PLATFORM_THICKNESS: f64 = 0.012;
 /// The plate's middle line lies this far inside the ball pairs, m; estimate.
-const PLATFORM_INSET: f64 = 0.015;
+pub(crate) const PLATFORM_INSET: f64 = 0.015;
 /// Radius of the flange face, m; estimate.
-const FLANGE_RADIUS: f64 = 0.025;
+pub(crate) const FLANGE_RADIUS: f64 = 0.025;
 /// Rounding of the flange's rim, m; estimate.
 const FLANGE_ROUNDING: f64 = 0.005;
 /// Radius of the telescope's upper rod, m; CAD, diameter 14.5 mm.
-const ROD_RADIUS: f64 = 0.00725;
+pub(crate) const ROD_RADIUS: f64 = 0.00725;
 /// The rod ends this far before the lower Hooke joint when the telescope is shortest, m; CAD, 812 − 760 mm.
-const ROD_CLEARANCE: f64 = 0.052;
+pub(crate) const ROD_CLEARANCE: f64 = 0.052;
 /// Radius of the telescope's lower tube, m; CAD, outside diameter 27.5 mm.
-const TUBE_RADIUS: f64 = 0.01375;
+pub(crate) const TUBE_RADIUS: f64 = 0.01375;
 /// The tube ends this far before the upper Hooke joint when the telescope is shortest, m; CAD, 812 − 776.5 mm.
-const TUBE_CLEARANCE: f64 = 0.0355;
+pub(crate) const TUBE_CLEARANCE: f64 = 0.0355;
 /// Corners of the plate and of the flange's rim.
 const CORNERS: usize = 6;
 

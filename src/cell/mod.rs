@@ -6,7 +6,7 @@
 
 mod hull;
 pub mod law;
-mod links;
+pub(crate) mod links;
 pub mod object;
 #[cfg(test)]
 mod tests;

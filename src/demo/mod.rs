@@ -141,9 +141,12 @@ pub fn investigate(campaign: &Campaign, progress: &mut dyn FnMut(&str)) -> Resul
     Ok(Findings { measurement, validation, comparison, identified, diagnosis, right })
 }
 
+/// A larger set of effects that cannot be told apart names nothing.
+const LARGEST_SET: usize = 3;
+
 fn is_right(hidden: &Hidden, diagnosis: &Diagnosis) -> bool {
     let Some(active) = &hidden.active else { return diagnosis.verdict == Verdict::None };
     let name = active.effect.name();
     diagnosis.effects.first().is_some_and(|e| e.name == name)
-        || diagnosis.indistinguishable.iter().any(|set| set.iter().any(|n| n == name))
+        || diagnosis.indistinguishable.iter().any(|set| set.len() <= LARGEST_SET && set.iter().any(|n| n == name))
 }

@@ -47,9 +47,11 @@ impl std::fmt::Display for Channel {
     }
 }
 
-/// Twist of a body: velocity of its origin and angular velocity, world axes.
-pub(crate) type Twist = (Vector3<f64>, Vector3<f64>);
-const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+/// Twist (velocity of the origin, angular velocity) or wrench (force, moment about the origin) of a body, world axes.
+pub type Twist = (Vector3<f64>, Vector3<f64>);
+
+/// No motion, no load.
+pub(crate) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
 
 /// Twists of all bodies per unit of each channel's virtual motion.
 pub struct ChannelMap {

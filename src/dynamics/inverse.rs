@@ -2,10 +2,12 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::{Channel, ChannelMap, Plant, inertial_wrench};
+use super::channels::{Channel, ChannelMap, STILL, Twist};
+use super::{Plant, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
-use crate::model::STRUTS;
+use crate::model::bodies::BODIES;
+use crate::model::{AXES, STRUTS};
 
 /// Drive torques and strut forces of one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,15 +33,15 @@ const STRUT_CHANNELS: [Channel; 2 * STRUTS] = [
     Channel::StrutLower(5),
 ];
 
+const CHANNELS: usize = AXES + 2 * STRUTS;
+
 impl Output {
-    /// Values of four torques and, where present, six upper and six lower strut forces.
-    fn from_channels(values: &[f64]) -> Self {
+    /// Values of four torques, six upper and six lower strut forces.
+    fn from_channels(values: &[f64; CHANNELS]) -> Self {
         let mut out = Self::default();
-        out.tau.copy_from_slice(&values[..4]);
-        if values.len() > 4 {
-            out.reactions.upper.copy_from_slice(&values[4..4 + STRUTS]);
-            out.reactions.lower.copy_from_slice(&values[4 + STRUTS..4 + 2 * STRUTS]);
-        }
+        out.tau.copy_from_slice(&values[..AXES]);
+        out.reactions.upper.copy_from_slice(&values[AXES..AXES + STRUTS]);
+        out.reactions.lower.copy_from_slice(&values[AXES + STRUTS..]);
         out
     }
 }
@@ -56,46 +58,44 @@ pub fn inverse_dynamics(
 ) -> Result<Output, KinematicsError> {
     let reads_reactions = plant.assembled && plant.effects.iter().any(|a| a.effect.reads_reactions());
     let iterated = |a: &ActiveEffect| a.effect.reads_reactions() || a.effect.reads_torque();
-    let mut channels = Channel::TORQUES.to_vec();
-    if plant.assembled && (with_struts || reads_reactions) {
-        channels.extend(STRUT_CHANNELS);
-    }
-    let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, &channels)?;
+    let all: [Channel; CHANNELS] =
+        std::array::from_fn(|c| if c < AXES { Channel::TORQUES[c] } else { STRUT_CHANNELS[c - AXES] });
+    let channels = if plant.assembled && (with_struts || reads_reactions) { &all[..] } else { &all[..AXES] };
+    let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, channels)?;
     let gravity = plant.gravity_vector();
-    let mut fixed = vec![0.0; channels.len()];
+    // Applied minus inertial wrench of every body.
+    let mut fixed = [STILL; BODIES];
     for (body, inertia) in plant.bodies.0.iter().enumerate() {
         let (force, moment) = inertial_wrench(inertia, &motion.bodies[body], &gravity);
-        for c in 0..channels.len() {
-            fixed[c] -= map.project(c, body, &force, &moment);
-        }
+        fixed[body] = (-force, -moment);
     }
-    let add = |active: &ActiveEffect, state: &[f64], loads: &Output, sum: &mut [f64]| {
+    let add = |active: &ActiveEffect, state: &[f64], loads: &Output, sum: &mut [Twist; BODIES]| {
         let at = instant(plant, active, t, motion, loads, state);
-        active.effect.forces_along(
-            &active.values(),
-            &at,
-            &mut Wrenches::new(&mut |k, body, force, moment| {
-                for c in 0..channels.len() {
-                    sum[c] += active.values[k] * map.project(c, body, &force, &moment);
-                }
-            }),
-        );
+        active.effect.forces_along(&active.values(), &at, &mut Wrenches::sum(&active.values, motion, sum));
+    };
+    let project = |wrenches: &[Twist; BODIES]| {
+        let mut values = [0.0; CHANNELS];
+        for (c, value) in values.iter_mut().enumerate().take(channels.len()) {
+            *value = wrenches.iter().enumerate().map(|(b, (f, m))| map.project(c, b, f, m)).sum();
+        }
+        values
     };
     for (active, state) in plant.effects.iter().zip(states) {
         if !iterated(active) {
             add(active, state, &Output::default(), &mut fixed);
         }
     }
-    let mut values = fixed.clone();
+    let mut values = project(&fixed);
     if plant.effects.iter().any(iterated) {
         // Friction moments are a few thousandths of the lever times the reactions, gear friction a few hundredths of the
         // torque: the iteration contracts fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let loads = Output::from_channels(&values);
-            let mut next = fixed.clone();
+            let mut next = fixed;
             for (active, state) in plant.effects.iter().zip(states).filter(|(a, _)| iterated(a)) {
                 add(active, state, &loads, &mut next);
             }
+            let next = project(&next);
             let change = next.iter().zip(&values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             values = next;
             if change < 1e-11 {

@@ -8,7 +8,8 @@ mod inverse;
 mod newton_euler;
 mod plant;
 
-pub use channels::{Channel, ChannelMap};
+pub(crate) use channels::STILL;
+pub use channels::{Channel, ChannelMap, Twist};
 pub use inverse::{Output, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
 pub use plant::{Plant, PlantParameter, set_parameters};

@@ -45,7 +45,7 @@ impl ArFilter {
         }
     }
 
-    /// Fit by Burg's recursion; the order up to `max_order` has the smallest BIC. Segments too short to carry the
+    /// Fit by Burg's recursion to the series less its mean; the order up to `max_order` has the smallest BIC. Segments too short to carry the
     /// largest order are left out, and the order shrinks when all are.
     pub fn fit(series: &[f64], segments: &[Range<usize>], max_order: usize) -> Self {
         let longest = segments.iter().map(ExactSizeIterator::len).max().unwrap_or(0);
@@ -53,11 +53,14 @@ impl ArFilter {
         let kept: Vec<&[f64]> =
             segments.iter().filter(|s| s.len() > 2 * max_order).map(|s| &series[s.start..s.end]).collect();
         let n: usize = kept.iter().map(|s| s.len()).sum();
-        let mut variance = kept.iter().flat_map(|s| s.iter()).map(|x| x * x).sum::<f64>() / n.max(1) as f64;
+        // A constant is what a bias leaves, not noise: as a root at one it would whiten the bias away.
+        let mean = kept.iter().flat_map(|s| s.iter()).sum::<f64>() / n.max(1) as f64;
+        let mut variance =
+            kept.iter().flat_map(|s| s.iter()).map(|x| (x - mean).powi(2)).sum::<f64>() / n.max(1) as f64;
         if variance.is_nan() || variance <= 0.0 {
             return Self::scale(0.0);
         }
-        let mut forward: Vec<Vec<f64>> = kept.iter().map(|s| s.to_vec()).collect();
+        let mut forward: Vec<Vec<f64>> = kept.iter().map(|s| s.iter().map(|x| x - mean).collect()).collect();
         let mut backward = forward.clone();
         let mut a: Vec<f64> = Vec::new();
         let least = LEAST_INNOVATION * variance;
@@ -116,6 +119,22 @@ mod tests {
         assert!(f.order() >= 2);
         assert!((f.coefficients[0] - 1.2).abs() < 0.03 && (f.coefficients[1] + 0.5).abs() < 0.03, "{f:?}");
         assert!((f.sigma - 0.3).abs() < 0.006);
+    }
+
+    #[test]
+    fn a_constant_is_not_whitened_away() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let x: Vec<f64> = (0..5000)
+            .map(|_| {
+                let w: f64 = StandardNormal.sample(&mut rng);
+                20.0 + w
+            })
+            .collect();
+        let f = ArFilter::fit(&x, &[0..5000], 12);
+        let mut e = vec![0.0; 4900];
+        f.apply(&x, 100..5000, &mut e);
+        let mean = e.iter().sum::<f64>() / 4900.0;
+        assert!((mean - 20.0).abs() < 2.0, "{mean} {f:?}");
     }
 
     #[test]

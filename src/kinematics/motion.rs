@@ -1,6 +1,6 @@
 //! [`Motion`]: pose, twist and acceleration of all bodies and the rates of all joints at one time.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::delta::{self, JointState, KinematicsError, PlatformState};
 use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
@@ -121,6 +121,14 @@ impl SocketSet {
 }
 
 impl Motion {
+    /// Poses of the bodies' frames.
+    pub fn poses(&self) -> [Isometry3<f64>; BODIES] {
+        self.bodies.map(|b| {
+            let rotation = Rotation3::from_matrix_unchecked(b.rotation);
+            Isometry3::from_parts(b.position.into(), UnitQuaternion::from_rotation_matrix(&rotation))
+        })
+    }
+
     /// Body a drive acts on and its axis in the inertial frame.
     pub fn drive(axis: usize) -> (usize, Vector3<f64>) {
         if axis < 3 { (ARM + axis, Geometry::tangential(axis)) } else { (ROTOR, Vector3::z()) }

@@ -47,15 +47,22 @@ pub(super) fn known(name: &str) -> bool {
     let numbered = |stem: &str, n: usize| {
         name.strip_prefix(stem).is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=n).contains(&k)))
     };
-    let strut = |end: &str| {
-        name.strip_prefix("strut")
+    let strut = |stem: &str, end: &str| {
+        name.strip_prefix(stem)
             .and_then(|n| n.strip_suffix(end))
             .is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=STRUTS).contains(&k)))
     };
     matches!(name, "t" | "ee_x" | "ee_y" | "ee_z")
         || ["q", "tau", "qd", "qdd"].iter().any(|stem| numbered(stem, AXES))
-        || strut("_upper")
-        || strut("_lower")
+        || strut("strut", "_upper")
+        || strut("strut", "_lower")
+        || strut("margin", "_upper")
+        || strut("margin", "_lower")
+}
+
+/// Columns of the socket margins: six upper, then six lower.
+pub(super) fn margin_names() -> [String; 2 * STRUTS] {
+    std::array::from_fn(|s| format!("margin{}_{}", s % STRUTS + 1, if s < STRUTS { "upper" } else { "lower" }))
 }
 
 /// Checks and repairs `table`; also returns what was noticed.
@@ -161,7 +168,7 @@ impl Table {
         for c in &self.columns {
             let (limit, unit, hint) = match c.name.as_str() {
                 n if n.starts_with("tau") => (1e4, "N·m", "looks like N·mm"),
-                n if n.starts_with("strut") => (1e6, "N", "looks like mN"),
+                n if n.starts_with("strut") || n.starts_with("margin") => (1e6, "N", "looks like mN"),
                 n if n.starts_with("ee") => (5.0, "m", "looks like millimetres"),
                 _ => continue,
             };
@@ -195,7 +202,9 @@ impl Table {
                 return Err(self.value_error(0, &name, problem, "a channel that changes"));
             }
         }
-        for c in self.columns.iter().filter(|c| !is_axis(&c.name) && is_constant(&c.values)) {
+        // A margin is no sensor's: that of a socket open from the start is always zero.
+        let sensor = |c: &&Column| !is_axis(&c.name) && !c.name.starts_with("margin");
+        for c in self.columns.iter().filter(sensor).filter(|c| is_constant(&c.values)) {
             warnings.push(format!("`{}` is always {}: is the sensor connected?", c.name, c.values[0]));
         }
         Ok(())
@@ -462,9 +471,15 @@ impl Table {
         let (has_qd, has_qdd) = (optional(&of_axes("qd")), optional(&of_axes("qdd")));
         let ee_names = ["ee_x", "ee_y", "ee_z"];
         let has_ee = optional(&ee_names.map(String::from));
+        let margin_names = margin_names();
+        let has_margins = optional(&margin_names);
         let strut = |s: usize, end: &str| self.column(&format!("strut{}_{end}", s + 1)).map(<[f64]>::to_vec);
         let ee = has_ee.then(|| {
             let all = ee_names.map(|name| self.column(name));
+            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
+        });
+        let margins = has_margins.then(|| {
+            let all = margin_names.each_ref().map(|name| self.column(name));
             (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
         });
         Signals {
@@ -475,7 +490,7 @@ impl Table {
             ee,
             qd: has_qd.then(|| axes("qd")),
             qdd: has_qdd.then(|| axes("qdd")),
-            socket_margin: None,
+            socket_margin: margins,
             segments,
             t: self.t.clone(),
         }
@@ -509,6 +524,11 @@ pub(super) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
         if let Some(ee) = &signals.ee {
             let values = ee.iter().map(|p| p[k]).collect();
             columns.push(Column { name: format!("ee_{axis}"), values });
+        }
+    }
+    for (s, name) in margin_names().into_iter().enumerate() {
+        if let Some(margins) = &signals.socket_margin {
+            columns.push(Column { name, values: margins.iter().map(|m| m[s]).collect() });
         }
     }
     for c in &columns {

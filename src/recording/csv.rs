@@ -1,7 +1,8 @@
 //! Recordings as CSV: a header row with the names of the columns in any order, SI units.
 //!
 //! Required: `t, q1…q4, tau1…tau4`. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
-//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`. Comma, semicolon or tab between the cells.
+//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`. Comma,
+//! semicolon or tab between the cells.
 
 use std::io::Write;
 use std::path::Path;

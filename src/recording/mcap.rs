@@ -26,6 +26,7 @@ const JOINTS: &str = "/joint_states";
 const STRUT_FORCES: &str = "/strut_forces";
 const END_EFFECTOR: &str = "/end_effector";
 const ACCELERATION: &str = "/joint_acceleration";
+const SOCKET_MARGINS: &str = "/socket_margins";
 
 const JOINT_STATE: &str = "\
 std_msgs/Header header
@@ -47,6 +48,8 @@ const STRUT_SCHEMA: &str = r#"{"title":"deltatwin.StrutForces","description":"ax
 const POINT_SCHEMA: &str = r#"{"title":"deltatwin.EndEffector","description":"centre of the platform's ball plane, m","type":"object","properties":{"x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"}},"required":["x","y","z"]}"#;
 const ACCELERATION_SCHEMA: &str = r#"{"title":"deltatwin.JointAcceleration","description":"joint accelerations, rad/s²","type":"object","properties":{"acceleration":{"type":"array","items":{"type":"number"},"minItems":4,"maxItems":4}},"required":["acceleration"]}"#;
 
+const MARGIN_SCHEMA: &str = r#"{"title":"deltatwin.SocketMargins","description":"what the ball socket at each end of a strut could still take, zero once open, N","type":"object","properties":{"upper":{"type":"array","items":{"type":"number"},"minItems":6,"maxItems":6},"lower":{"type":"array","items":{"type":"number"},"minItems":6,"maxItems":6}},"required":["upper","lower"]}"#;
+
 #[derive(Serialize, Deserialize)]
 struct StrutForces {
     upper: [Option<f64>; STRUTS],
@@ -63,6 +66,12 @@ struct Point {
 #[derive(Serialize, Deserialize)]
 struct Acceleration {
     acceleration: [f64; AXES],
+}
+
+#[derive(Serialize, Deserialize)]
+struct SocketMargins {
+    upper: [f64; STRUTS],
+    lower: [f64; STRUTS],
 }
 
 /// Whether `path` is an MCAP file by its first bytes or, when it has none, by its name.
@@ -118,6 +127,8 @@ fn write_records<W: std::io::Write + std::io::Seek>(out: W, recording: &Recordin
     let point = json(signals.ee.is_some(), END_EFFECTOR, "deltatwin.EndEffector", POINT_SCHEMA)?;
     let name = "deltatwin.JointAcceleration";
     let acceleration = json(signals.qdd.is_some(), ACCELERATION, name, ACCELERATION_SCHEMA)?;
+    let name = "deltatwin.SocketMargins";
+    let margins = json(signals.socket_margin.is_some(), SOCKET_MARGINS, name, MARGIN_SCHEMA)?;
 
     let mut second = None;
     for (i, t) in signals.t.iter().enumerate() {
@@ -142,6 +153,10 @@ fn write_records<W: std::io::Write + std::io::Seek>(out: W, recording: &Recordin
         }
         if let (Some(id), Some(qdd)) = (acceleration, &signals.qdd) {
             message(id, &to_json(&Acceleration { acceleration: qdd[i] })?)?;
+        }
+        if let (Some(id), Some(margin)) = (margins, &signals.socket_margin) {
+            let of = |end: usize| std::array::from_fn(|s| margin[i][STRUTS * end + s]);
+            message(id, &to_json(&SocketMargins { upper: of(0), lower: of(1) })?)?;
         }
         let mut cdr = CdrWriter::default();
         cdr.u32((time / SECOND) as u32);
@@ -269,7 +284,7 @@ fn collect(path: &Path, content: &[u8], warnings: &mut Vec<String>) -> Result<Me
             Record::Channel(c) => {
                 let schema = schemas.get(&c.schema_id).map_or("", String::as_str);
                 let is_state = matches!(schema, "sensor_msgs/msg/JointState" | "sensor_msgs/JointState");
-                let json = [STRUT_FORCES, END_EFFECTOR, ACCELERATION];
+                let json = [STRUT_FORCES, END_EFFECTOR, ACCELERATION, SOCKET_MARGINS];
                 if is_state && c.message_encoding == "cdr" {
                     channels.insert(c.id, Use::Joints);
                     state_topics.insert(c.id, c.topic.clone());
@@ -440,6 +455,10 @@ fn joints(path: &Path, messages: &Messages, axes: usize, warnings: &mut Vec<Stri
     extra(ACCELERATION, &qdd_names, &|data| {
         let a: Acceleration = serde_json::from_slice(data).ok()?;
         Some(a.acceleration.map(Some).to_vec())
+    });
+    extra(SOCKET_MARGINS, &check::margin_names(), &|data| {
+        let m: SocketMargins = serde_json::from_slice(data).ok()?;
+        Some([m.upper, m.lower].concat().into_iter().map(Some).collect())
     });
     Ok(Table { file: path.into(), row: "JointState message", rows, t, columns, axes })
 }

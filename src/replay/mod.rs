@@ -36,8 +36,8 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
     let stride = (1.0 / FRAMES / trace.dt).round().max(1.0) as usize;
     let frames: Vec<usize> = (0..trace.len()).step_by(stride).collect();
     let times: Vec<f64> = frames.iter().map(|&k| trace.t[k]).collect();
-    let motions: Vec<_> =
-        frames.iter().map(|&k| plant.motion(&trace.joints[k])).collect::<Result<_, _>>().into_diagnostic()?;
+    let poses = frames.iter().map(|&k| plant.motion(&trace.joints[k]).map(|m| m.poses()));
+    let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
     // Mean over a frame: single samples are noise.
     let residual: Vec<[f64; AXES]> = frames
         .iter()
@@ -49,7 +49,8 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
             })
         })
         .collect();
-    let scene =
-        Scene { times: &times, motions: &motions, geometry: &plant.geometry, series, residual: Some(&residual) };
+    let mut scene = Scene::new(&plant.geometry, times, poses);
+    scene.series = series;
+    scene.residual = Some(residual);
     write_rrd(path, &recording.name, &scene).into_diagnostic()
 }

@@ -21,8 +21,8 @@ pub struct SocketSetup {
     pub hold: Option<[f64; SOCKETS]>,
     /// Share of the hold that each socket has lost, 0 to 1.
     pub wear: [f64; SOCKETS],
-    /// Spring units that are missing, see [`spring_name`].
-    pub missing: [bool; SPRINGS],
+    /// Springs missing of the two in each unit, see [`spring_name`].
+    pub missing: [u8; SPRINGS],
     /// Standard deviation of the holds about the model's, N; drawn with the scenario's seed.
     pub sigma: Option<f64>,
 }
@@ -30,7 +30,7 @@ pub struct SocketSetup {
 impl SocketSetup {
     /// Force at which each socket leaves its ball, N; `healthy` is the model's and `seed` the scenario's.
     ///
-    /// Zero for both sockets of a missing spring, never negative.
+    /// Never negative. It is proportional to the clamp force: a unit that has lost one of its two springs holds half.
     pub fn holds(&self, healthy: f64, seed: u64) -> [f64; SOCKETS] {
         let mut holds = self.hold.unwrap_or([healthy; SOCKETS]);
         if let Some(normal) = self.sigma.and_then(|sigma| Normal::new(0.0, sigma).ok()) {
@@ -40,7 +40,10 @@ impl SocketSetup {
                 *hold += normal.sample(&mut rng);
             }
         }
-        std::array::from_fn(|s| if self.missing[spring(s)] { 0.0 } else { (holds[s] * (1.0 - self.wear[s])).max(0.0) })
+        std::array::from_fn(|s| {
+            let springs = 1.0 - 0.5 * f64::from(self.missing[spring(s)].min(2));
+            (holds[s] * springs * (1.0 - self.wear[s])).max(0.0)
+        })
     }
 }
 
@@ -67,10 +70,12 @@ mod tests {
         assert_eq!(SocketSetup::default().holds(200.0, 7), [200.0; SOCKETS]);
         let mut sockets = SocketSetup::default();
         sockets.wear[3] = 0.25;
-        sockets.missing[4] = true;
+        sockets.missing[4] = 1;
+        sockets.missing[5] = 2;
         let mut expected = [200.0; SOCKETS];
         expected[3] = 150.0;
-        (expected[8], expected[9]) = (0.0, 0.0);
+        (expected[8], expected[9]) = (100.0, 100.0);
+        (expected[10], expected[11]) = (0.0, 0.0);
         assert_eq!(sockets.holds(200.0, 7), expected);
         assert_eq!(spring_name(4), "limb2_lower");
         // Both sockets of a unit are on the same limb and end.
@@ -98,12 +103,12 @@ mod tests {
         fn holds_are_never_negative(
             wear in prop::array::uniform12(0.0..=1.0f64),
             sigma in prop::option::of(0.0..1e3f64),
-            missing in prop::array::uniform6(any::<bool>()),
+            missing in prop::array::uniform6(0u8..3),
             seed in any::<u64>(),
         ) {
             let sockets = SocketSetup { wear, sigma, missing, ..SocketSetup::default() };
             for (s, hold) in sockets.holds(200.0, seed).iter().enumerate() {
-                prop_assert!(*hold >= 0.0 && hold.is_finite() && (!missing[s / 2] || *hold == 0.0));
+                prop_assert!(*hold >= 0.0 && hold.is_finite() && (missing[s / 2] < 2 || *hold == 0.0));
             }
         }
     }

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
 use super::assembled::{MAX_REACTION_ITERATIONS, REACTION_TOLERANCE, Scratch, change};
-use super::forces::{Forces, Scene};
+use super::forces::{Forces, Probe, Scene};
 use super::integrator::System;
 use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
 use super::loose::Loose;
@@ -195,9 +195,10 @@ impl System for Absolute<'_> {
         let mut motion = motion(&self.plant.geometry, y);
         let own = &y[self.layout.own()];
         if first {
-            let scene = self.scene(t, &motion, own);
+            let (torque, closed) = (self.torque.at(t), self.closed);
             let scratch = &mut *self.scratch;
-            self.forces.measure_damping(self.plant, &scene, &scratch.reactions, &mut scratch.damping);
+            let at = Probe { t, own, torque, closed, reactions: &scratch.reactions };
+            self.forces.measure_damping(self.plant, &at, &mut motion, &mut scratch.damping);
         }
         let solution = self.solve(t, &motion, own, Some((sum, g)))?;
         for b in 0..BODIES {

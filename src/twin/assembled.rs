@@ -3,7 +3,7 @@
 use nalgebra::{Quaternion, Vector3};
 
 use super::SingularPose;
-use super::forces::{Damping, Forces, Scene};
+use super::forces::{Damping, Forces, Probe, Scene};
 use super::integrator::System;
 use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
 use super::mechanism::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
@@ -33,6 +33,8 @@ pub(super) const MAX_REACTION_ITERATIONS: usize = 60;
 /// Buffers that live as long as the twin.
 pub(super) struct Scratch {
     frame: Option<Box<Frame>>,
+    /// Time and torque for which frame and wrenches hold; forgotten when anything changes.
+    fresh: Option<(f64, [f64; AXES])>,
     /// Reactions of the last evaluation, first guess of the next.
     pub reactions: Reactions,
     /// Largest change in the last iteration over the reactions that did not converge, N; zero if all did.
@@ -55,6 +57,7 @@ impl Scratch {
     pub fn new(plant: &Plant, forces: &Forces) -> Self {
         Self {
             frame: None,
+            fresh: None,
             reactions: Reactions::default(),
             unconverged: 0.0,
             wrenches: [STILL; BODIES],
@@ -69,6 +72,11 @@ impl Scratch {
 }
 
 impl Scratch {
+    /// State, machine or surroundings are no longer those of the last evaluation.
+    pub fn forget(&mut self) {
+        self.fresh = None;
+    }
+
     /// Stage derivatives of the effects' own states: (1 − g·J)·k = rate + J·sum with their slopes J.
     pub fn own_rates(
         &mut self,
@@ -128,12 +136,19 @@ pub(super) fn store(y: &mut [f64], pose: &Pose, nu: &OpenVector, spin: &[f64; ST
 }
 
 impl Assembled<'_> {
-    /// Runs `what` on the frame at a state.
-    fn with_frame<T>(&mut self, y: &[f64], what: impl FnOnce(&mut Self, &mut Frame) -> T) -> T {
-        let (mut pose, nu, spin) = pose(y);
-        pose.orientation /= pose.orientation.norm();
+    /// Runs `what` on the frame at a state, with the wrenches that do not read reactions in place.
+    ///
+    /// An evaluation and the step that starts from it share both.
+    fn with_frame<T>(&mut self, t: f64, y: &[f64], start: bool, what: impl FnOnce(&mut Self, &mut Frame) -> T) -> T {
         let mut frame = self.scratch.frame.take().unwrap_or_else(|| Box::new(Frame::empty()));
-        self.mechanism.frame(&pose, &nu, &spin, &mut frame);
+        let key = (t, self.torque.at(t));
+        if !(start && self.scratch.fresh == Some(key)) {
+            let (mut pose, nu, spin) = pose(y);
+            pose.orientation /= pose.orientation.norm();
+            self.mechanism.frame(&pose, &nu, &spin, &mut frame);
+            self.prepare(t, &frame, &y[self.layout.own()]);
+        }
+        self.scratch.fresh = start.then_some(key);
         let out = what(self, &mut frame);
         self.scratch.frame = Some(frame);
         out
@@ -189,9 +204,8 @@ impl Assembled<'_> {
 
     /// Accelerations and reactions at a state: motion of all bodies, and the solution.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, Solution), SingularPose> {
-        self.with_frame(y, |system, frame| {
+        self.with_frame(t, y, true, |system, frame| {
             let own = &y[system.layout.own()];
-            system.prepare(t, frame, own);
             let solution = system.solve(t, frame, own, &Implicit::default())?;
             let mut motion = frame.motion;
             let accelerations = system.mechanism.accelerations(frame, &solution);
@@ -258,7 +272,7 @@ impl System for Assembled<'_> {
         first: bool,
         k: &mut [f64],
     ) -> Result<(), SingularPose> {
-        self.with_frame(y, |system, frame| system.stage_at(t, y, frame, sum, g, first, k))
+        self.with_frame(t, y, first, |system, frame| system.stage_at(t, y, frame, sum, g, first, k))
     }
 
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
@@ -283,7 +297,6 @@ impl Assembled<'_> {
     ) -> Result<(), SingularPose> {
         let (pose, nu, spin) = pose(y);
         let own = &y[self.layout.own()];
-        self.prepare(t, frame, own);
         // Position rates are ν, and ν one step ahead where struts are elastic (their stiffness is implicit).
         let elastic = g > 0.0 && self.mechanism.springs.is_some();
         let mut rate = nu;
@@ -292,9 +305,10 @@ impl Assembled<'_> {
         }
         let implicit = if g > 0.0 {
             if first {
-                let scene = self.scene(t, &frame.motion, own);
+                let torque = self.torque.at(t);
                 let scratch = &mut *self.scratch;
-                self.forces.measure_damping(self.plant, &scene, &scratch.reactions, &mut scratch.damping);
+                let at = Probe { t, own, torque, closed: SocketSet::ALL, reactions: &scratch.reactions };
+                self.forces.measure_damping(self.plant, &at, &mut frame.motion, &mut scratch.damping);
             }
             self.implicit(frame, sum, g, &rate)
         } else {

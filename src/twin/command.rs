@@ -41,7 +41,7 @@ pub struct Args {
     /// Compare with an earlier recording of the same scenario, bit by bit; reports the first sample that differs.
     #[arg(long, value_name = "REC")]
     pub verify: Option<PathBuf>,
-    /// Rerun file to write.
+    /// Rerun file to write: the robot, whole or in parts, the objects around it, the events and the loads.
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "FILE")]
     pub rrd: Option<PathBuf>,
@@ -50,6 +50,9 @@ pub struct Args {
     pub json: bool,
 }
 
+/// Time between the frames of a Rerun file, s.
+#[cfg(feature = "viewer")]
+const FRAME: f64 = 0.01;
 /// Steps of the reference run per step.
 const REFERENCE: usize = 16;
 
@@ -59,6 +62,7 @@ struct Job {
     machine: Model,
     planning: Model,
     motion: DesiredMotion,
+    options: Options,
     output: Option<PathBuf>,
 }
 
@@ -124,7 +128,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
         #[cfg(feature = "viewer")]
         if let Some(rrd) = &args.rrd {
-            crate::replay::write(rrd, &outcome.recording, &job.planning)?;
+            let geometry = Plant::new(&job.machine, &job.scenario.setup).geometry;
+            super::show::write(rrd, &geometry, &job.options, &outcome.recording, &outcome.report).into_diagnostic()?;
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
         if matches!(difference, Some(Some(_))) {
@@ -164,21 +169,26 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
         check_output(output, &[file, machine_file], &["mcap", "csv"])?;
     }
     let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
-    Ok(Job { scenario, machine, planning, motion, output })
+    #[cfg_attr(not(feature = "viewer"), expect(unused_mut))]
+    let mut options = Options::of(&scenario, &machine);
+    #[cfg(feature = "viewer")]
+    if args.rrd.is_some() {
+        options.frames = Some(FRAME);
+    }
+    Ok(Job { scenario, machine, planning, motion, options, output })
 }
 
 fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
-    let Job { scenario, machine, planning, motion, .. } = job;
+    let Job { scenario, machine, planning, motion, options, .. } = job;
     let controller = Plant::new(planning, &scenario.setup);
-    let options = Options::of(scenario, machine);
     let desired = |t: f64| motion.at(t);
     let start = Instant::now();
-    let (mut recording, report) = simulate(machine, &scenario.setup, &controller, &desired, &options, progress)?;
+    let (mut recording, report) = simulate(machine, &scenario.setup, &controller, &desired, options, progress)?;
     let wall = start.elapsed().as_secs_f64();
     recording.name.clone_from(&scenario.name);
     let step_error = if step_error {
         let again = |substeps: usize| {
-            let options = Options { noise_seed: None, substeps, ..options.clone() };
+            let options = Options { noise_seed: None, substeps, frames: None, ..options.clone() };
             simulate(machine, &scenario.setup, &controller, &desired, &options, &mut |_| !interrupted())
         };
         let coarse = again(options.substeps)?.0;

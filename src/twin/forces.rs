@@ -145,6 +145,15 @@ pub(super) struct Damping {
     keep: usize,
 }
 
+/// What a force law may read besides plant and motion.
+pub(super) struct Probe<'a> {
+    pub t: f64,
+    pub own: &'a [f64],
+    pub torque: [f64; AXES],
+    pub closed: SocketSet,
+    pub reactions: &'a Reactions,
+}
+
 /// Change of a rate by which the damping of effects is measured, rad/s.
 const RATE: f64 = 1e-6;
 /// Steps without a new measurement where the restraint of the spins is ten times stronger than all friction.
@@ -157,37 +166,40 @@ enum Freedom {
 }
 
 impl Forces {
-    /// Wrenches of the effects that damp a freedom, at the scene or with that freedom's rates a little higher.
+    /// Wrenches of the effects that damp a freedom (only of effect `only`, if given), and with that freedom's rates a
+    /// little higher. `motion` is as before when it returns.
     fn probe(
         &self,
         plant: &Plant,
-        scene: &Scene,
-        reactions: &Reactions,
+        at: &Probe,
+        motion: &mut Motion,
         freedom: Freedom,
-        k: Option<usize>,
+        only: Option<usize>,
     ) -> [[Twist; BODIES]; 2] {
-        let mut moved = *scene.motion;
-        match freedom {
-            Freedom::Drives => moved.qd.iter_mut().for_each(|rate| *rate += RATE),
-            Freedom::Spins => {
-                for s in 0..STRUTS {
-                    moved.bodies[STRUT + s].angular_velocity += moved.strut_axis[s] * RATE;
+        let (qd, bodies) =
+            (motion.qd, std::array::from_fn::<_, STRUTS, _>(|s| motion.bodies[STRUT + s].angular_velocity));
+        [0.0, RATE].map(|rate| {
+            match freedom {
+                Freedom::Drives => motion.qd.iter_mut().for_each(|x| *x += rate),
+                Freedom::Spins => {
+                    for s in 0..STRUTS {
+                        motion.bodies[STRUT + s].angular_velocity += motion.strut_axis[s] * rate;
+                    }
                 }
             }
-        }
-        [scene.motion, &moved].map(|motion| {
             let mut out = [STILL; BODIES];
-            let scene = Scene { motion, ..*scene };
+            let scene = Scene { t: at.t, motion, own: at.own, torque: at.torque, closed: at.closed };
             for &e in &self.damps[freedom as usize] {
-                if k.is_none_or(|k| k == e) {
-                    let instant = self.instant(plant, e, &scene, reactions);
+                if only.is_none_or(|k| k == e) {
+                    let instant = self.instant(plant, e, &scene, at.reactions);
                     let active = &plant.effects[e];
-                    active.effect.forces(
-                        &active.values(),
-                        &instant,
-                        &mut Wrenches::sum(&active.values, motion, &mut out),
-                    );
+                    let mut sum = Wrenches::sum(&active.values, motion, &mut out);
+                    active.effect.forces(&active.values(), &instant, &mut sum);
                 }
+            }
+            motion.qd = qd;
+            for (s, omega) in bodies.iter().enumerate() {
+                motion.bodies[STRUT + s].angular_velocity = *omega;
             }
             out
         })
@@ -203,12 +215,12 @@ impl Forces {
             motion.bodies[STRUT + s].angular_velocity = Vector3::new(0.3, 0.2, 0.1);
         }
         let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.effect.initial_state(&a.values())).collect();
-        let scene = Scene { t: 0.0, motion: &motion, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL };
         let reactions = Reactions { upper: [100.0; STRUTS], lower: [100.0; STRUTS] };
+        let at = Probe { t: 0.0, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL, reactions: &reactions };
         [Freedom::Drives, Freedom::Spins].map(|freedom| {
             (0..plant.effects.len())
                 .filter(|&k| {
-                    let [base, moved] = self.probe(plant, &scene, &reactions, freedom, Some(k));
+                    let [base, moved] = self.probe(plant, &at, &mut motion, freedom, Some(k));
                     base != moved
                 })
                 .collect()
@@ -216,20 +228,20 @@ impl Forces {
     }
 
     /// Measures the damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
-    pub fn measure_damping(&self, plant: &Plant, scene: &Scene, reactions: &Reactions, damping: &mut Damping) {
+    pub fn measure_damping(&self, plant: &Plant, at: &Probe, motion: &mut Motion, damping: &mut Damping) {
         let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, axis: &Vector3<f64>| {
             ((base[body].1 - moved[body].1).dot(axis) / RATE).max(0.0)
         };
         damping.drives = [0.0; AXES];
         if !self.damps[Freedom::Drives as usize].is_empty() {
-            let probe = self.probe(plant, scene, reactions, Freedom::Drives, None);
+            let probe = self.probe(plant, at, motion, Freedom::Drives, None);
             for a in 0..AXES {
                 let (body, axis) = Motion::drive(a);
                 damping.drives[a] = slope(&probe, body, &axis);
             }
         }
         if self.brake > 0.0 {
-            for (drive, rate) in damping.drives.iter_mut().zip(scene.motion.qd) {
+            for (drive, rate) in damping.drives.iter_mut().zip(motion.qd) {
                 *drive += self.brake * BRAKE_STEEPNESS / (BRAKE_STEEPNESS * rate).cosh().powi(2);
             }
         }
@@ -239,10 +251,10 @@ impl Forces {
         }
         damping.spins = [plant.spin_damping; STRUTS];
         if !self.damps[Freedom::Spins as usize].is_empty() {
-            let probe = self.probe(plant, scene, reactions, Freedom::Spins, None);
+            let probe = self.probe(plant, at, motion, Freedom::Spins, None);
             let mut worst = 0f64;
             for s in 0..STRUTS {
-                let slope = slope(&probe, STRUT + s, &scene.motion.strut_axis[s]);
+                let slope = slope(&probe, STRUT + s, &motion.strut_axis[s]);
                 damping.spins[s] += slope;
                 worst = worst.max(slope);
             }

@@ -120,6 +120,7 @@ impl Twin {
             }
         }
         self.t += h;
+        self.scratch.forget();
         Ok(())
     }
 
@@ -199,6 +200,7 @@ impl Twin {
                 self.reference_energy += self.energy_balance() - balance;
             }
         }
+        self.scratch.forget();
         self.closed = self.closed.without(socket);
         Ok(())
     }
@@ -244,6 +246,7 @@ impl Twin {
     }
 
     fn reload(&mut self, moved: Option<&Motion>) -> Result<(), SingularPose> {
+        self.scratch.forget();
         match &mut self.form {
             Form::Assembled(mechanism) => {
                 *mechanism = Mechanism::new(&self.plant);
@@ -275,11 +278,15 @@ impl Twin {
 
     /// Sets the clock without moving anything.
     pub fn set_time(&mut self, t: f64) {
+        self.scratch.forget();
         self.t = t;
     }
 
     /// Wrenches from outside on all bodies (about their origins, world axes), until set again.
     pub fn set_external(&mut self, load: Load) {
+        if !(self.external.is_none() && load.is_none()) {
+            self.scratch.forget();
+        }
         self.external = load;
     }
 
@@ -290,6 +297,7 @@ impl Twin {
 
     /// Brakes on all drives that resist motion with up to `torque` N·m.
     pub fn set_brake(&mut self, torque: f64) {
+        self.scratch.forget();
         self.forces.brake = torque;
         self.smooth = false;
     }
@@ -344,6 +352,7 @@ impl Twin {
     /// # Panics
     /// If a socket opened since.
     pub fn restore(&mut self, mark: &Mark) {
+        self.scratch.forget();
         self.t = mark.t;
         self.y.copy_from_slice(&mark.y);
         self.scratch.reactions = mark.reactions;

@@ -17,6 +17,8 @@ mod machine;
 mod mechanism;
 mod reactions;
 mod sensors;
+#[cfg(feature = "viewer")]
+mod show;
 mod simulate;
 pub mod sockets;
 mod state;

@@ -1,6 +1,6 @@
 //! A closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and what the robot touches.
 
-use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, Vector3};
 use thiserror::Error;
 
 use super::controller::{Controller, Gains};
@@ -61,6 +61,10 @@ pub struct Frame {
     pub objects: Vec<Isometry3<f64>>,
     /// Sockets that held.
     pub closed: SocketSet,
+    /// Axial force at the elbow end and at the platform end of each strut, tension positive, N.
+    pub strut_force: [[f64; STRUTS]; 2],
+    /// What each socket could still take, N; zero once open.
+    pub socket_margin: [f64; SOCKETS],
 }
 
 impl Default for Options {
@@ -357,7 +361,7 @@ impl<'a> Run<'a> {
         let Ok(snapshot) = self.twin.evaluate(&self.torque) else { return self.stuck(t, singular) };
         let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, self.twin.closed());
         self.watch(&snapshot, &margins);
-        self.keep_frame(t, &snapshot.motion);
+        self.keep_frame(t, &snapshot, &margins);
         let tau = self.torque.at(t);
         let encoders = self.sensors.angles(&self.twin.encoders());
         self.sensors.record(&mut self.signals, t, &encoders, &tau, &snapshot, &margins);
@@ -610,17 +614,21 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn keep_frame(&mut self, t: f64, motion: &Motion) {
+    fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
         let Some(spacing) = self.options.frames else { return };
         if t + INSTANT < self.report.frames.len() as f64 * spacing {
             return;
         }
-        let bodies = motion.bodies.map(|b| {
-            let rotation = Rotation3::from_matrix_unchecked(b.rotation);
-            Isometry3::from_parts(b.position.into(), UnitQuaternion::from_rotation_matrix(&rotation))
-        });
+        let motion = &snapshot.motion;
         let objects = self.cell.as_ref().map_or_else(Vec::new, |c| c.objects(motion).map(|(_, at, _)| at).collect());
-        self.report.frames.push(Frame { t, bodies, objects, closed: self.twin.closed() });
+        self.report.frames.push(Frame {
+            t,
+            bodies: motion.poses(),
+            objects,
+            closed: self.twin.closed(),
+            strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
+            socket_margin: *margins,
+        });
     }
 
     fn kinetic_energy(&self) -> f64 {

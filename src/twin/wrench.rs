@@ -1,15 +1,9 @@
-//! Pairs of vectors per body: twists and wrenches.
+//! Wrenches from outside.
 
-use nalgebra::Vector3;
-
+pub(super) use crate::dynamics::STILL;
+pub use crate::dynamics::Twist;
 use crate::kinematics::Motion;
 use crate::model::bodies::BODIES;
-
-/// Twist (velocity of the origin, angular velocity) or wrench (force, moment about the origin) of a body, world axes.
-pub type Twist = (Vector3<f64>, Vector3<f64>);
-
-/// No motion, no load.
-pub(super) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
 
 /// Wrenches from outside on all bodies that change linearly with time.
 #[derive(Clone, Debug, PartialEq)]
