@@ -84,8 +84,7 @@ fn a_strut_off_both_balls_flies_like_a_thrown_stick() {
         let lever = b.rotation * inertia.first_moment / inertia.mass;
         let velocity = b.velocity + b.angular_velocity.cross(&lever);
         let about_origin = b.rotation * inertia.tensor * b.rotation.tr_mul(&b.angular_velocity);
-        let momentum =
-            about_origin + lever.cross(&b.velocity) * inertia.mass - lever.cross(&velocity) * inertia.mass;
+        let momentum = about_origin + lever.cross(&b.velocity) * inertia.mass - lever.cross(&velocity) * inertia.mass;
         (b.position + lever, velocity, momentum)
     };
     let (start, velocity, momentum) = state(&twin.motion());
@@ -103,7 +102,10 @@ fn a_strut_off_both_balls_flies_like_a_thrown_stick() {
         worst[2] = worst[2].max((l - momentum).norm() / momentum.norm());
         worst[3] = worst[3].max((spin(&motion) - 7.0).abs());
     }
-    println!("thrown strut: {:.1e} m, {:.1e} m/s, angular momentum {:.1e}, spin {:.1e} rad/s", worst[0], worst[1], worst[2], worst[3]);
+    println!(
+        "thrown strut: {:.1e} m, {:.1e} m/s, angular momentum {:.1e}, spin {:.1e} rad/s",
+        worst[0], worst[1], worst[2], worst[3]
+    );
     assert!(worst.iter().all(|w| *w < 1e-9), "{worst:?}");
     assert!(twin.energy_balance().abs() < 1e-9, "{:e}", twin.energy_balance());
 }
@@ -148,8 +150,7 @@ fn setup() -> Setup {
 
 fn options(hold: f64, armed: bool) -> Options {
     let clamps = Clamps { hold: [hold; SOCKETS], armed };
-    let mut options =
-        Options { duration: 0.4, noise_seed: None, clamps: Some(clamps), ..Options::default() };
+    let mut options = Options { duration: 0.4, noise_seed: None, clamps: Some(clamps), ..Options::default() };
     (options.sensors.sockets, options.sensors.velocity, options.sensors.acceleration) = (true, true, true);
     (options.sensors.strut_upper, options.sensors.strut_lower) = ([true; 6], [true; 6]);
     options
@@ -191,7 +192,8 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         const WATCHED: f64 = 1e3;
         let (free, _) = run(&robot, &options(WATCHED, false));
         let margins = free.signals.socket_margin.as_ref().unwrap();
-        let across: Vec<f64> = margins.iter().map(|m| WATCHED - m.iter().copied().fold(f64::INFINITY, f64::min)).collect();
+        let across: Vec<f64> =
+            margins.iter().map(|m| WATCHED - m.iter().copied().fold(f64::INFINITY, f64::min)).collect();
         // A level that the force crosses upwards after a while, 2/3 of the way to its peak.
         let calm = across[..250].iter().copied().fold(0.0, f64::max);
         let peak = across.iter().copied().fold(0.0, f64::max);
@@ -322,7 +324,10 @@ fn play(scenario: &Scenario, options: &Options) -> Report {
 }
 
 fn tell(name: &str, report: &Report) {
-    println!("{name}: {:.3} s, kinetic energy {:.2e} J, energy {:.1e}", report.simulated, report.kinetic_energy, report.energy_error);
+    println!(
+        "{name}: {:.3} s, kinetic energy {:.2e} J, energy {:.1e}",
+        report.simulated, report.kinetic_energy, report.energy_error
+    );
     for e in &report.events {
         println!("  {:9.6} {}: {}", e.t, e.kind.name(), e.what);
     }

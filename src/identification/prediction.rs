@@ -408,7 +408,7 @@ mod tests {
             t: (0..joints.len()).map(|k| k as f64 * DT).collect(),
             channels: Channel::TORQUES.to_vec(),
             measured: vec![vec![0.0; joints.len()]; AXES],
-            segments: vec![0..joints.len()],
+            segments: std::iter::once(0..joints.len()).collect(),
             dt: DT,
             half_width: [3; AXES],
             joints,

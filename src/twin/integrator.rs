@@ -195,14 +195,14 @@ mod tests {
         let order = |tableau: &Tableau, split: ((f64, f64), (f64, f64))| {
             let mut system = Oscillator { steep: split.0, rest: split.1 };
             let e: Vec<f64> =
-                [0.005, 0.0025].iter().map(|&h| (oscillate(tableau, &mut system, h) - exact).abs()).collect();
+                [0.001_25, 0.000_625].iter().map(|&h| (oscillate(tableau, &mut system, h) - exact).abs()).collect();
             (e[0] / e[1]).log2()
         };
         let explicit = order(&RK4, ((0.0, 0.0), (400.0, 4.0)));
         let whole = order(&ROS34PW2, ((400.0, 4.0), (0.0, 0.0)));
         let partial = order(&ROS34PW2, ((150.0, 1.0), (250.0, 3.0)));
         assert!(
-            (explicit - 4.0).abs() < 0.2 && (whole - 3.0).abs() < 0.25 && (partial - 3.0).abs() < 0.3,
+            (explicit - 4.0).abs() < 0.1 && (whole - 3.0).abs() < 0.1 && (partial - 3.0).abs() < 0.2,
             "{explicit} {whole} {partial}"
         );
     }

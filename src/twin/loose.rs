@@ -34,7 +34,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
-use crate::model::{ARMS, Bodies, Geometry, Inertia, STRUTS};
+use crate::model::{Bodies, Geometry, Inertia, STRUTS};
 
 /// Two world vectors at a body's origin: velocity and angular velocity, their rates, or force and moment.
 pub type Pair = (Vector3<f64>, Vector3<f64>);
@@ -46,25 +46,6 @@ pub struct Solution {
     pub bodies: [Pair; BODIES],
     /// λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets. Joints act with −Gᵀ·λ.
     pub multipliers: [f64; ROWS],
-}
-
-/// Forces of all joints on one of their two bodies, N and N·m, world axes, moments about that body's origin.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct JointReactions {
-    /// Bearings: on the arms.
-    pub arms: [Pair; ARMS],
-    /// Bearing of motor 4: on the rotor.
-    pub rotor: Pair,
-    /// Ball sockets (elbows, then platform): force on the strut.
-    pub sockets: [Vector3<f64>; SOCKETS],
-    /// Revolute joint on the platform: on the end effector.
-    pub pivot: Pair,
-    /// On the telescope's upper part, from the rotor.
-    pub upper_hooke: Pair,
-    /// Prismatic joint: on the telescope's lower part.
-    pub slide: Pair,
-    /// On the telescope's lower part, from the end effector.
-    pub lower_hooke: Pair,
 }
 
 /// Workspace of the solver; nothing is allocated after [`Loose::new`].
@@ -241,19 +222,6 @@ impl Loose {
         let forces = self.socket_forces();
         let along = |s: usize, k: usize| bodies[STRUT + s].rotation.column(0).dot(&forces[k]);
         Reactions { upper: std::array::from_fn(|s| -along(s, s)), lower: std::array::from_fn(|s| along(s, STRUTS + s)) }
-    }
-
-    /// Forces and moments of all joints from the last solution.
-    pub fn reactions(&self) -> JointReactions {
-        JointReactions {
-            arms: std::array::from_fn(|i| self.wrench(bearing_block(i), 5)),
-            rotor: self.wrench(ROTOR_BEARING_BLOCK, 5),
-            sockets: self.socket_forces(),
-            pivot: self.wrench(PIVOT_ON_END_EFFECTOR, 5),
-            upper_hooke: self.wrench(UPPER_HOOKE_ON_TELESCOPE, 4),
-            slide: self.wrench(SLIDE_ON_LOWER, 5),
-            lower_hooke: self.wrench(LOWER_HOOKE_ON_LOWER, 4),
-        }
     }
 
     /// −Gᵀ·λ of one joint on one body.

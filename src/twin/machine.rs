@@ -47,7 +47,7 @@ pub struct Twin {
 
 /// How the equations are solved.
 enum Form {
-    Assembled(Mechanism),
+    Assembled(Box<Mechanism>),
     Loose(Loose),
 }
 
@@ -83,7 +83,7 @@ impl Twin {
             smooth: smooth && mechanism.springs.is_none(),
             plant,
             forces,
-            form: Form::Assembled(mechanism),
+            form: Form::Assembled(Box::new(mechanism)),
             closed: SocketSet::ALL,
             layout,
             t: 0.0,
@@ -249,7 +249,7 @@ impl Twin {
         self.scratch.forget();
         match &mut self.form {
             Form::Assembled(mechanism) => {
-                *mechanism = Mechanism::new(&self.plant);
+                **mechanism = Mechanism::new(&self.plant);
                 if let Some(motion) = moved {
                     let (mut pose, ..) = assembled::pose(&self.y);
                     let (_, mut nu, spin) = mechanism.pose(motion);

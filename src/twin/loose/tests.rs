@@ -9,8 +9,8 @@ use rand_chacha::rand_core::SeedableRng;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::model::Model;
 use crate::model::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
+use crate::model::{ARMS, Model};
 use crate::recording::Setup;
 use crate::twin::constraints::rows;
 use crate::twin::{Torque, Twin, absolute, energy};
@@ -43,6 +43,40 @@ impl State {
             at[10..].copy_from_slice(omega.as_slice());
         }
         absolute::motion(geometry, &y)
+    }
+}
+
+/// Forces of all joints on one of their two bodies, N and N·m, world axes, moments about that body's origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct JointReactions {
+    /// Bearings: on the arms.
+    arms: [Pair; ARMS],
+    /// Bearing of motor 4: on the rotor.
+    rotor: Pair,
+    /// Ball sockets (elbows, then platform): force on the strut.
+    sockets: [Vector3<f64>; SOCKETS],
+    /// Revolute joint on the platform: on the end effector.
+    pivot: Pair,
+    /// On the telescope's upper part, from the rotor.
+    upper_hooke: Pair,
+    /// Prismatic joint: on the telescope's lower part.
+    slide: Pair,
+    /// On the telescope's lower part, from the end effector.
+    lower_hooke: Pair,
+}
+
+impl Loose {
+    /// Forces and moments of all joints from the last solution.
+    fn reactions(&self) -> JointReactions {
+        JointReactions {
+            arms: std::array::from_fn(|i| self.wrench(bearing_block(i), 5)),
+            rotor: self.wrench(ROTOR_BEARING_BLOCK, 5),
+            sockets: self.socket_forces(),
+            pivot: self.wrench(PIVOT_ON_END_EFFECTOR, 5),
+            upper_hooke: self.wrench(UPPER_HOOKE_ON_TELESCOPE, 4),
+            slide: self.wrench(SLIDE_ON_LOWER, 5),
+            lower_hooke: self.wrench(LOWER_HOOKE_ON_LOWER, 4),
+        }
     }
 }
 
