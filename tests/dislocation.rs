@@ -368,33 +368,15 @@ fn two_metres_per_second_dislocate_and_five_centimetres_do_not() {
 
 #[test]
 fn what_has_fallen_comes_to_rest() {
+    // Regularised friction creeps: six struts of 0.075 kg·m² in their sockets at up to 0.05 rad/s.
+    const CREEP: f64 = 6.0 * 0.5 * 0.075 * 0.05 * 0.05;
     for name in ["worn-sockets", "crash"] {
         let scenario = scenario(name);
         let machine = Model::read(&scenario.model).unwrap();
-        let options = Options { duration: 4.0, frames: Some(0.05), ..Options::of(&scenario, &machine) };
         let start = std::time::Instant::now();
-        let report = play(&scenario, &options);
+        let report = play(&scenario, &Options { duration: 2.5, ..Options::of(&scenario, &machine) });
         tell(name, &report);
         println!("  {:.1} s of wall clock", start.elapsed().as_secs_f64());
-        let last: Vec<_> = report.frames.iter().rev().take(2).collect();
-        let dt = last[0].t - last[1].t;
-        for b in 0..deltatwin::model::bodies::BODIES {
-            let (a, c) = (last[1].bodies[b], last[0].bodies[b]);
-            println!(
-                "    {:<18} {:.4} m/s {:.4} rad/s",
-                deltatwin::model::bodies::body_name(b),
-                (c.translation.vector - a.translation.vector).norm() / dt,
-                a.rotation.angle_to(&c.rotation) / dt
-            );
-        }
-        println!("    closed {:?}", report.closed.iter().collect::<Vec<_>>());
-        let k = |t: f64| report.frames.iter().min_by(|a, b| (a.t - t).abs().total_cmp(&(b.t - t).abs())).unwrap();
-        for t in [1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 3.9] {
-            let (a, c) = (k(t), k(t + 0.05));
-            let w: Vec<String> = (0..14)
-                .map(|b| format!("{:.3}", a.bodies[b].rotation.angle_to(&c.bodies[b].rotation) / (c.t - a.t).max(1e-9)))
-                .collect();
-            println!("    {t}: {}", w.join(" "));
-        }
+        assert!(report.kinetic_energy < CREEP, "{name}: {:e} J", report.kinetic_energy);
     }
 }

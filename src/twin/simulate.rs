@@ -278,7 +278,7 @@ struct Run<'a> {
     touching: Vec<(String, f64)>,
     rest_since: Option<f64>,
     rested: bool,
-    drive_work: [f64; AXES],
+    work: Vec<f64>,
     turned_over: f64,
     signals: Signals,
     report: Report,
@@ -327,7 +327,7 @@ impl<'a> Run<'a> {
             touching: Vec::new(),
             rest_since: None,
             rested: false,
-            drive_work: [0.0; AXES],
+            work: Vec::new(),
             turned_over: 0.0,
             signals: Signals::default(),
             report: Report {
@@ -371,7 +371,8 @@ impl<'a> Run<'a> {
         if self.advance(t + self.period).is_err() {
             return self.stuck(t, singular);
         }
-        for (before, after) in self.drive_work.iter_mut().zip(self.twin.work()) {
+        self.work.resize(self.twin.work().len(), 0.0);
+        for (before, after) in self.work.iter_mut().zip(self.twin.work()) {
             self.turned_over += (after - *before).abs();
             *before = *after;
         }
