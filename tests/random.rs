@@ -63,8 +63,11 @@ fn objects(rng: &mut ChaCha8Rng, centre: &[f64; 4]) -> Vec<Object> {
         });
     }
     for i in 0..rng.random_range(0..4) {
-        let mobility =
-            if rng.random_bool(0.4) { Mobility::Fixed } else { Mobility::Free { mass: 10f64.powf(rng.random_range(-1.3..1.0)) } };
+        let mobility = if rng.random_bool(0.4) {
+            Mobility::Fixed
+        } else {
+            Mobility::Free { mass: 10f64.powf(rng.random_range(-1.3..1.0)) }
+        };
         let mut offset = |reach: f64| rng.random_range(-reach..reach);
         let position = Vector3::new(centre[0] + offset(0.3), centre[1] + offset(0.3), centre[2] - 0.1 + offset(0.25));
         let surface = Surface {
@@ -97,8 +100,12 @@ fn draw(seed: u64) -> Random {
     let mut coordinate = |scale: f64| size * scale * rng.random_range(-1.0..1.0);
     let mut row = || [coordinate(0.2), coordinate(0.2), coordinate(0.1), coordinate(3.0)];
     let (sine, cosine) = (vec![row(), row()], vec![row(), row()]);
-    let centre =
-        [rng.random_range(-0.3..0.3), rng.random_range(-0.3..0.3), rng.random_range(-1.1..-0.85), rng.random_range(-3.0..3.0)];
+    let centre = [
+        rng.random_range(-0.3..0.3),
+        rng.random_range(-0.3..0.3),
+        rng.random_range(-1.1..-0.85),
+        rng.random_range(-3.0..3.0),
+    ];
     let motion = FourierMotion { frequency: rng.random_range(0.5..4.0), centre, sine, cosine };
     let objects = if rng.random_bool(0.6) { objects(rng, &centre) } else { Vec::new() };
     let duration = rng.random_range(0.05..0.12);
@@ -150,7 +157,10 @@ fn finite(recording: &Recording, report: &Report) -> bool {
     ];
     s.t.iter().chain(rows).chain(sockets).chain(&report.tracking_error).chain(&single).all(|x| x.is_finite())
         && report.events.iter().all(|e| e.t.is_finite())
-        && report.frames.iter().all(|f| f.objects.iter().chain(&f.bodies).all(|p| p.to_homogeneous().iter().all(|x| x.is_finite())))
+        && report
+            .frames
+            .iter()
+            .all(|f| f.objects.iter().chain(&f.bodies).all(|p| p.to_homogeneous().iter().all(|x| x.is_finite())))
 }
 
 #[test]
@@ -197,7 +207,10 @@ fn a_thousand_random_runs_end_cleanly() {
                             tags.push(kind.name().into());
                             if kind == EventKind::Singular {
                                 let closed: Vec<usize> = report.closed.iter().collect();
-                                println!("seed {seed}: stuck at {:.4} s, closed {closed:?}, kinetic {:.1e} J", report.simulated, report.kinetic_energy);
+                                println!(
+                                    "seed {seed}: stuck at {:.4} s, closed {closed:?}, kinetic {:.1e} J",
+                                    report.simulated, report.kinetic_energy
+                                );
                             }
                         }
                     }
@@ -226,7 +239,12 @@ fn a_thousand_random_runs_end_cleanly() {
     }
     let slowest = outcomes.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
     let total: f64 = outcomes.iter().map(|o| o.1).sum();
-    println!("slowest {:.2} s (seed {}), all {total:.1} s, {:.1} s of wall clock", slowest.1, slowest.0, start.elapsed().as_secs_f64());
+    println!(
+        "slowest {:.2} s (seed {}), all {total:.1} s, {:.1} s of wall clock",
+        slowest.1,
+        slowest.0,
+        start.elapsed().as_secs_f64()
+    );
     for bad in ["PANIC", "HANG", "NOT FINITE"] {
         assert_eq!(counts.get(bad), None, "{bad}");
     }
