@@ -246,7 +246,7 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
                 twin.restore(&mark);
                 (0..substeps).for_each(|_| twin.step(middle / substeps as f64, &torque(k)).unwrap());
                 let s = twin.evaluate(&torque(k)).unwrap();
-                let margins = clamps.margins(&s.motion, &s.joints.sockets, twin.closed());
+                let margins = clamps.margins(&s.motion, &s.sockets, twin.closed());
                 if margins.iter().any(|m| *m < 0.0) { high = middle } else { low = middle }
             }
             twin.restore(&mark);
@@ -273,7 +273,7 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
         let torque = Torque::ramp(k as f64 * period, tau[k], tau[k + 1], period);
         for (n, &socket) in at_once.iter().enumerate() {
             let s = twin.evaluate(&torque).unwrap();
-            let margins = clamps.margins(&s.motion, &s.joints.sockets, twin.closed());
+            let margins = clamps.margins(&s.motion, &s.sockets, twin.closed());
             let worst = twin.closed().iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b])).unwrap();
             assert_eq!((worst, margins[worst] < 0.0), (socket, true), "loss {n}");
             twin.open(socket).unwrap();
@@ -281,7 +281,7 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
             clamps.hold[socket ^ 1] = 0.0;
         }
         let s = twin.evaluate(&torque).unwrap();
-        let margins = clamps.margins(&s.motion, &s.joints.sockets, twin.closed());
+        let margins = clamps.margins(&s.motion, &s.sockets, twin.closed());
         assert!(twin.closed().iter().all(|s| margins[s] >= 0.0), "the rest holds");
 
         // The drives trip at the next control instant, and not before.

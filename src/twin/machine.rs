@@ -1,5 +1,7 @@
 //! [`Twin`]: the machine with its state, advanced step by step.
 
+use nalgebra::Vector3;
+
 use super::absolute::{self, Absolute};
 use super::assembled::{self, Assembled, Scratch};
 use super::forces::Forces;
@@ -12,6 +14,7 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, energy};
 use crate::dynamics::Plant;
+use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR};
 use crate::model::{AXES, Inertia};
@@ -23,8 +26,17 @@ pub struct Snapshot {
     pub motion: Motion,
     /// Axial strut forces.
     pub reactions: Reactions,
-    /// What all joints transmit.
-    pub joints: JointReactions,
+    /// Force on each strut at its sockets (six upper, six lower), N, world.
+    pub sockets: [Vector3<f64>; SOCKETS],
+    /// Applied wrenches on all bodies with the drives' torques.
+    wrenches: [Twist; BODIES],
+}
+
+impl Snapshot {
+    /// What all joints transmit: 74 numbers.
+    pub fn joints(&self, plant: &Plant) -> JointReactions {
+        JointReactions::new(plant, &self.motion, &self.wrenches, &self.sockets)
+    }
 }
 
 /// The machine in motion.
@@ -163,8 +175,7 @@ impl Twin {
             motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
             wrenches[body].1 += direction * torque;
         }
-        let joints = JointReactions::new(&self.plant, &motion, &wrenches, &sockets);
-        Ok(Snapshot { motion, reactions, joints })
+        Ok(Snapshot { motion, reactions, sockets, wrenches })
     }
 
     /// Motion of all bodies now, without accelerations.
@@ -314,16 +325,16 @@ impl Twin {
 
     /// Kinetic plus potential energy of the bodies, J.
     pub fn energy(&self) -> f64 {
-        match &self.form {
-            Form::Assembled(mechanism) => {
-                let (pose, nu, spin) = assembled::pose(&self.y);
-                let mut frame = Frame::empty();
-                mechanism.frame(&pose, &nu, &spin, &mut frame);
-                energy::total(&self.plant, &frame.motion)
-                    + mechanism.stretch_energy(&frame, &self.plant.gravity_vector())
-            }
-            Form::Loose(_) => energy::total(&self.plant, &self.motion()),
-        }
+        self.energy_at(&self.motion())
+    }
+
+    /// The same at the present motion, which the caller has at hand.
+    fn energy_at(&self, motion: &Motion) -> f64 {
+        let stretch = match &self.form {
+            Form::Assembled(mechanism) => mechanism.stretch_energy(&self.plant, motion),
+            Form::Loose(_) => 0.0,
+        };
+        energy::total(&self.plant, motion) + stretch
     }
 
     /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, each effect.
@@ -333,7 +344,12 @@ impl Twin {
 
     /// Energy that no work accounts for, J: zero but for the integrator's error.
     pub fn energy_balance(&self) -> f64 {
-        self.energy() - self.reference_energy - self.work().iter().sum::<f64>()
+        self.energy_balance_at(&self.motion())
+    }
+
+    /// The same at the present motion, which the caller has at hand.
+    pub fn energy_balance_at(&self, motion: &Motion) -> f64 {
+        self.energy_at(motion) - self.reference_energy - self.work().iter().sum::<f64>()
     }
 
     /// Largest change in the last iteration over load-dependent friction that did not converge, N.

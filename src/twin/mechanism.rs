@@ -816,18 +816,21 @@ impl Frame {
 
 impl Mechanism {
     /// What stretched struts have beyond the energy of rigid ones, J: they move linearly between their ends.
-    pub fn stretch_energy(&self, frame: &Frame, gravity: &Vector3<f64>) -> f64 {
+    pub fn stretch_energy(&self, plant: &Plant, motion: &Motion) -> f64 {
         if self.springs.is_none() {
             return 0.0;
         }
+        let platform = &motion.bodies[PLATFORM];
         (0..STRUTS)
             .map(|s| {
-                let (rod, u) = (&self.rods[s], frame.motion.strut_axis[s]);
-                let (stretch, length) = (frame.levers.stretch[s], frame.motion.strut_length[s]);
-                let rigid = (stretch - u * frame.length_rate[s]) * (rod.length / length);
-                let kinetic = frame.motion.bodies[STRUT + s].velocity.dot(&(stretch - rigid)) * (rod.ab + rod.bb)
+                let (rod, u, length) = (&self.rods[s], motion.strut_axis[s], motion.strut_length[s]);
+                let upper = &motion.bodies[STRUT + s];
+                let ball = upper.position + u * length - platform.position;
+                let stretch = platform.velocity + platform.angular_velocity.cross(&ball) - upper.velocity;
+                let rigid = (stretch - u * u.dot(&stretch)) * (rod.length / length);
+                let kinetic = upper.velocity.dot(&(stretch - rigid)) * (rod.ab + rod.bb)
                     + 0.5 * rod.bb * (stretch.norm_squared() - rigid.norm_squared());
-                kinetic - rod.weight[1] * gravity.dot(&u) * (length - rod.length)
+                kinetic - rod.weight[1] * plant.gravity_vector().dot(&u) * (length - rod.length)
             })
             .sum()
     }

@@ -54,3 +54,42 @@ fn note(event: &Event) -> Note {
     };
     Note { t: event.t, level, text: format!("{:.6} s  {}: {}", event.t, event.kind.name(), event.what) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::Plant;
+    use crate::model::Model;
+    use crate::scenario::Scenario;
+    use crate::twin::simulate;
+
+    /// The platform has run into the block and two limbs have come off.
+    #[test]
+    fn a_crash_is_shown_as_it_was() {
+        let scenario = Scenario::read(Path::new("scenarios/crash.toml")).unwrap();
+        let model = Model::read(&scenario.model).unwrap();
+        let motion = scenario.motion(&model).unwrap();
+        let plant = Plant::new(&model, &scenario.setup);
+        let run = |frames| {
+            let options = Options { duration: 0.28, frames, ..Options::of(&scenario, &model) };
+            let desired = |t: f64| motion.at(t);
+            let (recording, report) =
+                simulate(&model, &scenario.setup, &plant, &desired, &options, &mut |_| true).unwrap();
+            (options, recording, report)
+        };
+        let (options, recording, report) = run(Some(0.01));
+        assert_eq!(recording, run(None).1, "looking changes nothing");
+        let frames = &report.frames;
+        assert_eq!(frames.len(), 28);
+        assert!(frames.iter().enumerate().all(|(k, f)| (f.t - 0.01 * k as f64).abs() < 1e-9 && f.objects.len() == 2));
+        assert_eq!(loose(&frames[22]), [false; STRUTS]);
+        assert_eq!(loose(&frames[27]), [false, false, true, true, true, true]);
+        assert_eq!((frames[27].socket_margin[8], frames[27].strut_force[1][2]), (0.0, 0.0));
+
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("crash.rrd");
+        write(&path, &plant.geometry, &options, &recording, &report).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(bytes.starts_with(b"RRF2") && bytes.len() > 100_000, "{} bytes", bytes.len());
+    }
+}

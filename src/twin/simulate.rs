@@ -359,7 +359,12 @@ impl<'a> Run<'a> {
         self.act(t)?;
         let singular = SimulationError::Singular { t };
         let Ok(snapshot) = self.twin.evaluate(&self.torque) else { return self.stuck(t, singular) };
-        let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, self.twin.closed());
+        let balance = self.twin.energy_balance_at(&snapshot.motion);
+        if !balance.is_finite() {
+            return self.stuck(t, singular);
+        }
+        self.report.energy_error = self.report.energy_error.max(balance.abs());
+        let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, self.twin.closed());
         self.watch(&snapshot, &margins);
         self.keep_frame(t, &snapshot, &margins);
         let tau = self.torque.at(t);
@@ -376,11 +381,6 @@ impl<'a> Run<'a> {
             self.turned_over += (after - *before).abs();
             *before = *after;
         }
-        let balance = self.twin.energy_balance();
-        if !balance.is_finite() {
-            return self.stuck(t, singular);
-        }
-        self.report.energy_error = self.report.energy_error.max(balance.abs());
         if self.tripped && !self.rested {
             self.look_for_rest();
         }
@@ -540,7 +540,7 @@ impl<'a> Run<'a> {
     fn weakest(&mut self) -> Result<f64, SingularPose> {
         let snapshot = self.twin.evaluate(&self.torque)?;
         let closed = self.twin.closed();
-        let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, closed);
+        let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
         Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
     }
 
@@ -560,7 +560,7 @@ impl<'a> Run<'a> {
         loop {
             let snapshot = self.twin.evaluate(&self.torque)?;
             let closed = self.twin.closed();
-            let margins = self.clamps.margins(&snapshot.motion, &snapshot.joints.sockets, closed);
+            let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
             let worst = closed.iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b]));
             let Some(socket) = worst.filter(|&s| margins[s] < 0.0) else { return Ok(()) };
             let force = (self.clamps.hold[socket] - margins[socket]).max(0.0);
@@ -648,6 +648,7 @@ impl<'a> Run<'a> {
 
     fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
         self.report.kinetic_energy = self.kinetic_energy();
+        self.report.energy_error = self.report.energy_error.max(self.twin.energy_balance().abs());
         self.report.energy_error /= self.turned_over.max(f64::MIN_POSITIVE);
         self.report.closed = self.twin.closed();
         self.report.unconverged = self.twin.unconverged();

@@ -17,7 +17,7 @@ use crate::model::bodies::{
 use crate::model::{ARMS, Geometry, STRUTS};
 
 const STEEL: [u8; 3] = [150, 155, 165];
-const CARBON: [u8; 3] = [60, 62, 70];
+const CARBON: [u8; 3] = [88, 92, 102];
 const ORANGE: [u8; 3] = [235, 125, 40];
 const BRASS: [u8; 3] = [215, 175, 80];
 /// A strut with an open socket.
