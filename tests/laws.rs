@@ -355,7 +355,7 @@ fn stated_slopes_are_derivatives_of_the_state_rates() {
             }
         }
     }
-    assert!(steep >= 100, "{steep}");
+    assert!(steep >= 50, "{steep}");
 }
 
 #[test]

@@ -127,9 +127,9 @@ fn table(what: &str, motion: fn(f64) -> JointState) -> Vec<(&'static str, Vec<[f
     out
 }
 
-/// Below these errors an order means nothing: an encoder step is 6e-6 rad, and the struts' spins, which decay within
-/// 20 ns, are taken along with an error of this size.
-const EXACT: [f64; 2] = [1e-9, 1e-6];
+/// Below these errors, a thousandth of an encoder's step, an order means nothing: the struts' spins decay within 20 ns,
+/// and what they lag behind is of first order (with a thousandth of the restraint q is off by 4e-8 rad at 200 µs).
+const EXACT: [f64; 2] = [5e-9, 1e-6];
 
 fn order(errors: &[[f64; 2]], from: usize, to: usize, i: usize) -> f64 {
     (errors[from][i] / errors[to][i]).log2() / (to - from) as f64
@@ -139,9 +139,10 @@ fn order(errors: &[[f64; 2]], from: usize, to: usize, i: usize) -> f64 {
 fn second_order_where_no_drive_reverses() {
     for (name, errors) in table("one direction", one_way) {
         for i in 0..2 {
-            if name == "end stop" {
-                // The instant of contact falls anywhere within a step.
-                let order = order(&errors, 0, STEPS.len() - 1, i);
+            if name == "end stop" || name.starts_with("socket load") {
+                // The instant of contact, and those at which a strut goes from tension to compression (|F| has a corner
+                // there, see below), fall anywhere within a step. Until 200 µs; then the iteration over the reactions shows.
+                let order = order(&errors, 0, 3, i);
                 assert!(order > 1.7, "{name}: {order}");
                 continue;
             }
@@ -156,6 +157,16 @@ fn second_order_where_no_drive_reverses() {
         // 400 µs: well below what the robot's sensors resolve.
         assert!(errors[2][0] < 1.5e-5, "{name}: {:e} rad", errors[2][0]);
     }
+}
+
+#[test]
+fn struts_change_between_tension_and_compression_on_the_way() {
+    let plant = plant(vec![]);
+    let forces = run(&plant, one_way, &schedule(&plant, one_way), STEPS[2]);
+    let changes = |s: usize| forces.windows(2).filter(|w| w[0].1[s] * w[1].1[s] < 0.0).count();
+    let changes: Vec<usize> = (0..6).map(changes).collect();
+    println!("{changes:?}");
+    assert!(changes.iter().sum::<usize>() > 0);
 }
 
 #[test]
@@ -202,6 +213,7 @@ fn ringing_dies_at_every_step() {
         ("drive 2e-4", vec![drive(2e-4)]),
         ("drive 4e-5", vec![drive(4e-5)]),
         ("drive 1e-5", vec![drive(1e-5)]),
+        ("light rotor", vec![effect("drive_elasticity", &[&[4e-5; 3], &[20.0], &[1e-3]])]),
         ("drive 1.1e-6", vec![drive(1.1e-6)]),
         ("strut 5e5", vec![strut(5e5)]),
         ("strut 3.4e6", vec![strut(3.4e6)]),

@@ -23,7 +23,7 @@ const DAMPING: usize = 1;
 const ROTOR_INERTIA: usize = 2;
 
 /// Compliance that counts as rigid, rad/(N·m): a fortieth of the usual one would ring beyond 500 Hz.
-const RIGID: f64 = 1e-6;
+pub(super) const RIGID: f64 = 1e-6;
 
 /// Compliances of the elastic drives, with their number.
 fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<'a> {
@@ -103,13 +103,12 @@ impl Effect for DriveElasticity {
         vec![0.0; 2 * ARMS]
     }
 
-    fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], slope: &mut [f64]) {
+    fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], _slope: &mut [f64]) {
         let (damping, rotor) = (values.one(DAMPING), values.one(ROTOR_INERTIA));
         for (i, c) in elastic(values) {
             let transmitted = at.state[i] / c + damping * at.state[ARMS + i];
             rate[i] = at.state[ARMS + i];
             rate[ARMS + i] = (at.torque[i] - transmitted) / rotor - at.motion.qdd[i];
-            slope[ARMS + i] = -damping / rotor;
         }
     }
 
@@ -122,7 +121,7 @@ impl Effect for DriveElasticity {
     fn gear_springs(&self, values: &Values) -> Option<[GearSpring; AXES]> {
         let mut gears = [GearSpring::default(); AXES];
         for (gear, &compliance) in gears.iter_mut().zip(values.block(COMPLIANCE)) {
-            *gear = GearSpring { compliance, rotor_inertia: values.one(ROTOR_INERTIA) };
+            *gear = GearSpring { compliance, damping: values.one(DAMPING), rotor_inertia: values.one(ROTOR_INERTIA) };
         }
         gears.iter().any(|g| g.compliance != 0.0).then_some(gears)
     }
@@ -148,7 +147,7 @@ mod tests {
         let state = [1e-3, 0.0, 0.0, 0.1, 0.0, 0.0];
         let mut motion = testing::still();
         motion.qdd = [30.0; 4];
-        let (mut rate, mut slope) = ([0.0; 6], [0.0; 6]);
+        let mut rate = [0.0; 6];
         let mut torque = 0.0;
         testing::at(&motion, &state, |at| {
             let at = &Instant { torque: [10.0; 4], ..*at };
@@ -160,12 +159,11 @@ mod tests {
                     torque += active.values[k] * m.y;
                 }),
             );
-            DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut slope);
+            DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut [0.0; 6]);
         });
         approx::assert_relative_eq!(torque, 27.0 - 10.0, epsilon = 1e-12);
-        // (10 − 27)/0.2 − 30 = −115 rad/s²; −20/0.2 = −100 1/s
+        // (10 − 27)/0.2 − 30 = −115 rad/s²
         approx::assert_relative_eq!(rate.as_slice(), [0.1, 0.0, 0.0, -115.0, 0.0, 0.0].as_slice(), epsilon = 1e-11);
-        approx::assert_relative_eq!(slope.as_slice(), [0.0, 0.0, 0.0, -100.0, 0.0, 0.0].as_slice(), epsilon = 1e-12);
         let mut angles = [0.5; AXES];
         DriveElasticity.encoder(&active.values(), &state, &mut angles);
         approx::assert_relative_eq!(angles.as_slice(), [0.501, 0.5, 0.5, 0.5].as_slice());

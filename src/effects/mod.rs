@@ -143,7 +143,8 @@ pub trait Effect: Sync {
     /// What the motor-side encoders read beyond the joint angles: adds to `angles`, rad.
     fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut [f64; AXES]) {}
 
-    /// Elastic gears between encoder and joint, for readers of a measured motion; the twin integrates own states.
+    /// Elastic gears between encoder and joint. The effect's own states are then the three arms' deflections and their
+    /// rates, which the twin integrates; readers of a measured motion take the deflection as quasi-static.
     fn gear_springs(&self, _values: &Values) -> Option<[GearSpring; AXES]> {
         None
     }
@@ -174,13 +175,22 @@ pub struct StrutSpring {
     pub damping: f64,
 }
 
-/// An elastic gear: the encoder leads the joint by compliance · transmitted torque.
+/// An elastic gear: the encoder leads the joint by compliance · transmitted torque (but for the damping).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GearSpring {
     /// rad/(N·m); zero is rigid.
     pub compliance: f64,
+    /// Damping, N·m·s/rad.
+    pub damping: f64,
     /// Inertia on the motor side, seen at the gear output, kg·m².
     pub rotor_inertia: f64,
+}
+
+impl GearSpring {
+    /// Whether the twin lets the gear give way; the effect has no torque otherwise.
+    pub fn is_elastic(&self) -> bool {
+        self.compliance > drive_elasticity::RIGID
+    }
 }
 
 /// What an effect changes.

@@ -145,6 +145,12 @@ impl Absolute<'_> {
                 let free = self.plant.spin_damping - spin_restraint(self.plant, self.closed, s);
                 restrain(STRUT + s, motion.strut_axis[s], scratch.damping.spins[s] - free);
             }
+            let (torque, at) = (self.torque.at(t), self.layout.own());
+            for (arm, inertia, torque) in self.forces.gear_terms(&torque, own, &sum[at], g) {
+                let (body, direction) = Motion::drive(arm);
+                base[body].1 += direction * torque;
+                blocks[body] += direction * direction.transpose() * inertia;
+            }
         }
         let mut iteration = 0;
         loop {

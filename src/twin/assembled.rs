@@ -92,6 +92,7 @@ impl Scratch {
             self.slopes.copy_from_slice(&self.fresh_slopes);
         }
         if g > 0.0 {
+            forces.gear_rates(scene.own, &sum[at.clone()], g, &mut k[at.clone()]);
             for (slope, i) in self.slopes.iter().zip(at) {
                 k[i] = (k[i] + slope * sum[i]) / (1.0 - g * slope);
             }
@@ -217,12 +218,17 @@ impl Assembled<'_> {
     }
 
     /// Implicit terms of a stage.
-    fn implicit(&self, frame: &Frame, sum: &[f64], g: f64, base: &OpenVector) -> Implicit {
+    fn implicit(&self, t: f64, frame: &Frame, own: &[f64], sum: &[f64], g: f64, base: &OpenVector) -> Implicit {
         let scratch = &*self.scratch;
         let mut out = Implicit::default();
         for a in 0..AXES {
             out.drives[a] = g * scratch.damping.drives[a];
             out.drive_torque[a] = -scratch.damping.drives[a] * sum[NU + a];
+        }
+        let (torque, at) = (self.torque.at(t), self.layout.own());
+        for (arm, inertia, torque) in self.forces.gear_terms(&torque, own, &sum[at], g) {
+            out.drives[arm] += inertia;
+            out.drive_torque[arm] += torque;
         }
         for s in 0..STRUTS {
             out.spins[s] = g * scratch.damping.spins[s];
@@ -310,7 +316,7 @@ impl Assembled<'_> {
                 let at = Probe { t, own, torque, closed: SocketSet::ALL, reactions: &scratch.reactions };
                 self.forces.measure_damping(self.plant, &at, &mut frame.motion, &mut scratch.damping);
             }
-            self.implicit(frame, sum, g, &rate)
+            self.implicit(t, frame, own, sum, g, &rate)
         } else {
             Implicit::default()
         };

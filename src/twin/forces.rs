@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 
 use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
-use crate::effects::{Instant, Wrenches};
+use crate::effects::{GearSpring, Instant, Wrenches};
 use crate::kinematics::{JointState, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, STRUT};
-use crate::model::{AXES, STRUTS};
+use crate::model::{ARMS, AXES, STRUTS};
 
 /// What a force law may read besides the plant.
 #[derive(Clone, Copy)]
@@ -26,6 +26,8 @@ pub(super) struct Forces {
     reads: Vec<bool>,
     /// Effects that damp drives and struts' spins.
     damps: [Vec<usize>; 2],
+    /// Elastic gears, and where their deflections stand among the own states; the rates follow.
+    gears: Option<(usize, [GearSpring; ARMS])>,
     /// Brakes on all drives, N·m.
     pub brake: f64,
 }
@@ -41,7 +43,8 @@ impl Forces {
         }
         let all: Vec<usize> = (0..plant.effects.len()).collect();
         let reads = plant.effects.iter().map(|a| a.effect.reads_reactions()).collect();
-        let mut forces = Self { starts, reads, damps: [all.clone(), all], brake: 0.0 };
+        let mut forces = Self { starts, reads, damps: [all.clone(), all], gears: None, brake: 0.0 };
+        forces.gears = forces.elastic_gears(plant);
         forces.damps = forces.damping_effects(plant);
         forces
     }
@@ -49,6 +52,50 @@ impl Forces {
     /// Number of own states of all effects.
     pub fn states(&self) -> usize {
         self.starts[self.starts.len() - 1]
+    }
+
+    fn elastic_gears(&self, plant: &Plant) -> Option<(usize, [GearSpring; ARMS])> {
+        plant.effects.iter().zip(&self.starts).find_map(|(active, &start)| {
+            let [a, b, c, _] = active.effect.gear_springs(&active.values())?;
+            [a, b, c].iter().any(GearSpring::is_elastic).then_some((start, [a, b, c]))
+        })
+    }
+
+    /// Whether gears ring too fast for an explicit step; `g` is hγ.
+    pub fn are_gears_steep(&self, g: f64) -> bool {
+        self.gears.iter().flat_map(|(_, gears)| gears).any(|gear| is_steep(gear, g))
+    }
+
+    /// Implicit terms of a stage for elastic gears that are steep: arm, inertia (kg·m²) and torque (N·m) to add to it.
+    ///
+    /// With P the gear's torque one step ahead but for the unknown k of the rotor's rate, and κ = h²γ²/c + hγ·d, rotor
+    /// and arm have J·(k + q̈) = τ − P − κ·k and Θ·q̈ = … + P + κ·k; the rotor's row leaves k.
+    pub fn gear_terms<'a>(
+        &'a self,
+        torque: &'a [f64; AXES],
+        own: &'a [f64],
+        sum: &'a [f64],
+        g: f64,
+    ) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+        self.gears.iter().flat_map(move |(start, gears)| {
+            gears.iter().enumerate().filter(move |(_, gear)| is_steep(gear, g)).map(move |(i, gear)| {
+                let (now, ahead, kappa) = gear_torques(gear, &own[start + i..], &sum[start + i..], g);
+                let share = kappa / (gear.rotor_inertia + kappa);
+                (i, gear.rotor_inertia * share, ahead - now + share * (torque[i] - ahead))
+            })
+        })
+    }
+
+    /// Stage derivatives of steep gears' states from their rates `k`.
+    pub fn gear_rates(&self, own: &[f64], sum: &[f64], g: f64, k: &mut [f64]) {
+        let Some((start, gears)) = &self.gears else { return };
+        for (i, gear) in gears.iter().enumerate().filter(|(_, gear)| is_steep(gear, g)) {
+            let (deflection, rate) = (start + i, start + ARMS + i);
+            let (now, ahead, kappa) = gear_torques(gear, &own[deflection..], &sum[deflection..], g);
+            let j = gear.rotor_inertia;
+            k[rate] = (j * k[rate] + now - ahead) / (j + kappa);
+            k[deflection] = own[rate] + sum[rate] + g * k[rate];
+        }
     }
 
     /// Whether an effect depends on the strut forces.
@@ -132,6 +179,23 @@ impl Forces {
         }
         angles
     }
+}
+
+/// Change of a rotor's rate that its gear takes back within a step, beyond which the gear is solved implicitly: steps
+/// that resolve the ringing are more accurate without.
+const STEEP: f64 = 0.25;
+
+fn is_steep(gear: &GearSpring, g: f64) -> bool {
+    gear.is_elastic() && g * (g / gear.compliance + gear.damping) > STEEP * gear.rotor_inertia
+}
+
+/// Torque of a gear now and one step ahead but for the rotor's own change of rate, and κ of that; states and sums from
+/// the arm's deflection on.
+fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f64, f64) {
+    let torque = |deflection: f64, rate: f64| deflection / gear.compliance + gear.damping * rate;
+    let now = torque(own[0], own[ARMS]);
+    let ahead = now + torque(sum[0] + g * (own[ARMS] + sum[ARMS]), sum[ARMS]);
+    (now, ahead, g * (g / gear.compliance + gear.damping))
 }
 
 /// Damping that effects put on the steep freedoms, N·m·s/rad.

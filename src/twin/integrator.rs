@@ -13,7 +13,7 @@ type Table = [[f64; STAGES]; STAGES];
 
 /// Coefficients of a method.
 pub(super) struct Tableau {
-    gamma: f64,
+    pub gamma: f64,
     alpha: Table,
     gammas: Table,
     b: [f64; STAGES],

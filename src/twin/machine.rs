@@ -112,7 +112,8 @@ impl Twin {
         let Self { plant, forces, layout, external, scratch, stepper, y, t, closed, smooth, .. } = self;
         match &mut self.form {
             Form::Assembled(mechanism) => {
-                let tableau: &Tableau = if *smooth && external.is_none() { &RK4 } else { &ROS34PW2 };
+                let explicit = *smooth && external.is_none() && !forces.are_gears_steep(ROS34PW2.gamma * h);
+                let tableau: &Tableau = if explicit { &RK4 } else { &ROS34PW2 };
                 let mut system =
                     Assembled { plant, forces, mechanism, layout: *layout, torque: *torque, external, scratch };
                 stepper.step(tableau, &mut system, *t, y, h)?;
