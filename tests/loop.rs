@@ -23,7 +23,7 @@ fn run(robot: &Model, seed: u64, duration: f64, noise: bool) -> (Recording, Repo
     let believed = Plant::new(&nominal, &setup);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.45), 0.1, 10, &mut rng);
-    let options = Options { duration, noise_seed: noise.then_some(seed), ..Options::default() };
+    let options = Options { duration, substeps: 2, noise_seed: noise.then_some(seed), ..Options::default() };
     simulate(robot, &setup, &believed, &|t| motion.at(t), &options, &mut |_| true).expect("a feasible motion")
 }
 

@@ -49,11 +49,13 @@ pub struct Part {
     pub hull: Hull,
     /// Whether other links can meet it; balls and the like, which sit in their sockets, only meet objects.
     pub meets_links: bool,
+    /// Socket that must have left its ball for the part to be there.
+    pub bared_by: Option<usize>,
 }
 
 impl Part {
     fn new(body: usize, hull: Hull, meets_links: bool) -> Self {
-        Self { body, rotation: Matrix3::identity(), position: Vector3::zeros(), hull, meets_links }
+        Self { body, rotation: Matrix3::identity(), position: Vector3::zeros(), hull, meets_links, bared_by: None }
     }
 }
 
@@ -72,6 +74,11 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
         let trim = (BALL_RADIUS + STRUT_RADIUS + STRUT_GAP).min(0.4 * length);
         let ends = [Vector3::x() * trim, Vector3::x() * (length - trim)];
         parts.push(Part::new(STRUT + s, Hull::chain(&ends, STRUT_RADIUS, false), true));
+        // An end off its ball reaches to where the ball was; it starts inside the ball, so it only meets objects.
+        for (socket, end) in [(s, 0.0), (STRUTS + s, length)] {
+            let tip = Part::new(STRUT + s, Hull::chain(&[Vector3::x() * end], STRUT_RADIUS, false), false);
+            parts.push(Part { bared_by: Some(socket), ..tip });
+        }
     }
     let ring = (geometry.platform_radius - PLATFORM_INSET).max(0.5 * geometry.platform_radius);
     let plate = Hull::chain(&polygon(ring, 0.0), PLATFORM_THICKNESS, true);

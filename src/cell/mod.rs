@@ -183,6 +183,7 @@ impl Cell {
                 position,
                 hull: Hull::solid(&shape),
                 meets_links: true,
+                bared_by: None,
             });
         }
         Ok(Self {
@@ -204,7 +205,7 @@ impl Cell {
     pub fn near(&self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool {
         let travel = |speed: f64| speed * horizon + 0.5 * ACCELERATION * horizon * horizon;
         let mut placed = Vec::with_capacity(self.parts.len() + 1);
-        place(&self.parts, &self.world, self.grip, motion, &mut placed);
+        place(&self.parts, &self.world, self.grip, motion, closed, &mut placed);
         let speed = |p: &Placed| {
             let b = &p.at;
             b.velocity.norm() + b.angular_velocity.norm() * p.bounds.reach(&b.position)
@@ -254,7 +255,7 @@ impl Cell {
         *fresh = true;
         reactions.fill((Vector3::zeros(), Vector3::zeros()));
         pairs.clear();
-        place(parts, world, *grip, motion, links);
+        place(parts, world, *grip, motion, closed, links);
         for (i, link) in links.iter().enumerate() {
             let own = hull(parts, world, link.collider);
             for (o, object) in world.objects.iter().enumerate().filter(|(_, o)| o.present) {
@@ -436,9 +437,10 @@ fn meet(parts: &[Part], a: &Placed, b: &Placed, closed: SocketSet) -> bool {
 }
 
 /// Parts of the robot and the held object in the world.
-fn place(parts: &[Part], world: &World, grip: Option<Grip>, motion: &Motion, out: &mut Vec<Placed>) {
+fn place(parts: &[Part], world: &World, grip: Option<Grip>, motion: &Motion, closed: SocketSet, out: &mut Vec<Placed>) {
     out.clear();
-    out.extend(parts.iter().enumerate().map(|(p, part)| {
+    let there = |part: &Part| part.bared_by.is_none_or(|socket| !closed.contains(socket));
+    out.extend(parts.iter().enumerate().filter(|(_, part)| there(part)).map(|(p, part)| {
         let at = Placement::from(&motion.bodies[part.body]).offset(&part.rotation, &part.position);
         Placed { collider: Collider::Part(p), body: part.body, at, bounds: part.hull.bounds(&at) }
     }));

@@ -224,7 +224,10 @@ impl Table {
                 turns -= TAU * step.signum();
                 first = first.or(Some(i));
             }
-            c.values[i] += turns;
+            // Adding zero would turn −0 into 0; what was written comes back bit for bit.
+            if turns != 0.0 {
+                c.values[i] += turns;
+            }
         }
         if let Some(i) = first {
             let at = self.at(i);

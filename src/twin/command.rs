@@ -22,9 +22,7 @@ use crate::terminal::{BAD_ANSWER, DONE, INTERRUPTED, bar, catch_interrupt, check
 /// Several scenarios run at once on all cores. Ctrl-C ends a run at its next sample; what was simulated until then is
 /// written.
 #[derive(clap::Args, Clone, Debug)]
-#[command(after_help = "Examples: deltatwin simulate scenarios/excitation.toml -o run.mcap
-          deltatwin simulate scenarios/crash.toml --step-error
-          deltatwin simulate scenarios/smoke.toml --verify run.mcap")]
+#[command(after_help = "Example: deltatwin simulate scenarios/crash.toml -o run.mcap --step-error")]
 pub struct Args {
     /// Scenario files.
     #[arg(required = true)]
