@@ -13,7 +13,8 @@ pub fn inertial_wrench(inertia: &Inertia, motion: &BodyMotion, gravity: &Vector3
     let h = motion.rotation * inertia.first_moment;
     let (omega, alpha) = (motion.angular_velocity, motion.angular_acceleration);
     let a = motion.acceleration - gravity;
-    let tensor = |x: &Vector3<f64>| motion.rotation * (inertia.tensor * motion.rotation.tr_mul(x));
+    let back = motion.rotation.transpose();
+    let tensor = |x: &Vector3<f64>| motion.rotation * (inertia.tensor * (back * x));
     let force = a * inertia.mass + alpha.cross(&h) + omega.cross(&omega.cross(&h));
     let moment = h.cross(&a) + tensor(&alpha) + omega.cross(&tensor(&omega));
     (force, moment)
