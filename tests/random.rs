@@ -108,7 +108,7 @@ fn draw(seed: u64) -> Random {
     ];
     let motion = FourierMotion { frequency: rng.random_range(0.5..4.0), centre, sine, cosine };
     let objects = if rng.random_bool(0.6) { objects(rng, &centre) } else { Vec::new() };
-    let duration = rng.random_range(0.05..0.12);
+    let duration = rng.random_range(0.05..0.15);
     let mut actions = Vec::new();
     if !objects.is_empty() && rng.random_bool(0.3) {
         let t = rng.random_range(0.0..duration);

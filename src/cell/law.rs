@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use super::object::Surface;
 
 /// Sliding speed below which friction falls off, m/s. Bounds the friction's damping μ f/ε_v and with it the step.
-pub const SLIDING: f64 = 0.003;
+pub const SLIDING: f64 = 0.01;
 /// Angular velocity below which rolling resistance falls off, rad/s.
 pub const ROLLING: f64 = 1.0;
 
@@ -72,9 +72,9 @@ mod tests {
 
     #[test]
     fn hunt_crossley_coulomb_and_rolling_by_hand() {
-        // 0.1 mm deep, closing at 0.25 m/s: f = 1e5·1e-4·(1 + 2·0.25) = 15 N; sliding at 6 mm/s: tanh(2) = 0.9640275801;
+        // 0.1 mm deep, closing at 0.25 m/s: f = 1e5·1e-4·(1 + 2·0.25) = 15 N; sliding at 2·ε_v: tanh(2) = 0.9640275801;
         // rolling at 1 rad/s: tanh(1) = 0.7615941560.
-        let velocity = Vector3::new(0.006, 0.0, -0.25);
+        let velocity = Vector3::new(2.0 * SLIDING, 0.0, -0.25);
         let load = load(&SURFACE, 1.0, 1e-4, &Vector3::z(), &velocity, &Vector3::y());
         approx::assert_relative_eq!(load.normal, 15.0, epsilon = 1e-12);
         approx::assert_relative_eq!(load.force, Vector3::new(-7.230_206_850_6, 0.0, 15.0), epsilon = 1e-9);

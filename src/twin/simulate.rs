@@ -221,6 +221,8 @@ const EVENT_TIME: f64 = 1e-7;
 /// Kinetic energy below which everything rests, J, and for how long, s.
 const REST_ENERGY: f64 = 1e-4;
 const REST_TIME: f64 = 0.1;
+/// Work to which the energy error is related at least, J.
+const LEAST_WORK: f64 = 1e-3;
 /// A pair that has not touched for this long touches anew, s.
 const CONTACT_PAUSE: f64 = 0.05;
 /// Slack of time comparisons, s.
@@ -649,7 +651,7 @@ impl<'a> Run<'a> {
     fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
         self.report.kinetic_energy = self.kinetic_energy();
         self.report.energy_error = self.report.energy_error.max(self.twin.energy_balance().abs());
-        self.report.energy_error /= self.turned_over.max(f64::MIN_POSITIVE);
+        self.report.energy_error /= self.turned_over.max(LEAST_WORK);
         self.report.closed = self.twin.closed();
         self.report.unconverged = self.twin.unconverged();
         for active in &self.twin.plant().effects {
