@@ -33,6 +33,8 @@ const UNLOADED: BodyWrenches = [(Vector3::new(0.0, 0.0, 0.0), Vector3::new(0.0, 
 const ACCELERATION: f64 = 300.0;
 /// [`Cell::contact_step`] over √(m/k).
 const STEP: f64 = 0.1;
+/// Deepest contact at which a run may start, m.
+const DEEPEST_START: f64 = 1e-3;
 /// Mass felt at the end of a strut, kg: a quarter of 0.179 kg (paper, Table 3).
 const STRUT_END_MASS: f64 = 0.045;
 
@@ -74,6 +76,16 @@ pub enum CellError {
     /// Nothing to release.
     #[error("the gripper holds nothing to release")]
     Empty,
+    /// Robot and object in one place.
+    #[error("{link} stands {:.1} mm deep in '{other}' at the start", 1e3 * .depth)]
+    Overlap {
+        /// Link of the robot.
+        link: String,
+        /// The object.
+        other: String,
+        /// How deep, m.
+        depth: f64,
+    },
 }
 
 /// Linear and angular velocity, m/s and rad/s, world axes.
@@ -115,6 +127,7 @@ struct Pair {
     link: Collider,
     other: Collider,
     force: f64,
+    depth: f64,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -275,7 +288,12 @@ impl Cell {
                         &about(&loads.on_first, &link.at, &motion.bodies[link.body].position),
                     );
                     add(&mut reactions[o], &loads.on_second);
-                    pairs.push(Pair { link: link.collider, other: Collider::Object(o), force: loads.normal });
+                    pairs.push(Pair {
+                        link: link.collider,
+                        other: Collider::Object(o),
+                        force: loads.normal,
+                        depth: loads.depth,
+                    });
                 }
             }
             for other in links[..i].iter().filter(|other| meet(parts, link, other, closed)) {
@@ -289,11 +307,28 @@ impl Cell {
                     for (body, load) in [(link, &loads.on_first), (other, &loads.on_second)] {
                         add(&mut wrenches[body.body], &about(load, &body.at, &motion.bodies[body.body].position));
                     }
-                    pairs.push(Pair { link: link.collider, other: other.collider, force: loads.normal });
+                    pairs.push(Pair {
+                        link: link.collider,
+                        other: other.collider,
+                        force: loads.normal,
+                        depth: loads.depth,
+                    });
                 }
             }
         }
         wrenches
+    }
+
+    /// Refuses a start in which the robot stands more than a millimetre deep in an object.
+    pub fn check_start(&mut self, motion: &Motion) -> Result<(), CellError> {
+        self.contact(motion, SocketSet::ALL);
+        self.fresh = false;
+        match self.pairs.iter().max_by(|a, b| a.depth.total_cmp(&b.depth)) {
+            Some(pair) if pair.depth > DEEPEST_START => {
+                Err(CellError::Overlap { link: self.name(pair.link), other: self.name(pair.other), depth: pair.depth })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Moves the free objects on by `h` s under gravity, their own contacts and the opposite of the robot's contact
@@ -454,19 +489,21 @@ fn place(parts: &[Part], world: &World, grip: Option<Grip>, motion: &Motion, clo
 /// Loads of all contact points of a pair, each about the origin of its side.
 struct Loads {
     normal: f64,
+    depth: f64,
     on_first: Wrench,
     on_second: Wrench,
 }
 
 fn press(points: &[Point], surface: &Surface, a: &Placement, b: &Placement, belt: &Vector3<f64>) -> Loads {
     let none = (Vector3::zeros(), Vector3::zeros());
-    let mut loads = Loads { normal: 0.0, on_first: none, on_second: none };
+    let mut loads = Loads { normal: 0.0, depth: 0.0, on_first: none, on_second: none };
     let spin = a.angular_velocity - b.angular_velocity;
     for p in points {
         let surface_velocity = b.velocity_at(&p.position) + belt - p.normal * p.normal.dot(belt);
         let velocity = a.velocity_at(&p.position) - surface_velocity;
         let load = law::load(surface, p.weight, p.depth, &p.normal, &velocity, &spin);
         loads.normal += load.normal;
+        loads.depth = loads.depth.max(p.depth);
         let (on_first, on_second) = (&mut loads.on_first, &mut loads.on_second);
         add(on_first, &(load.force, (p.position - a.position).cross(&load.force) + load.moment));
         add(on_second, &(-load.force, -(p.position - b.position).cross(&load.force) - load.moment));

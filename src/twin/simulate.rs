@@ -14,7 +14,7 @@ use crate::cell::{Cell, CellError, Held, Object};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, PlatformState, SocketSet};
-use crate::model::bodies::{BODIES, END_EFFECTOR};
+use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
 use crate::model::{ARMS, AXES, Inertia, Model, STRUTS};
 use crate::recording::{Recording, Setup, Signals};
 use crate::scenario::{self, Action, ActionKind, HoldTorque, PayloadShape, Scenario, Supervision, Trip};
@@ -206,6 +206,12 @@ pub enum SimulationError {
         /// Time, s.
         t: f64,
     },
+    /// Payload and effects make a body that cannot be.
+    #[error("{body}: payload and effects leave it with an inertia that no body has")]
+    Body {
+        /// Its name.
+        body: String,
+    },
     /// The objects around the robot are impossible, or the gripper cannot do what it is told.
     #[error("t = {t:.4} s: {source}")]
     Cell {
@@ -218,13 +224,15 @@ pub enum SimulationError {
 
 /// Time within which a dislocation is located, s.
 const EVENT_TIME: f64 = 1e-7;
-/// Kinetic energy below which everything rests, J, and for how long, s.
-const REST_ENERGY: f64 = 1e-4;
+/// Kinetic energy below which everything rests, J, and for how long, s: what leans on regularised friction creeps.
+const REST_ENERGY: f64 = 1e-3;
 const REST_TIME: f64 = 0.1;
 /// Work to which the energy error is related at least, J.
 const LEAST_WORK: f64 = 1e-3;
 /// A pair that has not touched for this long touches anew, s.
 const CONTACT_PAUSE: f64 = 0.05;
+/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is not rounding.
+const IMPOSSIBLE: f64 = 1e-9;
 /// Slack of time comparisons, s.
 const INSTANT: f64 = 1e-12;
 
@@ -298,12 +306,21 @@ impl<'a> Run<'a> {
         let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
         let wanted = plant.geometry.inverse_motion(&desired(0.0)).map_err(trajectory)?;
         let motion = plant.motion(&wanted).map_err(trajectory)?;
+        for (body, inertia) in plant.bodies.0.iter().enumerate() {
+            let size = inertia.mass.max(inertia.tensor.trace());
+            if inertia.min_eigenvalue() < -IMPOSSIBLE * size.max(1e-3) {
+                return Err(SimulationError::Body { body: body_name(body) });
+            }
+        }
         let cell = if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
             None
         } else {
             let payload = options.payload_shape.map(|p| (p.shape, p.centre));
-            let cell = Cell::new(&options.objects, &plant.geometry, payload, plant.gravity_vector());
-            Some(cell.map_err(|source| SimulationError::Cell { t: 0.0, source })?)
+            let refused = |source| SimulationError::Cell { t: 0.0, source };
+            let mut cell =
+                Cell::new(&options.objects, &plant.geometry, payload, plant.gravity_vector()).map_err(refused)?;
+            cell.check_start(&motion).map_err(refused)?;
+            Some(cell)
         };
         let twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
         let step = model.sample_time * options.control_period as f64;
