@@ -113,15 +113,15 @@ fn draw(curves: &[(&str, Curve)]) -> Result<(), Box<dyn std::error::Error>> {
         .margin(16)
         .caption("Strut-force error against time, one core", ("sans-serif", 20))
         .x_label_area_size(44)
-        .y_label_area_size(70)
-        .build_cartesian_2d((5e-4..1.0f64).log_scale(), (1e-7..1.0f64).log_scale())?;
+        .y_label_area_size(64)
+        .build_cartesian_2d((5e-4..1.0f64).log_scale(), (1e-12..1.0f64).log_scale())?;
     chart
         .configure_mesh()
         .light_line_style(WHITE)
         .x_desc("CPU seconds per simulated second (step calls)")
         .y_desc("RMS strut-force error, N")
         .x_label_formatter(&|x| format!("{x}"))
-        .y_label_formatter(&|y| format!("{y:e}"))
+        .y_label_formatter(&|y| format!("{y:.0e}"))
         .label_style(("sans-serif", 14))
         .draw()?;
     for ((name, curve), colour) in curves.iter().zip([RGBColor(0, 90, 181), RGBColor(200, 70, 20)]) {
@@ -153,7 +153,7 @@ fn draw(curves: &[(&str, Curve)]) -> Result<(), Box<dyn std::error::Error>> {
     }))?;
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::LowerLeft)
+        .position(SeriesLabelPosition::LowerRight)
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
         .label_font(("sans-serif", 14))

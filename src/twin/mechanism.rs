@@ -99,6 +99,7 @@ struct Levers {
     /// Velocity of the lower relative to the upper ball.
     stretch: [Vector3<f64>; STRUTS],
     chain: Chain,
+    bias: ChainBias,
 }
 
 /// The telescope and the end effector move with (v_h, Ω, ω): velocity of the lower Hooke joint, rotor rate and platform
@@ -224,6 +225,7 @@ impl Mechanism {
         let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         bodies[ROTOR].place(turned, g.upper_hooke(), Vector3::zeros(), Vector3::new(0.0, 0.0, nu[3]));
         *telescope = self.place_chain(bodies, &mut levers.chain, nu[3]);
+        levers.bias = levers.chain.bias(motion, g);
     }
 
     /// Telescope and end effector between the rotor and the platform.
@@ -336,8 +338,8 @@ impl Mechanism {
         let weight = &plant.bodies[PLATFORM];
         force += gravity * weight.mass;
         moment += (platform.rotation * weight.first_moment).cross(&gravity);
-        let bias = chain.bias(motion, &self.geometry);
-        let (chain_v, chain_w, chain_rotor) = chain.demand(plant, motion, &bias, wrenches, &gravity, self.loaded);
+        let (chain_v, chain_w, chain_rotor) =
+            chain.demand(plant, motion, &levers.bias, wrenches, &gravity, self.loaded);
         force += chain_v;
         moment += chain_w;
         let rotor_force = chain_rotor + wrenches[ROTOR].1.z + tau[3] + implicit.drive_torque[3];
@@ -517,7 +519,7 @@ impl Mechanism {
             out[STRUT + s] = (a, swing + u * solution.spin_rate[s] + axis_rate * spin);
         }
         let chain = &levers.chain;
-        let bias = chain.bias(motion, &self.geometry);
+        let bias = &levers.bias;
         let hooke = linear + angular.cross(&chain.hooke);
         let turned = chain.a * hooke + chain.b * nu[3];
         let (cv, cw, cr) = (chain.c_v, chain.c_omega, chain.c_rotor);
@@ -702,6 +704,7 @@ impl Frame {
                 ball: [none; STRUTS],
                 stretch: [none; STRUTS],
                 chain: Chain::zero(),
+                bias: ChainBias { hooke: none, telescope: none, end_effector: STILL },
             },
         }
     }
