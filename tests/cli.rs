@@ -253,3 +253,19 @@ fn an_interrupted_run_is_kept() {
     assert!(answer["simulated_s"].as_f64().unwrap() < 20.0);
     done(&["check", &mcap]);
 }
+
+#[test]
+fn runs_repeat_bit_by_bit_alone_and_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let (alone, together) = (path(&folder, "alone.mcap"), path(&folder, "runs"));
+    done(&["simulate", SMOKE, "-o", &alone]);
+    assert!(done(&["simulate", SMOKE, "--verify", &alone]).contains("bit for bit"));
+    let answer = json(&["simulate", SMOKE, "scenarios/touch.toml", "-o", &together]);
+    assert_eq!(answer["runs"].as_array().unwrap().len(), 2);
+    let twice = std::fs::read(path(&folder, "runs/smoke.mcap")).unwrap();
+    assert!(std::fs::read(&alone).unwrap() == twice, "the same scenario gives the same bytes");
+    // Another scenario is not the same run: exit status 1, and the answer says where they part.
+    let output = run(&["simulate", "scenarios/touch.toml", "--verify", &alone]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("differs"), "{output:?}");
+}

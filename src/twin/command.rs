@@ -74,6 +74,9 @@ struct Outcome {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
+    if let Some(folder) = args.output.as_ref().filter(|_| args.scenarios.len() > 1) {
+        std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
+    }
     let jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
     if jobs.len() > 1 {
         if args.verify.is_some() {
@@ -82,9 +85,6 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         #[cfg(feature = "viewer")]
         if args.rrd.is_some() {
             return Err(miette!("--rrd shows one scenario; {} were given", jobs.len()));
-        }
-        if let Some(folder) = &args.output {
-            std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
         }
     }
     #[cfg(feature = "viewer")]
@@ -271,6 +271,9 @@ fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, 
     match difference {
         None => {}
         Some(None) => say("  verified   every sample is the same, bit for bit")?,
+        Some(Some(d)) if d.size.is_infinite() => {
+            say(format!("  differs    {} from sample {} on is only in one of the two", d.channel, d.sample))?;
+        }
         Some(Some(d)) => {
             say(format!("  differs    first at sample {} in {}, by {:e} {}", d.sample, d.channel, d.size, d.unit))?;
         }
