@@ -223,13 +223,16 @@ pub enum MotionError {
 mod testing {
     use super::polynomial::Piecewise;
 
+    /// Largest position, rate and acceleration, also of phases shorter than any grid.
+    fn scale(course: &Piecewise) -> [f64; 3] {
+        let mut times: Vec<f64> = (0..=2000).map(|k| course.lap() * f64::from(k) / 2000.0).collect();
+        times.extend(course.joints().windows(2).flat_map(|w| [w[0], 0.5 * (w[0] + w[1])]));
+        [0, 1, 2].map(|order| times.iter().map(|&t| course.at(t)[order].norm()).fold(1e-9, f64::max))
+    }
+
     /// Rates and accelerations are the derivatives, all three are continuous.
     pub fn smooth(course: &Piecewise) {
-        let size = |order: usize| {
-            let n = 2000;
-            (0..=n).map(|k| course.at(course.lap() * k as f64 / n as f64)[order].norm()).fold(1e-9, f64::max)
-        };
-        let scale = [size(0), size(1), size(2)];
+        let scale = scale(course);
         for k in 1..500 {
             let t = course.lap() * k as f64 / 500.0;
             let h = 1e-6 * course.lap();
@@ -253,9 +256,7 @@ mod testing {
     /// A smooth motion that rests at both ends.
     pub fn check(course: &Piecewise) {
         smooth(course);
-        let [rate, acceleration] = [1, 2].map(|order| {
-            (0..=1000).map(|k| course.at(course.lap() * k as f64 / 1e3)[order].norm()).fold(1e-9, f64::max)
-        });
+        let [_, rate, acceleration] = scale(course);
         for t in [0.0, course.length() * (1.0 - 1e-15), course.length() + 1.0] {
             let [_, v, a] = course.at(t);
             assert!(v.norm() < 1e-6 * rate && a.norm() < 1e-6 * acceleration, "{t}: {v} {a}");

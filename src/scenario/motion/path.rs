@@ -280,6 +280,12 @@ mod tests {
         assert!((turn.course().at(turn.course().length())[0][3] - 2.0).abs() < 1e-12);
     }
 
+    #[test]
+    fn accelerating_for_half_a_millisecond_in_eight_seconds_is_smooth() {
+        let slow = path(vec![[0.0, 0.365, -0.85, 0.0], [0.0, 0.0, -1.022, -0.984]], 0.0);
+        testing::check(&Path { speed: 0.05, acceleration: 83.3, jerk: 4726.0, ..slow }.course());
+    }
+
     proptest! {
         #[test]
         fn limits_hold_and_ends_rest(
