@@ -39,12 +39,12 @@ pub struct Args {
     /// Periods that the scenario runs.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub periods: u64,
-    /// Share of the limits on speed, acceleration and torque that may be used.
+    /// Share of the limits on speed, acceleration, torque and on the force that dislocates a socket that may be used.
     #[arg(long, default_value_t = 0.8)]
     pub share: f64,
     /// Lower half of a ball that the platform may not leave, m: centre of its flat top and radius.
-    #[arg(long, value_name = "X,Y,Z,R", value_delimiter = ',', num_args = 4, allow_negative_numbers = true)]
-    pub hemisphere: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z,R", value_parser = hemisphere, allow_hyphen_values = true)]
+    pub hemisphere: Option<Hemisphere>,
     /// Seed of the random motions.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -67,6 +67,21 @@ const SHOWN: usize = 8;
 /// Longest run of a scenario, s.
 const LONGEST: f64 = 3600.0;
 
+/// Reads `X,Y,Z,R`.
+fn hemisphere(text: &str) -> Result<Hemisphere, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y, z, radius]
+            if text.split(',').count() == 4
+                && [x, y, z].iter().all(|v| v.abs() <= 10.0)
+                && (0.01..=10.0).contains(&radius) =>
+        {
+            Ok(Hemisphere { centre: Vector3::new(x, y, z), radius })
+        }
+        _ => Err("expected four numbers X,Y,Z,R in m, the radius from 0.01 to 10".into()),
+    }
+}
+
 impl Args {
     fn options(&self) -> miette::Result<Options> {
         let within = |option: &str, value: f64, low: f64, high: f64, unit: &str| {
@@ -74,17 +89,6 @@ impl Args {
                 return Ok(value);
             }
             Err(miette!("--{option} is {value}; expected a number from {low} to {high}{unit}"))
-        };
-        let hemisphere = match self.hemisphere.as_deref() {
-            None => None,
-            Some(&[x, y, z, radius]) => {
-                for v in [x, y, z] {
-                    within("hemisphere", v, -10.0, 10.0, " m")?;
-                }
-                let radius = within("hemisphere", radius, 0.01, 10.0, " m for its radius")?;
-                Some(Hemisphere { centre: Vector3::new(x, y, z), radius })
-            }
-            Some(other) => return Err(miette!("--hemisphere has {} numbers; expected X,Y,Z,R", other.len())),
         };
         let frequency = within("frequency", self.frequency, 1e-3, 20.0, " Hz")?;
         let length = self.periods as f64 / frequency;
@@ -97,7 +101,7 @@ impl Args {
             harmonics: self.harmonics as usize,
             periods: self.periods as usize,
             share: within("share", self.share, 0.01, 1.0, "")?,
-            hemisphere,
+            hemisphere: self.hemisphere,
             seed: self.seed,
             starts: self.starts as usize,
             iterations: self.iterations as usize,

@@ -1,9 +1,10 @@
-//! What bounds the motion: joints, telescope, singularities, drives and, if wished, a hemisphere.
+//! What bounds the motion: joints, telescope, singularities, drives, sockets and, if wished, a hemisphere.
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::dynamics::Output;
 use crate::kinematics::{JointState, PlatformState};
-use crate::model::{ARMS, AXES, Geometry, Model};
+use crate::model::{ARMS, AXES, Geometry, Model, STRUTS};
 
 /// Lower half of a ball that the platform may not leave (paper Fig. 5), m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +16,7 @@ pub struct Hemisphere {
 }
 
 /// Limits per sample.
-pub const LIMITS: usize = 25;
+pub const LIMITS: usize = 31;
 
 const ARM_HIGH: usize = 0;
 const ARM_LOW: usize = 3;
@@ -25,17 +26,19 @@ const PARALLEL: usize = 11;
 const SPEED: usize = 12;
 const ACCELERATION: usize = 16;
 const TORQUE: usize = 20;
-const HEMISPHERE: usize = 24;
+const STRUT_FORCE: usize = 24;
+const HEMISPHERE: usize = 30;
 
 /// Kinds of limits, by name, with the rows of each.
-pub const KINDS: [(&str, std::ops::Range<usize>); 8] = [
+pub const KINDS: [(&str, std::ops::Range<usize>); 9] = [
     ("arm_angle", ARM_HIGH..TELESCOPE),
     ("telescope_length", TELESCOPE..SERIAL),
     ("arm_strut_singularity", SERIAL..PARALLEL),
     ("parallel_singularity", PARALLEL..SPEED),
     ("speed", SPEED..ACCELERATION),
     ("acceleration", ACCELERATION..TORQUE),
-    ("torque", TORQUE..HEMISPHERE),
+    ("torque", TORQUE..STRUT_FORCE),
+    ("strut_force", STRUT_FORCE..HEMISPHERE),
     ("hemisphere", HEMISPHERE..LIMITS),
 ];
 
@@ -49,17 +52,18 @@ const ROOM: f64 = 0.01;
 /// Limits of a machine.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Share of speed, acceleration and torque that may be used.
+    /// Share of speed, acceleration, torque and of the force that dislocates a socket that may be used.
     pub share: f64,
     /// Workspace beside the true one.
     pub hemisphere: Option<Hemisphere>,
     speed: [f64; AXES],
     acceleration: [f64; AXES],
     torque: [f64; AXES],
+    strut_force: f64,
 }
 
 impl Limits {
-    /// Limits of `model`, of whose drives `share` may be used.
+    /// Limits of `model`, of whose drives and sockets `share` may be used.
     pub fn of(model: &Model, share: f64, hemisphere: Option<Hemisphere>) -> Self {
         Self {
             share,
@@ -67,19 +71,23 @@ impl Limits {
             speed: model.drives.map(|d| d.max_speed),
             acceleration: model.drives.map(|d| d.max_acceleration),
             torque: model.drives.map(|d| d.max_torque),
+            strut_force: match model.sockets.dislocation_force {
+                f if f > 0.0 => f,
+                _ => f64::INFINITY,
+            },
         }
     }
 
     /// The limits at one instant, each as a number that must not exceed 1.
     ///
-    /// Speed, acceleration and torque (`tau`, N·m) count in units of the permitted share. Angles and telescope count from
+    /// Speed, acceleration, torque and strut force (`loads`) count in units of the permitted share. Angles and telescope count from
     /// the middle of their range to the limit less a margin for the tracking error.
     pub fn values(
         &self,
         geometry: &Geometry,
         platform: &PlatformState,
         joints: &JointState,
-        tau: &[f64; AXES],
+        loads: &Output,
     ) -> [f64; LIMITS] {
         let mut out = [0.0; LIMITS];
         let within = |value: f64, [min, max]: [f64; 2]| {
@@ -101,7 +109,11 @@ impl Limits {
         for i in 0..AXES {
             out[SPEED + i] = joints.qd[i].abs() / (self.share * self.speed[i]);
             out[ACCELERATION + i] = joints.qdd[i].abs() / (self.share * self.acceleration[i]);
-            out[TORQUE + i] = tau[i].abs() / (self.share * self.torque[i]);
+            out[TORQUE + i] = loads.tau[i].abs() / (self.share * self.torque[i]);
+        }
+        for s in 0..STRUTS {
+            let force = loads.reactions.upper[s].abs().max(loads.reactions.lower[s].abs());
+            out[STRUT_FORCE + s] = force / (self.share * self.strut_force);
         }
         if let Some(h) = &self.hemisphere {
             let d = platform.position - h.centre;

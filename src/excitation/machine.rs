@@ -1,11 +1,11 @@
 //! One instant of a motion: the regressor, the limits, and how both change with position, velocity and acceleration.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::limits::{LIMITS, Limits};
 use super::series::{Basis, INPUTS, moved};
-use crate::dynamics::{Channel, Output, Plant, PlantParameter, inverse_dynamics, regressor};
+use crate::dynamics::{Channel, Plant, PlantParameter, inverse_dynamics, regressor};
 use crate::effects::{ActiveEffect, Role};
 use crate::identification::fit::own_size;
 use crate::kinematics::{KinematicsError, PlatformState};
@@ -18,7 +18,7 @@ use crate::recording::Setup;
 const STEPS: [f64; 3] = [1e-5, 1e-5, 1e-3];
 /// Friction laws are this much softer in the search: their steps at reversals would fall between the samples.
 const SOFTER: f64 = 0.1;
-/// Smallest and usual key of a friction law's steepness.
+/// Key of a friction law's steepness.
 const STEEPNESS: &str = "steepness";
 
 /// A machine whose parameters a motion is to tell.
@@ -28,9 +28,6 @@ pub struct Machine {
     limits: Limits,
     /// Standard deviations of the torque samples, N·m.
     noise: [f64; AXES],
-    values: DVector<f64>,
-    /// Whether torques are not the product of regressor and parameters.
-    iterated: bool,
     /// The base columns, as indices of the flat parameters, and their sizes.
     columns: Vec<usize>,
     sizes: Vec<f64>,
@@ -80,11 +77,6 @@ impl Machine {
         Self {
             limits,
             noise: model.noise.torque.map(|s| if s > 0.0 { s } else { 1.0 }),
-            values: DVector::from_iterator(parameters.len(), parameters.iter().map(|p| p.value)),
-            iterated: plant
-                .effects
-                .iter()
-                .any(|a| a.effect.reads_reactions() || a.effect.reads_torque() || a.effect.kind().acts_on_the_whole()),
             sizes: columns.iter().map(|&k| own_size(&parameters[k])).collect(),
             columns,
             effects,
@@ -126,23 +118,13 @@ impl Machine {
         let motion = self.plant.motion(&joints)?;
         let own: Vec<Vec<f64>> = self.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        let loads = match self.iterated {
-            true => inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], false)?,
-            false => Output::default(),
-        };
+        let loads = inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], true)?;
         let effects: Vec<&ActiveEffect> = self.effects.iter().collect();
         let all = regressor(&self.plant, &effects, 0.0, &motion, &loads, &states, &Channel::TORQUES)?;
-        let tau = match self.iterated {
-            true => loads.tau,
-            false => {
-                let tau = &all * &self.values;
-                std::array::from_fn(|i| tau[i])
-            }
-        };
         let rows = DMatrix::from_fn(AXES, self.columns.len(), |i, j| {
             all[(i, self.columns[j])] * self.sizes[j] / self.noise[i]
         });
-        let limits = self.limits.values(&self.plant.geometry, platform, &joints, &tau);
+        let limits = self.limits.values(&self.plant.geometry, platform, &joints, &loads);
         if rows.iter().chain(&limits).any(|x| !x.is_finite()) {
             return Err(KinematicsError::Singular { q: [joints.q[0], joints.q[1], joints.q[2]] });
         }

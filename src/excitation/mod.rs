@@ -46,7 +46,7 @@ pub struct Options {
     pub harmonics: usize,
     /// Periods of the run; only the standard errors depend on it.
     pub periods: usize,
-    /// Share of speed, acceleration and torque that may be used.
+    /// Share of speed, acceleration, torque and of the force that dislocates a socket that may be used.
     pub share: f64,
     /// Workspace beside the true one.
     pub hemisphere: Option<Hemisphere>,

@@ -35,7 +35,10 @@ pub fn text(design: &Design, options: &Options, model_file: &Path, output: &Path
             number(design.merit.condition_unit)
         ),
         format!("{} base parameters, log det {}.", design.parameters.len(), number(design.merit.log_det)),
-        format!("Worst use of the limits, with {} of speed, acceleration and torque permitted:", options.share),
+        format!(
+            "Worst use of the limits, with {} of speed, acceleration, torque and dislocation force permitted:",
+            options.share
+        ),
         format!("  {worst}."),
         "The motion is periodic and does not begin at rest: bring a real machine into it first.".into(),
         "`deltatwin simulate --model M` runs another machine along the same motion.".into(),
