@@ -19,8 +19,9 @@ use crate::terminal::{
 /// fine grid. What is optimised is the information about the base parameters, those of all effects in the model included.
 /// The motion is periodic and does not begin at rest. Ctrl-C ends the search; the best motion so far is written.
 #[derive(clap::Args, Clone, Debug)]
-#[command(after_help = "Examples: deltatwin excite models/irb360-6-1600.toml -o excite.toml
-          deltatwin excite models/irb360-6-1600.toml -o excite.toml --hemisphere 0,0,-0.85,0.35")]
+#[command(
+    after_help = "Example: deltatwin excite models/irb360-6-1600.toml -o excite.toml --hemisphere 0,0,-0.85,0.35"
+)]
 pub struct Args {
     /// Model file.
     pub model: PathBuf,

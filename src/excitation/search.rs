@@ -103,35 +103,11 @@ impl Search<'_> {
     pub fn gradient(&self, x: &[f64]) -> Option<(f64, Vec<f64>)> {
         let point = self.point(x.to_vec())?;
         let slopes = self.slopes(&point)?;
-        let mut gradient = vec![0.0; x.len()];
-        for (k, s) in slopes.iter().enumerate() {
-            self.basis.pull_back(k, &s.objective, 1.0, &mut gradient);
-        }
-        Some((point.value, gradient))
+        Some((point.value, self.pulled_back(&slopes, &[])))
     }
 
-    fn scaled(&self, mut gradient: Vec<f64>) -> DVector<f64> {
-        gradient.iter_mut().zip(self.scale).for_each(|(g, s)| *g *= s);
-        DVector::from_vec(gradient)
-    }
-
-    /// Gradient of the objective by the scaled variables.
-    fn objective_gradient(&self, slopes: &[Slopes]) -> DVector<f64> {
-        let mut gradient = vec![0.0; self.basis.variables()];
-        for (k, s) in slopes.iter().enumerate() {
-            self.basis.pull_back(k, &s.objective, 1.0, &mut gradient);
-        }
-        self.scaled(gradient)
-    }
-
-    fn limit_gradient(&self, slopes: &[Slopes], (k, limit): Row) -> DVector<f64> {
-        let mut gradient = vec![0.0; self.basis.variables()];
-        self.basis.pull_back(k, &slopes[k].limits[limit], 1.0, &mut gradient);
-        self.scaled(gradient)
-    }
-
-    /// Gradient of the Lagrangian by the scaled variables.
-    fn lagrangian(&self, slopes: &[Slopes], multipliers: &[(Row, f64)]) -> DVector<f64> {
+    /// Gradient of the objective plus multipliers times limits by the decision variables.
+    fn pulled_back(&self, slopes: &[Slopes], multipliers: &[(Row, f64)]) -> Vec<f64> {
         let mut gradient = vec![0.0; self.basis.variables()];
         for (k, s) in slopes.iter().enumerate() {
             self.basis.pull_back(k, &s.objective, 1.0, &mut gradient);
@@ -139,6 +115,23 @@ impl Search<'_> {
         for &((k, limit), z) in multipliers {
             self.basis.pull_back(k, &slopes[k].limits[limit], z, &mut gradient);
         }
+        gradient
+    }
+
+    fn scaled(&self, mut gradient: Vec<f64>) -> DVector<f64> {
+        gradient.iter_mut().zip(self.scale).for_each(|(g, s)| *g *= s);
+        DVector::from_vec(gradient)
+    }
+
+    /// Gradient of the Lagrangian by the scaled variables.
+    fn lagrangian(&self, slopes: &[Slopes], multipliers: &[(Row, f64)]) -> DVector<f64> {
+        self.scaled(self.pulled_back(slopes, multipliers))
+    }
+
+    /// Gradient of one limit by the scaled variables.
+    fn limit_gradient(&self, slopes: &[Slopes], (k, limit): Row) -> DVector<f64> {
+        let mut gradient = vec![0.0; self.basis.variables()];
+        self.basis.pull_back(k, &slopes[k].limits[limit], 1.0, &mut gradient);
         self.scaled(gradient)
     }
 
@@ -154,7 +147,7 @@ impl Search<'_> {
         keep(&mut found, &point);
         let n = start.len();
         let Some(mut slopes) = self.slopes(&point) else { return found };
-        let mut gradient = self.objective_gradient(&slopes);
+        let mut gradient = self.lagrangian(&slopes, &[]);
         let mut hessian = DMatrix::identity(n, n) * gradient.norm().max(1e-3);
         let mut penalty = 2.0 * gradient.amax().max(1.0);
         let mut radius = FIRST_RADIUS;
@@ -196,7 +189,7 @@ impl Search<'_> {
                     let after = self.lagrangian(&next_slopes, &multipliers);
                     update(&mut hessian, &d, &(after - before));
                     (point, slopes) = (next, next_slopes);
-                    gradient = self.objective_gradient(&slopes);
+                    gradient = self.lagrangian(&slopes, &[]);
                     keep(&mut found, &point);
                     if ratio > 0.7 && moved > 0.9 * radius {
                         radius = (2.0 * radius).min(LARGEST_RADIUS);
@@ -235,10 +228,6 @@ impl Search<'_> {
         for (k, sample) in point.samples.iter().enumerate() {
             for limit in 0..LIMITS {
                 let value = sample.limits[limit] - 1.0 + MARGIN;
-                // A bound on the change without the gradient in the decision variables: most limits are far away.
-                if slopes[k].limits[limit].iter().all(|s| *s == 0.0) && value <= 0.0 {
-                    continue;
-                }
                 let row = self.limit_gradient(slopes, (k, limit));
                 if value + radius * row.lp_norm(1) > 0.0 {
                     limits.push(((k, limit), row, value));
