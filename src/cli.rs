@@ -1,7 +1,7 @@
 //! The commands.
 
 use clap::{Parser, Subcommand};
-use deltatwin::{check, comparison, demo, diagnosis, effects, identification, recording, twin};
+use deltatwin::{check, comparison, demo, diagnosis, effects, excitation, identification, recording, twin};
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
 #[derive(Parser)]
@@ -18,6 +18,7 @@ pub enum Command {
     Simulate(twin::command::Args),
     Import(recording::command::import::Args),
     Export(recording::command::export::Args),
+    Excite(excitation::command::Args),
     Identify(identification::command::Args),
     Compare(comparison::command::Args),
     Diagnose(diagnosis::command::diagnose::Args),

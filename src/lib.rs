@@ -20,6 +20,8 @@ pub mod evidence;
 
 pub mod identification;
 
+pub mod excitation;
+
 pub mod comparison;
 
 pub mod diagnosis;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use cli::{Cli, Command};
-use deltatwin::{check, comparison, demo, diagnosis, effects, identification, recording, terminal, twin};
+use deltatwin::{check, comparison, demo, diagnosis, effects, excitation, identification, recording, terminal, twin};
 use miette::MietteHandlerOpts;
 
 fn main() -> ExitCode {
@@ -28,6 +28,7 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Simulate(args) => twin::command::run(args),
         Command::Import(args) => recording::command::import::run(args),
         Command::Export(args) => recording::command::export::run(args),
+        Command::Excite(args) => excitation::command::run(args),
         Command::Identify(args) => identification::command::run(args),
         Command::Compare(args) => comparison::command::run(args),
         Command::Diagnose(args) => diagnosis::command::diagnose::run(args),

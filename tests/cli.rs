@@ -56,11 +56,12 @@ fn smoke(folder: &TempDir) -> String {
 fn every_command_explains_itself_with_an_example() {
     let top = done(&["--help"]);
     for command in
-        ["demo", "simulate", "import", "export", "identify", "compare", "diagnose", "add", "effects", "check"]
+        ["demo", "simulate", "import", "export", "excite", "identify", "compare", "diagnose", "add", "effects", "check"]
     {
         assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
         let help = done(&[command, "--help"]);
-        assert!(help.contains(&format!("Example: deltatwin {command}")) && help.contains("--json"), "{help}");
+        let example = ["Example", "Examples"].iter().any(|e| help.contains(&format!("{e}: deltatwin {command}")));
+        assert!(example && help.contains("--json"), "{help}");
     }
     refused(&["simulat", SMOKE]);
     refused(&["simulate"]);
@@ -122,6 +123,49 @@ fn simulate_then_identify() {
     assert_eq!(answer["model"], fitted.as_str());
     done(&["check", &fitted]);
     done(&["compare", &fitted, &mcap]);
+}
+
+#[test]
+fn excite_writes_a_scenario_that_runs() {
+    let folder = TempDir::new().unwrap();
+    let scenario = path(&folder, "excite.toml");
+    let few = ["--starts", "1", "--iterations", "3", "--harmonics", "2", "--frequency", "2"];
+    let arguments = [&["excite", MODEL, "-o", &scenario][..], &few].concat();
+    let answer = json(&arguments);
+    for key in ["condition_number", "log_det", "solve_s"] {
+        assert!(answer[key].is_number(), "{key}: {answer}");
+    }
+    let log_det = answer["log_det"].as_f64().unwrap();
+    assert!(log_det > answer["random"]["best_log_det"].as_f64().unwrap(), "{answer}");
+    assert!(answer["random"]["median_condition_number"].is_number(), "{answer}");
+    for (limit, share) in answer["worst_limit"].as_object().unwrap() {
+        assert!(share.as_f64().unwrap() <= 1.0, "{limit}: {share}");
+    }
+    let friction = &answer["base_parameters"]["drive_friction.viscous_1"];
+    assert!(friction["std"].is_number() && friction["unit"] == "N·m·s/rad", "{friction}");
+    let first = std::fs::read_to_string(&scenario).unwrap();
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    let run = json(&["simulate", &scenario]);
+    assert_eq!(run["simulated_s"], 1.0);
+
+    let table = done(&arguments);
+    assert!(table.contains("Condition number") && table.contains("random median"), "{table}");
+    assert_eq!(std::fs::read_to_string(&scenario).unwrap(), first);
+    let again = path(&folder, "cut.toml");
+    let cut = json(&["excite", MODEL, "-o", &again, "--budget", "0", "--hemisphere", "0,0,-0.85,0.35"]);
+    assert!(cut["stopped"] == true && cut["iterations"] == 0, "{cut}");
+    assert!(cut["worst_limit"]["hemisphere"].as_f64().unwrap() <= 1.0, "{cut}");
+
+    let output = path(&folder, "no.toml");
+    let start = ["excite", MODEL, "-o", &output];
+    let answer = |more: &[&str]| refused(&[&start[..], more].concat());
+    assert!(answer(&["--share", "nan"]).contains("--share is NaN"));
+    assert!(answer(&["--frequency", "0"]).contains("--frequency is 0"));
+    assert!(answer(&["--hemisphere", "0,0,-3,0.3"]).contains("no motion fits"));
+    assert!(answer(&["--hemisphere", "0,0,-1"]).contains("expected four numbers"));
+    assert!(refused(&["excite", "models/irb360-6-1600-disassembled.toml", "-o", &output]).contains("disassembled"));
+    assert!(refused(&["excite", MODEL, "-o", MODEL]).contains("is an input"));
+    assert!(!Path::new(&output).exists());
 }
 
 #[test]

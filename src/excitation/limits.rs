@@ -1,0 +1,124 @@
+//! What bounds the motion: joints, telescope, singularities, drives, sockets and, if wished, a hemisphere.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::dynamics::Output;
+use crate::kinematics::{JointState, PlatformState};
+use crate::model::{ARMS, AXES, Geometry, Model, STRUTS};
+
+/// Lower half of a ball that the platform may not leave (paper Fig. 5), m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hemisphere {
+    /// Centre of the flat top.
+    pub centre: Vector3<f64>,
+    /// Radius.
+    pub radius: f64,
+}
+
+/// Limits per sample.
+pub const LIMITS: usize = 31;
+
+const ARM_HIGH: usize = 0;
+const ARM_LOW: usize = 3;
+const TELESCOPE: usize = 6;
+const SERIAL: usize = 8;
+const PARALLEL: usize = 11;
+const SPEED: usize = 12;
+const ACCELERATION: usize = 16;
+const TORQUE: usize = 20;
+const STRUT_FORCE: usize = 24;
+const HEMISPHERE: usize = 30;
+
+/// Kinds of limits, by name, with the rows of each.
+pub const KINDS: [(&str, std::ops::Range<usize>); 9] = [
+    ("arm_angle", ARM_HIGH..TELESCOPE),
+    ("telescope_length", TELESCOPE..SERIAL),
+    ("arm_strut_singularity", SERIAL..PARALLEL),
+    ("parallel_singularity", PARALLEL..SPEED),
+    ("speed", SPEED..ACCELERATION),
+    ("acceleration", ACCELERATION..TORQUE),
+    ("torque", TORQUE..STRUT_FORCE),
+    ("strut_force", STRUT_FORCE..HEMISPHERE),
+    ("hemisphere", HEMISPHERE..LIMITS),
+];
+
+/// Least sine of the angle between strut and arm seen along the motor axis.
+const MIN_SERIAL: f64 = 0.15;
+/// Least volume spanned by the three unit vectors along the struts.
+const MIN_PARALLEL: f64 = 0.05;
+/// Share of the range of arm angle and telescope length left at either end for the tracking error.
+const ROOM: f64 = 0.01;
+
+/// Limits of a machine.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Share of speed, acceleration, torque and of the force that dislocates a socket that may be used.
+    pub share: f64,
+    /// Workspace beside the true one.
+    pub hemisphere: Option<Hemisphere>,
+    speed: [f64; AXES],
+    acceleration: [f64; AXES],
+    torque: [f64; AXES],
+    strut_force: f64,
+}
+
+impl Limits {
+    /// Limits of `model`, of whose drives and sockets `share` may be used.
+    pub fn of(model: &Model, share: f64, hemisphere: Option<Hemisphere>) -> Self {
+        Self {
+            share,
+            hemisphere,
+            speed: model.drives.map(|d| d.max_speed),
+            acceleration: model.drives.map(|d| d.max_acceleration),
+            torque: model.drives.map(|d| d.max_torque),
+            strut_force: match model.sockets.dislocation_force {
+                f if f > 0.0 => f,
+                _ => f64::INFINITY,
+            },
+        }
+    }
+
+    /// The limits at one instant, each as a number that must not exceed 1.
+    ///
+    /// Speed, acceleration, torque and strut force (`loads`) count in units of the permitted share. Angles and telescope count from
+    /// the middle of their range to the limit less a margin for the tracking error.
+    pub fn values(
+        &self,
+        geometry: &Geometry,
+        platform: &PlatformState,
+        joints: &JointState,
+        loads: &Output,
+    ) -> [f64; LIMITS] {
+        let mut out = [0.0; LIMITS];
+        let within = |value: f64, [min, max]: [f64; 2]| {
+            (value - 0.5 * (min + max)) / ((0.5 - ROOM) * (max - min)).max(f64::MIN_POSITIVE)
+        };
+        let mut directions = Matrix3::zeros();
+        for i in 0..ARMS {
+            let share = within(joints.q[i], geometry.arm_limits);
+            (out[ARM_HIGH + i], out[ARM_LOW + i]) = (share, -share);
+            let strut = geometry.strut_vector(i, joints.q[i], &platform.position).normalize();
+            let (s, c) = joints.q[i].sin_cos();
+            let normal = Geometry::radial(i) * s + Vector3::z() * c;
+            out[SERIAL + i] = 1.0 + MIN_SERIAL - strut.dot(&normal).abs();
+            directions.set_row(i, &strut.transpose());
+        }
+        out[PARALLEL] = 1.0 + MIN_PARALLEL - directions.determinant().abs();
+        let length = within(geometry.telescope_length(&platform.position), geometry.telescope_limits);
+        (out[TELESCOPE], out[TELESCOPE + 1]) = (length, -length);
+        for i in 0..AXES {
+            out[SPEED + i] = joints.qd[i].abs() / (self.share * self.speed[i]);
+            out[ACCELERATION + i] = joints.qdd[i].abs() / (self.share * self.acceleration[i]);
+            out[TORQUE + i] = loads.tau[i].abs() / (self.share * self.torque[i]);
+        }
+        for s in 0..STRUTS {
+            let force = loads.reactions.upper[s].abs().max(loads.reactions.lower[s].abs());
+            out[STRUT_FORCE + s] = force / (self.share * self.strut_force);
+        }
+        if let Some(h) = &self.hemisphere {
+            let d = platform.position - h.centre;
+            out[HEMISPHERE] = (d.norm() / h.radius).max(1.0 + d.z / h.radius);
+        }
+        out
+    }
+}

@@ -1,0 +1,192 @@
+//! One instant of a motion: the regressor, the limits, and how both change with position, velocity and acceleration.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::limits::{LIMITS, Limits};
+use super::series::{Basis, INPUTS, moved};
+use crate::dynamics::{Channel, Plant, PlantParameter, inverse_dynamics, regressor};
+use crate::effects::{ActiveEffect, Role};
+use crate::identification::fit::own_size;
+use crate::kinematics::{KinematicsError, PlatformState};
+use crate::model::{AXES, Model};
+use crate::recording::Setup;
+
+/// Steps of the local differences by position (m, rad), velocity and acceleration.
+///
+/// Small against the width of friction laws (10 mrad/s); the regressor is affine in accelerations.
+const STEPS: [f64; 3] = [1e-5, 1e-5, 1e-3];
+/// Friction laws are this much softer in the search: their steps at reversals would fall between the samples.
+const SOFTER: f64 = 0.1;
+/// Key of a friction law's steepness.
+const STEEPNESS: &str = "steepness";
+
+/// A machine whose parameters a motion is to tell.
+pub struct Machine {
+    plant: Plant,
+    effects: Vec<ActiveEffect>,
+    limits: Limits,
+    /// Standard deviations of the torque samples, N·m.
+    noise: [f64; AXES],
+    /// The base columns, as indices of the flat parameters, and their sizes.
+    columns: Vec<usize>,
+    sizes: Vec<f64>,
+}
+
+/// One instant.
+pub struct Sample {
+    /// Base columns of the regressor in units of noise and parameter sizes.
+    pub rows: DMatrix<f64>,
+    /// Limits; none above 1 is allowed.
+    pub limits: [f64; LIMITS],
+}
+
+/// Derivatives of one instant by its twelve inputs.
+pub struct Slopes {
+    /// Of the objective.
+    pub objective: [f64; INPUTS],
+    /// Of each limit.
+    pub limits: [[f64; INPUTS]; LIMITS],
+}
+
+impl Machine {
+    /// The machine of `model` without payload; `soft` friction for the search.
+    ///
+    /// Its columns are all parameters that enter linearly through forces and inertia; choose among them with
+    /// [`Machine::with_columns`].
+    pub fn new(model: &Model, limits: Limits, soft: bool) -> Self {
+        let mut plant = Plant::new(model, &Setup::default());
+        if soft {
+            for active in &mut plant.effects {
+                for (k, entry) in active.entries().iter().enumerate() {
+                    if entry.parameter.name == STEEPNESS {
+                        active.values[k] *= SOFTER;
+                    }
+                }
+            }
+        }
+        let effects: Vec<ActiveEffect> =
+            std::iter::once(plant.rigid_bodies()).chain(plant.effects.iter().cloned()).collect();
+        let whole: Vec<bool> = effects
+            .iter()
+            .flat_map(|a| vec![a.effect.kind().acts_on_the_whole() || !a.effect.identifiable(); a.values.len()])
+            .collect();
+        let parameters = plant.parameters();
+        let columns: Vec<usize> =
+            (0..parameters.len()).filter(|&k| parameters[k].role == Role::Linear && !whole[k]).collect();
+        Self {
+            limits,
+            noise: model.noise.torque.map(|s| if s > 0.0 { s } else { 1.0 }),
+            sizes: columns.iter().map(|&k| own_size(&parameters[k])).collect(),
+            columns,
+            effects,
+            plant,
+        }
+    }
+
+    /// Keeps only the columns `kept`, indices among the present ones.
+    pub fn with_columns(mut self, kept: &[usize]) -> Self {
+        self.columns = kept.iter().map(|&k| self.columns[k]).collect();
+        self.sizes = kept.iter().map(|&k| self.sizes[k]).collect();
+        self
+    }
+
+    /// The machine in computations.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// Limits of the motion.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Own sizes of the columns, in their units.
+    pub fn sizes(&self) -> &[f64] {
+        &self.sizes
+    }
+
+    /// Parameters of the columns.
+    pub fn parameters(&self) -> Vec<PlantParameter> {
+        let all = self.plant.parameters();
+        self.columns.iter().map(|&k| all[k].clone()).collect()
+    }
+
+    /// Regressor and limits at a platform state.
+    pub fn sample(&self, platform: &PlatformState) -> Result<Sample, KinematicsError> {
+        let joints = self.plant.geometry.inverse_motion(platform)?;
+        let motion = self.plant.motion(&joints)?;
+        let own: Vec<Vec<f64>> = self.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+        let loads = inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], true)?;
+        let effects: Vec<&ActiveEffect> = self.effects.iter().collect();
+        let all = regressor(&self.plant, &effects, 0.0, &motion, &loads, &states, &Channel::TORQUES)?;
+        let rows = DMatrix::from_fn(AXES, self.columns.len(), |i, j| {
+            all[(i, self.columns[j])] * self.sizes[j] / self.noise[i]
+        });
+        let limits = self.limits.values(&self.plant.geometry, platform, &joints, &loads);
+        if rows.iter().chain(&limits).any(|x| !x.is_finite()) {
+            return Err(KinematicsError::Singular { q: [joints.q[0], joints.q[1], joints.q[2]] });
+        }
+        Ok(Sample { rows, limits })
+    }
+
+    /// All instants of the motion `x`; none if one of them cannot be reached.
+    pub fn samples(&self, basis: &Basis, x: &[f64]) -> Option<Vec<Sample>> {
+        (0..basis.len()).into_par_iter().map(|k| self.sample(&basis.state(k, x)).ok()).collect()
+    }
+
+    /// Slopes at every instant of the motion `x`, with `weights[k]` the derivative of the objective by the rows of
+    /// sample k.
+    ///
+    /// Position and velocity: central differences of the instant's regressor; acceleration: a forward difference, exact
+    /// as everything is affine in it. The chain to the decision variables is exact, see [`Basis::pull_back`].
+    pub fn slopes(
+        &self,
+        basis: &Basis,
+        x: &[f64],
+        samples: &[Sample],
+        weights: &[DMatrix<f64>],
+    ) -> Option<Vec<Slopes>> {
+        let at = |k: usize| {
+            let state = basis.state(k, x);
+            let mut slopes = Slopes { objective: [0.0; INPUTS], limits: [[0.0; INPUTS]; LIMITS] };
+            for i in 0..INPUTS {
+                let step = STEPS[i % 3];
+                let ahead = self.sample(&moved(&state, i, step)).ok()?;
+                let behind = match i % 3 {
+                    2 => None,
+                    _ => Some(self.sample(&moved(&state, i, -step)).ok()?),
+                };
+                let (back, width) = behind.as_ref().map_or((&samples[k], step), |b| (b, 2.0 * step));
+                slopes.objective[i] = (weights[k].dot(&ahead.rows) - weights[k].dot(&back.rows)) / width;
+                for (slope, (a, b)) in slopes.limits.iter_mut().zip(ahead.limits.iter().zip(&back.limits)) {
+                    slope[i] = (a - b) / width;
+                }
+            }
+            Some(slopes)
+        };
+        (0..basis.len()).into_par_iter().map(at).collect()
+    }
+}
+
+/// Information per sample of the columns.
+pub fn information(samples: &[Sample]) -> DMatrix<f64> {
+    let n = samples.first().map_or(0, |s| s.rows.ncols());
+    let mut sum = DMatrix::zeros(n, n);
+    for sample in samples {
+        sum.gemm_tr(1.0, &sample.rows, &sample.rows, 1.0);
+    }
+    sum / samples.len().max(1) as f64
+}
+
+/// Largest value of each limit along the samples.
+pub fn worst(samples: &[Sample]) -> [f64; LIMITS] {
+    let mut worst = [f64::NEG_INFINITY; LIMITS];
+    for sample in samples {
+        for (w, value) in worst.iter_mut().zip(sample.limits) {
+            *w = w.max(value);
+        }
+    }
+    worst
+}

@@ -1,0 +1,296 @@
+//! Design of persistently exciting motions: which periodic motion tells most about the parameters (paper section 3.2).
+//!
+//! The end effector's x, y, z and ψ are Fourier series ([`series`]). Every instant of one period gives rows of the base
+//! regressor and the use of every limit ([`machine`], [`limits`]); the information of all rows is judged by −log det or by
+//! its condition number ([`information`]). Sequential quadratic programming ([`search`]) improves several random motions
+//! at once; the best is checked on a grid ten times finer, with all friction laws as they are, and its swing is reduced
+//! by as much as it needs to respect every limit there.
+//!
+//! The motion is periodic and does not begin at rest: the machine has to be brought into it.
+
+pub mod command;
+pub mod information;
+pub mod limits;
+pub mod machine;
+mod scenario;
+pub mod search;
+pub mod series;
+
+pub use information::{Merit, Objective};
+pub use limits::{Hemisphere, Limits};
+
+use std::time::{Duration, Instant};
+
+use nalgebra::DMatrix;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
+use thiserror::Error;
+
+use crate::dynamics::PlantParameter;
+use crate::model::Model;
+use crate::scenario::{FourierMotion, MotionLimits};
+use limits::{KINDS, LIMITS};
+use machine::{Machine, Sample, information, worst};
+use search::{End, Search};
+use series::{Basis, scaled};
+
+/// What to design.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// What is made small.
+    pub objective: Objective,
+    /// Base frequency, Hz.
+    pub frequency: f64,
+    /// Number of harmonics.
+    pub harmonics: usize,
+    /// Periods of the run; only the standard errors depend on it.
+    pub periods: usize,
+    /// Share of speed, acceleration, torque and of the force that dislocates a socket that may be used.
+    pub share: f64,
+    /// Workspace beside the true one.
+    pub hemisphere: Option<Hemisphere>,
+    /// Seed of the random motions.
+    pub seed: u64,
+    /// Random motions to compare with, among which the search starts.
+    pub randoms: usize,
+    /// Number of searches.
+    pub starts: usize,
+    /// Largest number of steps of each search.
+    pub iterations: usize,
+    /// Longest time of the search; a search that it cuts short depends on the speed of the computer.
+    pub budget: Option<Duration>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            objective: Objective::Logdet,
+            frequency: 0.1,
+            harmonics: 5,
+            periods: 2,
+            share: 0.8,
+            hemisphere: None,
+            seed: 1,
+            randoms: 20,
+            starts: 4,
+            iterations: 80,
+            budget: None,
+        }
+    }
+}
+
+/// Why there is no design.
+#[derive(Debug, Error)]
+pub enum ExcitationError {
+    /// No random motion fits.
+    #[error(
+        "no motion fits into the limits; does the hemisphere lie in the workspace, and are the limits large enough?"
+    )]
+    NoMotion,
+    /// No parameter enters linearly, or none shows.
+    #[error("no parameter of the model shows in a motion within the limits")]
+    NothingToTell,
+}
+
+/// A designed motion.
+#[derive(Clone, Debug)]
+pub struct Design {
+    /// The motion.
+    pub motion: FourierMotion,
+    /// What it tells.
+    pub merit: Merit,
+    /// Leading parameters of the base parameters, in the order of [`Merit::std`].
+    pub parameters: Vec<PlantParameter>,
+    /// Own size of each, in its unit.
+    pub sizes: Vec<f64>,
+    /// Parameters that depend on those or that torque noise hides even in a rich motion.
+    pub dependent: Vec<String>,
+    /// Measures of the random motions, in the order of their draw.
+    pub random: Vec<Merit>,
+    /// Use of each kind of limit at its worst instant; 1 is the permitted share, or the margin of a singularity.
+    pub worst: Vec<(&'static str, f64)>,
+    /// Steps of all searches.
+    pub iterations: usize,
+    /// Whether the time ran out or the user stopped a search.
+    pub stopped: bool,
+    /// Factor on the swing that the check on the fine grid asked for.
+    pub reduction: f64,
+}
+
+/// Instants per harmonic in the search, and how many times more in the final check.
+const PER_HARMONIC: usize = 60;
+const FEWEST_INSTANTS: usize = 180;
+const FINER: usize = 10;
+/// Rich random motions that choose the base parameters: number, base frequency in Hz, harmonics.
+const RICH: (u64, f64, usize) = (3, 0.3, 10);
+/// Information (1/variance in units of the own size) of the whole run below which a column is silent.
+const MIN_INFORMATION: f64 = 1e-2;
+/// Factors by which a motion shrinks until it fits: a random one, and the designed one.
+const SHRINK: f64 = 0.95;
+const TRIM: f64 = 0.998;
+const MOST_TRIALS: i32 = 200;
+
+/// Designs a motion for `model`; `go_on` is asked before every step of a search, from several threads.
+///
+/// The result depends on the options only, not on the number of threads, unless the budget or `go_on` ends a search.
+pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync)) -> Result<Design, ExcitationError> {
+    let deadline = options.budget.map(|b| Instant::now() + b);
+    let limits = Limits::of(model, options.share, options.hemisphere);
+    let run = options.periods as f64 / options.frequency / model.sample_time;
+    let columns = base_columns(model, limits, options, run)?;
+    let exact = Machine::new(model, limits, false);
+    let all = exact.parameters();
+    let exact = exact.with_columns(&columns);
+    let soft = Machine::new(model, limits, true).with_columns(&columns);
+    let instants = (PER_HARMONIC * options.harmonics).max(FEWEST_INSTANTS);
+    let basis = Basis::new(options.frequency, options.harmonics, instants);
+    let fine = Basis::new(options.frequency, options.harmonics, FINER * instants);
+    let merit = |samples: &[Sample]| Merit::of(&information(samples), exact.sizes());
+
+    let drawn: Vec<Option<Drawn>> = (0..options.randoms.max(options.starts).max(1) as u64)
+        .into_par_iter()
+        .map(|k| {
+            let motion = draw(model, &exact, &limits, options, k);
+            // Drawn within all limits but for a hemisphere.
+            let own = if limits.hemisphere.is_some() { shrunk(&exact, &basis, &motion, SHRINK)?.0 } else { motion };
+            let merit = merit(&exact.samples(&fine, &basis.vector(&own))?);
+            let start = shrunk(&exact, &basis, &own, SHRINK)?.0;
+            let value = options.objective.value(&information(&soft.samples(&basis, &basis.vector(&start))?))?.0;
+            Some(Drawn { merit, start, value })
+        })
+        .collect();
+    let drawn: Vec<Drawn> = drawn.into_iter().flatten().collect();
+    let mut order: Vec<usize> = (0..drawn.len()).collect();
+    order.sort_by(|&a, &b| drawn[a].value.total_cmp(&drawn[b].value));
+    let Some(&first) = order.first() else { return Err(ExcitationError::NoMotion) };
+
+    let scale = scale(model, options);
+    let search = Search { machine: &soft, basis: &basis, objective: options.objective, scale: &scale };
+    let go_on = || deadline.is_none_or(|d| Instant::now() < d) && go_on();
+    let found: Vec<search::Found> = order[..options.starts.min(order.len())]
+        .par_iter()
+        .map(|&k| search.run(&basis.vector(&drawn[k].start), options.iterations, &go_on))
+        .collect();
+    let best = found.iter().min_by(|a, b| a.value.total_cmp(&b.value)).and_then(|f| f.x.as_deref());
+    let motion = best.map_or_else(|| drawn[first].start.clone(), |x| basis.motion(x));
+    let fitted = shrunk(&exact, &fine, &motion, TRIM).or_else(|| shrunk(&exact, &fine, &drawn[first].start, TRIM));
+    let (motion, samples, reduction) = fitted.ok_or(ExcitationError::NoMotion)?;
+    let used = worst(&samples);
+    let chosen = exact.parameters();
+    Ok(Design {
+        merit: merit(&samples).over(run),
+        sizes: exact.sizes().to_vec(),
+        dependent: (all.iter().map(|p| &p.name)).filter(|n| chosen.iter().all(|c| c.name != **n)).cloned().collect(),
+        parameters: chosen,
+        random: drawn.into_iter().take(options.randoms).map(|d| d.merit.over(run)).collect(),
+        worst: usage(&used, &limits),
+        iterations: found.iter().map(|f| f.iterations).sum(),
+        stopped: found.iter().any(|f| f.end == End::Stopped),
+        motion,
+        reduction,
+    })
+}
+
+/// A random motion.
+struct Drawn {
+    merit: Merit,
+    start: FourierMotion,
+    value: f64,
+}
+
+impl Merit {
+    /// The same with the standard errors of a run of `samples` instants.
+    fn over(mut self, samples: f64) -> Self {
+        self.std.iter_mut().for_each(|s| *s /= samples.sqrt());
+        self
+    }
+}
+
+/// Number `k` of the random motions of a seed.
+fn draw(model: &Model, machine: &Machine, limits: &Limits, options: &Options, k: u64) -> FourierMotion {
+    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+    rng.set_stream(k + 1);
+    let bounds = MotionLimits::of(model, limits.share);
+    let mut motion = FourierMotion::random(machine.plant(), &bounds, options.frequency, options.harmonics, &mut rng);
+    if let Some(h) = &limits.hemisphere {
+        for (c, x) in motion.centre.iter_mut().zip([h.centre.x, h.centre.y, h.centre.z - 0.4 * h.radius]) {
+            *c = x;
+        }
+    }
+    motion
+}
+
+/// The motion with its swing reduced until it fits on the grid of `basis`, with its samples and the reduction.
+fn shrunk(
+    machine: &Machine,
+    basis: &Basis,
+    motion: &FourierMotion,
+    by: f64,
+) -> Option<(FourierMotion, Vec<Sample>, f64)> {
+    (0..MOST_TRIALS).find_map(|k| {
+        let factor = by.powi(k);
+        let motion = scaled(motion, factor);
+        let samples = machine.samples(basis, &basis.vector(&motion))?;
+        worst(&samples).iter().all(|w| *w <= 1.0).then_some((motion, samples, factor))
+    })
+}
+
+/// Base columns, chosen on rich random motions.
+fn base_columns(model: &Model, limits: Limits, options: &Options, run: f64) -> Result<Vec<usize>, ExcitationError> {
+    let machine = Machine::new(model, limits, false);
+    let (number, frequency, harmonics) = RICH;
+    let basis = Basis::new(frequency, harmonics, 3 * PER_HARMONIC * harmonics);
+    let parts: Vec<Option<DMatrix<f64>>> = (0..number)
+        .into_par_iter()
+        .map(|k| {
+            let rich = Options { frequency, harmonics, seed: options.seed ^ 0x5eed, ..options.clone() };
+            let motion = draw(model, &machine, &limits, &rich, k);
+            let (.., samples, _) = shrunk(&machine, &basis, &motion, SHRINK)?;
+            Some(information(&samples))
+        })
+        .collect();
+    let parts: Vec<DMatrix<f64>> = parts.into_iter().flatten().collect();
+    let count = parts.len() as f64;
+    let sum = parts.into_iter().reduce(|a, b| a + b).ok_or(ExcitationError::NoMotion)?;
+    let columns = information::independent(&(sum * (run / count)), MIN_INFORMATION);
+    if columns.is_empty() { Err(ExcitationError::NothingToTell) } else { Ok(columns) }
+}
+
+/// Usual size of each decision variable: a fifth of a metre or a quarter of the permitted speed of axis 4, less for
+/// higher harmonics.
+fn scale(model: &Model, options: &Options) -> Vec<f64> {
+    let mut scale = Vec::new();
+    for i in 0..series::COORDINATES {
+        scale.push(if i < 3 { 0.1 } else { 1.0 });
+        for h in 1..=options.harmonics {
+            let omega = std::f64::consts::TAU * options.frequency * h as f64;
+            let size = match i {
+                0..3 => (0.2 / (h as f64).sqrt()).min(2.0 / omega),
+                _ => 0.25 * options.share * model.drives[3].max_speed / omega,
+            };
+            scale.extend([size, size]);
+        }
+    }
+    scale
+}
+
+/// Largest use of each kind of limit that applies.
+fn usage(worst: &[f64; LIMITS], limits: &Limits) -> Vec<(&'static str, f64)> {
+    let kinds = KINDS.iter().filter(|(name, _)| *name != "hemisphere" || limits.hemisphere.is_some());
+    kinds.map(|(name, rows)| (*name, worst[rows.clone()].iter().copied().fold(0.0, f64::max))).collect()
+}
+
+/// Median, NaN of nothing.
+pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    match values.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => values[n / 2],
+        n => 0.5 * (values[n / 2 - 1] + values[n / 2]),
+    }
+}
+
+#[cfg(test)]
+mod tests;

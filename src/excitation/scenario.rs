@@ -1,0 +1,98 @@
+//! The designed motion as a scenario file.
+
+use std::fmt::Write;
+use std::path::{Component, Path, PathBuf};
+
+use miette::{IntoDiagnostic, WrapErr};
+
+use super::{Design, Objective, Options, median};
+use crate::model::Model;
+use crate::model::write::replace_file;
+use crate::scenario::Scenario;
+use crate::terminal::significant;
+
+/// Text of the scenario at `output`, which runs `model_file` along the designed motion.
+pub fn text(design: &Design, options: &Options, model_file: &Path, output: &Path) -> String {
+    let mut out = String::new();
+    let objective = match options.objective {
+        Objective::Logdet => "-log det of the information about the base parameters",
+        Objective::Condition => "the condition number of the weighted base regressor",
+    };
+    let random = median(design.random.iter().map(|m| m.condition));
+    let worst = design.worst.iter().map(|(name, share)| format!("{name} {share:.3}")).collect::<Vec<_>>().join(", ");
+    let number = |x: f64| significant(x, 4);
+    let comments = [
+        format!("Excitation for identification, designed by `deltatwin excite`: least {objective}."),
+        format!(
+            "Condition number {}, columns in units of the parameters' own sizes; median of {} random motions {}.",
+            number(design.merit.condition),
+            design.random.len(),
+            number(random)
+        ),
+        format!(
+            "Columns in SI units {}, of length one {}.",
+            number(design.merit.condition_si),
+            number(design.merit.condition_unit)
+        ),
+        format!("{} base parameters, log det {}.", design.parameters.len(), number(design.merit.log_det)),
+        format!(
+            "Worst use of the limits, with {} of speed, acceleration, torque and dislocation force permitted:",
+            options.share
+        ),
+        format!("  {worst}."),
+        "The motion is periodic and does not begin at rest: bring a real machine into it first.".into(),
+        "`deltatwin simulate --model M` runs another machine along the same motion.".into(),
+    ];
+    for line in comments {
+        let _ = writeln!(out, "# {line}");
+    }
+    let duration = options.periods as f64 / options.frequency;
+    let model = toml::Value::String(relative(model_file, output));
+    let _ = write!(
+        out,
+        "\nmodel = {model} # also plans the motion and gives the feed-forward\n\
+         duration = {duration:?} # s, {} periods\n\
+         seed = {} # of the sensor noise\n\
+         noise = true\n\n\
+         # Centre, sines and cosines of x, y, z in m and ψ in rad; one row per harmonic.\n\
+         [motion]\nkind = \"fourier\"\nfrequency = {:?} # Hz\ncentre = {:?}\n",
+        options.periods, options.seed, options.frequency, design.motion.centre
+    );
+    for (key, rows) in [("sine", &design.motion.sine), ("cosine", &design.motion.cosine)] {
+        let _ = writeln!(out, "{key} = [");
+        for row in rows {
+            let _ = writeln!(out, "    {row:?},");
+        }
+        let _ = writeln!(out, "]");
+    }
+    out
+}
+
+/// Writes the scenario beside `output` and renames it, after reading it back and checking its motion.
+pub fn write(
+    design: &Design,
+    options: &Options,
+    model: &Model,
+    model_file: &Path,
+    output: &Path,
+) -> miette::Result<()> {
+    let text = text(design, options, model_file, output);
+    let scenario = Scenario::parse(&text, output)?;
+    scenario.motion(model).into_diagnostic().wrap_err_with(|| output.display().to_string())?;
+    replace_file(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
+}
+
+/// `file` as seen from the folder of `output`; absolute if they have no folder in common.
+fn relative(file: &Path, output: &Path) -> String {
+    let folder = output.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (Ok(file), Ok(folder)) = (file.canonicalize(), folder.canonicalize()) else {
+        return file.display().to_string();
+    };
+    let (to, from): (Vec<Component>, Vec<Component>) = (file.components().collect(), folder.components().collect());
+    let shared = to.iter().zip(&from).take_while(|(a, b)| a == b).count();
+    if shared <= 1 {
+        return file.display().to_string();
+    }
+    let up = std::iter::repeat_n(Component::ParentDir, from.len() - shared);
+    up.chain(to[shared..].iter().copied()).collect::<PathBuf>().display().to_string()
+}
