@@ -152,7 +152,9 @@ fn momentum_is_conserved_when_the_gripper_closes() {
         let point = Inertia::point(held.inertia.mass, held.inertia.first_moment / held.inertia.mass);
         let own = hand.rotation * (held.inertia.tensor - point.tensor) * hand.rotation.transpose();
         let angular = own * held.twist.angular_velocity + (held.position - hand.position).cross(&linear);
-        twin.attach(&held.inertia, &(linear, angular)).unwrap();
+        let lever = hand.position - held.position;
+        let velocity = held.twist.velocity + held.twist.angular_velocity.cross(&lever);
+        twin.attach(&held.inertia, &(velocity, held.twist.angular_velocity)).unwrap();
         let joined = momenta(&twin);
         for axis in 0..4 {
             let mut unit = [0.0; 4];

@@ -78,15 +78,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
     }
     let jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
-    if jobs.len() > 1 {
-        if args.verify.is_some() {
-            return Err(miette!("--verify compares one scenario; {} were given", jobs.len()));
+    let alone = |option: &str, given: bool| {
+        if given && jobs.len() > 1 {
+            return Err(miette!("{option} is for one scenario; {} were given", jobs.len()));
         }
-        #[cfg(feature = "viewer")]
-        if args.rrd.is_some() {
-            return Err(miette!("--rrd shows one scenario; {} were given", jobs.len()));
-        }
-    }
+        Ok(())
+    };
+    alone("--verify", args.verify.is_some())?;
+    #[cfg(feature = "viewer")]
+    alone("--rrd", args.rrd.is_some())?;
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;

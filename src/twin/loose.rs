@@ -438,7 +438,7 @@ fn velocity_products(inertia: &Inertia, b: &BodyMotion, gravity: &Vector3<f64>) 
 }
 
 /// Momentum p = m·v + ω × h and angular momentum about the origin l = h × v + Θω.
-fn momentum(inertia: &Inertia, b: &BodyMotion) -> Pair {
+pub(super) fn momentum(inertia: &Inertia, b: &BodyMotion) -> Pair {
     let h = b.rotation * inertia.first_moment;
     let spin = b.rotation * (inertia.tensor * b.rotation.tr_mul(&b.angular_velocity));
     (b.velocity * inertia.mass + b.angular_velocity.cross(&h), h.cross(&b.velocity) + spin)

@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 
 use super::absolute::{self, Absolute};
 use super::assembled::{self, Assembled, Scratch};
-use super::forces::Forces;
+use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
-use super::loose::Loose;
+use super::loose::{Loose, momentum};
 use super::mechanism::{Frame, Mechanism};
 use super::reactions::JointReactions;
 use super::torque::Torque;
@@ -15,7 +15,7 @@ use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, energy};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR};
 use crate::model::{AXES, Inertia};
 
@@ -69,6 +69,7 @@ pub struct Mark {
     t: f64,
     y: Vec<f64>,
     reactions: Reactions,
+    damping: Damping,
 }
 
 impl Twin {
@@ -222,16 +223,17 @@ impl Twin {
         self.closed
     }
 
-    /// Fastens a body to the end effector: `inertia` in the end effector's frame, `momentum` (linear, N·s, and angular
-    /// about the end effector's origin, N·m·s, world axes) what it brings along. The velocities change at once so that
-    /// momentum is conserved.
-    pub fn attach(&mut self, inertia: &Inertia, momentum: &Twist) -> Result<(), SingularPose> {
+    /// Fastens a body to the end effector: `inertia` in the end effector's frame, `twist` (world axes) the velocity of its
+    /// material point at the end effector's origin, m/s, and its angular velocity, rad/s. The velocities change at once
+    /// so that momentum is conserved.
+    pub fn attach(&mut self, inertia: &Inertia, twist: &Twist) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
         let motion = self.motion();
         let mut joined = self.plant.clone();
         joined.bodies[END_EFFECTOR] += *inertia;
         let mut impulses = [STILL; BODIES];
-        impulses[END_EFFECTOR] = *momentum;
+        let brought = BodyMotion { velocity: twist.0, angular_velocity: twist.1, ..motion.bodies[END_EFFECTOR] };
+        impulses[END_EFFECTOR] = momentum(inertia, &brought);
         let mut solver = Loose::new();
         let after = solver.impulse(&joined, &self.plant.bodies, &motion.bodies, self.closed, &impulses)?;
         let mut moved = motion;
@@ -362,6 +364,7 @@ impl Twin {
         mark.t = self.t;
         mark.y.clone_from(&self.y);
         mark.reactions = self.scratch.reactions;
+        mark.damping = self.scratch.damping;
     }
 
     /// Returns to a state of the same mechanism.
@@ -373,5 +376,6 @@ impl Twin {
         self.t = mark.t;
         self.y.copy_from_slice(&mark.y);
         self.scratch.reactions = mark.reactions;
+        self.scratch.damping = mark.damping;
     }
 }

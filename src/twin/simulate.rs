@@ -390,7 +390,7 @@ impl<'a> Run<'a> {
         let encoders = self.sensors.angles(&self.twin.encoders());
         self.sensors.record(&mut self.signals, t, &encoders, &tau, &snapshot, &margins);
         if k.is_multiple_of(self.options.control_period) {
-            self.control(t, &encoders, &tau, &snapshot.motion)?;
+            self.control(t, &encoders, &tau)?;
         }
         if self.advance(t + self.period).is_err() {
             return self.stuck(t, singular);
@@ -442,13 +442,7 @@ impl<'a> Run<'a> {
     }
 
     /// Chooses the torque of the coming control period.
-    fn control(
-        &mut self,
-        t: f64,
-        encoders: &[f64; AXES],
-        tau: &[f64; AXES],
-        motion: &Motion,
-    ) -> Result<(), SimulationError> {
+    fn control(&mut self, t: f64, encoders: &[f64; AXES], tau: &[f64; AXES]) -> Result<(), SimulationError> {
         if self.tripped {
             return Ok(());
         }
@@ -463,7 +457,7 @@ impl<'a> Run<'a> {
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
         let limits = &self.options.supervision;
         for i in 0..ARMS {
-            let (feedback, error) = (command.feedback[i].abs(), (self.wanted.q[i] - motion.q[i]).abs());
+            let (feedback, error) = (command.feedback[i].abs(), (self.wanted.q[i] - encoders[i]).abs());
             if let Some(limit) = limits.torque.filter(|limit| feedback > *limit) {
                 self.trip(t, format!("feedback torque {feedback:.1} N·m on axis {} exceeds {limit} N·m", i + 1));
                 return Ok(());
@@ -607,17 +601,10 @@ impl<'a> Run<'a> {
                 ActionKind::Pick(object) => {
                     let name = self.options.objects[object].name.clone();
                     let Held { inertia, position, twist, .. } = cell.pick(&name, &motion).map_err(failed)?;
-                    let hand = motion.bodies[END_EFFECTOR];
-                    let linear = twist.velocity * inertia.mass;
-                    // About the end effector's origin: spin of the object and its path.
-                    let centre = hand.rotation * inertia.first_moment / inertia.mass;
-                    let about_centre = {
-                        let point = Inertia::point(inertia.mass, inertia.first_moment / inertia.mass);
-                        hand.rotation * (inertia.tensor - point.tensor) * hand.rotation.transpose()
-                    };
-                    let angular = about_centre * twist.angular_velocity + (position - hand.position).cross(&linear);
-                    debug_assert!((position - hand.position - centre).norm() < 1e-6);
-                    self.twin.attach(&inertia, &(linear, angular)).map_err(singular)?;
+                    // Its material point at the end effector's origin.
+                    let lever = motion.bodies[END_EFFECTOR].position - position;
+                    let velocity = twist.velocity + twist.angular_velocity.cross(&lever);
+                    self.twin.attach(&inertia, &(velocity, twist.angular_velocity)).map_err(singular)?;
                     self.held = Some(inertia);
                     self.event(t, EventKind::Pick, name);
                 }
