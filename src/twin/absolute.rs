@@ -5,14 +5,11 @@
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
-use super::assembled::{MAX_REACTION_ITERATIONS, REACTION_TOLERANCE, Scratch, change};
-use super::forces::{Forces, Probe, Scene};
+use super::context::Context;
 use super::integrator::System;
-use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
 use super::loose::Loose;
 use super::state::BodyState;
-use super::torque::Torque;
-use super::wrench::{Load, Twist};
+use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
 use crate::model::bodies::{ARM, BODIES, ROTOR, STRUT, TELESCOPE_LOWER};
@@ -26,14 +23,8 @@ pub(super) const LENGTH: usize = PSI + 1;
 
 /// Right-hand side for one step.
 pub(super) struct Absolute<'a> {
-    pub plant: &'a Plant,
-    pub forces: &'a Forces,
+    pub context: &'a mut Context,
     pub loose: &'a mut Loose,
-    pub layout: Layout,
-    pub torque: Torque,
-    pub external: &'a Load,
-    pub closed: SocketSet,
-    pub scratch: &'a mut Scratch,
 }
 
 pub(super) fn store(y: &mut [f64], motion: &Motion) {
@@ -89,11 +80,6 @@ pub(super) fn motion(geometry: &Geometry, y: &[f64]) -> Motion {
     }
 }
 
-/// Damping that keeps strut `s` from spinning, N·m·s/rad: none once it has left both its balls.
-fn spin_restraint(plant: &Plant, closed: SocketSet, s: usize) -> f64 {
-    if closed.contains(s) || closed.contains(STRUTS + s) { plant.spin_damping } else { 0.0 }
-}
-
 /// Accelerations of all bodies and the forces in the sockets.
 pub(super) struct Solution {
     pub bodies: [Twist; BODIES],
@@ -102,85 +88,60 @@ pub(super) struct Solution {
 }
 
 impl Absolute<'_> {
-    fn scene<'b>(&self, t: f64, motion: &'b Motion, own: &'b [f64]) -> Scene<'b> {
-        Scene { t, motion, own, torque: self.torque.at(t), closed: self.closed }
-    }
-
-    /// Solves for accelerations and reactions at a motion; `sum` and `g` are the stage's implicit terms.
+    /// Solves for accelerations and reactions at a motion; `implicit` are the stage's sum and hγ.
     fn solve(
         &mut self,
         t: f64,
+        y: &[f64],
         motion: &Motion,
-        own: &[f64],
         implicit: Option<(&[f64], f64)>,
     ) -> Result<Solution, SingularPose> {
-        let mut base = self.external.at(t);
-        let scene = self.scene(t, motion, own);
-        let scratch = &mut *self.scratch;
-        self.forces.add(self.plant, &scene, &scratch.reactions, false, &mut base, &mut scratch.powers);
-        scratch.restraint_power = self.forces.add_brakes(motion, &mut base);
-        for s in 0..STRUTS {
-            let u = motion.strut_axis[s];
-            let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
-            base[STRUT + s].1 -= u * (spin_restraint(self.plant, self.closed, s) * spin);
-        }
-        scratch.wrenches = base;
-        let mut damping = None;
-        for (axis, torque) in self.torque.at(t).into_iter().enumerate() {
+        self.context.prepare(t, y, motion);
+        let Context { forces, layout, torque, closed, scratch, .. } = &*self.context;
+        let (torque, closed) = (torque.at(t), *closed);
+        // Drives, and a Rosenbrock stage's implicit terms: moments and what they add to the inertia.
+        let mut moments = [Vector3::zeros(); BODIES];
+        let mut damping = implicit.map(|_| [Matrix3::zeros(); BODIES]);
+        for (axis, torque) in torque.into_iter().enumerate() {
             let (body, direction) = Motion::drive(axis);
-            base[body].1 += direction * torque;
+            moments[body] += direction * torque;
         }
-        if let Some((sum, g)) = implicit {
-            let blocks = damping.insert([Matrix3::zeros(); BODIES]);
+        if let (Some((sum, g)), Some(blocks)) = (implicit, &mut damping) {
+            let damped = &scratch.damping;
             let mut restrain = |body: usize, axis: Vector3<f64>, d: f64| {
                 let rate = vector(&sum[BODY * body + 10..]).dot(&axis);
-                base[body].1 -= axis * (d * rate);
+                moments[body] -= axis * (d * rate);
                 blocks[body] += axis * axis.transpose() * (g * d);
             };
             for axis in 0..AXES {
                 let (body, direction) = Motion::drive(axis);
-                restrain(body, direction, scratch.damping.drives[axis]);
+                restrain(body, direction, damped.drives[axis]);
             }
             for s in 0..STRUTS {
-                let free = self.plant.spin_damping - spin_restraint(self.plant, self.closed, s);
-                restrain(STRUT + s, motion.strut_axis[s], scratch.damping.spins[s] - free);
+                restrain(STRUT + s, motion.strut_axis[s], damped.spins[s]);
             }
-            let (torque, at) = (self.torque.at(t), self.layout.own());
-            for (arm, inertia, torque) in self.forces.gear_terms(&torque, own, &sum[at], g) {
+            for (arm, inertia, torque) in forces.gear_terms(&torque, &y[layout.own()], &sum[layout.own()], g) {
                 let (body, direction) = Motion::drive(arm);
-                base[body].1 += direction * torque;
+                moments[body] += direction * torque;
                 blocks[body] += direction * direction.transpose() * inertia;
             }
         }
-        let mut iteration = 0;
-        loop {
-            let mut wrenches = base;
-            let reads = self.forces.read_reactions();
-            if reads {
-                let scene = self.scene(t, motion, own);
-                let scratch = &mut *self.scratch;
-                self.forces.add(self.plant, &scene, &scratch.reactions, true, &mut wrenches, &mut scratch.powers);
+        let loose = &mut *self.loose;
+        self.context.solve(t, y, motion, |plant, wrenches| {
+            let mut all = *wrenches;
+            for (wrench, moment) in all.iter_mut().zip(&moments) {
+                wrench.1 += moment;
             }
-            let solution =
-                self.loose.solve(self.plant, &motion.bodies, self.closed, &wrenches, damping.as_ref())?.clone();
-            let reactions = self.loose.axial_forces(&motion.bodies);
-            let change = change(&reactions, &self.scratch.reactions);
-            self.scratch.reactions = reactions;
-            iteration += 1;
-            if !reads || change < REACTION_TOLERANCE || iteration == MAX_REACTION_ITERATIONS {
-                if reads && change >= REACTION_TOLERANCE {
-                    self.scratch.unconverged = self.scratch.unconverged.max(change);
-                }
-                self.scratch.total = wrenches;
-                return Ok(Solution { bodies: solution.bodies, reactions, socket_force: self.loose.socket_forces() });
-            }
-        }
+            let bodies = loose.solve(plant, &motion.bodies, closed, &all, damping.as_ref())?.bodies;
+            let reactions = loose.axial_forces(&motion.bodies);
+            Ok((Solution { bodies, reactions, socket_force: loose.socket_forces() }, reactions))
+        })
     }
 
-    /// Accelerations and forces at a state; `scratch.total` then holds all wrenches with the drives' torques.
+    /// Accelerations and forces at a state.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, Solution), SingularPose> {
-        let mut motion = motion(&self.plant.geometry, y);
-        let solution = self.solve(t, &motion, &y[self.layout.own()], None)?;
+        let mut motion = motion(&self.context.plant.geometry, y);
+        let solution = self.solve(t, y, &motion, None)?;
         for (body, (linear, angular)) in motion.bodies.iter_mut().zip(solution.bodies) {
             (body.acceleration, body.angular_acceleration) = (linear, angular);
         }
@@ -198,15 +159,11 @@ impl System for Absolute<'_> {
         first: bool,
         k: &mut [f64],
     ) -> Result<(), SingularPose> {
-        let mut motion = motion(&self.plant.geometry, y);
-        let own = &y[self.layout.own()];
+        let mut motion = motion(&self.context.plant.geometry, y);
         if first {
-            let (torque, closed) = (self.torque.at(t), self.closed);
-            let scratch = &mut *self.scratch;
-            let at = Probe { t, own, torque, closed, reactions: &scratch.reactions };
-            self.forces.measure_damping(self.plant, &at, &mut motion, &mut scratch.damping);
+            self.context.measure_damping(t, y, &mut motion);
         }
-        let solution = self.solve(t, &motion, own, Some((sum, g)))?;
+        let solution = self.solve(t, y, &motion, Some((sum, g)))?;
         for b in 0..BODIES {
             let at = &mut k[BODY * b..BODY * (b + 1)];
             let m = &motion.bodies[b];
@@ -221,29 +178,12 @@ impl System for Absolute<'_> {
             motion.qdd[i] = solution.bodies[ARM + i].1.dot(&Geometry::tangential(i));
         }
         motion.qdd[3] = solution.bodies[ROTOR].1.z;
-        let own_at = self.layout.own();
-        if !own_at.is_empty() {
-            let scene = self.scene(t, &motion, own);
-            self.scratch.own_rates(self.forces, self.plant, &scene, (sum, g, first), own_at, k);
-        }
-        let tau = self.torque.at(t);
-        let work = &mut k[self.layout.work()];
-        for a in 0..AXES {
-            work[a] = tau[a] * motion.qd[a];
-        }
-        work[WORK_RESTRAINTS] = self.scratch.restraint_power;
-        for s in 0..STRUTS {
-            let spin = motion.bodies[STRUT + s].angular_velocity.dot(&motion.strut_axis[s]);
-            work[WORK_RESTRAINTS] -= spin_restraint(self.plant, self.closed, s) * spin * spin;
-        }
-        work[WORK_CONTACT] = self.external.power(t, &motion);
-        work[WORK_STRUTS] = 0.0;
-        work[WORK_EFFECTS..].copy_from_slice(&self.scratch.powers);
+        self.context.rest_of_stage(t, y, &motion, 0.0, (sum, g, first), k);
         Ok(())
     }
 
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
-        close(self.loose, self.plant, y, self.closed)
+        close(self.loose, &self.context.plant, y, self.context.closed)
     }
 }
 

@@ -9,11 +9,10 @@ use crate::kinematics::{JointState, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, STRUT};
 use crate::model::{ARMS, AXES, STRUTS};
 
-/// What a force law may read besides the plant.
+/// What a force law may read besides plant, motion and reactions.
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub t: f64,
-    pub motion: &'a Motion,
     /// Own states of all effects.
     pub own: &'a [f64],
     pub torque: [f64; AXES],
@@ -103,10 +102,17 @@ impl Forces {
         self.reads.contains(&true)
     }
 
-    fn instant<'a>(&self, plant: &'a Plant, k: usize, scene: &Scene<'a>, reactions: &'a Reactions) -> Instant<'a> {
+    fn instant<'a>(
+        &self,
+        plant: &'a Plant,
+        k: usize,
+        scene: &Scene<'a>,
+        motion: &'a Motion,
+        reactions: &'a Reactions,
+    ) -> Instant<'a> {
         Instant {
             t: scene.t,
-            motion: scene.motion,
+            motion,
             bodies: &plant.bodies,
             gravity: plant.gravity,
             reactions,
@@ -122,6 +128,7 @@ impl Forces {
         &self,
         plant: &Plant,
         scene: &Scene,
+        motion: &Motion,
         reactions: &Reactions,
         reading: bool,
         wrenches: &mut [Twist; BODIES],
@@ -131,8 +138,8 @@ impl Forces {
             if self.reads[k] != reading {
                 continue;
             }
-            let instant = self.instant(plant, k, scene, reactions);
-            let mut out = Wrenches::sum(&active.values, scene.motion, wrenches);
+            let instant = self.instant(plant, k, scene, motion, reactions);
+            let mut out = Wrenches::sum(&active.values, motion, wrenches);
             active.effect.forces(&active.values(), &instant, &mut out);
             powers[k] = out.power();
         }
@@ -152,11 +159,12 @@ impl Forces {
         power
     }
 
-    /// Rates of all own states and their slopes; `scene.motion` holds the accelerations of this instant.
+    /// Rates of all own states and their slopes; `motion` holds the accelerations of this instant.
     pub fn state_rates(
         &self,
         plant: &Plant,
         scene: &Scene,
+        motion: &Motion,
         reactions: &Reactions,
         rates: &mut [f64],
         slopes: &mut [f64],
@@ -164,7 +172,7 @@ impl Forces {
         for (k, active) in plant.effects.iter().enumerate() {
             let own = self.starts[k]..self.starts[k + 1];
             if !own.is_empty() {
-                let instant = self.instant(plant, k, scene, reactions);
+                let instant = self.instant(plant, k, scene, motion, reactions);
                 slopes[own.clone()].fill(0.0);
                 active.effect.state_rate(&active.values(), &instant, &mut rates[own.clone()], &mut slopes[own.clone()]);
             }
@@ -209,13 +217,9 @@ pub(super) struct Damping {
     keep: usize,
 }
 
-/// What a force law may read besides plant and motion.
-pub(super) struct Probe<'a> {
-    pub t: f64,
-    pub own: &'a [f64],
-    pub torque: [f64; AXES],
-    pub closed: SocketSet,
-    pub reactions: &'a Reactions,
+/// Damping that keeps strut `s` from spinning, N·m·s/rad: none once it has left both its balls.
+pub(super) fn spin_restraint(plant: &Plant, closed: SocketSet, s: usize) -> f64 {
+    if closed.contains(s) || closed.contains(STRUTS + s) { plant.spin_damping } else { 0.0 }
 }
 
 /// Change of a rate by which the damping of effects is measured, rad/s.
@@ -235,8 +239,9 @@ impl Forces {
     fn probe(
         &self,
         plant: &Plant,
-        at: &Probe,
+        scene: &Scene,
         motion: &mut Motion,
+        reactions: &Reactions,
         freedom: Freedom,
         only: Option<usize>,
     ) -> [[Twist; BODIES]; 2] {
@@ -252,10 +257,9 @@ impl Forces {
                 }
             }
             let mut out = [STILL; BODIES];
-            let scene = Scene { t: at.t, motion, own: at.own, torque: at.torque, closed: at.closed };
             for &e in &self.damps[freedom as usize] {
                 if only.is_none_or(|k| k == e) {
-                    let instant = self.instant(plant, e, &scene, at.reactions);
+                    let instant = self.instant(plant, e, scene, motion, reactions);
                     let active = &plant.effects[e];
                     let mut sum = Wrenches::sum(&active.values, motion, &mut out);
                     active.effect.forces(&active.values(), &instant, &mut sum);
@@ -280,11 +284,11 @@ impl Forces {
         }
         let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.effect.initial_state(&a.values())).collect();
         let reactions = Reactions { upper: [100.0; STRUTS], lower: [100.0; STRUTS] };
-        let at = Probe { t: 0.0, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL, reactions: &reactions };
+        let scene = Scene { t: 0.0, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL };
         [Freedom::Drives, Freedom::Spins].map(|freedom| {
             (0..plant.effects.len())
                 .filter(|&k| {
-                    let [base, moved] = self.probe(plant, &at, &mut motion, freedom, Some(k));
+                    let [base, moved] = self.probe(plant, &scene, &mut motion, &reactions, freedom, Some(k));
                     base != moved
                 })
                 .collect()
@@ -292,13 +296,20 @@ impl Forces {
     }
 
     /// Measures the damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
-    pub fn measure_damping(&self, plant: &Plant, at: &Probe, motion: &mut Motion, damping: &mut Damping) {
+    pub fn measure_damping(
+        &self,
+        plant: &Plant,
+        scene: &Scene,
+        motion: &mut Motion,
+        reactions: &Reactions,
+        damping: &mut Damping,
+    ) {
         let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, axis: &Vector3<f64>| {
             ((base[body].1 - moved[body].1).dot(axis) / RATE).max(0.0)
         };
         damping.drives = [0.0; AXES];
         if !self.damps[Freedom::Drives as usize].is_empty() {
-            let probe = self.probe(plant, at, motion, Freedom::Drives, None);
+            let probe = self.probe(plant, scene, motion, reactions, Freedom::Drives, None);
             for a in 0..AXES {
                 let (body, axis) = Motion::drive(a);
                 damping.drives[a] = slope(&probe, body, &axis);
@@ -313,9 +324,9 @@ impl Forces {
             damping.keep -= 1;
             return;
         }
-        damping.spins = [plant.spin_damping; STRUTS];
+        damping.spins = std::array::from_fn(|s| spin_restraint(plant, scene.closed, s));
         if !self.damps[Freedom::Spins as usize].is_empty() {
-            let probe = self.probe(plant, at, motion, Freedom::Spins, None);
+            let probe = self.probe(plant, scene, motion, reactions, Freedom::Spins, None);
             let mut worst = 0f64;
             for s in 0..STRUTS {
                 let slope = slope(&probe, STRUT + s, &motion.strut_axis[s]);

@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 
 use super::absolute::{self, Absolute};
-use super::assembled::{self, Assembled, Scratch};
+use super::assembled::{self, Assembled, FrameCache};
+use super::context::{Context, Scratch};
 use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
@@ -41,25 +42,20 @@ impl Snapshot {
 
 /// The machine in motion.
 pub struct Twin {
-    plant: Plant,
-    forces: Forces,
+    context: Context,
     form: Form,
-    closed: SocketSet,
-    layout: Layout,
     /// No force law and no elasticity: nothing is steep, nothing turns the struts.
     smooth: bool,
     stepper: Stepper,
-    scratch: Scratch,
     t: f64,
     y: Vec<f64>,
-    external: Load,
     /// Energy at the start and what was put in or lost at once since.
     reference_energy: f64,
 }
 
 /// How the equations are solved.
 enum Form {
-    Assembled(Box<Mechanism>),
+    Assembled(Box<Mechanism>, FrameCache),
     Loose(Loose),
 }
 
@@ -91,17 +87,20 @@ impl Twin {
         }
         let smooth = plant.effects.iter().all(|a| a.effect.kind() != crate::effects::Kind::Force);
         let mut twin = Self {
-            scratch: Scratch::new(&plant, &forces),
             stepper: Stepper::new(layout.len()),
             smooth: smooth && mechanism.springs.is_none(),
-            plant,
-            forces,
-            form: Form::Assembled(Box::new(mechanism)),
-            closed: SocketSet::ALL,
-            layout,
+            form: Form::Assembled(Box::new(mechanism), FrameCache::default()),
+            context: Context {
+                scratch: Scratch::new(&plant, &forces),
+                plant,
+                forces,
+                layout,
+                torque: Torque::default(),
+                external: Load::NONE,
+                closed: SocketSet::ALL,
+            },
             t: 0.0,
             y,
-            external: Load::NONE,
             reference_energy: 0.0,
         };
         twin.reference_energy = twin.energy();
@@ -110,67 +109,43 @@ impl Twin {
 
     /// Advances by `h` seconds under drive torques. On an error the state stays as it was.
     pub fn step(&mut self, h: f64, torque: &Torque) -> Result<(), SingularPose> {
-        let Self { plant, forces, layout, external, scratch, stepper, y, t, closed, smooth, .. } = self;
-        match &mut self.form {
-            Form::Assembled(mechanism) => {
-                let explicit = *smooth && external.is_none() && !forces.are_gears_steep(ROS34PW2.gamma * h);
-                let tableau: &Tableau = if explicit { &RK4 } else { &ROS34PW2 };
-                let mut system =
-                    Assembled { plant, forces, mechanism, layout: *layout, torque: *torque, external, scratch };
-                stepper.step(tableau, &mut system, *t, y, h)?;
+        let Self { context, form, stepper, y, t, smooth, .. } = self;
+        context.torque = *torque;
+        match form {
+            Form::Assembled(mechanism, cache) => {
+                let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
+                let tableau: &Tableau = if *smooth && context.external.is_none() && !steep { &RK4 } else { &ROS34PW2 };
+                stepper.step(tableau, &mut Assembled { context, mechanism, cache }, *t, y, h)?;
             }
-            Form::Loose(loose) => {
-                let mut system = Absolute {
-                    plant,
-                    forces,
-                    loose,
-                    layout: *layout,
-                    torque: *torque,
-                    external,
-                    closed: *closed,
-                    scratch,
-                };
-                stepper.step(&ROS34PW2, &mut system, *t, y, h)?;
-            }
+            Form::Loose(loose) => stepper.step(&ROS34PW2, &mut Absolute { context, loose }, *t, y, h)?,
         }
         self.t += h;
-        self.scratch.forget();
+        self.forget();
         Ok(())
     }
 
     /// Accelerations, strut and joint forces now, under drive torques; what happens next does not depend on the asking.
     pub fn evaluate(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
-        let guess = self.scratch.reactions;
+        let guess = self.context.scratch.reactions;
         let snapshot = self.snapshot(torque);
-        self.scratch.reactions = guess;
+        self.context.scratch.reactions = guess;
         snapshot
     }
 
     fn snapshot(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
-        let Self { plant, forces, layout, external, scratch, y, t, closed, .. } = self;
-        let (mut motion, reactions, sockets) = match &mut self.form {
-            Form::Assembled(mechanism) => {
-                let mut system =
-                    Assembled { plant, forces, mechanism, layout: *layout, torque: *torque, external, scratch };
-                let (motion, solution) = system.evaluate(*t, y)?;
+        let Self { context, form, y, t, .. } = self;
+        context.torque = *torque;
+        let (mut motion, reactions, sockets) = match form {
+            Form::Assembled(mechanism, cache) => {
+                let (motion, solution) = Assembled { context, mechanism, cache }.evaluate(*t, y)?;
                 (motion, solution.reactions, solution.socket_force)
             }
             Form::Loose(loose) => {
-                let mut system = Absolute {
-                    plant,
-                    forces,
-                    loose,
-                    layout: *layout,
-                    torque: *torque,
-                    external,
-                    closed: *closed,
-                    scratch,
-                };
-                let (motion, solution) = system.evaluate(*t, y)?;
+                let (motion, solution) = Absolute { context, loose }.evaluate(*t, y)?;
                 (motion, solution.reactions, solution.socket_force)
             }
         };
-        let mut wrenches = self.scratch.total;
+        let mut wrenches = self.context.scratch.total;
         for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
             let (body, direction) = Motion::drive(axis);
             motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
@@ -179,48 +154,56 @@ impl Twin {
         Ok(Snapshot { motion, reactions, sockets, wrenches })
     }
 
+    /// What was evaluated last no longer holds.
+    fn forget(&mut self) {
+        if let Form::Assembled(_, cache) = &mut self.form {
+            cache.forget();
+        }
+    }
+
     /// Motion of all bodies now, without accelerations.
     pub fn motion(&self) -> Motion {
         match &self.form {
-            Form::Assembled(mechanism) => {
+            Form::Assembled(mechanism, _) => {
                 let (pose, nu, spin) = assembled::pose(&self.y);
                 let mut frame = Frame::empty();
                 mechanism.frame(&pose, &nu, &spin, &mut frame);
                 frame.motion
             }
-            Form::Loose(_) => absolute::motion(&self.plant.geometry, &self.y),
+            Form::Loose(_) => absolute::motion(&self.context.plant.geometry, &self.y),
         }
     }
 
     /// Opens a ball socket: its rows drop out. With the first one elastic struts become rigid, and what they store is lost.
     pub fn open(&mut self, socket: usize) -> Result<(), SingularPose> {
-        if let Form::Assembled(mechanism) = &self.form {
+        if let Form::Assembled(mechanism, _) = &self.form {
             let elastic = mechanism.springs.is_some();
             let balance = self.energy_balance();
             let motion = self.motion();
-            let layout = Layout::new(absolute::LENGTH, self.forces.states(), self.plant.effects.len());
+            let layout = Layout::new(absolute::LENGTH, self.context.forces.states(), self.context.plant.effects.len());
             let mut y = vec![0.0; layout.len()];
             absolute::store(&mut y, &motion);
-            y[layout.own().start..].copy_from_slice(&self.y[self.layout.own().start..]);
+            y[layout.own().start..].copy_from_slice(&self.y[self.context.layout.own().start..]);
             let mut loose = Loose::new();
             if elastic {
-                absolute::close(&mut loose, &self.plant, &mut y, self.closed)?;
+                absolute::close(&mut loose, &self.context.plant, &mut y, self.context.closed)?;
             }
             self.stepper = Stepper::new(layout.len());
-            (self.y, self.layout) = (y, layout);
+            (self.y, self.context.layout) = (y, layout);
             self.form = Form::Loose(loose);
+            self.context.scratch.damping = Damping::default();
             if elastic {
                 self.reference_energy += self.energy_balance() - balance;
             }
         }
-        self.scratch.forget();
-        self.closed = self.closed.without(socket);
+        self.forget();
+        self.context.closed = self.context.closed.without(socket);
         Ok(())
     }
 
     /// Sockets that hold.
     pub fn closed(&self) -> SocketSet {
-        self.closed
+        self.context.closed
     }
 
     /// Fastens a body to the end effector: `inertia` in the end effector's frame, `twist` (world axes) the velocity of its
@@ -229,13 +212,14 @@ impl Twin {
     pub fn attach(&mut self, inertia: &Inertia, twist: &Twist) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
         let motion = self.motion();
-        let mut joined = self.plant.clone();
+        let mut joined = self.context.plant.clone();
         joined.bodies[END_EFFECTOR] += *inertia;
         let mut impulses = [STILL; BODIES];
         let brought = BodyMotion { velocity: twist.0, angular_velocity: twist.1, ..motion.bodies[END_EFFECTOR] };
         impulses[END_EFFECTOR] = momentum(inertia, &brought);
         let mut solver = Loose::new();
-        let after = solver.impulse(&joined, &self.plant.bodies, &motion.bodies, self.closed, &impulses)?;
+        let after =
+            solver.impulse(&joined, &self.context.plant.bodies, &motion.bodies, self.context.closed, &impulses)?;
         let mut moved = motion;
         for (body, (v, omega)) in moved.bodies.iter_mut().zip(&after.bodies) {
             (body.velocity, body.angular_velocity) = (*v, *omega);
@@ -244,7 +228,7 @@ impl Twin {
             let (body, direction) = Motion::drive(axis);
             moved.qd[axis] = moved.bodies[body].angular_velocity.dot(&direction);
         }
-        self.plant = joined;
+        self.context.plant = joined;
         self.reload(Some(&moved))?;
         self.reference_energy += self.energy_balance() - balance;
         Ok(())
@@ -253,17 +237,17 @@ impl Twin {
     /// Lets go of a body of this inertia; the velocities stay.
     pub fn detach(&mut self, inertia: &Inertia) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
-        self.plant.bodies[END_EFFECTOR] += *inertia * -1.0;
+        self.context.plant.bodies[END_EFFECTOR] += *inertia * -1.0;
         self.reload(None)?;
         self.reference_energy += self.energy_balance() - balance;
         Ok(())
     }
 
     fn reload(&mut self, moved: Option<&Motion>) -> Result<(), SingularPose> {
-        self.scratch.forget();
+        self.forget();
         match &mut self.form {
-            Form::Assembled(mechanism) => {
-                **mechanism = Mechanism::new(&self.plant);
+            Form::Assembled(mechanism, _) => {
+                **mechanism = Mechanism::new(&self.context.plant);
                 if let Some(motion) = moved {
                     let (mut pose, ..) = assembled::pose(&self.y);
                     let (_, mut nu, spin) = mechanism.pose(motion);
@@ -282,7 +266,7 @@ impl Twin {
 
     /// Machine it runs.
     pub fn plant(&self) -> &Plant {
-        &self.plant
+        &self.context.plant
     }
 
     /// Time, s.
@@ -292,37 +276,37 @@ impl Twin {
 
     /// Sets the clock without moving anything.
     pub fn set_time(&mut self, t: f64) {
-        self.scratch.forget();
+        self.forget();
         self.t = t;
     }
 
     /// Wrenches from outside on all bodies (about their origins, world axes), until set again.
     pub fn set_external(&mut self, load: Load) {
-        if !(self.external.is_none() && load.is_none()) {
-            self.scratch.forget();
+        if !(self.context.external.is_none() && load.is_none()) {
+            self.forget();
         }
-        self.external = load;
+        self.context.external = load;
     }
 
     /// Wrenches from outside now.
     pub fn external_now(&self) -> [Twist; BODIES] {
-        if self.external.is_none() { [STILL; BODIES] } else { self.external.at(self.t) }
+        if self.context.external.is_none() { [STILL; BODIES] } else { self.context.external.at(self.t) }
     }
 
     /// Brakes on all drives that resist motion with up to `torque` N·m.
     pub fn set_brake(&mut self, torque: f64) {
-        self.scratch.forget();
-        self.forces.brake = torque;
+        self.forget();
+        self.context.forces.brake = torque;
         self.smooth = false;
     }
 
     /// Angles the motor-side encoders see, rad.
     pub fn encoders(&self) -> [f64; AXES] {
         let q = match &self.form {
-            Form::Assembled(_) => [self.y[0], self.y[1], self.y[2], self.y[3]],
+            Form::Assembled(..) => [self.y[0], self.y[1], self.y[2], self.y[3]],
             Form::Loose(_) => self.motion().q,
         };
-        self.forces.encoders(&self.plant, &self.y[self.layout.own()], &q)
+        self.context.forces.encoders(&self.context.plant, &self.y[self.context.layout.own()], &q)
     }
 
     /// Kinetic plus potential energy of the bodies, J.
@@ -333,15 +317,15 @@ impl Twin {
     /// The same at the present motion, which the caller has at hand.
     fn energy_at(&self, motion: &Motion) -> f64 {
         let stretch = match &self.form {
-            Form::Assembled(mechanism) => mechanism.stretch_energy(&self.plant, motion),
+            Form::Assembled(mechanism, _) => mechanism.stretch_energy(&self.context.plant, motion),
             Form::Loose(_) => 0.0,
         };
-        energy::total(&self.plant, motion) + stretch
+        energy::total(&self.context.plant, motion) + stretch
     }
 
     /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, each effect.
     pub fn work(&self) -> &[f64] {
-        &self.y[self.layout.work()]
+        &self.y[self.context.layout.work()]
     }
 
     /// Energy that no work accounts for, J: zero but for the integrator's error.
@@ -356,15 +340,15 @@ impl Twin {
 
     /// Largest change in the last iteration over load-dependent friction that did not converge, N.
     pub fn unconverged(&self) -> f64 {
-        self.scratch.unconverged
+        self.context.scratch.unconverged
     }
 
     /// Remembers the state in `mark`.
     pub fn save(&self, mark: &mut Mark) {
         mark.t = self.t;
         mark.y.clone_from(&self.y);
-        mark.reactions = self.scratch.reactions;
-        mark.damping = self.scratch.damping;
+        mark.reactions = self.context.scratch.reactions;
+        mark.damping = self.context.scratch.damping;
     }
 
     /// Returns to a state of the same mechanism.
@@ -372,10 +356,10 @@ impl Twin {
     /// # Panics
     /// If a socket opened since.
     pub fn restore(&mut self, mark: &Mark) {
-        self.scratch.forget();
+        self.forget();
         self.t = mark.t;
         self.y.copy_from_slice(&mark.y);
-        self.scratch.reactions = mark.reactions;
-        self.scratch.damping = mark.damping;
+        self.context.scratch.reactions = mark.reactions;
+        self.context.scratch.damping = mark.damping;
     }
 }

@@ -7,6 +7,7 @@ mod absolute;
 mod assembled;
 pub mod command;
 pub mod constraints;
+mod context;
 pub mod controller;
 pub mod energy;
 mod forces;

@@ -1,0 +1,172 @@
+//! What both formulations share within a step: what acts on the bodies, the reactions that friction reads, and the parts
+//! of the state that are not mechanics.
+
+use super::SingularPose;
+use super::forces::{Damping, Forces, Scene, spin_restraint};
+use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
+use super::torque::Torque;
+use super::wrench::{Load, STILL, Twist};
+use crate::dynamics::Plant;
+use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::model::bodies::{BODIES, STRUT};
+use crate::model::{AXES, STRUTS};
+
+/// Change of the strut forces at which the iteration over friction that reads them stops, N.
+const REACTION_TOLERANCE: f64 = 1e-9;
+/// Enough for a contraction by two thirds per iteration.
+const MAX_REACTION_ITERATIONS: usize = 60;
+
+/// Buffers that live as long as the twin.
+pub(super) struct Scratch {
+    /// Reactions of the last evaluation, first guess of the next.
+    pub reactions: Reactions,
+    /// Largest change in the last iteration over the reactions that did not converge, N; zero if all did.
+    pub unconverged: f64,
+    /// Wrenches that do not depend on the reactions, without the drives.
+    pub wrenches: [Twist; BODIES],
+    /// All wrenches of the last evaluation, without the drives.
+    pub total: [Twist; BODIES],
+    /// W of the present step.
+    pub damping: Damping,
+    /// Power of each effect, W.
+    powers: Vec<f64>,
+    /// Power of the spins' restraint and the brakes, W.
+    restraint_power: f64,
+    slopes: Vec<f64>,
+    fresh_slopes: Vec<f64>,
+}
+
+impl Scratch {
+    pub fn new(plant: &Plant, forces: &Forces) -> Self {
+        Self {
+            reactions: Reactions::default(),
+            unconverged: 0.0,
+            wrenches: [STILL; BODIES],
+            total: [STILL; BODIES],
+            damping: Damping::default(),
+            powers: vec![0.0; plant.effects.len()],
+            restraint_power: 0.0,
+            slopes: vec![0.0; forces.states()],
+            fresh_slopes: vec![0.0; forces.states()],
+        }
+    }
+}
+
+/// Machine, surroundings and buffers.
+pub(super) struct Context {
+    pub plant: Plant,
+    pub forces: Forces,
+    pub layout: Layout,
+    /// Of the drives.
+    pub torque: Torque,
+    /// Wrenches from outside.
+    pub external: Load,
+    /// Sockets that hold.
+    pub closed: SocketSet,
+    pub scratch: Scratch,
+}
+
+impl Context {
+    fn scene<'b>(&self, t: f64, y: &'b [f64]) -> Scene<'b> {
+        Scene { t, own: &y[self.layout.own()], torque: self.torque.at(t), closed: self.closed }
+    }
+
+    /// Puts the wrenches of everything that does not read reactions into `scratch.wrenches`.
+    pub fn prepare(&mut self, t: f64, y: &[f64], motion: &Motion) {
+        let scene = self.scene(t, y);
+        let scratch = &mut self.scratch;
+        scratch.wrenches = if self.external.is_none() { [STILL; BODIES] } else { self.external.at(t) };
+        let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
+        self.forces.add(&self.plant, &scene, motion, &scratch.reactions, false, wrenches, powers);
+        scratch.restraint_power = self.forces.add_brakes(motion, wrenches);
+        for s in 0..STRUTS {
+            let u = motion.strut_axis[s];
+            let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
+            let damping = spin_restraint(&self.plant, self.closed, s);
+            wrenches[STRUT + s].1 -= u * (damping * spin);
+            scratch.restraint_power -= damping * spin * spin;
+        }
+    }
+
+    /// Solves `equations` for wrenches on the bodies, and the friction that depends on the reactions with them.
+    pub fn solve<S>(
+        &mut self,
+        t: f64,
+        y: &[f64],
+        motion: &Motion,
+        mut equations: impl FnMut(&Plant, &[Twist; BODIES]) -> Result<(S, Reactions), SingularPose>,
+    ) -> Result<S, SingularPose> {
+        let reads = self.forces.read_reactions();
+        let scene = self.scene(t, y);
+        let mut iteration = 0;
+        loop {
+            let scratch = &mut self.scratch;
+            scratch.total = scratch.wrenches;
+            if reads {
+                let (total, powers) = (&mut scratch.total, &mut scratch.powers);
+                self.forces.add(&self.plant, &scene, motion, &scratch.reactions, true, total, powers);
+            }
+            let (solution, reactions) = equations(&self.plant, &scratch.total)?;
+            let change = change(&reactions, &scratch.reactions);
+            scratch.reactions = reactions;
+            iteration += 1;
+            if !reads || change < REACTION_TOLERANCE {
+                return Ok(solution);
+            }
+            if iteration == MAX_REACTION_ITERATIONS {
+                scratch.unconverged = scratch.unconverged.max(change);
+                return Ok(solution);
+            }
+        }
+    }
+
+    /// Chooses the damping in W for the coming step; `motion` is as before when it returns.
+    pub fn measure_damping(&mut self, t: f64, y: &[f64], motion: &mut Motion) {
+        let scene = self.scene(t, y);
+        let scratch = &mut self.scratch;
+        self.forces.measure_damping(&self.plant, &scene, motion, &scratch.reactions, &mut scratch.damping);
+    }
+
+    /// Derivatives of what is not mechanics, with the stage's `sum` and `g` = hγ: the effects' own states,
+    /// (1 − g·J)·k = rate + J·sum with their slopes J at the first stage, and the work done. `motion` holds the
+    /// accelerations of the drives, `struts` is the power of elastic struts, W.
+    pub fn rest_of_stage(
+        &mut self,
+        t: f64,
+        y: &[f64],
+        motion: &Motion,
+        struts: f64,
+        (sum, g, first): (&[f64], f64, bool),
+        k: &mut [f64],
+    ) {
+        let scene = self.scene(t, y);
+        let own = self.layout.own();
+        let scratch = &mut self.scratch;
+        if !own.is_empty() {
+            let (rates, slopes) = (&mut k[own.clone()], &mut scratch.fresh_slopes);
+            self.forces.state_rates(&self.plant, &scene, motion, &scratch.reactions, rates, slopes);
+            if first {
+                scratch.slopes.copy_from_slice(&scratch.fresh_slopes);
+            }
+            if g > 0.0 {
+                self.forces.gear_rates(scene.own, &sum[own.clone()], g, rates);
+                for (slope, i) in scratch.slopes.iter().zip(own) {
+                    k[i] = (k[i] + slope * sum[i]) / (1.0 - g * slope);
+                }
+            }
+        }
+        let work = &mut k[self.layout.work()];
+        for a in 0..AXES {
+            work[a] = scene.torque[a] * motion.qd[a];
+        }
+        work[WORK_RESTRAINTS] = scratch.restraint_power;
+        work[WORK_CONTACT] = if self.external.is_none() { 0.0 } else { self.external.power(t, motion) };
+        work[WORK_STRUTS] = struts;
+        work[WORK_EFFECTS..].copy_from_slice(&scratch.powers);
+    }
+}
+
+fn change(a: &Reactions, b: &Reactions) -> f64 {
+    let worst = |a: &[f64; STRUTS], b: &[f64; STRUTS]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    worst(&a.upper, &b.upper).max(worst(&a.lower, &b.lower))
+}
