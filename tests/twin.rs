@@ -220,3 +220,19 @@ fn struts_do_not_spin_against_their_restraint() {
         assert!(spin.abs() < 1e-3 && spin != 0.0, "{spin:e}");
     }
 }
+
+#[test]
+fn drives_do_not_load_the_bearings_of_a_broken_mechanism() {
+    let plant = loaded_plant();
+    let joints = JointState { q: [0.3, 0.2, 0.4, 0.1], qd: [2.0, -1.5, 1.0, 5.0], qdd: [0.0; 4] };
+    let mut twin = Twin::new(plant.clone(), &plant.motion(&joints).unwrap()).unwrap();
+    twin.open(2).unwrap();
+    let snapshot = twin.evaluate(&Torque::constant([20.0, -15.0, 30.0, 1.0])).unwrap();
+    let (motion, joints) = (&snapshot.motion, snapshot.joints(&plant));
+    for i in 0..3 {
+        let about = joints.arms[i].1.dot(&motion.bodies[i].rotation.column(1));
+        assert!(about.abs() < 1e-9, "arm {i}: {about:e}");
+    }
+    assert!(joints.rotor.1.z.abs() < 1e-9, "{:e}", joints.rotor.1.z);
+    assert_eq!(joints.sockets[2], Vector3::zeros());
+}
