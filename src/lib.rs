@@ -10,6 +10,8 @@ pub mod effects;
 
 pub mod dynamics;
 
+pub mod constraint_forces;
+
 pub mod cell;
 
 pub mod scenario;

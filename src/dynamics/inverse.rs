@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::channels::{Channel, ChannelMap, STILL, Twist};
+use super::channels::{Channel, ChannelMap, Twist};
 use super::{Plant, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
@@ -57,22 +57,11 @@ pub fn inverse_dynamics(
     with_struts: bool,
 ) -> Result<Output, KinematicsError> {
     let reads_reactions = plant.assembled && plant.effects.iter().any(|a| a.effect.reads_reactions());
-    let iterated = |a: &ActiveEffect| a.effect.reads_reactions() || a.effect.reads_torque();
     let all: [Channel; CHANNELS] =
         std::array::from_fn(|c| if c < AXES { Channel::TORQUES[c] } else { STRUT_CHANNELS[c - AXES] });
     let channels = if plant.assembled && (with_struts || reads_reactions) { &all[..] } else { &all[..AXES] };
     let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, channels)?;
-    let gravity = plant.gravity_vector();
-    // Applied minus inertial wrench of every body.
-    let mut fixed = [STILL; BODIES];
-    for (body, inertia) in plant.bodies.0.iter().enumerate() {
-        let (force, moment) = inertial_wrench(inertia, &motion.bodies[body], &gravity);
-        fixed[body] = (-force, -moment);
-    }
-    let add = |active: &ActiveEffect, state: &[f64], loads: &Output, sum: &mut [Twist; BODIES]| {
-        let at = instant(plant, active, t, motion, loads, state);
-        active.effect.forces_along(&active.values(), &at, &mut Wrenches::sum(&active.values, motion, sum));
-    };
+    let mut fixed = rigid_wrenches(plant, motion);
     let project = |wrenches: &[Twist; BODIES]| {
         let mut values = [0.0; CHANNELS];
         for (c, value) in values.iter_mut().enumerate().take(channels.len()) {
@@ -80,21 +69,15 @@ pub fn inverse_dynamics(
         }
         values
     };
-    for (active, state) in plant.effects.iter().zip(states) {
-        if !iterated(active) {
-            add(active, state, &Output::default(), &mut fixed);
-        }
-    }
+    add_effects(plant, t, motion, states, None, &mut fixed);
     let mut values = project(&fixed);
-    if plant.effects.iter().any(iterated) {
+    if plant.effects.iter().any(reads_loads) {
         // Friction moments are a few thousandths of the lever times the reactions, gear friction a few hundredths of the
         // torque: the iteration contracts fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let loads = Output::from_channels(&values);
             let mut next = fixed;
-            for (active, state) in plant.effects.iter().zip(states).filter(|(a, _)| iterated(a)) {
-                add(active, state, &loads, &mut next);
-            }
+            add_effects(plant, t, motion, states, Some(&loads), &mut next);
             let next = project(&next);
             let change = next.iter().zip(&values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             values = next;
@@ -104,6 +87,36 @@ pub fn inverse_dynamics(
         }
     }
     Ok(Output::from_channels(&values))
+}
+
+/// Weight minus inertial wrench of every body.
+pub fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] {
+    let gravity = plant.gravity_vector();
+    std::array::from_fn(|body| {
+        let (force, moment) = inertial_wrench(&plant.bodies[body], &motion.bodies[body], &gravity);
+        (-force, -moment)
+    })
+}
+
+/// Whether a law along a given motion depends on torques or strut forces.
+pub fn reads_loads(active: &ActiveEffect) -> bool {
+    active.effect.reads_reactions() || active.effect.reads_torque()
+}
+
+/// Adds the wrenches of the plant's effects to `sum`: of those that read no loads, or with `loads` of those that do.
+pub fn add_effects(
+    plant: &Plant,
+    t: f64,
+    motion: &Motion,
+    states: &[&[f64]],
+    loads: Option<&Output>,
+    sum: &mut [Twist; BODIES],
+) {
+    let none = Output::default();
+    for (active, state) in plant.effects.iter().zip(states).filter(|(a, _)| reads_loads(a) == loads.is_some()) {
+        let at = instant(plant, active, t, motion, loads.unwrap_or(&none), state);
+        active.effect.forces_along(&active.values(), &at, &mut Wrenches::sum(&active.values, motion, sum));
+    }
 }
 
 /// What a force law reads along a given motion.
@@ -128,7 +141,7 @@ fn instant<'a>(
 }
 
 /// Enough for a contraction factor of a third to reach rounding.
-const MAX_REACTION_ITERATIONS: usize = 30;
+pub(crate) const MAX_REACTION_ITERATIONS: usize = 30;
 
 /// Rows of the regressor for `channels` at one motion, one column per parameter of `effects`
 /// (columns of nonlinear parameters stay zero).

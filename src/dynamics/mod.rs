@@ -10,6 +10,7 @@ mod plant;
 
 pub(crate) use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
-pub use inverse::{Output, inverse_dynamics, regressor};
+pub(crate) use inverse::MAX_REACTION_ITERATIONS;
+pub use inverse::{Output, add_effects, inverse_dynamics, reads_loads, regressor, rigid_wrenches};
 pub use newton_euler::inertial_wrench;
 pub use plant::{Plant, PlantParameter, set_parameters};

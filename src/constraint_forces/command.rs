@@ -1,0 +1,1 @@
+//! `deltatwin forces`.

@@ -1,0 +1,151 @@
+//! From wrenches on the 14 bodies to loads on the reduced velocities.
+
+use nalgebra::Vector3;
+
+use super::{Loads, Multipliers, Statics};
+use crate::dynamics::{MAX_REACTION_ITERATIONS, Plant, Twist, add_effects, reads_loads, rigid_wrenches};
+use crate::kinematics::{KinematicsError, Motion};
+use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::{Geometry, STRUTS};
+
+/// Which loads enter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Detail {
+    /// The paper's reduced model: struts only along their axes, no telescope but the mass of its lower part on the platform.
+    /// λ_TB is what turns the end effector alone.
+    Reduced,
+    /// All of them. What acts across a strut goes to its two ends by the lever rule, what acts on rotor and telescope to
+    /// the end effector through the lower Hooke joint. λ_A and λ_TB are then the drive torques of the inverse dynamics, and
+    /// all multipliers those of the full multibody system, every effect included.
+    #[default]
+    Complete,
+}
+
+/// Telescope and Hooke joints as a transmission between rotor and end effector at a pose.
+struct Telescope {
+    axis: Vector3<f64>,
+    length: f64,
+    /// Normals of the crosses of the upper and lower Hooke joint.
+    normals: [Vector3<f64>; 2],
+    /// Lower Hooke joint from the flange centre.
+    hooke: Vector3<f64>,
+}
+
+impl Telescope {
+    fn new(motion: &Motion) -> Self {
+        let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
+        Self {
+            axis: motion.telescope.axis,
+            length: motion.telescope.length,
+            normals: [ROTOR, END_EFFECTOR].map(|b| motion.bodies[b].rotation.column(0).cross(&bar)),
+            hooke: motion.bodies[TELESCOPE_LOWER].position - motion.bodies[END_EFFECTOR].position,
+        }
+    }
+
+    /// Wrench on the end effector about the flange centre that does the work of `force` on the lower Hooke joint, `moment` on
+    /// both telescope parts and `torque` on the rotor, for any twist of the end effector.
+    fn hand_on(&self, force: &Vector3<f64>, moment: &Vector3<f64>, torque: f64) -> Twist {
+        let [upper, lower] = &self.normals;
+        // Rotor rate: ω_R z·n = ω_T·n at the upper joint; telescope spin: (ω_T − ω_E)·n = 0 at the lower one.
+        let moment = moment + upper * (torque / upper.z);
+        let passed = lower * (moment.dot(&self.axis) / self.axis.dot(lower));
+        let force = force + self.axis.cross(&(moment - passed)) / self.length;
+        (force, passed + self.hooke.cross(&force))
+    }
+}
+
+impl Statics {
+    /// The system for loads of the given detail.
+    pub fn of(motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
+        Self::new(
+            motion,
+            match detail {
+                Detail::Reduced => (Vector3::zeros(), Vector3::z()),
+                Detail::Complete => Telescope::new(motion).hand_on(&Vector3::zeros(), &Vector3::zeros(), 1.0),
+            },
+        )
+    }
+}
+
+impl Loads {
+    /// Loads of `wrenches` on the bodies (applied minus inertial, about their origins, inertial axes).
+    ///
+    /// In the reduced detail the wrenches on rotor and telescope do not enter; see [`telescope_on_platform`].
+    pub fn new(motion: &Motion, wrenches: &[Twist; BODIES], detail: Detail) -> Self {
+        let mut loads = Self {
+            end_effector: wrenches[END_EFFECTOR],
+            platform: wrenches[PLATFORM],
+            struts: std::array::from_fn(|s| wrenches[STRUT + s].0.dot(&motion.strut_axis[s])),
+            arms: std::array::from_fn(|i| wrenches[ARM + i].1.dot(&Geometry::tangential(i))),
+        };
+        if detail == Detail::Reduced {
+            return loads;
+        }
+        for s in 0..STRUTS {
+            let (force, moment) = &wrenches[STRUT + s];
+            let (body, axis) = (&motion.bodies[STRUT + s], &motion.strut_axis[s]);
+            let lower = moment.cross(axis) / motion.strut_length[s];
+            let upper = force - axis * loads.struts[s] - lower;
+            let ball = body.position + axis * motion.strut_length[s] - motion.bodies[PLATFORM].position;
+            loads.platform.0 += lower;
+            loads.platform.1 += ball.cross(&lower);
+            let lever = body.position - motion.bodies[ARM + s / 2].position;
+            loads.arms[s / 2] += lever.cross(&upper).dot(&Geometry::tangential(s / 2));
+        }
+        let (force, moment) = wrenches[TELESCOPE_LOWER];
+        let moment = moment + wrenches[TELESCOPE_UPPER].1;
+        let (force, moment) = Telescope::new(motion).hand_on(&force, &moment, wrenches[ROTOR].1.z);
+        loads.end_effector.0 += force;
+        loads.end_effector.1 += moment;
+        loads
+    }
+}
+
+/// Adds the lower telescope part to the platform's mass, as the reduced model does.
+fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; BODIES]) {
+    let platform = &plant.bodies[PLATFORM];
+    let centre = if platform.mass > 0.0 { platform.first_moment / platform.mass } else { Vector3::zeros() };
+    let force = (plant.gravity_vector() - motion.bodies[PLATFORM].acceleration) * plant.bodies[TELESCOPE_LOWER].mass;
+    wrenches[PLATFORM].0 += force;
+    wrenches[PLATFORM].1 += (motion.bodies[PLATFORM].rotation * centre).cross(&force);
+}
+
+/// Weight minus inertial wrench of every body, as the given detail counts them.
+pub fn rigid_loads(plant: &Plant, motion: &Motion, detail: Detail) -> [Twist; BODIES] {
+    let mut wrenches = rigid_wrenches(plant, motion);
+    if detail == Detail::Reduced {
+        telescope_on_platform(plant, motion, &mut wrenches);
+    }
+    wrenches
+}
+
+/// Multipliers of an assembled robot for a motion, every effect included as far as `detail` says.
+///
+/// `states` holds one slice of own states per active effect (empty where the effect has none).
+pub fn constraint_forces(
+    plant: &Plant,
+    t: f64,
+    motion: &Motion,
+    states: &[&[f64]],
+    detail: Detail,
+) -> Result<Multipliers, KinematicsError> {
+    let statics = Statics::of(motion, detail)?;
+    let mut fixed = rigid_loads(plant, motion, detail);
+    add_effects(plant, t, motion, states, None, &mut fixed);
+    let solve = |wrenches: &[Twist; BODIES]| statics.solve(&Loads::new(motion, wrenches, detail));
+    let mut forces = solve(&fixed);
+    if plant.effects.iter().any(reads_loads) {
+        // Friction moments are small against the loads they follow: the iteration contracts fast.
+        for _ in 0..MAX_REACTION_ITERATIONS {
+            let mut wrenches = fixed;
+            add_effects(plant, t, motion, states, Some(&forces.output()), &mut wrenches);
+            let next = solve(&wrenches);
+            let change = next.to_array().iter().zip(forces.to_array()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            forces = next;
+            if change < 1e-11 {
+                break;
+            }
+        }
+    }
+    Ok(forces)
+}

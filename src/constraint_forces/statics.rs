@@ -1,0 +1,158 @@
+//! The system Gᵀλ = w at a pose: the reduced constraint Jacobian G (32) and its solution by block elimination.
+//!
+//! Rows are written "end effector on platform", "platform on strut", "strut on arm", so that multipliers come out as in
+//! [`Multipliers`]. Velocities: V_E = (v, ω) of the flange centre in the end effector's axes, V_P = (v, ω) of the platform's
+//! ball centre in the inertial axes, v_S along each strut, ω_A about each motor axis.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::{MULTIPLIERS, Multipliers};
+use crate::dynamics::Twist;
+use crate::kinematics::{KinematicsError, Motion};
+use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT};
+use crate::model::{ARMS, Geometry, STRUTS};
+
+/// Loads w = W − M V̇ − C M V on the reduced velocities: applied minus inertial.
+#[derive(Clone, Copy, Debug)]
+pub struct Loads {
+    /// On the end effector, about the flange centre, inertial axes; N, N·m.
+    pub end_effector: Twist,
+    /// On the platform, about the ball centre, inertial axes; N, N·m.
+    pub platform: Twist,
+    /// Along each strut, N.
+    pub struts: [f64; STRUTS],
+    /// About each motor axis, N·m.
+    pub arms: [f64; ARMS],
+}
+
+/// Levers of the reduced constraints at a pose.
+#[derive(Clone, Debug)]
+pub struct Statics {
+    /// Axes of the end effector.
+    rotation: Matrix3<f64>,
+    /// Flange centre from the ball centre.
+    flange: Vector3<f64>,
+    /// Wrench on the end effector per unit of drive 4's torque, about the flange centre.
+    pub(super) drive: Twist,
+    /// Unit vector along both struts of each limb, elbow to platform.
+    axis: [Vector3<f64>; ARMS],
+    /// Middle of each pair of balls from the ball centre.
+    pair: [Vector3<f64>; ARMS],
+    /// Half of the way between the balls of a pair.
+    half: [Vector3<f64>; ARMS],
+    /// Torque about the motor axis per unit of force along a strut at the elbow, m.
+    lever: [f64; ARMS],
+    /// From the platform's force to the sum of each pair.
+    sums: Matrix3<f64>,
+    /// From the platform's moment to the difference of each pair.
+    differences: Matrix3<f64>,
+}
+
+impl Statics {
+    /// At the pose of `motion`. `drive` is the wrench on the end effector per unit of drive 4's torque, about the flange
+    /// centre, inertial axes.
+    pub fn new(motion: &Motion, drive: Twist) -> Result<Self, KinematicsError> {
+        let platform = &motion.bodies[PLATFORM];
+        let end_effector = &motion.bodies[END_EFFECTOR];
+        let ball = |s: usize| {
+            motion.bodies[STRUT + s].position + motion.strut_axis[s] * motion.strut_length[s] - platform.position
+        };
+        let axis: [Vector3<f64>; ARMS] = std::array::from_fn(|i| motion.strut_axis[2 * i]);
+        let half: [Vector3<f64>; ARMS] = std::array::from_fn(|i| (ball(2 * i) - ball(2 * i + 1)) * 0.5);
+        let singular = || KinematicsError::Singular { q: [motion.q[0], motion.q[1], motion.q[2]] };
+        let invert = |columns: &[Vector3<f64>; ARMS]| Matrix3::from_columns(columns).try_inverse().ok_or_else(singular);
+        Ok(Self {
+            rotation: end_effector.rotation,
+            flange: end_effector.position - platform.position,
+            drive,
+            axis,
+            pair: std::array::from_fn(|i| (ball(2 * i) + ball(2 * i + 1)) * 0.5),
+            half,
+            lever: std::array::from_fn(|i| {
+                let lever = motion.bodies[STRUT + 2 * i].position - motion.bodies[ARM + i].position;
+                lever.cross(&axis[i]).dot(&Geometry::tangential(i))
+            }),
+            sums: invert(&axis)?,
+            differences: invert(&std::array::from_fn(|i| half[i].cross(&axis[i])))?,
+        })
+    }
+
+    /// Solves Gᵀλ = w from the end effector to the arms.
+    pub fn solve(&self, loads: &Loads) -> Multipliers {
+        let mut out = Multipliers::default();
+        // End effector: its axis carries no moment but that of drive 4.
+        let (force, moment) = loads.end_effector;
+        let pivot = self.rotation.column(2);
+        out.lambda_tb = -moment.dot(&pivot) / self.drive.1.dot(&pivot);
+        let force = force + self.drive.0 * out.lambda_tb;
+        let moment = moment + self.drive.1 * out.lambda_tb;
+        let (f, m) = (self.rotation.tr_mul(&force), self.rotation.tr_mul(&moment));
+        out.lambda_e = [m.x, m.y, f.x, f.y, f.z];
+        // Platform: sums of the pairs carry the force, differences the rest of the moment.
+        let moment = loads.platform.1 + moment + self.flange.cross(&force);
+        let sums = self.sums * (loads.platform.0 + force);
+        let carried: Vector3<f64> = (0..ARMS).map(|i| self.pair[i].cross(&self.axis[i]) * sums[i]).sum();
+        let differences = self.differences * (moment - carried);
+        for i in 0..ARMS {
+            let (a, b) = (2 * i, 2 * i + 1);
+            out.lambda_p[a] = 0.5 * (sums[i] + differences[i]);
+            out.lambda_p[b] = 0.5 * (sums[i] - differences[i]);
+            for s in [a, b] {
+                out.lambda_s[s] = out.lambda_p[s] + loads.struts[s];
+            }
+            out.lambda_a[i] = -loads.arms[i] - self.lever[i] * (out.lambda_s[a] + out.lambda_s[b]);
+        }
+        out
+    }
+
+    /// The Jacobian G itself; rows as the multipliers, columns as V.
+    pub fn jacobian(&self) -> SMatrix<f64, MULTIPLIERS, MULTIPLIERS> {
+        let mut g = SMatrix::<f64, MULTIPLIERS, MULTIPLIERS>::zeros();
+        let ee = self.rotation;
+        let mut row = |k: usize, e: Twist, p: Twist| {
+            g.fixed_view_mut::<1, 3>(k, 0).copy_from(&ee.tr_mul(&e.0).transpose());
+            g.fixed_view_mut::<1, 3>(k, 3).copy_from(&ee.tr_mul(&e.1).transpose());
+            g.fixed_view_mut::<1, 3>(k, 6).copy_from(&p.0.transpose());
+            g.fixed_view_mut::<1, 3>(k, 9).copy_from(&p.1.transpose());
+        };
+        let none = Vector3::zeros();
+        for k in 0..2 {
+            let x = ee.column(k).into_owned();
+            row(k, (none, x), (none, -x));
+        }
+        for k in 0..3 {
+            let x = ee.column(k).into_owned();
+            row(2 + k, (x, none), (-x, -self.flange.cross(&x)));
+        }
+        row(5, (-self.drive.0, -self.drive.1), (none, none));
+        for s in 0..STRUTS {
+            let i = s / 2;
+            let ball = if s.is_multiple_of(2) { self.pair[i] + self.half[i] } else { self.pair[i] - self.half[i] };
+            row(6 + s, (none, none), (self.axis[i], ball.cross(&self.axis[i])));
+        }
+        for s in 0..STRUTS {
+            g[(6 + s, 12 + s)] = -1.0;
+            g[(12 + s, 12 + s)] = 1.0;
+            g[(12 + s, 18 + s / 2)] = -self.lever[s / 2];
+        }
+        for i in 0..ARMS {
+            g[(18 + i, 18 + i)] = -1.0;
+        }
+        g
+    }
+}
+
+impl Loads {
+    /// The loads in the order of V, those of the end effector in its axes at the pose of `statics`.
+    pub fn to_vector(&self, statics: &Statics) -> SVector<f64, MULTIPLIERS> {
+        let ee = statics.rotation;
+        let mut w = SVector::<f64, MULTIPLIERS>::zeros();
+        w.fixed_rows_mut::<3>(0).copy_from(&ee.tr_mul(&self.end_effector.0));
+        w.fixed_rows_mut::<3>(3).copy_from(&ee.tr_mul(&self.end_effector.1));
+        w.fixed_rows_mut::<3>(6).copy_from(&self.platform.0);
+        w.fixed_rows_mut::<3>(9).copy_from(&self.platform.1);
+        w.fixed_rows_mut::<6>(12).copy_from_slice(&self.struts);
+        w.fixed_rows_mut::<3>(18).copy_from_slice(&self.arms);
+        w
+    }
+}
