@@ -8,7 +8,7 @@ mod inverse;
 mod newton_euler;
 mod plant;
 
-pub(crate) use channels::STILL;
+pub use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
 pub(crate) use inverse::MAX_REACTION_ITERATIONS;
 pub use inverse::{Output, add_effects, inverse_dynamics, reads_loads, regressor, rigid_wrenches};

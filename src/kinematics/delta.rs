@@ -207,6 +207,21 @@ impl Geometry {
         Ok(joints)
     }
 
+    /// Third derivatives of the arm angles, rad/s³, for the platform motion of [`Geometry::inverse_motion`] and its jerk,
+    /// m/s³.
+    pub fn inverse_jerk(&self, platform: &PlatformState, joints: &JointState, jerk: &Vector3<f64>) -> [f64; ARMS] {
+        std::array::from_fn(|i| {
+            // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0, with dx_A/dφ = −z_A and dz_A/dφ = x_A.
+            let (rate, acceleration) = (joints.qd[i], joints.qdd[i]);
+            let l = self.strut_vector(i, joints.q[i], &platform.position);
+            let (x, z) = (arm_x(i, joints.q[i]) * self.arm_length, arm_z(i, joints.q[i]) * self.arm_length);
+            let ld = platform.velocity + z * rate;
+            let ldd = platform.acceleration + z * acceleration + x * (rate * rate);
+            let rest = jerk + x * (3.0 * rate * acceleration) - z * rate.powi(3);
+            -(3.0 * ld.dot(&ldd) + l.dot(&rest)) / l.dot(&z)
+        })
+    }
+
     /// Distance of the telescope's Hooke joints for a platform position, m.
     pub fn telescope_length(&self, position: &Vector3<f64>) -> f64 {
         (self.upper_hooke() - position - Vector3::z() * self.lower_hooke_height).norm()

@@ -178,7 +178,8 @@ impl Motion {
         motion
     }
 
-    fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
+    /// Motion of the assembled robot for joint motion and the platform motion that belongs to it.
+    pub fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
         let mut motion = Self::disassembled(geometry, joints);
         let [psi, psi_rate, psi_acceleration] = platform.psi;
         for strut in 0..STRUTS {

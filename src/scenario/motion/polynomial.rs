@@ -82,6 +82,12 @@ impl Piecewise {
         evaluate(&self.pieces[i], t - self.starts[i])
     }
 
+    /// Length and coefficients of every piece of a lap.
+    pub fn pieces(&self) -> impl Iterator<Item = (f64, &[Vector4<f64>; 6])> {
+        let ends = self.starts.iter().skip(1).copied().chain([self.lap]);
+        self.starts.iter().zip(ends).map(|(start, end)| end - start).zip(&self.pieces)
+    }
+
     /// Times at which one piece follows another, s.
     #[cfg(test)]
     pub(super) fn joints(&self) -> &[f64] {

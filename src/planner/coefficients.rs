@@ -1,0 +1,165 @@
+//! Torques and constraint forces along a path as A s̈ + B ṡ² + C + D ṡ, (41) and (42).
+//!
+//! Inertia gives A, inertia and velocity products B, weight C, exactly. Friction and all other force laws are written as
+//! C + D ṡ at a reference speed: exact there for any law, exact everywhere for viscous friction, and the tangent of the
+//! rest (Coulomb, saturating, quadratic, …). Laws that read torques or strut forces take those of the reference motion.
+
+use super::PathPoint;
+use super::limits::{LOADS, forces};
+use crate::constraint_forces::{Detail, Loads, Multipliers, Statics, rigid_loads};
+use crate::dynamics::{Plant, STILL, Twist, add_effects, reads_loads};
+use crate::kinematics::{KinematicsError, Motion};
+use crate::model::AXES;
+use crate::model::bodies::BODIES;
+
+/// Coefficients of the four torques, λ_E, λ_P and λ_S at a point of a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficients {
+    /// Per s̈.
+    pub a: [f64; LOADS],
+    /// Per ṡ².
+    pub b: [f64; LOADS],
+    /// Constant.
+    pub c: [f64; LOADS],
+    /// Per ṡ.
+    pub d: [f64; LOADS],
+}
+
+/// Motion at which force laws are linearised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reference {
+    /// ṡ, positive.
+    pub speed: f64,
+    /// s̈.
+    pub acceleration: f64,
+}
+
+/// A machine, weightless and without force laws where need be, and the detail of its constraint forces.
+pub struct Machine<'a> {
+    plant: &'a Plant,
+    /// The same without gravity.
+    weightless: Plant,
+    own: Vec<Vec<f64>>,
+    detail: Detail,
+}
+
+/// Step of the speed by which the slope of a force law is taken, as a share of it.
+const STEP: f64 = 0.01;
+/// Evaluations of laws that read loads.
+const ITERATIONS: usize = 4;
+
+impl<'a> Machine<'a> {
+    /// The machine `plant`, whose constraint forces are taken in `detail`.
+    pub fn new(plant: &'a Plant, detail: Detail) -> Self {
+        let weightless = Plant { gravity: 0.0, ..plant.clone() };
+        let own = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        Self { plant, weightless, own, detail }
+    }
+
+    /// Its plant.
+    pub fn plant(&self) -> &Plant {
+        self.plant
+    }
+
+    /// Own states of the effects at the start.
+    pub(super) fn states(&self) -> Vec<&[f64]> {
+        self.own.iter().map(Vec::as_slice).collect()
+    }
+
+    /// Coefficients at a point; `reference` is where force laws are linearised.
+    pub fn coefficients(&self, point: &PathPoint, reference: Reference) -> Result<Coefficients, KinematicsError> {
+        let geometry = &self.plant.geometry;
+        let (unit, still) = (point.unit_acceleration(geometry), point.motion(geometry, 0.0, 0.0));
+        let solver = Solver::new(&still, self.detail)?;
+        let a = solver.rigid(&self.weightless, &unit);
+        let b = solver.rigid(&self.weightless, &point.motion(geometry, 1.0, 0.0));
+        let mut c = solver.rigid(self.plant, &still);
+        let mut d = [0.0; LOADS];
+        if !self.plant.effects.is_empty() {
+            let states = self.states();
+            let Reference { speed, acceleration } = reference;
+            let step = STEP * speed;
+            let at = |speed: f64| point.motion(geometry, speed, acceleration);
+            let (here, ahead) = (at(speed), at(speed + step));
+            let mut loads = None;
+            let laws = |motion: &Motion, loads: Option<&Multipliers>| {
+                let mut wrenches = [STILL; BODIES];
+                add_effects(self.plant, 0.0, motion, &states, None, &mut wrenches);
+                if let Some(loads) = loads {
+                    add_effects(self.plant, 0.0, motion, &states, Some(&loads.output()), &mut wrenches);
+                }
+                solver.solve(motion, &wrenches)
+            };
+            if self.plant.effects.iter().any(reads_loads) {
+                let rigid = rigid_loads(self.plant, &here, Detail::Complete);
+                for _ in 0..ITERATIONS {
+                    let mut wrenches = rigid;
+                    add_effects(self.plant, 0.0, &here, &states, None, &mut wrenches);
+                    if let Some(loads) = &loads {
+                        let loads: &Multipliers = loads;
+                        add_effects(self.plant, 0.0, &here, &states, Some(&loads.output()), &mut wrenches);
+                    }
+                    loads = Some(solver.complete.solve(&Loads::new(&here, &wrenches, Detail::Complete)));
+                }
+            }
+            let (now, next) = (laws(&here, loads.as_ref()), laws(&ahead, loads.as_ref()));
+            for k in 0..LOADS {
+                d[k] = (next[k] - now[k]) / step;
+                c[k] += now[k] - d[k] * speed;
+            }
+        }
+        Ok(Coefficients { a, b, c, d })
+    }
+
+    /// Torques, λ_E, λ_P and λ_S themselves for a motion.
+    pub fn loads(&self, motion: &Motion) -> Result<[f64; LOADS], KinematicsError> {
+        use crate::constraint_forces::constraint_forces;
+        let states = self.states();
+        let complete = constraint_forces(self.plant, 0.0, motion, &states, Detail::Complete)?;
+        Ok(match self.detail {
+            Detail::Complete => join(&complete, &complete),
+            detail => join(&complete, &constraint_forces(self.plant, 0.0, motion, &states, detail)?),
+        })
+    }
+}
+
+fn join(torques: &Multipliers, limited: &Multipliers) -> [f64; LOADS] {
+    let mut out = [0.0; LOADS];
+    out[..AXES].copy_from_slice(&torques.output().tau);
+    out[AXES..].copy_from_slice(&forces(limited));
+    out
+}
+
+/// Torques always come from the complete loads, constraint forces from those of the detail asked for.
+struct Solver {
+    complete: Statics,
+    reduced: Option<Statics>,
+}
+
+impl Solver {
+    fn new(motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
+        let reduced = (detail == Detail::Reduced).then(|| Statics::of(motion, Detail::Reduced)).transpose()?;
+        Ok(Self { complete: Statics::of(motion, Detail::Complete)?, reduced })
+    }
+
+    fn solve(&self, motion: &Motion, wrenches: &[Twist; BODIES]) -> [f64; LOADS] {
+        let complete = self.complete.solve(&Loads::new(motion, wrenches, Detail::Complete));
+        match &self.reduced {
+            None => join(&complete, &complete),
+            Some(statics) => join(&complete, &statics.solve(&Loads::new(motion, wrenches, Detail::Reduced))),
+        }
+    }
+
+    /// Of inertia and weight alone.
+    fn rigid(&self, plant: &Plant, motion: &Motion) -> [f64; LOADS] {
+        let wrenches = rigid_loads(plant, motion, Detail::Complete);
+        let complete = self.complete.solve(&Loads::new(motion, &wrenches, Detail::Complete));
+        match &self.reduced {
+            None => join(&complete, &complete),
+            Some(statics) => {
+                let wrenches = rigid_loads(plant, motion, Detail::Reduced);
+                join(&complete, &statics.solve(&Loads::new(motion, &wrenches, Detail::Reduced)))
+            }
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! What bounds a motion along a path, (35)–(37).
+
+use crate::constraint_forces::{Detail, Multipliers};
+use crate::model::{AXES, Model, STRUTS};
+
+/// Quantities with a limit that are affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
+pub const QUANTITIES: usize = 2 * AXES + FORCES;
+/// Those from the dynamics.
+pub const LOADS: usize = AXES + FORCES;
+/// λ_E, λ_P and λ_S.
+const FORCES: usize = 5 + 2 * STRUTS;
+
+/// Limits on the motion; infinite where there is none. Symmetric: |value| ≤ limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Drive speeds, rad/s.
+    pub speed: [f64; AXES],
+    /// Drive accelerations, rad/s².
+    pub acceleration: [f64; AXES],
+    /// Drive jerks, rad/s³.
+    pub jerk: [f64; AXES],
+    /// Drive torques, N·m.
+    pub torque: [f64; AXES],
+    /// λ_E: each of the two moments, N·m.
+    pub bearing_moment: f64,
+    /// λ_E: each of the three forces, N.
+    pub bearing_force: f64,
+    /// λ_P, N.
+    pub strut_lower: f64,
+    /// λ_S, N.
+    pub strut_upper: f64,
+    /// Share of torques and constraint forces that is left unused.
+    pub margin: f64,
+    /// Which constraint forces are limited.
+    pub detail: Detail,
+}
+
+impl Limits {
+    /// Limits of the drives of `model`; no limits on constraint forces.
+    pub fn of(model: &Model) -> Self {
+        Self {
+            speed: model.drives.map(|d| d.max_speed),
+            acceleration: model.drives.map(|d| d.max_acceleration),
+            jerk: model.drives.map(|d| d.max_jerk),
+            torque: model.drives.map(|d| d.max_torque),
+            bearing_moment: f64::INFINITY,
+            bearing_force: f64::INFINITY,
+            strut_lower: f64::INFINITY,
+            strut_upper: f64::INFINITY,
+            margin: 0.1,
+            detail: Detail::default(),
+        }
+    }
+
+    /// Whether any jerk is limited.
+    pub fn has_jerk(&self) -> bool {
+        self.jerk.iter().any(|j| j.is_finite())
+    }
+
+    /// What may be used of each quantity.
+    pub(super) fn usable(&self) -> [f64; QUANTITIES] {
+        let share = 1.0 - self.margin;
+        std::array::from_fn(|k| match Limit::affine(k) {
+            Limit::Acceleration(i) => self.acceleration[i],
+            Limit::Torque(i) => share * self.torque[i],
+            Limit::LambdaE(i) => share * if i < 2 { self.bearing_moment } else { self.bearing_force },
+            Limit::LambdaP(_) => share * self.strut_lower,
+            _ => share * self.strut_upper,
+        })
+    }
+}
+
+/// One limit, counted from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Limit {
+    /// Speed of a drive.
+    Speed(usize),
+    /// Acceleration of a drive.
+    Acceleration(usize),
+    /// Jerk of a drive.
+    Jerk(usize),
+    /// Torque of a drive.
+    Torque(usize),
+    /// Load on the end effector's bearing.
+    LambdaE(usize),
+    /// Strut force at the platform.
+    LambdaP(usize),
+    /// Strut force at the elbow.
+    LambdaS(usize),
+}
+
+impl Limit {
+    /// Quantity `k` of those affine in s̈.
+    pub fn affine(k: usize) -> Self {
+        const E: usize = 2 * AXES;
+        match k {
+            0..AXES => Self::Acceleration(k),
+            AXES..E => Self::Torque(k - AXES),
+            E..13 => Self::LambdaE(k - E),
+            13..19 => Self::LambdaP(k - 13),
+            _ => Self::LambdaS(k - 19),
+        }
+    }
+
+    /// Unit of the limited value.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Speed(_) => "rad/s",
+            Self::Acceleration(_) => "rad/s²",
+            Self::Jerk(_) => "rad/s³",
+            Self::Torque(_) | Self::LambdaE(0 | 1) => "N·m",
+            _ => "N",
+        }
+    }
+}
+
+impl std::fmt::Display for Limit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (name, i) = match self {
+            Self::Speed(i) => ("speed", i),
+            Self::Acceleration(i) => ("acceleration", i),
+            Self::Jerk(i) => ("jerk", i),
+            Self::Torque(i) => ("torque", i),
+            Self::LambdaE(i) => ("lambda_e", i),
+            Self::LambdaP(i) => ("lambda_p", i),
+            Self::LambdaS(i) => ("lambda_s", i),
+        };
+        write!(f, "{name}{}", i + 1)
+    }
+}
+
+/// λ_E, λ_P and λ_S of all multipliers, in the order of the quantities.
+pub(super) fn forces(m: &Multipliers) -> [f64; FORCES] {
+    let mut out = [0.0; FORCES];
+    out[..5].copy_from_slice(&m.lambda_e);
+    out[5..5 + STRUTS].copy_from_slice(&m.lambda_p);
+    out[5 + STRUTS..].copy_from_slice(&m.lambda_s);
+    out
+}

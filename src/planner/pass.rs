@@ -1,0 +1,179 @@
+//! Time-optimal z(s) without jerk limits: one pass back along the path, one forth.
+//!
+//! s̈ is constant over an interval, so z = ṡ² is linear in s. Rows hold at both ends of every interval with its s̈. For a
+//! given z the rows are linear in s̈ and leave s̈ ∈ [L(z), U(z)] with L convex and U concave: the largest z at a station
+//! from which the next one can be reached is where L = U, found by Newton's method from the right, which is exact after
+//! a few steps. Back along the path this gives the largest controllable z, forth the largest s̈ within it, as in TOPP-RA
+//! [Pham & Pham, 2018]. √z stands for its tangent at the reference speed, see [`super::rows`].
+
+use super::rows::{Room, Stations};
+
+/// What the passes found.
+#[derive(Clone, Debug)]
+pub struct Passes {
+    /// z at each station.
+    pub z: Vec<f64>,
+    /// s̈ in each interval.
+    pub acceleration: Vec<f64>,
+    /// Maximum velocity curve: largest z at each station alone.
+    pub mvc: Vec<f64>,
+}
+
+/// Why there is no z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stuck {
+    /// Station.
+    pub station: usize,
+    /// A row that has no room at rest, if that is why.
+    pub row: Option<usize>,
+}
+
+/// u ∈ [low + slope·z, high + slope·z].
+#[derive(Clone, Copy)]
+struct Strip {
+    slope: f64,
+    low: f64,
+    high: f64,
+}
+
+/// Bounds on u for given z, and a bound on z itself.
+#[derive(Default)]
+struct Strips {
+    list: Vec<Strip>,
+    cap: f64,
+}
+
+impl Strips {
+    fn clear(&mut self, cap: f64) {
+        self.list.clear();
+        self.cap = cap;
+    }
+
+    /// |a u + b z + c| ≤ room.
+    fn add(&mut self, a: f64, b: f64, c: f64, room: f64) {
+        if a.abs() > f64::MIN_POSITIVE.sqrt() {
+            let (p, q) = ((room - c) / a, (-room - c) / a);
+            self.list.push(Strip { slope: -b / a, low: p.min(q), high: p.max(q) });
+        } else if b != 0.0 {
+            self.cap = self.cap.min((room.copysign(b) - c) / b);
+        }
+    }
+
+    /// U(z), L(z) with their slopes.
+    fn range(&self, z: f64) -> [(f64, f64); 2] {
+        let (mut upper, mut lower) = ((f64::INFINITY, 0.0), (f64::NEG_INFINITY, 0.0));
+        for s in &self.list {
+            let base = s.slope * z;
+            if s.high + base < upper.0 {
+                upper = (s.high + base, s.slope);
+            }
+            if s.low + base > lower.0 {
+                lower = (s.low + base, s.slope);
+            }
+        }
+        [upper, lower]
+    }
+
+    /// Largest z up to the cap for which L ≤ U.
+    fn largest(&self) -> Option<f64> {
+        let mut z = self.cap;
+        for _ in 0..100 {
+            let [(upper, rise), (lower, fall)] = self.range(z);
+            let gap = upper - lower;
+            if gap >= -1e-12 * (upper.abs() + lower.abs()) {
+                return Some(z);
+            }
+            let slope = rise - fall;
+            if slope >= 0.0 {
+                return None;
+            }
+            let next = z - gap / slope;
+            if next < 0.0 {
+                // Rounding at rest, or no solution at all.
+                return (next > -1e-9 * self.cap).then_some(0.0);
+            }
+            if next >= z {
+                return Some(z);
+            }
+            z = next;
+        }
+        Some(z)
+    }
+}
+
+/// Row tolerance at rest.
+const TOLERANCE: f64 = 1e-9;
+
+impl Strips {
+    /// Rows at station `i` with its own z.
+    fn here(&mut self, stations: &Stations, room: &Room, i: usize) {
+        let station = &stations.list[i];
+        for (row, &k) in station.rows.iter().zip(&stations.quantities) {
+            let (a, b, c) = row.tangent(station.reference);
+            self.add(a, b, c, room.share[i][k]);
+        }
+    }
+
+    /// Rows at station `i` + 1, whose z is that of station `i` plus 2hu.
+    fn ahead(&mut self, stations: &Stations, room: &Room, i: usize) {
+        let (station, h) = (&stations.list[i + 1], stations.length(i));
+        for (row, &k) in station.rows.iter().zip(&stations.quantities) {
+            let (a, b, c) = row.tangent(station.reference);
+            self.add(a + 2.0 * h * b, b, c, room.share[i + 1][k]);
+        }
+    }
+
+    /// 0 ≤ z + 2hu ≤ limit.
+    fn reach(&mut self, h: f64, limit: f64) {
+        self.list.push(Strip { slope: -0.5 / h, low: 0.0, high: 0.5 * limit / h });
+    }
+}
+
+/// z at rest at both ends of the path.
+pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
+    let n = stations.intervals();
+    at_rest(stations, room)?;
+    let cap = |i: usize| stations.list[i].cap * room.cap(i);
+    let mut strips = Strips::default();
+    let mut mvc = vec![0.0; n + 1];
+    for i in 0..=n {
+        strips.clear(cap(i));
+        strips.here(stations, room, i);
+        mvc[i] = strips.largest().ok_or(Stuck { station: i, row: None })?;
+    }
+    let mut largest = vec![0.0; n + 1];
+    for i in (0..n).rev() {
+        strips.clear(mvc[i]);
+        strips.reach(stations.length(i), largest[i + 1]);
+        strips.here(stations, room, i);
+        strips.ahead(stations, room, i);
+        largest[i] = strips.largest().ok_or(Stuck { station: i, row: None })?;
+    }
+    let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
+    for i in 0..n {
+        let h = stations.length(i);
+        strips.clear(mvc[i]);
+        strips.reach(h, largest[i + 1]);
+        strips.here(stations, room, i);
+        strips.ahead(stations, room, i);
+        let [(upper, _), (lower, _)] = strips.range(z[i]);
+        if upper < lower - 1e-6 * (upper.abs() + lower.abs()) {
+            return Err(Stuck { station: i, row: None });
+        }
+        z[i + 1] = (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+        acceleration[i] = 0.5 * (z[i + 1] - z[i]) / h;
+    }
+    Ok(Passes { z, acceleration, mvc })
+}
+
+/// Every load must be bearable at rest.
+fn at_rest(stations: &Stations, room: &Room) -> Result<(), Stuck> {
+    for (i, station) in stations.list.iter().enumerate() {
+        for (r, (row, &k)) in station.rows.iter().zip(&stations.quantities).enumerate() {
+            if row.tangent(station.reference).2.abs() > room.share[i][k] + TOLERANCE {
+                return Err(Stuck { station: i, row: Some(r) });
+            }
+        }
+    }
+    Ok(())
+}

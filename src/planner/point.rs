@@ -1,0 +1,116 @@
+//! A point of a path in joint space: q, q′, q″, q‴.
+
+use nalgebra::{Matrix3, Vector3, Vector4};
+use thiserror::Error;
+
+use super::Curve;
+use crate::kinematics::{JointState, KinematicsError, Motion, PlatformState};
+use crate::model::{ARMS, AXES, Geometry};
+
+/// Joint angles along a path and their derivatives by s.
+#[derive(Clone, Copy, Debug)]
+pub struct PathPoint {
+    /// Path parameter.
+    pub s: f64,
+    /// q, q′, q″, q‴; rad.
+    pub q: [[f64; AXES]; 4],
+    /// r and its derivatives (x, y, z, ψ); m, rad.
+    pub r: [Vector4<f64>; 4],
+}
+
+/// Least sine of the angle between strut and arm seen along the motor axis.
+const MIN_SERIAL: f64 = 0.1;
+/// Least volume spanned by the three unit vectors along the struts.
+const MIN_PARALLEL: f64 = 0.05;
+
+/// A place on the path where the robot cannot go.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+pub enum PlaceError {
+    /// The pose is impossible or outside the limits of joints and telescope.
+    #[error("{0}")]
+    Pose(KinematicsError),
+    /// An arm and its struts are almost in line.
+    #[error("arm {} and its struts are almost in line: sine of their angle {sine:.3}, at least {least}", .arm + 1)]
+    Stretched {
+        /// Arm, from 0.
+        arm: usize,
+        /// Sine of the angle.
+        sine: f64,
+        /// Least allowed.
+        least: f64,
+    },
+    /// The struts lie almost in a plane.
+    #[error("the struts lie almost in a plane: their unit vectors span {volume:.3}, at least {least}")]
+    Flat {
+        /// Spanned volume.
+        volume: f64,
+        /// Least allowed.
+        least: f64,
+    },
+}
+
+impl PathPoint {
+    /// The point of `curve` at `s`.
+    pub fn new(geometry: &Geometry, curve: &Curve, s: f64) -> Result<Self, KinematicsError> {
+        let r = curve.at(s);
+        let platform = platform(&r[0], &r[1], &r[2]);
+        let joints = geometry.inverse_motion(&platform)?;
+        let third = geometry.inverse_jerk(&platform, &joints, &r[3].xyz());
+        let q = [joints.q, joints.qd, joints.qdd, [third[0], third[1], third[2], r[3][3]]];
+        Ok(Self { s, q, r })
+    }
+
+    /// Whether the robot may be here.
+    pub fn check(&self, geometry: &Geometry) -> Result<(), PlaceError> {
+        let position = self.r[0].xyz();
+        geometry.check_limits(&self.q[0], &position).map_err(PlaceError::Pose)?;
+        let mut axes = Matrix3::zeros();
+        for arm in 0..ARMS {
+            let angle = self.q[0][arm];
+            let strut = geometry.strut_vector(arm, angle, &position).normalize();
+            let normal = Geometry::radial(arm) * angle.sin() + Vector3::z() * angle.cos();
+            let sine = strut.dot(&normal).abs();
+            if sine < MIN_SERIAL {
+                return Err(PlaceError::Stretched { arm, sine, least: MIN_SERIAL });
+            }
+            axes.set_column(arm, &strut);
+        }
+        let volume = axes.determinant().abs();
+        if volume < MIN_PARALLEL {
+            return Err(PlaceError::Flat { volume, least: MIN_PARALLEL });
+        }
+        Ok(())
+    }
+
+    /// Joint motion at path speed ṡ and path acceleration s̈ (38), (39).
+    pub fn joints(&self, speed: f64, acceleration: f64) -> JointState {
+        let [q, q1, q2, _] = &self.q;
+        JointState {
+            q: *q,
+            qd: std::array::from_fn(|i| q1[i] * speed),
+            qdd: std::array::from_fn(|i| q2[i] * speed * speed + q1[i] * acceleration),
+        }
+    }
+
+    /// Platform motion at path speed ṡ and path acceleration s̈.
+    pub fn platform(&self, speed: f64, acceleration: f64) -> PlatformState {
+        let [r, r1, r2, _] = &self.r;
+        platform(r, &(r1 * speed), &(r2 * (speed * speed) + r1 * acceleration))
+    }
+
+    /// Motion of all bodies at path speed ṡ and path acceleration s̈.
+    pub fn motion(&self, geometry: &Geometry, speed: f64, acceleration: f64) -> Motion {
+        Motion::with_platform(geometry, &self.joints(speed, acceleration), &self.platform(speed, acceleration))
+    }
+
+    /// Motion per unit s̈ at rest.
+    pub(super) fn unit_acceleration(&self, geometry: &Geometry) -> Motion {
+        let none = Vector4::zeros();
+        let joints = JointState { q: self.q[0], qd: [0.0; AXES], qdd: self.q[1] };
+        Motion::with_platform(geometry, &joints, &platform(&self.r[0], &none, &self.r[1]))
+    }
+}
+
+fn platform(r: &Vector4<f64>, v: &Vector4<f64>, a: &Vector4<f64>) -> PlatformState {
+    PlatformState { position: r.xyz(), velocity: v.xyz(), acceleration: a.xyz(), psi: [r[3], v[3], a[3]] }
+}
