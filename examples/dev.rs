@@ -6,8 +6,9 @@ use planner::*;
 use planner::rows::*;
 use std::time::Instant;
 fn main() {
+    let arg = |k: usize, d: f64| std::env::args().nth(k).map_or(d, |a| a.parse().unwrap());
     let name = std::env::args().nth(1).unwrap_or("irb360-6-1600".into());
-    let n: usize = std::env::args().nth(2).map_or(1000, |a| a.parse().unwrap());
+    let n = arg(2, 200.0) as usize;
     let model = model::Model::read(std::path::Path::new(&format!("models/{name}.toml"))).unwrap();
     let mut setup = recording::Setup::default();
     setup.payload.mass = 2.5;
@@ -18,33 +19,29 @@ fn main() {
     limits.strut_upper = 120.0;
     limits.bearing_force = 140.0;
     limits.bearing_moment = 10.0;
-    limits.detail = match std::env::args().nth(3).as_deref() { Some("r") => constraint_forces::Detail::Reduced, _ => constraint_forces::Detail::Complete };
-    if std::env::args().nth(4).as_deref() == Some("noe") { limits.bearing_force = f64::INFINITY; limits.bearing_moment = f64::INFINITY; }
-    let curve = Shape::arch([0.0, -0.4, -1.05, 0.0], [0.0, 0.4, -1.05, 0.0], 0.18, 0.12, 0.1).curve();
+    limits.detail = if arg(3, 0.0) > 0.5 { constraint_forces::Detail::Reduced } else { constraint_forces::Detail::Complete };
+    if arg(4, 1.0) < 0.5 { limits.jerk = [f64::INFINITY; 4]; }
+    let z = arg(5, -1.05);
+    let blend = arg(6, 0.12);
+    let curve = if blend > 0.0 { Shape::arch([0.0, -0.4, z, 0.0], [0.0, 0.4, z, 0.0], 0.18, blend, 0.1).curve() } else {
+        let h = arg(7, 0.18);
+        let w = arg(8, 0.4);
+        let p = |y: f64, dz: f64| [0.0, y, z + dz, 0.0];
+        let pts = match (-blend) as i32 { 
+            1 => vec![p(-0.4, 0.0), p(-0.4, 0.06), p(-w, h), p(-0.2, h), p(0.0, h), p(0.2, h), p(w, h), p(0.4, 0.06), p(0.4, 0.0)],
+            2 => vec![p(-0.4, 0.0), p(-0.4, 0.08), p(-0.4, h), p(-0.1, h), p(0.1, h), p(0.4, h), p(0.4, 0.08), p(0.4, 0.0)],
+            _ => vec![p(-0.4, 0.0), p(-0.4, h), p(-w, h), p(w, h), p(0.4, h), p(0.4, 0.0)] };
+        Shape::BSpline { points: pts, degree: 5 }.curve() };
+    let top = (0..1000).map(|k| curve.at(k as f64 / 1e3)[0].z).fold(-9.0, f64::max);
+    println!("height {:.4}", top - z);
     let machine = Machine::new(&plant, limits.detail);
-    let grid: Vec<f64> = (0..=n).map(|i| i as f64 / n as f64).collect();
     let t = Instant::now();
-    let mut stations = Stations::new(&machine, &curve, &limits, &grid).unwrap();
-    println!("stations {:?}", t.elapsed());
-    let room = Room::full(n + 1);
-    let t = Instant::now();
-    let (found, its) = without_jerk(&machine, &limits, &mut stations, &room).unwrap();
-    println!("solve {:?} in {its}", t.elapsed());
-    let t = Instant::now();
-    let again = pass::solve(&stations, &room).unwrap();
-    println!("passes {:?}", t.elapsed());
-    let refs: Vec<Reference> = found.z.iter().map(|z| Reference { speed: z.sqrt().max(1e-3), acceleration: 0.0 }).collect();
-    let t = Instant::now();
-    for (st, r) in stations.list.iter().zip(&refs) { std::hint::black_box(machine.coefficients(&st.point, *r).unwrap()); }
-    println!("coefficients single core {:?}", t.elapsed());
-    let profile = Profile::linear(&grid, &found.z);
-    println!("T = {}", profile.time());
-    let t = Instant::now();
-    let uses = verify::uses(&machine, &curve, &limits, &profile, 10).unwrap();
-    println!("verify {:?}", t.elapsed());
-    let mut worst = vec![(0.0f64, 0.0); verify::CHECKED];
-    for u in &uses { for k in 0..verify::CHECKED { if u.ratio[k] > worst[k].0 { worst[k] = (u.ratio[k], u.s); } } }
-    for k in 0..verify::CHECKED { if worst[k].0 > 0.5 && !matches!(verify::checked(k), Limit::Jerk(_)) { println!("{} {:.5} at {:.4}", verify::checked(k), worst[k].0, worst[k].1); } }
-    for i in (0..=20).map(|j| j * n / 20) { println!("{:.3} z {:.3} mvc {:.3}", grid[i], found.z[i], found.mvc[i]); }
-    let _ = again;
+    let found = plan(&machine, &curve, &limits, &Options { intervals: n, ..Options::default() });
+    println!("{:?}", t.elapsed());
+    match found { Err(e) => println!("{e}"), Ok(p) => {
+        println!("T {:.5} bound {:.5} gap {:.2e}  no jerk {:.5} bound {:.5} ({:.3} %), solve {:.4} verify {:.4} its {}", p.time, p.bound, p.optimality_gap(), p.time_without_jerk, p.bound_without_jerk, 100.0 * (1.0 - p.bound_without_jerk / p.time_without_jerk), p.solve_s, p.verify_s, p.iterations);
+        println!("{:?}", p.worst().iter().filter(|(_, r)| **r > 0.9).map(|(l, r)| format!("{l} {r:.5}")).collect::<Vec<_>>());
+        for (l, s) in p.active() { print!("{l} {:.3}..{:.3}, ", s[0], s[1]); }
+        println!();
+    } }
 }

@@ -1,9 +1,17 @@
 //! Time-optimal motion along a path within limits on drives and constraint forces (paper section 5).
+//!
+//! A [`Curve`] r(s) becomes [`PathPoint`]s in joint space; torques and constraint forces along it are A s̈ + B ṡ² + C + D ṡ
+//! ([`Coefficients`]), so every limit is a row in z = ṡ² and s̈ ([`rows`]). Without jerk limits two passes find the
+//! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). What is found is a [`Profile`]; it is
+//! checked against the full model on a finer grid and refused if a limit does not hold ([`plan()`]).
 
+pub mod certificate;
 pub mod coefficients;
 pub mod curve;
+pub mod jerk;
 pub mod limits;
 pub mod pass;
+pub mod plan;
 pub mod point;
 pub mod profile;
 pub mod rows;
@@ -13,14 +21,22 @@ pub mod verify;
 pub use coefficients::{Coefficients, Machine, Reference};
 pub use curve::Curve;
 pub use limits::{Limit, Limits};
+pub use plan::{Options, Plan, plan};
 pub use point::{PathPoint, PlaceError};
 pub use profile::Profile;
 pub use shape::Shape;
 
 use thiserror::Error;
 
-use pass::{Passes, Stuck};
-use rows::{Room, Stations};
+/// What is optimised with jerk limits; without them both have the same optimum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Objective {
+    /// The time ∫ ds/√z itself.
+    #[default]
+    Time,
+    /// ∫ z ds, the paper's (43).
+    Speed,
+}
 
 /// Why there is no plan.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -56,48 +72,17 @@ pub enum PlanError {
         /// Path parameter.
         s: f64,
     },
-}
-
-/// Plans without jerk limits on a uniform grid of `intervals`; returns stations, passes.
-pub fn without_jerk(machine: &Machine, limits: &Limits, stations: &mut Stations, room: &Room) -> Result<(Passes, usize), PlanError> {
-    let explain = |stuck: Stuck, stations: &Stations| {
-        let station = &stations.list[stuck.station];
-        let s = station.point.s;
-        match stuck.row {
-            None => PlanError::Stuck { s },
-            Some(row) => {
-                let k = stations.quantities[row];
-                let usable = limits.usable()[k];
-                PlanError::AtRest { limit: Limit::affine(k), s, value: usable * station.rows[row].tangent(station.reference).2, usable }
-            }
-        }
-    };
-    let mut found = pass::solve(stations, room).map_err(|e| explain(e, stations))?;
-    for iteration in 0..30 {
-        let references = references(&found);
-        stations.load(machine, limits, &references)?;
-        let next = pass::solve(stations, room).map_err(|e| explain(e, stations))?;
-        let change = next.z.iter().zip(&found.z).map(|(a, b)| (a - b).abs() / (a + b).max(f64::MIN_POSITIVE)).fold(0.0, f64::max);
-        found = next;
-        if iteration > 0 && change < 1e-6 {
-            return Ok((found, iteration + 1));
-        }
-    }
-    Ok((found, 30))
-}
-
-/// Where force laws are linearised: speed and mean acceleration at every station.
-fn references(passes: &Passes) -> Vec<Reference> {
-    let n = passes.z.len() - 1;
-    (0..=n)
-        .map(|i| {
-            let z = match i {
-                0 => 0.25 * passes.z[1],
-                i if i == n => 0.25 * passes.z[n - 1],
-                i => passes.z[i],
-            };
-            let (before, after) = (passes.acceleration[i.saturating_sub(1)], passes.acceleration[i.min(n - 1)]);
-            Reference { speed: z.sqrt().max(1e-6), acceleration: 0.5 * (before + after) }
-        })
-        .collect()
+    /// The solver of the jerk-limited programme gave up.
+    #[error("no motion within the jerk limits was found; fewer or more intervals may help")]
+    Unsolved,
+    /// What was found does not keep a limit.
+    #[error("{limit} cannot be kept: {:.2} % above what may be used at s = {s:.4}; more intervals may help", 1e2 * (.ratio - 1.0))]
+    Violated {
+        /// The limit.
+        limit: Limit,
+        /// Path parameter.
+        s: f64,
+        /// Value over what may be used.
+        ratio: f64,
+    },
 }

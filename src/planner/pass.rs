@@ -177,3 +177,75 @@ fn at_rest(stations: &Stations, room: &Room) -> Result<(), Stuck> {
     }
     Ok(())
 }
+
+/// z(s) above that of every feasible motion, see [`super::certificate`]; `stations` are ends and middles of the intervals in
+/// turn. Returns z at the ends and by how much z may depart from a straight line over each interval.
+pub(super) fn relaxed(stations: &Stations) -> (Vec<f64>, Vec<f64>) {
+    let n = stations.intervals() / 2;
+    let room = Room::full(stations.list.len());
+    let mut strips = Strips::default();
+    let mut above: Vec<f64> = (0..=n)
+        .map(|i| {
+            strips.clear(stations.list[2 * i].cap);
+            strips.here(stations, &room, 2 * i);
+            strips.largest().unwrap_or(stations.list[2 * i].cap)
+        })
+        .collect();
+    let mut margin = vec![0.0; n];
+    // What z cannot exceed bounds s̈, which bounds the slack, which bounds z.
+    for _ in 0..TURNS {
+        let mut means: Vec<(Strips, f64)> = Vec::with_capacity(n);
+        for i in 0..n {
+            means.push(mean_rows(stations, i, above[i].max(above[i + 1]), &mut margin[i]));
+        }
+        let mut largest = vec![0.0; n + 1];
+        for i in (0..n).rev() {
+            let (strips, h) = &mut means[i];
+            strips.cap = strips.cap.min(above[i]);
+            strips.reach(*h, largest[i + 1]);
+            largest[i] = strips.largest().unwrap_or(strips.cap);
+        }
+        above[0] = 0.0;
+        for i in 0..n {
+            let (strips, h) = &means[i];
+            let [(upper, _), _] = strips.range(above[i]);
+            above[i + 1] = (above[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+        }
+    }
+    (above, margin)
+}
+
+/// Rounds of the bootstrap.
+const TURNS: usize = 4;
+
+/// Rows averaged over interval `i` between the ends 2i and 2i + 2, with the slack they need for z up to `most`; its length.
+/// Sets how far z may depart from a straight line.
+fn mean_rows(stations: &Stations, i: usize, most: f64, margin: &mut f64) -> (Strips, f64) {
+    let [left, here, right] = [0, 1, 2].map(|k| &stations.list[2 * i + k]);
+    let h = right.point.s - left.point.s;
+    let rows = || (0..here.rows.len()).map(|r| [left, here, right].map(|s| s.rows[r].tangent(s.reference)));
+    let least = |(a, b, c): (f64, f64, f64), top: f64| (1.0 + b.abs() * top + c.abs()) / a.abs();
+    // z between the ends may be above both by as much as s̈ allows.
+    let bound = |top: f64| {
+        rows().map(|row| row.map(|r| least(r, top)).into_iter().fold(0.0, f64::max)).fold(f64::INFINITY, f64::min)
+    };
+    let mut top = most;
+    for _ in 0..3 {
+        top = most + h * bound(top);
+    }
+    let acceleration = bound(top);
+    *margin = h * acceleration;
+    let mut strips = Strips::default();
+    strips.clear(f64::INFINITY);
+    for [l, m, r] in rows() {
+        let mean = |l: f64, m: f64, r: f64| (l + 4.0 * m + r) / 6.0;
+        let bend = |l: f64, m: f64, r: f64| (l - 2.0 * m + r).abs();
+        let (a, b, c) = (mean(l.0, m.0, r.0), mean(l.1, m.1, r.1), mean(l.2, m.2, r.2));
+        let slack = (0.25 * (r.0 - l.0).abs() + bend(l.0, m.0, r.0)) * acceleration
+            + bend(l.1, m.1, r.1) * top
+            + bend(l.2, m.2, r.2)
+            + (0.5 * b.abs() + 0.5 * (r.1 - l.1).abs()) * *margin;
+        strips.add(a + h * b, b, c, 1.0 + slack);
+    }
+    (strips, h)
+}

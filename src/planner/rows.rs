@@ -7,6 +7,9 @@ use super::limits::{LOADS, Limits, QUANTITIES};
 use super::{Curve, PathPoint, PlanError};
 use crate::model::AXES;
 
+/// Shortest time over a path, s: bounds ṡ where the joints stand still.
+const SHORTEST: f64 = 1e-3;
+
 /// |a s̈ + b z + c + d √z| ≤ room, in units of what may be used of the quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Row {
@@ -66,7 +69,8 @@ impl Stations {
                 .and_then(|p| p.check(geometry).map(|()| p))
                 .map_err(|source| PlanError::Place { s, at: curve.at(s)[0].into(), source })?;
             let [_, q1, q2, _] = &point.q;
-            let cap = (0..AXES).map(|i| (limits.speed[i] / q1[i]).powi(2)).fold(f64::INFINITY, f64::min);
+            let fastest = (curve.end() / SHORTEST).powi(2);
+            let cap = (0..AXES).map(|i| (limits.speed[i] / q1[i]).powi(2)).fold(fastest, f64::min);
             let rows = quantities.iter().map(|&k| Row { a: q1[k] / usable[k], b: q2[k] / usable[k], c: 0.0, d: 0.0 });
             Ok(Station { rows: rows.collect(), point, cap, reference: 1.0 })
         };

@@ -1,0 +1,385 @@
+//! Time-optimal z(s) with jerk limits: a sequence of linear programmes, each an inner approximation.
+//!
+//! s̈ is linear in s over an interval, s̈ = b + cσ, so z = ṡ² is quadratic and s⃛ = c √z. A drive's jerk (40) is then
+//! √z (q‴ z + 3 q″ s̈ + q′ c), and its limit J reads |q‴ z + 3 q″ s̈ + q′ c| ≤ J/√z. The right side is convex in z: its tangent
+//! at the last iterate lies below it everywhere, so what the programme finds is feasible, and the last iterate is feasible
+//! in the programme: the time cannot grow. At both ends of the path s⃛ is constant over the first interval, s ∝ t³, which
+//! makes z₁ and s̈₁ proportional.
+//!
+//! T = Σ 2h/(√zᵢ + √zᵢ₊₁) is convex in z. Its linearisation at the last iterate is the objective, so the optimum of a
+//! programme bounds the time of everything its rows allow from below: T ≥ T(z) + ∇T·(z* − z).
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+
+use super::Objective;
+use super::limits::Limits;
+use super::rows::{Room, Station, Stations};
+use crate::model::AXES;
+
+/// z and s̈ at every station; both vanish at the ends.
+#[derive(Clone, Debug)]
+pub struct Course {
+    /// ṡ².
+    pub z: Vec<f64>,
+    /// s̈.
+    pub acceleration: Vec<f64>,
+}
+
+/// A solved programme.
+pub struct Step {
+    /// What it found.
+    pub course: Course,
+    /// Lower bound on the time within its rows, s.
+    pub bound: f64,
+}
+
+/// Room for the jerk of each drive at each station: one, less where a finer grid found more.
+pub type JerkRoom = Vec<[f64; AXES]>;
+
+/// Which sides of the rows (≤ room, ≥ −room) are in the programme; the others are watched from outside.
+pub struct Watch {
+    loads: Vec<Vec<Sides>>,
+    /// Per interval: each drive at its start and at its end.
+    jerks: Vec<[[Sides; AXES]; 2]>,
+}
+
+/// Upper and lower side of a row.
+#[derive(Clone, Copy, Default)]
+struct Sides([bool; 2]);
+
+impl Sides {
+    const BOTH: Self = Self([true; 2]);
+
+    /// Takes a side in of which `used` (signed) is nearly all; the use if it was outside.
+    fn see(&mut self, used: f64) -> f64 {
+        let side = usize::from(used < 0.0);
+        let outside = if self.0[side] { 0.0 } else { used.abs() };
+        self.0[side] |= used.abs() > NEAR;
+        outside
+    }
+
+    /// Signs of the sides in the programme.
+    fn signs(self) -> impl Iterator<Item = f64> {
+        [1.0, -1.0].into_iter().zip(self.0).filter_map(|(sign, inside)| inside.then_some(sign))
+    }
+}
+
+/// Sides of rows of which more than this is used are taken into the programme.
+const NEAR: f64 = 0.8;
+/// A row outside the programme may use this much of its room.
+const ENOUGH: f64 = 1.0 + 1e-6;
+
+impl Course {
+    /// Time over the path, s.
+    pub fn time(&self, stations: &Stations) -> f64 {
+        let n = stations.intervals();
+        let part = |i: usize| {
+            let h = stations.length(i);
+            match i {
+                0 => 3.0 * h / self.z[1].sqrt(),
+                i if i + 1 == n => 3.0 * h / self.z[i].sqrt(),
+                i => 2.0 * h / (self.z[i].sqrt() + self.z[i + 1].sqrt()),
+            }
+        };
+        (0..n).map(part).sum()
+    }
+
+    /// ∂T/∂z at the inner stations.
+    fn gradient(&self, stations: &Stations) -> Vec<f64> {
+        let n = stations.intervals();
+        (1..n)
+            .map(|i| {
+                let root = self.z[i].sqrt();
+                let side = |interval: usize, other: usize| {
+                    let h = stations.length(interval);
+                    if interval == 0 || interval + 1 == n {
+                        -1.5 * h / (root * self.z[i])
+                    } else {
+                        -h / ((root + self.z[other].sqrt()).powi(2) * root)
+                    }
+                };
+                side(i - 1, i - 1) + side(i, i + 1)
+            })
+            .collect()
+    }
+}
+
+/// (q‴, 3 q″, q′) of a drive in units of its jerk limit.
+fn jerk_row(station: &Station, limits: &Limits, axis: usize) -> [f64; 3] {
+    let [_, q1, q2, q3] = station.point.q.map(|q| q[axis]);
+    [q3, 3.0 * q2, q1].map(|v| v / limits.jerk[axis])
+}
+
+/// Use of the jerk limit of a drive by constant s⃛ from rest up to z over the interval between a station at rest and its
+/// neighbour, per z^(3/2): |q‴ + 2 q″/h + 2 q′/9h²| at the neighbour and |2 q′/9h²| at rest. `sign` is −1 at the end.
+fn ramp_use(rest: &Station, neighbour: &Station, limits: &Limits, h: f64, sign: f64, axis: usize) -> f64 {
+    let [third, second, first] = jerk_row(neighbour, limits, axis);
+    let moving = (third + sign * second * 2.0 / (3.0 * h) + first * 2.0 / (9.0 * h * h)).abs();
+    moving.max((jerk_row(rest, limits, axis)[2] * 2.0 / (9.0 * h * h)).abs())
+}
+
+/// Largest z next to each end of the path.
+fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -> [f64; 2] {
+    let n = stations.intervals();
+    let cap = |rest: usize, neighbour: usize, h: f64, sign: f64| {
+        let at = |axis: usize| {
+            let most = ramp_use(&stations.list[rest], &stations.list[neighbour], limits, h, sign, axis);
+            (room[neighbour][axis] / most).powf(2.0 / 3.0)
+        };
+        (0..AXES).map(at).fold(f64::INFINITY, f64::min)
+    };
+    [cap(0, 1, stations.length(0), 1.0), cap(n, n - 1, stations.length(n - 1), -1.0)]
+}
+
+/// z to linearise at first: what is possible without jerk limits, less near the ends, where constant s⃛ from rest at the
+/// jerk limit gives z = (9/2)^(2/3) s⃛^(2/3) s^(4/3).
+pub fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> Course {
+    let n = stations.intervals();
+    let end = |i: usize| {
+        let jerk = (0..AXES).map(|k| 1.0 / jerk_row(&stations.list[i], limits, k)[2].abs()).fold(f64::INFINITY, f64::min);
+        (4.5 * jerk).powf(2.0 / 3.0)
+    };
+    let (start, stop) = (end(0), end(n));
+    let s = |i: usize| stations.list[i].point.s;
+    let four_thirds = |x: f64| x.cbrt().powi(4);
+    let z = (0..=n)
+        .map(|i| unlimited[i].min(start * four_thirds(s(i) - s(0))).min(stop * four_thirds(s(n) - s(i))))
+        .collect();
+    Course { z, acceleration: vec![0.0; n + 1] }
+}
+
+impl Watch {
+    /// Rows that a motion with z and s̈ at the stations comes near; of the jerks those at the start of every interval.
+    pub fn new(stations: &Stations, room: &Room, near: &Course) -> Self {
+        let n = stations.intervals();
+        let mut watch = Self {
+            loads: stations.list.iter().map(|s| vec![Sides::default(); s.rows.len()]).collect(),
+            jerks: vec![[[Sides::BOTH; AXES], [Sides::default(); AXES]]; n],
+        };
+        watch.see_loads(stations, room, near);
+        watch
+    }
+
+    /// The rows whose room is nearly used at each station; the largest use of a row that was not watched.
+    fn see_loads(&mut self, stations: &Stations, room: &Room, course: &Course) -> f64 {
+        let mut worst = 0.0f64;
+        for i in 1..stations.intervals() {
+            let station = &stations.list[i];
+            for (r, (row, &k)) in station.rows.iter().zip(&stations.quantities).enumerate() {
+                let (a, b, c) = row.tangent(station.reference);
+                let used = (a * course.acceleration[i] + b * course.z[i] + c) / room.share[i][k];
+                worst = worst.max(self.loads[i][r].see(used));
+            }
+        }
+        worst
+    }
+
+    /// The same for jerks; a side that is broken is taken in over the neighbouring intervals as well.
+    fn see_jerks(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) -> f64 {
+        let mut worst = 0.0f64;
+        let inner = 1..stations.intervals() - 1;
+        for i in inner.clone() {
+            for (side, at) in [i, i + 1].into_iter().enumerate() {
+                for axis in 0..AXES {
+                    let used = jerk_use(stations, limits, room, course, i, at, axis);
+                    let outside = self.jerks[i][side][axis].see(used);
+                    worst = worst.max(outside);
+                    if outside > ENOUGH {
+                        for k in i.saturating_sub(AROUND).max(inner.start)..(i + AROUND + 1).min(inner.end) {
+                            self.jerks[k][side][axis].0[usize::from(used < 0.0)] = true;
+                        }
+                    }
+                }
+            }
+        }
+        worst
+    }
+}
+
+/// Intervals to either side of a broken row that watch it too.
+const AROUND: usize = 3;
+
+/// Rows of a linear programme, b − A x ∈ K with zeros first.
+#[derive(Default)]
+struct Programme {
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    values: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl Programme {
+    /// Σ terms ≤ right, or = for the first rows.
+    fn row(&mut self, terms: &[(usize, f64)], right: f64) {
+        let row = self.right.len();
+        for &(column, value) in terms {
+            self.rows.push(row);
+            self.columns.push(column);
+            self.values.push(value);
+        }
+        self.right.push(right);
+    }
+}
+
+/// One programme about `at`. `None` if the solver finds no solution.
+pub fn step(
+    stations: &Stations,
+    limits: &Limits,
+    room: &Room,
+    jerk_room: &JerkRoom,
+    watch: &mut Watch,
+    at: &Course,
+    objective: Objective,
+) -> Option<Step> {
+    let n = stations.intervals();
+    let inner = n - 1;
+    // Variables: z in units of the last iterate, s̈ in units of its largest value that z allows.
+    let unit: f64 = (1..n).map(|i| at.z[i] / (stations.list[n].point.s - stations.list[0].point.s)).fold(0.0, f64::max);
+    let (zv, bv) = (|i: usize| i - 1, |i: usize| inner + i - 1);
+    let (zs, bs) = (|i: usize| at.z[i], 4.0 * unit);
+    let mut p = Programme::default();
+    for i in 1..n - 1 {
+        let (h, scale) = (stations.length(i), 1.0 / zs(i).max(zs(i + 1)));
+        p.row(
+            &[
+                (zv(i + 1), zs(i + 1) * scale),
+                (zv(i), -zs(i) * scale),
+                (bv(i), -h * bs * scale),
+                (bv(i + 1), -h * bs * scale),
+            ],
+            0.0,
+        );
+    }
+    let (first, last) = (stations.length(0), stations.length(n - 1));
+    p.row(&[(bv(1), 1.0), (zv(1), -2.0 / 3.0 * zs(1) / (first * bs))], 0.0);
+    p.row(&[(bv(n - 1), 1.0), (zv(n - 1), 2.0 / 3.0 * zs(n - 1) / (last * bs))], 0.0);
+    let equalities = p.right.len();
+    let caps = ramp_caps(stations, limits, jerk_room);
+    for i in 1..n {
+        let mut cap = stations.list[i].cap * room.cap(i);
+        if i == 1 {
+            cap = cap.min(caps[0]);
+        }
+        if i == n - 1 {
+            cap = cap.min(caps[1]);
+        }
+        p.row(&[(zv(i), -1.0)], 0.0);
+        if cap.is_finite() {
+            p.row(&[(zv(i), zs(i) / cap)], 1.0);
+        }
+        let station = &stations.list[i];
+        for (r, (row, &k)) in station.rows.iter().zip(&stations.quantities).enumerate() {
+            let (a, b, c) = row.tangent(station.reference);
+            for sign in watch.loads[i][r].signs() {
+                p.row(&[(bv(i), sign * a * bs), (zv(i), sign * b * zs(i))], room.share[i][k] - sign * c);
+            }
+        }
+    }
+    for i in 1..n - 1 {
+        let h = stations.length(i);
+        for (side, at_station) in [i, i + 1].into_iter().enumerate() {
+            let z0 = at.z[at_station];
+            for axis in (0..AXES).filter(|&k| limits.jerk[k].is_finite()) {
+                // In units of J/√z₀: tangent of √(z₀/z) at z₀.
+                let [third, second, first] = jerk_row(&stations.list[at_station], limits, axis).map(|v| v * z0.sqrt());
+                let share = jerk_room[at_station][axis];
+                for sign in watch.jerks[i][side][axis].signs() {
+                    let mut terms = [(bv(i), -sign * first / h * bs), (bv(i + 1), sign * first / h * bs)];
+                    terms[side].1 += sign * second * bs;
+                    p.row(
+                        &[terms[0], terms[1], (zv(at_station), (sign * third) * z0 + 0.5 * share)],
+                        1.5 * share,
+                    );
+                }
+            }
+        }
+    }
+    let time = at.time(stations);
+    let gradient = at.gradient(stations);
+    let mut cost = vec![0.0; 2 * inner];
+    for i in 1..n {
+        cost[zv(i)] = zs(i)
+            * match objective {
+                Objective::Time => gradient[i - 1],
+                Objective::Speed => -0.5 * (stations.length(i - 1) + stations.length(i)),
+            };
+    }
+    let scale = 1.0 / cost.iter().map(|c| c.abs()).sum::<f64>();
+    let scaled: Vec<f64> = cost.iter().map(|c| c * scale).collect();
+    let count = p.right.len();
+    let matrix = CscMatrix::new_from_triplets(count, 2 * inner, p.rows, p.columns, p.values);
+    let cones = [SupportedConeT::ZeroConeT(equalities), SupportedConeT::NonnegativeConeT(count - equalities)];
+    let settings = DefaultSettingsBuilder::default().verbose(false).max_iter(100).build().ok()?;
+    let quadratic = CscMatrix::zeros((2 * inner, 2 * inner));
+    let mut solver = DefaultSolver::new(&quadratic, &scaled, &matrix, &p.right, &cones, settings).ok()?;
+    solver.solve();
+    if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
+        return None;
+    }
+    let x = &solver.solution.x;
+    let mut course = Course { z: vec![0.0; n + 1], acceleration: vec![0.0; n + 1] };
+    for i in 1..n {
+        course.z[i] = x[zv(i)] * zs(i);
+        course.acceleration[i] = x[bv(i)] * bs;
+    }
+    if course.z[1..n].iter().any(|z| !z.is_finite() || *z <= 0.0) {
+        return None;
+    }
+    let bound = match objective {
+        Objective::Time => {
+            let present: f64 = (1..n).map(|i| gradient[i - 1] * at.z[i]).sum();
+            time + solver.solution.obj_val_dual / scale - present
+        }
+        Objective::Speed => f64::NEG_INFINITY,
+    };
+    Some(Step { course, bound })
+}
+
+impl Watch {
+    /// Leaves out the jerk rows that `course` is far from; the drives nearest to their limit stay on both sides.
+    pub fn prune(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) {
+        for i in 1..stations.intervals() - 1 {
+            let used: [f64; AXES] = std::array::from_fn(|axis| jerk_use(stations, limits, room, course, i, i, axis));
+            let most = used.iter().fold(0.0f64, |m, u| m.max(u.abs()));
+            for (axis, used) in used.into_iter().enumerate() {
+                let sides = &mut self.jerks[i];
+                sides[0][axis] = if used.abs() > KEPT * most { Sides::BOTH } else { Sides::default() };
+                sides[1][axis] = Sides::default();
+            }
+        }
+    }
+}
+
+/// Drives whose share of the jerk limit is at least this much of the largest share keep both sides.
+const KEPT: f64 = 0.6;
+
+/// Share of the jerk limit of a drive used at station `at` of interval `i`, with its sign.
+fn jerk_use(
+    stations: &Stations,
+    limits: &Limits,
+    room: &JerkRoom,
+    course: &Course,
+    i: usize,
+    at: usize,
+    axis: usize,
+) -> f64 {
+    let c = (course.acceleration[i + 1] - course.acceleration[i]) / stations.length(i);
+    let [third, second, first] = jerk_row(&stations.list[at], limits, axis);
+    let value = third * course.z[at] + second * course.acceleration[at] + first * c;
+    value * course.z[at].sqrt() / room[at][axis]
+}
+
+/// Brings the watch up to date with `course`; whether a row outside the programme was broken.
+pub fn broken(
+    stations: &Stations,
+    limits: &Limits,
+    room: &Room,
+    jerk_room: &JerkRoom,
+    watch: &mut Watch,
+    course: &Course,
+) -> bool {
+    let loads = watch.see_loads(stations, room, course);
+    let jerks = watch.see_jerks(stations, limits, jerk_room, course);
+    loads > ENOUGH || jerks > ENOUGH
+}

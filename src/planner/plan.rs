@@ -1,0 +1,393 @@
+//! From a path and limits to a checked motion.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use super::coefficients::{Machine, Reference};
+use super::jerk::{self, Course, JerkRoom, Watch};
+use super::limits::{Limit, Limits, QUANTITIES};
+use super::pass::{self, Passes, Stuck};
+use super::rows::{Room, Stations};
+use super::verify::{self, CHECKED, Use};
+use super::{Curve, Objective, PlanError, Profile, certificate};
+use crate::model::AXES;
+
+/// How to plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Intervals of the path.
+    pub intervals: usize,
+    /// What is optimised.
+    pub objective: Objective,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { intervals: 200, objective: Objective::default() }
+    }
+}
+
+/// A motion along a path that keeps its limits.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// z over s.
+    pub profile: Profile,
+    /// Time over the path, s.
+    pub time: f64,
+    /// Lower bound on the time, s: with jerk limits within the programme at the solution, else of any motion.
+    pub bound: f64,
+    /// Time without jerk limits, s.
+    pub time_without_jerk: f64,
+    /// Lower bound on the time of any motion, jerk limits left aside, s.
+    pub bound_without_jerk: f64,
+    /// Maximum velocity curve without jerk limits: s and largest z.
+    pub mvc: Vec<[f64; 2]>,
+    /// Use of the limits on a grid ten times finer.
+    pub uses: Vec<Use>,
+    /// Time of the search, s.
+    pub solve_s: f64,
+    /// Time of the check, s.
+    pub verify_s: f64,
+    /// Passes or programmes solved.
+    pub iterations: usize,
+}
+
+/// Places per interval at which a plan is checked.
+const FINER: usize = 10;
+/// Use of a limit that a plan may reach.
+pub const ALLOWED: f64 = 1.001;
+/// Use at which a limit is held tighter in the next round.
+const TIGHTEN: f64 = 1.0003;
+/// Rounds of holding limits tighter where the finer grid asks for it.
+const ROUNDS: usize = 12;
+/// Use from which a limit counts as active.
+const ACTIVE: f64 = 0.998;
+/// Intervals of the coarsest programme with jerk limits, and how much finer each next one is.
+const COARSEST: usize = 50;
+const REFINEMENT: usize = 4;
+
+/// The fastest motion along `curve` from rest to rest.
+pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
+    Search { machine, curve, limits, objective: options.objective, solve_s: 0.0, verify_s: 0.0, iterations: 0 }
+        .run(options.intervals)
+}
+
+impl Plan {
+    /// Gap between time and bound, relative to the time.
+    pub fn optimality_gap(&self) -> f64 {
+        (self.time - self.bound) / self.time
+    }
+
+    /// Largest use of each limit.
+    pub fn worst(&self) -> BTreeMap<Limit, f64> {
+        let mut worst = BTreeMap::new();
+        for u in &self.uses {
+            for (k, ratio) in u.ratio.iter().enumerate() {
+                let entry = worst.entry(verify::checked(k)).or_insert(0.0);
+                *entry = f64::max(*entry, *ratio);
+            }
+        }
+        worst
+    }
+
+    /// Limits that are reached and where, in stretches of s.
+    pub fn active(&self) -> Vec<(Limit, [f64; 2])> {
+        let mut out: Vec<(Limit, [f64; 2])> = Vec::new();
+        for k in 0..CHECKED {
+            let mut last: Option<usize> = None;
+            for (i, u) in self.uses.iter().enumerate().filter(|(_, u)| u.ratio[k] > ACTIVE) {
+                match (last, out.last_mut()) {
+                    (Some(j), Some((_, stretch))) if i - j <= 2 * FINER => stretch[1] = u.s,
+                    _ => out.push((verify::checked(k), [u.s, u.s])),
+                }
+                last = Some(i);
+            }
+        }
+        out.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
+        out
+    }
+}
+
+struct Search<'a> {
+    machine: &'a Machine<'a>,
+    curve: &'a Curve,
+    limits: &'a Limits,
+    objective: Objective,
+    solve_s: f64,
+    verify_s: f64,
+    iterations: usize,
+}
+
+impl Search<'_> {
+    fn run(mut self, intervals: usize) -> Result<Plan, PlanError> {
+        let end = self.curve.end();
+        let grid: Vec<f64> = (0..=intervals).map(|i| end * i as f64 / intervals as f64).collect();
+        let has_jerk = self.limits.has_jerk();
+        let (profile, passes, uses) = self.without_jerk(&grid, !has_jerk)?;
+        let mvc = grid.iter().zip(&passes.mvc).map(|(s, z)| [*s, *z]).collect();
+        let time_without_jerk = profile.time();
+        let (profile, bound, uses) = match uses {
+            Some(uses) => (profile, None, uses),
+            None => self.with_jerk(&profile, intervals)?,
+        };
+        let bound_without_jerk = certificate::bound(self.machine, self.curve, self.limits, &passes, &grid)?;
+        Ok(Plan {
+            time: profile.time(),
+            profile,
+            bound: bound.unwrap_or(bound_without_jerk),
+            time_without_jerk,
+            bound_without_jerk,
+            mvc,
+            uses,
+            solve_s: self.solve_s,
+            verify_s: self.verify_s,
+            iterations: self.iterations,
+        })
+    }
+
+    /// Passes until the force laws are linearised at what they find; checked and repeated with less room if asked for.
+    fn without_jerk(&mut self, grid: &[f64], check: bool) -> Result<(Profile, Passes, Option<Vec<Use>>), PlanError> {
+        let start = Instant::now();
+        let mut stations = Stations::new(self.machine, self.curve, self.limits, grid)?;
+        let mut room = Room::full(grid.len());
+        let mut jerk_room = Vec::new();
+        let mut found = self.passes(&mut stations, &room, None)?;
+        self.solve_s += start.elapsed().as_secs_f64();
+        let mut round = 0;
+        loop {
+            let profile = Profile::linear(grid, &found.z);
+            if !check {
+                return Ok((profile, found, None));
+            }
+            let uses = self.check(&profile)?;
+            if !tighten(&uses, &mut room, &mut jerk_room) || round == ROUNDS {
+                return accept(uses).map(|uses| (profile, found, Some(uses)));
+            }
+            round += 1;
+            let start = Instant::now();
+            found = self.passes(&mut stations, &room, Some(&found))?;
+            self.solve_s += start.elapsed().as_secs_f64();
+        }
+    }
+
+    fn passes(&mut self, stations: &mut Stations, room: &Room, from: Option<&Passes>) -> Result<Passes, PlanError> {
+        const MOST: usize = 30;
+        const SETTLED: f64 = 1e-6;
+        let mut found = match from {
+            Some(found) => found.clone(),
+            None => pass::solve(stations, room).map_err(|e| self.explain(e, stations))?,
+        };
+        for k in 0..MOST {
+            stations.load(self.machine, self.limits, &references(&found))?;
+            let next = pass::solve(stations, room).map_err(|e| self.explain(e, stations))?;
+            self.iterations += 1;
+            let apart = |(a, b): (&f64, &f64)| (a - b).abs() / (a + b).max(f64::MIN_POSITIVE);
+            let change = next.z.iter().zip(&found.z).map(apart).fold(0.0, f64::max);
+            found = next;
+            if change < SETTLED && (k > 0 || from.is_some()) {
+                break;
+            }
+        }
+        Ok(found)
+    }
+
+    fn explain(&self, stuck: Stuck, stations: &Stations) -> PlanError {
+        let station = &stations.list[stuck.station];
+        let s = station.point.s;
+        match stuck.row {
+            None => PlanError::Stuck { s },
+            Some(row) => {
+                let k = stations.quantities[row];
+                let usable = self.limits.usable()[k];
+                let value = usable * station.rows[row].tangent(station.reference).2;
+                PlanError::AtRest { limit: Limit::affine(k), s, value, usable }
+            }
+        }
+    }
+
+    /// Programmes from coarse to fine, the finest repeated with less room until the check agrees.
+    fn with_jerk(&mut self, unlimited: &Profile, intervals: usize) -> Result<(Profile, Option<f64>, Vec<Use>), PlanError> {
+        let mut sizes = vec![intervals];
+        while sizes[0] >= COARSEST * REFINEMENT {
+            sizes.insert(0, (sizes[0] / REFINEMENT).max(COARSEST));
+        }
+        let start = Instant::now();
+        let mut profile = unlimited.clone();
+        let mut last = None;
+        for (level, &size) in sizes.iter().enumerate() {
+            let grid = graded(&profile, size);
+            let mut stations = Stations::new(self.machine, self.curve, self.limits, &grid)?;
+            let (room, jerk_room) = (Room::full(size + 1), vec![[1.0; AXES]; size + 1]);
+            let near = course(&profile, &grid);
+            stations.load(self.machine, self.limits, &course_references(&near))?;
+            let mut watch = Watch::new(&stations, &room, &near);
+            let at = if level == 0 {
+                jerk::first_guess(&stations, self.limits, &near.z)
+            } else {
+                watch.prune(&stations, self.limits, &jerk_room, &near);
+                near
+            };
+            let mut programme = Programme { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY };
+            self.programmes(&mut programme, level + 1 == sizes.len())?;
+            profile = programme.profile();
+            last = Some(programme);
+        }
+        self.solve_s += start.elapsed().as_secs_f64();
+        let Some(mut programme) = last else { return Err(PlanError::Unsolved) };
+        let mut round = 0;
+        loop {
+            let profile = programme.profile();
+            let uses = self.check(&profile)?;
+            if !tighten(&uses, &mut programme.room, &mut programme.jerk_room) || round == ROUNDS {
+                let bound = (self.objective == Objective::Time).then_some(programme.bound);
+                return accept(uses).map(|uses| (profile, bound, uses));
+            }
+            round += 1;
+            if std::env::var("DBG").is_ok() { eprintln!("round {round} {}", profile.time()); }
+            let start = Instant::now();
+            self.programmes(&mut programme, true)?;
+            self.solve_s += start.elapsed().as_secs_f64();
+        }
+    }
+
+    /// Solves programmes, each about what the last one found, until the time stays the same.
+    fn programmes(&mut self, p: &mut Programme, finest: bool) -> Result<(), PlanError> {
+        const MOST: usize = 40;
+        let settled = if finest { 1e-4 } else { 2e-3 };
+        for k in 0..MOST {
+            p.stations.load(self.machine, self.limits, &course_references(&p.at))?;
+            let before = p.at.time(&p.stations);
+            let step = jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &p.at, self.objective)
+                .ok_or(PlanError::Unsolved)?;
+            self.iterations += 1;
+            let broken =
+                jerk::broken(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &step.course);
+            p.at = step.course;
+            p.bound = step.bound;
+            let time = p.at.time(&p.stations);
+            let change = match self.objective {
+                Objective::Time => (time - p.bound).abs(),
+                Objective::Speed => (time - before).abs(),
+            };
+            if std::env::var("DBG").is_ok() { eprintln!("n {} k {k} T {time:.6} bound {:.6} broken {broken}", p.stations.intervals(), p.bound); }
+            if !broken && change < settled * time {
+                return Ok(());
+            }
+            if k == 0 {
+                p.watch.prune(&p.stations, self.limits, &p.jerk_room, &p.at);
+            }
+        }
+        Ok(())
+    }
+
+    fn check(&mut self, profile: &Profile) -> Result<Vec<Use>, PlanError> {
+        let start = Instant::now();
+        let uses = verify::uses(self.machine, self.curve, self.limits, profile, FINER)?;
+        self.verify_s += start.elapsed().as_secs_f64();
+        Ok(uses)
+    }
+}
+
+/// A sequence of programmes on one grid.
+struct Programme {
+    stations: Stations,
+    room: Room,
+    jerk_room: JerkRoom,
+    watch: Watch,
+    at: Course,
+    bound: f64,
+}
+
+impl Programme {
+    fn profile(&self) -> Profile {
+        let s: Vec<f64> = self.stations.list.iter().map(|x| x.point.s).collect();
+        Profile::quadratic(&s, &self.at.z, &self.at.acceleration)
+    }
+}
+
+/// Leaves less room on both sides of every interval in which a limit is exceeded; whether there is one.
+fn tighten(uses: &[Use], room: &mut Room, jerk_room: &mut JerkRoom) -> bool {
+    const JERK: usize = AXES + QUANTITIES;
+    let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();
+    for u in uses {
+        for (k, ratio) in u.ratio.iter().enumerate().filter(|(k, r)| **r > TIGHTEN && (*k < JERK || !jerk_room.is_empty())) {
+            if std::env::var("DBG").is_ok() { eprintln!("{} {} {}", verify::checked(k), u.s, ratio); }
+            let entry = worst.entry((u.interval, k)).or_insert(1.0);
+            *entry = f64::max(*entry, *ratio);
+        }
+    }
+    for (&(interval, k), ratio) in &worst {
+        for station in [interval, interval + 1] {
+            match k {
+                0..AXES => room.share[station][QUANTITIES] /= ratio.powi(2),
+                AXES..JERK => room.share[station][k - AXES] /= ratio,
+                _ => jerk_room[station][k - JERK] /= ratio,
+            }
+        }
+    }
+    !worst.is_empty()
+}
+
+/// The uses if none is beyond what is allowed.
+fn accept(uses: Vec<Use>) -> Result<Vec<Use>, PlanError> {
+    let all = uses.iter().flat_map(|u| u.ratio.iter().enumerate().map(move |(k, r)| (k, u.s, *r)));
+    match all.max_by(|a, b| a.2.total_cmp(&b.2)) {
+        Some((k, s, ratio)) if ratio.is_nan() || ratio > ALLOWED => {
+            Err(PlanError::Violated { limit: verify::checked(k), s, ratio })
+        }
+        _ => Ok(uses),
+    }
+}
+
+/// Speed at a station at rest for which force laws are linearised, as a share of z next to it.
+const DEPARTING: f64 = 0.25;
+
+fn reference(z: &[f64], i: usize, acceleration: f64) -> Reference {
+    let n = z.len() - 1;
+    let z = match i {
+        0 => DEPARTING * z[1],
+        i if i == n => DEPARTING * z[n - 1],
+        i => z[i],
+    };
+    Reference { speed: z.sqrt().max(1e-6), acceleration }
+}
+
+/// Where force laws are linearised: speed and mean acceleration at every station.
+fn references(passes: &Passes) -> Vec<Reference> {
+    let n = passes.z.len() - 1;
+    let mean = |i: usize| 0.5 * (passes.acceleration[i.saturating_sub(1)] + passes.acceleration[i.min(n - 1)]);
+    (0..=n).map(|i| reference(&passes.z, i, mean(i))).collect()
+}
+
+fn course_references(course: &Course) -> Vec<Reference> {
+    (0..course.z.len()).map(|i| reference(&course.z, i, course.acceleration[i])).collect()
+}
+
+fn course(profile: &Profile, grid: &[f64]) -> Course {
+    let paces: Vec<_> = grid.iter().map(|s| profile.pace(*s)).collect();
+    Course { z: paces.iter().map(|p| p.z).collect(), acceleration: paces.iter().map(|p| p.acceleration).collect() }
+}
+
+/// Grid of `n` intervals, evenly spread over the mean of time and path.
+fn graded(profile: &Profile, n: usize) -> Vec<f64> {
+    let m = profile.pieces.len();
+    let (time, length) = (profile.time(), profile.s[m] - profile.s[0]);
+    let mut measure = vec![0.0];
+    for i in 0..m {
+        let share = profile.duration(i) / time + (profile.s[i + 1] - profile.s[i]) / length;
+        measure.push(measure[i] + 0.5 * share);
+    }
+    let mut i = 0;
+    let mut grid: Vec<f64> = (0..=n)
+        .map(|k| {
+            let wanted = measure[m] * k as f64 / n as f64;
+            while i + 1 < m && measure[i + 1] < wanted {
+                i += 1;
+            }
+            let part = ((wanted - measure[i]) / (measure[i + 1] - measure[i])).clamp(0.0, 1.0);
+            profile.s[i] + part * (profile.s[i + 1] - profile.s[i])
+        })
+        .collect();
+    (grid[0], grid[n]) = (profile.s[0], profile.s[m]);
+    grid
+}
