@@ -1,7 +1,10 @@
 //! The commands.
 
 use clap::{Parser, Subcommand};
-use deltatwin::{check, comparison, demo, diagnosis, effects, excitation, identification, recording, twin};
+use deltatwin::{
+    check, comparison, constraint_forces, demo, diagnosis, effects, excitation, identification, planner, recording,
+    twin,
+};
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
 #[derive(Parser)]
@@ -24,6 +27,8 @@ pub enum Command {
     Diagnose(diagnosis::command::diagnose::Args),
     Add(diagnosis::command::add::Args),
     Effects(effects::command::Args),
+    Forces(constraint_forces::command::Args),
+    Plan(planner::command::Args),
     #[cfg(feature = "viewer")]
     Replay(deltatwin::replay::command::Args),
     Check(check::command::Args),

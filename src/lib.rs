@@ -10,8 +10,6 @@ pub mod effects;
 
 pub mod dynamics;
 
-pub mod constraint_forces;
-
 pub mod cell;
 
 pub mod scenario;
@@ -23,6 +21,10 @@ pub mod evidence;
 pub mod identification;
 
 pub mod excitation;
+
+pub mod constraint_forces;
+
+pub mod planner;
 
 pub mod comparison;
 

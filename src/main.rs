@@ -6,7 +6,10 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use cli::{Cli, Command};
-use deltatwin::{check, comparison, demo, diagnosis, effects, excitation, identification, recording, terminal, twin};
+use deltatwin::{
+    check, comparison, constraint_forces, demo, diagnosis, effects, excitation, identification, planner, recording,
+    terminal, twin,
+};
 use miette::MietteHandlerOpts;
 
 fn main() -> ExitCode {
@@ -34,6 +37,8 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Diagnose(args) => diagnosis::command::diagnose::run(args),
         Command::Add(args) => diagnosis::command::add::run(args),
         Command::Effects(args) => effects::command::run(args),
+        Command::Forces(args) => constraint_forces::command::run(args),
+        Command::Plan(args) => planner::command::run(args),
         #[cfg(feature = "viewer")]
         Command::Replay(args) => deltatwin::replay::command::run(args),
         Command::Check(args) => check::command::run(args),

@@ -8,6 +8,7 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use toml::de::DeTable;
 
 use crate::model::{Model, check};
+use crate::planner::{Limits, Task};
 use crate::recording::{Configuration, Recording, Setup, mcap};
 use crate::scenario::Scenario;
 
@@ -18,6 +19,8 @@ pub enum Kind {
     Model,
     /// Description of a run.
     Scenario,
+    /// Path to plan a motion along.
+    Path,
     /// What is known about a measurement.
     Setup,
     /// Measurement or simulated run.
@@ -29,6 +32,7 @@ impl std::fmt::Display for Kind {
         f.pad(match self {
             Self::Model => "model",
             Self::Scenario => "scenario",
+            Self::Path => "path",
             Self::Setup => "setup",
             Self::Recording => "recording",
         })
@@ -52,6 +56,7 @@ pub fn check(path: &Path) -> miette::Result<Verified> {
     let (summary, warnings) = match kind {
         Kind::Model => (check::check_file(path)?, Vec::new()),
         Kind::Scenario => (scenario(path)?, Vec::new()),
+        Kind::Path => (planned_path(path)?, Vec::new()),
         Kind::Setup => (setup(&Setup::read(path)?), Vec::new()),
         Kind::Recording => recording(path)?,
     };
@@ -77,6 +82,8 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
     let has = |keys: &[&str]| keys.iter().any(|k| table.get_ref().contains_key(*k));
     if has(&["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]) {
         Ok(Kind::Model)
+    } else if has(&["path", "limits", "search"]) {
+        Ok(Kind::Path)
     } else if has(&["motion", "duration", "controller_model", "model", "substeps"]) {
         Ok(Kind::Scenario)
     } else if has(&["configuration", "payload", "noise"]) {
@@ -84,7 +91,7 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
     } else {
         Err(miette!(
             "{}: is TOML of no kind that is known; expected a model ([geometry], [bodies], …), a scenario (model, \
-             duration, [motion], …) or a setup (configuration, [payload], …)",
+             duration, [motion], …), a path ([path], [limits], …) or a setup (configuration, [payload], …)",
             path.display()
         ))
     }
@@ -105,6 +112,23 @@ fn scenario(path: &Path) -> miette::Result<String> {
         planning.name,
         payload(&scenario.setup),
         if scenario.noise { "noisy" } else { "no noise" },
+    ))
+}
+
+fn planned_path(path: &Path) -> miette::Result<String> {
+    let task = Task::read(path, Limits::NONE)?;
+    let curve = task.shape.curve();
+    let [from, to] = [0.0, curve.end()].map(|s| curve.at(s)[0]);
+    Ok(format!(
+        "path from ({}, {}, {}) to ({}, {}, {}) m, {}, {} intervals.",
+        from.x,
+        from.y,
+        from.z,
+        to.x,
+        to.y,
+        to.z,
+        payload(&task.setup),
+        task.options.intervals,
     ))
 }
 

@@ -10,13 +10,12 @@
 use super::coefficients::{Machine, Reference};
 use super::limits::Limits;
 use super::pass::{Passes, relaxed};
+use super::plan::graded;
 use super::rows::Stations;
 use super::{Curve, PlanError, Profile};
 
-/// Intervals of the relaxation per interval of the plan; [`LEAST`] to [`MOST`] in all.
-const FINER: usize = 4;
-const LEAST: usize = 4000;
-const MOST: usize = 20_000;
+/// Intervals of the relaxation.
+const INTERVALS: usize = 16_000;
 
 /// Lower bound on the time, s; `passes` is the plan without jerk limits on `grid`.
 pub fn bound(
@@ -27,21 +26,22 @@ pub fn bound(
     grid: &[f64],
 ) -> Result<f64, PlanError> {
     let profile = Profile::linear(grid, &passes.z);
-    let n = (FINER * (grid.len() - 1)).clamp(LEAST, MOST);
-    let end = curve.end();
+    let ends = graded(&profile, INTERVALS);
     // Ends and middles of all intervals in turn.
-    let all: Vec<f64> = (0..=2 * n).map(|k| end * k as f64 / (2 * n) as f64).collect();
+    let middles = ends.windows(2).map(|w| 0.5 * (w[0] + w[1]));
+    let mut all: Vec<f64> = ends.iter().copied().zip(middles).flat_map(|(end, middle)| [end, middle]).collect();
+    all.push(curve.end());
     let mut stations = Stations::new(machine, curve, limits, &all)?;
     let references: Vec<Reference> = all
         .iter()
         .map(|s| {
             // At the ends of the path the robot is just leaving or arriving.
-            let pace = profile.pace(s.clamp(all[1], all[2 * n - 1]));
+            let pace = profile.pace(s.clamp(all[1], all[all.len() - 2]));
             Reference { speed: pace.z.sqrt().max(1e-6), acceleration: pace.acceleration }
         })
         .collect();
     stations.load(machine, limits, &references)?;
     let (z, margin) = relaxed(&stations);
-    let h = end / n as f64;
-    Ok((0..n).map(|i| 2.0 * h / ((z[i] + margin[i]).sqrt() + (z[i + 1] + margin[i]).sqrt())).sum())
+    let time = |i: usize| 2.0 * (ends[i + 1] - ends[i]) / ((z[i] + margin[i]).sqrt() + (z[i + 1] + margin[i]).sqrt());
+    Ok((0..INTERVALS).map(time).sum())
 }

@@ -137,7 +137,8 @@ fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -> [f64; 2] 
 pub fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> Course {
     let n = stations.intervals();
     let end = |i: usize| {
-        let jerk = (0..AXES).map(|k| 1.0 / jerk_row(&stations.list[i], limits, k)[2].abs()).fold(f64::INFINITY, f64::min);
+        let jerk =
+            (0..AXES).map(|k| 1.0 / jerk_row(&stations.list[i], limits, k)[2].abs()).fold(f64::INFINITY, f64::min);
         (4.5 * jerk).powf(2.0 / 3.0)
     };
     let (start, stop) = (end(0), end(n));
@@ -287,10 +288,7 @@ pub fn step(
                 for sign in watch.jerks[i][side][axis].signs() {
                     let mut terms = [(bv(i), -sign * first / h * bs), (bv(i + 1), sign * first / h * bs)];
                     terms[side].1 += sign * second * bs;
-                    p.row(
-                        &[terms[0], terms[1], (zv(at_station), (sign * third) * z0 + 0.5 * share)],
-                        1.5 * share,
-                    );
+                    p.row(&[terms[0], terms[1], (zv(at_station), (sign * third) * z0 + 0.5 * share)], 1.5 * share);
                 }
             }
         }

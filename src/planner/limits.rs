@@ -36,19 +36,28 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of the drives of `model`; no limits on constraint forces.
+    /// No limits.
+    pub const NONE: Self = Self {
+        speed: [f64::INFINITY; AXES],
+        acceleration: [f64::INFINITY; AXES],
+        jerk: [f64::INFINITY; AXES],
+        torque: [f64::INFINITY; AXES],
+        bearing_moment: f64::INFINITY,
+        bearing_force: f64::INFINITY,
+        strut_lower: f64::INFINITY,
+        strut_upper: f64::INFINITY,
+        margin: 0.1,
+        detail: Detail::Complete,
+    };
+
+    /// Limits of the drives of `model`; none on constraint forces.
     pub fn of(model: &Model) -> Self {
         Self {
             speed: model.drives.map(|d| d.max_speed),
             acceleration: model.drives.map(|d| d.max_acceleration),
             jerk: model.drives.map(|d| d.max_jerk),
             torque: model.drives.map(|d| d.max_torque),
-            bearing_moment: f64::INFINITY,
-            bearing_force: f64::INFINITY,
-            strut_lower: f64::INFINITY,
-            strut_upper: f64::INFINITY,
-            margin: 0.1,
-            detail: Detail::default(),
+            ..Self::NONE
         }
     }
 

@@ -7,15 +7,20 @@
 
 pub mod certificate;
 pub mod coefficients;
+pub mod command;
 pub mod curve;
+mod figures;
 pub mod jerk;
 pub mod limits;
 pub mod pass;
 pub mod plan;
 pub mod point;
 pub mod profile;
+pub mod read;
 pub mod rows;
 pub mod shape;
+pub mod trajectory;
+pub mod validation;
 pub mod verify;
 
 pub use coefficients::{Coefficients, Machine, Reference};
@@ -24,6 +29,7 @@ pub use limits::{Limit, Limits};
 pub use plan::{Options, Plan, plan};
 pub use point::{PathPoint, PlaceError};
 pub use profile::Profile;
+pub use read::Task;
 pub use shape::Shape;
 
 use thiserror::Error;

@@ -206,7 +206,11 @@ impl Search<'_> {
     }
 
     /// Programmes from coarse to fine, the finest repeated with less room until the check agrees.
-    fn with_jerk(&mut self, unlimited: &Profile, intervals: usize) -> Result<(Profile, Option<f64>, Vec<Use>), PlanError> {
+    fn with_jerk(
+        &mut self,
+        unlimited: &Profile,
+        intervals: usize,
+    ) -> Result<(Profile, Option<f64>, Vec<Use>), PlanError> {
         let mut sizes = vec![intervals];
         while sizes[0] >= COARSEST * REFINEMENT {
             sizes.insert(0, (sizes[0] / REFINEMENT).max(COARSEST));
@@ -243,7 +247,6 @@ impl Search<'_> {
                 return accept(uses).map(|uses| (profile, bound, uses));
             }
             round += 1;
-            if std::env::var("DBG").is_ok() { eprintln!("round {round} {}", profile.time()); }
             let start = Instant::now();
             self.programmes(&mut programme, true)?;
             self.solve_s += start.elapsed().as_secs_f64();
@@ -260,8 +263,7 @@ impl Search<'_> {
             let step = jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &p.at, self.objective)
                 .ok_or(PlanError::Unsolved)?;
             self.iterations += 1;
-            let broken =
-                jerk::broken(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &step.course);
+            let broken = jerk::broken(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &step.course);
             p.at = step.course;
             p.bound = step.bound;
             let time = p.at.time(&p.stations);
@@ -269,7 +271,6 @@ impl Search<'_> {
                 Objective::Time => (time - p.bound).abs(),
                 Objective::Speed => (time - before).abs(),
             };
-            if std::env::var("DBG").is_ok() { eprintln!("n {} k {k} T {time:.6} bound {:.6} broken {broken}", p.stations.intervals(), p.bound); }
             if !broken && change < settled * time {
                 return Ok(());
             }
@@ -310,8 +311,9 @@ fn tighten(uses: &[Use], room: &mut Room, jerk_room: &mut JerkRoom) -> bool {
     const JERK: usize = AXES + QUANTITIES;
     let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();
     for u in uses {
-        for (k, ratio) in u.ratio.iter().enumerate().filter(|(k, r)| **r > TIGHTEN && (*k < JERK || !jerk_room.is_empty())) {
-            if std::env::var("DBG").is_ok() { eprintln!("{} {} {}", verify::checked(k), u.s, ratio); }
+        for (k, ratio) in
+            u.ratio.iter().enumerate().filter(|(k, r)| **r > TIGHTEN && (*k < JERK || !jerk_room.is_empty()))
+        {
             let entry = worst.entry((u.interval, k)).or_insert(1.0);
             *entry = f64::max(*entry, *ratio);
         }
@@ -369,7 +371,7 @@ fn course(profile: &Profile, grid: &[f64]) -> Course {
 }
 
 /// Grid of `n` intervals, evenly spread over the mean of time and path.
-fn graded(profile: &Profile, n: usize) -> Vec<f64> {
+pub(super) fn graded(profile: &Profile, n: usize) -> Vec<f64> {
     let m = profile.pieces.len();
     let (time, length) = (profile.time(), profile.s[m] - profile.s[0]);
     let mut measure = vec![0.0];

@@ -87,9 +87,11 @@ impl Stations {
         let update = |(station, reference): (&mut Station, &Reference)| {
             let s = station.point.s;
             let at = station.point.r[0].into();
-            let all = machine
-                .coefficients(&station.point, *reference)
-                .map_err(|e| PlanError::Place { s, at, source: super::PlaceError::Pose(e) })?;
+            let all = machine.coefficients(&station.point, *reference).map_err(|e| PlanError::Place {
+                s,
+                at,
+                source: super::PlaceError::Pose(e),
+            })?;
             station.rows.truncate(kinematic);
             station.reference = reference.speed;
             for &k in &loads {

@@ -64,7 +64,8 @@ fn lines(points: &[[f64; 4]], blend: f64, turn_radius: f64) -> Curve {
     let points: Vec<Vector4<f64>> = points.iter().map(|p| Vector4::from(*p).component_mul(&to)).collect();
     let spans: Vec<Vector4<f64>> = points.windows(2).map(|w| w[1] - w[0]).collect();
     let lengths: Vec<f64> = spans.iter().map(|d| d.norm()).collect();
-    let room = |i: usize| if i == 0 || i == spans.len() { 0.0 } else { blend.min(0.5 * lengths[i - 1].min(lengths[i])) };
+    let room =
+        |i: usize| if i == 0 || i == spans.len() { 0.0 } else { blend.min(0.5 * lengths[i - 1].min(lengths[i])) };
     let mut pieces = Vec::new();
     for (i, span) in spans.iter().enumerate() {
         let direction = span / lengths[i];

@@ -7,7 +7,7 @@ pub mod command;
 pub mod csv;
 mod difference;
 mod error;
-mod file;
+pub(crate) mod file;
 pub mod mcap;
 #[cfg(feature = "viewer")]
 pub mod rerun;

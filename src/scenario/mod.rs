@@ -3,7 +3,7 @@
 //! A [`Scenario`] only describes; `twin` runs it. Only `read` knows TOML.
 
 pub mod motion;
-mod read;
+pub(crate) mod read;
 pub mod sockets;
 
 pub use motion::fourier::{FourierMotion, MotionLimits};

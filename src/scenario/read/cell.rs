@@ -11,7 +11,7 @@ use crate::scenario::{Action, ActionKind, PayloadShape};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct LoadKeys {
+pub(crate) struct LoadKeys {
     mass: Spanned<f64>,
     com: Option<Spanned<[f64; 3]>>,
     inertia_zz: Option<Spanned<f64>>,
@@ -50,7 +50,7 @@ pub(super) struct ActionKeys {
 }
 
 /// Payload and its shape.
-pub(super) fn payload(file: &File, keys: &LoadKeys) -> Result<(Payload, Option<PayloadShape>)> {
+pub(crate) fn payload(file: &File, keys: &LoadKeys) -> Result<(Payload, Option<PayloadShape>)> {
     let vector = |key: &str, value: &Option<Spanned<[f64; 3]>>| -> Result<Option<[f64; 3]>> {
         value.as_ref().map(|v| file.numbers(key, v, -2.0, 2.0, "m")).transpose()
     };

@@ -8,7 +8,7 @@ use toml::Spanned;
 use super::{Result, ScenarioError};
 
 /// A scenario as text.
-pub(super) struct File<'a> {
+pub(crate) struct File<'a> {
     pub name: String,
     pub text: &'a str,
 }

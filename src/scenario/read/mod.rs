@@ -1,7 +1,7 @@
 //! TOML → [`Scenario`], with errors that name file, line, key, value and what was expected.
 
-mod cell;
-mod file;
+pub(crate) mod cell;
+pub(crate) mod file;
 mod machine;
 mod motion;
 

@@ -1,0 +1,237 @@
+//! `deltatwin plan`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use miette::{IntoDiagnostic, WrapErr, miette};
+use serde_json::{Map, Value, json};
+
+use super::trajectory::trajectory;
+use super::validation::{Execution, execute};
+use super::{Limits, Machine, Plan, PlanError, Task, figures, plan};
+use crate::dynamics::Plant;
+use crate::model::Model;
+use crate::recording::{Recording, file};
+use crate::report::Figure;
+use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, path, say, significant, spinner};
+
+/// Plan the fastest motion along a path.
+///
+/// Limits on speed, acceleration, jerk and torque of the drives and on the constraint forces hold all along, or no plan is
+/// given. The trajectory is a recording at the control period, which a scenario can run as a table.
+#[derive(clap::Args, Clone, Debug)]
+#[command(
+    after_help = "Example: deltatwin plan models/irb360-6-1600.toml scenarios/u-turn.toml -o u-turn.csv --figure figures"
+)]
+pub struct Args {
+    /// Model file.
+    pub model: PathBuf,
+    /// Path file.
+    pub path: PathBuf,
+    /// Trajectory to write, .csv or .mcap.
+    #[arg(short, long, value_name = "TRAJ")]
+    pub output: Option<PathBuf>,
+    /// Folder for the figures, made if need be.
+    #[arg(long, value_name = "DIR")]
+    pub figure: Option<PathBuf>,
+    /// Model file of a machine; the twin executes the plan on it, with feed-forward of MODEL.
+    #[arg(long, value_name = "MODEL2")]
+    pub twin: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Stretches of active limits in the printed table.
+const SHOWN: usize = 40;
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let model = assembled(&args.model)?;
+    let twin = args.twin.as_deref().map(assembled).transpose()?;
+    let task = Task::read(&args.path, Limits::of(&model))?;
+    if let Some(output) = &args.output {
+        check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
+    }
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let curve = task.shape.curve();
+    let progress = spinner("plan");
+    let start = Instant::now();
+    let found = plan(&machine, &curve, &task.limits, &task.options);
+    progress.finish_and_clear();
+    let found = match found {
+        Ok(found) => found,
+        Err(error @ PlanError::Place { .. }) => {
+            return Err(error).into_diagnostic().wrap_err_with(|| args.path.display().to_string());
+        }
+        Err(error) => {
+            if args.json {
+                say(json!({ "path": path(&args.path), "time": Value::Null, "error": error.to_string() }))?;
+            }
+            eprintln!("error: {}: {error}", args.path.display());
+            return Ok(BAD_ANSWER);
+        }
+    };
+    let wall = start.elapsed().as_secs_f64();
+    let planned = trajectory(&machine, &curve, &found, &task.setup, model.sample_time, &task.name)
+        .into_diagnostic()
+        .wrap_err_with(|| args.path.display().to_string())?;
+    if let Some(output) = &args.output {
+        planned.write(output).into_diagnostic()?;
+    }
+    let execution = twin.as_ref().map(|twin| execute(twin, &plant, &planned)).transpose().into_diagnostic()?;
+    let mut written = Vec::new();
+    if let Some(folder) = &args.figure {
+        std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
+        let mut all = vec![
+            ("path", figures::path(&curve)),
+            ("speed", figures::speed(&found)),
+            ("drives", figures::drives(&found, &task.limits)),
+            ("forces", figures::forces(&planned, &task.limits)),
+        ];
+        if let Some(execution) = &execution {
+            let [torques, struts, acceleration] = figures::execution(&planned, execution);
+            all.extend([
+                ("executed-torques", torques),
+                ("executed-forces", struts),
+                ("executed-acceleration", acceleration),
+            ]);
+        }
+        for (name, figure) in all {
+            let target = folder.join(name).with_extension("svg");
+            write_figure(&target, &figure)?;
+            written.push(target);
+        }
+    }
+    if args.json {
+        say(to_json(args, &found, &planned, execution.as_ref(), wall))?;
+    } else {
+        print(args, &task, &found, execution.as_ref(), &written)?;
+    }
+    Ok(DONE)
+}
+
+fn assembled(file: &Path) -> miette::Result<Model> {
+    let model = Model::read(file)?;
+    if !model.assembled {
+        return Err(miette!("{}: is disassembled; expected an assembled robot", file.display()));
+    }
+    Ok(model)
+}
+
+/// Writes an SVG file.
+pub(crate) fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
+    file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
+}
+
+fn to_json(args: &Args, found: &Plan, planned: &Recording, execution: Option<&Execution>, wall: f64) -> Value {
+    let violation: Map<String, Value> = found
+        .worst()
+        .into_iter()
+        .filter(|(_, ratio)| *ratio > 0.0)
+        .map(|(limit, ratio)| (limit.to_string(), json!(ratio)))
+        .collect();
+    let active: Vec<Value> = found
+        .active()
+        .into_iter()
+        .map(|(limit, [from, to])| json!({ "s": from, "to": to, "limit": limit.to_string() }))
+        .collect();
+    let mut out = json!({
+        "path": path(&args.path),
+        "time": found.time,
+        "max_violation": violation,
+        "optimality_gap": found.optimality_gap(),
+        "time_bound": found.bound,
+        "time_without_jerk": found.time_without_jerk,
+        "time_bound_without_jerk": found.bound_without_jerk,
+        "solve_s": found.solve_s,
+        "verify_s": found.verify_s,
+        "wall_s": wall,
+        "iterations": found.iterations,
+        "active": active,
+        "samples": planned.signals.len(),
+        "trajectory": args.output.as_deref().map_or(Value::Null, path),
+    });
+    if let Some(e) = execution {
+        let pairs = |values: &[[f64; 2]], k: usize| -> Vec<f64> { values.iter().map(|v| v[k]).collect() };
+        out["execution"] = json!({
+            "torque_rms": pairs(&e.torque, 0),
+            "torque_max": pairs(&e.torque, 1),
+            "strut_rms": pairs(&e.strut, 0),
+            "strut_max": pairs(&e.strut, 1),
+            "acceleration_rms": e.acceleration[0],
+            "acceleration_max": e.acceleration[1],
+            "peak_strut_force": e.peak_strut,
+            "min_socket_margin": e.margin,
+            "events": e.events.iter().map(|e| json!({ "t": e.t, "kind": e.kind.name(), "what": e.what })).collect::<Vec<_>>(),
+        });
+    }
+    out
+}
+
+fn print(
+    args: &Args,
+    task: &Task,
+    found: &Plan,
+    execution: Option<&Execution>,
+    written: &[PathBuf],
+) -> miette::Result<()> {
+    let gap = 1e2 * found.optimality_gap();
+    say(format!("{}: {:.5} s", task.name, found.time))?;
+    if task.limits.has_jerk() {
+        say(format!(
+            "  bound      at least {:.5} s with the jerk limits linearised at the plan: gap {gap:.3} %",
+            found.bound
+        ))?;
+        say(format!(
+            "  no jerk    {:.5} s without jerk limits, and no motion takes less than {:.5} s",
+            found.time_without_jerk, found.bound_without_jerk
+        ))?;
+    } else {
+        say(format!("  bound      no motion within the limits takes less than {:.5} s: gap {gap:.3} %", found.bound))?;
+    }
+    let worst = found.worst();
+    let (limit, ratio) =
+        worst.iter().max_by(|a, b| a.1.total_cmp(b.1)).map_or(("none".into(), 0.0), |(l, r)| (l.to_string(), *r));
+    say(format!(
+        "  check      {limit} comes to {:.3} % of what may be used, on {} places",
+        1e2 * ratio,
+        found.uses.len()
+    ))?;
+    say(format!(
+        "  search     {:.0} ms, {} steps, check {:.0} ms",
+        1e3 * found.solve_s,
+        found.iterations,
+        1e3 * found.verify_s
+    ))?;
+    let mut table = Table::new(&["  Active limit", "from s", "to s"], &[]);
+    let active = found.active();
+    for (limit, [from, to]) in active.iter().take(SHOWN) {
+        table.row([format!("  {limit}"), format!("{from:.4}"), format!("{to:.4}")]);
+    }
+    say(table)?;
+    if active.len() > SHOWN {
+        say(format!("    and {} more; --json lists all", active.len() - SHOWN))?;
+    }
+    if let Some(e) = execution {
+        let row = |what: &str, values: &[[f64; 2]], unit: &str| {
+            let rms = values.iter().map(|v| significant(v[0], 3)).collect::<Vec<_>>().join(", ");
+            let most = values.iter().map(|v| v[1]).fold(0.0, f64::max);
+            say(format!("  {what} differ by {rms} {unit} RMS, {} {unit} at most", significant(most, 3)))
+        };
+        say("  Executed by the twin:")?;
+        row("  torques", &e.torque, "N·m")?;
+        row("  strut forces", &e.strut, "N")?;
+        row("  accelerations", &[e.acceleration], "m/s²")?;
+        say(format!("    strut forces up to {:.1} N, least margin of a socket {:.1} N", e.peak_strut, e.margin))?;
+        for event in &e.events {
+            say(format!("    {:9.6} s  {}: {}", event.t, event.kind.name(), event.what))?;
+        }
+    }
+    for file in args.output.iter().chain(written) {
+        say(format!("  Wrote {}", file.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,283 @@
+//! Path files: TOML → [`Task`], with errors that name file, line, key, value and what was expected.
+
+use std::ops::Range;
+use std::path::Path;
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
+
+use super::{Limits, Objective, Options, Shape};
+use crate::constraint_forces::Detail;
+use crate::model::AXES;
+use crate::recording::Setup;
+use crate::scenario::ScenarioError;
+use crate::scenario::read::cell::{LoadKeys, payload};
+use crate::scenario::read::file::File;
+
+type Result<T> = std::result::Result<T, ScenarioError>;
+
+/// What a path file asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Task {
+    /// Name for reports, the file's stem.
+    pub name: String,
+    /// The path.
+    pub shape: Shape,
+    /// Payload.
+    pub setup: Setup,
+    /// Limits.
+    pub limits: Limits,
+    /// How to plan.
+    pub options: Options,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    payload: Option<LoadKeys>,
+    #[serde(default)]
+    limits: LimitKeys,
+    #[serde(default)]
+    search: SearchKeys,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct LimitKeys {
+    margin: Option<Spanned<f64>>,
+    speed: Option<Spanned<[f64; AXES]>>,
+    acceleration: Option<Spanned<[f64; AXES]>>,
+    jerk: Option<Spanned<[f64; AXES]>>,
+    torque: Option<Spanned<[f64; AXES]>>,
+    bearing_moment: Option<Spanned<f64>>,
+    bearing_force: Option<Spanned<f64>>,
+    strut_lower: Option<Spanned<f64>>,
+    strut_upper: Option<Spanned<f64>>,
+    forces: Option<Spanned<String>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct SearchKeys {
+    intervals: Option<Spanned<i64>>,
+    objective: Option<Spanned<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LineKeys {
+    points: Vec<Spanned<[f64; 4]>>,
+    blend: Spanned<f64>,
+    turn_radius: Option<Spanned<f64>>,
+    #[serde(default)]
+    closed: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ThroughKeys {
+    points: Vec<Spanned<[f64; 4]>>,
+    turn_radius: Option<Spanned<f64>>,
+    #[serde(default)]
+    closed: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SplineKeys {
+    points: Vec<Spanned<[f64; 4]>>,
+    degree: Option<Spanned<i64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ArchKeys {
+    from: Spanned<[f64; 4]>,
+    to: Spanned<[f64; 4]>,
+    height: Spanned<f64>,
+    blend: Spanned<f64>,
+    turn_radius: Option<Spanned<f64>>,
+}
+
+/// A turn by 1 rad counts as 100 mm by default.
+const TURN_RADIUS: f64 = 0.1;
+/// Neighbouring waypoints are at least this far apart, m.
+const NEAREST: f64 = 1e-3;
+
+impl Task {
+    /// Reads a path file; limits it leaves out are those `given`.
+    pub fn read(path: &Path, given: Limits) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+        Self::parse(&text, path, given)
+    }
+
+    /// Reads a path file from `text`; `path` names it in errors.
+    pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Self> {
+        let file = File { name: path.display().to_string(), text };
+        let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
+        let shape = table.get_mut().remove("path");
+        let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;
+        let Some(shape) = shape else {
+            return Err(file.problem(0..0, "[path] is missing; expected the path to follow".into()));
+        };
+        let setup = match &document.payload {
+            Some(keys) => Setup { payload: payload(&file, keys)?.0, ..Setup::default() },
+            None => Setup::default(),
+        };
+        Ok(Self {
+            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            shape: read_shape(&file, shape)?,
+            setup,
+            limits: limits(&file, &document.limits, given)?,
+            options: options(&file, &document.search)?,
+        })
+    }
+}
+
+fn limits(file: &File, keys: &LimitKeys, given: Limits) -> Result<Limits> {
+    let axes = |key: &str, value: &Option<Spanned<[f64; AXES]>>, default: [f64; AXES], most: f64, unit: &str| {
+        value.as_ref().map_or(Ok(default), |v| file.numbers(&format!("limits.{key}"), v, 1e-3, most, unit))
+    };
+    let force = |key: &str, value: &Option<Spanned<f64>>, unit: &str| {
+        file.optional(&format!("limits.{key}"), value, f64::INFINITY, 1e-3, 1e6, unit)
+    };
+    Ok(Limits {
+        speed: axes("speed", &keys.speed, given.speed, 1e4, "rad/s")?,
+        acceleration: axes("acceleration", &keys.acceleration, given.acceleration, 1e6, "rad/s²")?,
+        jerk: axes("jerk", &keys.jerk, given.jerk, f64::INFINITY, "rad/s³ (inf for none)")?,
+        torque: axes("torque", &keys.torque, given.torque, 1e5, "N·m")?,
+        bearing_moment: force("bearing_moment", &keys.bearing_moment, "N·m")?,
+        bearing_force: force("bearing_force", &keys.bearing_force, "N")?,
+        strut_lower: force("strut_lower", &keys.strut_lower, "N")?,
+        strut_upper: force("strut_upper", &keys.strut_upper, "N")?,
+        margin: file.optional("limits.margin", &keys.margin, given.margin, 0.0, 0.9, "")?,
+        detail: match &keys.forces {
+            Some(word) => {
+                file.choice("limits.forces", word, &[("complete", Detail::Complete), ("reduced", Detail::Reduced)])?
+            }
+            None => given.detail,
+        },
+    })
+}
+
+fn options(file: &File, keys: &SearchKeys) -> Result<Options> {
+    let default = Options::default();
+    Ok(Options {
+        intervals: match &keys.intervals {
+            Some(n) => file.count("search.intervals", n, 20, 5000)?,
+            None => default.intervals,
+        },
+        objective: match &keys.objective {
+            Some(word) => {
+                file.choice("search.objective", word, &[("time", Objective::Time), ("speed", Objective::Speed)])?
+            }
+            None => default.objective,
+        },
+    })
+}
+
+#[derive(Clone, Copy)]
+enum Kind {
+    Lines,
+    BSpline,
+    Through,
+    Arch,
+}
+
+fn read_shape(file: &File, mut value: Spanned<DeValue>) -> Result<Shape> {
+    let span = value.span();
+    let DeValue::Table(keys) = value.get_mut() else {
+        return Err(file.problem(span, "`path` is not a table; expected [path]".into()));
+    };
+    let Some(kind) = keys.remove("kind") else {
+        return Err(file.problem(span, "[path] lacks `kind`; expected the kind of path".into()));
+    };
+    let word = Spanned::<String>::deserialize(ValueDeserializer::from(kind)).map_err(|e| file.broken(&e))?;
+    let kinds = [("lines", Kind::Lines), ("b_spline", Kind::BSpline), ("through", Kind::Through), ("arch", Kind::Arch)];
+    let radius = |value: &Option<Spanned<f64>>| file.optional("path.turn_radius", value, TURN_RADIUS, 1e-3, 10.0, "m");
+    let blend = |value: &Spanned<f64>| file.within("path.blend", value, 1e-3, 10.0, "m");
+    let kind = file.choice("path.kind", &word, &kinds)?;
+    match kind {
+        Kind::Lines => {
+            let keys: LineKeys = table(file, value, &span)?;
+            let turn_radius = radius(&keys.turn_radius)?;
+            let points = points(file, &keys.points, 2, keys.closed, turn_radius, &span)?;
+            Ok(Shape::Lines { points, blend: blend(&keys.blend)?, turn_radius })
+        }
+        Kind::Through => {
+            let keys: ThroughKeys = table(file, value, &span)?;
+            let turn_radius = radius(&keys.turn_radius)?;
+            Ok(Shape::Through { points: points(file, &keys.points, 2, keys.closed, turn_radius, &span)?, turn_radius })
+        }
+        Kind::BSpline => {
+            let keys: SplineKeys = table(file, value, &span)?;
+            let degree = match &keys.degree {
+                Some(n) => file.count("path.degree", n, 4, 7)?,
+                None => 5,
+            };
+            let points = points(file, &keys.points, degree + 1, false, TURN_RADIUS, &span)?;
+            Ok(Shape::BSpline { points, degree })
+        }
+        Kind::Arch => {
+            let keys: ArchKeys = table(file, value, &span)?;
+            let turn_radius = radius(&keys.turn_radius)?;
+            let height = file.within("path.height", &keys.height, NEAREST, 2.0, "m")?;
+            let ends = [pose(file, "path.from", &keys.from)?, pose(file, "path.to", &keys.to)?];
+            let shape = Shape::arch(ends[0], ends[1], height, blend(&keys.blend)?, turn_radius);
+            if let Shape::Lines { points, .. } = &shape
+                && let Some(i) = too_near(points, turn_radius)
+            {
+                let message = format!("`path` has corners {} and {} less than {NEAREST} m apart", i + 1, i + 2);
+                return Err(file.problem(span, message));
+            }
+            Ok(shape)
+        }
+    }
+}
+
+fn table<T: DeserializeOwned>(file: &File, value: Spanned<DeValue>, span: &Range<usize>) -> Result<T> {
+    T::deserialize(ValueDeserializer::from(value)).map_err(|e| {
+        let at = e.span().filter(|s| !s.is_empty()).unwrap_or_else(|| span.clone());
+        file.problem(at, format!("[path]: {}", e.message().trim().replace('\n', ", ")))
+    })
+}
+
+fn pose(file: &File, key: &str, value: &Spanned<[f64; 4]>) -> Result<[f64; 4]> {
+    file.numbers(key, value, -1e3, 1e3, "in m (x, y, z) and rad (ψ)")
+}
+
+/// First of two neighbours that are too near.
+fn too_near(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
+    points.windows(2).position(|w| {
+        let turn = turn_radius * (w[1][3] - w[0][3]);
+        (0..3).map(|i| (w[1][i] - w[0][i]).powi(2)).sum::<f64>() + turn * turn < NEAREST * NEAREST
+    })
+}
+
+fn points(
+    file: &File,
+    values: &[Spanned<[f64; 4]>],
+    least: usize,
+    closed: bool,
+    turn_radius: f64,
+    span: &Range<usize>,
+) -> Result<Vec<[f64; 4]>> {
+    if values.len() < least || values.len() > 1000 {
+        let message = format!("`path.points` has {} points; expected {least} to 1000", values.len());
+        return Err(file.problem(span.clone(), message));
+    }
+    let mut points = values.iter().map(|v| pose(file, "path.points", v)).collect::<Result<Vec<_>>>()?;
+    if closed {
+        points.push(points[0]);
+    }
+    match too_near(&points, turn_radius) {
+        Some(i) => {
+            let at = values.get(i + 1).unwrap_or(&values[0]).span();
+            Err(file.problem(at, format!("points {} and {} are less than {NEAREST} m apart", i + 1, i + 2)))
+        }
+        None => Ok(points),
+    }
+}

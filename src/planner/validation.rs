@@ -1,0 +1,80 @@
+//! The planned motion executed by the twin: planned against executed torques, strut forces, acceleration (paper Fig. 16, 17).
+
+use crate::dynamics::Plant;
+use crate::model::{AXES, Model, STRUTS};
+use crate::recording::{Recording, Signals};
+use crate::scenario::motion::table::Table;
+use crate::scenario::{DesiredMotion, Sensors};
+use crate::twin::{Clamps, Event, Options, SimulationError, simulate};
+
+/// What the twin did.
+pub struct Execution {
+    /// Its signals, without noise.
+    pub recording: Recording,
+    /// RMS and largest difference of each drive torque, N·m.
+    pub torque: [[f64; 2]; AXES],
+    /// RMS and largest difference of the upper strut forces, N.
+    pub strut: [[f64; 2]; STRUTS],
+    /// RMS and largest difference of the end effector's acceleration, m/s².
+    pub acceleration: [f64; 2],
+    /// Largest magnitude of an upper strut force, N.
+    pub peak_strut: f64,
+    /// Least margin of a socket, N.
+    pub margin: f64,
+    /// What happened.
+    pub events: Vec<Event>,
+}
+
+/// Time the twin goes on after the planned end, s.
+const AFTER: f64 = 0.02;
+
+/// Lets `machine` follow the planned table, with feed-forward of `planning` and feedback. Sockets leave their balls at the
+/// machine's dislocation force.
+pub fn execute(machine: &Model, planning: &Plant, planned: &Recording) -> Result<Execution, SimulationError> {
+    let table = Table {
+        file: Default::default(),
+        joints: true,
+        t: planned.signals.t.clone(),
+        rows: planned.signals.q.clone(),
+        moving: false,
+    };
+    let motion = DesiredMotion::Joints { course: table.course(), geometry: planning.geometry };
+    let all = [true; STRUTS];
+    let end = planned.signals.t.last().copied().unwrap_or_default();
+    let options = Options {
+        duration: end + AFTER,
+        substeps: 2,
+        noise_seed: None,
+        sensors: Sensors { strut_upper: all, strut_lower: all, ..Sensors::default() },
+        clamps: Some(Clamps { armed: true, ..Clamps::watched(machine.sockets.dislocation_force) }),
+        ..Options::default()
+    };
+    let (recording, report) = simulate(machine, &planned.setup, planning, &|t| motion.at(t), &options, &mut |_| true)?;
+    let (want, got) = (&planned.signals, &recording.signals);
+    let n = want.len().min(got.len());
+    let differ = |pairs: &mut dyn Iterator<Item = f64>| {
+        let (mut square, mut most, mut count) = (0.0, 0.0f64, 0.0);
+        for d in pairs {
+            square += d * d;
+            most = most.max(d.abs());
+            count += 1.0;
+        }
+        [(square / f64::max(count, 1.0)).sqrt(), most]
+    };
+    let upper = |signals: &Signals, s: usize, k: usize| signals.strut_upper[s].as_ref().map_or(0.0, |f| f[k]);
+    let torque = std::array::from_fn(|i| differ(&mut (0..n).map(|k| got.tau[k][i] - want.tau[k][i])));
+    let strut = std::array::from_fn(|s| differ(&mut (0..n).map(|k| upper(got, s, k) - upper(want, s, k))));
+    let (a, b) = (acceleration(want), acceleration(got));
+    let acceleration =
+        differ(&mut a.iter().zip(&b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()));
+    let peak_strut = got.strut_upper.iter().flatten().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
+    let margin = report.min_margin.into_iter().fold(f64::INFINITY, f64::min);
+    Ok(Execution { torque, strut, acceleration, peak_strut, margin, events: report.events, recording })
+}
+
+/// Acceleration of the platform by central differences of its position at all inner samples, m/s².
+pub fn acceleration(signals: &Signals) -> Vec<[f64; 3]> {
+    let step = signals.sample_time();
+    let Some(ee) = &signals.ee else { return Vec::new() };
+    ee.windows(3).map(|w| std::array::from_fn(|i| (w[2][i] - 2.0 * w[1][i] + w[0][i]) / (step * step))).collect()
+}
