@@ -5,6 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use deltatwin::cell::Cell;
+use deltatwin::check;
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::JointState;
 use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
@@ -20,7 +21,8 @@ const LONGEST: f64 = 2.0;
 
 fn files() -> Vec<PathBuf> {
     let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
-    let mut files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml")).collect();
+    let is_run = |p: &PathBuf| matches!(check::kind(p), Ok(check::Kind::Scenario));
+    let mut files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_run(p)).collect();
     files.sort();
     assert!(files.len() >= 12, "{files:?}");
     files

@@ -9,7 +9,7 @@
 
 use super::coefficients::{Machine, Reference};
 use super::limits::Limits;
-use super::pass::{Passes, relaxed};
+use super::pass::relaxed;
 use super::plan::graded;
 use super::rows::Stations;
 use super::{Curve, PlanError, Profile};
@@ -17,31 +17,44 @@ use super::{Curve, PlanError, Profile};
 /// Intervals of the relaxation.
 const INTERVALS: usize = 16_000;
 
-/// Lower bound on the time, s; `passes` is the plan without jerk limits on `grid`.
-pub fn bound(
-    machine: &Machine,
-    curve: &Curve,
-    limits: &Limits,
-    passes: &Passes,
-    grid: &[f64],
-) -> Result<f64, PlanError> {
-    let profile = Profile::linear(grid, &passes.z);
-    let ends = graded(&profile, INTERVALS);
+/// z(s) above that of every feasible motion.
+pub struct Above {
+    s: Vec<f64>,
+    /// z at the ends of the intervals and by how much it may be larger in between.
+    z: Vec<f64>,
+    margin: Vec<f64>,
+    /// Time over the path at this z, s: no motion takes less.
+    pub time: f64,
+}
+
+impl Above {
+    /// Largest z at `s`.
+    pub fn at(&self, s: f64) -> f64 {
+        let i = self.s.partition_point(|&x| x <= s).clamp(1, self.margin.len()) - 1;
+        let part = (s - self.s[i]) / (self.s[i + 1] - self.s[i]);
+        self.z[i] + part * (self.z[i + 1] - self.z[i]) + self.margin[i]
+    }
+}
+
+/// Upper bound on z with jerk limits left aside; force laws are linearised along `plan`.
+pub fn above(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Profile) -> Result<Above, PlanError> {
+    let s = graded(plan, INTERVALS);
     // Ends and middles of all intervals in turn.
-    let middles = ends.windows(2).map(|w| 0.5 * (w[0] + w[1]));
-    let mut all: Vec<f64> = ends.iter().copied().zip(middles).flat_map(|(end, middle)| [end, middle]).collect();
+    let middles = s.windows(2).map(|w| 0.5 * (w[0] + w[1]));
+    let mut all: Vec<f64> = s.iter().copied().zip(middles).flat_map(|(end, middle)| [end, middle]).collect();
     all.push(curve.end());
     let mut stations = Stations::new(machine, curve, limits, &all)?;
     let references: Vec<Reference> = all
         .iter()
         .map(|s| {
             // At the ends of the path the robot is just leaving or arriving.
-            let pace = profile.pace(s.clamp(all[1], all[all.len() - 2]));
+            let pace = plan.pace(s.clamp(all[1], all[all.len() - 2]));
             Reference { speed: pace.z.sqrt().max(1e-6), acceleration: pace.acceleration }
         })
         .collect();
     stations.load(machine, limits, &references)?;
     let (z, margin) = relaxed(&stations);
-    let time = |i: usize| 2.0 * (ends[i + 1] - ends[i]) / ((z[i] + margin[i]).sqrt() + (z[i + 1] + margin[i]).sqrt());
-    Ok((0..INTERVALS).map(time).sum())
+    let part = |i: usize| 2.0 * (s[i + 1] - s[i]) / ((z[i] + margin[i]).sqrt() + (z[i + 1] + margin[i]).sqrt());
+    let time = (0..INTERVALS).map(part).sum();
+    Ok(Above { s, z, margin, time })
 }

@@ -144,6 +144,7 @@ fn to_json(args: &Args, found: &Plan, planned: &Recording, execution: Option<&Ex
         "max_violation": violation,
         "optimality_gap": found.optimality_gap(),
         "time_bound": found.bound,
+        "time_outer_bound": found.outer_bound,
         "time_without_jerk": found.time_without_jerk,
         "time_bound_without_jerk": found.bound_without_jerk,
         "solve_s": found.solve_s,
@@ -180,6 +181,12 @@ fn print(
 ) -> miette::Result<()> {
     let gap = 1e2 * found.optimality_gap();
     say(format!("{}: {:.5} s", task.name, found.time))?;
+    if let Some(outer) = found.outer_bound {
+        let gap = 1e2 * (found.time - outer) / found.time;
+        say(format!(
+            "  outer      at least {outer:.5} s for any motion nowhere slower than 90 % of this one: gap {gap:.2} %"
+        ))?;
+    }
     if task.limits.has_jerk() {
         say(format!(
             "  bound      at least {:.5} s with the jerk limits linearised at the plan: gap {gap:.3} %",

@@ -8,6 +8,9 @@
 //!
 //! T = Σ 2h/(√zᵢ + √zᵢ₊₁) is convex in z. Its linearisation at the last iterate is the objective, so the optimum of a
 //! programme bounds the time of everything its rows allow from below: T ≥ T(z) + ∇T·(z* − z).
+//!
+//! With chords above J/√z over a range of z instead of tangents below it the rows allow every motion within that range,
+//! and the same inequality bounds the time of all of them ([`Root::Chord`]).
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
@@ -32,6 +35,37 @@ pub struct Step {
     pub course: Course,
     /// Lower bound on the time within its rows, s.
     pub bound: f64,
+}
+
+/// What stands for the roots of z in a programme.
+#[derive(Clone, Copy)]
+pub enum Root<'a> {
+    /// Tangents at the last iterate: the rows allow feasible motions only.
+    Tangent,
+    /// Chords from this share of the last iterate's z up to the given z at each station: the rows allow every feasible
+    /// motion in between.
+    Chord {
+        /// Share of z.
+        from: f64,
+        /// Largest z at each station.
+        to: &'a [f64],
+    },
+}
+
+impl Root<'_> {
+    /// Range of z/z₀ at station `i`, if there is one.
+    fn range(&self, z0: f64, i: usize) -> Option<[f64; 2]> {
+        match self {
+            Self::Tangent => None,
+            Self::Chord { from, to } => Some([*from, (to[i] / z0).max(1.0)]),
+        }
+    }
+}
+
+/// Offset and slope of the chord of `f` over a range.
+fn chord(f: impl Fn(f64) -> f64, [low, high]: [f64; 2]) -> (f64, f64) {
+    let slope = (f(high) - f(low)) / (high - low);
+    (f(low) - slope * low, slope)
 }
 
 /// Room for the jerk of each drive at each station: one, less where a finer grid found more.
@@ -67,10 +101,31 @@ impl Sides {
 
 /// Sides of rows of which more than this is used are taken into the programme.
 const NEAR: f64 = 0.8;
+/// Steps of a line search, each to two thirds of the interval.
+const LINE_SEARCH: usize = 12;
 /// A row outside the programme may use this much of its room.
 const ENOUGH: f64 = 1.0 + 1e-6;
 
 impl Course {
+    /// The course between this one and `other`, at most the latter, that takes the least time.
+    ///
+    /// The time is convex in z, and what lies between two feasible courses of one programme is feasible.
+    pub fn towards(&self, other: &Self, stations: &Stations) -> Self {
+        let mix = |share: f64| {
+            let blend = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + share * (b - a)).collect();
+            Self { z: blend(&self.z, &other.z), acceleration: blend(&self.acceleration, &other.acceleration) }
+        };
+        if other.time(stations) <= self.time(stations) {
+            return other.clone();
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..LINE_SEARCH {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if mix(a).time(stations) < mix(b).time(stations) { high = b } else { low = a }
+        }
+        mix(0.5 * (low + high))
+    }
+
     /// Time over the path, s.
     pub fn time(&self, stations: &Stations) -> f64 {
         let n = stations.intervals();
@@ -229,8 +284,9 @@ pub fn step(
     limits: &Limits,
     room: &Room,
     jerk_room: &JerkRoom,
-    watch: &mut Watch,
+    watch: &Watch,
     at: &Course,
+    root: Root,
     objective: Objective,
 ) -> Option<Step> {
     let n = stations.intervals();
@@ -265,14 +321,25 @@ pub fn step(
         if i == n - 1 {
             cap = cap.min(caps[1]);
         }
-        p.row(&[(zv(i), -1.0)], 0.0);
+        let range = root.range(zs(i), i);
+        p.row(&[(zv(i), -1.0)], -range.map_or(0.0, |r| r[0]));
+        if let Some([_, high]) = range {
+            cap = cap.min(high * zs(i));
+        }
         if cap.is_finite() {
             p.row(&[(zv(i), zs(i) / cap)], 1.0);
         }
         let station = &stations.list[i];
         for (r, (row, &k)) in station.rows.iter().zip(&stations.quantities).enumerate() {
-            let (a, b, c) = row.tangent(station.reference);
             for sign in watch.loads[i][r].signs() {
+                // √z where it costs lies above its chord, where it helps below its tangent.
+                let (a, b, c) = match range {
+                    Some(range) if sign * row.d > 0.0 => {
+                        let (offset, slope) = chord(|x| (x * zs(i)).sqrt(), range);
+                        (row.a, row.b + row.d * slope / zs(i), row.c + row.d * offset)
+                    }
+                    _ => row.tangent(station.reference),
+                };
                 p.row(&[(bv(i), sign * a * bs), (zv(i), sign * b * zs(i))], room.share[i][k] - sign * c);
             }
         }
@@ -281,14 +348,17 @@ pub fn step(
         let h = stations.length(i);
         for (side, at_station) in [i, i + 1].into_iter().enumerate() {
             let z0 = at.z[at_station];
+            // √(z₀/z) over z/z₀: tangent at one, or chord.
+            let (offset, slope) =
+                root.range(z0, at_station).map_or((1.5, -0.5), |range| chord(|x| x.sqrt().recip(), range));
             for axis in (0..AXES).filter(|&k| limits.jerk[k].is_finite()) {
-                // In units of J/√z₀: tangent of √(z₀/z) at z₀.
+                // In units of J/√z₀.
                 let [third, second, first] = jerk_row(&stations.list[at_station], limits, axis).map(|v| v * z0.sqrt());
                 let share = jerk_room[at_station][axis];
                 for sign in watch.jerks[i][side][axis].signs() {
                     let mut terms = [(bv(i), -sign * first / h * bs), (bv(i + 1), sign * first / h * bs)];
                     terms[side].1 += sign * second * bs;
-                    p.row(&[terms[0], terms[1], (zv(at_station), (sign * third) * z0 + 0.5 * share)], 1.5 * share);
+                    p.row(&[terms[0], terms[1], (zv(at_station), sign * third * z0 - slope * share)], offset * share);
                 }
             }
         }

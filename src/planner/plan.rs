@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use super::certificate::Above;
 use super::coefficients::{Machine, Reference};
-use super::jerk::{self, Course, JerkRoom, Watch};
+use super::jerk::{self, Course, JerkRoom, Root, Watch};
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::pass::{self, Passes, Stuck};
 use super::rows::{Room, Stations};
@@ -19,11 +20,13 @@ pub struct Options {
     pub intervals: usize,
     /// What is optimised.
     pub objective: Objective,
+    /// Whether bounds on the time are computed; they cost more than the plan.
+    pub certify: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { intervals: 200, objective: Objective::default() }
+        Self { intervals: 200, objective: Objective::default(), certify: true }
     }
 }
 
@@ -34,11 +37,14 @@ pub struct Plan {
     pub profile: Profile,
     /// Time over the path, s.
     pub time: f64,
-    /// Lower bound on the time, s: with jerk limits within the programme at the solution, else of any motion.
+    /// Lower bound on the time, s: without jerk limits of any motion; with them of all that the rows at the plan allow,
+    /// jerk limits replaced by their tangents.
     pub bound: f64,
+    /// With jerk limits: lower bound on the time of all motions whose path speed is nowhere below [`SLOWER`] of the plan's, s.
+    pub outer_bound: Option<f64>,
     /// Time without jerk limits, s.
     pub time_without_jerk: f64,
-    /// Lower bound on the time of any motion, jerk limits left aside, s.
+    /// Lower bound on the time of any motion, jerk limits left aside, s; zero if not asked for.
     pub bound_without_jerk: f64,
     /// Maximum velocity curve without jerk limits: s and largest z.
     pub mvc: Vec<[f64; 2]>,
@@ -52,6 +58,8 @@ pub struct Plan {
     pub iterations: usize,
 }
 
+/// Share of the plan's path speed above which the outer bound holds.
+pub const SLOWER: f64 = 0.9;
 /// Places per interval at which a plan is checked.
 const FINER: usize = 10;
 /// Use of a limit that a plan may reach.
@@ -68,8 +76,7 @@ const REFINEMENT: usize = 4;
 
 /// The fastest motion along `curve` from rest to rest.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
-    Search { machine, curve, limits, objective: options.objective, solve_s: 0.0, verify_s: 0.0, iterations: 0 }
-        .run(options.intervals)
+    Search { machine, curve, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 }.run()
 }
 
 impl Plan {
@@ -112,29 +119,36 @@ struct Search<'a> {
     machine: &'a Machine<'a>,
     curve: &'a Curve,
     limits: &'a Limits,
-    objective: Objective,
+    options: &'a Options,
     solve_s: f64,
     verify_s: f64,
     iterations: usize,
 }
 
 impl Search<'_> {
-    fn run(mut self, intervals: usize) -> Result<Plan, PlanError> {
+    fn run(mut self) -> Result<Plan, PlanError> {
+        let intervals = self.options.intervals;
         let end = self.curve.end();
         let grid: Vec<f64> = (0..=intervals).map(|i| end * i as f64 / intervals as f64).collect();
         let has_jerk = self.limits.has_jerk();
         let (profile, passes, uses) = self.without_jerk(&grid, !has_jerk)?;
         let mvc = grid.iter().zip(&passes.mvc).map(|(s, z)| [*s, *z]).collect();
         let time_without_jerk = profile.time();
-        let (profile, bound, uses) = match uses {
-            Some(uses) => (profile, None, uses),
-            None => self.with_jerk(&profile, intervals)?,
+        let above = match self.options.certify {
+            true => Some(certificate::above(self.machine, self.curve, self.limits, &profile)?),
+            false => None,
         };
-        let bound_without_jerk = certificate::bound(self.machine, self.curve, self.limits, &passes, &grid)?;
+        let bound_without_jerk = above.as_ref().map_or(0.0, |above| above.time);
+        let (profile, bounds, uses) = match uses {
+            Some(uses) => (profile, None, uses),
+            None => self.with_jerk(&profile, above.as_ref(), intervals).map(|(p, b, u)| (p, Some(b), u))?,
+        };
+        let [bound, outer] = bounds.unwrap_or([bound_without_jerk, f64::NEG_INFINITY]);
         Ok(Plan {
             time: profile.time(),
             profile,
-            bound: bound.unwrap_or(bound_without_jerk),
+            bound,
+            outer_bound: (outer > 0.0).then_some(outer),
             time_without_jerk,
             bound_without_jerk,
             mvc,
@@ -209,8 +223,9 @@ impl Search<'_> {
     fn with_jerk(
         &mut self,
         unlimited: &Profile,
+        above: Option<&Above>,
         intervals: usize,
-    ) -> Result<(Profile, Option<f64>, Vec<Use>), PlanError> {
+    ) -> Result<(Profile, [f64; 2], Vec<Use>), PlanError> {
         let mut sizes = vec![intervals];
         while sizes[0] >= COARSEST * REFINEMENT {
             sizes.insert(0, (sizes[0] / REFINEMENT).max(COARSEST));
@@ -243,8 +258,9 @@ impl Search<'_> {
             let profile = programme.profile();
             let uses = self.check(&profile)?;
             if !tighten(&uses, &mut programme.room, &mut programme.jerk_room) || round == ROUNDS {
-                let bound = (self.objective == Objective::Time).then_some(programme.bound);
-                return accept(uses).map(|uses| (profile, bound, uses));
+                let uses = accept(uses)?;
+                let outer = above.map_or(f64::NEG_INFINITY, |above| self.outer_bound(&programme, above));
+                return Ok((profile, [self.bound(&programme), outer], uses));
             }
             round += 1;
             let start = Instant::now();
@@ -253,21 +269,56 @@ impl Search<'_> {
         }
     }
 
+    /// Lower bound on the time of all that the programme's rows allow.
+    fn bound(&self, p: &Programme) -> f64 {
+        if self.options.objective == Objective::Time {
+            return p.bound;
+        }
+        let root = Root::Tangent;
+        jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &p.watch, &p.at, root, Objective::Time)
+            .map_or(0.0, |step| step.bound)
+    }
+
+    /// Lower bound on the time of all motions not much slower than the programme's anywhere.
+    fn outer_bound(&self, p: &Programme, above: &Above) -> f64 {
+        let to: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
+        let root = Root::Chord { from: SLOWER.powi(2), to: &to };
+        let n = to.len();
+        let (room, jerk_room) = (Room::full(n), vec![[1.0; AXES]; n]);
+        jerk::step(&p.stations, self.limits, &room, &jerk_room, &p.watch, &p.at, root, Objective::Time)
+            .map_or(f64::NEG_INFINITY, |step| step.bound)
+    }
+
     /// Solves programmes, each about what the last one found, until the time stays the same.
     fn programmes(&mut self, p: &mut Programme, finest: bool) -> Result<(), PlanError> {
         const MOST: usize = 40;
+        let mut feasible = false;
         let settled = if finest { 1e-4 } else { 2e-3 };
         for k in 0..MOST {
             p.stations.load(self.machine, self.limits, &course_references(&p.at))?;
             let before = p.at.time(&p.stations);
-            let step = jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &p.at, self.objective)
-                .ok_or(PlanError::Unsolved)?;
+            let step = jerk::step(
+                &p.stations,
+                self.limits,
+                &p.room,
+                &p.jerk_room,
+                &p.watch,
+                &p.at,
+                Root::Tangent,
+                self.options.objective,
+            )
+            .ok_or(PlanError::Unsolved)?;
             self.iterations += 1;
-            let broken = jerk::broken(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &step.course);
-            p.at = step.course;
+            let course = match self.options.objective {
+                Objective::Time if feasible => p.at.towards(&step.course, &p.stations),
+                _ => step.course,
+            };
+            let broken = jerk::broken(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &course);
+            feasible = !broken;
+            p.at = course;
             p.bound = step.bound;
             let time = p.at.time(&p.stations);
-            let change = match self.objective {
+            let change = match self.options.objective {
                 Objective::Time => (time - p.bound).abs(),
                 Objective::Speed => (time - before).abs(),
             };

@@ -170,6 +170,7 @@ fn options(file: &File, keys: &SearchKeys) -> Result<Options> {
             Some(n) => file.count("search.intervals", n, 20, 5000)?,
             None => default.intervals,
         },
+        certify: default.certify,
         objective: match &keys.objective {
             Some(word) => {
                 file.choice("search.objective", word, &[("time", Objective::Time), ("speed", Objective::Speed)])?
@@ -279,5 +280,68 @@ fn points(
             Err(file.problem(at, format!("points {} and {} are less than {NEAREST} m apart", i + 1, i + 2)))
         }
         None => Ok(points),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const GOOD: &str = "[path]\nkind = \"lines\"\npoints = [[0, 0, -1, 0], [0.1, 0, -1, 0], [0.1, 0.1, -1, 0]]\n\
+                        blend = 0.02\n[payload]\nmass = 1.0\n[limits]\nstrut_upper = 120.0\n";
+
+    fn parse(text: &str) -> Result<Task> {
+        Task::parse(text, Path::new("p.toml"), Limits::NONE)
+    }
+
+    #[test]
+    fn what_is_left_out_is_given() {
+        let task = parse(GOOD).unwrap();
+        assert_eq!(task.limits.strut_upper, 120.0);
+        assert_eq!(task.limits.bearing_force, f64::INFINITY);
+        assert_eq!((task.options, task.setup.payload.mass), (Options::default(), 1.0));
+    }
+
+    #[test]
+    fn mistakes_are_named_with_line_and_value() {
+        for (from, to, expected) in [
+            ("\"lines\"", "\"spiral\"", "p.toml:2:8: `path.kind` is \"spiral\""),
+            ("blend = 0.02", "blend = -1", "p.toml:4:9: `path.blend` is -1"),
+            ("blend = 0.02", "blned = 1", "[path]: unknown field `blned`"),
+            ("[0.1, 0, -1, 0]", "[0, 0, -1, 0]", "p.toml:3:27: points 1 and 2 are less than 0.001 m apart"),
+            ("strut_upper = 120.0", "strut_upper = -3", "p.toml:8:15: `limits.strut_upper` is -3"),
+            ("strut_upper = 120.0", "strut = 3", "p.toml:8:1: unknown field `strut`"),
+            ("[limits]", "[search]\nintervals = 3\n[limits]", "p.toml:8:13: `search.intervals` is 3"),
+            ("[limits]", "[search]\nobjective = \"fun\"\n[limits]", "`search.objective` is \"fun\""),
+            ("[path]", "[route]", "p.toml:1:2: unknown field `route`"),
+            ("mass = 1.0", "mass = nan", "`payload.mass` is NaN"),
+        ] {
+            assert!(GOOD.contains(from), "{from}");
+            let e = parse(&GOOD.replacen(from, to, 1)).unwrap_err().to_string();
+            assert!(e.contains(expected), "{expected}\n{e}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn damaged_files_are_read_or_refused_with_a_place(
+            file in prop::sample::select(vec!["u-turn", "cycle"]),
+            at in any::<prop::sample::Index>(),
+            length in 0..30usize,
+            put in prop::sample::select(vec!["", "nan", "-1", "1e300", "inf", "[", "\"\"", "9223372036854775807", "ψ", "\n"]),
+        ) {
+            let path = format!("scenarios/{file}.toml");
+            let text: Vec<char> = std::fs::read_to_string(&path).unwrap().chars().collect();
+            let at = at.index(text.len());
+            let end = (at + length).min(text.len());
+            let damaged: String =
+                text[..at].iter().copied().chain(put.chars()).chain(text[end..].iter().copied()).collect();
+            match Task::parse(&damaged, Path::new(&path), Limits::NONE) {
+                Err(e) => prop_assert!(e.to_string().starts_with(&format!("{path}:")), "{e}"),
+                Ok(task) => prop_assert!(task.shape.curve().end() == 1.0),
+            }
+        }
     }
 }

@@ -1,0 +1,73 @@
+//! What constraint forces, path coefficients and plans cost, along the paper's U-turn.
+
+#![allow(missing_docs)] // the macros below write public functions
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use std::hint::black_box;
+use std::path::Path;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use deltatwin::constraint_forces::{Detail, constraint_forces};
+use deltatwin::dynamics::Plant;
+use deltatwin::planner::rows::{Room, Stations};
+use deltatwin::planner::{Limits, Machine, Options, PathPoint, Reference, Task, pass, plan};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+fn forces(c: &mut Criterion) {
+    for (name, plant) in [
+        ("rigid", common::nominal_plant()),
+        ("truth", Plant::new(&common::model("irb360-6-1600-truth"), &Default::default())),
+    ] {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let motions: Vec<_> =
+            (0..64).map(|_| plant.motion(&common::random_joints(&plant, &mut rng)).expect("reachable")).collect();
+        let states: Vec<&[f64]> = plant.effects.iter().map(|_| [].as_slice()).collect();
+        for (what, detail) in [("reduced", Detail::Reduced), ("complete", Detail::Complete)] {
+            let mut cycle = motions.iter().cycle();
+            c.bench_function(&format!("constraint forces, {what} ({name})"), |b| {
+                b.iter(|| constraint_forces(&plant, 0.0, black_box(cycle.next().unwrap()), &states, detail))
+            });
+        }
+    }
+}
+
+fn planning(c: &mut Criterion) {
+    let model = common::model("irb360-6-1600");
+    let task = Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let curve = task.shape.curve();
+    let limits = Limits { jerk: [f64::INFINITY; 4], ..task.limits };
+    let grid: Vec<f64> = (0..=1000).map(|k| f64::from(k) / 1e3).collect();
+    let points: Vec<PathPoint> =
+        grid.iter().map(|s| PathPoint::new(&plant.geometry, &curve, *s).expect("reachable")).collect();
+    let reference = Reference { speed: 2.0, acceleration: 10.0 };
+    let mut group = c.benchmark_group("plan");
+    group.sample_size(20);
+    group.bench_function("coefficients of 1000 points", |b| {
+        b.iter(|| points.iter().map(|p| machine.coefficients(p, reference).unwrap().a[0]).sum::<f64>())
+    });
+    let mut stations = Stations::new(&machine, &curve, &limits, &grid).expect("reachable");
+    stations.load(&machine, &limits, &vec![reference; grid.len()]).expect("regular");
+    let room = Room::full(grid.len());
+    group.bench_function("passes without jerk, 1000 intervals", |b| {
+        b.iter(|| pass::solve(&stations, &room).unwrap().z[500])
+    });
+    for (what, limits, intervals) in [
+        ("without jerk, checked", limits, 1000),
+        ("with jerk, checked", task.limits, 200),
+        ("with jerk, checked", task.limits, 1000),
+    ] {
+        let options = Options { intervals, certify: false, ..Options::default() };
+        group.bench_function(format!("{what}, {intervals} intervals"), |b| {
+            b.iter(|| plan(&machine, &curve, &limits, &options).unwrap().time)
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, forces, planning);
+criterion_main!(benches);

@@ -1,0 +1,531 @@
+//! Plans: coefficients against the inverse dynamics, limits on an independent grid, optimality against a dynamic
+//! programme, the paper's U-turn, and what the twin makes of it.
+
+mod common;
+
+use std::path::Path;
+
+use deltatwin::dynamics::{Plant, inverse_dynamics};
+use deltatwin::effects::ActiveEffect;
+use deltatwin::model::Model;
+use deltatwin::planner::rows::Stations;
+use deltatwin::planner::trajectory::trajectory;
+use deltatwin::planner::validation::execute;
+use deltatwin::planner::{
+    Curve, Limit, Limits, Machine, Options, PathPoint, Plan, PlanError, Reference, Shape, Task, plan,
+};
+use deltatwin::recording::{Payload, Setup};
+use nalgebra::Vector4;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+fn shapes() -> Vec<Shape> {
+    let points = vec![
+        [0.1, -0.3, -1.0, 0.0],
+        [0.0, -0.1, -0.9, 0.4],
+        [-0.1, 0.0, -0.95, 1.0],
+        [0.0, 0.2, -1.0, 0.5],
+        [0.2, 0.2, -1.05, 0.0],
+        [0.25, 0.0, -1.0, -0.5],
+        [0.1, -0.1, -0.95, 0.0],
+    ];
+    vec![
+        Shape::BSpline { points: points.clone(), degree: 4 },
+        Shape::BSpline { points: points.clone(), degree: 5 },
+        Shape::BSpline { points: points[..6].to_vec(), degree: 5 },
+        Shape::Through { points: points.clone(), turn_radius: 0.1 },
+        Shape::Lines { points, blend: 0.04, turn_radius: 0.1 },
+        Shape::arch([0.0, -0.15, -1.05, 0.0], [0.0, 0.15, -1.05, 1.57], 0.025, 0.0125, 0.1),
+    ]
+}
+
+fn loaded(name: &str) -> (Model, Setup) {
+    let payload = Payload { mass: 2.5, com: [0.02, -0.01, -0.05].into(), inertia_zz: 0.01 };
+    (common::model(name), Setup { payload, ..Setup::default() })
+}
+
+fn limits(model: &Model) -> Limits {
+    Limits { strut_upper: 120.0, strut_lower: 130.0, bearing_force: 140.0, bearing_moment: 15.0, ..Limits::of(model) }
+}
+
+fn u_turn(model: &Model) -> Task {
+    Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(model)).unwrap()
+}
+
+fn no_jerk(limits: Limits) -> Limits {
+    Limits { jerk: [f64::INFINITY; 4], ..limits }
+}
+
+const QUICK: Options = Options { intervals: 100, objective: deltatwin::planner::Objective::Time, certify: false };
+
+#[test]
+fn derivatives_of_paths_are_consistent_and_continuous() {
+    for shape in shapes() {
+        let curve = shape.curve();
+        let h = 1e-6;
+        for k in 1..200 {
+            let s = f64::from(k) / 200.0 + 1e-4;
+            let [before, now, after] = [s - h, s, s + h].map(|s| curve.at(s));
+            for order in 0..3 {
+                let slope = (after[order] - before[order]) / (2.0 * h);
+                let error = (slope - now[order + 1]).norm();
+                assert!(error < 1e-4 * (1.0 + now[order + 1].norm()), "{shape:?}: order {order} at {s}: {error:e}");
+            }
+        }
+        let size: Vec<f64> =
+            (0..4).map(|o| (0..=500).map(|k| curve.at(f64::from(k) / 500.0)[o].norm()).fold(1.0, f64::max)).collect();
+        for knot in curve.knots().skip(1).filter(|s| *s < 1.0) {
+            let (before, after) = (curve.at(knot - 1e-13), curve.at(knot + 1e-13));
+            for order in 0..4 {
+                let jump = (after[order] - before[order]).norm();
+                assert!(jump < 1e-7 * size[order], "{shape:?}: order {order} jumps by {jump:e} at {knot}");
+            }
+        }
+    }
+}
+
+#[test]
+fn paths_begin_and_end_where_they_are_told() {
+    for shape in shapes() {
+        let (first, last) = match &shape {
+            Shape::BSpline { points, .. } | Shape::Through { points, .. } | Shape::Lines { points, .. } => {
+                (points[0], points[points.len() - 1])
+            }
+        };
+        let curve = shape.curve();
+        assert!((curve.at(0.0)[0] - Vector4::from(first)).norm() < 1e-12);
+        assert!((curve.at(1.0)[0] - Vector4::from(last)).norm() < 1e-9, "{shape:?}");
+        if let Shape::Through { points, .. } = &shape {
+            for p in points {
+                let nearest = (0..=20_000)
+                    .map(|k| (curve.at(f64::from(k) / 2e4)[0] - Vector4::from(*p)).norm())
+                    .fold(f64::INFINITY, f64::min);
+                assert!(nearest < 1e-3, "{nearest}");
+            }
+        }
+    }
+}
+
+#[test]
+fn third_derivatives_of_the_joints_are_those_of_the_second() {
+    let model = common::model("irb360-6-1600");
+    for shape in shapes() {
+        let curve = shape.curve();
+        let h = 1e-6;
+        for k in 1..50 {
+            let s = f64::from(k) / 50.0 - 0.003;
+            let [before, now, after] = [s - h, s, s + h].map(|s| PathPoint::new(&model.geometry, &curve, s).unwrap());
+            for order in 0..3 {
+                for axis in 0..4 {
+                    let slope = (after.q[order][axis] - before.q[order][axis]) / (2.0 * h);
+                    let error = (slope - now.q[order + 1][axis]).abs();
+                    assert!(error < 1e-4 * (1.0 + now.q[order + 1][axis].abs()), "order {order} of axis {axis} at {s}");
+                }
+            }
+        }
+    }
+}
+
+/// Torques and upper strut forces by the inverse dynamics.
+fn reference_loads(plant: &Plant, point: &PathPoint, speed: f64, acceleration: f64) -> Vec<f64> {
+    let motion = plant.motion(&point.joints(speed, acceleration)).unwrap();
+    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+    let out = inverse_dynamics(plant, 0.0, &motion, &states, true).unwrap();
+    out.tau.into_iter().chain(out.reactions.lower).chain(out.reactions.upper).collect()
+}
+
+/// The same from coefficients.
+fn from_coefficients(machine: &Machine, point: &PathPoint, reference: Reference, at: [f64; 2]) -> Vec<f64> {
+    let k = machine.coefficients(point, reference).unwrap();
+    let [speed, acceleration] = at;
+    let all: Vec<f64> =
+        (0..k.a.len()).map(|i| k.a[i] * acceleration + k.b[i] * speed * speed + k.c[i] + k.d[i] * speed).collect();
+    all[..4].iter().chain(&all[9..]).copied().collect()
+}
+
+#[test]
+fn coefficients_are_the_inverse_dynamics() {
+    let (model, setup) = loaded("irb360-6-1600-truth");
+    let mut plant = Plant::new(&model, &setup);
+    for name in ["ball_socket_load_dependent", "gear_load_friction", "air_drag"] {
+        plant.effects.push(common::defaults(name));
+    }
+    let machine = Machine::new(&plant, Default::default());
+    let curve = shapes()[0].curve();
+    for k in 0..=40 {
+        let point = PathPoint::new(&plant.geometry, &curve, f64::from(k) / 40.0).unwrap();
+        let reference = Reference { speed: 0.4 + 0.05 * f64::from(k), acceleration: 20.0 - f64::from(k) };
+        let found = from_coefficients(&machine, &point, reference, [reference.speed, reference.acceleration]);
+        let expected = reference_loads(&plant, &point, reference.speed, reference.acceleration);
+        for (f, e) in found.iter().zip(&expected) {
+            // Loads that friction itself depends on converge to 1e-6.
+            assert!((f - e).abs() < 1e-4 * (1.0 + e.abs()), "{f} {e}");
+        }
+    }
+}
+
+/// Viscous friction alone is C + D ṡ at any speed, and D does not depend on where the law was linearised.
+#[test]
+fn viscous_friction_is_in_d_at_every_speed() {
+    let (mut model, setup) = loaded("irb360-6-1600");
+    let viscous: [f64; 3] = [1.7, 2.0, 1.5];
+    let friction = deltatwin::effects::find("drive_friction").unwrap();
+    let sockets = deltatwin::effects::find("ball_socket_viscous").unwrap();
+    model.effects =
+        vec![ActiveEffect::new(friction, &[&[0.0; 3], &viscous, &[100.0]]), ActiveEffect::new(sockets, &[&[0.3]])];
+    let plant = Plant::new(&model, &setup);
+    let machine = Machine::new(&plant, Default::default());
+    let curve = shapes()[1].curve();
+    for k in 0..=20 {
+        let point = PathPoint::new(&plant.geometry, &curve, f64::from(k) / 20.0).unwrap();
+        for speed in [0.01, 0.7, 3.0] {
+            let found = from_coefficients(&machine, &point, Reference { speed: 1.3, acceleration: 0.0 }, [speed, 11.0]);
+            for (f, e) in found.iter().zip(reference_loads(&plant, &point, speed, 11.0)) {
+                assert!((f - e).abs() < 1e-9 * (100.0 + e.abs()), "{f} {e} at {speed}");
+            }
+        }
+    }
+}
+
+/// Largest use of every limit along the plan at times that are no stations, by the inverse dynamics.
+fn worst_use(plant: &Plant, curve: &Curve, limits: &Limits, plan: &Plan, samples: usize) -> (f64, String) {
+    let times = (0..=samples).map(|k| plan.time * k as f64 / samples as f64);
+    let share = 1.0 - limits.margin;
+    let mut worst = (0.0, String::new());
+    let mut see = |name: &str, i: usize, value: f64, limit: f64| {
+        let used = value.abs() / limit;
+        if !(used <= worst.0) {
+            worst = (used, format!("{name}{}", i + 1));
+        }
+    };
+    let mut last: Option<[f64; 4]> = None;
+    let dt = plan.time / samples as f64;
+    for [s, speed, acceleration] in plan.profile.sample(times) {
+        let point = PathPoint::new(&plant.geometry, curve, s).unwrap();
+        let joints = point.joints(speed, acceleration);
+        plant.geometry.check_limits(&joints.q, &point.r[0].xyz()).unwrap();
+        let loads = reference_loads(plant, &point, speed, acceleration);
+        for i in 0..4 {
+            see("speed", i, joints.qd[i], limits.speed[i]);
+            see("acceleration", i, joints.qdd[i], limits.acceleration[i]);
+            see("torque", i, loads[i], share * limits.torque[i]);
+        }
+        for i in 0..6 {
+            see("lambda_p", i, loads[4 + i], share * limits.strut_lower);
+            see("lambda_s", i, loads[10 + i], share * limits.strut_upper);
+        }
+        if let (true, Some(before)) = (limits.has_jerk(), last) {
+            for i in 0..4 {
+                // Mean jerk between two samples is no larger than the jerk.
+                see("jerk", i, (joints.qdd[i] - before[i]) / dt, limits.jerk[i]);
+            }
+        }
+        last = Some(joints.qdd);
+    }
+    worst
+}
+
+#[test]
+fn the_papers_u_turn() {
+    let model = common::model("irb360-6-1600");
+    let task = u_turn(&model);
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let curve = task.shape.curve();
+    let found = plan(&machine, &curve, &task.limits, &task.options).unwrap();
+    // 0.48 s in the paper.
+    assert!((0.42..0.50).contains(&found.time), "{}", found.time);
+    assert!((0.0..0.005).contains(&found.optimality_gap()), "{}", found.optimality_gap());
+    assert!(found.bound_without_jerk < found.time_without_jerk && found.time_without_jerk < found.time);
+    let (worst, what) = worst_use(&plant, &curve, &task.limits, &found, 5003);
+    assert!((0.99..1.001).contains(&worst), "{what}: {worst}");
+    // Strut forces are the limit on both halves of the way across.
+    let active = found.active();
+    let struts = |half: fn(f64) -> bool| {
+        let inside = active.iter().filter(|(l, s)| matches!(l, Limit::LambdaS(_)) && s.iter().all(|s| half(*s)));
+        inside.map(|(_, [from, to])| to - from).sum::<f64>()
+    };
+    assert!(struts(|s| s < 0.5) > 0.1 && struts(|s| s > 0.5) > 0.1, "{active:?}");
+}
+
+#[test]
+fn the_scale_of_s_does_not_matter() {
+    let model = common::model("irb360-6-1600");
+    let task = u_turn(&model);
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let curve = task.shape.curve();
+    for limits in [no_jerk(task.limits), task.limits] {
+        let times: Vec<f64> = [0.1, 1.0, 10.0]
+            .into_iter()
+            .map(|end| plan(&machine, &curve.clone().rescaled(end), &limits, &QUICK).unwrap().time)
+            .collect();
+        let apart = times.iter().map(|t| (t / times[1] - 1.0).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-6, "{times:?}");
+    }
+}
+
+#[test]
+fn more_intervals_converge() {
+    let model = common::model("irb360-6-1600");
+    let task = u_turn(&model);
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let curve = task.shape.curve();
+    for limits in [no_jerk(task.limits), task.limits] {
+        let time = |intervals: usize| plan(&machine, &curve, &limits, &Options { intervals, ..QUICK }).unwrap().time;
+        let [coarse, fine, finest] = [100, 200, 800].map(time);
+        assert!((fine - finest).abs() < 0.6 * (coarse - finest).abs() + 1e-5, "{coarse} {fine} {finest}");
+        assert!((fine / finest - 1.0).abs() < 0.01, "{coarse} {fine} {finest}");
+    }
+}
+
+/// Fastest motion on a grid of z at every station, by dynamic programming over the true model's loads: rows at both ends of
+/// every interval with the s̈ of the interval.
+fn dynamic_programme(
+    machine: &Machine,
+    curve: &Curve,
+    limits: &Limits,
+    intervals: usize,
+    levels: usize,
+    top: f64,
+) -> f64 {
+    let plant = machine.plant();
+    let points: Vec<PathPoint> =
+        (0..=intervals).map(|i| PathPoint::new(&plant.geometry, curve, i as f64 / intervals as f64).unwrap()).collect();
+    let share = 1.0 - limits.margin;
+    // Loads at a station are affine in s̈ at each z: two evaluations per z.
+    let z = |k: usize| top * (k as f64 / levels as f64).powi(2);
+    let affine = |i: usize, k: usize| {
+        let speed = z(k).sqrt().max(1e-3);
+        let rest = reference_loads(plant, &points[i], speed, 0.0);
+        let unit = reference_loads(plant, &points[i], speed, 1.0);
+        rest.into_iter().zip(unit).map(|(a, b)| (a, b - a)).collect::<Vec<_>>()
+    };
+    let table: Vec<Vec<Vec<(f64, f64)>>> =
+        (0..=intervals).map(|i| (0..=levels).map(|k| affine(i, k)).collect()).collect();
+    let allowed = |i: usize, k: usize, u: f64| {
+        let joints = points[i].joints(z(k).sqrt(), u);
+        let kinematic =
+            (0..4).all(|a| joints.qd[a].abs() <= limits.speed[a] && joints.qdd[a].abs() <= limits.acceleration[a]);
+        kinematic
+            && table[i][k].iter().enumerate().all(|(q, (rest, slope))| {
+                let limit = match q {
+                    0..4 => limits.torque[q],
+                    4..10 => limits.strut_lower,
+                    _ => limits.strut_upper,
+                };
+                (rest + slope * u).abs() <= share * limit
+            })
+    };
+    let h = 1.0 / intervals as f64;
+    let mut cost = vec![f64::INFINITY; levels + 1];
+    cost[0] = 0.0;
+    for i in (0..intervals).rev() {
+        let step = |from: usize| {
+            let mut best = f64::INFINITY;
+            for to in (0..=levels).filter(|&to| cost[to].is_finite() && from + to > 0) {
+                let time = 2.0 * h / (z(from).sqrt() + z(to).sqrt()) + cost[to];
+                let u = 0.5 * (z(to) - z(from)) / h;
+                if time < best && allowed(i, from, u) && allowed(i + 1, to, u) {
+                    best = time;
+                }
+            }
+            best
+        };
+        cost = (0..=levels).map(step).collect();
+    }
+    cost[0]
+}
+
+#[test]
+fn no_dynamic_programme_is_faster() {
+    let (model, setup) = loaded("irb360-6-1600");
+    let plant = Plant::new(&model, &setup);
+    let machine = Machine::new(&plant, Default::default());
+    for (shape, torque) in [(&shapes()[0], 132.0), (&shapes()[1], 80.0), (&shapes()[3], 60.0)] {
+        let curve = shape.curve();
+        let limits = Limits {
+            torque: [torque, torque, torque, 45.0],
+            bearing_force: f64::INFINITY,
+            bearing_moment: f64::INFINITY,
+            ..no_jerk(limits(&model))
+        };
+        let found = plan(&machine, &curve, &limits, &Options { intervals: 100, certify: true, ..QUICK }).unwrap();
+        let top = 1.05 * (0..100).map(|i| found.profile.pace(f64::from(i) / 100.0).z).fold(0.0, f64::max);
+        let programme = dynamic_programme(&machine, &curve, &limits, 100, 250, top);
+        assert!(found.time < programme * 1.001, "{} against {programme}", found.time);
+        assert!(programme < found.time * 1.03, "{} against {programme}", found.time);
+        assert!(found.bound < found.time && found.bound < programme, "{}", found.bound);
+    }
+}
+
+#[test]
+fn a_heavy_payload_is_explained() {
+    let model = common::model("irb360-6-1600");
+    let task = u_turn(&model);
+    let mut setup = task.setup;
+    setup.payload.mass = 40.0;
+    let plant = Plant::new(&model, &setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    match plan(&machine, &task.shape.curve(), &task.limits, &QUICK) {
+        Err(PlanError::AtRest { limit, value, usable, .. }) => {
+            assert!(value.abs() > usable && matches!(limit, Limit::LambdaE(_) | Limit::LambdaS(_)), "{limit}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The planned motion keeps the sockets on their balls, without the limit on strut forces the same payload tears them off;
+/// a plan that knows the friction of the sockets is executed as planned.
+#[test]
+fn the_twin_executes_plans() {
+    let truth = common::model("irb360-6-1600-truth");
+    let believed = common::model("irb360-6-1600");
+    let task = u_turn(&truth);
+    let run = |planning: &Model, limits: &Limits| {
+        let plant = Plant::new(planning, &task.setup);
+        let machine = Machine::new(&plant, limits.detail);
+        let curve = task.shape.curve();
+        let found = plan(&machine, &curve, limits, &QUICK).unwrap();
+        let planned = trajectory(&machine, &curve, &found, &task.setup, 400e-6, "u-turn").unwrap();
+        (found.time, execute(&truth, &plant, &planned).unwrap())
+    };
+    let (slow, knowing) = run(&truth, &task.limits);
+    let (fast, lacking) = run(&believed, &task.limits);
+    assert!(knowing.events.is_empty() && lacking.events.is_empty());
+    assert!(knowing.peak_strut < 109.0 && knowing.margin > 85.0, "{} {}", knowing.peak_strut, knowing.margin);
+    assert!(lacking.peak_strut > 120.0, "{}", lacking.peak_strut);
+    assert!(slow > fast);
+    let most = |values: &[[f64; 2]]| values.iter().map(|v| v[1]).fold(0.0, f64::max);
+    assert!(most(&knowing.strut) < 0.2 * most(&lacking.strut), "{:?} {:?}", knowing.strut, lacking.strut);
+    let unlimited =
+        Limits { strut_upper: f64::INFINITY, bearing_force: f64::INFINITY, jerk: [f64::INFINITY; 4], ..task.limits };
+    let (time, torn) = run(&believed, &unlimited);
+    assert!(time < fast && torn.events.iter().any(|e| e.kind.name() == "dislocation"), "{}", torn.peak_strut);
+}
+
+#[test]
+fn a_table_of_a_plan_is_consistent() {
+    let model = common::model("irb360-6-1600");
+    let task = u_turn(&model);
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let curve = task.shape.curve();
+    let found = plan(&machine, &curve, &task.limits, &QUICK).unwrap();
+    let table = trajectory(&machine, &curve, &found, &task.setup, 400e-6, "u-turn").unwrap().signals;
+    let (qd, qdd) = (table.qd.unwrap(), table.qdd.unwrap());
+    let n = table.t.len();
+    assert!((table.t[n - 1] - found.time) < 400e-6 && table.t[n - 1] >= found.time);
+    for k in 1..n - 1 {
+        for i in 0..4 {
+            let rate = (table.q[k + 1][i] - table.q[k - 1][i]) / 800e-6;
+            let acceleration = (qd[k + 1][i] - qd[k - 1][i]) / 800e-6;
+            // A third of the jerk times the period squared; half the jump of jerk.
+            assert!((rate - qd[k][i]).abs() < 1e-3, "{k} {i}: {rate} {}", qd[k][i]);
+            assert!((acceleration - qdd[k][i]).abs() < 1.0, "{k} {i}: {acceleration} {}", qdd[k][i]);
+        }
+    }
+    assert!(qd[0] == [0.0; 4] && qd[n - 1].iter().all(|v| v.abs() < 1e-9));
+    let end = curve.at(1.0)[0];
+    let platform = table.ee.unwrap()[n - 1];
+    assert!((0..3).all(|i| (platform[i] - end[i]).abs() < 1e-9));
+}
+
+fn random_shape(rng: &mut ChaCha8Rng) -> Shape {
+    let count = rng.random_range(2..9);
+    let reach = rng.random_range(0.05..0.75);
+    let points: Vec<[f64; 4]> = (0..count)
+        .map(|_| {
+            [
+                rng.random_range(-reach..reach),
+                rng.random_range(-reach..reach),
+                rng.random_range(-1.2..-0.8),
+                rng.random_range(-3.0..3.0),
+            ]
+        })
+        .collect();
+    match rng.random_range(0..4) {
+        0 if count > 5 => Shape::BSpline { points, degree: rng.random_range(4..6) },
+        1 => Shape::Through { points, turn_radius: 0.1 },
+        2 => {
+            let [a, b] = [points[0], points[1]];
+            Shape::arch(a, b, rng.random_range(0.02..0.3), rng.random_range(0.005..0.1), 0.1)
+        }
+        _ => Shape::Lines { points, blend: rng.random_range(0.005..0.2), turn_radius: 0.1 },
+    }
+}
+
+/// 500 random paths, payloads and limits: no panic, and every answer is feasible or a correct explanation.
+#[test]
+fn random_paths_are_planned_or_refused_for_a_reason() {
+    let models = ["irb360-6-1600", "irb360-6-1600-truth"].map(common::model);
+    let (mut planned, mut refused, mut unexplained) = (0, 0, vec![]);
+    for seed in 0..500 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let model = &models[seed as usize % 2];
+        let curve = random_shape(&mut rng).curve();
+        let payload = Payload {
+            mass: rng.random_range(0.0..8.0),
+            com: [rng.random_range(-0.1..0.1), rng.random_range(-0.1..0.1), rng.random_range(-0.2..0.0)].into(),
+            inertia_zz: rng.random_range(0.0..0.05),
+        };
+        let plant = Plant::new(model, &Setup { payload, ..Setup::default() });
+        let mut limits = Limits::of(model);
+        if rng.random_bool(0.7) {
+            limits.strut_upper = rng.random_range(60.0..200.0);
+        }
+        if rng.random_bool(0.3) {
+            limits.strut_lower = rng.random_range(60.0..200.0);
+        }
+        if rng.random_bool(0.5) {
+            limits = no_jerk(limits);
+        }
+        limits.torque[0] *= rng.random_range(0.5..1.0);
+        let machine = Machine::new(&plant, limits.detail);
+        let options = Options { intervals: rng.random_range(40..120), ..QUICK };
+        match plan(&machine, &curve, &limits, &options) {
+            Ok(found) => {
+                planned += 1;
+                let (worst, what) = worst_use(&plant, &curve, &limits, &found, 997);
+                assert!(worst <= 1.001, "seed {seed}: {what} {worst}");
+            }
+            Err(PlanError::Place { s, .. }) => {
+                refused += 1;
+                let point = PathPoint::new(&plant.geometry, &curve, s);
+                assert!(point.is_err() || point.unwrap().check(&plant.geometry).is_err(), "seed {seed}");
+            }
+            Err(PlanError::AtRest { limit, s, value, usable }) => {
+                refused += 1;
+                assert!(value.abs() > usable, "seed {seed}");
+                let point = PathPoint::new(&plant.geometry, &curve, s).unwrap();
+                let loads = reference_loads(&plant, &point, 0.05, 0.0);
+                let load = match limit {
+                    Limit::Torque(i) => loads[i],
+                    Limit::LambdaP(i) => loads[4 + i],
+                    Limit::LambdaS(i) => loads[10 + i],
+                    other => panic!("seed {seed}: {other}"),
+                };
+                // Friction of a slow motion included, which the plan takes at its own speed.
+                assert!(load.abs() > 0.7 * usable, "seed {seed}: {limit} {load} of {usable}");
+            }
+            Err(other) => unexplained.push((seed, other.to_string())),
+        }
+    }
+    println!("{planned} planned, {refused} refused, unexplained {unexplained:?}");
+    assert!(planned > 150 && refused > 20, "{planned} {refused}");
+    assert!(unexplained.is_empty(), "{unexplained:?}");
+}
+
+#[test]
+fn stations_name_the_place_that_cannot_be_reached() {
+    let model = common::model("irb360-6-1600");
+    let plant = Plant::new(&model, &Setup::default());
+    let machine = Machine::new(&plant, Default::default());
+    let curve = Shape::arch([0.0, -0.4, -0.9, 0.0], [0.0, 0.4, -0.9, 0.0], 0.25, 0.05, 0.1).curve();
+    let grid: Vec<f64> = (0..=100).map(|k| f64::from(k) / 100.0).collect();
+    let error = Stations::new(&machine, &curve, &Limits::of(&model), &grid).unwrap_err().to_string();
+    assert!(error.contains("s = 0.") && error.contains("telescope length") && error.contains("outside"), "{error}");
+}
