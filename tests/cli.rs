@@ -55,9 +55,10 @@ fn smoke(folder: &TempDir) -> String {
 #[test]
 fn every_command_explains_itself_with_an_example() {
     let top = done(&["--help"]);
-    for command in
-        ["demo", "simulate", "import", "export", "excite", "identify", "compare", "diagnose", "add", "effects", "check"]
-    {
+    for command in [
+        "demo", "simulate", "import", "export", "excite", "identify", "compare", "diagnose", "add", "effects",
+        "forces", "plan", "check",
+    ] {
         assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
         let help = done(&[command, "--help"]);
         let example = ["Example", "Examples"].iter().any(|e| help.contains(&format!("{e}: deltatwin {command}")));
@@ -75,7 +76,13 @@ fn every_shipped_file_is_right() {
     let arguments: Vec<&str> = std::iter::once("check").chain(files.iter().map(String::as_str)).collect();
     let answer = json(&arguments);
     for entry in answer["files"].as_array().unwrap() {
-        let expected = if entry["file"].as_str().unwrap().starts_with("models") { "model" } else { "scenario" };
+        let file = entry["file"].as_str().unwrap();
+        let is_path = |name: &str| file.ends_with(name);
+        let expected = match file {
+            _ if file.starts_with("models") => "model",
+            _ if ["u-turn.toml", "cycle.toml"].into_iter().any(is_path) => "path",
+            _ => "scenario",
+        };
         assert_eq!(entry["kind"], expected, "{entry}");
     }
     assert_eq!(answer["files"].as_array().unwrap().len(), files.len());
@@ -312,4 +319,56 @@ fn runs_repeat_bit_by_bit_alone_and_together() {
     let output = run(&["simulate", "scenarios/touch.toml", "--verify", &alone]);
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stdout).contains("differs"), "{output:?}");
+}
+
+#[test]
+fn plan_run_and_forces() {
+    let folder = TempDir::new().unwrap();
+    let (table, figures) = (path(&folder, "u-turn.csv"), path(&folder, "figures"));
+    let answer = json(&["plan", MODEL, "scenarios/u-turn.toml", "-o", &table, "--figure", &figures, "--twin", MODEL]);
+    for key in ["time", "optimality_gap", "solve_s", "time_bound", "time_without_jerk"] {
+        assert!(answer[key].as_f64().unwrap() > 0.0, "{key}: {answer}");
+    }
+    let worst = answer["max_violation"].as_object().unwrap();
+    assert!(worst["lambda_s3"].as_f64().unwrap() > 0.99 && worst.values().all(|v| v.as_f64().unwrap() <= 1.001));
+    assert!(answer["active"].as_array().unwrap().iter().all(|a| a["s"].is_number() && a["limit"].is_string()));
+    assert_eq!(answer["execution"]["events"].as_array().unwrap().len(), 0);
+    for name in ["path", "speed", "drives", "forces", "executed-torques", "executed-forces", "executed-acceleration"] {
+        let svg = std::fs::read_to_string(Path::new(&figures).join(name).with_extension("svg")).unwrap();
+        assert!(svg.contains("</svg>") && !svg.contains("no data"), "{name}");
+    }
+    // The trajectory is a recording, and a table that a scenario can run.
+    let scenario = path(&folder, "run.toml");
+    let model = std::fs::canonicalize(MODEL).unwrap();
+    let text = format!("model = {:?}\nnoise = false\n[motion]\nkind = \"table\"\nfile = \"u-turn.csv\"\n", model);
+    std::fs::write(&scenario, format!("{text}[payload]\nmass = 2.5\ncom = [0, 0, -0.03]\ninertia_zz = 0.01\n"))
+        .unwrap();
+    let run = json(&["simulate", &scenario]);
+    assert!(run["tracking_error"][1].as_f64().unwrap() < 1e-3, "{run}");
+    for motion in [&table, &scenario] {
+        let (csv, svg) = (path(&folder, "forces.csv"), path(&folder, "forces.svg"));
+        let forces = json(&["forces", MODEL, motion, "-o", &csv, "--figure", &svg]);
+        let strut = &forces["multipliers"]["lambda_s3"];
+        let peak = strut["max"].as_f64().unwrap().max(-strut["min"].as_f64().unwrap());
+        assert!((peak - 108.0).abs() < 0.5 && (strut["margin"].as_f64().unwrap() - 92.0).abs() < 0.5, "{forces}");
+        assert!(std::fs::read_to_string(&csv).unwrap().starts_with("t,lambda_e1,"));
+    }
+    let measured = json(&["forces", MODEL, &table])["measured"]["strut3_upper"]["rms_difference"].as_f64().unwrap();
+    assert!(measured < 0.1, "{measured}");
+    refused(&["plan", MODEL, "scenarios/smoke.toml"]);
+    refused(&["plan", MODEL, "scenarios/u-turn.toml", "-o", &path(&folder, "u-turn.txt")]);
+    refused(&["forces", "models/irb360-6-1600-disassembled.toml", &table]);
+    // Too heavy: no plan, status 1, and the reason.
+    let heavy = path(&folder, "heavy.toml");
+    let text = std::fs::read_to_string("scenarios/u-turn.toml").unwrap();
+    std::fs::write(&heavy, text.replace("mass = 2.5", "mass = 40.0")).unwrap();
+    let output = run_status(&["plan", MODEL, &heavy]);
+    assert!(output.contains("at rest"), "{output}");
+}
+
+/// What an answer of status 1 says.
+fn run_status(arguments: &[&str]) -> String {
+    let out = run(arguments);
+    assert_eq!(out.status.code(), Some(1), "{arguments:?}");
+    String::from_utf8(out.stderr).unwrap()
 }

@@ -48,7 +48,7 @@ pub struct Plan {
     pub bound_without_jerk: f64,
     /// Maximum velocity curve without jerk limits: s and largest z.
     pub mvc: Vec<[f64; 2]>,
-    /// Use of the limits on a grid ten times finer.
+    /// Use of the limits on a grid ten times finer or more.
     pub uses: Vec<Use>,
     /// Time of the search, s.
     pub solve_s: f64,
@@ -60,8 +60,9 @@ pub struct Plan {
 
 /// Share of the plan's path speed above which the outer bound holds.
 pub const SLOWER: f64 = 0.9;
-/// Places per interval at which a plan is checked.
+/// Places per interval at which a plan is checked, and in all, at least.
 const FINER: usize = 10;
+const PLACES: usize = 5000;
 /// Use of a limit that a plan may reach.
 pub const ALLOWED: f64 = 1.001;
 /// Use at which a limit is held tighter in the next round.
@@ -104,7 +105,9 @@ impl Plan {
             let mut last: Option<usize> = None;
             for (i, u) in self.uses.iter().enumerate().filter(|(_, u)| u.ratio[k] > ACTIVE) {
                 match (last, out.last_mut()) {
-                    (Some(j), Some((_, stretch))) if i - j <= 2 * FINER => stretch[1] = u.s,
+                    (Some(j), Some((_, stretch))) if self.uses[i].interval - self.uses[j].interval <= 2 => {
+                        stretch[1] = u.s
+                    }
                     _ => out.push((verify::checked(k), [u.s, u.s])),
                 }
                 last = Some(i);
@@ -334,7 +337,8 @@ impl Search<'_> {
 
     fn check(&mut self, profile: &Profile) -> Result<Vec<Use>, PlanError> {
         let start = Instant::now();
-        let uses = verify::uses(self.machine, self.curve, self.limits, profile, FINER)?;
+        let uses =
+            verify::uses(self.machine, self.curve, self.limits, profile, FINER.max(PLACES / profile.pieces.len()))?;
         self.verify_s += start.elapsed().as_secs_f64();
         Ok(uses)
     }
