@@ -38,7 +38,7 @@ impl Above {
 
 /// Upper bound on z with jerk limits left aside; force laws are linearised along `plan`.
 pub fn above(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Profile) -> Result<Above, PlanError> {
-    let s = graded(plan, INTERVALS);
+    let s = graded(plan, curve, INTERVALS);
     // Ends and middles of all intervals in turn.
     let middles = s.windows(2).map(|w| 0.5 * (w[0] + w[1]));
     let mut all: Vec<f64> = s.iter().copied().zip(middles).flat_map(|(end, middle)| [end, middle]).collect();

@@ -19,13 +19,11 @@ pub struct Passes {
     pub mvc: Vec<f64>,
 }
 
-/// Why there is no z.
+/// There is no z at a station.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stuck {
     /// Station.
     pub station: usize,
-    /// A row that has no room at rest, if that is why.
-    pub row: Option<usize>,
 }
 
 /// u ∈ [low + slope·z, high + slope·z].
@@ -101,9 +99,6 @@ impl Strips {
     }
 }
 
-/// Row tolerance at rest.
-const TOLERANCE: f64 = 1e-9;
-
 impl Strips {
     /// Rows at station `i` with its own z.
     fn here(&mut self, stations: &Stations, room: &Room, i: usize) {
@@ -132,14 +127,13 @@ impl Strips {
 /// z at rest at both ends of the path.
 pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
     let n = stations.intervals();
-    at_rest(stations, room)?;
     let cap = |i: usize| stations.list[i].cap * room.cap(i);
     let mut strips = Strips::default();
     let mut mvc = vec![0.0; n + 1];
     for i in 0..=n {
         strips.clear(cap(i));
         strips.here(stations, room, i);
-        mvc[i] = strips.largest().ok_or(Stuck { station: i, row: None })?;
+        mvc[i] = strips.largest().ok_or(Stuck { station: i })?;
     }
     let mut largest = vec![0.0; n + 1];
     for i in (0..n).rev() {
@@ -147,7 +141,7 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
         strips.reach(stations.length(i), largest[i + 1]);
         strips.here(stations, room, i);
         strips.ahead(stations, room, i);
-        largest[i] = strips.largest().ok_or(Stuck { station: i, row: None })?;
+        largest[i] = strips.largest().ok_or(Stuck { station: i })?;
     }
     let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
     for i in 0..n {
@@ -158,24 +152,12 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
         strips.ahead(stations, room, i);
         let [(upper, _), (lower, _)] = strips.range(z[i]);
         if upper < lower - 1e-6 * (upper.abs() + lower.abs()) {
-            return Err(Stuck { station: i, row: None });
+            return Err(Stuck { station: i });
         }
         z[i + 1] = (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
         acceleration[i] = 0.5 * (z[i + 1] - z[i]) / h;
     }
     Ok(Passes { z, acceleration, mvc })
-}
-
-/// Every load must be bearable at rest.
-fn at_rest(stations: &Stations, room: &Room) -> Result<(), Stuck> {
-    for (i, station) in stations.list.iter().enumerate() {
-        for (r, (row, &k)) in station.rows.iter().zip(&stations.quantities).enumerate() {
-            if row.tangent(station.reference).2.abs() > room.share[i][k] + TOLERANCE {
-                return Err(Stuck { station: i, row: Some(r) });
-            }
-        }
-    }
-    Ok(())
 }
 
 /// z(s) above that of every feasible motion, see [`super::certificate`]; `stations` are ends and middles of the intervals in

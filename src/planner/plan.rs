@@ -62,11 +62,15 @@ pub struct Plan {
 pub const SLOWER: f64 = 0.9;
 /// Places per interval at which a plan is checked, and in all, at least.
 const FINER: usize = 10;
-const PLACES: usize = 5000;
+const PLACES: usize = 2000;
 /// Use of a limit that a plan may reach.
 pub const ALLOWED: f64 = 1.001;
 /// Use at which a limit is held tighter in the next round.
 const TIGHTEN: f64 = 1.0003;
+/// Intervals are doubled up to this many times those asked for where a limit cannot be kept.
+const FINEST: usize = 8;
+/// Least intervals over a piece of the path.
+const PER_PIECE: usize = 6;
 /// Rounds of holding limits tighter where the finer grid asks for it.
 const ROUNDS: usize = 12;
 /// Use from which a limit counts as active.
@@ -77,7 +81,18 @@ const REFINEMENT: usize = 4;
 
 /// The fastest motion along `curve` from rest to rest.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
-    Search { machine, curve, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 }.run()
+    let mut search = Search { machine, curve, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 };
+    let mut intervals = options.intervals;
+    loop {
+        match search.run(intervals) {
+            Err(PlanError::Violated { .. } | PlanError::Unsolved | PlanError::Stuck { .. })
+                if intervals < FINEST * options.intervals =>
+            {
+                intervals *= 2;
+            }
+            answer => return answer,
+        }
+    }
 }
 
 impl Plan {
@@ -129,10 +144,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn run(mut self) -> Result<Plan, PlanError> {
-        let intervals = self.options.intervals;
-        let end = self.curve.end();
-        let grid: Vec<f64> = (0..=intervals).map(|i| end * i as f64 / intervals as f64).collect();
+    fn run(&mut self, intervals: usize) -> Result<Plan, PlanError> {
+        let grid = even(self.curve, intervals);
         let has_jerk = self.limits.has_jerk();
         let (profile, passes, uses) = self.without_jerk(&grid, !has_jerk)?;
         let mvc = grid.iter().zip(&passes.mvc).map(|(s, z)| [*s, *z]).collect();
@@ -144,7 +157,7 @@ impl Search<'_> {
         let bound_without_jerk = above.as_ref().map_or(0.0, |above| above.time);
         let (profile, bounds, uses) = match uses {
             Some(uses) => (profile, None, uses),
-            None => self.with_jerk(&profile, above.as_ref(), intervals).map(|(p, b, u)| (p, Some(b), u))?,
+            None => self.with_jerk(&profile, above.as_ref(), grid.len() - 1).map(|(p, b, u)| (p, Some(b), u))?,
         };
         let [bound, outer] = bounds.unwrap_or([bound_without_jerk, f64::NEG_INFINITY]);
         Ok(Plan {
@@ -182,43 +195,68 @@ impl Search<'_> {
             }
             round += 1;
             let start = Instant::now();
-            found = self.passes(&mut stations, &room, Some(&found))?;
+            // No motion with less room: what was found last is what there is.
+            found = match self.passes(&mut stations, &room, Some(&found)) {
+                Ok(next) => next,
+                Err(_) => return accept(uses).map(|uses| (profile, found, Some(uses))),
+            };
             self.solve_s += start.elapsed().as_secs_f64();
         }
     }
 
+    /// Passes until the force laws are linearised at what they find.
+    ///
+    /// At rest a tangent to the root of z is too high by half of D ṡ, so references slow down until the first passes succeed.
     fn passes(&mut self, stations: &mut Stations, room: &Room, from: Option<&Passes>) -> Result<Passes, PlanError> {
         const MOST: usize = 30;
         const SETTLED: f64 = 1e-6;
+        const SLOWEST: f64 = 1e-4;
         let mut found = match from {
             Some(found) => found.clone(),
             None => pass::solve(stations, room).map_err(|e| self.explain(e, stations))?,
         };
-        for k in 0..MOST {
-            stations.load(self.machine, self.limits, &references(&found))?;
-            let next = pass::solve(stations, room).map_err(|e| self.explain(e, stations))?;
+        let (mut slow, mut done) = (1.0, 0);
+        while done < MOST {
+            let mut references = references(&found);
+            references.iter_mut().for_each(|r| r.speed *= slow);
+            stations.load(self.machine, self.limits, &references)?;
             self.iterations += 1;
+            let next = match pass::solve(stations, room) {
+                Ok(next) => next,
+                Err(_) if done > 0 => break,
+                Err(_) if slow > SLOWEST => {
+                    slow *= 0.25;
+                    continue;
+                }
+                Err(stuck) => return Err(self.explain(stuck, stations)),
+            };
             let apart = |(a, b): (&f64, &f64)| (a - b).abs() / (a + b).max(f64::MIN_POSITIVE);
             let change = next.z.iter().zip(&found.z).map(apart).fold(0.0, f64::max);
             found = next;
-            if change < SETTLED && (k > 0 || from.is_some()) {
+            done += 1;
+            if change < SETTLED && slow == 1.0 && (done > 1 || from.is_some()) {
                 break;
             }
+            slow = 1.0;
         }
         Ok(found)
     }
 
+    /// The load that is too large at rest where the passes got stuck or next to it, if there is one.
     fn explain(&self, stuck: Stuck, stations: &Stations) -> PlanError {
-        let station = &stations.list[stuck.station];
-        let s = station.point.s;
-        match stuck.row {
-            None => PlanError::Stuck { s },
-            Some(row) => {
-                let k = stations.quantities[row];
-                let usable = self.limits.usable()[k];
-                let value = usable * station.rows[row].tangent(station.reference).2;
-                PlanError::AtRest { limit: Limit::affine(k), s, value, usable }
+        let n = stations.intervals();
+        let usable = self.limits.usable();
+        let near = stuck.station.saturating_sub(1)..=(stuck.station + 1).min(n);
+        let loads = near.chain([0, n]).flat_map(|i| {
+            let station = &stations.list[i];
+            let rows = station.rows.iter().zip(&stations.quantities);
+            rows.map(move |(row, &k)| (k, station.point.s, row.tangent(station.reference).2))
+        });
+        match loads.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs())) {
+            Some((k, s, use_)) if use_.abs() > 1.0 => {
+                PlanError::AtRest { limit: Limit::affine(k), s, value: usable[k] * use_, usable: usable[k] }
             }
+            _ => PlanError::Stuck { s: stations.list[stuck.station].point.s },
         }
     }
 
@@ -237,7 +275,7 @@ impl Search<'_> {
         let mut profile = unlimited.clone();
         let mut last = None;
         for (level, &size) in sizes.iter().enumerate() {
-            let grid = graded(&profile, size);
+            let grid = graded(&profile, self.curve, size);
             let mut stations = Stations::new(self.machine, self.curve, self.limits, &grid)?;
             let (room, jerk_room) = (Room::full(size + 1), vec![[1.0; AXES]; size + 1]);
             let near = course(&profile, &grid);
@@ -267,7 +305,10 @@ impl Search<'_> {
             }
             round += 1;
             let start = Instant::now();
-            self.programmes(&mut programme, true)?;
+            if self.programmes(&mut programme, true).is_err() {
+                let bound = programme.bound;
+                return accept(uses).map(|uses| (profile, [bound, f64::NEG_INFINITY], uses));
+            }
             self.solve_s += start.elapsed().as_secs_f64();
         }
     }
@@ -295,7 +336,8 @@ impl Search<'_> {
     /// Solves programmes, each about what the last one found, until the time stays the same.
     fn programmes(&mut self, p: &mut Programme, finest: bool) -> Result<(), PlanError> {
         const MOST: usize = 40;
-        let mut feasible = false;
+        const SLOWED: usize = 5;
+        let (mut feasible, mut slowed) = (false, 0);
         let settled = if finest { 1e-4 } else { 2e-3 };
         for k in 0..MOST {
             p.stations.load(self.machine, self.limits, &course_references(&p.at))?;
@@ -309,9 +351,18 @@ impl Search<'_> {
                 &p.at,
                 Root::Tangent,
                 self.options.objective,
-            )
-            .ok_or(PlanError::Unsolved)?;
+            );
             self.iterations += 1;
+            let Some(step) = step else {
+                // About a slower motion the tangents leave more room.
+                if slowed == SLOWED {
+                    return Err(PlanError::Unsolved);
+                }
+                slowed += 1;
+                p.at.z.iter_mut().for_each(|z| *z *= 0.25);
+                p.at.acceleration.iter_mut().for_each(|a| *a *= 0.25);
+                continue;
+            };
             let course = match self.options.objective {
                 Objective::Time if feasible => p.at.towards(&step.course, &p.stations),
                 _ => step.course,
@@ -425,14 +476,33 @@ fn course(profile: &Profile, grid: &[f64]) -> Course {
     Course { z: paces.iter().map(|p| p.z).collect(), acceleration: paces.iter().map(|p| p.acceleration).collect() }
 }
 
-/// Grid of `n` intervals, evenly spread over the mean of time and path.
-pub(super) fn graded(profile: &Profile, n: usize) -> Vec<f64> {
+/// Grid of about `n` intervals evenly spread over the path, at least [`PER_PIECE`] over every piece of it.
+fn even(curve: &Curve, n: usize) -> Vec<f64> {
+    let knots: Vec<f64> = curve.knots().collect();
+    let mut grid = vec![0.0];
+    for piece in knots.windows(2) {
+        let length = piece[1] - piece[0];
+        let count = ((n as f64 * length / curve.end()).round() as usize).max(PER_PIECE);
+        grid.extend((1..=count).map(|k| piece[0] + length * k as f64 / count as f64));
+    }
+    grid
+}
+
+/// Grid of `n` intervals, evenly spread over the mean of time, path and number of its pieces.
+pub(super) fn graded(profile: &Profile, curve: &Curve, n: usize) -> Vec<f64> {
     let m = profile.pieces.len();
-    let (time, length) = (profile.time(), profile.s[m] - profile.s[0]);
+    let (time, length) = (profile.time(), curve.end());
+    let knots: Vec<f64> = curve.knots().collect();
+    let pieces = (knots.len() - 1) as f64;
+    let piece = |s: f64| {
+        let i = knots.partition_point(|&k| k <= s).clamp(1, knots.len() - 1) - 1;
+        (i as f64 + (s - knots[i]) / (knots[i + 1] - knots[i])) / pieces
+    };
     let mut measure = vec![0.0];
     for i in 0..m {
-        let share = profile.duration(i) / time + (profile.s[i + 1] - profile.s[i]) / length;
-        measure.push(measure[i] + 0.5 * share);
+        let (from, to) = (profile.s[i], profile.s[i + 1]);
+        let share = profile.duration(i) / time + (to - from) / length + piece(to) - piece(from);
+        measure.push(measure[i] + share / 3.0);
     }
     let mut i = 0;
     let mut grid: Vec<f64> = (0..=n)

@@ -32,7 +32,37 @@ pub struct Use {
     pub value: [f64; CHECKED],
 }
 
-/// Uses at `points` + 1 evenly spaced places of every interval, both ends included.
+/// Places of an interval where a drive reverses at `s`: Coulomb friction changes there within δs = ε/(|q″| ṡ).
+const AROUND: [f64; 7] = [-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0];
+/// Rate ε over which it changes, rad/s.
+const REVERSAL: f64 = 0.02;
+
+/// Places in interval `i`: `points` + 1 evenly spaced ones with both ends, and more where drives reverse.
+fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points: usize) -> Vec<f64> {
+    let h = profile.s[i + 1] - profile.s[i];
+    let mut out: Vec<f64> = (0..=points).map(|k| h * k as f64 / points as f64).collect();
+    let rates =
+        |sigma: f64| PathPoint::new(&machine.plant().geometry, curve, profile.s[i] + sigma).map(|p| [p.q[1], p.q[2]]);
+    let (Ok([start, _]), Ok([end, _])) = (rates(0.0), rates(h)) else { return out };
+    for axis in (0..AXES).filter(|&k| start[k] * end[k] < 0.0) {
+        let (mut low, mut high) = (0.0, h);
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            match rates(middle) {
+                Ok([rate, _]) if rate[axis] * start[axis] > 0.0 => low = middle,
+                Ok(_) => high = middle,
+                Err(_) => return out,
+            }
+        }
+        let Ok([_, bend]) = rates(low) else { return out };
+        let width = REVERSAL / (bend[axis].abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
+        out.extend(AROUND.map(|k| low + k * width).into_iter().filter(|sigma| (0.0..=h).contains(sigma)));
+    }
+    out.sort_by(f64::total_cmp);
+    out
+}
+
+/// Uses at `points` + 1 evenly spaced places of every interval, both ends included, and where drives reverse.
 pub fn uses(
     machine: &Machine,
     curve: &Curve,
@@ -42,10 +72,7 @@ pub fn uses(
 ) -> Result<Vec<Use>, PlanError> {
     let usable = limits.usable();
     let geometry = &machine.plant().geometry;
-    let one = |k: usize| {
-        let (interval, part) = (k / (points + 1), k % (points + 1));
-        let h = profile.s[interval + 1] - profile.s[interval];
-        let sigma = h * part as f64 / points as f64;
+    let one = |interval: usize, sigma: f64| {
         let s = profile.s[interval] + sigma;
         let pace = profile.at(interval, sigma);
         let place = |source| PlanError::Place { s, at: curve.at(s)[0].into(), source };
@@ -71,5 +98,9 @@ pub fn uses(
         }
         Ok(Use { interval, s, ratio, value })
     };
-    (0..profile.pieces.len() * (points + 1)).into_par_iter().map(one).collect()
+    let interval = |i: usize| -> Result<Vec<Use>, PlanError> {
+        places(machine, curve, profile, i, points).into_iter().map(|sigma| one(i, sigma)).collect()
+    };
+    let all: Vec<Vec<Use>> = (0..profile.pieces.len()).into_par_iter().map(interval).collect::<Result<_, _>>()?;
+    Ok(all.into_iter().flatten().collect())
 }
