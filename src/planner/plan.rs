@@ -10,7 +10,7 @@ use super::limits::{Limit, Limits, QUANTITIES};
 use super::pass::{self, Passes, Stuck};
 use super::rows::{Room, Stations};
 use super::verify::{self, CHECKED, Use};
-use super::{Curve, Objective, PlanError, Profile, certificate};
+use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate};
 use crate::model::AXES;
 
 /// How to plan.
@@ -62,13 +62,15 @@ pub struct Plan {
 pub const SLOWER: f64 = 0.9;
 /// Places per interval at which a plan is checked, and in all, at least.
 const FINER: usize = 10;
-const PLACES: usize = 2000;
+const PLACES: usize = 4000;
 /// Use of a limit that a plan may reach.
 pub const ALLOWED: f64 = 1.001;
 /// Use at which a limit is held tighter in the next round.
 const TIGHTEN: f64 = 1.0003;
+/// Path speed of a robot that hardly moves, in lengths of the path per second.
+const CREEPING: f64 = 0.05;
 /// Intervals are doubled up to this many times those asked for where a limit cannot be kept.
-const FINEST: usize = 8;
+const FINEST: usize = 4;
 /// Least intervals over a piece of the path.
 const PER_PIECE: usize = 6;
 /// Rounds of holding limits tighter where the finer grid asks for it.
@@ -82,12 +84,16 @@ const REFINEMENT: usize = 4;
 /// The fastest motion along `curve` from rest to rest.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
     let mut search = Search { machine, curve, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 };
+    let end = curve.end();
+    search.at_rest(&[0.0, end], 0.0)?;
     let mut intervals = options.intervals;
     loop {
         match search.run(intervals) {
-            Err(PlanError::Violated { .. } | PlanError::Unsolved | PlanError::Stuck { .. })
-                if intervals < FINEST * options.intervals =>
-            {
+            Err(error @ (PlanError::Violated { .. } | PlanError::Unsolved | PlanError::Stuck { .. })) => {
+                if intervals >= FINEST * options.intervals {
+                    let places = even(curve, options.intervals);
+                    return search.at_rest(&places, CREEPING * end).and(Err(error));
+                }
                 intervals *= 2;
             }
             answer => return answer,
@@ -213,7 +219,7 @@ impl Search<'_> {
         const SLOWEST: f64 = 1e-4;
         let mut found = match from {
             Some(found) => found.clone(),
-            None => pass::solve(stations, room).map_err(|e| self.explain(e, stations))?,
+            None => pass::solve(stations, room).map_err(|e| stuck(e, stations))?,
         };
         let (mut slow, mut done) = (1.0, 0);
         while done < MOST {
@@ -228,7 +234,7 @@ impl Search<'_> {
                     slow *= 0.25;
                     continue;
                 }
-                Err(stuck) => return Err(self.explain(stuck, stations)),
+                Err(e) => return Err(stuck(e, stations)),
             };
             let apart = |(a, b): (&f64, &f64)| (a - b).abs() / (a + b).max(f64::MIN_POSITIVE);
             let change = next.z.iter().zip(&found.z).map(apart).fold(0.0, f64::max);
@@ -242,22 +248,27 @@ impl Search<'_> {
         Ok(found)
     }
 
-    /// The load that is too large at rest where the passes got stuck or next to it, if there is one.
-    fn explain(&self, stuck: Stuck, stations: &Stations) -> PlanError {
-        let n = stations.intervals();
+    /// Largest load at rest, or creeping along the path, at some places, if it is beyond what may be used.
+    fn at_rest(&self, places: &[f64], creeping: f64) -> Result<(), PlanError> {
         let usable = self.limits.usable();
-        let near = stuck.station.saturating_sub(1)..=(stuck.station + 1).min(n);
-        let loads = near.chain([0, n]).flat_map(|i| {
-            let station = &stations.list[i];
-            let rows = station.rows.iter().zip(&stations.quantities);
-            rows.map(move |(row, &k)| (k, station.point.s, row.tangent(station.reference).2))
-        });
-        match loads.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs())) {
-            Some((k, s, use_)) if use_.abs() > 1.0 => {
-                PlanError::AtRest { limit: Limit::affine(k), s, value: usable[k] * use_, usable: usable[k] }
+        let geometry = &self.machine.plant().geometry;
+        let mut worst: Option<(f64, PlanError)> = None;
+        for &s in places {
+            let place = |e| PlanError::Place { s, at: self.curve.at(s)[0].into(), source: PlaceError::Pose(e) };
+            let point = PathPoint::new(geometry, self.curve, s).map_err(place)?;
+            for speed in [0.0, creeping] {
+                let loads = self.machine.loads(&point.motion(geometry, speed, 0.0)).map_err(place)?;
+                for (k, value) in loads.into_iter().enumerate() {
+                    let usable = usable[AXES + k];
+                    let used = value.abs() / usable;
+                    if used > ALLOWED && worst.as_ref().is_none_or(|w| used > w.0) {
+                        let limit = Limit::affine(AXES + k);
+                        worst = Some((used, PlanError::AtRest { limit, s, value, usable }));
+                    }
+                }
             }
-            _ => PlanError::Stuck { s: stations.list[stuck.station].point.s },
         }
+        worst.map_or(Ok(()), |w| Err(w.1))
     }
 
     /// Programmes from coarse to fine, the finest repeated with less room until the check agrees.
@@ -387,6 +398,9 @@ impl Search<'_> {
     }
 
     fn check(&mut self, profile: &Profile) -> Result<Vec<Use>, PlanError> {
+        if profile.stalls() {
+            return Err(PlanError::Unsolved);
+        }
         let start = Instant::now();
         let uses =
             verify::uses(self.machine, self.curve, self.limits, profile, FINER.max(PLACES / profile.pieces.len()))?;
@@ -474,6 +488,10 @@ fn course_references(course: &Course) -> Vec<Reference> {
 fn course(profile: &Profile, grid: &[f64]) -> Course {
     let paces: Vec<_> = grid.iter().map(|s| profile.pace(*s)).collect();
     Course { z: paces.iter().map(|p| p.z).collect(), acceleration: paces.iter().map(|p| p.acceleration).collect() }
+}
+
+fn stuck(stuck: Stuck, stations: &Stations) -> PlanError {
+    PlanError::Stuck { s: stations.list[stuck.station].point.s }
 }
 
 /// Grid of about `n` intervals evenly spread over the path, at least [`PER_PIECE`] over every piece of it.

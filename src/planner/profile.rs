@@ -97,6 +97,19 @@ impl Profile {
         self.at(i, s - self.s[i])
     }
 
+    /// Whether z vanishes between the ends of the path.
+    pub fn stalls(&self) -> bool {
+        let n = self.pieces.len();
+        self.pieces.iter().enumerate().any(|(i, piece)| match *piece {
+            Piece::Departure { z } | Piece::Arrival { z } => z <= 0.0,
+            Piece::Quadratic { z, b, c } => {
+                let lowest = -b / c;
+                let dips = c > 0.0 && lowest > 0.0 && lowest < self.length(i) && z - b * b / c <= 0.0;
+                dips || (i > 0 && z <= 0.0) || (i + 1 < n && self.at(i, self.length(i)).z <= 0.0)
+            }
+        })
+    }
+
     /// Time over interval `i`, s.
     pub fn duration(&self, i: usize) -> f64 {
         let h = self.length(i);

@@ -1,5 +1,6 @@
 //! Checks a found motion against the full nonlinear model on a grid finer than that of the plan.
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::limits::{Limit, Limits, QUANTITIES};
@@ -32,31 +33,37 @@ pub struct Use {
     pub value: [f64; CHECKED],
 }
 
-/// Places of an interval where a drive reverses at `s`: Coulomb friction changes there within δs = ε/(|q″| ṡ).
+/// Places about one where a drive or the telescope reverses, in units of the way over which Coulomb friction changes there,
+/// δs = ε/(|q″| ṡ).
 const AROUND: [f64; 7] = [-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0];
-/// Rate ε over which it changes, rad/s.
+/// Rate ε over which it changes, rad/s or m/s.
 const REVERSAL: f64 = 0.02;
 
-/// Places in interval `i`: `points` + 1 evenly spaced ones with both ends, and more where drives reverse.
+/// Places in interval `i`: `points` + 1 evenly spaced ones with both ends, and more where a drive or the telescope reverses.
 fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points: usize) -> Vec<f64> {
     let h = profile.s[i + 1] - profile.s[i];
     let mut out: Vec<f64> = (0..=points).map(|k| h * k as f64 / points as f64).collect();
-    let rates =
-        |sigma: f64| PathPoint::new(&machine.plant().geometry, curve, profile.s[i] + sigma).map(|p| [p.q[1], p.q[2]]);
-    let (Ok([start, _]), Ok([end, _])) = (rates(0.0), rates(h)) else { return out };
-    for axis in (0..AXES).filter(|&k| start[k] * end[k] < 0.0) {
+    let geometry = &machine.plant().geometry;
+    // Rates of the drives and of the telescope by s.
+    let rates = |sigma: f64| -> Option<[f64; AXES + 1]> {
+        let point = PathPoint::new(geometry, curve, profile.s[i] + sigma).ok()?;
+        let [a, b, c, d] = point.q[1];
+        let bar = geometry.upper_hooke() - point.r[0].xyz() - Vector3::z() * geometry.lower_hooke_height;
+        Some([a, b, c, d, -bar.normalize().dot(&point.r[1].xyz())])
+    };
+    let (Some(start), Some(end)) = (rates(0.0), rates(h)) else { return out };
+    for k in (0..=AXES).filter(|&k| start[k] * end[k] < 0.0) {
         let (mut low, mut high) = (0.0, h);
         for _ in 0..30 {
             let middle = 0.5 * (low + high);
             match rates(middle) {
-                Ok([rate, _]) if rate[axis] * start[axis] > 0.0 => low = middle,
-                Ok(_) => high = middle,
-                Err(_) => return out,
+                Some(rate) if rate[k] * start[k] > 0.0 => low = middle,
+                _ => high = middle,
             }
         }
-        let Ok([_, bend]) = rates(low) else { return out };
-        let width = REVERSAL / (bend[axis].abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
-        out.extend(AROUND.map(|k| low + k * width).into_iter().filter(|sigma| (0.0..=h).contains(sigma)));
+        let bend = (end[k] - start[k]) / h;
+        let width = REVERSAL / (bend.abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
+        out.extend(AROUND.map(|x| low + x * width).into_iter().filter(|sigma| (0.0..=h).contains(sigma)));
     }
     out.sort_by(f64::total_cmp);
     out
