@@ -549,7 +549,19 @@ fn answer(seed: u64, model: &Model) -> Answer {
                 wrong(format!("{limit} at {s} is {load} and said to be {value} of {usable}"))
             }
         }
-        Err(other) => wrong(other.to_string()),
+        Err(other) => {
+            let rest = (0..=400).map(|k| {
+                let s = f64::from(k) / 400.0;
+                let point = PathPoint::new(&plant.geometry, &curve, s).unwrap();
+                let loads = reference_loads(&plant, &point, 0.05, 0.0);
+                let torque = (0..4).map(|i| loads[i].abs() / limits.torque[i]).fold(0.0, f64::max);
+                let force = (0..6)
+                    .map(|i| (loads[4 + i] / limits.strut_lower).abs().max((loads[10 + i] / limits.strut_upper).abs()));
+                (force.fold(torque, f64::max) / (1.0 - limits.margin), s)
+            });
+            let worst = rest.max_by(|a, b| a.0.total_cmp(&b.0));
+            wrong(format!("{other}; creeping {worst:?}; jerk {}", limits.has_jerk()))
+        }
     }
 }
 

@@ -107,6 +107,9 @@ impl Strips {
             let (a, b, c) = row.tangent(station.reference);
             self.add(a, b, c, room.share[i][k]);
         }
+        for row in &station.rest {
+            self.add(row.a, row.b, row.c, 1.0);
+        }
     }
 
     /// Rows at station `i` + 1, whose z is that of station `i` plus 2hu.
@@ -115,6 +118,9 @@ impl Strips {
         for (row, &k) in station.rows.iter().zip(&stations.quantities) {
             let (a, b, c) = row.tangent(station.reference);
             self.add(a + 2.0 * h * b, b, c, room.share[i + 1][k]);
+        }
+        for row in &station.rest {
+            self.add(row.a + 2.0 * h * row.b, row.b, row.c, 1.0);
         }
     }
 

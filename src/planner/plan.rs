@@ -85,14 +85,14 @@ const REFINEMENT: usize = 4;
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
     let mut search = Search { machine, curve, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 };
     let end = curve.end();
-    search.at_rest(&[0.0, end], 0.0)?;
+    search.at_rest(&[0.0, end], 0.0, ALLOWED)?;
     let mut intervals = options.intervals;
     loop {
         match search.run(intervals) {
             Err(error @ (PlanError::Violated { .. } | PlanError::Unsolved | PlanError::Stuck { .. })) => {
                 if intervals >= FINEST * options.intervals {
                     let places = even(curve, options.intervals);
-                    return search.at_rest(&places, CREEPING * end).and(Err(error));
+                    return search.at_rest(&places, CREEPING * end, 1.0).and(Err(error));
                 }
                 intervals *= 2;
             }
@@ -248,8 +248,8 @@ impl Search<'_> {
         Ok(found)
     }
 
-    /// Largest load at rest, or creeping along the path, at some places, if it is beyond what may be used.
-    fn at_rest(&self, places: &[f64], creeping: f64) -> Result<(), PlanError> {
+    /// Largest load at rest, or creeping along the path, at some places, if it is beyond `allowed` of what may be used.
+    fn at_rest(&self, places: &[f64], creeping: f64, allowed: f64) -> Result<(), PlanError> {
         let usable = self.limits.usable();
         let geometry = &self.machine.plant().geometry;
         let mut worst: Option<(f64, PlanError)> = None;
@@ -261,7 +261,7 @@ impl Search<'_> {
                 for (k, value) in loads.into_iter().enumerate() {
                     let usable = usable[AXES + k];
                     let used = value.abs() / usable;
-                    if used > ALLOWED && worst.as_ref().is_none_or(|w| used > w.0) {
+                    if used > allowed && worst.as_ref().is_none_or(|w| used > w.0) {
                         let limit = Limit::affine(AXES + k);
                         worst = Some((used, PlanError::AtRest { limit, s, value, usable }));
                     }
@@ -430,9 +430,14 @@ impl Programme {
 fn tighten(uses: &[Use], room: &mut Room, jerk_room: &mut JerkRoom) -> bool {
     const JERK: usize = AXES + QUANTITIES;
     let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();
+    // At rest at the ends rows of their own hold.
+    let still = |u: &Use, k: usize| u.value[..AXES].iter().all(|v| *v == 0.0) && (2 * AXES..JERK).contains(&k);
     for u in uses {
-        for (k, ratio) in
-            u.ratio.iter().enumerate().filter(|(k, r)| **r > TIGHTEN && (*k < JERK || !jerk_room.is_empty()))
+        for (k, ratio) in u
+            .ratio
+            .iter()
+            .enumerate()
+            .filter(|(k, r)| **r > TIGHTEN && (*k < JERK || !jerk_room.is_empty()) && !still(u, *k))
         {
             let entry = worst.entry((u.interval, k)).or_insert(1.0);
             *entry = f64::max(*entry, *ratio);

@@ -2,11 +2,13 @@
 
 use rayon::prelude::*;
 
-use super::coefficients::{Machine, Reference};
+use super::coefficients::{Coefficients, Machine, Reference};
 use super::limits::{LOADS, Limits, QUANTITIES};
 use super::{Curve, PathPoint, PlanError};
 use crate::model::AXES;
 
+/// ṡ at which there is no friction yet.
+const STILL: f64 = 1e-9;
 /// Shortest time over a path, s: bounds ṡ where the joints stand still.
 const SHORTEST: f64 = 1e-3;
 
@@ -44,6 +46,8 @@ pub struct Station {
     pub cap: f64,
     /// Rows of the limited quantities, see [`Stations::quantities`].
     pub rows: Vec<Row>,
+    /// At the ends of the path: the rows of torques and constraint forces once more, at rest, where there is no friction.
+    pub rest: Vec<Row>,
     /// Speed at which the rows' force laws are linearised.
     pub reference: f64,
 }
@@ -72,7 +76,7 @@ impl Stations {
             let fastest = (curve.end() / SHORTEST).powi(2);
             let cap = (0..AXES).map(|i| (limits.speed[i] / q1[i]).powi(2)).fold(fastest, f64::min);
             let rows = quantities.iter().map(|&k| Row { a: q1[k] / usable[k], b: q2[k] / usable[k], c: 0.0, d: 0.0 });
-            Ok(Station { rows: rows.collect(), point, cap, reference: 1.0 })
+            Ok(Station { rows: rows.collect(), rest: Vec::new(), point, cap, reference: 1.0 })
         };
         Ok(Self { list: grid.iter().map(station).collect::<Result<_, _>>()?, quantities })
     }
@@ -84,6 +88,7 @@ impl Stations {
         let kinematic = self.quantities.iter().filter(|&&k| k < AXES).count();
         self.quantities.truncate(kinematic);
         self.quantities.extend(loads.iter().map(|k| AXES + k));
+        let ends = [&self.list[0], &self.list[self.list.len() - 1]].map(|x| x.point.s);
         let update = |(station, reference): (&mut Station, &Reference)| {
             let s = station.point.s;
             let at = station.point.r[0].into();
@@ -94,14 +99,19 @@ impl Stations {
             })?;
             station.rows.truncate(kinematic);
             station.reference = reference.speed;
-            for &k in &loads {
-                let scale = 1.0 / usable[AXES + k];
-                station.rows.push(Row {
-                    a: all.a[k] * scale,
-                    b: all.b[k] * scale,
-                    c: all.c[k] * scale,
-                    d: all.d[k] * scale,
-                });
+            let row = |all: &Coefficients, k: usize| {
+                let [a, b, c, d] = [all.a[k], all.b[k], all.c[k], all.d[k]].map(|x| x / usable[AXES + k]);
+                Row { a, b, c, d }
+            };
+            station.rows.extend(loads.iter().map(|&k| row(&all, k)));
+            if station.rest.is_empty() && (s == ends[0] || s == ends[1]) {
+                let still = Reference { speed: STILL, acceleration: 0.0 };
+                let all = machine.coefficients(&station.point, still).map_err(|e| PlanError::Place {
+                    s,
+                    at,
+                    source: super::PlaceError::Pose(e),
+                })?;
+                station.rest = loads.iter().map(|&k| Row { d: 0.0, ..row(&all, k) }).collect();
             }
             Ok(())
         };

@@ -39,10 +39,18 @@ const AROUND: [f64; 7] = [-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0];
 /// Rate ε over which it changes, rad/s or m/s.
 const REVERSAL: f64 = 0.02;
 
-/// Places in interval `i`: `points` + 1 evenly spaced ones with both ends, and more where a drive or the telescope reverses.
+/// Places in interval `i`: `points` + 1 evenly spaced ones with both ends, and more next to the ends of the path and where a drive
+/// or the telescope reverses.
 fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points: usize) -> Vec<f64> {
     let h = profile.s[i + 1] - profile.s[i];
     let mut out: Vec<f64> = (0..=points).map(|k| h * k as f64 / points as f64).collect();
+    // Even in time where it departs or arrives with constant jerk.
+    let cubes = (1..points).map(|k| h * (k as f64 / points as f64).powi(3));
+    match i {
+        0 => out.extend(cubes),
+        i if i + 1 == profile.pieces.len() => out.extend(cubes.map(|sigma| h - sigma)),
+        _ => {}
+    }
     let geometry = &machine.plant().geometry;
     // Rates of the drives and of the telescope by s.
     let rates = |sigma: f64| -> Option<[f64; AXES + 1]> {
