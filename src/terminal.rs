@@ -12,6 +12,8 @@ use serde_json::{Map, Value, json};
 use crate::dynamics::Channel;
 use crate::identification::Estimate;
 use crate::model::AXES;
+use crate::recording::file;
+use crate::report::Figure;
 
 /// Exit status: done.
 pub const DONE: u8 = 0;
@@ -87,6 +89,11 @@ pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> mie
         return Err(miette!("{} is an input; expected another name for the output", output.display()));
     }
     Ok(())
+}
+
+/// Writes an SVG file.
+pub fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
+    file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
 }
 
 /// A path for JSON.

@@ -12,7 +12,7 @@ use deltatwin::planner::rows::Stations;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::execute;
 use deltatwin::planner::{
-    Curve, Limit, Limits, Machine, Options, PathPoint, Plan, PlanError, Reference, Shape, Task, plan,
+    Curve, Limit, Limits, Machine, Objective, Options, PathPoint, Plan, PlanError, Reference, Shape, Task, plan,
 };
 use deltatwin::recording::{Payload, Setup};
 use nalgebra::Vector4;
@@ -58,7 +58,7 @@ fn no_jerk(limits: Limits) -> Limits {
     Limits { jerk: [f64::INFINITY; 4], ..limits }
 }
 
-const QUICK: Options = Options { intervals: 100, objective: deltatwin::planner::Objective::Time, certify: false };
+const QUICK: Options = Options { intervals: 100, objective: Objective::Time, certify: false };
 
 #[test]
 fn derivatives_of_paths_are_consistent_and_continuous() {
@@ -267,6 +267,24 @@ fn the_scale_of_s_does_not_matter() {
             .collect();
         let apart = times.iter().map(|t| (t / times[1] - 1.0).abs()).fold(0.0, f64::max);
         assert!(apart < 1e-6, "{times:?}");
+    }
+}
+
+/// The paper's ∫ ṡ² ds has nearly the same optimum as the time.
+#[test]
+fn both_objectives_agree() {
+    let model = common::model("irb360-6-1600");
+    let task = u_turn(&model);
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let curve = task.shape.curve();
+    let [time, speed] = [Objective::Time, Objective::Speed]
+        .map(|objective| plan(&machine, &curve, &task.limits, &Options { objective, certify: true, ..QUICK }).unwrap());
+    assert!((speed.time / time.time - 1.0).abs() < 1e-3, "{} {}", time.time, speed.time);
+    for plan in [&time, &speed] {
+        assert!((0.0..2e-3).contains(&plan.optimality_gap()), "{}", plan.optimality_gap());
+        let outer = plan.outer_bound.unwrap();
+        assert!(outer < plan.bound && outer > 0.99 * plan.time, "{outer}");
     }
 }
 

@@ -13,11 +13,10 @@ use crate::dynamics::{Channel, Plant};
 use crate::identification::Trace;
 use crate::kinematics::JointState;
 use crate::model::{ARMS, Model, STRUTS};
-use crate::planner::command::write_figure;
 use crate::recording::{Recording, Setup, file};
 use crate::report::{Color, Curve, Panel, Style, panels};
 use crate::scenario::Scenario;
-use crate::terminal::{DONE, Table, check_output, path, say, significant, spinner, warn};
+use crate::terminal::{DONE, Table, check_output, path, say, significant, spinner, warn, write_figure};
 
 /// Compute the constraint forces of a motion.
 ///

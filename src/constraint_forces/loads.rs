@@ -70,7 +70,7 @@ impl Statics {
 impl Loads {
     /// Loads of `wrenches` on the bodies (applied minus inertial, about their origins, inertial axes).
     ///
-    /// In the reduced detail the wrenches on rotor and telescope do not enter; see [`telescope_on_platform`].
+    /// In the reduced detail the wrenches on rotor and telescope do not enter.
     pub fn new(motion: &Motion, wrenches: &[Twist; BODIES], detail: Detail) -> Self {
         let mut loads = Self {
             end_effector: wrenches[END_EFFECTOR],
@@ -111,7 +111,7 @@ fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; 
 }
 
 /// Weight minus inertial wrench of every body, as the given detail counts them.
-pub fn rigid_loads(plant: &Plant, motion: &Motion, detail: Detail) -> [Twist; BODIES] {
+pub(crate) fn rigid_loads(plant: &Plant, motion: &Motion, detail: Detail) -> [Twist; BODIES] {
     let mut wrenches = rigid_wrenches(plant, motion);
     if detail == Detail::Reduced {
         telescope_on_platform(plant, motion, &mut wrenches);

@@ -10,7 +10,8 @@ mod statics;
 #[cfg(test)]
 mod tests;
 
-pub use loads::{Detail, constraint_forces, rigid_loads};
+pub(crate) use loads::rigid_loads;
+pub use loads::{Detail, constraint_forces};
 pub use statics::{Loads, Statics};
 
 use crate::dynamics::Output;

@@ -51,7 +51,7 @@ impl std::fmt::Display for Channel {
 pub type Twist = (Vector3<f64>, Vector3<f64>);
 
 /// No motion, no load.
-pub const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+pub(crate) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
 
 /// Twists of all bodies per unit of each channel's virtual motion.
 pub struct ChannelMap {

@@ -90,7 +90,7 @@ pub fn inverse_dynamics(
 }
 
 /// Weight minus inertial wrench of every body.
-pub fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] {
+pub(crate) fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] {
     let gravity = plant.gravity_vector();
     std::array::from_fn(|body| {
         let (force, moment) = inertial_wrench(&plant.bodies[body], &motion.bodies[body], &gravity);
@@ -99,12 +99,12 @@ pub fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] {
 }
 
 /// Whether a law along a given motion depends on torques or strut forces.
-pub fn reads_loads(active: &ActiveEffect) -> bool {
+pub(crate) fn reads_loads(active: &ActiveEffect) -> bool {
     active.effect.reads_reactions() || active.effect.reads_torque()
 }
 
 /// Adds the wrenches of the plant's effects to `sum`: of those that read no loads, or with `loads` of those that do.
-pub fn add_effects(
+pub(crate) fn add_effects(
     plant: &Plant,
     t: f64,
     motion: &Motion,

@@ -8,9 +8,9 @@ mod inverse;
 mod newton_euler;
 mod plant;
 
-pub use channels::STILL;
+pub(crate) use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
-pub(crate) use inverse::MAX_REACTION_ITERATIONS;
-pub use inverse::{Output, add_effects, inverse_dynamics, reads_loads, regressor, rigid_wrenches};
+pub(crate) use inverse::{MAX_REACTION_ITERATIONS, add_effects, reads_loads, rigid_wrenches};
+pub use inverse::{Output, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
 pub use plant::{Plant, PlantParameter, set_parameters};

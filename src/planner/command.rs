@@ -1,6 +1,5 @@
 //! `deltatwin plan`.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -12,9 +11,8 @@ use super::validation::{Execution, execute};
 use super::{Limits, Machine, Plan, PlanError, Task, figures, plan};
 use crate::dynamics::Plant;
 use crate::model::Model;
-use crate::recording::{Recording, file};
-use crate::report::Figure;
-use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, path, say, significant, spinner};
+use crate::recording::Recording;
+use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, path, say, significant, spinner, write_figure};
 
 /// Plan the fastest motion along a path.
 ///
@@ -119,11 +117,6 @@ fn assembled(file: &Path) -> miette::Result<Model> {
         return Err(miette!("{}: is disassembled; expected an assembled robot", file.display()));
     }
     Ok(model)
-}
-
-/// Writes an SVG file.
-pub(crate) fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
-    file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
 }
 
 fn to_json(args: &Args, found: &Plan, planned: &Recording, execution: Option<&Execution>, wall: f64) -> Value {

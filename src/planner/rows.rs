@@ -30,11 +30,6 @@ impl Row {
     pub fn tangent(&self, speed: f64) -> (f64, f64, f64) {
         (self.a, self.b + 0.5 * self.d / speed, self.c + 0.5 * self.d * speed)
     }
-
-    /// Its value in units of what may be used.
-    pub fn value(&self, z: f64, acceleration: f64) -> f64 {
-        self.a * acceleration + self.b * z + self.c + self.d * z.max(0.0).sqrt()
-    }
 }
 
 /// All limits at one station.
