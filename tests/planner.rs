@@ -197,7 +197,7 @@ fn worst_use(plant: &Plant, curve: &Curve, limits: &Limits, plan: &Plan, samples
     let mut worst = (0.0f64, String::new());
     let mut see = |name: &str, i: usize, value: f64, limit: f64| {
         let used = value.abs() / limit;
-        if !(used <= worst.0) {
+        if used.is_nan() || used > worst.0 {
             worst = (used, format!("{name}{}", i + 1));
         }
     };

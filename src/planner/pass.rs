@@ -72,6 +72,12 @@ impl Strips {
         [upper, lower]
     }
 
+    /// Whether L ≤ U, up to rounding.
+    fn holds(&self, z: f64) -> bool {
+        let [(upper, _), (lower, _)] = self.range(z);
+        upper - lower >= -1e-9 * (upper.abs() + lower.abs())
+    }
+
     /// Largest z up to the cap for which L ≤ U.
     fn largest(&self) -> Option<f64> {
         let mut z = self.cap;
@@ -87,8 +93,7 @@ impl Strips {
             }
             let next = z - gap / slope;
             if next < 0.0 {
-                // Rounding at rest, or no solution at all.
-                return (next > -1e-9 * self.cap).then_some(0.0);
+                return self.holds(0.0).then_some(0.0);
             }
             if next >= z {
                 return Some(z);
@@ -156,10 +161,15 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
         strips.reach(h, largest[i + 1]);
         strips.here(stations, room, i);
         strips.ahead(stations, room, i);
-        let [(upper, _), (lower, _)] = strips.range(z[i]);
-        if upper < lower - 1e-6 * (upper.abs() + lower.abs()) {
-            return Err(Stuck { station: i });
+        if !strips.holds(z[i]) {
+            // Next to the largest z steep rows turn rounding of z into much of s̈.
+            strips.cap = z[i];
+            match strips.largest() {
+                Some(lower) if lower >= z[i] * (1.0 - 1e-6) => z[i] = lower,
+                _ => return Err(Stuck { station: i }),
+            }
         }
+        let [(upper, _), _] = strips.range(z[i]);
         z[i + 1] = (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
         acceleration[i] = 0.5 * (z[i + 1] - z[i]) / h;
     }

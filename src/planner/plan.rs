@@ -189,23 +189,28 @@ impl Search<'_> {
         let mut jerk_room = Vec::new();
         let mut found = self.passes(&mut stations, &room, None)?;
         self.solve_s += start.elapsed().as_secs_f64();
-        let mut round = 0;
+        let (mut round, mut fine) = (0, false);
         loop {
             let profile = Profile::linear(grid, &found.z);
             if !check {
                 return Ok((profile, found, None));
             }
-            let uses = self.check(&profile)?;
-            if !tighten(&uses, &mut room, &mut jerk_room) || round == ROUNDS {
+            let uses = self.check(&profile, fine)?;
+            let enough = !tighten(&uses, &mut room, &mut jerk_room) || round == ROUNDS;
+            if enough && fine {
                 return accept(uses).map(|uses| (profile, found, Some(uses)));
+            }
+            if enough {
+                fine = true;
+                continue;
             }
             round += 1;
             let start = Instant::now();
-            // No motion with less room: what was found last is what there is.
-            found = match self.passes(&mut stations, &room, Some(&found)) {
-                Ok(next) => next,
-                Err(_) => return accept(uses).map(|uses| (profile, found, Some(uses))),
-            };
+            match self.passes(&mut stations, &room, Some(&found)) {
+                Ok(next) => found = next,
+                // No motion with less room: what was found last is what there is.
+                Err(_) => (fine, round) = (true, ROUNDS),
+            }
             self.solve_s += start.elapsed().as_secs_f64();
         }
     }
@@ -305,20 +310,26 @@ impl Search<'_> {
         }
         self.solve_s += start.elapsed().as_secs_f64();
         let Some(mut programme) = last else { return Err(PlanError::Unsolved) };
-        let mut round = 0;
+        let (mut round, mut fine) = (0, false);
         loop {
             let profile = programme.profile();
-            let uses = self.check(&profile)?;
-            if !tighten(&uses, &mut programme.room, &mut programme.jerk_room) || round == ROUNDS {
+            let uses = self.check(&profile, fine)?;
+            let enough = !tighten(&uses, &mut programme.room, &mut programme.jerk_room) || round == ROUNDS;
+            if enough && fine {
                 let uses = accept(uses)?;
                 let outer = above.map_or(f64::NEG_INFINITY, |above| self.outer_bound(&programme, above));
                 return Ok((profile, [self.bound(&programme), outer], uses));
             }
+            if enough {
+                fine = true;
+                continue;
+            }
             round += 1;
             let start = Instant::now();
+            let last = (programme.at.clone(), programme.bound);
             if self.programmes(&mut programme, true).is_err() {
-                let bound = programme.bound;
-                return accept(uses).map(|uses| (profile, [bound, f64::NEG_INFINITY], uses));
+                (programme.at, programme.bound) = last;
+                (fine, round) = (true, ROUNDS);
             }
             self.solve_s += start.elapsed().as_secs_f64();
         }
@@ -397,13 +408,14 @@ impl Search<'_> {
         Ok(())
     }
 
-    fn check(&mut self, profile: &Profile) -> Result<Vec<Use>, PlanError> {
+    /// Uses on the grid ten times finer, or `fine` on all places.
+    fn check(&mut self, profile: &Profile, fine: bool) -> Result<Vec<Use>, PlanError> {
         if profile.stalls() {
             return Err(PlanError::Unsolved);
         }
         let start = Instant::now();
-        let uses =
-            verify::uses(self.machine, self.curve, self.limits, profile, FINER.max(PLACES / profile.pieces.len()))?;
+        let points = if fine { FINER.max(PLACES / profile.pieces.len()) } else { FINER };
+        let uses = verify::uses(self.machine, self.curve, self.limits, profile, points)?;
         self.verify_s += start.elapsed().as_secs_f64();
         Ok(uses)
     }

@@ -310,7 +310,7 @@ mod tests {
             ("\"lines\"", "\"spiral\"", "p.toml:2:8: `path.kind` is \"spiral\""),
             ("blend = 0.02", "blend = -1", "p.toml:4:9: `path.blend` is -1"),
             ("blend = 0.02", "blned = 1", "[path]: unknown field `blned`"),
-            ("[0.1, 0, -1, 0]", "[0, 0, -1, 0]", "p.toml:3:27: points 1 and 2 are less than 0.001 m apart"),
+            ("[0.1, 0, -1, 0]", "[0, 0, -1, 0]", "p.toml:3:26: points 1 and 2 are less than 0.001 m apart"),
             ("strut_upper = 120.0", "strut_upper = -3", "p.toml:8:15: `limits.strut_upper` is -3"),
             ("strut_upper = 120.0", "strut = 3", "p.toml:8:1: unknown field `strut`"),
             ("[limits]", "[search]\nintervals = 3\n[limits]", "p.toml:8:13: `search.intervals` is 3"),
