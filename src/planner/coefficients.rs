@@ -69,11 +69,12 @@ impl<'a> Machine<'a> {
     /// Coefficients at a point; `reference` is where force laws are linearised.
     pub fn coefficients(&self, point: &PathPoint, reference: Reference) -> Result<Coefficients, KinematicsError> {
         let geometry = &self.plant.geometry;
-        let (unit, still) = (point.unit_acceleration(geometry), point.motion(geometry, 0.0, 0.0));
-        let solver = Solver::new(&still, self.detail)?;
+        let unit = point.unit_acceleration(geometry);
+        let solver = Solver::new(&unit, self.detail)?;
         let a = solver.rigid(&self.weightless, &unit);
         let b = solver.rigid(&self.weightless, &point.motion(geometry, 1.0, 0.0));
-        let mut c = solver.rigid(self.plant, &still);
+        let with_weight = solver.rigid(self.plant, &unit);
+        let mut c: [f64; LOADS] = std::array::from_fn(|k| with_weight[k] - a[k]);
         let mut d = [0.0; LOADS];
         if !self.plant.effects.is_empty() {
             let states = self.states();
