@@ -1,6 +1,6 @@
 //! Compliance of the arm gears between the motor-side encoder and the arm.
 
-use super::{About, Count, Effect, GearSpring, Instant, Kind, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, GearSpring, Instant, Kind, Parameter, Part, Role, Values, Wrenches};
 use crate::model::bodies::{ARM, Inertia};
 use crate::model::{ARMS, AXES};
 use crate::recording::Payload;
@@ -33,6 +33,10 @@ fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<
 impl Effect for DriveElasticity {
     fn name(&self) -> &'static str {
         "drive_elasticity"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

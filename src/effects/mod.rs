@@ -11,8 +11,9 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
+pub use crate::model::Part;
 use crate::model::bodies::BODIES;
-use crate::model::{AXES, Bodies, Geometry, Inertia, STRUTS};
+use crate::model::{AXES, Bodies, Geometry, Inertia, Mechanism, Model, STRUTS};
 use crate::recording::{Payload, Signals};
 
 mod air_drag;
@@ -53,7 +54,7 @@ mod torque_ripple;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: &[&dyn Effect] = &[
-    &rigid_bodies::RigidBodies,
+    &rigid_bodies::ASSEMBLED,
     &drive_friction::DriveFriction,
     &axis4_friction::Axis4Friction,
     &telescope_friction::TelescopeFriction,
@@ -96,6 +97,9 @@ pub fn find(name: &str) -> Option<&'static dyn Effect> {
 pub trait Effect: Sync {
     /// Name in model files and reports.
     fn name(&self) -> &'static str;
+
+    /// What part of a machine it acts on; a machine without that part cannot have the effect.
+    fn acts_on(&self) -> Part;
 
     /// Law, where it shows and where the numbers come from.
     fn about(&self) -> About;
@@ -159,6 +163,16 @@ pub trait Effect: Sync {
 
     /// Changes what the sensors report: the ideal signals become the reported ones.
     fn observe(&self, _values: &Values, _signals: &mut Signals) {}
+
+    /// What `model` says of a constant of the law, for an effect that is not in the model yet; its default otherwise.
+    fn constant(&self, _parameter: &Parameter, _model: &Model) -> Option<f64> {
+        None
+    }
+
+    /// Where a search for the shape parameter starts, as factors of its usual value.
+    fn shape_grid(&self) -> &'static [f64] {
+        &[0.3, 0.6, 1.0, 2.0, 4.0]
+    }
 
     /// What the effect changes; decides how its columns are computed.
     fn kind(&self) -> Kind {
@@ -249,8 +263,22 @@ pub enum Count {
     PerArm,
     /// One per drive (array of 3 or 4; three mean the arms).
     PerDrive,
+    /// One per axis, the telescope's included.
+    PerAxis,
     /// A fixed number of named values (array).
     Named(&'static [&'static str]),
+}
+
+impl Count {
+    /// Number of values on a machine; of one that may have more, the least.
+    pub fn on(self, machine: Mechanism) -> usize {
+        match self {
+            Self::One => 1,
+            Self::PerArm | Self::PerDrive => machine.arms(),
+            Self::PerAxis => machine.axes(),
+            Self::Named(names) => names.len(),
+        }
+    }
 }
 
 /// A parameter of an effect.
@@ -338,14 +366,14 @@ pub struct ActiveEffect {
 }
 
 impl ActiveEffect {
-    /// `effect` with its default shape and zero linear parameters: present, but without action.
+    /// `effect` on the four-axis robot with its default shape and zero linear parameters: present, but without action.
     pub fn absent(effect: &'static dyn Effect) -> Self {
-        let lengths = effect.parameters().iter().map(|p| match p.count {
-            Count::One => 1,
-            Count::PerArm | Count::PerDrive => crate::model::ARMS,
-            Count::Named(names) => names.len(),
-        });
-        let layout = Layout::new(lengths);
+        Self::absent_on(effect, Mechanism::default())
+    }
+
+    /// The same on another machine.
+    pub fn absent_on(effect: &'static dyn Effect, machine: Mechanism) -> Self {
+        let layout = Layout::new(effect.parameters().iter().map(|p| p.count.on(machine)));
         let mut values = vec![0.0; layout.len()];
         for (b, p) in effect.parameters().iter().enumerate() {
             if p.role != Role::Linear {
@@ -383,7 +411,7 @@ impl ActiveEffect {
             for i in 0..n {
                 let name = match p.count {
                     Count::One => p.name.to_string(),
-                    Count::PerArm | Count::PerDrive => format!("{}_{}", p.name, i + 1),
+                    Count::PerArm | Count::PerDrive | Count::PerAxis => format!("{}_{}", p.name, i + 1),
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),
                 };
                 out.push(Entry { parameter: p, name });

@@ -8,9 +8,9 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use nalgebra::{DMatrix, DVector};
 
-use crate::effects::{ActiveEffect, Effect, rigid_bodies};
+use crate::effects::ActiveEffect;
 use crate::model::Bodies;
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, STRUT};
+use crate::model::bodies::{BODIES, Inertia};
 use crate::recording::Payload;
 
 /// Distance kept from the boundary of the possible, relative to the mass and to the largest moment of the body.
@@ -26,11 +26,12 @@ pub fn min_eigenvalue(bodies: &Bodies) -> f64 {
 
 /// Parameters nearest to `estimate` for which all bodies are possible.
 ///
-/// The first [`rigid_bodies::PARAMETERS`] entries are those of the links `bodies`; `information` is YᵀWY of all entries,
+/// The first entries are those of `links`, the inertia of `bodies` as an effect; `information` is YᵀWY of all entries,
 /// `scale` their own sizes, `prior` what they were before the data, `ranges` what the effects' parameters, those after the
 /// links', may be. `None` if the solver finds no solution.
 pub fn nearest_consistent(
     bodies: &Bodies,
+    links: &ActiveEffect,
     estimate: &DVector<f64>,
     prior: &DVector<f64>,
     scale: &DVector<f64>,
@@ -38,8 +39,8 @@ pub fn nearest_consistent(
     ranges: &[(f64, f64)],
 ) -> Option<DVector<f64>> {
     let n = estimate.len();
-    let mut problem = Cones::new(bodies, scale, n);
-    for i in rigid_bodies::PARAMETERS.len()..n {
+    let mut problem = Cones::new(bodies, links, scale, n);
+    for i in links.values.len()..n {
         problem.within(i, scale[i], ranges[i]);
     }
     let total = problem.variables;
@@ -82,7 +83,7 @@ pub fn nearest_consistent(
     // The solver stays on either side of a bound by its tolerance.
     let value = |i: usize| {
         let v = solver.solution.x[i] * scale[i];
-        if i < rigid_bodies::PARAMETERS.len() { v } else { v.clamp(ranges[i].0, ranges[i].1) }
+        if i < links.values.len() { v } else { v.clamp(ranges[i].0, ranges[i].1) }
     };
     usable.then(|| DVector::from_fn(n, |i, _| value(i)))
 }
@@ -117,12 +118,17 @@ struct Cones {
 }
 
 impl Cones {
-    fn new(bodies: &Bodies, scale: &DVector<f64>, parameters: usize) -> Self {
+    fn new(bodies: &Bodies, links: &ActiveEffect, scale: &DVector<f64>, parameters: usize) -> Self {
         let mut out = Self { variables: parameters, linear: Vec::new(), second_order: Vec::new() };
-        // Limbs are alike: one arm and one strut stand for all.
-        let distinct = (0..BODIES).filter(|b| matches!(*b, ARM | STRUT) || (*b > STRUT + 5 && *b != END_EFFECTOR));
-        for body in distinct {
-            out.body(&pseudo_inertia(bodies, body, scale), bodies[body].pseudo_inertia().amax());
+        let mut known: Vec<(Vec<usize>, Inertia)> = Vec::new();
+        for body in 0..BODIES {
+            let units = units(links, body);
+            let own = (units.iter().map(|u| u.0).collect(), bodies[body]);
+            // Of limbs alike one stands for all.
+            if !units.is_empty() && !known.contains(&own) {
+                out.body(&pseudo_inertia(&bodies[body], links, &units, scale), bodies[body].pseudo_inertia().amax());
+                known.push(own);
+            }
         }
         out
     }
@@ -172,23 +178,31 @@ impl Cones {
     }
 }
 
-/// Diagonal of D, first moment and mass of a body as affine expressions of the scaled parameters.
-fn pseudo_inertia(bodies: &Bodies, body: usize, scale: &DVector<f64>) -> ([Affine; 3], [Affine; 3], Affine) {
-    let read = |i: &Inertia| {
-        let j = i.pseudo_inertia();
-        ([j[(0, 0)], j[(1, 1)], j[(2, 2)]], [j[(0, 3)], j[(1, 3)], j[(2, 3)]], j[(3, 3)])
-    };
-    let values = rigid_bodies::values(bodies);
-    let mut rest = bodies[body];
+/// Parameters of a body with their unit inertias.
+fn units(links: &ActiveEffect, body: usize) -> Vec<(usize, Inertia)> {
     let mut units: Vec<(usize, Inertia)> = Vec::new();
-    let rigid = ActiveEffect::absent(&rigid_bodies::RigidBodies);
-    rigid_bodies::RigidBodies.inertia(&rigid.values(), &Payload::default(), &mut |k, b, unit| {
+    links.effect.inertia(&links.values(), &Payload::default(), &mut |k, b, unit| {
         if b == body {
             units.push((k, unit));
         }
     });
-    for (k, unit) in &units {
-        rest += *unit * -values[*k];
+    units
+}
+
+/// Diagonal of D, first moment and mass of a body as affine expressions of the scaled parameters.
+fn pseudo_inertia(
+    body: &Inertia,
+    links: &ActiveEffect,
+    units: &[(usize, Inertia)],
+    scale: &DVector<f64>,
+) -> ([Affine; 3], [Affine; 3], Affine) {
+    let read = |i: &Inertia| {
+        let j = i.pseudo_inertia();
+        ([j[(0, 0)], j[(1, 1)], j[(2, 2)]], [j[(0, 3)], j[(1, 3)], j[(2, 3)]], j[(3, 3)])
+    };
+    let mut rest = *body;
+    for (k, unit) in units {
+        rest += *unit * -links.values[*k];
     }
     let (d, h, m) = read(&rest);
     let affine =
@@ -196,7 +210,7 @@ fn pseudo_inertia(bodies: &Bodies, body: usize, scale: &DVector<f64>) -> ([Affin
     let mut second = d.map(affine);
     let mut first = h.map(affine);
     let mut mass = affine(m);
-    for (k, unit) in &units {
+    for (k, unit) in units {
         let (d, h, m) = read(unit);
         let add = |to: &mut Affine, factor: f64| {
             if factor != 0.0 {

@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::filtering::MIN_HALF_WIDTH;
 use super::prediction::{Channels, columns, predict};
 use super::{BaseParameter, Trace, base_parameters, consistency};
-use crate::dynamics::{Plant, PlantParameter, set_parameters};
+use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::Role;
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
@@ -25,6 +25,17 @@ pub enum FitError {
         recording: String,
         /// What is wrong.
         source: KinematicsError,
+    },
+    /// The robot was taken apart between recordings: no set of parameters fits both.
+    #[error(
+        "recordings {first} and {second} are of an assembled and of a disassembled robot, which have different parameters; \
+         expected one configuration"
+    )]
+    Configurations {
+        /// Name of a recording.
+        first: String,
+        /// Name of another one.
+        second: String,
     },
     /// Too few samples.
     #[error("recording {recording}: {samples} samples are left after differentiation, at least {needed} are needed")]
@@ -95,8 +106,12 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
             });
         }
     }
+    if let Some(other) = traces.iter().find(|t| t.setup.configuration != traces[0].setup.configuration) {
+        let [first, second] = [&traces[0], other].map(|t| t.name.clone());
+        return Err(FitError::Configurations { first, second });
+    }
     let prior = model;
-    let mut model = model.clone();
+    let mut model = in_configuration(prior, &traces[0].setup);
     let mut residuals = residuals(&model, traces)?;
     let mut cost = weighted_squares(&residuals, noise);
     let nonlinear = is_nonlinear(&model);
@@ -143,7 +158,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
     let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
     let impossible = system.impossible(&covariance);
     if (consistency::min_eigenvalue(&model.bodies) < 0.0 || system.out_of_range())
-        && let Some(values) = system.consistent(&model, prior)
+        && let Some(values) = system.consistent(&model, prior, traces)
     {
         set_parameters(&mut model, &values);
         residuals = self::residuals(&model, traces)?;
@@ -164,6 +179,7 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
         })
         .collect();
     let rms = channel_rms(&residuals);
+    model.assembled = prior.assembled;
     Ok(Fit { model, parameters, base, impossible, residuals, rms })
 }
 
@@ -328,15 +344,13 @@ impl System {
     }
 
     /// All parameter values with every body and every effect possible, as near to the estimate as the data demand.
-    fn consistent(&self, model: &Model, prior: &Model) -> Option<Vec<f64>> {
+    fn consistent(&self, model: &Model, prior: &Model, traces: &[Trace]) -> Option<Vec<f64>> {
         let free = |all: &[f64]| DVector::from_fn(self.free.len(), |i, _| all[self.free[i]]);
         let mut values: Vec<f64> = self.parameters.iter().map(|p| p.value).collect();
-        let before: Vec<f64> = crate::effects::rigid_bodies::values(&prior.bodies)
-            .into_iter()
-            .chain(prior.effects.iter().flat_map(|a| a.values.clone()))
-            .collect();
+        let before: Vec<f64> = Plant::new(prior, &traces[0].setup).parameters().into_iter().map(|p| p.value).collect();
         let nearest = consistency::nearest_consistent(
             &model.bodies,
+            &Plant::new(model, &traces[0].setup).rigid_bodies(),
             &free(&values),
             &free(&before),
             &self.scale,

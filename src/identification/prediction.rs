@@ -562,7 +562,7 @@ mod tests {
             inside.clone().map(|k| torque[k] - predicted[0][k]).collect()
         };
         let (before, after) = (residual(&rigid), residual(&elastic));
-        let column = &columns(&rigid, &trace, None).unwrap()[crate::effects::rigid_bodies::PARAMETERS.len()][0];
+        let column = &columns(&rigid, &trace, None).unwrap()[rigid.rigid_bodies().values.len()][0];
         let column = &column[inside];
         let product: f64 = column.iter().zip(&before).map(|(c, r)| c * r).sum();
         let estimate = product / column.iter().map(|c| c * c).sum::<f64>();

@@ -5,12 +5,14 @@
 pub mod bodies;
 pub mod check;
 pub mod geometry;
+pub mod mechanism;
 mod read;
 mod schema;
 pub mod write;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
+pub use mechanism::{Joint, Mechanism, Part};
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -33,7 +35,9 @@ pub struct Model {
     pub path: Option<PathBuf>,
     /// Text of that file, with the user's comments.
     pub source: Option<Arc<str>>,
-    /// False for the disassembled robot: arms and rotor as independent axes.
+    /// Kind of machine.
+    pub mechanism: Mechanism,
+    /// False for the disassembled robot, arms and rotor as independent axes, and for a lone axis.
     pub assembled: bool,
     /// Lengths and joint limits.
     pub geometry: Geometry,

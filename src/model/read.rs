@@ -14,7 +14,7 @@ use toml::de::{DeTable, DeValue};
 use super::bodies::{self, BODIES, body_name};
 use super::check::{self, Culprit};
 use super::schema::{self, Bounds, Field, Shape};
-use super::{ARMS, AXES, Bodies, Drive, Geometry, Inertia, Model};
+use super::{ARMS, AXES, Bodies, Drive, Geometry, Inertia, Mechanism, Model};
 use crate::effects::{ActiveEffect, Effect, Parameter, REGISTRY, Role};
 
 impl Model {
@@ -65,13 +65,14 @@ fn read_model(top: &Table) -> Result<Model> {
     top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled)?;
     top.fill_table("noise", schema::NOISE, &mut noise, assembled)?;
     let effects = match top.optional_table("effects")? {
-        Some(table) => read_effects(&table)?,
+        Some(table) => read_effects(&table, Mechanism::default())?,
         None => Vec::new(),
     };
     Ok(Model {
         name,
         path: None,
         source: None,
+        mechanism: Mechanism::default(),
         assembled,
         geometry,
         bodies,
@@ -200,7 +201,7 @@ pub(super) fn drive_shape(n: usize) -> Shape {
     if n == 1 { Shape::One } else { Shape::OneOrArray(n) }
 }
 
-fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
+fn read_effects(table: &Table, mechanism: Mechanism) -> Result<Vec<ActiveEffect>> {
     let names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).filter(|n| *n != ALWAYS_PRESENT).collect();
     if table.entry(ALWAYS_PRESENT).is_some() {
         return Err(table.refuse_key(
@@ -216,7 +217,7 @@ fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
     let mut active = Vec::new();
     for effect in REGISTRY {
         if let Some(table) = table.optional_table(effect.name())? {
-            active.push(read_effect(&table, *effect)?);
+            active.push(read_effect(&table, *effect, mechanism)?);
         }
     }
     Ok(active)
@@ -225,7 +226,7 @@ fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
 /// The effect that needs no table.
 pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
 
-fn read_effect(table: &Table, effect: &'static dyn Effect) -> Result<ActiveEffect> {
+fn read_effect(table: &Table, effect: &'static dyn Effect, mechanism: Mechanism) -> Result<ActiveEffect> {
     let parameters = effect.parameters();
     let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
     table.only(&names)?;
@@ -233,21 +234,17 @@ fn read_effect(table: &Table, effect: &'static dyn Effect) -> Result<ActiveEffec
     for p in parameters {
         let present = p.role == Role::Linear || table.entry(p.name).is_some();
         blocks.push(if present {
-            table.numbers(p.name, Shape::of(p), &Bounds::between(p.range.0, p.range.1), p.unit)?
+            table.numbers(p.name, Shape::of(p, mechanism), &Bounds::between(p.range.0, p.range.1), p.unit)?
         } else {
-            default_values(p)
+            default_values(p, mechanism)
         });
     }
     Ok(ActiveEffect::new(effect, &blocks.iter().map(Vec::as_slice).collect::<Vec<_>>()))
 }
 
 /// Values of an optional parameter that the file leaves out.
-pub(super) fn default_values(p: &Parameter) -> Vec<f64> {
-    let n = match Shape::of(p) {
-        Shape::One => 1,
-        Shape::Array(n) | Shape::OneOrArray(n) | Shape::Arrays(n, _) => n,
-    };
-    vec![p.default; n]
+pub(super) fn default_values(p: &Parameter, mechanism: Mechanism) -> Vec<f64> {
+    vec![p.default; p.count.on(mechanism)]
 }
 
 fn keys<T: ?Sized>(fields: &[Field<T>]) -> Vec<&'static str> {

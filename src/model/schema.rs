@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{ARMS, AXES, Drive, Geometry, Inertia, Noise, Sockets};
+use super::{ARMS, AXES, Drive, Geometry, Inertia, Mechanism, Noise, Sockets};
 use crate::effects::{Count, Parameter};
 
 /// A key with one number or an array of numbers, stored in a `T`.
@@ -32,12 +32,14 @@ pub(super) enum Shape {
 }
 
 impl Shape {
-    pub fn of(parameter: &Parameter) -> Self {
+    /// Of an effect's parameter on a machine; a lone axis takes a number for an array of one.
+    pub fn of(parameter: &Parameter, machine: Mechanism) -> Self {
+        let n = parameter.count.on(machine);
         match parameter.count {
             Count::One => Shape::One,
-            Count::PerArm => Shape::Array(ARMS),
-            Count::PerDrive => Shape::Arrays(ARMS, AXES),
-            Count::Named(names) => Shape::Array(names.len()),
+            Count::PerDrive if machine.has_telescope() => Shape::Arrays(n, machine.axes()),
+            Count::PerArm | Count::PerDrive | Count::PerAxis if n == 1 => Shape::OneOrArray(1),
+            _ => Shape::Array(n),
         }
     }
 

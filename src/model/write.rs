@@ -8,7 +8,7 @@ use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 use super::bodies::{BODIES, body_name};
 use super::read::{ALWAYS_PRESENT, GROUPS, body_group, body_needed, default_values, drive_shape};
 use super::schema::{self, Field, Shape, Top};
-use super::{ARMS, AXES, Inertia, Model};
+use super::{ARMS, AXES, Inertia, Mechanism, Model};
 use crate::effects::{ActiveEffect, Role};
 
 impl Model {
@@ -114,7 +114,9 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     let mut noise = section(&["noise"], schema::NOISE, &model.noise, true);
     (sockets.optional, noise.optional) = (!assembled, !assembled);
     all.extend([sockets, noise]);
-    all.extend(model.effects.iter().filter(|e| e.effect.name() != ALWAYS_PRESENT).map(effect_section));
+    all.extend(
+        model.effects.iter().filter(|e| e.effect.name() != ALWAYS_PRESENT).map(|e| effect_section(e, model.mechanism)),
+    );
     all
 }
 
@@ -160,14 +162,14 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
     all
 }
 
-fn effect_section(active: &ActiveEffect) -> Section {
+fn effect_section(active: &ActiveEffect, mechanism: Mechanism) -> Section {
     let lines = active.effect.parameters().iter().enumerate().map(|(b, p)| Line {
         key: p.name,
         numbers: active.values().block(b).to_vec(),
-        default: (p.role != Role::Linear).then(|| default_values(p)),
-        shape: Shape::of(p),
+        default: (p.role != Role::Linear).then(|| default_values(p, mechanism)),
+        shape: Shape::of(p, mechanism),
         integer: false,
-        comment: comment(p.unit, ""),
+        comment: comment(mechanism.unit(p.unit), ""),
     });
     let about = active.effect.about();
     Section {
