@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::{ReadError, Signals};
-use crate::model::{AXES, STRUTS};
+use crate::model::{AXES, Mechanism, STRUTS};
 
 /// Fewest samples that make a recording.
 const FEWEST: usize = 100;
@@ -486,6 +486,7 @@ impl Table {
             (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
         });
         Signals {
+            mechanism: Mechanism::default(),
             q: axes("q"),
             tau: axes("tau"),
             strut_upper: std::array::from_fn(|s| strut(s, "upper")),

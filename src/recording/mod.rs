@@ -21,7 +21,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use crate::model::{AXES, Inertia, STRUTS};
+use crate::model::{AXES, Inertia, Mechanism, STRUTS};
 
 /// One run of the machine, sampled at increasing times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,6 +89,8 @@ impl Recording {
 /// Sampled signals; all channels have the length of `t`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signals {
+    /// Kind of machine: only its axes are measured, the others are zero.
+    pub mechanism: Mechanism,
     /// Time, s.
     pub t: Vec<f64>,
     /// Joint angles q = (φ1, φ2, φ3, ψ), rad.

@@ -157,9 +157,6 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
         same if same == machine_file => machine.clone(),
         other => Model::read(other)?,
     };
-    if !machine.assembled {
-        return Err(miette!("{}: is disassembled; expected an assembled robot", machine_file.display()));
-    }
     let output = args.output.as_ref().map(|output| {
         if args.scenarios.len() > 1 { output.join(&scenario.name).with_extension("mcap") } else { output.clone() }
     });
