@@ -36,10 +36,10 @@ fn missing(model: &Model) -> impl Iterator<Item = &'static dyn effects::Effect> 
 
 /// An absent effect with the model's constants and every starting shape.
 fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEffect> {
-    let mut base = ActiveEffect::absent_on(effect, model.mechanism);
+    let mut base = ActiveEffect::absent_on(effect, model.host());
     let entries = base.entries();
     for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Fixed) {
-        *value = effect.constant(entry.parameter, model).unwrap_or(*value);
+        *value = effect.constant(&entry.parameter, model).unwrap_or(*value);
     }
     let Some(shape) = entries.iter().position(|e| e.parameter.role == Role::Shape) else { return vec![base] };
     let p = entries[shape].parameter;

@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use crate::effects::rigid_bodies::RigidBodies;
-use crate::effects::{ActiveEffect, Kind, Role};
+use crate::effects::{ActiveEffect, Host, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion};
-use crate::model::bodies::{Bodies, END_EFFECTOR, PLATFORM};
+use crate::model::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
 use crate::model::{Geometry, Inertia, Mechanism, Model, Part};
 use crate::recording::{Configuration, Payload, Setup};
 
@@ -14,6 +14,8 @@ use crate::recording::{Configuration, Payload, Setup};
 pub struct Plant {
     /// Kind of machine.
     pub mechanism: Mechanism,
+    /// The machine as far as effects' parameters depend on it.
+    pub host: Host,
     /// Geometry after all effects on it.
     pub geometry: Geometry,
     /// Total inertia: links, payload and effects on inertia.
@@ -49,6 +51,8 @@ pub struct PlantParameter {
     pub value: f64,
     /// Allowed values.
     pub range: (f64, f64),
+    /// Usual magnitude.
+    pub usual: f64,
 }
 
 impl Plant {
@@ -58,6 +62,7 @@ impl Plant {
         let mounted = |a: &&ActiveEffect| model.mechanism.has(a.effect.acts_on(), assembled);
         let mut plant = Self {
             mechanism: model.mechanism,
+            host: model.host(),
             geometry: model.geometry,
             bodies: model.bodies.clone(),
             links: model.bodies.clone(),
@@ -65,7 +70,12 @@ impl Plant {
             gravity: model.gravity,
             spin_damping: model.sockets.spin_damping,
             assembled,
-            effects: model.effects.iter().filter(mounted).cloned().collect(),
+            effects: model
+                .effects
+                .iter()
+                .filter(mounted)
+                .map(|a| ActiveEffect { host: model.host(), ..a.clone() })
+                .collect(),
         };
         for active in &plant.effects {
             active.effect.geometry(&active.values(), &mut plant.geometry);
@@ -86,6 +96,10 @@ impl Plant {
         let (carrier, inertia) = self.carrier(END_EFFECTOR, bodies[END_EFFECTOR]);
         bodies[END_EFFECTOR] = Inertia::ZERO;
         bodies[carrier] += inertia;
+        if matches!(self.mechanism, Mechanism::Delta { telescope: false }) {
+            // The place of motor 4 in the equations; nothing ever turns it.
+            bodies[ROTOR] = Inertia::diagonal(0.0, [0.0; 3], [1.0; 3]);
+        }
         self.bodies = bodies;
     }
 
@@ -106,7 +120,7 @@ impl Plant {
     /// The inertia of the links as an effect.
     pub fn rigid_bodies(&self) -> ActiveEffect {
         let links = RigidBodies::of(self.mechanism, self.assembled);
-        let mut rigid = ActiveEffect::absent_on(links, self.mechanism);
+        let mut rigid = ActiveEffect::absent_on(links, self.host);
         rigid.values = links.values(&self.links);
         rigid
     }
@@ -134,11 +148,12 @@ impl Plant {
                 active.entries().into_iter().enumerate().map(|(index, entry)| PlantParameter {
                     name: format!("{}.{}", active.effect.name(), entry.name),
                     effect: active.effect.name(),
-                    unit: self.mechanism.unit(entry.parameter.unit),
+                    unit: entry.parameter.unit,
                     index,
                     role: entry.parameter.role,
                     value: active.values[index],
                     range: entry.parameter.range,
+                    usual: entry.parameter.default.abs(),
                 })
             })
             .collect()

@@ -7,8 +7,6 @@
 
 use std::ops::Range;
 
-use nalgebra::{Matrix3, Vector3};
-
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{Joint, Mechanism};
@@ -30,6 +28,10 @@ const fn one(name: &'static str, unit: &'static str, default: f64) -> Parameter 
 
 const fn per_arm(name: &'static str, unit: &'static str, default: f64) -> Parameter {
     Parameter { count: Count::PerArm, ..one(name, unit, default) }
+}
+
+const fn lone(name: &'static str) -> Parameter {
+    Parameter { range: (0.0, 1e6), ..one(name, "kg·m²", 0.258) }
 }
 
 const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", "kg·m²", 0.003);
@@ -110,11 +112,9 @@ static ARMS_AND_ROTOR: RigidBodies = RigidBodies { parameters: PER_ARM, units: U
 /// Independent arms.
 static ARMS_ALONE: RigidBodies = RigidBodies { parameters: PER_ARM.split_at(3).0, units: UNITS_PER_ARM.split_at(9).0 };
 /// A lone axis that turns.
-static TURNTABLE: RigidBodies =
-    RigidBodies { parameters: &[one("inertia", "kg·m²", 0.0)], units: &[(body(ARM), Unit::Lone)] };
+static TURNTABLE: RigidBodies = RigidBodies { parameters: &[lone("inertia")], units: &[(body(ARM), Unit::Lone)] };
 /// A lone axis that slides.
-static SLIDE: RigidBodies =
-    RigidBodies { parameters: &[one("mass", "kg·m²", 0.0)], units: &[(body(ARM), Unit::Lone)] };
+static SLIDE: RigidBodies = RigidBodies { parameters: &[lone("mass")], units: &[(body(ARM), Unit::Lone)] };
 
 impl RigidBodies {
     /// The parameters of a machine that is assembled or not.
@@ -211,9 +211,7 @@ impl Unit {
             Unit::Mass => i.mass = value,
             Unit::Moment(axis) => i.first_moment[*axis] = value,
             Unit::Tensor(axes) => axes.iter().for_each(|&a| i.tensor[(a, a)] = value),
-            Unit::Lone => {
-                *i = Inertia { mass: value, first_moment: Vector3::zeros(), tensor: Matrix3::identity() * value }
-            }
+            Unit::Lone => *i = Inertia::lone(value),
         }
     }
 }

@@ -25,7 +25,7 @@ const PARAMETERS: &[Parameter] = &[
         count: Count::One,
         role: Role::Fixed,
         default: 33.0,
-        range: (1.0, 1000.0),
+        range: (1e-3, 1e5),
     },
 ];
 

@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
-    let data = Data::read(&args.data)?;
+    let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     let noise_floor = floor(&model, &data.traces);
     let progress = spinner("fit");
@@ -80,12 +80,12 @@ impl Answer<'_> {
         object.insert("parameters".into(), estimates(&self.fitted.parameters));
         object.insert("base_parameters".into(), base(&self.fitted.base));
         object.insert("channels".into(), channel_names(self.channels));
-        insert_channels(&mut object, "rms", &self.fitted.rms);
+        insert_channels(&mut object, "rms", self.channels, &self.fitted.rms);
         match &self.held_out_rms {
-            Some(rms) => insert_channels(&mut object, "held_out_rms", rms),
+            Some(rms) => insert_channels(&mut object, "held_out_rms", self.channels, rms),
             None => drop(object.insert("held_out_rms".into(), Value::Null)),
         }
-        insert_channels(&mut object, "noise_floor", &self.noise_floor);
+        insert_channels(&mut object, "noise_floor", self.channels, &self.noise_floor);
         object.insert("min_pseudo_inertia_eigenvalue".into(), json!(min_eigenvalue(&self.fitted.model.bodies)));
         object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
         Value::Object(object)

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::Trace;
 use crate::dynamics::Channel;
+use crate::model::{Mechanism, Model};
 use crate::recording::{ReadError, Recording};
 
 /// What several commands take as data.
@@ -36,12 +37,12 @@ impl Data {
         self.traces.first().map_or(&[], |t| &t.channels)
     }
 
-    /// Reads all recordings and keeps the channels they have in common.
-    pub fn read(args: &DataArgs) -> Result<Self, ReadError> {
+    /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
+    pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
         let mut warnings = Vec::new();
         let mut traces = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            traces.push(trace(file, args.setup.as_deref(), &mut warnings)?);
+            traces.push(trace(file, args.setup.as_deref(), model.mechanism, &mut warnings)?);
         }
         warnings.extend(keep_common_channels(&mut traces));
         let held_out = traces.split_off(args.data.len());
@@ -54,8 +55,13 @@ impl Data {
     }
 }
 
-fn trace(file: &Path, setup: Option<&Path>, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
-    let (recording, noticed) = Recording::read(file, setup)?;
+fn trace(
+    file: &Path,
+    setup: Option<&Path>,
+    machine: Mechanism,
+    warnings: &mut Vec<String>,
+) -> Result<Trace, ReadError> {
+    let (recording, noticed) = Recording::read_of(file, setup, machine)?;
     warnings.extend(noticed);
     let trace = Trace::new(&recording);
     if trace.is_empty() {

@@ -391,8 +391,5 @@ impl System {
 
 /// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
 pub fn own_size(p: &PlantParameter) -> f64 {
-    let usual = crate::effects::find(p.effect)
-        .and_then(|e| e.parameters().iter().find(|q| p.name.contains(&format!(".{}", q.name))))
-        .map_or(0.0, |q| q.default.abs());
-    p.value.abs().max(usual).max(1e-9)
+    p.value.abs().max(p.usual).max(1e-9)
 }

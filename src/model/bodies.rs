@@ -28,6 +28,11 @@ impl Inertia {
         Self { mass, first_moment: first_moment.into(), tensor: Matrix3::from_diagonal(&moments.into()) }
     }
 
+    /// What moves on a lone axis: only the moment about the axis enters (of a prismatic axis it stands for the mass).
+    pub fn lone(moment: f64) -> Self {
+        Self { mass: moment, first_moment: Vector3::zeros(), tensor: Matrix3::identity() * moment }
+    }
+
     /// Point mass at `position`.
     pub fn point(mass: f64, position: Vector3<f64>) -> Self {
         let x = position.cross_matrix();

@@ -17,7 +17,7 @@ pub use mechanism::{Joint, Mechanism, Part};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::effects::ActiveEffect;
+use crate::effects::{ActiveEffect, Host};
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;
@@ -55,6 +55,13 @@ pub struct Model {
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
     pub effects: Vec<ActiveEffect>,
+}
+
+impl Model {
+    /// The machine as far as effects' parameters depend on it.
+    pub fn host(&self) -> Host {
+        Host::new(self.mechanism, &self.drives[0])
+    }
 }
 
 /// One drive, seen at the gear output.

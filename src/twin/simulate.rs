@@ -15,8 +15,8 @@ use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
-use crate::model::{ARMS, AXES, Inertia, Model, STRUTS};
-use crate::recording::{Recording, Setup, Signals};
+use crate::model::{AXES, Inertia, Mechanism, Model, STRUTS};
+use crate::recording::{Configuration, Recording, Setup, Signals};
 use crate::scenario::{self, Action, ActionKind, HoldTorque, PayloadShape, Scenario, Supervision, Trip};
 
 /// How a run is made.
@@ -90,7 +90,7 @@ impl Default for Options {
 impl Options {
     /// As `scenario` says, for a machine like `model`.
     pub fn of(scenario: &Scenario, model: &Model) -> Self {
-        let gains = Gains::default();
+        let gains = Gains::of(model);
         Self {
             duration: scenario.duration,
             substeps: scenario.substeps,
@@ -488,14 +488,19 @@ impl<'a> Run<'a> {
         let next = (self.desired)(t + span).joints(&self.twin.plant().geometry).map_err(trajectory)?;
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
         let limits = &self.options.supervision;
-        for i in 0..ARMS {
+        let machine = self.twin.plant().mechanism;
+        let (torque, angle) = (machine.unit("N·m"), machine.unit("rad"));
+        for i in 0..machine.arms() {
             let (feedback, error) = (command.feedback[i].abs(), (self.wanted.q[i] - encoders[i]).abs());
             if let Some(limit) = limits.torque.filter(|limit| feedback > *limit) {
-                self.trip(t, format!("feedback torque {feedback:.1} N·m on axis {} exceeds {limit} N·m", i + 1));
+                self.trip(
+                    t,
+                    format!("feedback torque {feedback:.1} {torque} on axis {} exceeds {limit} {torque}", i + 1),
+                );
                 return Ok(());
             }
             if let Some(limit) = limits.tracking.filter(|limit| error > *limit) {
-                self.trip(t, format!("tracking error {error:.4} rad on axis {} exceeds {limit} rad", i + 1));
+                self.trip(t, format!("tracking error {error:.4} {angle} on axis {} exceeds {limit} {angle}", i + 1));
                 return Ok(());
             }
         }
@@ -685,6 +690,10 @@ impl<'a> Run<'a> {
     }
 
     fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
+        let mut setup = *setup;
+        if matches!(model.mechanism, Mechanism::Delta { .. }) && !self.twin.plant().assembled {
+            setup.configuration = Configuration::Disassembled;
+        }
         self.report.kinetic_energy = self.kinetic_energy();
         self.report.energy_error = self.report.energy_error.max(self.twin.energy_balance().abs());
         self.report.energy_error /= self.turned_over.max(LEAST_WORK);
@@ -694,7 +703,7 @@ impl<'a> Run<'a> {
             active.effect.observe(&active.values(), &mut self.signals);
         }
         self.sensors.add_noise(&mut self.signals);
-        (Recording { name: model.name.clone(), signals: self.signals, setup: *setup }, self.report)
+        (Recording { name: model.name.clone(), signals: self.signals, setup }, self.report)
     }
 }
 

@@ -79,8 +79,7 @@ impl FourierMotion {
         harmonics: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let [low, high] = plant.geometry.telescope_limits;
-        let middle = plant.geometry.upper_hooke_height - plant.geometry.lower_hooke_height - 0.45 * (low + high);
+        let middle = middle(plant);
         let mut motion = Self {
             frequency,
             centre: [0.0, 0.0, middle, 0.0],
@@ -90,7 +89,8 @@ impl FourierMotion {
         // Equal velocity amplitudes over the harmonics reach speed and acceleration limits together.
         for k in 0..harmonics {
             for i in 0..4 {
-                let size = [0.5, 0.5, 0.2, 12.0][i] / (k + 1) as f64;
+                let psi = if plant.mechanism.has_telescope() { 12.0 } else { 0.0 };
+                let size = [0.5, 0.5, 0.2, psi][i] / (k + 1) as f64;
                 motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
                 motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
             }
@@ -199,6 +199,17 @@ impl FourierMotion {
         }
         Fit::Good
     }
+}
+
+/// Height about which the platform moves, m: amid the telescope's range, without one where the arms are amid theirs.
+fn middle(plant: &Plant) -> f64 {
+    let g = &plant.geometry;
+    if plant.mechanism.has_telescope() {
+        let [low, high] = g.telescope_limits;
+        return g.upper_hooke_height - g.lower_hooke_height - 0.45 * (low + high);
+    }
+    let [low, high] = g.arm_limits;
+    g.forward(&[0.5 * (low + high); ARMS]).map_or(-g.arm_length, |p| p.z)
 }
 
 /// Instants per period at which limits are checked.
