@@ -106,7 +106,7 @@ impl Limits {
             directions.set_row(i, &strut.transpose());
         }
         out[PARALLEL] = 1.0 + MIN_PARALLEL - directions.determinant().abs();
-        if geometry.telescope_limits[1].is_finite() {
+        if geometry.has_telescope() {
             let length = within(geometry.telescope_length(&platform.position), geometry.telescope_limits);
             (out[TELESCOPE], out[TELESCOPE + 1]) = (length, -length);
         }

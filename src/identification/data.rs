@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Trace;
+use super::{Trace, swapped};
 use crate::dynamics::Channel;
-use crate::model::{Mechanism, Model};
+use crate::model::Model;
 use crate::recording::{ReadError, Recording};
 
 /// What several commands take as data.
@@ -42,7 +42,7 @@ impl Data {
         let mut warnings = Vec::new();
         let mut traces = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            traces.push(trace(file, args.setup.as_deref(), model.mechanism, &mut warnings)?);
+            traces.push(trace(file, args.setup.as_deref(), model, &mut warnings)?);
         }
         warnings.extend(keep_common_channels(&mut traces));
         let held_out = traces.split_off(args.data.len());
@@ -55,15 +55,10 @@ impl Data {
     }
 }
 
-fn trace(
-    file: &Path,
-    setup: Option<&Path>,
-    machine: Mechanism,
-    warnings: &mut Vec<String>,
-) -> Result<Trace, ReadError> {
-    let (recording, noticed) = Recording::read_of(file, setup, machine)?;
+fn trace(file: &Path, setup: Option<&Path>, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
+    let (recording, noticed) = Recording::read_of(file, setup, model.mechanism)?;
     warnings.extend(noticed);
-    let trace = Trace::new(&recording);
+    let mut trace = Trace::new(&recording);
     if trace.is_empty() {
         let samples = recording.signals.len();
         return Err(ReadError::Content {
@@ -71,6 +66,14 @@ fn trace(
             problem: format!("has {samples} samples, of which differentiation leaves none"),
             expected: "a longer stretch without gaps".into(),
         });
+    }
+    let drives = Channel::of_drives(model.mechanism);
+    if !model.assembled && trace.channels.len() > drives.len() {
+        warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));
+        trace.restrict(&drives);
+    }
+    if let Some(what) = swapped(&trace) {
+        warnings.push(format!("{}: {what}", file.display()));
     }
     Ok(trace)
 }

@@ -10,10 +10,12 @@ pub mod data;
 pub mod filtering;
 pub mod fit;
 pub mod prediction;
+mod swapped;
 pub mod trace;
 
 pub use base_parameters::{BaseParameter, base_parameters};
 pub use data::{Data, DataArgs};
 pub use fit::{Estimate, Fit, FitError, fit};
 pub use prediction::{columns, predict};
+pub use swapped::swapped;
 pub use trace::Trace;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::filtering::{Kernel, half_width, noise_level};
 use crate::dynamics::Channel;
 use crate::kinematics::JointState;
-use crate::model::{AXES, Model, STRUTS};
+use crate::model::{AXES, Model, Part, STRUTS};
 use crate::recording::{Configuration, Recording, Setup, Signals};
 
 /// Smoothed joint motion with the measured channels at the same samples.
@@ -128,7 +128,7 @@ pub fn noise_floor(model: &Model, traces: &[Trace]) -> Vec<f64> {
 
 fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {
     let mut channels = Channel::of_drives(signals.mechanism);
-    if configuration == Configuration::Assembled {
+    if signals.mechanism.has(Part::Linkage, configuration == Configuration::Assembled) {
         for s in 0..STRUTS {
             if signals.strut_upper[s].is_some() {
                 channels.push(Channel::StrutUpper(s));

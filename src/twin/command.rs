@@ -127,8 +127,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
         #[cfg(feature = "viewer")]
         if let Some(rrd) = &args.rrd {
-            let geometry = Plant::new(&job.machine, &job.scenario.setup).geometry;
-            super::show::write(rrd, &geometry, &job.options, &outcome.recording, &outcome.report).into_diagnostic()?;
+            let plant = Plant::new(&job.machine, &job.scenario.setup);
+            super::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report).into_diagnostic()?;
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
         if matches!(difference, Some(Some(_))) {

@@ -227,10 +227,13 @@ impl Twin {
         let balance = self.energy_balance();
         let motion = self.motion();
         let mut joined = self.context.plant.clone();
-        joined.bodies[END_EFFECTOR] += *inertia;
+        let (carrier, inertia) = joined.carrier(END_EFFECTOR, *inertia);
+        joined.bodies[carrier] += inertia;
         let mut impulses = [STILL; BODIES];
-        let brought = BodyMotion { velocity: twist.0, angular_velocity: twist.1, ..motion.bodies[END_EFFECTOR] };
-        impulses[END_EFFECTOR] = momentum(inertia, &brought);
+        let lever = motion.bodies[carrier].position - motion.bodies[END_EFFECTOR].position;
+        let velocity = twist.0 + twist.1.cross(&lever);
+        let brought = BodyMotion { velocity, angular_velocity: twist.1, ..motion.bodies[carrier] };
+        impulses[carrier] = momentum(&inertia, &brought);
         let mut solver = Loose::new();
         let after =
             solver.impulse(&joined, &self.context.plant.bodies, &motion.bodies, self.context.closed, &impulses)?;
@@ -251,7 +254,8 @@ impl Twin {
     /// Lets go of a body of this inertia; the velocities stay.
     pub fn detach(&mut self, inertia: &Inertia) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
-        self.context.plant.bodies[END_EFFECTOR] += *inertia * -1.0;
+        let (carrier, inertia) = self.context.plant.carrier(END_EFFECTOR, *inertia);
+        self.context.plant.bodies[carrier] += inertia * -1.0;
         self.reload(None)?;
         self.reference_energy += self.energy_balance() - balance;
         Ok(())

@@ -666,7 +666,7 @@ impl<'a> Run<'a> {
         let objects = self.cell.as_ref().map_or_else(Vec::new, |c| c.objects(motion).map(|(_, at, _)| at).collect());
         self.report.frames.push(Frame {
             t,
-            bodies: motion.poses(),
+            bodies: motion.shown(self.twin.plant().mechanism),
             objects,
             closed: self.twin.closed(),
             strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
