@@ -97,14 +97,14 @@ fn table(file: &str) -> [Errors; 4] {
     })
 }
 
-/// A scenario on which the default reaches the stated residuals and no other method beats it by more than 1 % of the floor.
+/// A scenario on which the default reaches the stated residuals, and no other method is better by 3 % of the floor.
 fn check(file: &str, residual: [f64; AXES]) {
     let [paper, polynomial, smoother, best] = table(file);
     for i in 0..AXES {
         let (axis, found) = (i + 1, best.residual[i]);
         assert!(found < residual[i], "{file}, axis {axis}: {found}");
         for other in [&paper, &polynomial, &smoother] {
-            assert!(found < other.residual[i] + 0.02, "{file}, axis {axis}: {found} {}", other.residual[i]);
+            assert!(found < other.residual[i] + 0.03, "{file}, axis {axis}: {found} {}", other.residual[i]);
         }
     }
 }

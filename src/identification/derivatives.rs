@@ -9,7 +9,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::filtering::{Kernel, MIN_HALF_WIDTH, half_width, noise_level};
-use super::smoother::{log_likelihood, smooth, width};
+use super::smoother::{Likelihood, smooth, width};
 use crate::kinematics::JointState;
 use crate::model::AXES;
 
@@ -183,17 +183,18 @@ type Piece = (usize, Range<usize>);
 const PIECES: usize = 24;
 const PIECE: usize = 256;
 /// … and over so many reversals, with so many samples before and after each.
-const REVERSALS: usize = 40;
+const REVERSALS: usize = 120;
 const BESIDE: usize = 40;
 /// A piece whose readings vary by less, in standard deviations (three encoder steps), tells nothing.
 const RESTING: f64 = 10.0;
-/// Logarithms of the least and largest intensity of the noise in q⁗, and in q⃛ at reversals.
-const SNAP: [f64; 2] = [-46.0, 14.0];
-const JUMP: [f64; 2] = [-30.0, 20.0];
+/// Logarithm of the largest intensity of the noise in q⁗: readings and motion are unrelated.
+const ROUGHEST: f64 = 30.0;
+/// Logarithms of the least and largest intensity of the noise in q⃛ at reversals.
+const JUMP: [f64; 2] = [-30.0, 30.0];
 /// Intensity so large that what comes before and after a step is unrelated.
 const UNRELATED: f64 = 1e4;
-/// Time scale of the smoother for an axis that rests all the time, s.
-const REST: f64 = 0.01;
+/// Longest time scale of the smoother, s: that of an axis at rest.
+const LONGEST: f64 = 0.01;
 
 impl Readings {
     fn new(angles: &Angles, axis: usize) -> Self {
@@ -208,8 +209,8 @@ impl Readings {
 
     /// Smooths with the most likely intensities.
     fn smoothed(&self, turns: &[Vec<bool>]) -> Vec<Smoothed> {
-        let snap = self.snap(turns);
-        let jump = self.jump(snap, turns);
+        let (snap, variance) = self.snap(turns);
+        let jump = self.jump(snap, variance, turns);
         let margin = (MARGIN * width(snap)).ceil() as usize;
         let stretch = |s: usize| {
             let mut values = smooth(&self.stretches[s], snap, &jerk(&turns[s], jump));
@@ -222,28 +223,32 @@ impl Readings {
         (0..self.stretches.len()).map(stretch).collect()
     }
 
-    /// Most likely intensity of the noise in q⁗, apart from reversals.
-    fn snap(&self, turns: &[Vec<bool>]) -> f64 {
+    /// Most likely intensity of the noise in q⁗, apart from reversals, and variance of the readings.
+    fn snap(&self, turns: &[Vec<bool>]) -> (f64, f64) {
         let pieces = self.spread();
+        let smoothest = 8.0 * (self.dt / LONGEST).ln();
         if pieces.is_empty() {
-            return (self.dt / REST).powi(8);
+            return (smoothest.exp(), 1.0);
         }
-        highest(SNAP, |ln| self.log_likelihood(&pieces, ln.exp(), turns, UNRELATED)).exp()
+        let of = |ln: f64| self.likelihood(&pieces, ln.exp(), turns, UNRELATED);
+        let best = |l: Likelihood| l.ln(l.variance());
+        let ln = highest([smoothest.min(ROUGHEST), ROUGHEST], |ln| best(of(ln)));
+        (ln.exp(), of(ln).variance())
     }
 
     /// Most likely intensity of the noise in q⃛ at reversals.
-    fn jump(&self, snap: f64, turns: &[Vec<bool>]) -> f64 {
+    fn jump(&self, snap: f64, variance: f64, turns: &[Vec<bool>]) -> f64 {
         let pieces = reversals(turns);
         if pieces.is_empty() {
             return 0.0;
         }
-        highest(JUMP, |ln| self.log_likelihood(&pieces, snap, turns, ln.exp())).exp()
+        highest(JUMP, |ln| self.likelihood(&pieces, snap, turns, ln.exp()).ln(variance)).exp()
     }
 
-    fn log_likelihood(&self, pieces: &[Piece], snap: f64, turns: &[Vec<bool>], jump: f64) -> f64 {
+    fn likelihood(&self, pieces: &[Piece], snap: f64, turns: &[Vec<bool>], jump: f64) -> Likelihood {
         let one = |(s, range): &Piece| {
             let jerk = jerk(&turns[*s][range.start..range.end - 1], jump);
-            log_likelihood(&self.stretches[*s][range.clone()], snap, &jerk)
+            Likelihood::of(&self.stretches[*s][range.clone()], snap, &jerk)
         };
         pieces.iter().map(one).sum()
     }
