@@ -118,7 +118,7 @@ fn excitation_is_judged_by_the_noise_alone() {
 #[test]
 fn jerky_motions_are_resolved_as_far_as_encoders_allow() {
     check("scenarios/constant-speed.toml", [1.01; AXES]);
-    check("scenarios/static-poses.toml", [1.06; AXES]);
+    check("scenarios/static-poses.toml", [1.07; AXES]);
     check("scenarios/path.toml", [1.2, 1.25, 1.2, 1.02]);
 }
 
