@@ -41,12 +41,11 @@ const MARGIN: f64 = 2.0;
 
 /// Angles at uniform times.
 pub struct Angles<'a> {
-    /// Angles of every sample, rad.
-    pub q: &'a [[f64; AXES]],
-    /// Stretches without gaps.
-    pub stretches: &'a [Range<usize>],
-    /// Sampling period, s.
-    pub dt: f64,
+    q: &'a [[f64; AXES]],
+    stretches: &'a [Range<usize>],
+    dt: f64,
+    /// Standard deviation of the noise per axis, rad.
+    sigma: [f64; AXES],
 }
 
 /// Angle and its first two derivatives by sample number, of one stretch.
@@ -56,10 +55,18 @@ struct Smoothed {
     margin: usize,
 }
 
-impl Angles<'_> {
+impl<'a> Angles<'a> {
+    /// Angles `q` of every sample, rad, in stretches without gaps, every `dt` seconds.
+    pub fn new(q: &'a [[f64; AXES]], stretches: &'a [Range<usize>], dt: f64) -> Self {
+        let mut out = Self { q, stretches, dt, sigma: [0.0; AXES] };
+        out.sigma =
+            std::array::from_fn(|i| noise_level(&stretches.iter().map(|s| out.angles(i, s)).collect::<Vec<_>>()));
+        out
+    }
+
     /// Half width of the polynomials per axis, samples; [`MIN_HALF_WIDTH`] where the angles have no noise to speak of.
     pub fn half_widths(&self) -> [usize; AXES] {
-        std::array::from_fn(|i| half_width(self.sigma(i), self.dt, ACCELERATION_NOISE[i]))
+        std::array::from_fn(|i| half_width(self.sigma[i], self.dt, ACCELERATION_NOISE[i]))
     }
 
     /// Joint states of the samples kept of each stretch.
@@ -89,11 +96,6 @@ impl Angles<'_> {
 
     fn angles(&self, axis: usize, stretch: &Range<usize>) -> Vec<f64> {
         self.q[stretch.clone()].iter().map(|q| q[axis]).collect()
-    }
-
-    /// Standard deviation of the noise of an axis, rad.
-    fn sigma(&self, axis: usize) -> f64 {
-        noise_level(&self.stretches.iter().map(|s| self.angles(axis, s)).collect::<Vec<_>>())
     }
 
     fn each(&self, axis: usize, f: impl Fn(&[f64]) -> Smoothed) -> Vec<Smoothed> {
@@ -198,7 +200,7 @@ const LONGEST: f64 = 0.01;
 
 impl Readings {
     fn new(angles: &Angles, axis: usize) -> Self {
-        let sigma = angles.sigma(axis);
+        let sigma = angles.sigma[axis];
         let mut stretches: Vec<Vec<f64>> = angles.stretches.iter().map(|s| angles.angles(axis, s)).collect();
         let origins = stretches.iter().map(|s| s.first().copied().unwrap_or(0.0)).collect::<Vec<_>>();
         for (stretch, origin) in stretches.iter_mut().zip(&origins) {

@@ -42,7 +42,7 @@ impl Trace {
     pub fn with(recording: &Recording, method: Method) -> Self {
         let signals = &recording.signals;
         let (dt, stretches) = (signals.sample_time(), signals.stretches());
-        let angles = Angles { q: &signals.q, stretches: &stretches, dt };
+        let angles = Angles::new(&signals.q, &stretches, dt);
         let channels = measured_channels(signals, recording.setup.configuration);
         let mut trace = Self {
             name: recording.name.clone(),
