@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::Trace;
 use super::fit::{FitError, kinematics};
-use super::prediction::{Channels, is_local, prediction_and_columns, reach};
+use super::prediction::{Channels, is_local, prediction_and_columns, surroundings};
 use crate::dynamics::Plant;
 use crate::model::Model;
 
@@ -142,16 +142,8 @@ fn part(
     free: &[usize],
     weight: Weight,
 ) -> Result<Part, FitError> {
-    let margin = reach(plant);
-    let outer = range.start.saturating_sub(margin)..(range.end + margin).min(trace.len());
-    let whole = outer == (0..trace.len());
-    let (predicted, columns) = if whole {
-        prediction_and_columns(plant, trace)
-    } else {
-        prediction_and_columns(plant, &trace.window(outer.clone()))
-    }
-    .map_err(kinematics(trace))?;
-    let shift = range.start - outer.start;
+    let (around, shift) = surroundings(plant, trace, &range);
+    let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(trace))?;
     let residual: Channels = trace
         .measured
         .iter()

@@ -9,6 +9,8 @@
 //!
 //! Own states of force laws are integrated along the measured motion.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::Trace;
@@ -31,7 +33,7 @@ pub fn is_local(plant: &Plant) -> bool {
 }
 
 /// Samples on either side that a local prediction needs: sensors shift by less, deflections are smoothed over less.
-pub fn reach(plant: &Plant) -> usize {
+fn reach(plant: &Plant) -> usize {
     if plant.observes() || gear_springs(plant).is_some() { 256 } else { 0 }
 }
 
@@ -44,8 +46,32 @@ pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels,
 
 /// Predicted channels of a plant along a trace.
 pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
-    let motions = motions(plant, trace)?;
-    predict_along(plant, trace, &motions)
+    if !is_local(plant) || trace.len() <= CHUNK {
+        let motions = motions(plant, trace)?;
+        return predict_along(plant, trace, &motions);
+    }
+    // In pieces: the motion of all bodies takes kilobytes per sample.
+    let starts: Vec<usize> = (0..trace.len()).step_by(CHUNK).collect();
+    let pieces: Vec<Channels> = starts
+        .into_par_iter()
+        .map(|start| {
+            let range = start..(start + CHUNK).min(trace.len());
+            let (around, shift) = surroundings(plant, trace, &range);
+            let mut piece = predict_along(plant, &around, &motions(plant, &around)?)?;
+            piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
+            Ok(piece)
+        })
+        .collect::<Result<_, KinematicsError>>()?;
+    let whole = |c: usize| pieces.iter().flat_map(|p| &p[c]).copied().collect();
+    Ok((0..trace.channels.len()).map(whole).collect())
+}
+
+/// The samples that a local prediction in `range` needs, and where `range` starts in them.
+pub fn surroundings(plant: &Plant, trace: &Trace, range: &Range<usize>) -> (Trace, usize) {
+    let reach = reach(plant);
+    let outer = range.start.saturating_sub(reach)..(range.end + reach).min(trace.len());
+    let shift = range.start - outer.start;
+    (trace.window(outer), shift)
 }
 
 /// Motion of the mechanism: that of the encoders less what lies between them and the joints.

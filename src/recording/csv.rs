@@ -4,7 +4,7 @@
 //! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`. Comma,
 //! semicolon or tab between the cells.
 
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 
 use super::check::{self, Column, Table};
@@ -17,12 +17,16 @@ fn expected(axes: usize) -> String {
     format!("CSV with the columns {columns} and numbers below")
 }
 
+/// Bytes in which a file shows what it is.
+const HEAD: usize = 1 << 16;
+
 /// Reads and checks the signals of a machine, or of whatever machine the columns tell.
 ///
 /// Also returns what was noticed and repaired.
 pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Vec<String>), ReadError> {
-    let content = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
-    let (table, mut warnings) = table(path, &content, machine)?;
+    let mut source = BufReader::with_capacity(HEAD, std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?);
+    let head = source.fill_buf().map_err(|e| ReadError::io(path, e))?.to_vec();
+    let (table, mut warnings) = table(path, &head, source, machine)?;
     let (signals, noticed) = check::signals(table)?;
     warnings.extend(noticed);
     Ok((signals, warnings))
@@ -55,22 +59,37 @@ fn shortest(v: f64) -> String {
     text
 }
 
-fn table(path: &Path, content: &[u8], machine: Option<Mechanism>) -> Result<(Table, Vec<String>), ReadError> {
-    let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
+/// The table in `source`, whose first bytes are `head`. Cells go straight into columns: a long recording is never in memory as
+/// text.
+fn table(
+    path: &Path,
+    head: &[u8],
+    mut source: impl BufRead,
+    machine: Option<Mechanism>,
+) -> Result<(Table, Vec<String>), ReadError> {
+    const MARK: &[u8] = b"\xef\xbb\xbf";
+    if head.starts_with(MARK) {
+        source.consume(MARK.len());
+    }
+    let content = head.strip_prefix(MARK).unwrap_or(head);
     let any = || expected(machine.unwrap_or_default().axes());
     if content.iter().all(u8::is_ascii_whitespace) {
         return Err(ReadError::content(path, "is empty", any()));
     }
-    if content.iter().take(1 << 16).any(|&b| b == 0) || std::str::from_utf8(content).is_err() {
-        return Err(ReadError::content(path, "is binary, not text", any()));
+    let binary = || ReadError::content(path, "is binary, not text", any());
+    if content.contains(&0) {
+        return Err(binary());
     }
     let header = content.split(|&b| b == b'\n').find(|l| !l.trim_ascii().is_empty());
     let header = header.unwrap_or_default();
     let count = |b: u8| header.iter().filter(|&&c| c == b).count();
     let delimiter = [b',', b';', b'\t'].into_iter().rev().max_by_key(|&b| count(b)).unwrap_or(b',');
     let mut reader =
-        ::csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).trim(::csv::Trim::All).from_reader(content);
-    let broken = |e: ::csv::Error| ReadError::content(path, e.to_string(), any());
+        ::csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).trim(::csv::Trim::All).from_reader(source);
+    let broken = |e: ::csv::Error| match e.kind() {
+        ::csv::ErrorKind::Utf8 { .. } => binary(),
+        _ => ReadError::content(path, e.to_string(), any()),
+    };
     let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_string).collect();
 
     let machine = machine.unwrap_or_else(|| check::machine(|name| names.iter().any(|n| n == name)));
