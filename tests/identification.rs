@@ -131,8 +131,9 @@ fn weights_of_rows_and_robust_loss_change_little_when_the_model_is_right() {
     for channel in &mut spoilt.measured {
         channel.iter_mut().step_by(50).for_each(|x| *x += 20.0);
     }
-    let with =
-        |trace: &Trace, options: Options| fit_with(&nominal, &[trace.clone()], &[SIGMA.to_vec()], &options).unwrap();
+    let with = |trace: &Trace, options: Options| {
+        fit_with(&nominal, std::slice::from_ref(trace), &[SIGMA.to_vec()], &options).unwrap()
+    };
     let maximum = with(&noisy, Options { weighing: Weighing::Maximum, ..Options::default() });
     let robust = with(&spoilt, Options { robust: true, ..Options::default() });
     let fooled = with(&spoilt, Options::default());
@@ -229,7 +230,7 @@ fn regularisation_pulls_where_the_data_are_silent_and_nowhere_else() {
     set_parameters(&mut weighed, &values);
     let data = trace(&robot, &Setup::default(), 4000, 4e-3, excitation(3));
     let options = |prior| Options { prior, ..Options::default() };
-    let own = fit_with(&nominal, &[data.clone()], &[SIGMA.to_vec()], &options(None)).unwrap();
+    let own = fit_with(&nominal, std::slice::from_ref(&data), &[SIGMA.to_vec()], &options(None)).unwrap();
     let other = fit_with(&nominal, &[data], &[SIGMA.to_vec()], &options(Some(&weighed))).unwrap();
     for (a, b) in own.parameters.iter().zip(&other.parameters) {
         let moved = (a.value - b.value).abs();

@@ -364,7 +364,9 @@ fn fewer_axes_when_asked_for() {
     let text = fs::read_to_string(&path).unwrap();
     let (_, rows) = text.split_once('\n').unwrap();
     fs::write(&path, format!("t,q1,tau1\n{rows}")).unwrap();
-    contains(&refused(&path), &["no column `q2`"]);
+    let refused = Recording::read_of(&path, None, Mechanism::default()).unwrap_err().to_string();
+    contains(&refused, &["no column `q2`", "t, q1…q4, tau1…tau4"]);
+    assert_eq!(Recording::read(&path, None).unwrap().0.signals.mechanism.axes(), 1);
     let (recording, warnings) = Recording::read_of(&path, None, Mechanism::Axis(Joint::Prismatic)).unwrap();
     assert_eq!(warnings, [""; 0]);
     assert_eq!(recording.signals.q[7][1..], [0.0; 3]);

@@ -188,6 +188,10 @@ impl DesiredMotion {
         self.state(t).unwrap_or(Target::Platform(unreachable))
     }
 
+    fn is_of_platform(&self) -> bool {
+        !matches!(self, Self::Axes(_))
+    }
+
     /// Times at which the motion is checked: their number and spacing, s.
     fn grid(&self) -> (usize, f64) {
         match self {
@@ -214,7 +218,13 @@ impl DesiredMotion {
                 Target::Platform(platform) => geometry.check_limits(&joints.q, &platform.position),
                 Target::Joints(_) => geometry.check_arms(&joints.q[..planning.mechanism.arms()]),
             }
-            .map_err(unreachable)?;
+            .map_err(|source| match source {
+                KinematicsError::ArmLimit { arm: axis, angle: position, min, max } if !self.is_of_platform() => {
+                    let unit = planning.mechanism.unit("rad");
+                    MotionError::BeyondLimit { t, axis, position, min, max, unit }
+                }
+                source => MotionError::Unreachable { t, source },
+            })?;
             if let Some(axis) = (planning.mechanism.axes()..AXES).find(|&i| joints.q[i] != 0.0 || joints.qd[i] != 0.0) {
                 return Err(MotionError::NoAxis { t, axis });
             }
@@ -266,6 +276,22 @@ pub enum MotionError {
         /// Limit, rad/s.
         limit: f64,
         /// Unit of both, m/s for a prismatic axis.
+        unit: &'static str,
+    },
+    /// An independent axis would leave its range.
+    #[error("the desired motion moves axis {} to {position:.4} {unit} at t = {t:.3} s, outside {min:.4}..{max:.4} {unit}", .axis + 1)]
+    BeyondLimit {
+        /// Time, s.
+        t: f64,
+        /// Axis, from 0.
+        axis: usize,
+        /// Position, rad.
+        position: f64,
+        /// Lower limit, rad.
+        min: f64,
+        /// Upper limit, rad.
+        max: f64,
+        /// Unit of all three, m for a prismatic axis.
         unit: &'static str,
     },
     /// An axis would have to move that the machine does not have.

@@ -50,10 +50,11 @@ impl Table {
             .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
         let header = reader.headers().map_err(|e| e.to_string())?.clone();
         let column = |name: &str| header.iter().position(|h| h == name);
-        // Of what the machine does not have, the last columns may be missing.
+        // The last columns may be missing where nothing else is there: the machine does not have them.
         let all = |names: [&str; 4], fewer: &[usize]| {
             let found: Vec<usize> = names.iter().map_while(|name| column(name)).collect();
-            (found.len() == 4 || fewer.contains(&found.len())).then_some(found)
+            let alone = fewer.contains(&found.len()) && header.len() == found.len() + 1;
+            (found.len() == 4 || alone).then_some(found)
         };
         let (time, joints, columns) = match (column("t"), all(PLATFORM, &[3]), all(JOINTS, &[1, 3])) {
             (Some(t), Some(columns), None) => (t, false, columns),
@@ -247,6 +248,10 @@ mod tests {
         assert!(table("t,q1,q2,q3,q4,x,y,z,psi\n").unwrap_err().contains("platform and joint"));
         assert!(table("t,q1,q2,q3,q4,tau1\n1,0,0,0,0,9\n2,0,0,0,1,9\n").unwrap().joints);
         assert!(table("").is_err());
+        // Fewer columns for a machine with fewer axes, but no misspelt ones.
+        let [x, q] = ["t,x,y,z\n0,0,0,-1\n1,0,0,-1\n", "t,q1\n0,0.5\n1,0\n"].map(|text| table(text).unwrap());
+        assert!(!x.joints && q.joints && x.rows[0] == [0.0, 0.0, -1.0, 0.0] && q.rows[0] == [0.5, 0.0, 0.0, 0.0]);
+        assert!(table("t,q1,q2\n0,0,0\n1,0,0\n").is_err());
     }
 
     proptest! {
