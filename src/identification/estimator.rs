@@ -34,11 +34,20 @@ impl Estimator {
         finite.then(|| Self { size: size.clone(), data, prior, inverse })
     }
 
-    /// Gauss–Newton step from parameters that lie `offset` from their prior.
-    pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>) -> DVector<f64> {
+    /// Gauss–Newton step from parameters that lie `offset` from their prior; those in `held` do not move.
+    pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, held: &[usize]) -> DVector<f64> {
         let pull = offset.component_div(&self.size) * self.prior;
         let gradient = normal.score.component_mul(&self.size) - pull;
-        (&self.inverse * gradient).component_mul(&self.size)
+        let mut step = &self.inverse * gradient;
+        // The step of least cost among those that leave the held ones where they are: s − P_h·P_hh⁻¹·s_h, P the inverse.
+        let own = DMatrix::from_fn(held.len(), held.len(), |i, j| self.inverse[(held[i], held[j])]);
+        let back = DVector::from_fn(held.len(), |i, _| step[held[i]]);
+        if let Some(factor) = own.cholesky() {
+            for (share, &h) in factor.solve(&back).iter().zip(held) {
+                step -= self.inverse.column(h) * *share;
+            }
+        }
+        step.component_mul(&self.size)
     }
 
     /// Curvature YᵀWY + prior of the cost, in natural units.

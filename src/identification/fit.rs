@@ -321,7 +321,7 @@ impl<'a> Regression<'a> {
         let mut values = self.values(model);
         let mut estimator = solve(&normal)?;
         if !is_nonlinear(model) {
-            let step = estimator.step(&normal, &(&values - &self.prior));
+            let step = estimator.step(&normal, &(&values - &self.prior), &[]);
             self.set(model, &(&values + &step));
             normal.advance(&step);
             normal.residuals = residuals(model, self.traces)?;
@@ -329,7 +329,9 @@ impl<'a> Regression<'a> {
         }
         let mut cost = self.cost(&normal, &values, weight);
         for _ in 0..MAX_ITERATIONS {
-            let step = estimator.step(&normal, &(&values - &self.prior));
+            let offset = &values - &self.prior;
+            let free = estimator.step(&normal, &offset, &[]);
+            let step = estimator.step(&normal, &offset, &self.at_bound(model, &values, &free));
             let mut damping = 1.0;
             let before = cost;
             while damping > 1e-3 {
@@ -353,6 +355,17 @@ impl<'a> Regression<'a> {
             }
         }
         Ok((normal, estimator))
+    }
+
+    /// Shape parameters at a bound that the step would cross.
+    fn at_bound(&self, model: &Model, values: &DVector<f64>, step: &DVector<f64>) -> Vec<usize> {
+        let parameters = Plant::new(model, &self.traces[0].setup).parameters();
+        let crosses = |&i: &usize| {
+            let p = &parameters[self.free[i]];
+            let out = (values[i] <= p.range.0 && step[i] < 0.0) || (values[i] >= p.range.1 && step[i] > 0.0);
+            p.role == Role::Shape && out
+        };
+        (0..values.len()).filter(crosses).collect()
     }
 
     /// Values after a damped step; shape parameters move by half their value at most and stay in range.
