@@ -101,7 +101,7 @@ pub struct Table1 {
     pub solution: Solution,
     /// Largest difference to the weighting by the largest torques, relative to each value.
     pub difference: f64,
-    /// Flat indices of p_v and p_C per drive within the solution.
+    /// All estimates beside truth and paper.
     pub rows: Vec<Row>,
 }
 

@@ -7,8 +7,8 @@ use super::arms::Table1;
 use super::friction_curve::Curve48;
 use super::page::{Comparison, Estimate, Row, Section};
 use super::paper::{self, table_1, table_4};
+use super::prior;
 use super::runs::{Campaign, Run};
-use super::{prior, robot};
 use crate::dynamics::Channel;
 use crate::effects::{ActiveEffect, find, rigid_bodies};
 use crate::identification::{Fit, Trace, fit};
@@ -238,10 +238,5 @@ impl Assembled {
             plots: Vec::new(),
             agreement,
         }
-    }
-
-    /// The identified model with the heavier strut of the measurement in it.
-    pub fn with_measurement_strut(&self) -> Model {
-        robot::with_measurement_strut(&self.paper.model)
     }
 }

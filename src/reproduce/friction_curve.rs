@@ -131,7 +131,8 @@ pub fn section(campaign: &Campaign, points: &[Point], curve: &Curve48) -> Sectio
     let table = Comparison::new("identified", rows);
     let fastest = points.iter().map(|p| p.speed.abs()).fold(0.0, f64::max);
     let dense: Vec<f64> = (-500..=500).map(|k| fastest * f64::from(k) / 500.0).collect();
-    let line = |values: [f64; 3]| dense.iter().map(|v| law(values, *v)).collect();
+    // The jump at standstill is left out, where the two curves would be one upright line.
+    let line = |values: [f64; 3]| dense.iter().map(|v| if *v == 0.0 { f64::NAN } else { law(values, *v) }).collect();
     let degrees = |v: &[f64]| v.iter().map(|v| v.to_degrees()).collect::<Vec<_>>();
     let speeds: Vec<f64> = points.iter().map(|p| p.speed).collect();
     let figure = time_series(

@@ -10,6 +10,9 @@ const MAX_POINTS: usize = 14_000;
 /// Largest number of pieces a line is broken into at its gaps.
 pub(super) const MAX_PIECES: usize = 100;
 
+/// Number of dots up to which each is drawn large enough to be seen alone.
+const FEW_DOTS: usize = 60;
+
 /// How a curve is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Style {
@@ -142,8 +145,9 @@ pub(super) fn plot(c: &mut Canvas, r: Rect, x: &Axis, y: &Axis, curve: &Curve, c
     if curve.style == Style::Points {
         let some: Vec<_> = points.into_iter().flatten().collect();
         let every = some.len().div_ceil((MAX_DOTS / total).max(1)).max(1);
+        let radius = if some.len() <= FEW_DOTS { 3.0 } else { 1.5 };
         for p in some.iter().step_by(every) {
-            c.dot(*p, 1.5, color, 0.8);
+            c.dot(*p, radius, color, 0.8);
         }
         return;
     }
