@@ -11,7 +11,7 @@ use super::prior;
 use super::runs::{Campaign, Run};
 use crate::dynamics::Channel;
 use crate::effects::{ActiveEffect, find, rigid_bodies};
-use crate::identification::{Fit, Trace, fit};
+use crate::identification::{BaseParameter, Fit, Trace, fit};
 use crate::model::bodies::{ARM, Bodies, ROTOR, STRUT};
 use crate::model::{ARMS, AXES, Model};
 
@@ -98,8 +98,9 @@ pub fn estimate(fitted: &Fit, name: &str) -> Option<Estimate> {
     fitted.parameters.iter().find(|p| p.name == name).map(|p| Estimate::new(p.value, p.std))
 }
 
-/// A parameter of the links, with the mean over the arms where they differ.
+/// A parameter of the links, `rigid_bodies.…` or without, with the mean over the arms where they differ.
 fn link(bodies: &Bodies, name: &str) -> Option<f64> {
+    let name = name.strip_prefix(LINKS).unwrap_or(name);
     let k = rigid_bodies::PARAMETERS.iter().position(|p| p.name == name)?;
     let of_arm = |arm: usize| {
         let mut one = bodies.clone();
@@ -109,11 +110,41 @@ fn link(bodies: &Bodies, name: &str) -> Option<f64> {
     Some((0..ARMS).map(of_arm).sum::<f64>() / ARMS as f64)
 }
 
+/// The same as the paper prints it.
+fn printed(name: &str) -> Option<f64> {
+    let name = name.strip_prefix(LINKS).unwrap_or(name);
+    let rotor = ("rotor_inertia_zz", table_1::ROTOR_INERTIA);
+    paper::TABLE_3.iter().map(|(n, _, value, _)| (*n, *value)).chain([rotor]).find(|(n, _)| *n == name).map(|(_, v)| v)
+}
+
+/// Value of a base parameter in terms of the link parameters that `of` knows.
+fn combined(base: &BaseParameter, of: impl Fn(&str) -> Option<f64>) -> Option<f64> {
+    base.others.iter().try_fold(of(&base.name)?, |sum, (name, factor)| Some(sum + factor * of(name)?))
+}
+
+const LINKS: &str = "rigid_bodies.";
 const COLUMNS: [&str; 3] = ["sockets with friction", "free sockets", "model with socket friction"];
 
 impl Assembled {
     fn all(&self) -> [&Fit; 3] {
         [&self.paper, &self.free, &self.complete]
+    }
+
+    /// The combinations of link parameters that the data determine.
+    fn combinations(&self, campaign: &Campaign) -> Comparison {
+        let of = |bodies: &Bodies, base: &BaseParameter| combined(base, |name| link(bodies, name));
+        let row = |base: &BaseParameter| {
+            let other = |fit: &Fit| of(&fit.model.bodies, base).map(Estimate::plain);
+            Some(Row {
+                quantity: base.combination().replace(LINKS, ""),
+                unit: base.unit,
+                ours: vec![Some(Estimate::new(base.value, base.std)), other(&self.free), other(&self.complete)],
+                truth: Some(of(&campaign.robot.bodies, base)?),
+                paper: combined(base, printed),
+            })
+        };
+        let rows = self.paper.base.iter().filter_map(row).collect();
+        Comparison { titles: COLUMNS.map(Into::into).into(), rows }
     }
 
     /// Table 3.
@@ -147,11 +178,12 @@ impl Assembled {
             key: "table_3",
             title: "Table 3: rigid bodies of the assembled robot".into(),
             text: "The paper's model (limbs alike, no friction in passive joints) is fitted to one excitation, weighed by \
-                   Σ⁻¹ and started from the values of weighing, ruler and Table 1 (second table). The robot is one \
+                   Σ⁻¹ and started from the values of weighing, ruler and Table 1 (third table). The robot is one \
                    machine in both columns, with and without friction in its ball sockets; the third column gives the \
-                   model this friction too. \"Not alone\": the data determine the value only together with others."
+                   model this friction too. \"Not alone\": the data determine the value only together with others; \
+                   the second table has the combinations that they do determine, with the paper's numbers in them."
                 .into(),
-            tables: vec![table, Comparison::new("prior", prior_rows)],
+            tables: vec![table, self.combinations(campaign), Comparison::new("prior", prior_rows)],
             plots: Vec::new(),
             agreement,
         }

@@ -130,7 +130,7 @@ pub fn section(campaign: &Campaign, points: &[Point], curve: &Curve48) -> Sectio
         .collect();
     let table = Comparison::new("identified", rows);
     let fastest = points.iter().map(|p| p.speed.abs()).fold(0.0, f64::max);
-    let dense: Vec<f64> = (-500..=500).map(|k| fastest * f64::from(k) / 500.0).collect();
+    let dense: Vec<f64> = (-200..=200).map(|k| fastest * f64::from(k) / 200.0).collect();
     // The jump at standstill is left out, where the two curves would be one upright line.
     let line = |values: [f64; 3]| dense.iter().map(|v| if *v == 0.0 { f64::NAN } else { law(values, *v) }).collect();
     let degrees = |v: &[f64]| v.iter().map(|v| v.to_degrees()).collect::<Vec<_>>();
@@ -140,11 +140,9 @@ pub fn section(campaign: &Campaign, points: &[Point], curve: &Curve48) -> Sectio
         "speed / °/s",
         "torque / N·m",
         &[
+            Curve::new("eq. 48, identified", degrees(&dense), line(curve.values)).color(Color::MODEL),
             Curve::new("eq. 48 with the paper's Table 2", degrees(&dense), line(paper::TABLE_2))
-                .color(Color::MUTED)
-                .style(Style::Line),
-            Curve::new("eq. 48, identified", degrees(&dense), line(curve.values))
-                .color(Color::MODEL)
+                .color(Color::MEASURED)
                 .style(Style::Dashed),
             Curve::new("mean torque", degrees(&speeds), points.iter().map(|p| p.torque).collect())
                 .color(Color::RESIDUAL)

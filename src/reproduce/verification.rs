@@ -146,9 +146,7 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
                     .color(Color::MUTED)
                     .style(Style::Thin),
                 Curve::new("paper's model", trace.t.clone(), ours[c].clone()).color(Color::MODEL),
-                Curve::new("model with socket friction", trace.t.clone(), complete[c].clone())
-                    .color(Color::IMPROVED)
-                    .style(Style::Dashed),
+                Curve::new("model with socket friction", trace.t.clone(), complete[c].clone()).color(Color::IMPROVED),
             ],
         });
     }
