@@ -19,21 +19,17 @@ fn mean_and_variance(x: &[f64]) -> (f64, f64) {
     (mean, x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0))
 }
 
-/// Speed below which the robot counts as resting, m/s or rad/s, and time it needs to settle, s.
+/// Speed below which a joint is commanded to rest, rad/s, and time it needs to settle, s.
 const REST: f64 = 1e-9;
 const SETTLING: f64 = 0.2;
 
 /// Mean and variance of the torque of `axis` at every pose held, N·m and N²·m².
 pub fn at_rest(run: &Run, axis: usize) -> Vec<(f64, f64)> {
     let signals = &run.recording.signals;
-    let rests = |t: f64| {
-        let state = run.motion.at(t);
-        state.velocity.norm() < REST && state.psi[1].abs() < REST
-    };
     let mut poses: Vec<Vec<f64>> = Vec::new();
     let mut since = None;
-    for (t, tau) in signals.t.iter().zip(&signals.tau) {
-        if !rests(*t) {
+    for ((t, tau), wanted) in signals.t.iter().zip(&signals.tau).zip(&run.commanded) {
+        if wanted.qd.iter().any(|v| v.abs() > REST) {
             since = None;
             continue;
         }

@@ -29,7 +29,6 @@ pub struct Point {
 
 /// One point per speed and direction at which the axis was commanded to turn without acceleration.
 pub fn points(run: &Run) -> Vec<Point> {
-    let signals = &run.recording.signals;
     // By commanded speed in µrad/s, in order.
     let mut held: BTreeMap<i64, Vec<f64>> = BTreeMap::new();
     let mut stretch: Vec<f64> = Vec::new();
@@ -41,9 +40,8 @@ pub fn points(run: &Run) -> Vec<Point> {
         }
         stretch.clear();
     };
-    for (t, tau) in signals.t.iter().zip(&signals.tau) {
-        let [_, rate, acceleration] = run.motion.at(*t).psi;
-        let speed = if acceleration.abs() < 1e-9 { (rate * 1e6).round() as i64 } else { 0 };
+    for (tau, wanted) in run.recording.signals.tau.iter().zip(&run.commanded) {
+        let speed = if wanted.qdd[AXIS].abs() < 1e-9 { (wanted.qd[AXIS] * 1e6).round() as i64 } else { 0 };
         if speed != now {
             finish(now, &mut stretch);
             now = speed;

@@ -7,9 +7,10 @@ use rayon::prelude::*;
 
 use super::{paper, robot};
 use crate::dynamics::Plant;
+use crate::kinematics::JointState;
 use crate::model::Model;
 use crate::recording::{Configuration, Recording, Setup};
-use crate::scenario::{DesiredMotion, Scenario};
+use crate::scenario::Scenario;
 use crate::terminal::interrupted;
 use crate::twin::{Options, simulate};
 
@@ -24,8 +25,8 @@ pub struct Job {
 
 /// What was commanded and measured.
 pub struct Run {
-    /// What the controller followed.
-    pub motion: DesiredMotion,
+    /// Joint motion that the controller followed, at every sample.
+    pub commanded: Vec<JointState>,
     /// What was measured.
     pub recording: Recording,
 }
@@ -65,7 +66,9 @@ impl Job {
             recording.setup = setup;
         }
         recording.name = named();
-        Ok(Run { motion, recording })
+        let commanded = recording.signals.t.iter().map(|t| planning.geometry.inverse_motion(&motion.at(*t)));
+        let commanded = commanded.collect::<Result<_, _>>().into_diagnostic().wrap_err_with(named)?;
+        Ok(Run { commanded, recording })
     }
 }
 
