@@ -7,13 +7,15 @@ pub mod base_parameters;
 pub mod command;
 pub mod consistency;
 pub mod data;
+pub mod estimator;
 pub mod filtering;
 pub mod fit;
+pub mod normal_equations;
 pub mod prediction;
 pub mod trace;
 
-pub use base_parameters::{BaseParameter, base_parameters};
+pub use base_parameters::BaseParameter;
 pub use data::{Data, DataArgs};
-pub use fit::{Estimate, Fit, FitError, fit};
+pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use prediction::{columns, predict};
 pub use trace::Trace;

@@ -25,6 +25,23 @@ pub type Channels = Vec<Vec<f64>>;
 /// Own states of each effect at each sample: `[sample][effect]`, empty where no effect has states.
 type OwnStates = Vec<Vec<Vec<f64>>>;
 
+/// Whether a prediction at one sample needs only samples around it (see [`reach`]); own states need all before.
+pub fn is_local(plant: &Plant) -> bool {
+    plant.effects.iter().all(|a| a.states() == 0 || a.effect.kind() == Kind::Encoder)
+}
+
+/// Samples on either side that a local prediction needs: sensors shift by less, deflections are smoothed over less.
+pub fn reach(plant: &Plant) -> usize {
+    if plant.observes() || gear_springs(plant).is_some() { 256 } else { 0 }
+}
+
+/// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
+pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels, Vec<Channels>), KinematicsError> {
+    let motions = motions(plant, trace)?;
+    let predicted = predict_along(plant, trace, &motions)?;
+    Ok((predicted, columns_along(plant, trace, None, &motions)?))
+}
+
 /// Predicted channels of a plant along a trace.
 pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
     let motions = motions(plant, trace)?;
@@ -237,13 +254,21 @@ pub fn columns(
     trace: &Trace,
     candidate: Option<&ActiveEffect>,
 ) -> Result<Vec<Channels>, KinematicsError> {
-    let motions = motions(plant, trace)?;
+    columns_along(plant, trace, candidate, &motions(plant, trace)?)
+}
+
+fn columns_along(
+    plant: &Plant,
+    trace: &Trace,
+    candidate: Option<&ActiveEffect>,
+    motions: &[Motion],
+) -> Result<Vec<Channels>, KinematicsError> {
     let rigid = plant.rigid_bodies();
     let effects: Vec<&ActiveEffect> = match candidate {
         Some(active) => vec![active],
         None => std::iter::once(&rigid).chain(&plant.effects).collect(),
     };
-    let mut out = linear_columns(plant, &effects, trace, &motions)?;
+    let mut out = linear_columns(plant, &effects, trace, motions)?;
     let mut at = 0;
     let mut unobserved: Option<Channels> = None;
     for active in &effects {
@@ -259,7 +284,7 @@ pub fn columns(
             let moved = if active.effect.kind() == Kind::Sensor {
                 // Sensors act on what the mechanism does anyway.
                 if unobserved.is_none() {
-                    unobserved = Some(ideal(plant, trace, &motions)?);
+                    unobserved = Some(ideal(plant, trace, motions)?);
                 }
                 let seen = |plant: Plant| {
                     let mut series = unobserved.clone().unwrap_or_default();
@@ -276,7 +301,7 @@ pub fn columns(
                 // Shape of a force law: only its own contribution moves.
                 let mut shaped = (*active).clone();
                 shaped.values[k] += step;
-                let columns = linear_columns(plant, &[&shaped], trace, &motions)?;
+                let columns = linear_columns(plant, &[&shaped], trace, motions)?;
                 weighted(&columns, &shaped.values)
             };
             if unmoved.is_none() {

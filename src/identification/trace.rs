@@ -98,6 +98,25 @@ impl Trace {
         self.t.is_empty()
     }
 
+    /// The samples of `range` alone.
+    pub fn window(&self, range: Range<usize>) -> Self {
+        let clip = |s: &Range<usize>| {
+            let (start, end) = (s.start.max(range.start), s.end.min(range.end));
+            (start < end).then(|| start - range.start..end - range.start)
+        };
+        Self {
+            name: self.name.clone(),
+            setup: self.setup,
+            t: self.t[range.clone()].to_vec(),
+            joints: self.joints[range.clone()].to_vec(),
+            channels: self.channels.clone(),
+            measured: self.measured.iter().map(|m| m[range.clone()].to_vec()).collect(),
+            segments: self.segments.iter().filter_map(clip).collect(),
+            dt: self.dt,
+            half_width: self.half_width,
+        }
+    }
+
     /// Keeps only `channels`, in their order; those the trace does not have stay missing.
     pub fn restrict(&mut self, channels: &[Channel]) {
         let place = |c: &Channel| self.channels.iter().position(|own| own == c);
