@@ -35,10 +35,10 @@ from encoders and drives, not that the paper's numbers are right.
   deviations, so standard errors and RMS errors are those of the twin.
 - **Sockets.** The friction of the ball sockets is an estimate that was chosen so that the drives' viscous friction grows \
   about as the paper found. Kind and direction of the growth are a result, its size is not.
-- **Arms.** The paper's Tables 1 and 3 differ in the arms (m c_x 0.152 and 0.176 kg·m). One robot cannot have both: the \
-  twin has Table 1.
+- **Arms.** The paper's Tables 1 and 3 differ in the arms (m c_x 0.152 and 0.176 kg·m). One robot cannot have both: \
+  the twin has Table 1.
 - **Regularisation.** The paper gives neither the weights γ of eq. 10 nor the regularisation values of the telescope's \
-  sliding joint.
+  sliding joint; here one weight stands for all.
 - **Upper part of the telescope.** Table 3 prints its mass; it hangs from a fixed joint and does not enter the motion \
   equations, so no motion shows it.
 - **Fig. 12, 14 to 17** are a photograph and the motion planning of section 6.6, which is not part of this page.";

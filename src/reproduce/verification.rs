@@ -12,7 +12,7 @@ use crate::dynamics::{Channel, Plant};
 use crate::effects::{ActiveEffect, find};
 use crate::identification::fit::{channel_rms, residuals};
 use crate::identification::{Trace, predict};
-use crate::model::{AXES, Model, STRUTS};
+use crate::model::{ARMS, AXES, Model, STRUTS};
 use crate::report::{Color, Curve, Panel, Style, panels};
 
 /// The structure of the paper's base parameters: linear friction in all four drives, no eq. 48.
@@ -79,15 +79,23 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
         &trace,
         &[("base parameters", &with.computed), ("consistent", &computed)],
     );
+    let arms = |v: &[f64]| {
+        let (low, high) = v[..ARMS].iter().fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(*x), b.max(*x)));
+        format!("{low:.2} to {high:.2}")
+    };
     let agreement = format!(
-        "Base parameters and consistent model err alike, as in the paper, and on axis 4 eq. 48 is better than linear \
-         friction ({:.3} against {:.3} N·m). The paper's errors on the arms are larger (1.5 to 1.7 N·m against {:.2} to \
-         {:.2}): a real robot has more effects than the twin, and its sensors are not known. With free sockets, or with \
-         socket friction in the model, what is left is the twin's noise.",
+        "Base parameters ({} N·m on the arms) and consistent model ({} N·m) err alike, as in the paper, and on axis 4 eq. 48 \
+         is better than linear friction ({:.3} against {:.3} N·m), by far more than in the paper. The paper's errors are \
+         larger ({} N·m on the arms): a real robot has more effects than the twin, and the noise of its drives is not known. \
+         With free sockets {} N·m are left, with socket friction in the model {} N·m; the rest beyond the noise is that the \
+         twin's arms differ and the model's do not.",
+        arms(&with.rms),
+        arms(&consistent),
         consistent[3],
         with.rms[3],
-        consistent[..3].iter().fold(f64::INFINITY, |a, b| a.min(*b)),
-        consistent[..3].iter().fold(0.0, |a, b| f64::max(a, *b)),
+        arms(&paper::FIG_10_CONSISTENT),
+        arms(&consistent_free),
+        arms(&complete),
     );
     Ok(Section {
         key: "figure_10",
