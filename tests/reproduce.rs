@@ -35,11 +35,11 @@ fn shortened() -> TempDir {
 /// Every estimate within three standard errors of the truth, and every standard error small.
 fn near(rows: &[Row]) {
     for row in rows {
-        let errors = row.errors().unwrap_or_else(|| panic!("{} has no standard error", row.quantity));
+        let errors = row.errors(0).unwrap_or_else(|| panic!("{} has no standard error", row.quantity));
         println!("{:<20} {:?} {errors:+.1} σ", row.quantity, row.ours[0]);
         assert!(errors.abs() < 3.0, "{}: {:?}, {:?}", row.quantity, row.ours, row.truth);
     }
-    assert!(Comparison::new("", rows.to_vec()).misses().0.is_empty());
+    assert!(Comparison::new("", rows.to_vec()).misses(0).0.is_empty());
 }
 
 #[test]

@@ -151,7 +151,7 @@ impl Table1 {
              in. Weighting by the largest torques instead of Σ⁻¹ changes no parameter by more than {:.0e} of its value \
              (paper: in the order of {:.0e}), because the axes share no parameter and a factor on the rows of one axis \
              cancels.",
-            table.hits(),
+            table.hits(0),
             self.difference,
             table_1::DIFFERENCE
         );

@@ -78,9 +78,9 @@ impl Row {
         self
     }
 
-    /// Distance of the first estimate from the truth in standard errors.
-    pub fn errors(&self) -> Option<f64> {
-        let Estimate { value, std } = self.ours.first().copied().flatten()?;
+    /// Distance of the estimate in `column` from the truth in standard errors.
+    pub fn errors(&self, column: usize) -> Option<f64> {
+        let Estimate { value, std } = self.ours.get(column).copied().flatten()?;
         Some((value - self.truth?) / std.filter(|s| s.is_finite())?)
     }
 }
@@ -100,16 +100,16 @@ impl Comparison {
         Self { titles: vec![title.into()], rows }
     }
 
-    /// How many rows lie further than three standard errors from the truth, of how many that have both, and the names.
-    pub fn misses(&self) -> (Vec<&str>, usize) {
+    /// The rows whose estimate in `column` lies further than three standard errors from the truth, and how many have both.
+    pub fn misses(&self, column: usize) -> (Vec<&str>, usize) {
         let judged: Vec<(&str, f64)> =
-            self.rows.iter().filter_map(|r| Some((r.quantity.as_str(), r.errors()?))).collect();
+            self.rows.iter().filter_map(|r| Some((r.quantity.as_str(), r.errors(column)?))).collect();
         (judged.iter().filter(|(_, e)| e.abs() > 3.0).map(|(name, _)| *name).collect(), judged.len())
     }
 
     /// The same in words.
-    pub fn hits(&self) -> String {
-        match self.misses() {
+    pub fn hits(&self, column: usize) -> String {
+        match self.misses(column) {
             (missed, n) if missed.is_empty() => {
                 format!("All {n} estimates lie within three standard errors of the twin's own values.")
             }
@@ -234,6 +234,7 @@ mod tests {
         let text = "| quantity | identified | twin's truth | paper | unit |\n|---|---:|---:|---:|---|\n\
                     | m | 1.00 ± 0.10 | 1.200 | 1.120 | kg |\n| c | 1.00 ± 0.10 | 1.400 | – | m |\n";
         assert_eq!(table.markdown(), text);
-        assert_eq!(table.misses(), (vec!["c"], 2));
+        assert_eq!(table.misses(0), (vec!["c"], 2));
+        assert!(table.hits(0).starts_with("1 of 2 estimates lie") && table.hits(0).ends_with("not c."));
     }
 }
