@@ -102,8 +102,8 @@ pub fn paths(files: &[PathBuf]) -> Value {
 /// `{name: {value, std, unit}}`; the standard error is null where the data do not determine the parameter alone.
 pub fn estimates(parameters: &[Estimate]) -> Value {
     let entry = |p: &Estimate| {
-        let std = p.std.is_finite().then_some(p.std);
-        (p.name.clone(), json!({"value": p.value, "std": std, "unit": p.unit}))
+        let (value, std) = if p.identified() { (Some(p.value), Some(p.std)) } else { (None, None) };
+        (p.name.clone(), json!({"value": value, "std": std, "unit": p.unit}))
     };
     Value::Object(parameters.iter().map(entry).collect())
 }

@@ -5,7 +5,7 @@ mod common;
 use deltatwin::dynamics::{Channel, Plant, set_parameters};
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Method, Options, Reason, Weighing, fit_with};
-use deltatwin::identification::{BaseParameter, Trace, fit, predict};
+use deltatwin::identification::{BaseParameter, Trace, fit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::model::Model;
 use deltatwin::recording::{Configuration, Setup};
@@ -84,7 +84,7 @@ fn intervals_cover_the_truth_when_noise_has_memory() {
     const RUNS: u64 = 200;
     let robot = robot();
     let nominal = common::model("irb360-6-1600");
-    let clean = trace(&robot, &Setup::default(), 5000, 4e-3, excitation(3));
+    let clean = trace(&robot, &Setup::default(), 2500, 8e-3, excitation(3));
     let run = |seed: u64| {
         let mut noisy = clean.clone();
         let mut rng = ChaCha8Rng::seed_from_u64(1000 + seed);
@@ -264,4 +264,58 @@ fn arms_alone_are_identified_without_struts() {
     let friction: Vec<_> = fitted.parameters.iter().filter(|p| p.name.starts_with("drive_friction")).collect();
     assert!(friction.len() == 8 && friction.iter().all(|p| p.identified()), "{friction:?}");
     assert!(fitted.parameters.iter().all(|p| !p.name.contains("strut") || !p.identified()));
+}
+
+#[test]
+fn a_payload_is_found_with_a_known_robot() {
+    let robot = robot();
+    let truth = common::payload();
+    let mut data = trace(&robot, &truth, 5000, 4e-3, excitation(3));
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    for (channel, sigma) in data.measured.iter_mut().zip(SIGMA) {
+        channel.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
+    }
+    let inertia = truth.payload.inertia();
+    let expected = [inertia.mass, inertia.first_moment.x, inertia.first_moment.y, inertia.tensor[(2, 2)]];
+    // Whatever the setup says about the payload.
+    for stated in [Setup::default(), truth] {
+        data.setup = stated;
+        let found = identify_payload(&robot, &[data.clone()], &[SIGMA.to_vec()], &Options::default()).unwrap();
+        let shown: Vec<_> = found.parameters.iter().filter(|p| p.identified()).collect();
+        assert_eq!(shown.len(), 4, "{shown:?}");
+        for (p, truth) in shown.iter().zip(expected) {
+            println!("{:<25} {:.5} ± {:.5}, truth {truth:.5}", p.name, p.value, p.std);
+            assert!((p.value - truth).abs() < 3.5 * p.std, "{} {} ± {} {truth}", p.name, p.value, p.std);
+        }
+        let payload = found.payload;
+        assert!(
+            (payload.mass - truth.payload.mass).abs() < 0.02 && (payload.com - truth.payload.com).xy().norm() < 2e-3
+        );
+        assert!((payload.inertia_zz - truth.payload.inertia_zz).abs() < 2e-3, "{}", payload.inertia_zz);
+    }
+}
+
+#[test]
+fn recordings_with_different_payloads_are_used_together() {
+    let robot = robot();
+    let nominal = common::model("irb360-6-1600");
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let data: Vec<Trace> = [(Setup::default(), 3), (common::payload(), 4)]
+        .into_iter()
+        .map(|(setup, seed)| {
+            let mut data = trace(&robot, &setup, 2500, 4e-3, excitation(seed));
+            for (channel, sigma) in data.measured.iter_mut().zip(SIGMA) {
+                channel.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
+            }
+            data
+        })
+        .collect();
+    let noise = [SIGMA.to_vec(), SIGMA.to_vec()];
+    let (one, both) = (fit(&nominal, &data[..1], &noise[..1]).unwrap(), fit(&nominal, &data, &noise).unwrap());
+    let truth = combined(&robot, &both.base);
+    for (b, truth) in both.base.iter().zip(&truth) {
+        assert!((b.value - truth).abs() < 4.0 * b.std, "{} {} ± {} {truth}", b.name, b.value, b.std);
+    }
+    let smaller = both.base.iter().filter(|b| one.base.iter().any(|o| o.name == b.name && b.std < o.std)).count();
+    assert!(smaller > both.base.len() / 2, "{smaller} of {}", both.base.len());
 }

@@ -44,6 +44,8 @@ pub struct PlantParameter {
     pub role: Role,
     /// Present value.
     pub value: f64,
+    /// Usual magnitude.
+    pub usual: f64,
     /// Allowed values.
     pub range: (f64, f64),
 }
@@ -114,6 +116,7 @@ impl Plant {
                     index,
                     role: entry.parameter.role,
                     value: active.values[index],
+                    usual: entry.parameter.default.abs(),
                     range: entry.parameter.range,
                 })
             })

@@ -34,6 +34,7 @@ mod hooke_friction;
 mod hose_spring;
 mod joint_zero_offset;
 mod limb_asymmetry;
+pub mod payload;
 mod payload_com_offset;
 mod payload_mass_error;
 pub mod rigid_bodies;

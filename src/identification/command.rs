@@ -8,11 +8,12 @@ use serde_json::{Map, Value, json};
 use super::consistency::min_eigenvalue;
 use super::estimator::PRIOR_INFORMATION;
 use super::fit::{Correction, Method, Options, Weighing, channel_rms, residuals};
-use super::{BaseParameter, Data, DataArgs, Fit, fit_with};
+use super::{BaseParameter, Data, DataArgs, Fit, fit_with, identify_payload};
 use crate::dynamics::{Channel, Plant};
 use crate::identification::trace::noise_floor as floor;
 use crate::model::Model;
 use crate::model::bodies::{Inertia, body_name};
+use crate::recording::Setup;
 use crate::terminal::{
     DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
 };
@@ -30,6 +31,9 @@ pub struct Args {
     /// Model file to write.
     #[arg(short, long, value_name = "MODEL2")]
     pub output: Option<PathBuf>,
+    /// Identify the payload instead, with everything else as the model has it; `-o` then writes a setup file.
+    #[arg(long)]
+    pub payload: bool,
     #[command(flatten)]
     how: How,
     /// One JSON object on stdout.
@@ -93,6 +97,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         prior_information: Some(args.how.regularisation),
         held: &args.how.hold,
     };
+    if args.payload {
+        return payload(args, &model, &data, &noise_floor, &options);
+    }
     let progress = spinner("fit");
     let fitted = fit_with(&model, &data.traces, &vec![noise_floor.clone(); data.traces.len()], &options);
     progress.finish_and_clear();
@@ -114,6 +121,44 @@ pub(crate) fn write(model: &Model, output: &Path) -> miette::Result<()> {
     model
         .write(output)
         .wrap_err_with(|| format!("{}: the data lead to a model that no machine can have", output.display()))
+}
+
+/// Identifies the payload and writes the setup that states it.
+fn payload(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {
+    let weights = vec![noise_floor.to_vec(); data.traces.len()];
+    let progress = spinner("fit");
+    let found = identify_payload(model, &data.traces, &weights, options);
+    progress.finish_and_clear();
+    let found = found.into_diagnostic()?;
+    let setup = Setup { payload: found.payload, ..data.traces[0].setup };
+    if let Some(output) = &args.output {
+        setup.write(output).into_diagnostic()?;
+    }
+    let p = &found.payload;
+    if args.json {
+        let mut object = Map::new();
+        object.insert("parameters".into(), estimates(&found.parameters));
+        let payload = json!({"mass": p.mass, "com": p.com.as_slice(), "inertia_zz": p.inertia_zz});
+        object.insert("payload".into(), payload);
+        insert_channels(&mut object, "rms", &found.fit.rms);
+        insert_channels(&mut object, "noise_floor", noise_floor);
+        object.insert("setup".into(), args.output.as_deref().map_or(Value::Null, path));
+        say(Value::Object(object))?;
+        return Ok(DONE);
+    }
+    let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
+    for p in found.parameters.iter().filter(|p| p.identified()) {
+        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
+    }
+    say(table)?;
+    let series = [("fitted", Some(&found.fit.rms[..])), ("noise floor", Some(noise_floor))];
+    say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
+    say(format!("\n{}", setup.to_toml()))?;
+    match &args.output {
+        Some(output) => say(format!("  Wrote {}", output.display()))?,
+        None => say("  Nothing written; -o FILE keeps the setup")?,
+    }
+    Ok(DONE)
 }
 
 struct Answer<'a> {

@@ -3,6 +3,7 @@
 //! All matrices here are in units of the parameters' own sizes, so that numbers of kg and of N·m compare.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::normal_equations::{Block, NormalEquations};
 
@@ -11,7 +12,7 @@ use super::normal_equations::{Block, NormalEquations};
 pub const PRIOR_INFORMATION: f64 = 1e-2;
 
 /// Stretches of a recording: as many as leave each long against the memory of noise.
-const STRETCHES: usize = 20;
+const STRETCHES: usize = 30;
 
 /// Normal equations in units of the parameters' own sizes, with the prior.
 pub struct Estimator {
@@ -50,7 +51,7 @@ impl Estimator {
     }
 
     /// Covariance of the estimate from the scatter of the scores over stretches of time, which stays right when residuals are
-    /// autocorrelated, correlated across channels or of uneven size: H⁻¹ (Σ s̃ s̃ᵀ) H⁻¹. Stretches overlap and are a twentieth
+    /// autocorrelated, correlated across channels or of uneven size: H⁻¹ (Σ s̃ s̃ᵀ) H⁻¹. Stretches overlap and are a thirtieth
     /// of a recording, long against the memory of noise; every score is freed of its stretch's own pull on the estimate,
     /// s̃ = (1 − H_s H⁻¹)^(−1/2) s [CR2; Bell & McCaffrey 2002].
     ///
@@ -78,7 +79,9 @@ impl Estimator {
                 meat.ger(1.0 / length as f64, &s, &s, 1.0);
             }
         }
-        let robust = &l * meat * l.transpose();
+        // Few stretches make the scatter itself uncertain: wider by Student's t, so that ±1.96 is a 95 % interval.
+        let stretches = runs.iter().map(|run| run.len().div_ceil(run.len().div_ceil(STRETCHES).max(1))).sum::<usize>();
+        let robust = &l * meat * l.transpose() * widening(stretches).powi(2);
         DMatrix::from_fn(n, n, |i, j| {
             let inflate = |i: usize| {
                 let floor = if white { self.inverse[(i, i)] } else { 0.0 };
@@ -93,6 +96,13 @@ impl Estimator {
         let h = DMatrix::from_fn(n, n, |i, j| block.information[(i, j)] * self.size[i] * self.size[j]);
         (l.tr_mul(&(h * l)), l.tr_mul(&block.score.component_mul(&self.size)))
     }
+}
+
+/// Ratio of the 95 % quantiles of Student's t, for a scatter over so many stretches, and of the normal distribution.
+fn widening(stretches: usize) -> f64 {
+    let freedom = stretches.saturating_sub(1).max(2) as f64;
+    let t = StudentsT::new(0.0, 1.0, freedom).expect("positive degrees of freedom").inverse_cdf(0.975);
+    t / 1.959_963_984_540_054
 }
 
 /// (1 − M)^(−1/2)·s for symmetric M with eigenvalues from 0 to 1.

@@ -15,9 +15,10 @@ use super::normal_equations::{ALIKE, NormalEquations, Weight};
 use super::prediction::{Channels, predict};
 use super::{BaseParameter, Trace};
 use crate::dynamics::{Plant, PlantParameter, set_parameters};
-use crate::effects::Role;
+use crate::effects::{Role, payload};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
+use crate::model::bodies::END_EFFECTOR;
 
 /// Why a fit cannot be made.
 #[derive(Debug, Error)]
@@ -379,7 +380,9 @@ impl<'a> Regression<'a> {
         let (values, classes, correction) = self.possible(&estimated, &estimator.curvature());
         let moved = correction.is_some();
         self.set(&mut model, &values.rows(0, self.free.len()).into_owned());
-        consistency::complete(&classes, &values, &mut model.bodies);
+        // The payload is no part of the machine.
+        let links: Vec<_> = classes.into_iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).collect();
+        consistency::complete(&links, &values, &mut model.bodies);
         let residuals = if moved { residuals(&model, self.traces)? } else { normal.residuals.clone() };
         let mut parameters = Vec::new();
         let mut unidentified = Vec::new();
@@ -430,7 +433,15 @@ impl<'a> Regression<'a> {
         curvature: &DMatrix<f64>,
     ) -> (DVector<f64>, Vec<consistency::BodyClass>, Option<Correction>) {
         let rigid = self.before.rigid_bodies();
-        let (classes, masses) = consistency::classes(&self.before.links, &[(0, &rigid)], &self.free);
+        let mut owners = vec![(0, &rigid)];
+        let mut first = rigid.values.len();
+        for active in &self.before.effects {
+            if active.effect.name() == payload::NAME {
+                owners.push((first, active));
+            }
+            first += active.values.len();
+        }
+        let (classes, masses) = consistency::classes(&self.before.bodies, &owners, &self.free);
         let (n, m) = (self.free.len(), masses.len());
         let extended =
             |own: &dyn Fn(usize) -> f64| DVector::from_fn(n + m, |i, _| if i < n { own(i) } else { masses[i - n] });
@@ -517,8 +528,5 @@ pub fn channel_rms(residuals: &[Channels]) -> Vec<f64> {
 
 /// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
 pub fn own_size(p: &PlantParameter) -> f64 {
-    let usual = crate::effects::find(p.effect)
-        .and_then(|e| e.parameters().iter().find(|q| p.name.contains(&format!(".{}", q.name))))
-        .map_or(0.0, |q| q.default.abs());
-    p.value.abs().max(usual).max(1e-9)
+    p.value.abs().max(p.usual).max(1e-9)
 }

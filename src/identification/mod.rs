@@ -11,11 +11,13 @@ pub mod estimator;
 pub mod filtering;
 pub mod fit;
 pub mod normal_equations;
+pub mod payload;
 pub mod prediction;
 pub mod trace;
 
 pub use base_parameters::BaseParameter;
 pub use data::{Data, DataArgs};
 pub use fit::{Estimate, Fit, FitError, fit, fit_with};
+pub use payload::{PayloadFit, identify_payload};
 pub use prediction::{columns, predict};
 pub use trace::Trace;

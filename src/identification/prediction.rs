@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::Trace;
 use super::filtering::Kernel;
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
-use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Role};
+use crate::effects::{ActiveEffect, Entry, GearSpring, Instant, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::AXES;
 use crate::recording::Signals;
@@ -268,7 +268,11 @@ fn columns_along(
         Some(active) => vec![active],
         None => std::iter::once(&rigid).chain(&plant.effects).collect(),
     };
-    let mut out = linear_columns(plant, &effects, trace, motions)?;
+    // Force laws with a shape moved by a step go along: only their own contribution changes.
+    let shaped: Vec<ActiveEffect> = effects.iter().flat_map(|active| shaped(active)).collect();
+    let along: Vec<&ActiveEffect> = effects.iter().copied().chain(&shaped).collect();
+    let mut out = linear_columns(plant, &along, trace, motions)?;
+    let mut moved_shapes = out.split_off(effects.iter().map(|a| a.values.len()).sum());
     let mut at = 0;
     let mut unobserved: Option<Channels> = None;
     for active in &effects {
@@ -279,7 +283,7 @@ fn columns_along(
             if entry.parameter.role != Role::Shape && !(whole && entry.parameter.role == Role::Linear) {
                 continue;
             }
-            let step = 1e-4 * entry.parameter.default.abs().max(1e-6);
+            let step = difference(entry);
             let changed = |step| with(plant, active, step, candidate.is_some());
             let moved = if active.effect.kind() == Kind::Sensor {
                 // Sensors act on what the mechanism does anyway.
@@ -298,11 +302,10 @@ fn columns_along(
             } else if whole {
                 predict(&changed(Some((k, step))), trace)?
             } else {
-                // Shape of a force law: only its own contribution moves.
-                let mut shaped = (*active).clone();
-                shaped.values[k] += step;
-                let columns = linear_columns(plant, &[&shaped], trace, motions)?;
-                weighted(&columns, &shaped.values)
+                let columns: Vec<Channels> = moved_shapes.drain(..active.values.len()).collect();
+                let mut values = active.values.clone();
+                values[k] += step;
+                weighted(&columns, &values)
             };
             if unmoved.is_none() {
                 unmoved = Some(if whole {
@@ -318,6 +321,26 @@ fn columns_along(
         at += active.values.len();
     }
     Ok(out)
+}
+
+/// Step of a parameter for differences of predictions.
+fn difference(entry: &Entry) -> f64 {
+    1e-4 * entry.parameter.default.abs().max(1e-6)
+}
+
+/// Copies of a force law, each with one shape parameter moved by a step.
+fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
+    if active.effect.kind().acts_on_the_whole() {
+        return Vec::new();
+    }
+    let shapes = active.entries().into_iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape);
+    shapes
+        .map(|(k, entry)| {
+            let mut copy = active.clone();
+            copy.values[k] += difference(&entry);
+            copy
+        })
+        .collect()
 }
 
 /// Σ valuesₖ·columnₖ.
@@ -360,6 +383,9 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
     plant
 }
 
+/// Samples of which the columns are computed together.
+const CHUNK: usize = 1024;
+
 fn linear_columns(
     plant: &Plant,
     effects: &[&ActiveEffect],
@@ -375,8 +401,8 @@ fn linear_columns(
     let channels = trace.channels.len();
     let samples: Vec<usize> = (0..trace.len()).collect();
     // Chunks keep the transposition from rows to series in the cache.
-    let chunks: Vec<Vec<Vec<f64>>> = samples
-        .par_chunks(512)
+    let mut chunks: Vec<Vec<Vec<f64>>> = samples
+        .par_chunks(CHUNK)
         .map(|chunk| {
             let mut series = vec![Vec::with_capacity(chunk.len()); total * channels];
             for &k in chunk {
@@ -397,12 +423,13 @@ fn linear_columns(
             Ok(series)
         })
         .collect::<Result<_, KinematicsError>>()?;
-    let mut out: Vec<Channels> = (0..total)
-        .into_par_iter()
-        .map(|p| {
-            (0..channels).map(|c| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect()).collect()
-        })
-        .collect();
+    let whole = |p: usize, c: usize| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect();
+    let mut out: Vec<Channels> = if chunks.len() == 1 {
+        let mut only = chunks.remove(0).into_iter();
+        (0..total).map(|_| only.by_ref().take(channels).collect()).collect()
+    } else {
+        (0..total).into_par_iter().map(|p| (0..channels).map(|c| whole(p, c)).collect()).collect()
+    };
     if plant.observes() {
         let mut zero: Channels = vec![vec![0.0; trace.len()]; trace.channels.len()];
         observe(plant, trace, &mut zero);

@@ -188,7 +188,7 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
     let double = tensors.iter().find(|(_, axes)| axes.iter().filter(|a| **a).count() == 2);
     let by_mass = |k: usize| {
         if own_first[k].is_some() {
-            (Source::Constant, d[k])
+            (Source::Constant, if d[k] > 0.0 { d[k] } else { SHAPELESS })
         } else {
             (Source::Mass, if now.mass > 0.0 && d[k] > 0.0 { d[k] / now.mass } else { SHAPELESS })
         }
@@ -218,5 +218,5 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
     BodyClass { bodies: vec![body], sizes, moments, second, first, mass, reference }
 }
 
-/// Second moment per mass of a body that has none yet, m².
+/// Second moment, per kilogram, of a body that has none yet, m².
 const SHAPELESS: f64 = 1e-2;
