@@ -11,7 +11,6 @@ use serde_json::{Map, Value, json};
 
 use crate::dynamics::Channel;
 use crate::identification::Estimate;
-use crate::model::AXES;
 
 /// Exit status: done.
 pub const DONE: u8 = 0;
@@ -109,11 +108,11 @@ pub fn estimates(parameters: &[Estimate]) -> Value {
 }
 
 /// Puts per-channel values into a JSON object: the axes under `key`, the strut forces under `strut_<key>`.
-pub fn insert_channels(object: &mut Map<String, Value>, key: &str, values: &[f64]) {
-    let axes = values.len().min(AXES);
+pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[Channel], values: &[f64]) {
+    let axes = channels.iter().take_while(|c| c.drive().is_some()).count().min(values.len());
     object.insert(key.into(), json!(values[..axes]));
-    if values.len() > AXES {
-        object.insert(format!("strut_{key}"), json!(values[AXES..]));
+    if values.len() > axes {
+        object.insert(format!("strut_{key}"), json!(values[axes..]));
     }
 }
 
@@ -126,6 +125,7 @@ pub fn channel_names(channels: &[Channel]) -> Value {
 pub fn channel_title(channel: Channel) -> String {
     match channel {
         Channel::Torque(i) => format!("axis {} torque", i + 1),
+        Channel::Force(i) => format!("axis {} force", i + 1),
         Channel::StrutUpper(i) => format!("strut {} upper force", i + 1),
         Channel::StrutLower(i) => format!("strut {} lower force", i + 1),
     }

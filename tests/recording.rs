@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use deltatwin::model::{Joint, Mechanism};
 use deltatwin::recording::{Configuration, Recording, Setup, Signals};
 use tempfile::TempDir;
 
@@ -357,7 +358,7 @@ fn fewer_axes_when_asked_for() {
     let (_, rows) = text.split_once('\n').unwrap();
     fs::write(&path, format!("t,q1,tau1\n{rows}")).unwrap();
     contains(&refused(&path), &["no column `q2`"]);
-    let (recording, warnings) = Recording::read_axes(&path, None, 1).unwrap();
+    let (recording, warnings) = Recording::read_of(&path, None, Mechanism::Axis(Joint::Prismatic)).unwrap();
     assert_eq!(warnings, [""; 0]);
     assert_eq!(recording.signals.q[7][1..], [0.0; 3]);
     assert_eq!(recording.signals.q[7][0], run(8).signals.q[7][0]);

@@ -12,4 +12,4 @@ pub(crate) use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
 pub use inverse::{Output, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
-pub use plant::{Plant, PlantParameter, set_parameters};
+pub use plant::{Plant, PlantParameter, in_configuration, set_parameters};

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::Inertia;
 use crate::model::bodies::END_EFFECTOR;
 
@@ -23,6 +23,10 @@ const fn parameter(name: &'static str, unit: &'static str, count: Count, default
 impl Effect for Payload {
     fn name(&self) -> &'static str {
         NAME
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

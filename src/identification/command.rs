@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
-    let data = Data::read(&args.data)?;
+    let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     let noise_floor = floor(&model, &data.traces);
     let prior = args.how.prior.as_deref().map(Model::read).transpose()?;
@@ -140,8 +140,8 @@ fn payload(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options
         object.insert("parameters".into(), estimates(&found.parameters));
         let payload = json!({"mass": p.mass, "com": p.com.as_slice(), "inertia_zz": p.inertia_zz});
         object.insert("payload".into(), payload);
-        insert_channels(&mut object, "rms", &found.fit.rms);
-        insert_channels(&mut object, "noise_floor", noise_floor);
+        insert_channels(&mut object, "rms", data.channels(), &found.fit.rms);
+        insert_channels(&mut object, "noise_floor", data.channels(), noise_floor);
         object.insert("setup".into(), args.output.as_deref().map_or(Value::Null, path));
         say(Value::Object(object))?;
         return Ok(DONE);
@@ -182,12 +182,12 @@ impl Answer<'_> {
             unidentified.map(|u| json!({"name": u.name, "reason": u.reason.to_string()})).collect();
         object.insert("unidentified".into(), json!(unidentified));
         object.insert("channels".into(), channel_names(self.channels));
-        insert_channels(&mut object, "rms", &self.fitted.rms);
+        insert_channels(&mut object, "rms", self.channels, &self.fitted.rms);
         match &self.held_out_rms {
-            Some(rms) => insert_channels(&mut object, "held_out_rms", rms),
+            Some(rms) => insert_channels(&mut object, "held_out_rms", self.channels, rms),
             None => drop(object.insert("held_out_rms".into(), Value::Null)),
         }
-        insert_channels(&mut object, "noise_floor", &self.noise_floor);
+        insert_channels(&mut object, "noise_floor", self.channels, &self.noise_floor);
         object.insert("min_pseudo_inertia_eigenvalue".into(), json!(min_eigenvalue(&self.fitted.model.bodies)));
         object.insert("pseudo_inertia_eigenvalues".into(), eigenvalues(&self.fitted.model));
         object.insert("consistency".into(), self.fitted.correction.map_or(Value::Null, |c| correction(&c)));

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Trace;
+use super::{Trace, swapped};
 use crate::dynamics::Channel;
+use crate::model::Model;
 use crate::recording::{ReadError, Recording};
 
 /// What several commands take as data.
@@ -36,12 +37,12 @@ impl Data {
         self.traces.first().map_or(&[], |t| &t.channels)
     }
 
-    /// Reads all recordings and keeps the channels they have in common.
-    pub fn read(args: &DataArgs) -> Result<Self, ReadError> {
+    /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
+    pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
         let mut warnings = Vec::new();
         let mut traces = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            traces.push(trace(file, args.setup.as_deref(), &mut warnings)?);
+            traces.push(trace(file, args.setup.as_deref(), model, &mut warnings)?);
         }
         warnings.extend(keep_common_channels(&mut traces));
         let held_out = traces.split_off(args.data.len());
@@ -54,10 +55,10 @@ impl Data {
     }
 }
 
-fn trace(file: &Path, setup: Option<&Path>, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
-    let (recording, noticed) = Recording::read(file, setup)?;
+fn trace(file: &Path, setup: Option<&Path>, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
+    let (recording, noticed) = Recording::read_of(file, setup, model.mechanism)?;
     warnings.extend(noticed);
-    let trace = Trace::new(&recording);
+    let mut trace = Trace::new(&recording);
     if trace.is_empty() {
         let samples = recording.signals.len();
         return Err(ReadError::Content {
@@ -65,6 +66,14 @@ fn trace(file: &Path, setup: Option<&Path>, warnings: &mut Vec<String>) -> Resul
             problem: format!("has {samples} samples, of which differentiation leaves none"),
             expected: "a longer stretch without gaps".into(),
         });
+    }
+    let drives = Channel::of_drives(model.mechanism);
+    if !model.assembled && trace.channels.len() > drives.len() {
+        warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));
+        trace.restrict(&drives);
+    }
+    if let Some(what) = swapped(&trace) {
+        warnings.push(format!("{}: {what}", file.display()));
     }
     Ok(trace)
 }

@@ -14,7 +14,7 @@ use super::filtering::MIN_HALF_WIDTH;
 use super::normal_equations::{ALIKE, NormalEquations, Weight};
 use super::prediction::{Channels, predict};
 use super::{BaseParameter, Trace};
-use crate::dynamics::{Plant, PlantParameter, set_parameters};
+use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::{Role, payload};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
@@ -30,6 +30,17 @@ pub enum FitError {
         recording: String,
         /// What is wrong.
         source: KinematicsError,
+    },
+    /// The robot was taken apart between recordings: no set of parameters fits both.
+    #[error(
+        "recordings {first} and {second} are of an assembled and of a disassembled robot, which have different parameters; \
+         expected one configuration"
+    )]
+    Configurations {
+        /// Name of a recording.
+        first: String,
+        /// Name of another one.
+        second: String,
     },
     /// Too few samples.
     #[error("recording {recording}: {samples} samples are left after differentiation, at least {needed} are needed")]
@@ -201,8 +212,13 @@ pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &O
             });
         }
     }
-    let problem = Regression::new(model, traces, noise, options);
-    let mut model = model.clone();
+    if let Some(other) = traces.iter().find(|t| t.setup.configuration != traces[0].setup.configuration) {
+        let [first, second] = [&traces[0], other].map(|t| t.name.clone());
+        return Err(FitError::Configurations { first, second });
+    }
+    let assembled = model.assembled;
+    let mut model = in_configuration(model, &traces[0].setup);
+    let problem = Regression::new(&model, traces, noise, options);
     let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE)?;
     // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
     let clean = traces.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
@@ -215,7 +231,9 @@ pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &O
             (normal, estimator) = problem.least_squares(&mut model, weight)?;
         }
     }
-    problem.finish(model, &normal, &estimator)
+    let mut fit = problem.finish(model, &normal, &estimator)?;
+    fit.model.assembled = assembled;
+    Ok(fit)
 }
 
 /// Residuals beyond this many scatters count less [Huber 1964: 95 % efficient for normal noise].

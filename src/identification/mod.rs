@@ -13,6 +13,7 @@ pub mod fit;
 pub mod normal_equations;
 pub mod payload;
 pub mod prediction;
+mod swapped;
 pub mod trace;
 
 pub use base_parameters::BaseParameter;
@@ -20,4 +21,5 @@ pub use data::{Data, DataArgs};
 pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use payload::{PayloadFit, identify_payload};
 pub use prediction::{columns, predict};
+pub use swapped::swapped;
 pub use trace::Trace;

@@ -124,7 +124,7 @@ fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Cha
 fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let states = own_states(plant, &effects, trace, motions);
-    let with_struts = trace.channels.len() > AXES;
+    let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
     let gears = gear_springs(plant).unwrap_or_default();
     let outputs: Vec<_> = (0..trace.len())
         .into_par_iter()
@@ -143,7 +143,7 @@ fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, K
         .iter()
         .map(|channel| {
             let value = |o: &Output| match *channel {
-                Channel::Torque(axis) => o.tau[axis],
+                Channel::Torque(axis) | Channel::Force(axis) => o.tau[axis],
                 Channel::StrutUpper(s) => o.reactions.upper[s],
                 Channel::StrutLower(s) => o.reactions.lower[s],
             };
@@ -228,17 +228,19 @@ fn observe(plant: &Plant, trace: &Trace, series: &mut Channels) {
     if !plant.observes() {
         return;
     }
+    let drives = plant.mechanism.axes();
     for segment in &trace.segments {
+        let torque = |i: usize, k: usize| if i < drives { series[i][k] } else { 0.0 };
         let mut signals = Signals {
             t: trace.t[segment.clone()].to_vec(),
-            tau: segment.clone().map(|k| std::array::from_fn(|i| series[i][k])).collect(),
+            tau: segment.clone().map(|k| std::array::from_fn(|i| torque(i, k))).collect(),
             ..Signals::default()
         };
         for active in &plant.effects {
             active.effect.observe(&active.values(), &mut signals);
         }
         for (k, tau) in segment.clone().zip(&signals.tau) {
-            for i in 0..AXES {
+            for i in 0..drives {
                 series[i][k] = tau[i];
             }
         }
@@ -614,7 +616,7 @@ mod tests {
             inside.clone().map(|k| torque[k] - predicted[0][k]).collect()
         };
         let (before, after) = (residual(&rigid), residual(&elastic));
-        let column = &columns(&rigid, &trace, None).unwrap()[crate::effects::rigid_bodies::PARAMETERS.len()][0];
+        let column = &columns(&rigid, &trace, None).unwrap()[rigid.rigid_bodies().values.len()][0];
         let column = &column[inside];
         let product: f64 = column.iter().zip(&before).map(|(c, r)| c * r).sum();
         let estimate = product / column.iter().map(|c| c * c).sum::<f64>();

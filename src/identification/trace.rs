@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::filtering::{Kernel, half_width, noise_level};
 use crate::dynamics::Channel;
 use crate::kinematics::JointState;
-use crate::model::{AXES, Model, STRUTS};
+use crate::model::{AXES, Model, Part, STRUTS};
 use crate::recording::{Configuration, Recording, Setup, Signals};
 
 /// Smoothed joint motion with the measured channels at the same samples.
@@ -128,17 +128,12 @@ impl Trace {
     /// Noise standard deviation of each channel: stated in the setup, else estimated from the channel's differences,
     /// else that of the model.
     pub fn noise(&self, model: &Model) -> Vec<f64> {
-        let sigma = |c: usize| match (self.channels[c], self.setup.torque_noise) {
-            (Channel::Torque(axis), Some(stated)) => stated[axis],
-            (channel, _) => {
-                let known = match channel {
-                    Channel::Torque(axis) => model.noise.torque[axis],
-                    _ => model.noise.strut_force,
-                };
-                crate::evidence::noise::difference_sigma(&self.measured[c], &self.segments, 4)
-                    .filter(|s| *s > 0.0)
-                    .unwrap_or(known)
-            }
+        let sigma = |c: usize| {
+            let drive = self.channels[c].drive();
+            let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
+            let seen =
+                || crate::evidence::noise::difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
+            stated.or_else(seen).unwrap_or(drive.map_or(model.noise.strut_force, |i| model.noise.torque[i]))
         };
         (0..self.channels.len()).map(sigma).collect()
     }
@@ -151,8 +146,8 @@ pub fn noise_floor(model: &Model, traces: &[Trace]) -> Vec<f64> {
 }
 
 fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {
-    let mut channels = Channel::TORQUES.to_vec();
-    if configuration == Configuration::Assembled {
+    let mut channels = Channel::of_drives(signals.mechanism);
+    if signals.mechanism.has(Part::Linkage, configuration == Configuration::Assembled) {
         for s in 0..STRUTS {
             if signals.strut_upper[s].is_some() {
                 channels.push(Channel::StrutUpper(s));
@@ -167,7 +162,7 @@ fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Cha
 
 fn measured_value(signals: &Signals, channel: Channel, k: usize) -> f64 {
     match channel {
-        Channel::Torque(axis) => signals.tau[k][axis],
+        Channel::Torque(axis) | Channel::Force(axis) => signals.tau[k][axis],
         Channel::StrutUpper(s) => signals.strut_upper[s].as_ref().map_or(0.0, |x| x[k]),
         Channel::StrutLower(s) => signals.strut_lower[s].as_ref().map_or(0.0, |x| x[k]),
     }

@@ -1,6 +1,6 @@
 //! How parameters make bodies: the entries of the pseudo-inertia of every kind of body.
 
-use nalgebra::DVector;
+use nalgebra::{DVector, Matrix3};
 
 use crate::effects::ActiveEffect;
 use crate::model::Bodies;
@@ -124,16 +124,19 @@ impl BodyClass {
     }
 }
 
-/// Writes the bodies that `x` describes; deviation moments stay where they leave the body possible.
+/// Writes the bodies that `x` describes. What tells bodies of one class apart, and deviation moments, stay as far as they leave a
+/// body possible.
 pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
     for class in classes {
-        let diagonal = class.inertia(x);
+        let found = class.inertia(x);
+        let mut change = found;
+        let mut first = bodies[class.bodies[0]];
+        first.tensor = Matrix3::from_diagonal(&first.tensor.diagonal());
+        change += first * -1.0;
         for &b in &class.bodies {
-            let mut with_products = diagonal;
-            for (i, j) in [(0, 1), (0, 2), (1, 2), (1, 0), (2, 0), (2, 1)] {
-                with_products.tensor[(i, j)] = bodies[b].tensor[(i, j)];
-            }
-            bodies[b] = if with_products.min_eigenvalue() > 0.0 { with_products } else { diagonal };
+            let mut own = bodies[b];
+            own += change;
+            bodies[b] = if own.min_eigenvalue() > 0.0 { own } else { found };
         }
     }
 }
