@@ -7,7 +7,7 @@ use deltatwin::identification::fit::channel_rms;
 use deltatwin::model::{ARMS, AXES};
 use deltatwin::reproduce::page::{Comparison, Row};
 use deltatwin::reproduce::runs::Campaign;
-use deltatwin::reproduce::{arms, assembled, friction_curve, robot, sections};
+use deltatwin::reproduce::{arms, assembled, friction_curve, sections};
 use tempfile::TempDir;
 
 /// The shipped scenarios, shortened.
@@ -22,7 +22,7 @@ fn shortened() -> TempDir {
             .map(|line| match line.split_once(" = ").map(|(key, _)| key) {
                 Some("duration") => "duration = 8.0".into(),
                 Some("speeds") => "speeds = [3.0, 8.0, 15.0, 30.0, 55.8]".into(),
-                Some("hold") => "hold = 0.5".into(),
+                Some("hold") => "hold = 2.0".into(),
                 Some("repeat") => "repeat = 1".into(),
                 _ => line.replace("../../models", &models.display().to_string()),
             })
@@ -47,7 +47,7 @@ fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives(
     let folder = shortened();
     let campaign = Campaign::run(folder.path(), 1, &|_| ()).unwrap();
 
-    // Σ from rests: 1250 less 500 samples at each of six poses give a standard error of 1 %.
+    // Σ from rests: 1250 samples at each of six poses give a standard error of 0.8 %.
     let sigma = arms::noise(&campaign);
     for axis in 0..AXES {
         let truth = campaign.disassembled.noise.torque[axis];
@@ -91,24 +91,6 @@ fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives(
     for arm in 0..ARMS {
         assert!(with[arm] > 1.1 * sigma[arm], "{with:?}");
         assert!(free[arm] < 1.05 * sigma[arm] && complete[arm] < 1.05 * sigma[arm], "{free:?} {complete:?}");
-    }
-}
-
-#[test]
-fn a_light_linkage_does_not_load_the_arms() {
-    let folder = shortened();
-    let campaign = Campaign::run(folder.path(), 1, &|_| ()).unwrap();
-    let light = robot::on_a_light_linkage(&campaign.disassembled, &campaign.known);
-    let run = &campaign.arms[0];
-    let trace = deltatwin::identification::Trace::new(&run.recording);
-    assert_eq!(trace.setup.configuration, deltatwin::recording::Configuration::Disassembled);
-    let alone = deltatwin::dynamics::Plant::new(&campaign.disassembled, &trace.setup);
-    let guided = deltatwin::dynamics::Plant::new(&light, &Default::default());
-    let [alone, guided] = [alone, guided].map(|p| deltatwin::identification::predict(&p, &trace).unwrap());
-    for axis in 0..AXES {
-        for (a, b) in alone[axis].iter().zip(&guided[axis]) {
-            assert!((a - b).abs() < 1e-6, "axis {axis}: {a} {b}");
-        }
     }
 }
 

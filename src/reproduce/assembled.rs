@@ -118,7 +118,7 @@ fn link(bodies: &Bodies, name: &str) -> Option<f64> {
     let of_arm = |arm: usize| {
         let mut one = bodies.clone();
         one[ARM] = bodies[ARM + arm];
-        rigid_bodies::values(&one)[k]
+        rigid_bodies::ASSEMBLED.values(&one)[k]
     };
     Some((0..ARMS).map(of_arm).sum::<f64>() / ARMS as f64)
 }
@@ -317,7 +317,7 @@ impl Assembled {
             "With friction in the sockets the viscous friction of the drives is {low:.1} to {high:.1} times that of Table 1 \
              (paper: {printed_low:.1} to {printed_high:.1} times). Without it the drives keep their value to {:.0} %, and \
              with socket friction in the model to {:.0} %. With free sockets: {} The twin's arms differ as in Table 1, the \
-             model's do not, which moves small parameters by some standard errors. Kind and size of the growth are the paper's; the size is no \
+             model's do not, which moves these estimates by up to a few standard errors. Kind and size of the growth are the paper's; the size is no \
              evidence, because the twin's socket friction is an estimate that was chosen to explain it.",
             off(&inflation[1]),
             off(&inflation[2]),

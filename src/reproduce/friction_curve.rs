@@ -168,7 +168,8 @@ pub fn section(campaign: &Campaign, points: &[Point], curve: &Curve48) -> Sectio
         plots: vec![Plot {
             name: "figure-9",
             figure,
-            caption: "Mean torque of drive 4 over its speed in both directions. The two curves lie on each other."
+            caption: "Mean torque of drive 4 over its speed in both directions. The two curves lie on each other; their jump \
+                      at standstill is not drawn."
                 .into(),
         }],
         agreement,

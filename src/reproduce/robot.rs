@@ -7,14 +7,12 @@ use nalgebra::Vector3;
 
 use super::paper;
 use crate::effects::{ActiveEffect, find};
-use crate::model::bodies::{ARM, BODIES, ROTOR, STRUT};
+use crate::model::bodies::{ARM, ROTOR, STRUT};
 use crate::model::{ARMS, Inertia, Model, STRUTS};
 
 /// Effects in the ball sockets.
 const SOCKET_FRICTION: [&str; 3] = ["ball_socket_viscous", "ball_socket_coulomb", "ball_socket_load_dependent"];
 const DRIVE_FRICTION: &str = "drive_friction";
-/// Share of its weight that the linkage keeps where it only guides the arms.
-const LIGHT: f64 = 1e-9;
 
 /// `assembled` with the arms, the rotor and the arm drives' friction of `disassembled`.
 pub fn one_machine(mut assembled: Model, disassembled: &Model) -> Model {
@@ -60,15 +58,4 @@ pub fn with_measurement_strut(robot: &Model) -> Model {
     measuring.effects.retain(|a| a.effect.name() != effect.name());
     measuring.effects.push(ActiveEffect::new(effect, &[&extra, &[0.0; ARMS], &lengths[0], &lengths[1]]));
     measuring
-}
-
-/// The disassembled robot as the twin can run it: with the geometry of `guide`, whose struts, platform and telescope
-/// weigh a billionth and have no friction. They guide the arms and load them by less than a micronewton metre.
-pub fn on_a_light_linkage(disassembled: &Model, guide: &Model) -> Model {
-    let mut light = Model { assembled: true, geometry: guide.geometry, sockets: guide.sockets, ..disassembled.clone() };
-    for body in (STRUT..BODIES).filter(|b| *b != ROTOR) {
-        light.bodies[body] = guide.bodies[body] * LIGHT;
-    }
-    light.sockets.spin_damping = 1.0;
-    light
 }

@@ -9,7 +9,7 @@ use super::{paper, robot};
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
 use crate::model::Model;
-use crate::recording::{Configuration, Recording, Setup};
+use crate::recording::Recording;
 use crate::scenario::Scenario;
 use crate::terminal::interrupted;
 use crate::twin::{Options, simulate};
@@ -32,7 +32,7 @@ pub struct Run {
 }
 
 impl Job {
-    /// `scenario` on `machine`; the motion is planned with `planning`.
+    /// `scenario` on `machine`; `planning` is what its controller knows and plans the motion with.
     pub fn new(name: impl Into<String>, scenario: &Scenario, machine: Model, planning: &Model) -> Self {
         Self { name: name.into(), scenario: scenario.clone(), machine, planning: planning.clone() }
     }
@@ -51,22 +51,12 @@ impl Job {
             noise_seed: scenario.noise.then_some(scenario.seed.wrapping_add(seed.wrapping_mul(1000))),
             ..Options::of(scenario, planning)
         };
-        let mut setup = scenario.setup;
-        let (machine, believed) = if machine.assembled {
-            (machine.clone(), Plant::new(planning, &setup))
-        } else {
-            let apart = Setup { configuration: Configuration::Disassembled, ..setup };
-            (robot::on_a_light_linkage(machine, planning), Plant::new(machine, &apart))
-        };
+        let believed = Plant::new(planning, &scenario.setup);
         let wanted = |t: f64| motion.at(t);
-        let run = simulate(&machine, &setup, &believed, &wanted, &options, progress);
+        let run = simulate(machine, &scenario.setup, &believed, &wanted, &options, progress);
         let (mut recording, _) = run.into_diagnostic().wrap_err_with(named)?;
-        if !self.machine.assembled {
-            setup.configuration = Configuration::Disassembled;
-            recording.setup = setup;
-        }
         recording.name = named();
-        let commanded = recording.signals.t.iter().map(|t| planning.geometry.inverse_motion(&motion.at(*t)));
+        let commanded = recording.signals.t.iter().map(|t| motion.at(*t).joints(&planning.geometry));
         let commanded = commanded.collect::<Result<_, _>>().into_diagnostic().wrap_err_with(named)?;
         Ok(Run { commanded, recording })
     }
@@ -122,8 +112,8 @@ impl Campaign {
         let free = robot::without_socket_friction(&robot);
         let measuring = robot::with_measurement_strut(&robot);
         let mut jobs = vec![
-            Job::new("arms-excitation", arms, disassembled.clone(), &known),
-            Job::new("arms-verification", arms_check, disassembled.clone(), &known),
+            Job::new("arms-excitation", arms, disassembled.clone(), &disassembled),
+            Job::new("arms-verification", arms_check, disassembled.clone(), &disassembled),
             Job::new("friction-curve", curve, robot.clone(), &known),
             Job::new("excitation", excitation, robot.clone(), &known),
             Job::new("verification", verification, robot.clone(), &known),
@@ -132,7 +122,7 @@ impl Campaign {
             Job::new("strut-force", strut, measuring, &known),
         ];
         jobs.extend(paper::ARM_WEIGHTS.map(|mass| {
-            Job::new(format!("arms-static-{mass}kg"), rest, robot::with_arm_weights(&disassembled, mass), &known)
+            Job::new(format!("arms-static-{mass}kg"), rest, robot::with_arm_weights(&disassembled, mass), &disassembled)
         }));
         let mut runs = all(&jobs, seed, progress)?.into_iter();
         let mut next = || runs.next().expect("a run per job");
