@@ -21,6 +21,7 @@ pub enum Command {
     Export(recording::command::export::Args),
     Excite(excitation::command::Args),
     Identify(identification::command::Args),
+    Noise(identification::noise::Args),
     Compare(comparison::command::Args),
     Diagnose(diagnosis::command::diagnose::Args),
     Add(diagnosis::command::add::Args),

@@ -33,6 +33,7 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Export(args) => recording::command::export::run(args),
         Command::Excite(args) => excitation::command::run(args),
         Command::Identify(args) => identification::command::run(args),
+        Command::Noise(args) => identification::noise::run(args),
         Command::Compare(args) => comparison::command::run(args),
         Command::Diagnose(args) => diagnosis::command::diagnose::run(args),
         Command::Add(args) => diagnosis::command::add::run(args),

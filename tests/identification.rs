@@ -225,7 +225,7 @@ fn regularisation_pulls_where_the_data_are_silent_and_nowhere_else() {
     let nominal = common::model("irb360-6-1600");
     let mut weighed = nominal.clone();
     let mut values: Vec<f64> = Plant::new(&weighed, &Setup::default()).parameters().iter().map(|p| p.value).collect();
-    values.iter_mut().take(16).for_each(|v| *v *= 1.2);
+    values.iter_mut().take(17).for_each(|v| *v *= 1.2);
     set_parameters(&mut weighed, &values);
     let data = trace(&robot, &Setup::default(), 4000, 4e-3, excitation(3));
     let options = |prior| Options { prior, ..Options::default() };

@@ -275,6 +275,12 @@ fn csv_mistakes_are_named() {
     contains(&set(7, 8, "1.2.3"), &["line 9, column `tau4`: `1.2.3`"]);
     contains(&set(50, 0, "0.001"), &["line 52, column `t`: time goes back from 0.0196 s to 0.001"]);
     contains(&set(50, 0, "0.0196"), &["line 52, column `t`", "second time"]);
+    let repeated = csv(&folder, 300, |_, _| ());
+    let lines: Vec<String> = fs::read_to_string(&repeated).unwrap().lines().map(String::from).collect();
+    fs::write(&repeated, [&lines[..51], &lines[50..]].concat().join("\n")).unwrap();
+    let (recording, warnings) = read(&repeated);
+    contains(&warnings[0], &["1 samples repeat", "line 52"]);
+    assert_eq!(recording.signals.len(), 300);
     contains(&set(50, 6, "2e4"), &["line 52, column `tau2`: 20000"]);
     contains(&refused(&csv(&folder, 99, |_, _| ())), &["only 99 samples", "at least 100"]);
     let cut = csv(&folder, 300, |i, cells| cells.truncate(if i == 299 { 4 } else { 9 }));
@@ -301,6 +307,7 @@ fn units_and_dead_channels_are_named() {
     contains(&refused(&constant(&[7])), &["column `tau3`: always 0.5"]);
     contains(&refused(&constant(&[1, 2, 3, 4])), &["no joint angle ever changes"]);
     contains(&read(&constant(&[4, 8])).1[0], &["`q4`", "axis 4 stands still"]);
+    contains(&read(&constant(&[1, 2, 3])).1[1], &["`q2`", "only axis 4 moves"]);
     contains(&read(&constant(&[3, 7])).1[0], &["axis 3 is not in use"]);
 
     let clipped = csv(&folder, 2500, |_, cells| {

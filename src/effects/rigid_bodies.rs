@@ -46,6 +46,8 @@ pub const PARAMETERS: &[Parameter] = &[
     one("strut_inertia_xx", "kg·m²", 1.5e-5),
     one("strut_inertia_yy", "kg·m²", 0.075),
     one("platform_mass", "kg", 1.2),
+    // Tilts the platform: it shows in strut forces alone.
+    one("platform_first_moment_z", "kg·m", -0.024),
     one("telescope_upper_first_moment_z", "kg·m", -0.219),
     one("telescope_upper_inertia_xx", "kg·m²", 0.084),
     one("telescope_upper_inertia_zz", "kg·m²", 1.9e-5),
@@ -79,6 +81,7 @@ const UNITS: &[(Range<usize>, Unit); PARAMETERS.len()] = &[
     (STRUTS, Unit::Tensor(&[0])),
     (STRUTS, Unit::Tensor(&[1, 2])),
     (body(PLATFORM), Unit::Mass),
+    (body(PLATFORM), Unit::Moment(2)),
     (body(TELESCOPE_UPPER), Unit::Moment(2)),
     (body(TELESCOPE_UPPER), Unit::Tensor(&[0, 1])),
     (body(TELESCOPE_UPPER), Unit::Tensor(&[2])),
@@ -106,7 +109,7 @@ const UNITS_PER_ARM: &[(Range<usize>, Unit); 10] = &[
 pub static ASSEMBLED: RigidBodies = RigidBodies { parameters: PARAMETERS, units: UNITS };
 /// The assembled robot without telescope.
 static WITHOUT_TELESCOPE: RigidBodies =
-    RigidBodies { parameters: PARAMETERS.split_at(8).0, units: UNITS.split_at(8).0 };
+    RigidBodies { parameters: PARAMETERS.split_at(9).0, units: UNITS.split_at(9).0 };
 /// Independent arms and rotor.
 static ARMS_AND_ROTOR: RigidBodies = RigidBodies { parameters: PER_ARM, units: UNITS_PER_ARM };
 /// Independent arms.

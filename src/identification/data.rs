@@ -39,10 +39,22 @@ impl Data {
 
     /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
     pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
+        Self::read_each(args, |file, warnings| trace_of(file, args.setup.as_deref(), model, warnings))
+    }
+
+    /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
+    pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
+        Self::read_each(args, |file, warnings| trace(Recording::read(file, args.setup.as_deref())?, file, warnings))
+    }
+
+    fn read_each(
+        args: &DataArgs,
+        read: impl Fn(&Path, &mut Vec<String>) -> Result<Trace, ReadError>,
+    ) -> Result<Self, ReadError> {
         let mut warnings = Vec::new();
         let mut traces = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            traces.push(trace(file, args.setup.as_deref(), model, &mut warnings)?);
+            traces.push(read(file, &mut warnings)?);
         }
         warnings.extend(keep_common_channels(&mut traces));
         let held_out = traces.split_off(args.data.len());
@@ -55,10 +67,13 @@ impl Data {
     }
 }
 
-fn trace(file: &Path, setup: Option<&Path>, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
-    let (recording, noticed) = Recording::read_of(file, setup, model.mechanism)?;
+fn trace(
+    (recording, noticed): (Recording, Vec<String>),
+    file: &Path,
+    warnings: &mut Vec<String>,
+) -> Result<Trace, ReadError> {
     warnings.extend(noticed);
-    let mut trace = Trace::new(&recording);
+    let trace = Trace::new(&recording);
     if trace.is_empty() {
         let samples = recording.signals.len();
         return Err(ReadError::Content {
@@ -67,6 +82,11 @@ fn trace(file: &Path, setup: Option<&Path>, model: &Model, warnings: &mut Vec<St
             expected: "a longer stretch without gaps".into(),
         });
     }
+    Ok(trace)
+}
+
+fn trace_of(file: &Path, setup: Option<&Path>, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
+    let mut trace = trace(Recording::read_of(file, setup, model.mechanism)?, file, warnings)?;
     let drives = Channel::of_drives(model.mechanism);
     if !model.assembled && trace.channels.len() > drives.len() {
         warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::filtering::{Kernel, half_width, noise_level};
+use super::derivatives::{Angles, Method};
 use crate::dynamics::Channel;
 use crate::kinematics::JointState;
 use crate::model::{AXES, Model, Part, STRUTS};
@@ -27,24 +27,22 @@ pub struct Trace {
     pub segments: Vec<Range<usize>>,
     /// Sampling period, s.
     pub dt: f64,
-    /// Half width of the derivative filter per axis, samples.
+    /// Half width per axis of local polynomials whose second derivative carries tolerable encoder noise, samples; the
+    /// smallest, [`super::filtering::MIN_HALF_WIDTH`], where there is none.
     pub half_width: [usize; AXES],
 }
 
-/// Acceptable standard deviation of accelerations from encoder noise, rad/s²: torques below a tenth of sensor noise.
-const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
-
 impl Trace {
-    /// Differentiates the joint angles of a recording; samples at the ends of a stretch are lost to the filter.
+    /// Differentiates the joint angles of a recording by the best method; a few samples at the ends of a stretch are lost.
     pub fn new(recording: &Recording) -> Self {
+        Self::with(recording, Method::Reversals)
+    }
+
+    /// Differentiates the joint angles of a recording by a given method.
+    pub fn with(recording: &Recording, method: Method) -> Self {
         let signals = &recording.signals;
-        let dt = signals.sample_time();
-        let axis = |i: usize| -> Vec<f64> { signals.q.iter().map(|q| q[i]).collect() };
-        let angles: [Vec<f64>; AXES] = std::array::from_fn(axis);
-        let half_width: [usize; AXES] =
-            std::array::from_fn(|i| half_width(noise_level(&angles[i]), dt, ACCELERATION_NOISE[i]));
-        let kernels: [Kernel; AXES] = std::array::from_fn(|i| Kernel::new(half_width[i]));
-        let margin = half_width.into_iter().max().unwrap_or(0);
+        let (dt, stretches) = (signals.sample_time(), signals.stretches());
+        let angles = Angles::new(&signals.q, &stretches, dt);
         let channels = measured_channels(signals, recording.setup.configuration);
         let mut trace = Self {
             name: recording.name.clone(),
@@ -55,30 +53,11 @@ impl Trace {
             channels,
             segments: Vec::new(),
             dt,
-            half_width,
+            half_width: angles.half_widths(),
         };
-        for stretch in signals.stretches() {
-            if stretch.len() <= 2 * margin {
-                continue;
-            }
-            let kept = stretch.start + margin..stretch.end - margin;
+        for (kept, joints) in angles.differentiate(method) {
             let first = trace.t.len();
             trace.t.extend(&signals.t[kept.clone()]);
-            let mut joints = vec![JointState::default(); kept.len()];
-            for i in 0..AXES {
-                let m = half_width[i];
-                let x = &angles[i][kept.start - m..kept.end + m];
-                for (derivative, scale) in [(0, 1.0), (1, 1.0 / dt), (2, 1.0 / (dt * dt))] {
-                    for (joint, value) in joints.iter_mut().zip(kernels[i].apply(derivative, x)) {
-                        let target = match derivative {
-                            0 => &mut joint.q[i],
-                            1 => &mut joint.qd[i],
-                            _ => &mut joint.qdd[i],
-                        };
-                        *target = value * scale;
-                    }
-                }
-            }
             trace.joints.extend(joints);
             for (series, &channel) in trace.measured.iter_mut().zip(&trace.channels) {
                 series.extend(kept.clone().map(|k| measured_value(signals, channel, k)));

@@ -84,6 +84,7 @@ pub(super) fn margin_names() -> [String; 2 * STRUTS] {
 pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadError> {
     let mut warnings = Vec::new();
     table.finite()?;
+    table.repeated(&mut warnings);
     table.increasing()?;
     if table.t.len() < FEWEST {
         let problem = format!("has only {} samples", table.t.len());
@@ -140,6 +141,27 @@ impl Table {
             }
         }
         Ok(())
+    }
+
+    /// Drops rows that repeat the one before, time and all.
+    fn repeated(&mut self, warnings: &mut Vec<String>) {
+        let same = |v: &[f64], i: usize| v[i] == v[i - 1];
+        let again = |i: usize| i > 0 && same(&self.t, i) && self.columns.iter().all(|c| same(&c.values, i));
+        let kept: Vec<usize> = (0..self.t.len()).filter(|&i| !again(i)).collect();
+        let dropped = self.t.len() - kept.len();
+        if dropped == 0 {
+            return;
+        }
+        let first = (0..self.t.len()).find(|&i| again(i)).map_or(String::new(), |i| self.at(i));
+        warnings.push(format!("{dropped} samples repeat the one before, first at {first}: dropped"));
+        let cut = |v: &[f64]| kept.iter().map(|&i| v[i]).collect();
+        self.t = cut(&self.t);
+        for c in &mut self.columns {
+            c.values = cut(&c.values);
+        }
+        if !self.rows.is_empty() {
+            self.rows = kept.iter().map(|&i| self.rows[i]).collect();
+        }
     }
 
     fn increasing(&self) -> Result<(), ReadError> {
@@ -206,6 +228,7 @@ impl Table {
             let problem = "no joint angle ever changes";
             return Err(ReadError::content(&self.file, problem, "a machine that moves"));
         }
+        let arms_rest = axes == AXES && (1..AXES).all(|k| stands(format!("q{k}")));
         for k in 1..=axes {
             let (q, tau) = (stands(format!("q{k}")), stands(format!("tau{k}")));
             if !q && !tau {
@@ -216,6 +239,8 @@ impl Table {
             let problem = format!("always {value}");
             if k == 4 {
                 warnings.push(format!("`{name}` is {problem}: axis 4 stands still or is not recorded"));
+            } else if q && arms_rest {
+                warnings.push(format!("`{name}` is {problem}: only axis 4 moves"));
             } else if q && tau {
                 warnings.push(format!("`q{k}` and `tau{k}` never change: axis {k} is not in use"));
             } else {

@@ -16,12 +16,12 @@ fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
 }
 
 #[test]
-fn eighteen_variables_describe_the_links_and_the_rotor() {
+fn the_papers_variables_describe_the_links_and_the_rotor() {
     let (model, classes, x) = shipped();
     let own = |c: &BodyClass| c.variables().len();
-    // Arm, strut, platform, rotor, telescope upper and lower part. The paper's 18 count the rotor's one variable; ours has a
-    // mass beside it, which nothing measures.
-    assert_eq!(classes.iter().map(own).collect::<Vec<_>>(), [4, 4, 1, 2, 4, 4]);
+    // Arm, strut, platform, rotor, telescope upper and lower part. The paper's 18, and two beside them: the height of the platform's
+    // centre of mass, which strut forces show, and the mass of the rotor, which nothing shows.
+    assert_eq!(classes.iter().map(own).collect::<Vec<_>>(), [4, 4, 2, 2, 4, 4]);
     let mut bodies = model.bodies.clone();
     complete(&classes, &x, &mut bodies);
     for (b, (now, before)) in bodies.0.iter().zip(&model.bodies.0).enumerate() {
@@ -70,7 +70,7 @@ fn log_cholesky_and_cones_find_the_same_parameters() {
         let smooth = log_cholesky::minimise(&cost);
         let convex = cones::minimise(&cost).expect("a solution");
         let (a, b) = (cost.of(&smooth), cost.of(&convex.x));
-        assert!((a - b).abs() < convex.gap + 1e-9 * b && convex.gap < 1e-6 * b, "{seed}: {a} {b} {:e}", convex.gap);
+        assert!((a - b).abs() < 1e-7 * b && convex.gap < 1e-6 * b, "{seed}: {a} {b} {:e}", convex.gap);
         let apart = (&smooth - &convex.x).component_div(&cost.size).amax();
         assert!(apart < 1e-4, "{seed}: {apart:e}");
         for class in &cost.classes {
