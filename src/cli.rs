@@ -1,7 +1,7 @@
 //! The commands.
 
 use clap::{Parser, Subcommand};
-use deltatwin::{check, comparison, demo, diagnosis, effects, excitation, identification, recording, twin};
+use deltatwin::{check, comparison, demo, diagnosis, effects, excitation, identification, recording, reproduce, twin};
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
 #[derive(Parser)]
@@ -15,6 +15,7 @@ pub struct Cli {
 #[derive(Subcommand)]
 pub enum Command {
     Demo(demo::command::Args),
+    Reproduce(reproduce::command::Args),
     Simulate(twin::command::Args),
     Import(recording::command::import::Args),
     Export(recording::command::export::Args),

@@ -36,3 +36,5 @@ pub mod replay;
 pub mod terminal;
 
 pub mod demo;
+
+pub mod reproduce;

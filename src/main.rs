@@ -6,7 +6,9 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use cli::{Cli, Command};
-use deltatwin::{check, comparison, demo, diagnosis, effects, excitation, identification, recording, terminal, twin};
+use deltatwin::{
+    check, comparison, demo, diagnosis, effects, excitation, identification, recording, reproduce, terminal, twin,
+};
 use miette::MietteHandlerOpts;
 
 fn main() -> ExitCode {
@@ -25,6 +27,7 @@ fn main() -> ExitCode {
 fn run(command: Command) -> miette::Result<u8> {
     match &command {
         Command::Demo(args) => demo::command::run(args),
+        Command::Reproduce(args) => reproduce::command::run(args),
         Command::Simulate(args) => twin::command::run(args),
         Command::Import(args) => recording::command::import::run(args),
         Command::Export(args) => recording::command::export::run(args),

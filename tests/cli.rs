@@ -79,9 +79,20 @@ fn noise_at_rest_and_from_differences_agree() {
 #[test]
 fn every_command_explains_itself_with_an_example() {
     let top = done(&["--help"]);
-    for command in
-        ["demo", "simulate", "import", "export", "excite", "identify", "compare", "diagnose", "add", "effects", "check"]
-    {
+    for command in [
+        "demo",
+        "reproduce",
+        "simulate",
+        "import",
+        "export",
+        "excite",
+        "identify",
+        "compare",
+        "diagnose",
+        "add",
+        "effects",
+        "check",
+    ] {
         assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
         let help = done(&[command, "--help"]);
         let example = ["Example", "Examples"].iter().any(|e| help.contains(&format!("{e}: deltatwin {command}")));
