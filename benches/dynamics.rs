@@ -12,6 +12,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
 use deltatwin::effects::ActiveEffect;
+use deltatwin::identification::{Method, Trace};
 use deltatwin::kinematics::{JointState, Motion, SocketSet};
 use deltatwin::model::bodies::BODIES;
 use deltatwin::recording::Setup;
@@ -144,5 +145,22 @@ fn closed_loop(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, kinematics, dynamics, twin, closed_loop, loose);
+/// 50 000 quantised samples of four axes, on one core.
+fn derivatives(c: &mut Criterion) {
+    let nominal = common::model("irb360-6-1600");
+    let plant = common::nominal_plant();
+    let motion =
+        FourierMotion::random(&plant, &MotionLimits::of(&nominal, 0.45), 0.1, 10, &mut ChaCha8Rng::seed_from_u64(3));
+    let options = Options { duration: 20.0, ..Options::default() };
+    let (recording, _) = simulate(&nominal, &Setup::default(), &plant, &|t| motion.at(t), &options, &mut |_| true)
+        .expect("a feasible motion");
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    for method in [Method::Polynomial, Method::Smoother, Method::Reversals] {
+        c.bench_function(&format!("derivatives of 20 s ({method:?})"), |b| {
+            b.iter(|| one.install(|| Trace::with(black_box(&recording), method)))
+        });
+    }
+}
+
+criterion_group!(benches, kinematics, dynamics, twin, closed_loop, loose, derivatives);
 criterion_main!(benches);

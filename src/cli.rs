@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use deltatwin::{
     check, comparison, constraint_forces, demo, diagnosis, effects, excitation, identification, planner, recording,
-    twin,
+    reproduce, twin,
 };
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
@@ -18,11 +18,13 @@ pub struct Cli {
 #[derive(Subcommand)]
 pub enum Command {
     Demo(demo::command::Args),
+    Reproduce(reproduce::command::Args),
     Simulate(twin::command::Args),
     Import(recording::command::import::Args),
     Export(recording::command::export::Args),
     Excite(excitation::command::Args),
     Identify(identification::command::Args),
+    Noise(identification::noise::Args),
     Compare(comparison::command::Args),
     Diagnose(diagnosis::command::diagnose::Args),
     Add(diagnosis::command::add::Args),

@@ -40,3 +40,5 @@ pub mod replay;
 pub mod terminal;
 
 pub mod demo;
+
+pub mod reproduce;

@@ -8,7 +8,7 @@ use clap::Parser;
 use cli::{Cli, Command};
 use deltatwin::{
     check, comparison, constraint_forces, demo, diagnosis, effects, excitation, identification, planner, recording,
-    terminal, twin,
+    reproduce, terminal, twin,
 };
 use miette::MietteHandlerOpts;
 
@@ -28,11 +28,13 @@ fn main() -> ExitCode {
 fn run(command: Command) -> miette::Result<u8> {
     match &command {
         Command::Demo(args) => demo::command::run(args),
+        Command::Reproduce(args) => reproduce::command::run(args),
         Command::Simulate(args) => twin::command::run(args),
         Command::Import(args) => recording::command::import::run(args),
         Command::Export(args) => recording::command::export::run(args),
         Command::Excite(args) => excitation::command::run(args),
         Command::Identify(args) => identification::command::run(args),
+        Command::Noise(args) => identification::noise::run(args),
         Command::Compare(args) => comparison::command::run(args),
         Command::Diagnose(args) => diagnosis::command::diagnose::run(args),
         Command::Add(args) => diagnosis::command::add::run(args),

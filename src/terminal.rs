@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 
 use crate::dynamics::Channel;
 use crate::identification::Estimate;
-use crate::model::AXES;
+use crate::model::{Mechanism, Model};
 use crate::recording::file;
 use crate::report::Figure;
 
@@ -91,6 +91,15 @@ pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> mie
     Ok(())
 }
 
+/// Reads the model of an assembled delta robot with telescope.
+pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
+    let model = Model::read(file)?;
+    if !model.assembled || model.mechanism != (Mechanism::Delta { telescope: true }) {
+        return Err(miette!("{}: expected the model of an assembled delta robot with telescope", file.display()));
+    }
+    Ok(model)
+}
+
 /// Writes an SVG file.
 pub fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
     file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
@@ -109,18 +118,18 @@ pub fn paths(files: &[PathBuf]) -> Value {
 /// `{name: {value, std, unit}}`; the standard error is null where the data do not determine the parameter alone.
 pub fn estimates(parameters: &[Estimate]) -> Value {
     let entry = |p: &Estimate| {
-        let std = p.std.is_finite().then_some(p.std);
-        (p.name.clone(), json!({"value": p.value, "std": std, "unit": p.unit}))
+        let (value, std) = if p.identified() { (Some(p.value), Some(p.std)) } else { (None, None) };
+        (p.name.clone(), json!({"value": value, "std": std, "unit": p.unit}))
     };
     Value::Object(parameters.iter().map(entry).collect())
 }
 
 /// Puts per-channel values into a JSON object: the axes under `key`, the strut forces under `strut_<key>`.
-pub fn insert_channels(object: &mut Map<String, Value>, key: &str, values: &[f64]) {
-    let axes = values.len().min(AXES);
+pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[Channel], values: &[f64]) {
+    let axes = channels.iter().take_while(|c| c.drive().is_some()).count().min(values.len());
     object.insert(key.into(), json!(values[..axes]));
-    if values.len() > AXES {
-        object.insert(format!("strut_{key}"), json!(values[AXES..]));
+    if values.len() > axes {
+        object.insert(format!("strut_{key}"), json!(values[axes..]));
     }
 }
 
@@ -133,6 +142,7 @@ pub fn channel_names(channels: &[Channel]) -> Value {
 pub fn channel_title(channel: Channel) -> String {
     match channel {
         Channel::Torque(i) => format!("axis {} torque", i + 1),
+        Channel::Force(i) => format!("axis {} force", i + 1),
         Channel::StrutUpper(i) => format!("strut {} upper force", i + 1),
         Channel::StrutLower(i) => format!("strut {} lower force", i + 1),
     }

@@ -52,12 +52,48 @@ fn smoke(folder: &TempDir) -> String {
     csv
 }
 
+/// Torque noise at rest and from differences against each other and against the truth model's 0.5 and 0.05 N·m.
+#[test]
+fn noise_at_rest_and_from_differences_agree() {
+    let folder = TempDir::new().unwrap();
+    let run = folder.path().join("rest.mcap").display().to_string();
+    done(&["simulate", "scenarios/static-poses.toml", "-o", &run]);
+    let noise = json(&["noise", &run]);
+    assert!(noise["rests"].as_u64().unwrap() >= 4, "{noise}");
+    let sigma = |key: &str, i: usize| noise[key][i][i].as_f64().unwrap().sqrt();
+    for (i, truth) in [0.5, 0.5, 0.5, 0.05].into_iter().enumerate() {
+        let (rest, differences) = (sigma("covariance_at_rest", i), sigma("covariance_from_differences", i));
+        println!("axis {}: {rest:.4} N·m at rest, {differences:.4} N·m from differences", i + 1);
+        assert!((rest / differences - 1.0).abs() < 0.1, "axis {}: {rest} {differences}", i + 1);
+        assert!((rest / truth - 1.0).abs() < 0.1, "axis {}: {rest}", i + 1);
+        for j in 0..i {
+            let correlation =
+                noise["covariance_at_rest"][i][j].as_f64().unwrap() / (rest * sigma("covariance_at_rest", j));
+            assert!(correlation.abs() < 0.1, "axes {} and {}: {correlation}", i + 1, j + 1);
+        }
+    }
+    let text = done(&["noise", &run]);
+    assert!(text.contains("axis 4 standard deviation") && text.contains("rests"), "{text}");
+}
+
 #[test]
 fn every_command_explains_itself_with_an_example() {
     let top = done(&["--help"]);
     for command in [
-        "demo", "simulate", "import", "export", "excite", "identify", "compare", "diagnose", "add", "effects",
-        "forces", "plan", "check",
+        "demo",
+        "reproduce",
+        "simulate",
+        "import",
+        "export",
+        "excite",
+        "identify",
+        "compare",
+        "diagnose",
+        "add",
+        "effects",
+        "forces",
+        "plan",
+        "check",
     ] {
         assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
         let help = done(&[command, "--help"]);

@@ -10,7 +10,7 @@ use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, 
 use deltatwin::model::bodies::{
     BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::model::{Geometry, Model};
+use deltatwin::model::{Geometry, Model, Part};
 use deltatwin::recording::{Payload, Setup, Signals};
 use deltatwin::twin::energy;
 use nalgebra::{Matrix3, Vector3};
@@ -97,7 +97,7 @@ fn every_effect_file_is_registered_under_its_name() {
         .expect("the effects' folder")
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .filter_map(|file| file.strip_suffix(".rs").map(String::from))
-        .filter(|name| !["mod", "testing", "command"].contains(&name.as_str()))
+        .filter(|name| !["mod", "testing", "command", "payload"].contains(&name.as_str()))
         .collect();
     let mut names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).collect();
     files.sort();
@@ -129,6 +129,35 @@ fn every_effect_explains_itself() {
                 assert!((low..=high).contains(&0.0), "{name}.{}: zero, no effect, is allowed", p.name);
             }
         }
+    }
+}
+
+#[test]
+fn effects_act_on_nothing_but_the_parts_they_name() {
+    let plant = Plant::new(&model(NOMINAL), &payload());
+    let mut rng = rng(11);
+    for &effect in &REGISTRY[1..] {
+        let on_drives = |b: usize| b < STRUT || b == ROTOR;
+        let allowed = |b: usize| match effect.acts_on() {
+            Part::Drives => on_drives(b),
+            Part::Axis4 => b == ROTOR,
+            Part::Weight | Part::Linkage => true,
+            Part::Telescope => b >= END_EFFECTOR,
+        };
+        let mut active = at_random(effect, &mut rng, true);
+        let entries = active.entries();
+        active.values.iter_mut().zip(entries).for_each(|(v, e)| *v = v.max(0.5 * e.parameter.default.abs()));
+        let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
+        let (loads, state) = (inverse(&plant, &motion), effect.initial_state(&active.values()));
+        let at = instant(&plant, &motion, &loads.reactions, loads.tau, &state);
+        let name = effect.name();
+        let refuse =
+            |b: usize| assert!(allowed(b), "{name} acts on {}, not only on {:?}", body_name(b), effect.acts_on());
+        effect.forces(&active.values(), &at, &mut Wrenches::new(&mut |_, b, _, _| refuse(b)));
+        effect.inertia(&active.values(), &payload().payload, &mut |_, b, _| refuse(b));
+        let mut geometry = plant.geometry;
+        effect.geometry(&active.values(), &mut geometry);
+        assert!(geometry == plant.geometry || effect.acts_on() == Part::Linkage, "{name}");
     }
 }
 

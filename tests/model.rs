@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use deltatwin::effects::{self, ActiveEffect};
 use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::model::write::{full_text, updated_text};
-use deltatwin::model::{Model, check};
+use deltatwin::model::{Joint, Mechanism, Model, check};
 use proptest::prelude::*;
 
 const NAME: &str = "robot.toml";
@@ -68,7 +68,7 @@ fn assert_says(message: &str, parts: &[&str]) {
 #[track_caller]
 fn assert_same(a: &Model, b: &Model) {
     assert_eq!(a.name, b.name);
-    assert_eq!(a.assembled, b.assembled);
+    assert_eq!((a.mechanism, a.assembled), (b.mechanism, b.assembled));
     assert_eq!(a.geometry, b.geometry);
     assert_eq!(a.bodies, b.bodies);
     assert_eq!(format!("{:?}", a.drives), format!("{:?}", b.drives));
@@ -138,6 +138,55 @@ fn disassembled_robot_needs_arms_and_rotor_only() {
     assert_eq!(m.bodies[ROTOR].tensor[(2, 2)], 0.003);
     assert_eq!(m.bodies[STRUT], Inertia::ZERO);
     assert_eq!(m.effects[0].values[..8], [4.201, 4.145, 5.773, 0.387, 0.281, 0.419, 0.448, 0.012]);
+}
+
+#[test]
+fn a_lone_axis_is_a_mass_or_an_inertia() {
+    let slide = parse(&text_of("servo-axis")).unwrap();
+    assert_eq!((slide.mechanism, slide.gravity), (Mechanism::Axis(Joint::Prismatic), 0.0));
+    assert_eq!((slide.bodies[ARM], slide.noise.torque[0]), (Inertia::lone(12.0), 2.0));
+    assert_eq!((slide.drives[0].gear_ratio, slide.geometry.arm_limits), (314.159265, [-0.4, 0.4]));
+    assert_eq!(slide.effects[0].values, [30.0, 60.0, 1900.0]);
+    // 0.02 m of lead by 2¹⁷ increments.
+    approx::assert_relative_eq!(slide.drives[0].encoder_step(), 0.02 / 131072.0, max_relative = 1e-8);
+    let turning = text_of("servo-axis").replace("prismatic\"\n", "revolute\"\n").replace("mass =", "inertia =");
+    assert_eq!(parse(&turning).unwrap().mechanism, Mechanism::Axis(Joint::Revolute));
+    let refused = |old: &str, new: &str| {
+        let text = text_of("servo-axis");
+        assert!(text.contains(old), "no {old:?}");
+        parse(&text.replacen(old, new, 1)).err().unwrap_or_else(|| panic!("{new:?} was accepted")).to_string()
+    };
+    assert_says(&refused("joint = \"prismatic\"", "joint = \"screw\""), &[":9:9:", "screw", "\"revolute\" or"]);
+    assert_says(&refused("joint = \"prismatic\"\n", ""), &["lacks `joint`"]);
+    assert_says(&refused("sample_time", "gravity = 9.81\nsample_time"), &[":10:1:", "gravity", "unknown key"]);
+    assert_says(&refused("mass = 12.0", "mass = -1.0"), &["[bodies.axis] mass", "kg above 0"]);
+    assert_says(&refused("mass = 12.0", "inertia = 1.0"), &["inertia", "unknown key; expected one of mass"]);
+    assert_says(&refused("limits = [-0.4, 0.4]", "limits = [0.4, -0.4]"), &["smallest position first"]);
+    assert_says(&refused("coulomb = 30.0", "coulomb = -1.0"), &["from 0 to", " N"]);
+    assert_says(&refused("viscous = 60.0", "viscous = [1.0, 2.0]"), &["array of 2", "N·s/m"]);
+    assert_says(
+        &refused("# Guide", "[effects.base_tilt]\ntilt = [0.0, 0.0]\n# Guide"),
+        &["[effects] base_tilt", "acts on bodies under gravity, which this machine does not have"],
+    );
+    assert_says(&refused("[drives.axis]", "[drives.arm]"), &["[drives] arm", "unknown key"]);
+}
+
+#[test]
+fn a_delta_robot_without_telescope_describes_none() {
+    let m = parse(&text_of("clavel-delta")).unwrap();
+    assert_eq!(m.mechanism, Mechanism::Delta { telescope: false });
+    assert!(m.assembled && m.noise.torque[3] == 0.0 && m.drives[3].max_torque == 0.0);
+    for (old, new, said) in [
+        ("flange_height", "upper_hooke_height = 0.0\nflange_height", "unknown key"),
+        ("[sockets]", "[drives.telescope]\ngear_ratio = 1.0\n[sockets]", "unknown key"),
+        ("[sockets]", "[bodies.rotor]\nmass = 1.0\n[sockets]", "unknown key"),
+        ("torque = [0.5, 0.5, 0.5]", "torque = [0.5, 0.5, 0.5, 0.5]", "array of 3"),
+        ("[sockets]", "[effects.telescope_friction]\ncoulomb = 1.0\nviscous = 1.0\n[sockets]", "acts on the telescope"),
+    ] {
+        let text = text_of("clavel-delta");
+        assert!(text.contains(old), "no {old:?}");
+        assert_says(&parse(&text.replacen(old, new, 1)).err().expect("a refusal").to_string(), &[said]);
+    }
 }
 
 #[test]
@@ -464,7 +513,9 @@ fn generated_files_hold_every_number() {
         let model = Model::read(&file).unwrap();
         let text = full_text(&model).unwrap();
         assert_same(&parse(&text).unwrap_or_else(|e| panic!("{e:?}\n{text}")), &model);
-        assert!(text.contains("# m; centre line to motor shaft"), "{text}");
+        let delta = matches!(model.mechanism, Mechanism::Delta { .. });
+        let comment = if delta { "# m; centre line to motor shaft" } else { "# kg; of all that moves" };
+        assert!(text.contains(comment), "{text}");
     }
 }
 
@@ -515,6 +566,10 @@ fn check_describes_the_machine() {
     );
     let summary = check::check_file(&folder().join("irb360-6-1600-disassembled.toml")).unwrap();
     assert_says(&summary, &["disassembled", "4 bodies", "4 freedoms"]);
+    let summary = check::check_file(&folder().join("clavel-delta.toml")).unwrap();
+    assert_says(&summary, &["without telescope, assembled", "10 bodies", "9 freedoms (3 driven"]);
+    let summary = check::check_file(&folder().join("servo-axis.toml")).unwrap();
+    assert_says(&summary, &["servo-axis: a single prismatic axis; effects: drive_friction."]);
     assert!(check::check_file(&folder().join("none.toml")).is_err());
 }
 

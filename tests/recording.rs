@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use deltatwin::model::{Joint, Mechanism};
 use deltatwin::recording::{Configuration, Recording, Setup, Signals};
 use tempfile::TempDir;
 
@@ -274,6 +275,12 @@ fn csv_mistakes_are_named() {
     contains(&set(7, 8, "1.2.3"), &["line 9, column `tau4`: `1.2.3`"]);
     contains(&set(50, 0, "0.001"), &["line 52, column `t`: time goes back from 0.0196 s to 0.001"]);
     contains(&set(50, 0, "0.0196"), &["line 52, column `t`", "second time"]);
+    let repeated = csv(&folder, 300, |_, _| ());
+    let lines: Vec<String> = fs::read_to_string(&repeated).unwrap().lines().map(String::from).collect();
+    fs::write(&repeated, [&lines[..51], &lines[50..]].concat().join("\n")).unwrap();
+    let (recording, warnings) = read(&repeated);
+    contains(&warnings[0], &["1 samples repeat", "line 52"]);
+    assert_eq!(recording.signals.len(), 300);
     contains(&set(50, 6, "2e4"), &["line 52, column `tau2`: 20000"]);
     contains(&refused(&csv(&folder, 99, |_, _| ())), &["only 99 samples", "at least 100"]);
     let cut = csv(&folder, 300, |i, cells| cells.truncate(if i == 299 { 4 } else { 9 }));
@@ -300,6 +307,7 @@ fn units_and_dead_channels_are_named() {
     contains(&refused(&constant(&[7])), &["column `tau3`: always 0.5"]);
     contains(&refused(&constant(&[1, 2, 3, 4])), &["no joint angle ever changes"]);
     contains(&read(&constant(&[4, 8])).1[0], &["`q4`", "axis 4 stands still"]);
+    contains(&read(&constant(&[1, 2, 3])).1[1], &["`q2`", "only axis 4 moves"]);
     contains(&read(&constant(&[3, 7])).1[0], &["axis 3 is not in use"]);
 
     let clipped = csv(&folder, 2500, |_, cells| {
@@ -356,8 +364,10 @@ fn fewer_axes_when_asked_for() {
     let text = fs::read_to_string(&path).unwrap();
     let (_, rows) = text.split_once('\n').unwrap();
     fs::write(&path, format!("t,q1,tau1\n{rows}")).unwrap();
-    contains(&refused(&path), &["no column `q2`"]);
-    let (recording, warnings) = Recording::read_axes(&path, None, 1).unwrap();
+    let refused = Recording::read_of(&path, None, Mechanism::default()).unwrap_err().to_string();
+    contains(&refused, &["no column `q2`", "t, q1…q4, tau1…tau4"]);
+    assert_eq!(Recording::read(&path, None).unwrap().0.signals.mechanism.axes(), 1);
+    let (recording, warnings) = Recording::read_of(&path, None, Mechanism::Axis(Joint::Prismatic)).unwrap();
     assert_eq!(warnings, [""; 0]);
     assert_eq!(recording.signals.q[7][1..], [0.0; 3]);
     assert_eq!(recording.signals.q[7][0], run(8).signals.q[7][0]);

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use deltatwin::cell::Cell;
 use deltatwin::check;
 use deltatwin::dynamics::Plant;
+use deltatwin::identification::{Trace, swapped};
 use deltatwin::kinematics::JointState;
 use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
 use deltatwin::model::{Inertia, Model};
@@ -84,6 +85,14 @@ fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
         assert!(report.max_loop_gap < 1e-10 && report.max_loop_rate < 1e-9, "{name}: {:e}", report.max_loop_gap);
         assert!(report.energy_error < 1e-4, "{name}: {:e}", report.energy_error);
         assert!(report.kinetic_energy.is_finite() && report.peak_strut_force.is_finite() && report.unconverged == 0.0);
+    }
+}
+
+#[test]
+fn no_shipped_scenario_looks_as_if_axes_were_swapped() {
+    for file in files() {
+        let (recording, _) = play(&file, |o| o.duration = o.duration.min(1.0));
+        assert_eq!(swapped(&Trace::new(&recording)), None, "{}", file.display());
     }
 }
 

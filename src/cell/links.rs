@@ -98,6 +98,9 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
         flange = flange.and(Hull::chain(&[foot, foot.sup(&(Vector3::z() * plane))], FLANGE_RADIUS, false));
     }
     parts.push(Part::new(END_EFFECTOR, flange, true));
+    if !geometry.has_telescope() {
+        return parts;
+    }
     let shortest = geometry.telescope_limits[0];
     let (rod, tube) = ((shortest - ROD_CLEARANCE).max(0.0), (shortest - TUBE_CLEARANCE).max(0.0));
     for (body, end, radius) in [(TELESCOPE_UPPER, -rod, ROD_RADIUS), (TELESCOPE_LOWER, tube, TUBE_RADIUS)] {

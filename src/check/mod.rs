@@ -7,6 +7,7 @@ use std::path::Path;
 use miette::{IntoDiagnostic, WrapErr, miette};
 use toml::de::DeTable;
 
+use crate::identification::{Trace, swapped};
 use crate::model::{Model, check};
 use crate::planner::{Limits, Task};
 use crate::recording::{Configuration, Recording, Setup, mcap};
@@ -149,12 +150,17 @@ fn setup(setup: &Setup) -> String {
 }
 
 fn recording(path: &Path) -> miette::Result<(String, Vec<String>)> {
-    let (recording, warnings) = Recording::read(path, None)?;
+    let (recording, mut warnings) = Recording::read(path, None)?;
+    warnings.extend(swapped(&Trace::new(&recording)).map(|what| format!("{}: {what}", path.display())));
     let s = &recording.signals;
     let duration = s.t.last().zip(s.t.first()).map_or(0.0, |(b, a)| b - a);
     let forces = s.strut_upper.iter().chain(&s.strut_lower).flatten().count();
+    let axes = match s.mechanism.axes() {
+        1 => "one axis".to_string(),
+        n => format!("{n} axes"),
+    };
     let summary = format!(
-        "{} samples over {duration:.4} s every {:.1} µs in {} stretch(es), {forces} strut forces; {}",
+        "{axes}, {} samples over {duration:.4} s every {:.1} µs in {} stretch(es), {forces} strut forces; {}",
         s.len(),
         1e6 * s.sample_time(),
         s.stretches().len(),

@@ -6,7 +6,6 @@ use miette::IntoDiagnostic;
 use serde_json::{Map, Value, json};
 
 use super::{Comparison, Finding, compare};
-use crate::dynamics::Channel;
 use crate::identification::{Data, DataArgs};
 use crate::model::Model;
 use crate::terminal::{DONE, Table, channel_names, insert_channels, say, spinner, warn};
@@ -27,7 +26,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = Model::read(&args.model)?;
-    let data = Data::read(&args.data)?;
+    let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     let progress = spinner("compare");
     let comparison = compare(&model, &data.traces, &data.held_out);
@@ -40,19 +39,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 fn json(c: &Comparison) -> Value {
     let mut object = Map::new();
     object.insert("channels".into(), channel_names(&c.channels));
-    insert_channels(&mut object, "rms", &c.rms);
-    insert_channels(&mut object, "noise_floor", &c.noise_floor);
+    insert_channels(&mut object, "rms", &c.channels, &c.rms);
+    insert_channels(&mut object, "noise_floor", &c.channels, &c.noise_floor);
     match &c.held_out_rms {
-        Some(rms) => insert_channels(&mut object, "held_out_rms", rms),
+        Some(rms) => insert_channels(&mut object, "held_out_rms", &c.channels, rms),
         None => drop(object.insert("held_out_rms".into(), Value::Null)),
     }
     let finding = |f: &Finding| {
-        let axis = match f.channel {
-            Channel::Torque(i) => Some(i + 1),
-            _ => None,
-        };
         json!({
-            "axis": axis,
+            "axis": f.channel.drive().map(|i| i + 1),
             "channel": f.channel.to_string(),
             "where": f.place,
             "share": f.share,

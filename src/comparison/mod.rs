@@ -64,7 +64,7 @@ pub fn compare(model: &Model, traces: &[Trace], held_out: &[Trace]) -> Result<Co
                 share,
                 sentence: format!(
                     "{channel}: {:.0} % of the residual's variance follows the {}; it is {mean:+.3} {} on average for {} {low:.3} to {high:.3} {}",
-                    100.0 * share, place.name, channel.unit(), place.symbol, place.unit
+                    100.0 * share, place.name, channel.unit(), place.symbol, place.unit.replace("rad", channel.joint_unit())
                 ),
             });
         }
@@ -96,7 +96,7 @@ struct Place {
 
 fn axis(channel: Channel) -> usize {
     match channel {
-        Channel::Torque(i) => i,
+        Channel::Torque(i) | Channel::Force(i) => i,
         Channel::StrutUpper(s) | Channel::StrutLower(s) => s / 2,
     }
 }

@@ -16,7 +16,9 @@ use crate::model::{ARMS, Model, STRUTS};
 use crate::recording::{Recording, Setup, file};
 use crate::report::{Color, Curve, Panel, Style, panels};
 use crate::scenario::Scenario;
-use crate::terminal::{DONE, Table, check_output, path, say, significant, spinner, warn, write_figure};
+use crate::terminal::{
+    DONE, Table, assembled_robot, check_output, path, say, significant, spinner, warn, write_figure,
+};
 
 /// Compute the constraint forces of a motion.
 ///
@@ -57,10 +59,7 @@ struct Motion {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::read(&args.model)?;
-    if !model.assembled {
-        return Err(miette!("{}: is disassembled; expected an assembled robot", args.model.display()));
-    }
+    let model = assembled_robot(&args.model)?;
     for (output, extension) in [(&args.output, "csv"), (&args.figure, "svg")] {
         if let Some(output) = output {
             check_output(output, &[&args.model, &args.motion], &[extension])?;
@@ -100,11 +99,11 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
         let geometry = Plant::new(model, &scenario.setup).geometry;
         let samples = (scenario.duration / model.sample_time).floor() as usize;
         let t: Vec<f64> = (0..=samples).map(|k| k as f64 * model.sample_time).collect();
-        let joints: Result<Vec<_>, _> = t.iter().map(|t| geometry.inverse_motion(&desired.at(*t))).collect();
+        let joints: Result<Vec<_>, _> = t.iter().map(|t| desired.at(*t).joints(&geometry)).collect();
         let joints = joints.into_diagnostic().wrap_err_with(name)?;
         return Ok(Motion { setup: scenario.setup, t, joints, measured: vec![] });
     }
-    let (recording, warnings) = Recording::read(&args.motion, args.setup.as_deref())?;
+    let (recording, warnings) = Recording::read_of(&args.motion, args.setup.as_deref(), model.mechanism)?;
     warn(&warnings);
     let trace = Trace::new(&recording);
     if trace.is_empty() {
@@ -117,8 +116,8 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
 /// Place of a measured strut force among the multipliers.
 fn place(channel: Channel) -> usize {
     match channel {
-        Channel::Torque(i) if i < ARMS => 18 + i,
-        Channel::Torque(_) => 5,
+        Channel::Torque(i) | Channel::Force(i) if i < ARMS => 18 + i,
+        Channel::Torque(_) | Channel::Force(_) => 5,
         Channel::StrutLower(s) => 6 + s,
         Channel::StrutUpper(s) => 12 + s,
     }

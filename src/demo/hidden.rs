@@ -5,6 +5,7 @@ use rand::seq::IndexedRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::DemoError;
+use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{self, ActiveEffect, Role, find};
 use crate::model::Model;
 
@@ -143,11 +144,12 @@ const CARRIED: [&str; 4] = ["rigid_bodies", "drive_friction", "axis4_friction", 
 
 /// Moves inertia by up to ±3 % and friction by up to ±5 %, as a real machine departs from its data sheet.
 pub fn perturb(model: &mut Model, rng: &mut ChaCha8Rng) {
-    let mut links: Vec<f64> = effects::rigid_bodies::values(&model.bodies);
+    let bodies = RigidBodies::of(model.mechanism, model.assembled);
+    let mut links: Vec<f64> = bodies.values(&model.bodies);
     for x in &mut links {
         *x *= 1.0 + rng.random_range(-0.03..0.03);
     }
-    effects::rigid_bodies::set_values(&mut model.bodies, &links);
+    bodies.set_values(&mut model.bodies, &links);
     for active in &mut model.effects {
         let entries = active.entries();
         for (x, entry) in active.values.iter_mut().zip(entries) {

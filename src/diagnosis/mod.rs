@@ -8,7 +8,7 @@ mod problem;
 
 use thiserror::Error;
 
-use crate::dynamics::Channel;
+use crate::dynamics::{Channel, in_configuration};
 use crate::effects::{self, ActiveEffect};
 use crate::evidence::{self, Chosen, Outcome, Problem, Settings, Visibility};
 use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals};
@@ -39,6 +39,14 @@ pub enum DiagnosisError {
     /// There is no such effect.
     #[error("unknown effect `{0}`; `deltatwin effects` lists them")]
     UnknownEffect(String),
+    /// The machine of the recordings lacks what the effect acts on.
+    #[error("`{effect}` acts on {part}, which the machine of these recordings does not have")]
+    Missing {
+        /// Name of the effect.
+        effect: String,
+        /// What it acts on.
+        part: &'static str,
+    },
     /// The effect is in the twin only.
     #[error(
         "`{0}` acts in the twin only: inverse dynamics along a measured motion does not show it, so no data determine its \
@@ -152,9 +160,8 @@ pub fn diagnose(
     let weights = vec![noise.clone(); traces.len()];
     progress("refit");
     let start = fit(model, traces, &weights)?;
-    let assembled = model.assembled && traces[0].setup.configuration == Default::default();
-    let mut candidates = problem::absent(model);
-    candidates.retain(|c| problem::applies(c[0].effect, assembled));
+    let mounted = in_configuration(model, &traces[0].setup);
+    let candidates = problem::absent(&mounted);
     let mut refused: Vec<&str> = Vec::new();
     let first = problem::problem(&start, traces, &noise, &candidates, progress)?;
     let settings = Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
@@ -219,8 +226,7 @@ pub fn diagnose(
     for r in &mut reports {
         r.probability /= total.max(1.0);
     }
-    let beyond =
-        problem::beyond(model).into_iter().filter(|e| problem::applies(*e, assembled)).map(|e| e.name().into());
+    let beyond = problem::beyond(&mounted).into_iter().map(|e| e.name().into());
     let unseen = ranking
         .candidates
         .iter()
@@ -419,10 +425,14 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     if model.effects.iter().any(|a| a.effect.name() == effect) || effect == effects::rigid_bodies::NAME {
         return Err(DiagnosisError::Present(effect.into()));
     }
-    if problem::beyond(model).iter().any(|e| e.name() == effect) {
+    let mounted = in_configuration(model, &traces[0].setup);
+    if let Some(known) = effects::find(effect).filter(|e| !mounted.mechanism.has(e.acts_on(), mounted.assembled)) {
+        return Err(DiagnosisError::Missing { effect: effect.into(), part: known.acts_on().describe() });
+    }
+    if problem::beyond(&mounted).iter().any(|e| e.name() == effect) {
         return Err(DiagnosisError::TwinOnly(effect.into()));
     }
-    let shapes = problem::absent(model).into_iter().find(|c| c[0].effect.name() == effect);
+    let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
     let noise = floor(model, traces);
     let weights = vec![noise.clone(); traces.len()];

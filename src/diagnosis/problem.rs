@@ -12,16 +12,10 @@ use crate::model::Model;
 /// Samples averaged into one. Physics lives below 80 Hz, the samples come at kilohertz.
 pub const BLOCK: usize = 5;
 
-/// Starting points of a shape parameter, as factors of its usual value.
-const SHAPE_GRID: [f64; 5] = [0.3, 0.6, 1.0, 2.0, 4.0];
-
-/// The same for the angle of hysteresis, which reaches from lost motion (minutes of arc) to elastic transmissions (degrees).
-const WIDE_SHAPE_GRID: [f64; 5] = [0.5, 2.0, 8.0, 30.0, 100.0];
-
 /// Share of its usual magnitude below which an effect is not worth caring about.
 const WORTH_CARING: f64 = 0.3;
 
-/// Effects the model lacks, one per way of setting their shape.
+/// Effects the model lacks on the parts of the machine that were mounted, one per way of setting their shape.
 pub fn absent(model: &Model) -> Vec<Vec<ActiveEffect>> {
     missing(model).filter(|e| e.identifiable()).map(|e| variants(model, e)).collect()
 }
@@ -36,28 +30,22 @@ fn missing(model: &Model) -> impl Iterator<Item = &'static dyn effects::Effect> 
         .iter()
         .copied()
         .filter(|e| e.name() != effects::rigid_bodies::NAME)
+        .filter(|e| model.mechanism.has(e.acts_on(), model.assembled))
         .filter(|e| !model.effects.iter().any(|a| a.effect.name() == e.name()))
 }
 
-/// An absent effect with the model's fixed numbers and every starting shape.
+/// An absent effect with the model's constants and every starting shape.
 fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEffect> {
-    let mut base = ActiveEffect::absent(effect);
+    let mut base = ActiveEffect::absent_on(effect, model.host());
     let entries = base.entries();
-    for (value, entry) in base.values.iter_mut().zip(&entries) {
-        match entry.parameter.name {
-            "gear_ratio" => *value = model.drives[0].gear_ratio,
-            "radius" if model.sockets.ball_radius > 0.0 => *value = model.sockets.ball_radius,
-            "min" => *value = model.geometry.telescope_limits[0],
-            "max" => *value = model.geometry.telescope_limits[1],
-            "strut_length" => *value = model.geometry.strut_length[0],
-            "arm_length" => *value = model.geometry.arm_length,
-            _ => {}
-        }
+    for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Fixed) {
+        *value = effect.constant(&entry.parameter, model).unwrap_or(*value);
     }
     let Some(shape) = entries.iter().position(|e| e.parameter.role == Role::Shape) else { return vec![base] };
     let p = entries[shape].parameter;
-    let grid = if effect.name() == "backlash_hysteresis" { WIDE_SHAPE_GRID } else { SHAPE_GRID };
-    grid.iter()
+    effect
+        .shape_grid()
+        .iter()
         .map(|factor| {
             let mut variant = base.clone();
             variant.values[shape] = (factor * p.default).clamp(p.range.0, p.range.1);
@@ -198,24 +186,4 @@ fn stack_refs(traces: &[Trace], all: &[&Channels], channels: usize) -> Vec<f64> 
         }
     }
     out
-}
-
-/// Whether an effect fits this machine at all: no struts, no struts' effects.
-pub fn applies(effect: &dyn effects::Effect, assembled: bool) -> bool {
-    let drives_only = |name: &str| {
-        name.starts_with("drive_")
-            || name.starts_with("torque_")
-            || name.starts_with("gear_")
-            || matches!(
-                name,
-                "signal_delay"
-                    | "base_tilt"
-                    | "thermal_friction_drift"
-                    | "axis4_friction"
-                    | "backlash_hysteresis"
-                    | "rotor_inertia"
-                    | "joint_zero_offset"
-            )
-    };
-    assembled || drives_only(effect.name())
 }

@@ -10,13 +10,15 @@ use crate::kinematics::{KinematicsError, Motion};
 use crate::model::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::model::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
 /// A measured quantity the dynamics predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Channel {
     /// Torque of drive 0..4, N·m.
     Torque(usize),
+    /// Force of a prismatic axis, N.
+    Force(usize),
     /// Axial force of strut 0..6 at the elbow, N.
     StrutUpper(usize),
     /// Axial force of strut 0..6 at the platform, N.
@@ -27,20 +29,39 @@ impl Channel {
     /// The four drive torques.
     pub const TORQUES: [Self; AXES] = [Self::Torque(0), Self::Torque(1), Self::Torque(2), Self::Torque(3)];
 
+    /// What the drives of a machine measure, in order.
+    pub fn of_drives(machine: Mechanism) -> Vec<Self> {
+        let channel = |i| if machine == Mechanism::Axis(Joint::Prismatic) { Self::Force(i) } else { Self::Torque(i) };
+        (0..machine.axes()).map(channel).collect()
+    }
+
+    /// The drive it belongs to, from 0; none of a strut force.
+    pub fn drive(self) -> Option<usize> {
+        match self {
+            Self::Torque(i) | Self::Force(i) => Some(i),
+            Self::StrutUpper(_) | Self::StrutLower(_) => None,
+        }
+    }
+
     /// Unit of the channel.
     pub fn unit(self) -> &'static str {
         if matches!(self, Self::Torque(_)) { "N·m" } else { "N" }
     }
 
+    /// Unit of the position that the channel's axis moves through: rad, or m of a prismatic axis.
+    pub fn joint_unit(self) -> &'static str {
+        if matches!(self, Self::Force(_)) { "m" } else { "rad" }
+    }
+
     fn sign(self) -> f64 {
-        if matches!(self, Self::Torque(_)) { -1.0 } else { 1.0 }
+        if self.drive().is_some() { -1.0 } else { 1.0 }
     }
 }
 
 impl std::fmt::Display for Channel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Torque(i) => write!(f, "tau{}", i + 1),
+            Self::Torque(i) | Self::Force(i) => write!(f, "tau{}", i + 1),
             Self::StrutUpper(i) => write!(f, "{}_upper", body_name(STRUT + i)),
             Self::StrutLower(i) => write!(f, "{}_lower", body_name(STRUT + i)),
         }
@@ -74,7 +95,7 @@ impl ChannelMap {
         } else {
             nalgebra::Matrix3::zeros()
         };
-        let gaps = if channels.iter().all(|c| matches!(c, Channel::Torque(_))) {
+        let gaps = if channels.iter().all(|c| c.drive().is_some()) {
             None
         } else {
             Some(gap_inverse(motion).ok_or(KinematicsError::Singular { q: [motion.q[0], motion.q[1], motion.q[2]] })?)
@@ -84,11 +105,11 @@ impl ChannelMap {
             let mut rotor = 0.0;
             let mut platform = STILL;
             match channel {
-                Channel::Torque(axis) if axis < ARMS => {
+                Channel::Torque(axis) | Channel::Force(axis) if axis < ARMS => {
                     arms[axis] = 1.0;
                     platform.0 = jacobian.column(axis).into_owned();
                 }
-                Channel::Torque(_) => rotor = 1.0,
+                Channel::Torque(_) | Channel::Force(_) => rotor = 1.0,
                 Channel::StrutUpper(s) | Channel::StrutLower(s) => {
                     let column = gaps.as_ref().map_or(Vector6::zeros(), |g| g.column(s).into_owned());
                     platform = (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned());

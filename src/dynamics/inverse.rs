@@ -170,6 +170,7 @@ pub fn regressor(
         };
         let values = active.values();
         active.effect.inertia(&values, &plant.payload, &mut |k, body, unit| {
+            let (body, unit) = plant.carrier(body, unit);
             let (force, moment) = inertial_wrench(&unit, &motion.bodies[body], &gravity);
             add(k, body, &force, &moment, -1.0);
         });

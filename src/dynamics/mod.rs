@@ -13,4 +13,4 @@ pub use channels::{Channel, ChannelMap, Twist};
 pub(crate) use inverse::{MAX_REACTION_ITERATIONS, add_effects, reads_loads, rigid_wrenches};
 pub use inverse::{Output, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
-pub use plant::{Plant, PlantParameter, set_parameters};
+pub use plant::{Plant, PlantParameter, in_configuration, set_parameters};

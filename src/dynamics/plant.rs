@@ -2,15 +2,20 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{self, ActiveEffect, Kind, Role};
+use crate::effects::rigid_bodies::RigidBodies;
+use crate::effects::{ActiveEffect, Host, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion};
-use crate::model::bodies::{Bodies, END_EFFECTOR};
-use crate::model::{Geometry, Model};
-use crate::recording::{Payload, Setup};
+use crate::model::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
+use crate::model::{Geometry, Inertia, Mechanism, Model, Part};
+use crate::recording::{Configuration, Payload, Setup};
 
 /// A machine ready to compute with.
 #[derive(Clone)]
 pub struct Plant {
+    /// Kind of machine.
+    pub mechanism: Mechanism,
+    /// The machine as far as effects' parameters depend on it.
+    pub host: Host,
     /// Geometry after all effects on it.
     pub geometry: Geometry,
     /// Total inertia: links, payload and effects on inertia.
@@ -25,7 +30,7 @@ pub struct Plant {
     pub spin_damping: f64,
     /// Whether struts, platform and telescope are mounted.
     pub assembled: bool,
-    /// Effects beyond the rigid bodies.
+    /// Effects beyond the rigid bodies, as far as the parts they act on are mounted.
     pub effects: Vec<ActiveEffect>,
 }
 
@@ -46,22 +51,33 @@ pub struct PlantParameter {
     pub value: f64,
     /// Allowed values.
     pub range: (f64, f64),
+    /// Usual magnitude.
+    pub usual: f64,
 }
 
 impl Plant {
     /// The machine of `model` in the state that `setup` describes.
     pub fn new(model: &Model, setup: &Setup) -> Self {
+        let assembled = model.assembled && setup.configuration == Configuration::Assembled;
+        let mounted = |a: &&ActiveEffect| model.mechanism.has(a.effect.acts_on(), assembled);
         let mut plant = Self {
+            mechanism: model.mechanism,
+            host: model.host(),
             geometry: model.geometry,
             bodies: model.bodies.clone(),
             links: model.bodies.clone(),
             payload: setup.payload,
             gravity: model.gravity,
             spin_damping: model.sockets.spin_damping,
-            assembled: model.assembled && setup.configuration == crate::recording::Configuration::Assembled,
-            effects: model.effects.clone(),
+            assembled,
+            effects: model
+                .effects
+                .iter()
+                .filter(mounted)
+                .map(|a| ActiveEffect { host: model.host(), ..a.clone() })
+                .collect(),
         };
-        for active in &model.effects {
+        for active in &plant.effects {
             active.effect.geometry(&active.values(), &mut plant.geometry);
         }
         plant.sum_inertia();
@@ -70,20 +86,42 @@ impl Plant {
 
     /// Brings the bodies up to date with the effects.
     pub(crate) fn sum_inertia(&mut self) {
-        self.bodies = self.links.clone();
-        self.bodies[END_EFFECTOR] += self.payload.inertia();
+        let mut bodies = self.links.clone();
+        bodies[END_EFFECTOR] += self.payload.inertia();
         for active in &self.effects {
-            let bodies = &mut self.bodies;
             active.effect.inertia(&active.values(), &self.payload, &mut |k, body, unit| {
                 bodies[body] += unit * active.values[k];
             });
         }
+        let (carrier, inertia) = self.carrier(END_EFFECTOR, bodies[END_EFFECTOR]);
+        bodies[END_EFFECTOR] = Inertia::ZERO;
+        bodies[carrier] += inertia;
+        if matches!(self.mechanism, Mechanism::Delta { telescope: false }) {
+            // The place of motor 4 in the equations; nothing ever turns it.
+            bodies[ROTOR] = Inertia::diagonal(0.0, [0.0; 3], [1.0; 3]);
+        }
+        self.bodies = bodies;
+    }
+
+    /// The body that carries an inertia: without a telescope the end effector is a part of the platform.
+    pub(crate) fn carrier(&self, body: usize, inertia: Inertia) -> (usize, Inertia) {
+        if body == END_EFFECTOR && !self.mechanism.has_telescope() {
+            (PLATFORM, inertia.seen_from(&Vector3::new(0.0, 0.0, self.geometry.flange_height)))
+        } else {
+            (body, inertia)
+        }
+    }
+
+    /// Whether the machine has `part`, mounted.
+    pub fn has(&self, part: Part) -> bool {
+        self.mechanism.has(part, self.assembled)
     }
 
     /// The inertia of the links as an effect.
     pub fn rigid_bodies(&self) -> ActiveEffect {
-        let mut rigid = ActiveEffect::absent(&effects::rigid_bodies::RigidBodies);
-        rigid.values = effects::rigid_bodies::values(&self.links);
+        let links = RigidBodies::of(self.mechanism, self.assembled);
+        let mut rigid = ActiveEffect::absent_on(links, self.host);
+        rigid.values = links.values(&self.links);
         rigid
     }
 
@@ -115,6 +153,7 @@ impl Plant {
                     role: entry.parameter.role,
                     value: active.values[index],
                     range: entry.parameter.range,
+                    usual: entry.parameter.default.abs(),
                 })
             })
             .collect()
@@ -126,14 +165,23 @@ impl Plant {
     }
 }
 
-/// Writes parameter values, in the order of [`Plant::parameters`], into a model.
+/// Writes parameter values, in the order of [`Plant::parameters`] of the model's own state, into a model.
+///
+/// For recordings of an assembled robot taken apart, `model` must be [`in_configuration`] of them.
 pub fn set_parameters(model: &mut Model, values: &[f64]) {
-    let n = effects::rigid_bodies::PARAMETERS.len();
-    effects::rigid_bodies::set_values(&mut model.bodies, &values[..n]);
-    let mut at = n;
-    for active in &mut model.effects {
-        let m = active.values.len();
-        active.values.copy_from_slice(&values[at..at + m]);
-        at += m;
+    let (mechanism, assembled) = (model.mechanism, model.assembled);
+    let links = RigidBodies::of(mechanism, assembled);
+    let (own, mut rest) = values.split_at(links.values(&model.bodies).len());
+    links.set_values(&mut model.bodies, own);
+    for active in model.effects.iter_mut().filter(|a| mechanism.has(a.effect.acts_on(), assembled)) {
+        let (own, others) = rest.split_at(active.values.len());
+        active.values.copy_from_slice(own);
+        rest = others;
     }
+    assert!(rest.is_empty(), "{} values too many", rest.len());
+}
+
+/// The model as it is in a run's configuration; effects on what is dismounted stay, without action.
+pub fn in_configuration(model: &Model, setup: &Setup) -> Model {
+    Model { assembled: model.assembled && setup.configuration == Configuration::Assembled, ..model.clone() }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 use crate::model::bodies::PLATFORM;
 
 /// F = −c·|v|·v on the platform; F in N, v in m/s, c in N/(m/s)². Dissipates c·|v|³.
@@ -11,6 +11,10 @@ pub struct AirDrag;
 impl Effect for AirDrag {
     fn name(&self) -> &'static str {
         "air_drag"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

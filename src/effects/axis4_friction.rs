@@ -1,6 +1,6 @@
 //! Friction of the telescope drive with saturation over speed (eq. 48).
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 
 /// τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v).
 pub struct Axis4Friction;
@@ -14,6 +14,10 @@ const STEEPNESS: f64 = 100.0;
 impl Effect for Axis4Friction {
     fn name(&self) -> &'static str {
         "axis4_friction"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Axis4
     }
 
     fn about(&self) -> About {

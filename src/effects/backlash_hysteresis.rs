@@ -1,6 +1,6 @@
 //! Pre-sliding hysteresis of the arm drives: lost motion around reversals.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 use crate::model::ARMS;
 
 /// Dahl's law: τ_i = −T_i·z_i with the effect's own state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
@@ -20,6 +20,10 @@ const LOST_MOTION: f64 = 4.363e-4;
 impl Effect for BacklashHysteresis {
     fn name(&self) -> &'static str {
         "backlash_hysteresis"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {
@@ -50,6 +54,11 @@ impl Effect for BacklashHysteresis {
                 range: (1e-5, 0.05),
             },
         ]
+    }
+
+    /// From lost motion (minutes of arc) to elastic transmissions (degrees).
+    fn shape_grid(&self) -> &'static [f64] {
+        &[0.5, 2.0, 8.0, 30.0, 100.0]
     }
 
     fn initial_state(&self, _values: &Values) -> Vec<f64> {

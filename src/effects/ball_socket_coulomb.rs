@@ -1,6 +1,6 @@
 //! Coulomb friction in the ball sockets of the struts, constant under the clamp springs' preload.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, unit_direction};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, unit_direction};
 
 /// M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -15,6 +15,10 @@ const REGULARISATION: usize = 1;
 impl Effect for BallSocketCoulomb {
     fn name(&self) -> &'static str {
         "ball_socket_coulomb"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,7 @@
 //! Ball-socket friction proportional to the strut force.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, unit_direction};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, unit_direction};
+use crate::model::Model;
 use crate::model::STRUTS;
 
 /// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| on the strut at each socket, F the axial force at that end.
@@ -13,6 +14,17 @@ const REGULARISATION: usize = 2;
 impl Effect for BallSocketLoadDependent {
     fn name(&self) -> &'static str {
         "ball_socket_load_dependent"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
+    }
+
+    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+        match parameter.name {
+            "radius" if model.sockets.ball_radius > 0.0 => Some(model.sockets.ball_radius),
+            _ => None,
+        }
     }
 
     fn about(&self) -> About {

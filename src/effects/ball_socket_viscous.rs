@@ -1,6 +1,6 @@
 //! Viscous friction in the ball sockets of the struts.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 
 /// M = −c·ω_rel on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -13,6 +13,10 @@ const COEFFICIENT: usize = 0;
 impl Effect for BallSocketViscous {
     fn name(&self) -> &'static str {
         "ball_socket_viscous"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

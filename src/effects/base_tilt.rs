@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 
 /// Gravity seen from a base rotated by the small angles θ: g' = g − θ × g.
 pub struct BaseTilt;
@@ -10,6 +10,10 @@ pub struct BaseTilt;
 impl Effect for BaseTilt {
     fn name(&self) -> &'static str {
         "base_tilt"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Weight
     }
 
     fn about(&self) -> About {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 use crate::model::bodies::STRUT;
 use crate::model::{ARMS, STRUTS};
 
@@ -43,6 +43,10 @@ const PARAMETERS: &[Parameter] = &[
 impl Effect for ClampSprings {
     fn name(&self) -> &'static str {
         "clamp_springs"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

@@ -61,6 +61,7 @@ fn count(p: &Parameter) -> String {
         Count::One => "one".into(),
         Count::PerArm => "one per arm".into(),
         Count::PerDrive => "one per drive".into(),
+        Count::PerAxis => "one per axis".into(),
         Count::Named(names) => names.join(", "),
     }
 }
@@ -83,6 +84,7 @@ fn json(effect: &dyn Effect) -> Value {
         "law": about.law,
         "shows": about.shows,
         "source": about.source,
+        "acts_on": effect.acts_on().describe(),
         "parameters": effect.parameters().iter().map(parameter).collect::<Vec<_>>(),
     })
 }
@@ -90,7 +92,8 @@ fn json(effect: &dyn Effect) -> Value {
 fn describe(effect: &dyn Effect) -> miette::Result<()> {
     let about = effect.about();
     say(format!("{}: {}\n", effect.name(), about.summary))?;
-    say(format!("  law     {}\n  shows   {}\n  source  {}\n", about.law, about.shows, about.source))?;
+    let on = effect.acts_on().describe();
+    say(format!("  law     {}\n  acts on {on}\n  shows   {}\n  source  {}\n", about.law, about.shows, about.source))?;
     let mut table = Table::new(&["Parameter", "usual", "range", "unit", "role", "values"], &[3, 4, 5]);
     for p in effect.parameters() {
         let range = format!("{} to {}", p.range.0, p.range.1);

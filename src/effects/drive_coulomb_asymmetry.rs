@@ -1,6 +1,6 @@
 //! Drive friction that differs between the two directions.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 
 /// τ = −a·tanh²(k q̇): adds a to the Coulomb friction of the positive direction and takes it from the negative one.
 pub struct DriveCoulombAsymmetry;
@@ -11,6 +11,10 @@ const STEEPNESS: usize = 1;
 impl Effect for DriveCoulombAsymmetry {
     fn name(&self) -> &'static str {
         "drive_coulomb_asymmetry"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

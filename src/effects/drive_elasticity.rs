@@ -1,8 +1,8 @@
 //! Compliance of the arm gears between the motor-side encoder and the arm.
 
-use super::{About, Count, Effect, GearSpring, Instant, Kind, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, GearSpring, Instant, Kind, Parameter, Part, Role, Values, Wrenches};
 use crate::model::bodies::{ARM, Inertia};
-use crate::model::{ARMS, AXES};
+use crate::model::{ARMS, AXES, Mechanism, Model};
 use crate::recording::Payload;
 
 /// Spring and damper in the gear: the arm gets δ/c + d·δ̇ instead of τ, the rotor τ − δ/c − d·δ̇.
@@ -22,17 +22,34 @@ const COMPLIANCE: usize = 0;
 const DAMPING: usize = 1;
 const ROTOR_INERTIA: usize = 2;
 
-/// Compliance that counts as rigid, rad/(N·m): a fortieth of the usual one would ring beyond 500 Hz.
-pub(super) const RIGID: f64 = 1e-6;
+/// Compliance times rotor inertia that counts as rigid, s²: a fortieth of the usual one would ring beyond 500 Hz.
+pub(super) const RIGID: f64 = 1.8e-7;
 
 /// Compliances of the elastic drives, with their number.
 fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<'a> {
-    values.block(COMPLIANCE).iter().copied().enumerate().filter(|(_, c)| *c > RIGID)
+    let rotor = values.one(ROTOR_INERTIA);
+    values.block(COMPLIANCE).iter().copied().enumerate().filter(move |(_, c)| c * rotor > RIGID)
 }
+
+/// Share of what moves on a lone axis that is on the motor's side, an estimate.
+const MOTOR_SHARE: f64 = 0.4;
 
 impl Effect for DriveElasticity {
     fn name(&self) -> &'static str {
         "drive_elasticity"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
+    }
+
+    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+        match model.mechanism {
+            Mechanism::Axis(_) if parameter.name == "rotor_inertia" => {
+                Some(MOTOR_SHARE * model.bodies[ARM].tensor[(1, 1)])
+            }
+            _ => None,
+        }
     }
 
     fn about(&self) -> About {
@@ -184,7 +201,7 @@ mod tests {
 
     #[test]
     fn too_stiff_to_ring_is_rigid() {
-        let active = ActiveEffect::new(&DriveElasticity, &[&[RIGID, 0.0, 0.0], &[20.0], &[0.18]]);
+        let active = ActiveEffect::new(&DriveElasticity, &[&[0.99 * RIGID / 0.18, 0.0, 0.0], &[20.0], &[0.18]]);
         DriveElasticity.inertia(&active.values(), &Payload::default(), &mut |_, _, _| panic!("no inertia"));
         let mut rate = [0.0; 6];
         testing::at(&testing::still(), &[1.0; 6], |at| {

@@ -1,6 +1,6 @@
 //! Coulomb and viscous friction of the drives (eq. 5–7).
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 
 /// τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive.
 pub struct DriveFriction;
@@ -12,6 +12,10 @@ const STEEPNESS: usize = 2;
 impl Effect for DriveFriction {
     fn name(&self) -> &'static str {
         "drive_friction"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,6 @@
 //! Stribeck friction of the drives: extra breakaway friction that decays with speed.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 
 /// τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive.
 pub struct DriveStribeck;
@@ -12,6 +12,10 @@ const STEEPNESS: usize = 2;
 impl Effect for DriveStribeck {
     fn name(&self) -> &'static str {
         "drive_stribeck"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

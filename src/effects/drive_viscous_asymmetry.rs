@@ -1,6 +1,6 @@
 //! Viscous drive friction that differs between the two directions.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 
 /// τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
 ///
@@ -13,6 +13,10 @@ const DIFFERENCE: usize = 0;
 impl Effect for DriveViscousAsymmetry {
     fn name(&self) -> &'static str {
         "drive_viscous_asymmetry"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

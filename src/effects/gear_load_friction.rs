@@ -1,6 +1,6 @@
 //! Gear friction that grows with the torque the gear transmits.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 
 /// τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
 ///
@@ -14,6 +14,10 @@ const STEEPNESS: usize = 1;
 impl Effect for GearLoadFriction {
     fn name(&self) -> &'static str {
         "gear_load_friction"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

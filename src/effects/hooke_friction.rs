@@ -1,6 +1,6 @@
 //! Friction of the telescope's two Hooke joints.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 use crate::model::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
@@ -16,6 +16,10 @@ const STEEPNESS: usize = 2;
 impl Effect for HookeFriction {
     fn name(&self) -> &'static str {
         "hooke_friction"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Telescope
     }
 
     fn about(&self) -> About {

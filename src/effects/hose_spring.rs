@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 use crate::model::bodies::PLATFORM;
 
 /// F = f − k·(p − p₀) on the platform's centre p, p₀ = (0, 0, height).
@@ -18,6 +18,10 @@ const HEIGHT: usize = 2;
 impl Effect for HoseSpring {
     fn name(&self) -> &'static str {
         "hose_spring"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,6 @@
 //! An encoder's zero is not the joint's.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::AXES;
 
 /// The encoder of axis i reads q_i + o_i.
@@ -12,6 +12,10 @@ pub struct JointZeroOffset;
 impl Effect for JointZeroOffset {
     fn name(&self) -> &'static str {
         "joint_zero_offset"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {
@@ -27,7 +31,7 @@ impl Effect for JointZeroOffset {
         &[Parameter {
             name: "offset",
             unit: "rad",
-            count: Count::Named(&["1", "2", "3", "4"]),
+            count: Count::PerAxis,
             role: Role::Linear,
             default: 0.002,
             range: (-0.2, 0.2),

@@ -1,8 +1,8 @@
 //! A strut or an arm of another mass than the rest.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::bodies::{ARM, STRUT};
-use crate::model::{ARMS, Inertia, STRUTS};
+use crate::model::{ARMS, Inertia, Model, STRUTS};
 use crate::recording::Payload;
 
 /// Extra mass Δm of single struts and arms, spread evenly along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
@@ -42,6 +42,18 @@ fn rod(length: f64) -> Inertia {
 impl Effect for LimbAsymmetry {
     fn name(&self) -> &'static str {
         "limb_asymmetry"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
+    }
+
+    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+        match parameter.name {
+            "strut_length" => Some(model.geometry.strut_length[0]),
+            "arm_length" => Some(model.geometry.arm_length),
+            _ => None,
+        }
     }
 
     fn about(&self) -> About {

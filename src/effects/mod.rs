@@ -11,8 +11,9 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
+pub use crate::model::Part;
 use crate::model::bodies::BODIES;
-use crate::model::{AXES, Bodies, Geometry, Inertia, STRUTS};
+use crate::model::{AXES, Bodies, Drive, Geometry, Inertia, Mechanism, Model, STRUTS};
 use crate::recording::{Payload, Signals};
 
 mod air_drag;
@@ -34,6 +35,7 @@ mod hooke_friction;
 mod hose_spring;
 mod joint_zero_offset;
 mod limb_asymmetry;
+pub mod payload;
 mod payload_com_offset;
 mod payload_mass_error;
 pub mod rigid_bodies;
@@ -53,7 +55,7 @@ mod torque_ripple;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: &[&dyn Effect] = &[
-    &rigid_bodies::RigidBodies,
+    &rigid_bodies::ASSEMBLED,
     &drive_friction::DriveFriction,
     &axis4_friction::Axis4Friction,
     &telescope_friction::TelescopeFriction,
@@ -96,6 +98,9 @@ pub fn find(name: &str) -> Option<&'static dyn Effect> {
 pub trait Effect: Sync {
     /// Name in model files and reports.
     fn name(&self) -> &'static str;
+
+    /// What part of a machine it acts on; a machine without that part cannot have the effect.
+    fn acts_on(&self) -> Part;
 
     /// Law, where it shows and where the numbers come from.
     fn about(&self) -> About;
@@ -160,6 +165,16 @@ pub trait Effect: Sync {
     /// Changes what the sensors report: the ideal signals become the reported ones.
     fn observe(&self, _values: &Values, _signals: &mut Signals) {}
 
+    /// What `model` says of a constant of the law, for an effect that is not in the model yet; its default otherwise.
+    fn constant(&self, _parameter: &Parameter, _model: &Model) -> Option<f64> {
+        None
+    }
+
+    /// Where a search for the shape parameter starts, as factors of its usual value.
+    fn shape_grid(&self) -> &'static [f64] {
+        &[0.3, 0.6, 1.0, 2.0, 4.0]
+    }
+
     /// What the effect changes; decides how its columns are computed.
     fn kind(&self) -> Kind {
         Kind::Force
@@ -189,7 +204,7 @@ pub struct GearSpring {
 impl GearSpring {
     /// Whether the twin lets the gear give way; the effect has no torque otherwise.
     pub fn is_elastic(&self) -> bool {
-        self.compliance > drive_elasticity::RIGID
+        self.compliance * self.rotor_inertia > drive_elasticity::RIGID
     }
 }
 
@@ -249,8 +264,22 @@ pub enum Count {
     PerArm,
     /// One per drive (array of 3 or 4; three mean the arms).
     PerDrive,
+    /// One per axis, the telescope's included.
+    PerAxis,
     /// A fixed number of named values (array).
     Named(&'static [&'static str]),
+}
+
+impl Count {
+    /// Number of values on a machine; of one that may have more, the least.
+    pub fn on(self, machine: Mechanism) -> usize {
+        match self {
+            Self::One => 1,
+            Self::PerArm | Self::PerDrive => machine.arms(),
+            Self::PerAxis => machine.axes(),
+            Self::Named(names) => names.len(),
+        }
+    }
 }
 
 /// A parameter of an effect.
@@ -326,9 +355,63 @@ impl<'a> Values<'a> {
     }
 }
 
+/// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their
+/// usual sizes, which are stated for an arm drive of the IRB 360.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Host {
+    /// Kind of machine.
+    pub mechanism: Mechanism,
+    /// Largest torque (or force) of its drives relative to the stated one.
+    torque: f64,
+    /// Largest speed, likewise.
+    speed: f64,
+}
+
+/// Arm drive for which sizes are stated: N·m and rad/s.
+const STATED: (f64, f64) = (132.0, 18.989);
+
+impl Default for Host {
+    fn default() -> Self {
+        Self { mechanism: Mechanism::default(), torque: 1.0, speed: 1.0 }
+    }
+}
+
+impl Host {
+    /// Of a machine with drives like `drive`; all delta robots count as the stated one.
+    pub fn new(mechanism: Mechanism, drive: &Drive) -> Self {
+        let (torque, speed) = match mechanism {
+            Mechanism::Delta { .. } => (1.0, 1.0),
+            Mechanism::Axis(_) => (drive.max_torque / STATED.0, drive.max_speed / STATED.1),
+        };
+        Self { mechanism, torque, speed }
+    }
+
+    /// `parameter` with unit, usual size and range on this machine.
+    pub fn parameter(&self, parameter: &Parameter) -> Parameter {
+        let (t, v) = (self.torque, self.speed);
+        let factor = match parameter.unit {
+            "N·m" => t,
+            "rad" | "rad/s" => v,
+            "s/rad" => 1.0 / v,
+            "N·m·s/rad" | "kg·m²" => t / v,
+            "rad/(N·m)" => v / t,
+            _ => 1.0,
+        };
+        let (low, high) = parameter.range;
+        Parameter {
+            unit: self.mechanism.unit(parameter.unit),
+            default: factor * parameter.default,
+            range: (factor * low, factor * high),
+            ..*parameter
+        }
+    }
+}
+
 /// An effect that is switched on, with its parameter values.
 #[derive(Clone)]
 pub struct ActiveEffect {
+    /// The machine it is on.
+    pub host: Host,
     /// The law.
     pub effect: &'static dyn Effect,
     /// Flat parameter values.
@@ -338,21 +421,21 @@ pub struct ActiveEffect {
 }
 
 impl ActiveEffect {
-    /// `effect` with its default shape and zero linear parameters: present, but without action.
+    /// `effect` on the four-axis robot with its default shape and zero linear parameters: present, but without action.
     pub fn absent(effect: &'static dyn Effect) -> Self {
-        let lengths = effect.parameters().iter().map(|p| match p.count {
-            Count::One => 1,
-            Count::PerArm | Count::PerDrive => crate::model::ARMS,
-            Count::Named(names) => names.len(),
-        });
-        let layout = Layout::new(lengths);
+        Self::absent_on(effect, Host::default())
+    }
+
+    /// The same on another machine.
+    pub fn absent_on(effect: &'static dyn Effect, host: Host) -> Self {
+        let layout = Layout::new(effect.parameters().iter().map(|p| p.count.on(host.mechanism)));
         let mut values = vec![0.0; layout.len()];
         for (b, p) in effect.parameters().iter().enumerate() {
             if p.role != Role::Linear {
-                values[layout.starts[b]..layout.starts[b + 1]].fill(p.default);
+                values[layout.starts[b]..layout.starts[b + 1]].fill(host.parameter(p).default);
             }
         }
-        Self { effect, values, layout: Arc::new(layout) }
+        Self { host, effect, values, layout: Arc::new(layout) }
     }
 
     /// `effect` with one slice of values per parameter.
@@ -362,7 +445,7 @@ impl ActiveEffect {
     pub fn new(effect: &'static dyn Effect, blocks: &[&[f64]]) -> Self {
         assert_eq!(blocks.len(), effect.parameters().len(), "{}: one block per parameter", effect.name());
         let layout = Layout::new(blocks.iter().map(|b| b.len()));
-        Self { effect, values: blocks.concat(), layout: Arc::new(layout) }
+        Self { host: Host::default(), effect, values: blocks.concat(), layout: Arc::new(layout) }
     }
 
     /// The values, by parameter.
@@ -383,10 +466,10 @@ impl ActiveEffect {
             for i in 0..n {
                 let name = match p.count {
                     Count::One => p.name.to_string(),
-                    Count::PerArm | Count::PerDrive => format!("{}_{}", p.name, i + 1),
+                    Count::PerArm | Count::PerDrive | Count::PerAxis => format!("{}_{}", p.name, i + 1),
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),
                 };
-                out.push(Entry { parameter: p, name });
+                out.push(Entry { parameter: self.host.parameter(p), name });
             }
         }
         out
@@ -396,8 +479,8 @@ impl ActiveEffect {
 /// One flat value of an effect.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Its parameter.
-    pub parameter: &'static Parameter,
+    /// Its parameter, as it is on the machine.
+    pub parameter: Parameter,
     /// Printed name, e.g. `coulomb_2`.
     pub name: String,
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::Inertia;
 use crate::model::bodies::END_EFFECTOR;
 use crate::recording::Payload;
@@ -16,6 +16,10 @@ pub struct PayloadComOffset;
 impl Effect for PayloadComOffset {
     fn name(&self) -> &'static str {
         "payload_com_offset"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,6 @@
 //! The payload weighs more or less than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::Inertia;
 use crate::model::bodies::END_EFFECTOR;
 use crate::recording::Payload;
@@ -11,6 +11,10 @@ pub struct PayloadMassError;
 impl Effect for PayloadMassError {
     fn name(&self) -> &'static str {
         "payload_mass_error"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

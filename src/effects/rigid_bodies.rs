@@ -1,48 +1,161 @@
 //! Inertia and weight of the links, always present; its parameters are the numbers of `[bodies]`.
 //!
-//! The parameters follow the paper's assumptions (section 2.3): limbs alike, struts and telescope parts symmetric about
-//! their axis, no deviation moments, platform in pure translation. What does not enter the motion equations under these
-//! assumptions (e.g. the platform's inertia tensor) is not a parameter.
+//! Which numbers they are depends on the machine and its state, [`RigidBodies::of`]. Those of the assembled robot follow
+//! the paper's assumptions (section 2.3): limbs alike, struts and telescope parts symmetric about their axis, no deviation
+//! moments, platform in pure translation. On the disassembled robot every arm has its own (eq. 46–47). What does not enter
+//! the motion equations (e.g. the platform's inertia tensor) is not a parameter.
 
-use nalgebra::{Matrix3, Vector3};
+use std::ops::Range;
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::{Joint, Mechanism};
 use crate::recording::Payload;
 
 /// Name of the effect.
 pub const NAME: &str = "rigid_bodies";
 
 /// Newton–Euler terms of every body per unit of its inertia parameters (eq. 2–4).
-pub struct RigidBodies;
+pub struct RigidBodies {
+    parameters: &'static [Parameter],
+    /// Bodies and unit inertia of each value.
+    units: &'static [(Range<usize>, Unit)],
+}
 
-const fn parameter(name: &'static str, unit: &'static str, default: f64) -> Parameter {
+const fn one(name: &'static str, unit: &'static str, default: f64) -> Parameter {
     Parameter { name, unit, count: Count::One, role: Role::Linear, default, range: (-100.0, 100.0) }
 }
 
-/// The parameters of the links, in order.
+const fn per_arm(name: &'static str, unit: &'static str, default: f64) -> Parameter {
+    Parameter { count: Count::PerArm, ..one(name, unit, default) }
+}
+
+const fn lone(name: &'static str) -> Parameter {
+    Parameter { range: (0.0, 1e6), ..one(name, "kg·m²", 0.258) }
+}
+
+const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", "kg·m²", 0.003);
+
+/// The parameters of the assembled robot, in order; without a telescope, those of arms, struts and platform.
 pub const PARAMETERS: &[Parameter] = &[
-    parameter("arm_first_moment_x", "kg·m", 0.176),
-    parameter("arm_first_moment_z", "kg·m", 0.006),
-    parameter("arm_inertia_yy", "kg·m²", 0.258),
-    parameter("strut_mass", "kg", 0.179),
-    parameter("strut_first_moment_x", "kg·m", 0.076),
-    parameter("strut_inertia_xx", "kg·m²", 1.5e-5),
-    parameter("strut_inertia_yy", "kg·m²", 0.075),
-    parameter("platform_mass", "kg", 1.2),
-    parameter("telescope_upper_first_moment_z", "kg·m", -0.219),
-    parameter("telescope_upper_inertia_xx", "kg·m²", 0.084),
-    parameter("telescope_upper_inertia_zz", "kg·m²", 1.9e-5),
-    parameter("telescope_lower_mass", "kg", 0.557),
-    parameter("telescope_lower_first_moment_z", "kg·m", 0.146),
-    parameter("telescope_lower_inertia_xx", "kg·m²", 0.077),
-    parameter("telescope_lower_inertia_zz", "kg·m²", 3.0e-5),
-    parameter("rotor_inertia_zz", "kg·m²", 0.003),
+    one("arm_first_moment_x", "kg·m", 0.176),
+    one("arm_first_moment_z", "kg·m", 0.006),
+    one("arm_inertia_yy", "kg·m²", 0.258),
+    one("strut_mass", "kg", 0.179),
+    one("strut_first_moment_x", "kg·m", 0.076),
+    one("strut_inertia_xx", "kg·m²", 1.5e-5),
+    one("strut_inertia_yy", "kg·m²", 0.075),
+    one("platform_mass", "kg", 1.2),
+    // Tilts the platform: it shows in strut forces alone.
+    one("platform_first_moment_z", "kg·m", -0.024),
+    one("telescope_upper_first_moment_z", "kg·m", -0.219),
+    one("telescope_upper_inertia_xx", "kg·m²", 0.084),
+    one("telescope_upper_inertia_zz", "kg·m²", 1.9e-5),
+    one("telescope_lower_mass", "kg", 0.557),
+    one("telescope_lower_first_moment_z", "kg·m", 0.146),
+    one("telescope_lower_inertia_xx", "kg·m²", 0.077),
+    one("telescope_lower_inertia_zz", "kg·m²", 3.0e-5),
+    ROTOR_INERTIA,
 ];
+
+/// The same of independent arms and, where there is one, the rotor of motor 4.
+const PER_ARM: &[Parameter] = &[
+    per_arm("arm_first_moment_x", "kg·m", 0.176),
+    per_arm("arm_first_moment_z", "kg·m", 0.006),
+    per_arm("arm_inertia_yy", "kg·m²", 0.258),
+    ROTOR_INERTIA,
+];
+
+const ARMS: Range<usize> = ARM..STRUT;
+const STRUTS: Range<usize> = STRUT..PLATFORM;
+const fn body(b: usize) -> Range<usize> {
+    b..b + 1
+}
+
+const UNITS: &[(Range<usize>, Unit); PARAMETERS.len()] = &[
+    (ARMS, Unit::Moment(0)),
+    (ARMS, Unit::Moment(2)),
+    (ARMS, Unit::Tensor(&[1])),
+    (STRUTS, Unit::Mass),
+    (STRUTS, Unit::Moment(0)),
+    (STRUTS, Unit::Tensor(&[0])),
+    (STRUTS, Unit::Tensor(&[1, 2])),
+    (body(PLATFORM), Unit::Mass),
+    (body(PLATFORM), Unit::Moment(2)),
+    (body(TELESCOPE_UPPER), Unit::Moment(2)),
+    (body(TELESCOPE_UPPER), Unit::Tensor(&[0, 1])),
+    (body(TELESCOPE_UPPER), Unit::Tensor(&[2])),
+    (body(TELESCOPE_LOWER), Unit::Mass),
+    (body(TELESCOPE_LOWER), Unit::Moment(2)),
+    (body(TELESCOPE_LOWER), Unit::Tensor(&[0, 1])),
+    (body(TELESCOPE_LOWER), Unit::Tensor(&[2])),
+    (body(ROTOR), Unit::Tensor(&[2])),
+];
+
+const UNITS_PER_ARM: &[(Range<usize>, Unit); 10] = &[
+    (body(ARM), Unit::Moment(0)),
+    (body(ARM + 1), Unit::Moment(0)),
+    (body(ARM + 2), Unit::Moment(0)),
+    (body(ARM), Unit::Moment(2)),
+    (body(ARM + 1), Unit::Moment(2)),
+    (body(ARM + 2), Unit::Moment(2)),
+    (body(ARM), Unit::Tensor(&[1])),
+    (body(ARM + 1), Unit::Tensor(&[1])),
+    (body(ARM + 2), Unit::Tensor(&[1])),
+    (body(ROTOR), Unit::Tensor(&[2])),
+];
+
+/// The assembled robot.
+pub static ASSEMBLED: RigidBodies = RigidBodies { parameters: PARAMETERS, units: UNITS };
+/// The assembled robot without telescope.
+static WITHOUT_TELESCOPE: RigidBodies =
+    RigidBodies { parameters: PARAMETERS.split_at(9).0, units: UNITS.split_at(9).0 };
+/// Independent arms and rotor.
+static ARMS_AND_ROTOR: RigidBodies = RigidBodies { parameters: PER_ARM, units: UNITS_PER_ARM };
+/// Independent arms.
+static ARMS_ALONE: RigidBodies = RigidBodies { parameters: PER_ARM.split_at(3).0, units: UNITS_PER_ARM.split_at(9).0 };
+/// A lone axis that turns.
+static TURNTABLE: RigidBodies = RigidBodies { parameters: &[lone("inertia")], units: &[(body(ARM), Unit::Lone)] };
+/// A lone axis that slides.
+static SLIDE: RigidBodies = RigidBodies { parameters: &[lone("mass")], units: &[(body(ARM), Unit::Lone)] };
+
+impl RigidBodies {
+    /// The parameters of a machine that is assembled or not.
+    pub fn of(machine: Mechanism, assembled: bool) -> &'static Self {
+        match (machine, assembled) {
+            (Mechanism::Delta { telescope: true }, true) => &ASSEMBLED,
+            (Mechanism::Delta { telescope: false }, true) => &WITHOUT_TELESCOPE,
+            (Mechanism::Delta { telescope: true }, false) => &ARMS_AND_ROTOR,
+            (Mechanism::Delta { telescope: false }, false) => &ARMS_ALONE,
+            (Mechanism::Axis(Joint::Revolute), _) => &TURNTABLE,
+            (Mechanism::Axis(Joint::Prismatic), _) => &SLIDE,
+        }
+    }
+
+    /// Parameter values of the bodies; where several share one, that of the first.
+    pub fn values(&self, bodies: &Bodies) -> Vec<f64> {
+        self.units.iter().map(|(b, unit)| unit.value(&bodies[b.start])).collect()
+    }
+
+    /// Writes parameter values into the bodies; those that share one keep their differences.
+    pub fn set_values(&self, bodies: &mut Bodies, values: &[f64]) {
+        for ((range, unit), &value) in self.units.iter().zip(values) {
+            let first = unit.value(&bodies[range.start]);
+            for b in range.clone() {
+                let difference = unit.value(&bodies[b]) - first;
+                unit.set(&mut bodies[b], value + difference);
+            }
+        }
+    }
+}
 
 impl Effect for RigidBodies {
     fn name(&self) -> &'static str {
         NAME
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {
@@ -50,19 +163,19 @@ impl Effect for RigidBodies {
             summary: "inertia and weight of the links",
             law: "Newton–Euler equations of every body, linear in mass, first moments and inertia about the joint frame",
             shows: "everywhere; torque in phase with acceleration, and the static torque",
-            source: "Gnad et al. eq. 2–4, section 2.3, Table 3",
+            source: "Gnad et al. eq. 2–4, section 2.3, Table 3; of the disassembled robot eq. 46–47, Table 1",
         }
     }
 
     fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+        self.parameters
     }
 
     fn inertia(&self, _values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
-        for (k, body, unit) in
-            UNITS.iter().enumerate().flat_map(|(k, (bodies, unit))| bodies.clone().map(move |b| (k, b, unit)))
-        {
-            out(k, body, unit.inertia());
+        for (k, (bodies, unit)) in self.units.iter().enumerate() {
+            for b in bodies.clone() {
+                out(k, b, unit.inertia());
+            }
         }
     }
 
@@ -76,22 +189,14 @@ enum Unit {
     Mass,
     Moment(usize),
     Tensor(&'static [usize]),
+    /// A lone axis: of all it has only the inertia about the axis enters.
+    Lone,
 }
 
 impl Unit {
     fn inertia(&self) -> Inertia {
         let mut i = Inertia::ZERO;
-        match self {
-            Unit::Mass => i.mass = 1.0,
-            Unit::Moment(axis) => i.first_moment = Vector3::ith(*axis, 1.0),
-            Unit::Tensor(axes) => {
-                let mut d = Matrix3::zeros();
-                for &a in *axes {
-                    d[(a, a)] = 1.0;
-                }
-                i.tensor = d;
-            }
-        }
+        self.set(&mut i, 1.0);
         i
     }
 
@@ -100,6 +205,7 @@ impl Unit {
             Unit::Mass => i.mass,
             Unit::Moment(axis) => i.first_moment[*axis],
             Unit::Tensor(axes) => i.tensor[(axes[0], axes[0])],
+            Unit::Lone => i.tensor[(1, 1)],
         }
     }
 
@@ -108,46 +214,7 @@ impl Unit {
             Unit::Mass => i.mass = value,
             Unit::Moment(axis) => i.first_moment[*axis] = value,
             Unit::Tensor(axes) => axes.iter().for_each(|&a| i.tensor[(a, a)] = value),
-        }
-    }
-}
-
-const ARMS: std::ops::Range<usize> = ARM..STRUT;
-const STRUTS: std::ops::Range<usize> = STRUT..PLATFORM;
-const fn one(b: usize) -> std::ops::Range<usize> {
-    b..b + 1
-}
-
-/// Bodies and unit inertia of each parameter, in the order of `PARAMETERS`.
-const UNITS: [(std::ops::Range<usize>, Unit); PARAMETERS.len()] = [
-    (ARMS, Unit::Moment(0)),
-    (ARMS, Unit::Moment(2)),
-    (ARMS, Unit::Tensor(&[1])),
-    (STRUTS, Unit::Mass),
-    (STRUTS, Unit::Moment(0)),
-    (STRUTS, Unit::Tensor(&[0])),
-    (STRUTS, Unit::Tensor(&[1, 2])),
-    (one(PLATFORM), Unit::Mass),
-    (one(TELESCOPE_UPPER), Unit::Moment(2)),
-    (one(TELESCOPE_UPPER), Unit::Tensor(&[0, 1])),
-    (one(TELESCOPE_UPPER), Unit::Tensor(&[2])),
-    (one(TELESCOPE_LOWER), Unit::Mass),
-    (one(TELESCOPE_LOWER), Unit::Moment(2)),
-    (one(TELESCOPE_LOWER), Unit::Tensor(&[0, 1])),
-    (one(TELESCOPE_LOWER), Unit::Tensor(&[2])),
-    (one(ROTOR), Unit::Tensor(&[2])),
-];
-
-/// Parameter values of the bodies.
-pub fn values(bodies: &Bodies) -> Vec<f64> {
-    UNITS.iter().map(|(b, unit)| unit.value(&bodies[b.start])).collect()
-}
-
-/// Writes parameter values into the bodies.
-pub fn set_values(bodies: &mut Bodies, values: &[f64]) {
-    for ((range, unit), &value) in UNITS.iter().zip(values) {
-        for b in range.clone() {
-            unit.set(&mut bodies[b], value);
+            Unit::Lone => *i = Inertia::lone(value),
         }
     }
 }

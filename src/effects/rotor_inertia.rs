@@ -1,6 +1,6 @@
 //! The arm drives' rotors are heavier or lighter than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::Inertia;
 use crate::model::bodies::ARM;
 use crate::recording::Payload;
@@ -14,6 +14,10 @@ pub struct RotorInertia;
 impl Effect for RotorInertia {
     fn name(&self) -> &'static str {
         "rotor_inertia"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

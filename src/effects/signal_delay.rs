@@ -1,6 +1,6 @@
 //! Torque is reported late against position.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ(t − d), the same for all drives.
@@ -9,6 +9,10 @@ pub struct SignalDelay;
 impl Effect for SignalDelay {
     fn name(&self) -> &'static str {
         "signal_delay"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

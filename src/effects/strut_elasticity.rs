@@ -1,6 +1,6 @@
 //! Struts and their sockets give way along their axis.
 
-use super::{About, Count, Effect, Parameter, Role, StrutSpring, Values};
+use super::{About, Count, Effect, Parameter, Part, Role, StrutSpring, Values};
 use crate::model::STRUTS;
 
 /// Axial spring and damper in each strut: T = Δl/c + d·Δl̇, tension positive, Δl the elongation.
@@ -21,6 +21,10 @@ const RIGID: f64 = 1e-10;
 impl Effect for StrutElasticity {
     fn name(&self) -> &'static str {
         "strut_elasticity"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,6 @@
 //! Struts of a limb are longer or shorter than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::Geometry;
 
 /// l₂ = l₂,stated + Δl for both struts of a limb.
@@ -9,6 +9,10 @@ pub struct StrutLengthError;
 impl Effect for StrutLengthError {
     fn name(&self) -> &'static str {
         "strut_length_error"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Linkage
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,7 @@
 //! The telescope runs into its ends.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use crate::model::Model;
 
 /// Unilateral spring and damper beyond the shortest and the longest Hooke distance L:
 /// F = k·x·max(0, 1 + χ·ẋ), x the depth beyond the limit (Hunt and Crossley).
@@ -36,6 +37,18 @@ const PARAMETERS: &[Parameter] = &[
 impl Effect for TelescopeEndStop {
     fn name(&self) -> &'static str {
         "telescope_end_stop"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Telescope
+    }
+
+    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+        match parameter.name {
+            "min" => Some(model.geometry.telescope_limits[0]),
+            "max" => Some(model.geometry.telescope_limits[1]),
+            _ => None,
+        }
     }
 
     fn about(&self) -> About {

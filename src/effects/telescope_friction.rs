@@ -1,6 +1,6 @@
 //! Coulomb and viscous friction of the telescope's prismatic joint (Table 4, column P-TB).
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 
 /// F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
 ///
@@ -15,6 +15,10 @@ const STEEPNESS: usize = 2;
 impl Effect for TelescopeFriction {
     fn name(&self) -> &'static str {
         "telescope_friction"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Telescope
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,6 @@
 //! Extra friction of the telescope while it shortens.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
 
 /// F = d·v + e·v² while ṡ = −v < 0, nothing while the telescope lengthens.
 ///
@@ -14,6 +14,10 @@ const QUADRATIC: usize = 1;
 impl Effect for TelescopeRetractFriction {
     fn name(&self) -> &'static str {
         "telescope_retract_friction"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Telescope
     }
 
     fn about(&self) -> About {

@@ -1,6 +1,6 @@
 //! Friction of cold drives that decays while they warm up.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
 
 /// τ = −x·(c_C·tanh(k q̇) + c_v·q̇) with the effect's own state ẋ = −x/T, x(0) = 1.
 ///
@@ -21,6 +21,10 @@ const STEEPNESS: usize = 3;
 impl Effect for ThermalFrictionDrift {
     fn name(&self) -> &'static str {
         "thermal_friction_drift"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {

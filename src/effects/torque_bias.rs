@@ -1,6 +1,6 @@
 //! A drive reports its torque with an offset.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ + b; b in N·m at the gear output, either sign.
@@ -9,6 +9,10 @@ pub struct TorqueBias;
 impl Effect for TorqueBias {
     fn name(&self) -> &'static str {
         "torque_bias"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {
@@ -24,7 +28,7 @@ impl Effect for TorqueBias {
         &[Parameter {
             name: "bias",
             unit: "N·m",
-            count: Count::Named(&["1", "2", "3", "4"]),
+            count: Count::PerAxis,
             role: Role::Linear,
             default: 0.5,
             range: (-50.0, 50.0),

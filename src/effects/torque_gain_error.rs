@@ -1,6 +1,6 @@
 //! The torque constant of a drive is wrong.
 
-use super::{About, Count, Effect, Kind, Parameter, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::recording::Signals;
 
 /// Reported torque (1 + g)·τ.
@@ -9,6 +9,10 @@ pub struct TorqueGainError;
 impl Effect for TorqueGainError {
     fn name(&self) -> &'static str {
         "torque_gain_error"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
     }
 
     fn about(&self) -> About {
@@ -24,7 +28,7 @@ impl Effect for TorqueGainError {
         &[Parameter {
             name: "gain",
             unit: "1",
-            count: Count::Named(&["1", "2", "3", "4"]),
+            count: Count::PerAxis,
             role: Role::Linear,
             default: 0.05,
             range: (-0.9, 9.0),

@@ -1,6 +1,7 @@
 //! Torque ripple of the arm motors.
 
-use super::{About, Count, Effect, Instant, Parameter, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use crate::model::Model;
 
 /// τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q), h = 1, 2, n the gear ratio.
 pub struct TorqueRipple;
@@ -24,13 +25,24 @@ const PARAMETERS: &[Parameter] = &[
         count: Count::One,
         role: Role::Fixed,
         default: 33.0,
-        range: (1.0, 1000.0),
+        range: (1e-3, 1e5),
     },
 ];
 
 impl Effect for TorqueRipple {
     fn name(&self) -> &'static str {
         "torque_ripple"
+    }
+
+    fn acts_on(&self) -> Part {
+        Part::Drives
+    }
+
+    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+        match parameter.name {
+            "gear_ratio" => Some(model.drives[0].gear_ratio),
+            _ => None,
+        }
     }
 
     fn about(&self) -> About {

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 
 use super::{Design, Hemisphere, Merit, Objective, Options, design, median, scenario};
-use crate::model::Model;
+use crate::model::{Mechanism, Model};
 use crate::terminal::{
     DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say, significant,
 };
@@ -117,7 +117,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let options = args.options()?;
     let model = Model::read(&args.model)?;
     if !model.assembled {
-        return Err(miette!("{}: is disassembled; expected an assembled robot", args.model.display()));
+        let what = match model.mechanism {
+            Mechanism::Delta { .. } => "is disassembled",
+            Mechanism::Axis(_) => "is a lone axis",
+        };
+        return Err(miette!(
+            "{}: {what}; expected an assembled robot. A scenario with [motion] kind = \"random_fourier\" moves every axis on \
+             its own",
+            args.model.display()
+        ));
     }
     check_output(&args.output, &[&args.model], &["toml"])?;
     catch_interrupt()?;

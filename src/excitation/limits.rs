@@ -60,6 +60,7 @@ pub struct Limits {
     acceleration: [f64; AXES],
     torque: [f64; AXES],
     strut_force: f64,
+    axes: usize,
 }
 
 impl Limits {
@@ -68,6 +69,7 @@ impl Limits {
         Self {
             share,
             hemisphere,
+            axes: model.mechanism.axes(),
             speed: model.drives.map(|d| d.max_speed),
             acceleration: model.drives.map(|d| d.max_acceleration),
             torque: model.drives.map(|d| d.max_torque),
@@ -104,9 +106,11 @@ impl Limits {
             directions.set_row(i, &strut.transpose());
         }
         out[PARALLEL] = 1.0 + MIN_PARALLEL - directions.determinant().abs();
-        let length = within(geometry.telescope_length(&platform.position), geometry.telescope_limits);
-        (out[TELESCOPE], out[TELESCOPE + 1]) = (length, -length);
-        for i in 0..AXES {
+        if geometry.has_telescope() {
+            let length = within(geometry.telescope_length(&platform.position), geometry.telescope_limits);
+            (out[TELESCOPE], out[TELESCOPE + 1]) = (length, -length);
+        }
+        for i in 0..self.axes {
             out[SPEED + i] = joints.qd[i].abs() / (self.share * self.speed[i]);
             out[ACCELERATION + i] = joints.qdd[i].abs() / (self.share * self.acceleration[i]);
             out[TORQUE + i] = loads.tau[i].abs() / (self.share * self.torque[i]);

@@ -267,7 +267,9 @@ fn scale(model: &Model, options: &Options) -> Vec<f64> {
             let omega = std::f64::consts::TAU * options.frequency * h as f64;
             let size = match i {
                 0..3 => (0.2 / (h as f64).sqrt()).min(2.0 / omega),
-                _ => 0.25 * options.share * model.drives[3].max_speed / omega,
+                _ if model.mechanism.has_telescope() => 0.25 * options.share * model.drives[3].max_speed / omega,
+                // Nothing turns: ψ stays where it is.
+                _ => 1.0,
             };
             scale.extend([size, size]);
         }

@@ -1,11 +1,10 @@
 //! Base parameters: the combinations of parameters the data determine [Gautier & Khalil 1990].
 //!
-//! A Cholesky factorisation of the information YᵀWY with pivoting is the rank-revealing QR of the weighted regressor.
-//! Independent columns I carry the dependent ones D: Y_D = Y_I·K, so β = p_I + K·p_D.
+//! A QR factorisation of the weighted regressor with column pivoting reveals its rank; singular values confirm it. Independent
+//! columns I carry the dependent ones D: Y_D = Y_I·K with R₁₁·K = R₁₂, so β = p_I + K·p_D.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
-use super::fit::own_size;
 use crate::dynamics::PlantParameter;
 
 /// One identifiable combination.
@@ -35,72 +34,94 @@ impl BaseParameter {
     }
 }
 
+/// What a regressor tells about its parameters.
+#[derive(Clone, Debug)]
+pub struct Structure {
+    /// Independent columns.
+    pub independent: Vec<usize>,
+    /// Dependent columns.
+    pub dependent: Vec<usize>,
+    /// Y_D = Y_I·K, parameters in units of their own sizes.
+    pub carried: DMatrix<f64>,
+    /// Singular values of the weighted regressor over all samples, parameters in units of their own sizes, largest first.
+    pub singular_values: DVector<f64>,
+    /// Number of columns that are independent but for rounding.
+    pub rank: usize,
+}
+
+/// Singular values below this share of the largest are rounding.
+const ROUNDING: f64 = 1e-10;
 /// Factors below this share of the leading parameter's size are left out of the printed combination.
 const NEGLIGIBLE: f64 = 1e-6;
 
-/// Base parameters for an information matrix and the covariance of an estimate.
-pub fn base_parameters(
-    information: &DMatrix<f64>,
-    covariance: &DMatrix<f64>,
-    parameters: &[&PlantParameter],
-    min_information: f64,
-) -> Vec<BaseParameter> {
-    let n = parameters.len();
-    let size: Vec<f64> = parameters.iter().map(|p| own_size(p)).collect();
-    let mut schur = DMatrix::from_fn(n, n, |i, j| information[(i, j)] * size[i] * size[j]);
-    let floor = min_information.max(1e-12 * schur.diagonal().amax());
-    let mut independent: Vec<usize> = Vec::new();
-    let mut left: Vec<usize> = (0..n).collect();
-    while let Some(at) =
-        (0..left.len()).max_by(|&a, &b| schur[(left[a], left[a])].total_cmp(&schur[(left[b], left[b])]))
-    {
-        let pivot = left[at];
-        let d = schur[(pivot, pivot)];
-        if d <= floor {
-            break;
+impl Structure {
+    /// Structure of the regressor whose weighted `rows`, one of `stride` each, are given; columns in units of `size`.
+    ///
+    /// Columns whose part of their own carries less than `least` information (1/variance) count as dependent.
+    pub fn new(rows: &[Vec<f64>], stride: usize, size: &DVector<f64>, least: f64) -> Self {
+        let n = size.len();
+        let root = (stride as f64).sqrt();
+        let y = DMatrix::from_fn(rows.len().max(n), n, |i, j| rows.get(i).map_or(0.0, |r| r[j] * size[j] * root));
+        let factored = y.col_piv_qr();
+        let mut order = DMatrix::from_fn(1, n, |_, j| j as f64);
+        factored.p().permute_columns(&mut order);
+        let order: Vec<usize> = order.iter().map(|j| *j as usize).collect();
+        let r = factored.r();
+        let mut singular_values = r.clone().singular_values();
+        singular_values.as_mut_slice().sort_by(|a, b| b.total_cmp(a));
+        let rounding = ROUNDING * singular_values.amax();
+        let rank = singular_values.iter().filter(|s| **s > rounding).count();
+        let floor = least.sqrt().max(rounding);
+        let kept = (0..n).take_while(|&i| r[(i, i)].abs() > floor).count();
+        let head = r.view((0, 0), (kept, kept)).into_owned();
+        let tail = r.view((0, kept), (kept, n - kept)).into_owned();
+        let solved = head.solve_upper_triangular(&tail).unwrap_or_else(|| DMatrix::zeros(kept, n - kept));
+        // In the order of the parameters.
+        let mut places: Vec<usize> = (0..kept).collect();
+        places.sort_by_key(|&i| order[i]);
+        let carried = DMatrix::from_fn(kept, n - kept, |i, j| solved[(places[i], j)]);
+        Self {
+            independent: places.iter().map(|&i| order[i]).collect(),
+            dependent: order[kept..].to_vec(),
+            carried,
+            singular_values,
+            rank,
         }
-        independent.push(pivot);
-        left.remove(at);
-        let column = schur.column(pivot).into_owned();
-        schur -= &column * column.transpose() / d;
     }
-    independent.sort_unstable();
-    let r = independent.len();
-    let inner = DMatrix::from_fn(r, r, |i, j| {
-        information[(independent[i], independent[j])] * size[independent[i]] * size[independent[j]]
-    });
-    let Some(factor) = inner.cholesky() else { return Vec::new() };
-    let cross = DMatrix::from_fn(r, left.len(), |i, j| {
-        information[(independent[i], left[j])] * size[independent[i]] * size[left[j]]
-    });
-    let k = factor.solve(&cross);
-    (0..r)
-        .map(|i| {
-            let lead = independent[i];
-            let mut weights = vec![0.0; n];
+
+    /// Ratio of the largest to the smallest singular value that is not rounding: the condition number of Y_B.
+    pub fn condition(&self) -> f64 {
+        match self.rank {
+            0 => f64::INFINITY,
+            r => self.singular_values[0] / self.singular_values[r - 1],
+        }
+    }
+
+    /// The base parameters with their standard errors.
+    pub fn base_parameters(
+        &self,
+        parameters: &[&PlantParameter],
+        size: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> Vec<BaseParameter> {
+        let combination = |(i, &lead): (usize, &usize)| {
+            let mut weights = DVector::zeros(parameters.len());
             weights[lead] = 1.0;
             let mut others = Vec::new();
-            for (j, &d) in left.iter().enumerate() {
-                let weight = k[(i, j)] * size[lead] / size[d];
-                weights[d] = weight;
-                if k[(i, j)].abs() > NEGLIGIBLE {
-                    others.push((parameters[d].name.clone(), weight));
-                }
-            }
-            let value = weights.iter().zip(parameters).map(|(w, p)| w * p.value).sum();
-            let mut variance = 0.0;
-            for a in 0..n {
-                for b in 0..n {
-                    variance += weights[a] * covariance[(a, b)] * weights[b];
+            for (j, &d) in self.dependent.iter().enumerate() {
+                if self.carried[(i, j)].abs() > NEGLIGIBLE {
+                    weights[d] = self.carried[(i, j)] * size[lead] / size[d];
+                    others.push((parameters[d].name.clone(), weights[d]));
                 }
             }
             BaseParameter {
                 name: parameters[lead].name.clone(),
                 unit: parameters[lead].unit,
-                value,
-                std: variance.max(0.0).sqrt(),
+                value: weights.iter().zip(parameters).map(|(w, p)| w * p.value).sum(),
+                std: weights.dot(&(covariance * &weights)).max(0.0).sqrt(),
                 others,
             }
-        })
-        .collect()
+        };
+        self.independent.iter().enumerate().map(combination).collect()
+    }
 }

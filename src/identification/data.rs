@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Trace;
+use super::{Trace, swapped};
 use crate::dynamics::Channel;
+use crate::model::Model;
 use crate::recording::{ReadError, Recording};
 
 /// What several commands take as data.
@@ -36,12 +37,24 @@ impl Data {
         self.traces.first().map_or(&[], |t| &t.channels)
     }
 
-    /// Reads all recordings and keeps the channels they have in common.
-    pub fn read(args: &DataArgs) -> Result<Self, ReadError> {
+    /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
+    pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
+        Self::read_each(args, |file, warnings| trace_of(file, args.setup.as_deref(), model, warnings))
+    }
+
+    /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
+    pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
+        Self::read_each(args, |file, warnings| trace(Recording::read(file, args.setup.as_deref())?, file, warnings))
+    }
+
+    fn read_each(
+        args: &DataArgs,
+        read: impl Fn(&Path, &mut Vec<String>) -> Result<Trace, ReadError>,
+    ) -> Result<Self, ReadError> {
         let mut warnings = Vec::new();
         let mut traces = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            traces.push(trace(file, args.setup.as_deref(), &mut warnings)?);
+            traces.push(read(file, &mut warnings)?);
         }
         warnings.extend(keep_common_channels(&mut traces));
         let held_out = traces.split_off(args.data.len());
@@ -54,8 +67,11 @@ impl Data {
     }
 }
 
-fn trace(file: &Path, setup: Option<&Path>, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
-    let (recording, noticed) = Recording::read(file, setup)?;
+fn trace(
+    (recording, noticed): (Recording, Vec<String>),
+    file: &Path,
+    warnings: &mut Vec<String>,
+) -> Result<Trace, ReadError> {
     warnings.extend(noticed);
     let trace = Trace::new(&recording);
     if trace.is_empty() {
@@ -65,6 +81,19 @@ fn trace(file: &Path, setup: Option<&Path>, warnings: &mut Vec<String>) -> Resul
             problem: format!("has {samples} samples, of which differentiation leaves none"),
             expected: "a longer stretch without gaps".into(),
         });
+    }
+    Ok(trace)
+}
+
+fn trace_of(file: &Path, setup: Option<&Path>, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
+    let mut trace = trace(Recording::read_of(file, setup, model.mechanism)?, file, warnings)?;
+    let drives = Channel::of_drives(model.mechanism);
+    if !model.assembled && trace.channels.len() > drives.len() {
+        warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));
+        trace.restrict(&drives);
+    }
+    if let Some(what) = swapped(&trace) {
+        warnings.push(format!("{}: {what}", file.display()));
     }
     Ok(trace)
 }

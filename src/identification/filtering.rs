@@ -1,4 +1,4 @@
-//! Joint rates and accelerations from encoder angles: zero-phase local polynomials [Savitzky & Golay, 1964].
+//! Zero-phase local polynomials [Savitzky & Golay, 1964], and the noise of a series.
 //!
 //! A polynomial of degree 4 is fitted to the samples −m…m around each sample; its value and derivatives in the middle
 //! have no phase. The half width m is the smallest for which the encoder noise in the acceleration stays tolerable. At
@@ -52,19 +52,24 @@ impl Kernel {
     }
 }
 
-/// Standard deviation of white noise on a smooth series from its sixth differences (robust, by the median).
-pub fn noise_level(x: &[f64]) -> f64 {
+/// Standard deviation of white noise on smooth series from their sixth differences (robust, by the median).
+///
+/// Where the readings stand still, they show no noise of an encoder: differences of zero do not count.
+pub fn noise_level(series: &[Vec<f64>]) -> f64 {
     const ORDER: usize = 6;
     /// Binomial coefficient C(2n, n): variance gain of n-th differences.
     const GAIN: f64 = 924.0;
-    let mut d = x.to_vec();
-    for _ in 0..ORDER {
-        d = d.windows(2).map(|w| w[1] - w[0]).collect();
+    let mut magnitude = Vec::new();
+    for x in series {
+        let mut d = x.clone();
+        for _ in 0..ORDER {
+            d = d.windows(2).map(|w| w[1] - w[0]).collect();
+        }
+        magnitude.extend(d.iter().map(|v| v.abs()).filter(|v| *v > 0.0));
     }
-    if d.is_empty() {
+    if magnitude.is_empty() {
         return 0.0;
     }
-    let mut magnitude: Vec<f64> = d.iter().map(|v| v.abs()).collect();
     let m = magnitude.len() / 2;
     // Median of |N(0,1)| is 0.6745.
     *magnitude.select_nth_unstable_by(m, f64::total_cmp).1 / 0.6745 / GAIN.sqrt()
@@ -99,7 +104,7 @@ mod tests {
         // Rounding to a step s has standard deviation s/√12, but is not quite white.
         let step = 5.8e-6;
         let x: Vec<f64> = (0..5000).map(|k| ((f64::from(k) * 4e-4 * 2.0).sin() * 0.7 / step).round() * step).collect();
-        let sigma = noise_level(&x);
+        let sigma = noise_level(&[x]);
         let ratio = sigma / (step / 12f64.sqrt());
         assert!((0.5..2.0).contains(&ratio), "{ratio}");
     }
@@ -107,7 +112,8 @@ mod tests {
     #[test]
     fn smooth_signals_have_no_noise() {
         let x: Vec<f64> = (0..5000).map(|k| (f64::from(k) * 4e-4 * 6.0).sin()).collect();
-        assert!(noise_level(&x) < 1e-13);
-        assert_eq!(half_width(noise_level(&x), 4e-4, 0.05), MIN_HALF_WIDTH);
+        let sigma = noise_level(&[x]);
+        assert!(sigma < 1e-13);
+        assert_eq!(half_width(sigma, 4e-4, 0.05), MIN_HALF_WIDTH);
     }
 }

@@ -1,19 +1,24 @@
-//! Weighted least squares on what the data can tell (eq. 9), iterated where parameters enter nonlinearly.
+//! Weighted least squares with everyday knowledge (eq. 9–11), iterated where parameters enter nonlinearly.
 //!
-//! Directions of the parameter space whose standard deviation exceeds ten times the parameters' own size are left where
-//! they are: the data say nothing about them. Standard errors come from block sums of the scores, so they stay right
-//! when residuals are autocorrelated.
+//! The cost is Σ r²/σ² over all samples plus γ·((p − p_reg)/size)² for every parameter. γ is small: it holds what the data
+//! leave open and is not felt by what they determine. If a body of the estimate cannot exist, or an effect has a value its law
+//! does not allow, the possible parameters of least cost take its place.
 
 use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
+use super::base_parameters::Structure;
+use super::consistency::{self, Cost, cones, log_cholesky};
+use super::estimator::{Estimator, PRIOR_INFORMATION};
 use super::filtering::MIN_HALF_WIDTH;
-use super::prediction::{Channels, columns, predict};
-use super::{BaseParameter, Trace, base_parameters, consistency};
-use crate::dynamics::{Plant, PlantParameter, set_parameters};
-use crate::effects::Role;
+use super::normal_equations::{ALIKE, NormalEquations, Weight};
+use super::prediction::{Channels, predict};
+use super::{BaseParameter, Trace};
+use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
+use crate::effects::{Role, payload};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
+use crate::model::bodies::END_EFFECTOR;
 
 /// Why a fit cannot be made.
 #[derive(Debug, Error)]
@@ -25,6 +30,17 @@ pub enum FitError {
         recording: String,
         /// What is wrong.
         source: KinematicsError,
+    },
+    /// The robot was taken apart between recordings: no set of parameters fits both.
+    #[error(
+        "recordings {first} and {second} are of an assembled and of a disassembled robot, which have different parameters; \
+         expected one configuration"
+    )]
+    Configurations {
+        /// Name of a recording.
+        first: String,
+        /// Name of another one.
+        second: String,
     },
     /// Too few samples.
     #[error("recording {recording}: {samples} samples are left after differentiation, at least {needed} are needed")]
@@ -54,6 +70,89 @@ pub struct Estimate {
     pub std: f64,
 }
 
+impl Estimate {
+    /// Whether the data determine the parameter alone. If not, its value is what it was before.
+    pub fn identified(&self) -> bool {
+        self.std.is_finite()
+    }
+}
+
+/// A parameter the data do not determine.
+#[derive(Clone, Debug)]
+pub struct Unidentified {
+    /// Printed name.
+    pub name: String,
+    /// Why.
+    pub reason: Reason,
+}
+
+/// Why data do not determine a parameter.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reason {
+    /// It has no part in any measured channel.
+    NotExcited,
+    /// It shows only in combination with others.
+    OnlyTogether(Vec<String>),
+    /// Its standard error, as a share of its own size, is too large.
+    Uncertain(f64),
+}
+
+impl std::fmt::Display for Reason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NotExcited => write!(f, "the motion does not excite it"),
+            Self::OnlyTogether(names) => write!(f, "shows only together with {}", names.join(", ")),
+            Self::Uncertain(share) => write!(f, "uncertain by {:.0} % of its size", 100.0 * share),
+        }
+    }
+}
+
+/// What the rows of the regression are weighed with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Weighing {
+    /// Noise of the channels: W = Σ⁻¹.
+    #[default]
+    Noise,
+    /// Largest measured value of the channels: W = diag(max |τ|)⁻².
+    Maximum,
+}
+
+/// How the possible parameters of least cost are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Method {
+    /// Log-Cholesky variables, in which every value is possible.
+    #[default]
+    LogCholesky,
+    /// Convex programme with second-order cones.
+    Cones,
+}
+
+/// How a fit is made.
+#[derive(Clone, Copy, Default)]
+pub struct Options<'a> {
+    /// Weights of the rows.
+    pub weighing: Weighing,
+    /// Whether outliers count less (Huber).
+    pub robust: bool,
+    /// Way to possible parameters.
+    pub method: Method,
+    /// Regularisation values p_reg (eq. 10–11); the model itself if none are given.
+    pub prior: Option<&'a Model>,
+    /// γ: information of the prior, per own size of a parameter squared; see [`PRIOR_INFORMATION`] for none given.
+    pub prior_information: Option<f64>,
+    /// Effects whose parameters stay as they are.
+    pub held: &'a [String],
+}
+
+impl std::fmt::Debug for Options<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Options")
+            .field("weighing", &self.weighing)
+            .field("robust", &self.robust)
+            .finish_non_exhaustive()
+    }
+}
+
 /// Result of a fit.
 #[derive(Clone)]
 pub struct Fit {
@@ -63,29 +162,47 @@ pub struct Fit {
     pub parameters: Vec<Estimate>,
     /// The combinations the data determine.
     pub base: Vec<BaseParameter>,
+    /// Rank and singular values of the weighted regressor.
+    pub structure: Structure,
+    /// What the data do not determine, and why.
+    pub unidentified: Vec<Unidentified>,
     /// Parameters whose unconstrained estimate lies more than three standard errors outside the allowed range: the law is
     /// not what the data show.
     pub impossible: Vec<String>,
+    /// How the estimate became possible; `None` if it was.
+    pub correction: Option<Correction>,
     /// Residual (measured − predicted) per recording and channel.
     pub residuals: Vec<Channels>,
     /// Root mean square residual per channel, over all recordings.
     pub rms: Vec<f64>,
 }
 
+/// The price of possible parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct Correction {
+    /// Rise of the cost ½Σr²/σ² over the impossible estimate.
+    pub cost: f64,
+    /// What the other way to the same parameters finds, relative to `cost`: the convex programme for log-Cholesky and the
+    /// other way round. Zero if both agree.
+    pub disagreement: f64,
+    /// Gap between the cost of the convex programme and its proven lower bound, relative to `cost`.
+    pub gap: f64,
+}
+
 const MIN_SAMPLES: usize = 200;
 const MAX_ITERATIONS: usize = 8;
-/// Fall of the weighted sum of squares, in units of its mean per row, that still counts as progress: a parameter moved by
-/// its own standard error changes it by one.
-const PROGRESS: f64 = 0.5;
-/// Rounds of trimmed least squares on data without encoder noise.
-const CLEAN_ROUNDS: usize = 4;
-/// Blocks of time for the standard errors.
-const BLOCKS: usize = 50;
-/// Information (1/variance, in units of the parameters' own size) below which a direction counts as unknown.
-const MIN_INFORMATION: f64 = 1e-2;
+/// Fall of the cost that still counts as progress: a parameter moved by its own standard error changes it by one.
+const PROGRESS: f64 = 0.01;
+/// Rounds of reweighting.
+const ROUNDS: usize = 4;
 
 /// Fits all parameters of `model` to the traces; `noise[trace][channel]` weighs the channels.
 pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, FitError> {
+    fit_with(model, traces, noise, &Options::default())
+}
+
+/// Fits the parameters of `model` to the traces; `noise[trace][channel]` are the channels' standard deviations.
+pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &Options) -> Result<Fit, FitError> {
     for trace in traces {
         if trace.len() < MIN_SAMPLES {
             return Err(FitError::TooShort {
@@ -95,87 +212,311 @@ pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, F
             });
         }
     }
-    let prior = model;
-    let mut model = model.clone();
-    let mut residuals = residuals(&model, traces)?;
-    let mut cost = weighted_squares(&residuals, noise);
-    let nonlinear = is_nonlinear(&model);
-    let rows: usize = traces.iter().map(|t| t.len() * t.channels.len()).sum();
-    for _ in 0..MAX_ITERATIONS {
-        let system = System::new(&model, traces, noise, &residuals)?;
-        let step = system.step();
-        let before = cost;
-        let mut damping = 1.0;
-        loop {
-            let mut next = model.clone();
-            set_parameters(&mut next, &system.moved(&step, damping));
-            let trial = self::residuals(&next, traces)?;
-            let trial_cost = weighted_squares(&trial, noise);
-            if trial_cost <= cost {
-                (model, residuals, cost) = (next, trial, trial_cost);
-                break;
-            }
-            damping *= 0.5;
-            if damping < 1e-3 {
-                break;
-            }
-        }
-        if !cost.is_finite() {
-            return Err(FitError::NotFinite);
-        }
-        if !nonlinear || before - cost < PROGRESS * cost / rows as f64 {
-            break;
+    if let Some(other) = traces.iter().find(|t| t.setup.configuration != traces[0].setup.configuration) {
+        let [first, second] = [&traces[0], other].map(|t| t.name.clone());
+        return Err(FitError::Configurations { first, second });
+    }
+    let assembled = model.assembled;
+    let mut model = in_configuration(model, &traces[0].setup);
+    let problem = Regression::new(&model, traces, noise, options);
+    let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE)?;
+    // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
+    let clean = traces.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
+    if options.robust || clean {
+        for _ in 0..ROUNDS {
+            let scale = problem.scatter(&normal.residuals);
+            let huber = |c: usize, r: f64| (HUBER * scale[c] / r.abs()).min(1.0);
+            let trimmed = |c: usize, r: f64| f64::from(r.abs() <= TRIM * scale[c]);
+            let weight: Weight = if options.robust { &huber } else { &trimmed };
+            (normal, estimator) = problem.least_squares(&mut model, weight)?;
         }
     }
-    if traces.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH)) {
-        // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
-        for _ in 0..CLEAN_ROUNDS {
-            let trimmed = trimmed(&residuals);
-            let system = System::new(&model, traces, noise, &trimmed)?;
-            let mut next = model.clone();
-            set_parameters(&mut next, &system.moved(&system.step(), 1.0));
-            residuals = self::residuals(&next, traces)?;
-            model = next;
-        }
-    }
-    let mut system = System::new(&model, traces, noise, &residuals)?;
-    let covariance = system.covariance();
-    let base = base_parameters(&system.information, &covariance, &system.free_parameters(), MIN_INFORMATION);
-    let impossible = system.impossible(&covariance);
-    if (consistency::min_eigenvalue(&model.bodies) < 0.0 || system.out_of_range())
-        && let Some(values) = system.consistent(&model, prior)
-    {
-        set_parameters(&mut model, &values);
-        residuals = self::residuals(&model, traces)?;
-        for (p, value) in system.parameters.iter_mut().zip(values) {
-            p.value = value;
-        }
-    }
-    let known = system.known();
-    let parameters = system
-        .free
-        .iter()
-        .enumerate()
-        .map(|(i, &k)| Estimate {
-            name: system.parameters[k].name.clone(),
-            unit: system.parameters[k].unit,
-            value: system.parameters[k].value,
-            std: if known[i] { covariance[(i, i)].max(0.0).sqrt() } else { f64::INFINITY },
-        })
-        .collect();
-    let rms = channel_rms(&residuals);
-    Ok(Fit { model, parameters, base, impossible, residuals, rms })
+    let mut fit = problem.finish(model, &normal, &estimator)?;
+    fit.model.assembled = assembled;
+    Ok(fit)
 }
 
-/// Residuals with those beyond three robust standard deviations of their channel marked as missing.
-fn trimmed(residuals: &[Channels]) -> Vec<Channels> {
-    let trim = |series: &Vec<f64>| {
-        let mut magnitude: Vec<f64> = series.iter().map(|r| r.abs()).collect();
-        let middle = magnitude.len() / 2;
-        let limit = 3.0 * *magnitude.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
-        series.iter().map(|r| if r.abs() > limit { f64::NAN } else { *r }).collect()
+/// Residuals beyond this many scatters count less [Huber 1964: 95 % efficient for normal noise].
+const HUBER: f64 = 1.345;
+/// Residuals beyond this many scatters do not count.
+const TRIM: f64 = 3.0;
+
+/// A regression with everything that stays the same while parameters move.
+struct Regression<'a> {
+    traces: &'a [Trace],
+    sigma: Vec<Vec<f64>>,
+    /// Whether `sigma` is the noise itself.
+    white: bool,
+    /// Indices of the estimated parameters.
+    free: Vec<usize>,
+    /// Own size of each estimated parameter.
+    size: DVector<f64>,
+    /// Regularisation values of the estimated parameters.
+    prior: DVector<f64>,
+    /// The machine before the fit, a possible one.
+    before: Plant,
+    /// Its parameters.
+    start: DVector<f64>,
+    information: f64,
+    method: Method,
+}
+
+impl<'a> Regression<'a> {
+    fn new(model: &Model, traces: &'a [Trace], noise: &[Vec<f64>], options: &Options) -> Self {
+        let setup = &traces[0].setup;
+        let plant = Plant::new(model, setup);
+        let parameters = plant.parameters();
+        let regularised = options.prior.map_or_else(|| parameters.clone(), |p| Plant::new(p, setup).parameters());
+        let estimated = |p: &PlantParameter| p.role != Role::Fixed && !options.held.iter().any(|h| h == p.effect);
+        let free: Vec<usize> = (0..parameters.len()).filter(|&k| estimated(&parameters[k])).collect();
+        let known = |k: usize| regularised.iter().find(|p| p.name == parameters[k].name).unwrap_or(&parameters[k]);
+        let sigma = match options.weighing {
+            Weighing::Noise => noise.to_vec(),
+            Weighing::Maximum => largest(traces, noise),
+        };
+        Self {
+            traces,
+            sigma,
+            white: options.weighing == Weighing::Noise,
+            size: DVector::from_iterator(free.len(), free.iter().map(|&k| own_size(known(k)))),
+            prior: DVector::from_iterator(free.len(), free.iter().map(|&k| known(k).value)),
+            start: DVector::from_iterator(free.len(), free.iter().map(|&k| parameters[k].value)),
+            before: plant,
+            free,
+            information: options.prior_information.unwrap_or(PRIOR_INFORMATION),
+            method: options.method,
+        }
+    }
+
+    fn values(&self, model: &Model) -> DVector<f64> {
+        let parameters = Plant::new(model, &self.traces[0].setup).parameters();
+        DVector::from_iterator(self.free.len(), self.free.iter().map(|&k| parameters[k].value))
+    }
+
+    fn set(&self, model: &mut Model, values: &DVector<f64>) {
+        let mut all: Vec<f64> = Plant::new(model, &self.traces[0].setup).parameters().iter().map(|p| p.value).collect();
+        for (i, &k) in self.free.iter().enumerate() {
+            all[k] = values[i];
+        }
+        set_parameters(model, &all);
+    }
+
+    /// Cost at the present parameters.
+    fn cost(&self, normal: &NormalEquations, values: &DVector<f64>, weight: Weight) -> f64 {
+        let series =
+            |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
+        let trace = |(channels, sigma): (&Channels, &Vec<f64>)| -> f64 {
+            channels.iter().zip(sigma).enumerate().map(series).sum()
+        };
+        let data: f64 = normal.residuals.iter().zip(&self.sigma).map(trace).sum();
+        0.5 * (data + self.information * (values - &self.prior).component_div(&self.size).norm_squared())
+    }
+
+    /// Gauss–Newton from the present parameters of `model` to those of least cost.
+    fn least_squares(&self, model: &mut Model, weight: Weight) -> Result<(NormalEquations, Estimator), FitError> {
+        let pass = |model: &Model| NormalEquations::new(model, self.traces, &self.sigma, &self.free, weight);
+        let solve =
+            |normal: &NormalEquations| Estimator::new(normal, &self.size, self.information).ok_or(FitError::NotFinite);
+        let mut normal = pass(model)?;
+        let mut values = self.values(model);
+        let mut estimator = solve(&normal)?;
+        if !is_nonlinear(model) {
+            let step = estimator.step(&normal, &(&values - &self.prior), &[]);
+            self.set(model, &(&values + &step));
+            normal.advance(&step);
+            normal.residuals = residuals(model, self.traces)?;
+            return Ok((normal, estimator));
+        }
+        let mut cost = self.cost(&normal, &values, weight);
+        for _ in 0..MAX_ITERATIONS {
+            let offset = &values - &self.prior;
+            let free = estimator.step(&normal, &offset, &[]);
+            let step = estimator.step(&normal, &offset, &self.at_bound(model, &values, &free));
+            let mut damping = 1.0;
+            let before = cost;
+            while damping > 1e-3 {
+                let mut next = model.clone();
+                let trial = self.moved(model, &values, &step, damping);
+                self.set(&mut next, &trial);
+                let there = pass(&next)?;
+                let trial_cost = self.cost(&there, &trial, weight);
+                if trial_cost <= cost {
+                    (*model, normal, values, cost) = (next, there, trial, trial_cost);
+                    break;
+                }
+                damping *= 0.25;
+            }
+            if !cost.is_finite() {
+                return Err(FitError::NotFinite);
+            }
+            estimator = solve(&normal)?;
+            if before - cost < PROGRESS.max(1e-12 * cost) {
+                break;
+            }
+        }
+        Ok((normal, estimator))
+    }
+
+    /// Shape parameters at a bound that the step would cross.
+    fn at_bound(&self, model: &Model, values: &DVector<f64>, step: &DVector<f64>) -> Vec<usize> {
+        let parameters = Plant::new(model, &self.traces[0].setup).parameters();
+        let crosses = |&i: &usize| {
+            let p = &parameters[self.free[i]];
+            let out = (values[i] <= p.range.0 && step[i] < 0.0) || (values[i] >= p.range.1 && step[i] > 0.0);
+            p.role == Role::Shape && out
+        };
+        (0..values.len()).filter(crosses).collect()
+    }
+
+    /// Values after a damped step; shape parameters move by half their value at most and stay in range.
+    fn moved(&self, model: &Model, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
+        let parameters = Plant::new(model, &self.traces[0].setup).parameters();
+        DVector::from_fn(values.len(), |i, _| {
+            let p = &parameters[self.free[i]];
+            let d = damping * step[i];
+            if p.role == Role::Shape {
+                let most = 0.5 * values[i].abs();
+                (values[i] + d.clamp(-most, most)).clamp(p.range.0, p.range.1)
+            } else {
+                values[i] + d
+            }
+        })
+    }
+
+    /// Robust standard deviation of each channel in units of its sigma, over all traces.
+    fn scatter(&self, residuals: &[Channels]) -> Vec<f64> {
+        let channels = self.sigma.iter().map(Vec::len).min().unwrap_or(0);
+        let one = |c: usize| {
+            let scaled = |(r, s): (&Channels, &Vec<f64>)| r[c].iter().map(|x| (x / s[c]).abs()).collect::<Vec<f64>>();
+            let mut magnitude: Vec<f64> = residuals.iter().zip(&self.sigma).flat_map(scaled).collect();
+            let middle = magnitude.len() / 2;
+            (*magnitude.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(f64::MIN_POSITIVE)
+        };
+        (0..channels).map(one).collect()
+    }
+
+    /// Turns the estimate into possible parameters with their standard errors.
+    fn finish(&self, mut model: Model, normal: &NormalEquations, estimator: &Estimator) -> Result<Fit, FitError> {
+        let plant = Plant::new(&model, &self.traces[0].setup);
+        let all = plant.parameters();
+        let estimated: Vec<&PlantParameter> = self.free.iter().map(|&k| &all[k]).collect();
+        let covariance = estimator.covariance(normal, self.white);
+        let structure = Structure::new(&normal.rows, normal.stride, &self.size, self.information);
+        let outside = |&i: &usize| {
+            let (p, margin) = (estimated[i], 3.0 * covariance[(i, i)].max(0.0).sqrt());
+            margin < 3.0 * self.size[i] && (p.value < p.range.0 - margin || p.value > p.range.1 + margin)
+        };
+        let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].name.clone()).collect();
+        let base = structure.base_parameters(&estimated, &self.size, &covariance);
+        let (values, classes, correction) = self.possible(&estimated, &estimator.curvature());
+        let moved = correction.is_some();
+        self.set(&mut model, &values.rows(0, self.free.len()).into_owned());
+        // The payload is no part of the machine.
+        let links: Vec<_> = classes.into_iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).collect();
+        consistency::complete(&links, &values, &mut model.bodies);
+        let residuals = if moved { residuals(&model, self.traces)? } else { normal.residuals.clone() };
+        let mut parameters = Vec::new();
+        let mut unidentified = Vec::new();
+        for (i, p) in estimated.iter().enumerate() {
+            let std = covariance[(i, i)].max(0.0).sqrt();
+            let known = std < self.size[i];
+            if !known {
+                unidentified.push(Unidentified { name: p.name.clone(), reason: self.reason(normal, &base, p, i, std) });
+            }
+            parameters.push(Estimate {
+                name: p.name.clone(),
+                unit: p.unit,
+                value: values[i],
+                std: if known { std } else { f64::INFINITY },
+            });
+        }
+        let rms = channel_rms(&residuals);
+        Ok(Fit { model, parameters, base, structure, unidentified, impossible, correction, residuals, rms })
+    }
+
+    fn reason(
+        &self,
+        normal: &NormalEquations,
+        base: &[BaseParameter],
+        p: &PlantParameter,
+        i: usize,
+        std: f64,
+    ) -> Reason {
+        if normal.information[(i, i)] * self.size[i] * self.size[i] < 1.0 {
+            return Reason::NotExcited;
+        }
+        let mut with: Vec<String> = Vec::new();
+        for b in base {
+            let members = std::iter::once(&b.name).chain(b.others.iter().map(|(n, _)| n));
+            if members.clone().any(|n| *n == p.name) {
+                with.extend(members.filter(|n| **n != p.name).cloned());
+            }
+        }
+        with.sort_unstable();
+        with.dedup();
+        if with.is_empty() { Reason::Uncertain(std / self.size[i]) } else { Reason::OnlyTogether(with) }
+    }
+
+    /// Possible values nearest to the present ones: the estimated parameters, then masses that no parameter holds.
+    fn possible(
+        &self,
+        estimated: &[&PlantParameter],
+        curvature: &DMatrix<f64>,
+    ) -> (DVector<f64>, Vec<consistency::BodyClass>, Option<Correction>) {
+        let rigid = self.before.rigid_bodies();
+        let mut owners = vec![(0, &rigid)];
+        let mut first = rigid.values.len();
+        for active in &self.before.effects {
+            if active.effect.name() == payload::NAME {
+                owners.push((first, active));
+            }
+            first += active.values.len();
+        }
+        let (classes, masses) = consistency::classes(&self.before.bodies, &owners, &self.free);
+        let (n, m) = (self.free.len(), masses.len());
+        let extended =
+            |own: &dyn Fn(usize) -> f64| DVector::from_fn(n + m, |i, _| if i < n { own(i) } else { masses[i - n] });
+        let size = extended(&|i| self.size[i]);
+        let cost = Cost {
+            centre: extended(&|i| estimated[i].value),
+            start: extended(&|i| self.start[i]),
+            curvature: DMatrix::from_fn(n + m, n + m, |i, j| match (i < n, j < n) {
+                (true, true) => curvature[(i, j)],
+                _ if i == j => self.information / (size[i] * size[i]),
+                _ => 0.0,
+            }),
+            range: (0..n + m).map(|i| estimated.get(i).map_or((0.0, f64::INFINITY), |p| p.range)).collect(),
+            size,
+            classes,
+        };
+        if cost.allows(&cost.centre) {
+            return (cost.centre, cost.classes, None);
+        }
+        let smooth = log_cholesky::minimise(&cost);
+        let convex = cones::minimise(&cost);
+        let (mut values, mut other) = (smooth.clone(), convex.as_ref().map(|c| cost.of(&c.x)));
+        if let (Method::Cones, Some(c)) = (self.method, &convex) {
+            (values, other) = (c.x.clone(), Some(cost.of(&smooth)));
+        }
+        let own = cost.of(&values);
+        let correction = Correction {
+            cost: own,
+            disagreement: other.map_or(f64::NAN, |o| (o - own) / own),
+            gap: convex.map_or(f64::NAN, |c| c.gap / own),
+        };
+        (values, cost.classes, Some(correction))
+    }
+}
+
+/// Largest measured magnitude of every channel, in the proportion that leaves the mean weight of a row.
+fn largest(traces: &[Trace], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let one = |(trace, sigma): (&Trace, &Vec<f64>)| {
+        let peak = |m: &Vec<f64>| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
+        let peaks: Vec<f64> = trace.measured.iter().map(peak).collect();
+        let ratio: f64 = sigma.iter().zip(&peaks).map(|(s, p)| (s / p).powi(2)).sum::<f64>() / peaks.len() as f64;
+        peaks.into_iter().map(|p| p * ratio.sqrt()).collect()
     };
-    residuals.iter().map(|channels| channels.iter().map(trim).collect()).collect()
+    traces.iter().zip(noise).map(one).collect()
 }
 
 fn is_nonlinear(model: &Model) -> bool {
@@ -204,11 +545,6 @@ pub fn kinematics(trace: &Trace) -> impl Fn(KinematicsError) -> FitError + '_ {
     |source| FitError::Kinematics { recording: trace.name.clone(), source }
 }
 
-fn weighted_squares(residuals: &[Channels], noise: &[Vec<f64>]) -> f64 {
-    let channel = |(r, s): (&Vec<f64>, &f64)| r.iter().map(|x| x * x).sum::<f64>() / (s * s);
-    residuals.iter().zip(noise).flat_map(|(r, s)| r.iter().zip(s)).map(channel).sum()
-}
-
 /// Root mean square per channel over several recordings.
 pub fn channel_rms(residuals: &[Channels]) -> Vec<f64> {
     let channels = residuals.iter().map(Vec::len).min().unwrap_or(0);
@@ -221,164 +557,7 @@ pub fn channel_rms(residuals: &[Channels]) -> Vec<f64> {
         .collect()
 }
 
-/// Normal equations at the present parameters.
-struct System {
-    parameters: Vec<PlantParameter>,
-    /// Indices of the estimated parameters.
-    free: Vec<usize>,
-    /// Own size of each free parameter.
-    scale: DVector<f64>,
-    /// YᵀWY of the free parameters.
-    information: DMatrix<f64>,
-    /// YᵀWr.
-    gradient: DVector<f64>,
-    /// Block sums of YᵀWr.
-    scores: Vec<DVector<f64>>,
-}
-
-impl System {
-    fn new(model: &Model, traces: &[Trace], noise: &[Vec<f64>], residuals: &[Channels]) -> Result<Self, FitError> {
-        let parameters = Plant::new(model, &traces[0].setup).parameters();
-        let free: Vec<usize> = (0..parameters.len()).filter(|&k| parameters[k].role != Role::Fixed).collect();
-        let n = free.len();
-        let mut information = DMatrix::zeros(n, n);
-        let mut gradient = DVector::zeros(n);
-        let mut scores = Vec::new();
-        for ((trace, sigma), residual) in traces.iter().zip(noise).zip(residuals) {
-            let all = columns(&Plant::new(model, &trace.setup), trace, None).map_err(kinematics(trace))?;
-            let length = trace.len().div_ceil(BLOCKS).max(1);
-            for start in (0..trace.len()).step_by(length) {
-                let range = start..(start + length).min(trace.len());
-                let mut score = DVector::zeros(n);
-                for (c, s) in sigma.iter().enumerate() {
-                    // Missing residuals (NaN) do not count.
-                    let rows: Vec<usize> = range.clone().filter(|&k| !residual[c][k].is_nan()).collect();
-                    let block = DMatrix::from_fn(rows.len(), n, |i, j| all[free[j]][c][rows[i]] / s);
-                    let r = DVector::from_fn(rows.len(), |i, _| residual[c][rows[i]] / s);
-                    information += block.tr_mul(&block);
-                    score += block.tr_mul(&r);
-                }
-                gradient += &score;
-                scores.push(score);
-            }
-        }
-        let scale = DVector::from_fn(n, |i, _| own_size(&parameters[free[i]]));
-        Ok(Self { parameters, free, scale, information, gradient, scores })
-    }
-
-    fn free_parameters(&self) -> Vec<&PlantParameter> {
-        self.free.iter().map(|&k| &self.parameters[k]).collect()
-    }
-
-    /// Eigenvectors (in scaled parameters) and eigenvalues the data determine.
-    fn eigen(&self) -> (DMatrix<f64>, DVector<f64>) {
-        let n = self.free.len();
-        let scaled = DMatrix::from_fn(n, n, |i, j| self.information[(i, j)] * self.scale[i] * self.scale[j]);
-        let eigen = scaled.symmetric_eigen();
-        // Rounding of the largest eigenvalue must not pass for information.
-        let floor = MIN_INFORMATION.max(1e-13 * eigen.eigenvalues.amax());
-        let kept: Vec<usize> = (0..n).filter(|&i| eigen.eigenvalues[i] > floor).collect();
-        let vectors = DMatrix::from_fn(n, kept.len(), |r, c| eigen.eigenvectors[(r, kept[c])]);
-        (vectors, DVector::from_fn(kept.len(), |i, _| eigen.eigenvalues[kept[i]]))
-    }
-
-    /// Applies the pseudo-inverse of the information.
-    fn pseudo_inverse(&self) -> DMatrix<f64> {
-        let (vectors, values) = self.eigen();
-        let scaled = DMatrix::from_fn(vectors.nrows(), vectors.ncols(), |r, c| {
-            self.scale[r] * vectors[(r, c)] / values[c].sqrt()
-        });
-        &scaled * scaled.transpose()
-    }
-
-    fn step(&self) -> DVector<f64> {
-        self.pseudo_inverse() * &self.gradient
-    }
-
-    /// All parameter values after a damped step; shape parameters move by half their value at most.
-    fn moved(&self, step: &DVector<f64>, damping: f64) -> Vec<f64> {
-        let mut values: Vec<f64> = self.parameters.iter().map(|p| p.value).collect();
-        for (i, &k) in self.free.iter().enumerate() {
-            let p = &self.parameters[k];
-            let mut d = damping * step[i];
-            if p.role == Role::Shape {
-                d = d.clamp(-0.5 * p.value.abs(), 0.5 * p.value.abs());
-                values[k] = (p.value + d).clamp(p.range.0, p.range.1);
-            } else {
-                values[k] += d;
-            }
-        }
-        values
-    }
-
-    /// Names of parameters significantly outside their range.
-    fn impossible(&self, covariance: &DMatrix<f64>) -> Vec<String> {
-        let known = self.known();
-        let outside = |&i: &usize| {
-            let p = &self.parameters[self.free[i]];
-            let margin = 3.0 * covariance[(i, i)].max(0.0).sqrt();
-            known[i] && (p.value < p.range.0 - margin || p.value > p.range.1 + margin)
-        };
-        (0..self.free.len()).filter(outside).map(|i| self.parameters[self.free[i]].name.clone()).collect()
-    }
-
-    /// Whether an effect's parameter has a value its law does not allow, e.g. negative friction.
-    fn out_of_range(&self) -> bool {
-        self.parameters.iter().any(|p| !(p.range.0..=p.range.1).contains(&p.value))
-    }
-
-    /// All parameter values with every body and every effect possible, as near to the estimate as the data demand.
-    fn consistent(&self, model: &Model, prior: &Model) -> Option<Vec<f64>> {
-        let free = |all: &[f64]| DVector::from_fn(self.free.len(), |i, _| all[self.free[i]]);
-        let mut values: Vec<f64> = self.parameters.iter().map(|p| p.value).collect();
-        let before: Vec<f64> = crate::effects::rigid_bodies::values(&prior.bodies)
-            .into_iter()
-            .chain(prior.effects.iter().flat_map(|a| a.values.clone()))
-            .collect();
-        let nearest = consistency::nearest_consistent(
-            &model.bodies,
-            &free(&values),
-            &free(&before),
-            &self.scale,
-            &self.information,
-            &self.free_parameters().iter().map(|p| p.range).collect::<Vec<_>>(),
-        )?;
-        for (i, &k) in self.free.iter().enumerate() {
-            values[k] = nearest[i];
-        }
-        Some(values)
-    }
-
-    /// H⁺ (Σ s sᵀ) H⁺ over blocks, never below what white noise of the stated size would give.
-    fn covariance(&self) -> DMatrix<f64> {
-        let inverse = self.pseudo_inverse();
-        let n = self.free.len();
-        let mut meat = DMatrix::zeros(n, n);
-        for s in &self.scores {
-            meat += s * s.transpose();
-        }
-        // Small-sample factor of the block estimate.
-        let b = self.scores.len() as f64;
-        let robust = &inverse * meat * &inverse * (b / (b - 1.0).max(1.0));
-        DMatrix::from_fn(n, n, |i, j| {
-            let inflate = |i: usize| {
-                if robust[(i, i)] > 0.0 { (inverse[(i, i)] / robust[(i, i)]).sqrt().max(1.0) } else { 1.0 }
-            };
-            robust[(i, j)] * inflate(i) * inflate(j)
-        })
-    }
-
-    /// Whether the data determine each free parameter alone.
-    fn known(&self) -> Vec<bool> {
-        let (vectors, _) = self.eigen();
-        (0..self.free.len()).map(|i| 1.0 - vectors.row(i).norm_squared() < 1e-4).collect()
-    }
-}
-
 /// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
 pub fn own_size(p: &PlantParameter) -> f64 {
-    let usual = crate::effects::find(p.effect)
-        .and_then(|e| e.parameters().iter().find(|q| p.name.contains(&format!(".{}", q.name))))
-        .map_or(0.0, |q| q.default.abs());
-    p.value.abs().max(usual).max(1e-9)
+    p.value.abs().max(p.usual).max(1e-9)
 }

@@ -9,12 +9,14 @@
 //!
 //! Own states of force laws are integrated along the measured motion.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::Trace;
 use super::filtering::Kernel;
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
-use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Role};
+use crate::effects::{ActiveEffect, Entry, GearSpring, Instant, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::AXES;
 use crate::recording::Signals;
@@ -25,10 +27,51 @@ pub type Channels = Vec<Vec<f64>>;
 /// Own states of each effect at each sample: `[sample][effect]`, empty where no effect has states.
 type OwnStates = Vec<Vec<Vec<f64>>>;
 
+/// Whether a prediction at one sample needs only samples around it (see [`reach`]); own states need all before.
+pub fn is_local(plant: &Plant) -> bool {
+    plant.effects.iter().all(|a| a.states() == 0 || a.effect.kind() == Kind::Encoder)
+}
+
+/// Samples on either side that a local prediction needs: sensors shift by less, deflections are smoothed over less.
+fn reach(plant: &Plant) -> usize {
+    if plant.observes() || gear_springs(plant).is_some() { 256 } else { 0 }
+}
+
+/// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
+pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels, Vec<Channels>), KinematicsError> {
+    let motions = motions(plant, trace)?;
+    let predicted = predict_along(plant, trace, &motions)?;
+    Ok((predicted, columns_along(plant, trace, None, &motions)?))
+}
+
 /// Predicted channels of a plant along a trace.
 pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
-    let motions = motions(plant, trace)?;
-    predict_along(plant, trace, &motions)
+    if !is_local(plant) || trace.len() <= CHUNK {
+        let motions = motions(plant, trace)?;
+        return predict_along(plant, trace, &motions);
+    }
+    // In pieces: the motion of all bodies takes kilobytes per sample.
+    let starts: Vec<usize> = (0..trace.len()).step_by(CHUNK).collect();
+    let pieces: Vec<Channels> = starts
+        .into_par_iter()
+        .map(|start| {
+            let range = start..(start + CHUNK).min(trace.len());
+            let (around, shift) = surroundings(plant, trace, &range);
+            let mut piece = predict_along(plant, &around, &motions(plant, &around)?)?;
+            piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
+            Ok(piece)
+        })
+        .collect::<Result<_, KinematicsError>>()?;
+    let whole = |c: usize| pieces.iter().flat_map(|p| &p[c]).copied().collect();
+    Ok((0..trace.channels.len()).map(whole).collect())
+}
+
+/// The samples that a local prediction in `range` needs, and where `range` starts in them.
+pub fn surroundings(plant: &Plant, trace: &Trace, range: &Range<usize>) -> (Trace, usize) {
+    let reach = reach(plant);
+    let outer = range.start.saturating_sub(reach)..(range.end + reach).min(trace.len());
+    let shift = range.start - outer.start;
+    (trace.window(outer), shift)
 }
 
 /// Motion of the mechanism: that of the encoders less what lies between them and the joints.
@@ -107,7 +150,7 @@ fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Cha
 fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let states = own_states(plant, &effects, trace, motions);
-    let with_struts = trace.channels.len() > AXES;
+    let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
     let gears = gear_springs(plant).unwrap_or_default();
     let outputs: Vec<_> = (0..trace.len())
         .into_par_iter()
@@ -126,7 +169,7 @@ fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, K
         .iter()
         .map(|channel| {
             let value = |o: &Output| match *channel {
-                Channel::Torque(axis) => o.tau[axis],
+                Channel::Torque(axis) | Channel::Force(axis) => o.tau[axis],
                 Channel::StrutUpper(s) => o.reactions.upper[s],
                 Channel::StrutLower(s) => o.reactions.lower[s],
             };
@@ -211,17 +254,19 @@ fn observe(plant: &Plant, trace: &Trace, series: &mut Channels) {
     if !plant.observes() {
         return;
     }
+    let drives = plant.mechanism.axes();
     for segment in &trace.segments {
+        let torque = |i: usize, k: usize| if i < drives { series[i][k] } else { 0.0 };
         let mut signals = Signals {
             t: trace.t[segment.clone()].to_vec(),
-            tau: segment.clone().map(|k| std::array::from_fn(|i| series[i][k])).collect(),
+            tau: segment.clone().map(|k| std::array::from_fn(|i| torque(i, k))).collect(),
             ..Signals::default()
         };
         for active in &plant.effects {
             active.effect.observe(&active.values(), &mut signals);
         }
         for (k, tau) in segment.clone().zip(&signals.tau) {
-            for i in 0..AXES {
+            for i in 0..drives {
                 series[i][k] = tau[i];
             }
         }
@@ -237,13 +282,25 @@ pub fn columns(
     trace: &Trace,
     candidate: Option<&ActiveEffect>,
 ) -> Result<Vec<Channels>, KinematicsError> {
-    let motions = motions(plant, trace)?;
+    columns_along(plant, trace, candidate, &motions(plant, trace)?)
+}
+
+fn columns_along(
+    plant: &Plant,
+    trace: &Trace,
+    candidate: Option<&ActiveEffect>,
+    motions: &[Motion],
+) -> Result<Vec<Channels>, KinematicsError> {
     let rigid = plant.rigid_bodies();
     let effects: Vec<&ActiveEffect> = match candidate {
         Some(active) => vec![active],
         None => std::iter::once(&rigid).chain(&plant.effects).collect(),
     };
-    let mut out = linear_columns(plant, &effects, trace, &motions)?;
+    // Force laws with a shape moved by a step go along: only their own contribution changes.
+    let shaped: Vec<ActiveEffect> = effects.iter().flat_map(|active| shaped(active)).collect();
+    let along: Vec<&ActiveEffect> = effects.iter().copied().chain(&shaped).collect();
+    let mut out = linear_columns(plant, &along, trace, motions)?;
+    let mut moved_shapes = out.split_off(effects.iter().map(|a| a.values.len()).sum());
     let mut at = 0;
     let mut unobserved: Option<Channels> = None;
     for active in &effects {
@@ -254,12 +311,12 @@ pub fn columns(
             if entry.parameter.role != Role::Shape && !(whole && entry.parameter.role == Role::Linear) {
                 continue;
             }
-            let step = 1e-4 * entry.parameter.default.abs().max(1e-6);
+            let step = difference(entry);
             let changed = |step| with(plant, active, step, candidate.is_some());
             let moved = if active.effect.kind() == Kind::Sensor {
                 // Sensors act on what the mechanism does anyway.
                 if unobserved.is_none() {
-                    unobserved = Some(ideal(plant, trace, &motions)?);
+                    unobserved = Some(ideal(plant, trace, motions)?);
                 }
                 let seen = |plant: Plant| {
                     let mut series = unobserved.clone().unwrap_or_default();
@@ -273,11 +330,10 @@ pub fn columns(
             } else if whole {
                 predict(&changed(Some((k, step))), trace)?
             } else {
-                // Shape of a force law: only its own contribution moves.
-                let mut shaped = (*active).clone();
-                shaped.values[k] += step;
-                let columns = linear_columns(plant, &[&shaped], trace, &motions)?;
-                weighted(&columns, &shaped.values)
+                let columns: Vec<Channels> = moved_shapes.drain(..active.values.len()).collect();
+                let mut values = active.values.clone();
+                values[k] += step;
+                weighted(&columns, &values)
             };
             if unmoved.is_none() {
                 unmoved = Some(if whole {
@@ -293,6 +349,26 @@ pub fn columns(
         at += active.values.len();
     }
     Ok(out)
+}
+
+/// Step of a parameter for differences of predictions.
+fn difference(entry: &Entry) -> f64 {
+    1e-4 * entry.parameter.default.abs().max(1e-6)
+}
+
+/// Copies of a force law, each with one shape parameter moved by a step.
+fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
+    if active.effect.kind().acts_on_the_whole() {
+        return Vec::new();
+    }
+    let shapes = active.entries().into_iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape);
+    shapes
+        .map(|(k, entry)| {
+            let mut copy = active.clone();
+            copy.values[k] += difference(&entry);
+            copy
+        })
+        .collect()
 }
 
 /// Σ valuesₖ·columnₖ.
@@ -335,6 +411,9 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
     plant
 }
 
+/// Samples of which the columns are computed together.
+const CHUNK: usize = 1024;
+
 fn linear_columns(
     plant: &Plant,
     effects: &[&ActiveEffect],
@@ -350,8 +429,8 @@ fn linear_columns(
     let channels = trace.channels.len();
     let samples: Vec<usize> = (0..trace.len()).collect();
     // Chunks keep the transposition from rows to series in the cache.
-    let chunks: Vec<Vec<Vec<f64>>> = samples
-        .par_chunks(512)
+    let mut chunks: Vec<Vec<Vec<f64>>> = samples
+        .par_chunks(CHUNK)
         .map(|chunk| {
             let mut series = vec![Vec::with_capacity(chunk.len()); total * channels];
             for &k in chunk {
@@ -372,12 +451,13 @@ fn linear_columns(
             Ok(series)
         })
         .collect::<Result<_, KinematicsError>>()?;
-    let mut out: Vec<Channels> = (0..total)
-        .into_par_iter()
-        .map(|p| {
-            (0..channels).map(|c| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect()).collect()
-        })
-        .collect();
+    let whole = |p: usize, c: usize| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect();
+    let mut out: Vec<Channels> = if chunks.len() == 1 {
+        let mut only = chunks.remove(0).into_iter();
+        (0..total).map(|_| only.by_ref().take(channels).collect()).collect()
+    } else {
+        (0..total).into_par_iter().map(|p| (0..channels).map(|c| whole(p, c)).collect()).collect()
+    };
     if plant.observes() {
         let mut zero: Channels = vec![vec![0.0; trace.len()]; trace.channels.len()];
         observe(plant, trace, &mut zero);
@@ -562,7 +642,7 @@ mod tests {
             inside.clone().map(|k| torque[k] - predicted[0][k]).collect()
         };
         let (before, after) = (residual(&rigid), residual(&elastic));
-        let column = &columns(&rigid, &trace, None).unwrap()[crate::effects::rigid_bodies::PARAMETERS.len()][0];
+        let column = &columns(&rigid, &trace, None).unwrap()[rigid.rigid_bodies().values.len()][0];
         let column = &column[inside];
         let product: f64 = column.iter().zip(&before).map(|(c, r)| c * r).sum();
         let estimate = product / column.iter().map(|c| c * c).sum::<f64>();

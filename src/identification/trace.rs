@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use super::filtering::{Kernel, half_width, noise_level};
+use super::derivatives::{Angles, Method};
 use crate::dynamics::Channel;
 use crate::kinematics::JointState;
-use crate::model::{AXES, Model, STRUTS};
+use crate::model::{AXES, Model, Part, STRUTS};
 use crate::recording::{Configuration, Recording, Setup, Signals};
 
 /// Smoothed joint motion with the measured channels at the same samples.
@@ -27,24 +27,22 @@ pub struct Trace {
     pub segments: Vec<Range<usize>>,
     /// Sampling period, s.
     pub dt: f64,
-    /// Half width of the derivative filter per axis, samples.
+    /// Half width per axis of local polynomials whose second derivative carries tolerable encoder noise, samples; the
+    /// smallest, [`super::filtering::MIN_HALF_WIDTH`], where there is none.
     pub half_width: [usize; AXES],
 }
 
-/// Acceptable standard deviation of accelerations from encoder noise, rad/s²: torques below a tenth of sensor noise.
-const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
-
 impl Trace {
-    /// Differentiates the joint angles of a recording; samples at the ends of a stretch are lost to the filter.
+    /// Differentiates the joint angles of a recording by the best method; a few samples at the ends of a stretch are lost.
     pub fn new(recording: &Recording) -> Self {
+        Self::with(recording, Method::Reversals)
+    }
+
+    /// Differentiates the joint angles of a recording by a given method.
+    pub fn with(recording: &Recording, method: Method) -> Self {
         let signals = &recording.signals;
-        let dt = signals.sample_time();
-        let axis = |i: usize| -> Vec<f64> { signals.q.iter().map(|q| q[i]).collect() };
-        let angles: [Vec<f64>; AXES] = std::array::from_fn(axis);
-        let half_width: [usize; AXES] =
-            std::array::from_fn(|i| half_width(noise_level(&angles[i]), dt, ACCELERATION_NOISE[i]));
-        let kernels: [Kernel; AXES] = std::array::from_fn(|i| Kernel::new(half_width[i]));
-        let margin = half_width.into_iter().max().unwrap_or(0);
+        let (dt, stretches) = (signals.sample_time(), signals.stretches());
+        let angles = Angles::new(&signals.q, &stretches, dt);
         let channels = measured_channels(signals, recording.setup.configuration);
         let mut trace = Self {
             name: recording.name.clone(),
@@ -55,30 +53,11 @@ impl Trace {
             channels,
             segments: Vec::new(),
             dt,
-            half_width,
+            half_width: angles.half_widths(),
         };
-        for stretch in signals.stretches() {
-            if stretch.len() <= 2 * margin {
-                continue;
-            }
-            let kept = stretch.start + margin..stretch.end - margin;
+        for (kept, joints) in angles.differentiate(method) {
             let first = trace.t.len();
             trace.t.extend(&signals.t[kept.clone()]);
-            let mut joints = vec![JointState::default(); kept.len()];
-            for i in 0..AXES {
-                let m = half_width[i];
-                let x = &angles[i][kept.start - m..kept.end + m];
-                for (derivative, scale) in [(0, 1.0), (1, 1.0 / dt), (2, 1.0 / (dt * dt))] {
-                    for (joint, value) in joints.iter_mut().zip(kernels[i].apply(derivative, x)) {
-                        let target = match derivative {
-                            0 => &mut joint.q[i],
-                            1 => &mut joint.qd[i],
-                            _ => &mut joint.qdd[i],
-                        };
-                        *target = value * scale;
-                    }
-                }
-            }
             trace.joints.extend(joints);
             for (series, &channel) in trace.measured.iter_mut().zip(&trace.channels) {
                 series.extend(kept.clone().map(|k| measured_value(signals, channel, k)));
@@ -98,6 +77,25 @@ impl Trace {
         self.t.is_empty()
     }
 
+    /// The samples of `range` alone.
+    pub fn window(&self, range: Range<usize>) -> Self {
+        let clip = |s: &Range<usize>| {
+            let (start, end) = (s.start.max(range.start), s.end.min(range.end));
+            (start < end).then(|| start - range.start..end - range.start)
+        };
+        Self {
+            name: self.name.clone(),
+            setup: self.setup,
+            t: self.t[range.clone()].to_vec(),
+            joints: self.joints[range.clone()].to_vec(),
+            channels: self.channels.clone(),
+            measured: self.measured.iter().map(|m| m[range.clone()].to_vec()).collect(),
+            segments: self.segments.iter().filter_map(clip).collect(),
+            dt: self.dt,
+            half_width: self.half_width,
+        }
+    }
+
     /// Keeps only `channels`, in their order; those the trace does not have stay missing.
     pub fn restrict(&mut self, channels: &[Channel]) {
         let place = |c: &Channel| self.channels.iter().position(|own| own == c);
@@ -109,17 +107,12 @@ impl Trace {
     /// Noise standard deviation of each channel: stated in the setup, else estimated from the channel's differences,
     /// else that of the model.
     pub fn noise(&self, model: &Model) -> Vec<f64> {
-        let sigma = |c: usize| match (self.channels[c], self.setup.torque_noise) {
-            (Channel::Torque(axis), Some(stated)) => stated[axis],
-            (channel, _) => {
-                let known = match channel {
-                    Channel::Torque(axis) => model.noise.torque[axis],
-                    _ => model.noise.strut_force,
-                };
-                crate::evidence::noise::difference_sigma(&self.measured[c], &self.segments, 4)
-                    .filter(|s| *s > 0.0)
-                    .unwrap_or(known)
-            }
+        let sigma = |c: usize| {
+            let drive = self.channels[c].drive();
+            let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
+            let seen =
+                || crate::evidence::noise::difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
+            stated.or_else(seen).unwrap_or(drive.map_or(model.noise.strut_force, |i| model.noise.torque[i]))
         };
         (0..self.channels.len()).map(sigma).collect()
     }
@@ -132,8 +125,8 @@ pub fn noise_floor(model: &Model, traces: &[Trace]) -> Vec<f64> {
 }
 
 fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {
-    let mut channels = Channel::TORQUES.to_vec();
-    if configuration == Configuration::Assembled {
+    let mut channels = Channel::of_drives(signals.mechanism);
+    if signals.mechanism.has(Part::Linkage, configuration == Configuration::Assembled) {
         for s in 0..STRUTS {
             if signals.strut_upper[s].is_some() {
                 channels.push(Channel::StrutUpper(s));
@@ -148,7 +141,7 @@ fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Cha
 
 fn measured_value(signals: &Signals, channel: Channel, k: usize) -> f64 {
     match channel {
-        Channel::Torque(axis) => signals.tau[k][axis],
+        Channel::Torque(axis) | Channel::Force(axis) => signals.tau[k][axis],
         Channel::StrutUpper(s) => signals.strut_upper[s].as_ref().map_or(0.0, |x| x[k]),
         Channel::StrutLower(s) => signals.strut_lower[s].as_ref().map_or(0.0, |x| x[k]),
     }

@@ -33,6 +33,37 @@ pub struct PlatformState {
     pub psi: [f64; 3],
 }
 
+/// Where a machine is to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// Its platform and axis 4.
+    Platform(PlatformState),
+    /// Its joints.
+    Joints(JointState),
+}
+
+impl From<PlatformState> for Target {
+    fn from(platform: PlatformState) -> Self {
+        Self::Platform(platform)
+    }
+}
+
+impl From<JointState> for Target {
+    fn from(joints: JointState) -> Self {
+        Self::Joints(joints)
+    }
+}
+
+impl Target {
+    /// Motion of the joints.
+    pub fn joints(&self, geometry: &Geometry) -> Result<JointState, KinematicsError> {
+        match self {
+            Self::Platform(platform) => geometry.inverse_motion(platform),
+            Self::Joints(joints) => Ok(*joints),
+        }
+    }
+}
+
 /// A pose the mechanism cannot take.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum KinematicsError {
@@ -227,14 +258,18 @@ impl Geometry {
         (self.upper_hooke() - position - Vector3::z() * self.lower_hooke_height).norm()
     }
 
+    /// Checks the joint limits of arms.
+    pub fn check_arms(&self, q: &[f64]) -> Result<(), KinematicsError> {
+        let [min, max] = self.arm_limits;
+        match q.iter().position(|angle| !(min..=max).contains(angle)) {
+            Some(arm) => Err(KinematicsError::ArmLimit { arm, angle: q[arm], min, max }),
+            None => Ok(()),
+        }
+    }
+
     /// Checks joint and telescope limits of a pose.
     pub fn check_limits(&self, q: &[f64], position: &Vector3<f64>) -> Result<(), KinematicsError> {
-        let [min, max] = self.arm_limits;
-        for arm in 0..ARMS {
-            if !(min..=max).contains(&q[arm]) {
-                return Err(KinematicsError::ArmLimit { arm, angle: q[arm], min, max });
-            }
-        }
+        self.check_arms(&q[..ARMS])?;
         let length = self.telescope_length(position);
         let [min, max] = self.telescope_limits;
         if !(min..=max).contains(&length) {

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::delta::{self, JointState, KinematicsError, PlatformState};
 use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::model::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
 /// Motion of one body frame in the inertial frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,6 +127,15 @@ impl Motion {
             let rotation = Rotation3::from_matrix_unchecked(b.rotation);
             Isometry3::from_parts(b.position.into(), UnitQuaternion::from_rotation_matrix(&rotation))
         })
+    }
+
+    /// The same to be looked at: what slides on a prismatic axis stands where it is, along x.
+    pub fn shown(&self, machine: Mechanism) -> [Isometry3<f64>; BODIES] {
+        let mut poses = self.poses();
+        if machine == Mechanism::Axis(Joint::Prismatic) {
+            poses[ARM] = Isometry3::translation(self.q[0], 0.0, 0.0);
+        }
+        poses
     }
 
     /// Body a drive acts on and its axis in the inertial frame.

@@ -28,10 +28,27 @@ impl Inertia {
         Self { mass, first_moment: first_moment.into(), tensor: Matrix3::from_diagonal(&moments.into()) }
     }
 
+    /// What moves on a lone axis: only the moment about the axis enters (of a prismatic axis it stands for the mass).
+    pub fn lone(moment: f64) -> Self {
+        Self { mass: moment, first_moment: Vector3::zeros(), tensor: Matrix3::identity() * moment }
+    }
+
     /// Point mass at `position`.
     pub fn point(mass: f64, position: Vector3<f64>) -> Self {
         let x = position.cross_matrix();
         Self { mass, first_moment: mass * position, tensor: -mass * x * x }
+    }
+
+    /// The same body about another point of it, in which its frame's origin stands at `origin`.
+    ///
+    /// With h the first moment and x = [origin]×, h′ = h + m·origin and Θ′ = Θ − x[h]× − [h]×x − m·x².
+    pub fn seen_from(&self, origin: &Vector3<f64>) -> Self {
+        let (x, h) = (origin.cross_matrix(), self.first_moment.cross_matrix());
+        Self {
+            mass: self.mass,
+            first_moment: self.first_moment + self.mass * origin,
+            tensor: self.tensor - x * h - h * x - self.mass * x * x,
+        }
     }
 
     /// Pseudo-inertia `[[½tr(Θ)·1 − Θ, m·c], [m·cᵀ, m]]`; positive semidefinite for every real body.
@@ -115,5 +132,24 @@ impl std::ops::Index<usize> for Bodies {
 impl std::ops::IndexMut<usize> for Bodies {
     fn index_mut(&mut self, b: usize) -> &mut Inertia {
         &mut self.0[b]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inertia_about_another_point_is_that_of_the_shifted_masses() {
+        let points = [(2.0, Vector3::new(0.1, -0.2, 0.3)), (0.5, Vector3::new(-0.4, 0.1, 0.2))];
+        let origin = Vector3::new(0.3, 0.2, -0.5);
+        let sum = |shift: Vector3<f64>| {
+            let mut all = Inertia::ZERO;
+            points.iter().for_each(|(m, p)| all += Inertia::point(*m, p + shift));
+            all
+        };
+        let (seen, shifted) = (sum(Vector3::zeros()).seen_from(&origin), sum(origin));
+        approx::assert_relative_eq!(seen.first_moment, shifted.first_moment, epsilon = 1e-15);
+        approx::assert_relative_eq!(seen.tensor, shifted.tensor, epsilon = 1e-15);
     }
 }

@@ -29,11 +29,16 @@ pub struct Geometry {
     pub flange_height: f64,
     /// Smallest and largest arm angle.
     pub arm_limits: [f64; 2],
-    /// Smallest and largest distance of the telescope's Hooke joints.
+    /// Smallest and largest distance of the telescope's Hooke joints; unlimited where there is none.
     pub telescope_limits: [f64; 2],
 }
 
 impl Geometry {
+    /// Whether there is a telescope.
+    pub fn has_telescope(&self) -> bool {
+        self.telescope_limits[1].is_finite()
+    }
+
     /// Azimuth of limb `i`, rad.
     pub fn azimuth(i: usize) -> f64 {
         i as f64 * std::f64::consts::TAU / 3.0

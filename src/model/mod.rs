@@ -5,17 +5,19 @@
 pub mod bodies;
 pub mod check;
 pub mod geometry;
+pub mod mechanism;
 mod read;
 mod schema;
 pub mod write;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
+pub use mechanism::{Joint, Mechanism, Part};
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::effects::ActiveEffect;
+use crate::effects::{ActiveEffect, Host};
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;
@@ -33,7 +35,9 @@ pub struct Model {
     pub path: Option<PathBuf>,
     /// Text of that file, with the user's comments.
     pub source: Option<Arc<str>>,
-    /// False for the disassembled robot: arms and rotor as independent axes.
+    /// Kind of machine.
+    pub mechanism: Mechanism,
+    /// False for the disassembled robot, arms and rotor as independent axes, and for a lone axis.
     pub assembled: bool,
     /// Lengths and joint limits.
     pub geometry: Geometry,
@@ -51,6 +55,13 @@ pub struct Model {
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
     pub effects: Vec<ActiveEffect>,
+}
+
+impl Model {
+    /// The machine as far as effects' parameters depend on it.
+    pub fn host(&self) -> Host {
+        Host::new(self.mechanism, &self.drives[0])
+    }
 }
 
 /// One drive, seen at the gear output.

@@ -14,8 +14,8 @@ use toml::de::{DeTable, DeValue};
 use super::bodies::{self, BODIES, body_name};
 use super::check::{self, Culprit};
 use super::schema::{self, Bounds, Field, Shape};
-use super::{ARMS, AXES, Bodies, Drive, Geometry, Inertia, Model};
-use crate::effects::{ActiveEffect, Effect, Parameter, REGISTRY, Role};
+use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, Mechanism, Model};
+use crate::effects::{ActiveEffect, Effect, Host, Parameter, REGISTRY, Role};
 
 impl Model {
     /// Reads a model file.
@@ -42,36 +42,38 @@ impl Model {
 }
 
 fn read_model(top: &Table) -> Result<Model> {
-    let tables = ["name", "mechanism", "assembled", "geometry", "bodies", "drives", "sockets", "noise", "effects"];
-    top.only(&[&tables[..], &keys(schema::TOP)].concat())?;
     let name = top.string("name", "the machine's name, a string")?.to_string();
-    let mechanism = top.string("mechanism", "\"delta\"")?;
-    if mechanism != "delta" {
-        return Err(top.refuse("mechanism", "expected \"delta\", the only mechanism known"));
-    }
-    let assembled = top.boolean("assembled")?;
+    let mechanism = read_mechanism(top)?;
+    let delta = matches!(mechanism, Mechanism::Delta { .. });
+    let assembled = if delta { top.boolean("assembled")? } else { false };
     let mut numbers = schema::Top { gravity: 0.0, sample_time: 0.0 };
-    top.fill(schema::TOP, &mut numbers, true)?;
+    top.fill(schema::top(mechanism), &mut numbers, true, mechanism)?;
 
     let mut geometry = schema::GEOMETRY_ZERO;
     let table = top.table("geometry")?;
-    table.only(&keys(schema::GEOMETRY))?;
-    table.fill(schema::GEOMETRY, &mut geometry, assembled)?;
-    check_geometry(&table, &geometry, assembled)?;
+    table.only(&keys(schema::geometry(mechanism)))?;
+    table.fill(schema::geometry(mechanism), &mut geometry, assembled, mechanism)?;
+    if !mechanism.has_telescope() {
+        geometry.telescope_limits = NO_TELESCOPE;
+    }
+    check_geometry(&table, &geometry, mechanism, assembled)?;
 
-    let bodies = read_bodies(&top.table("bodies")?, assembled)?;
-    let drives = read_drives(&top.table("drives")?)?;
+    let bodies = read_bodies(&top.table("bodies")?, mechanism, assembled)?;
+    let drives = read_drives(&top.table("drives")?, mechanism)?;
     let (mut sockets, mut noise) = (schema::SOCKETS_ZERO, schema::NOISE_ZERO);
-    top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled)?;
-    top.fill_table("noise", schema::NOISE, &mut noise, assembled)?;
+    if delta {
+        top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled, mechanism)?;
+    }
+    top.fill_table("noise", schema::noise(mechanism), &mut noise, assembled, mechanism)?;
     let effects = match top.optional_table("effects")? {
-        Some(table) => read_effects(&table)?,
+        Some(table) => read_effects(&table, Host::new(mechanism, &drives[0]))?,
         None => Vec::new(),
     };
     Ok(Model {
         name,
         path: None,
         source: None,
+        mechanism,
         assembled,
         geometry,
         bodies,
@@ -84,9 +86,41 @@ fn read_model(top: &Table) -> Result<Model> {
     })
 }
 
+/// Limits of a telescope that is not there.
+const NO_TELESCOPE: [f64; 2] = [0.0, f64::INFINITY];
+
+/// Which machine the file describes; refuses the keys that other machines have.
+fn read_mechanism(top: &Table) -> Result<Mechanism> {
+    let kind = top.string("mechanism", "\"delta\" or \"axis\"")?;
+    let (mechanism, own): (_, &[&str]) = match kind {
+        "delta" => {
+            let telescope = top.optional_boolean("telescope")?.unwrap_or(true);
+            (Mechanism::Delta { telescope }, &["telescope", "assembled", "sockets"])
+        }
+        "axis" => {
+            let joint = match top.string("joint", "\"revolute\" or \"prismatic\"")? {
+                "revolute" => Joint::Revolute,
+                "prismatic" => Joint::Prismatic,
+                _ => return Err(top.refuse("joint", "expected \"revolute\" or \"prismatic\"")),
+            };
+            (Mechanism::Axis(joint), &["joint"])
+        }
+        _ => return Err(top.refuse("mechanism", "expected \"delta\" or \"axis\", the mechanisms known")),
+    };
+    let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects"];
+    top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
+    Ok(mechanism)
+}
+
 /// Limits in order, struts that reach, a telescope that fits.
-fn check_geometry(table: &Table, g: &Geometry, assembled: bool) -> Result<()> {
+fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: bool) -> Result<()> {
     let [low, high] = g.arm_limits;
+    if matches!(mechanism, Mechanism::Axis(_)) {
+        return match low < high {
+            true => Ok(()),
+            false => Err(table.refuse("limits", "expected the smallest position first, then the largest")),
+        };
+    }
     if low >= high {
         return Err(table.refuse("arm_limits", "expected the smallest angle first, then the largest"));
     }
@@ -112,6 +146,9 @@ fn check_geometry(table: &Table, g: &Geometry, assembled: bool) -> Result<()> {
             table.refuse("strut_length", "expected lengths with which the three limbs meet at the home pose q = 0")
         );
     };
+    if !mechanism.has_telescope() {
+        return Ok(());
+    }
     let [min, max] = g.telescope_limits;
     if min >= max {
         return Err(table.refuse("telescope_limits", "expected the smallest length first, then the largest"));
@@ -132,10 +169,15 @@ fn check_geometry(table: &Table, g: &Geometry, assembled: bool) -> Result<()> {
 pub(super) const GROUPS: [(&str, Range<usize>); 2] =
     [("arm", bodies::ARM..bodies::STRUT), ("strut", bodies::STRUT..bodies::PLATFORM)];
 
-/// Whether the file must describe body `b`.
-pub(super) fn body_needed(b: usize, assembled: bool) -> bool {
+/// Whether the file may describe body `b` of a delta robot.
+pub(super) fn body_known(b: usize, mechanism: Mechanism) -> bool {
+    b < bodies::ROTOR || mechanism.has_telescope()
+}
+
+/// Whether it must.
+pub(super) fn body_needed(b: usize, mechanism: Mechanism, assembled: bool) -> bool {
     let axis = (bodies::ARM..bodies::STRUT).contains(&b) || b == bodies::ROTOR;
-    axis || (assembled && b != bodies::END_EFFECTOR)
+    body_known(b, mechanism) && (axis || (assembled && b != bodies::END_EFFECTOR))
 }
 
 /// The shared table of body `b`, if it has one.
@@ -143,17 +185,25 @@ pub(super) fn body_group(b: usize) -> Option<&'static str> {
     GROUPS.iter().find(|(_, range)| range.contains(&b)).map(|(name, _)| *name)
 }
 
-fn read_bodies(table: &Table, assembled: bool) -> Result<Bodies> {
-    let names: Vec<String> =
-        GROUPS.iter().map(|(name, _)| name.to_string()).chain((0..BODIES).map(body_name)).collect();
-    table.only(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+/// Name of the table of what moves on a lone axis.
+pub(super) const LONE_BODY: &str = "axis";
+
+fn read_bodies(table: &Table, mechanism: Mechanism, assembled: bool) -> Result<Bodies> {
     let mut all = Bodies([Inertia::ZERO; BODIES]);
+    if matches!(mechanism, Mechanism::Axis(_)) {
+        table.only(&[LONE_BODY])?;
+        all[bodies::ARM] = read_inertia(&table.table(LONE_BODY)?, mechanism)?;
+        return Ok(all);
+    }
+    let own = (0..BODIES).filter(|&b| body_known(b, mechanism)).map(body_name);
+    let names: Vec<String> = GROUPS.iter().map(|(name, _)| name.to_string()).chain(own).collect();
+    table.only(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
     for b in 0..BODIES {
         let own = table.optional_table(&body_name(b))?;
         let shared = body_group(b).map(|name| table.optional_table(name)).transpose()?.flatten();
         match own.or(shared) {
-            Some(t) => all[b] = read_inertia(&t)?,
-            None if body_needed(b, assembled) => {
+            Some(t) => all[b] = read_inertia(&t, mechanism)?,
+            None if body_needed(b, mechanism, assembled) => {
                 return Err(table.lacks(&format!("table [bodies.{}]", body_group(b).unwrap_or(&body_name(b)))));
             }
             None => {}
@@ -162,14 +212,15 @@ fn read_bodies(table: &Table, assembled: bool) -> Result<Bodies> {
     Ok(all)
 }
 
-fn read_inertia(table: &Table) -> Result<Inertia> {
-    table.only(&keys(schema::INERTIA))?;
+fn read_inertia(table: &Table, mechanism: Mechanism) -> Result<Inertia> {
+    let fields = schema::inertia(mechanism);
+    table.only(&keys(fields))?;
     let mut inertia = Inertia::ZERO;
-    table.fill(schema::INERTIA, &mut inertia, true)?;
+    table.fill(fields, &mut inertia, true, mechanism)?;
     match check::inconsistency(&inertia) {
         None => Ok(inertia),
         Some((culprit, reason)) => {
-            let key = schema::INERTIA[match culprit {
+            let key = fields[match culprit {
                 Culprit::Mass => schema::MASS,
                 Culprit::FirstMoment => schema::FIRST_MOMENT,
                 Culprit::Tensor => schema::TENSOR,
@@ -180,16 +231,17 @@ fn read_inertia(table: &Table) -> Result<Inertia> {
     }
 }
 
-fn read_drives(table: &Table) -> Result<[Drive; AXES]> {
-    table.only(&["arm", "telescope"])?;
+fn read_drives(table: &Table, mechanism: Mechanism) -> Result<[Drive; AXES]> {
+    let groups = schema::drive_groups(mechanism);
+    table.only(&groups.iter().map(|(name, _)| *name).collect::<Vec<_>>())?;
     let mut drives = [schema::DRIVE_ZERO; AXES];
-    let (arms, telescope) = drives.split_at_mut(ARMS);
-    for (name, drives) in [("arm", arms), ("telescope", telescope)] {
+    for (name, range) in groups {
+        let drives = &mut drives[range.clone()];
         let table = table.table(name)?;
         table.only(&keys(schema::DRIVE))?;
         for field in schema::DRIVE {
-            let shape = drive_shape(drives.len());
-            (field.set)(drives, &table.numbers(field.key, shape, &field.bounds, field.unit)?);
+            let (shape, unit) = (drive_shape(drives.len()), mechanism.unit(field.unit));
+            (field.set)(drives, &table.numbers(field.key, shape, &field.bounds, unit)?);
         }
     }
     Ok(drives)
@@ -200,7 +252,7 @@ pub(super) fn drive_shape(n: usize) -> Shape {
     if n == 1 { Shape::One } else { Shape::OneOrArray(n) }
 }
 
-fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
+fn read_effects(table: &Table, host: Host) -> Result<Vec<ActiveEffect>> {
     let names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).filter(|n| *n != ALWAYS_PRESENT).collect();
     if table.entry(ALWAYS_PRESENT).is_some() {
         return Err(table.refuse_key(
@@ -215,8 +267,15 @@ fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
     }
     let mut active = Vec::new();
     for effect in REGISTRY {
-        if let Some(table) = table.optional_table(effect.name())? {
-            active.push(read_effect(&table, *effect)?);
+        if let Some(own) = table.optional_table(effect.name())? {
+            // An effect on what is only dismounted may stay.
+            let part = effect.acts_on();
+            if !host.mechanism.has(part, true) {
+                let why =
+                    format!("acts on {}, which this machine does not have; expected no table for it", part.describe());
+                return Err(table.refuse_key(effect.name(), &why, None));
+            }
+            active.push(read_effect(&own, *effect, host)?);
         }
     }
     Ok(active)
@@ -225,29 +284,25 @@ fn read_effects(table: &Table) -> Result<Vec<ActiveEffect>> {
 /// The effect that needs no table.
 pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
 
-fn read_effect(table: &Table, effect: &'static dyn Effect) -> Result<ActiveEffect> {
-    let parameters = effect.parameters();
-    let names: Vec<&str> = parameters.iter().map(|p| p.name).collect();
-    table.only(&names)?;
+fn read_effect(table: &Table, effect: &'static dyn Effect, host: Host) -> Result<ActiveEffect> {
+    let parameters: Vec<Parameter> = effect.parameters().iter().map(|p| host.parameter(p)).collect();
+    table.only(&parameters.iter().map(|p| p.name).collect::<Vec<_>>())?;
     let mut blocks = Vec::new();
-    for p in parameters {
+    for p in &parameters {
         let present = p.role == Role::Linear || table.entry(p.name).is_some();
         blocks.push(if present {
-            table.numbers(p.name, Shape::of(p), &Bounds::between(p.range.0, p.range.1), p.unit)?
+            table.numbers(p.name, Shape::of(p, host.mechanism), &Bounds::between(p.range.0, p.range.1), p.unit)?
         } else {
-            default_values(p)
+            default_values(p, host.mechanism)
         });
     }
-    Ok(ActiveEffect::new(effect, &blocks.iter().map(Vec::as_slice).collect::<Vec<_>>()))
+    let blocks: Vec<&[f64]> = blocks.iter().map(Vec::as_slice).collect();
+    Ok(ActiveEffect { host, ..ActiveEffect::new(effect, &blocks) })
 }
 
 /// Values of an optional parameter that the file leaves out.
-pub(super) fn default_values(p: &Parameter) -> Vec<f64> {
-    let n = match Shape::of(p) {
-        Shape::One => 1,
-        Shape::Array(n) | Shape::OneOrArray(n) | Shape::Arrays(n, _) => n,
-    };
-    vec![p.default; n]
+pub(super) fn default_values(p: &Parameter, mechanism: Mechanism) -> Vec<f64> {
+    vec![p.default; p.count.on(mechanism)]
 }
 
 fn keys<T: ?Sized>(fields: &[Field<T>]) -> Vec<&'static str> {
@@ -395,6 +450,10 @@ impl<'a> Table<'a> {
         value.get_ref().as_bool().ok_or_else(|| self.wrong_type(key, value, "true or false"))
     }
 
+    fn optional_boolean(&self, key: &str) -> Result<Option<bool>> {
+        self.entry(key).map(|_| self.boolean(key)).transpose()
+    }
+
     fn table(&self, key: &str) -> Result<Table<'a>> {
         let path = if self.path.is_empty() { key.to_string() } else { format!("{}.{key}", self.path) };
         self.optional_table(key)?.ok_or_else(|| self.lacks(&format!("table [{path}]")))
@@ -412,21 +471,28 @@ impl<'a> Table<'a> {
     }
 
     /// Fills `target` from this table; keys that a disassembled robot does not need may be missing from it.
-    fn fill<T: ?Sized>(&self, fields: &[Field<T>], target: &mut T, assembled: bool) -> Result<()> {
+    fn fill<T: ?Sized>(&self, fields: &[Field<T>], target: &mut T, assembled: bool, units: Mechanism) -> Result<()> {
         for f in fields {
             if assembled || f.always || self.entry(f.key).is_some() {
-                (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, f.unit)?);
+                (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, units.unit(f.unit))?);
             }
         }
         Ok(())
     }
 
     /// Fills `target` from the table `key`, which may be missing unless `needed`.
-    fn fill_table<T: ?Sized>(&self, key: &str, fields: &[Field<T>], target: &mut T, needed: bool) -> Result<()> {
+    fn fill_table<T: ?Sized>(
+        &self,
+        key: &str,
+        fields: &[Field<T>],
+        target: &mut T,
+        needed: bool,
+        units: Mechanism,
+    ) -> Result<()> {
         if needed || self.entry(key).is_some() {
             let table = self.table(key)?;
             table.only(&keys(fields))?;
-            table.fill(fields, target, true)?;
+            table.fill(fields, target, true, units)?;
         }
         Ok(())
     }

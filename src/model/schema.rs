@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{ARMS, AXES, Drive, Geometry, Inertia, Noise, Sockets};
+use super::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets};
 use crate::effects::{Count, Parameter};
 
 /// A key with one number or an array of numbers, stored in a `T`.
@@ -32,12 +32,14 @@ pub(super) enum Shape {
 }
 
 impl Shape {
-    pub fn of(parameter: &Parameter) -> Self {
+    /// Of an effect's parameter on a machine; a lone axis takes a number for an array of one.
+    pub fn of(parameter: &Parameter, machine: Mechanism) -> Self {
+        let n = parameter.count.on(machine);
         match parameter.count {
             Count::One => Shape::One,
-            Count::PerArm => Shape::Array(ARMS),
-            Count::PerDrive => Shape::Arrays(ARMS, AXES),
-            Count::Named(names) => Shape::Array(names.len()),
+            Count::PerDrive if machine.has_telescope() => Shape::Arrays(n, machine.axes()),
+            Count::PerArm | Count::PerDrive | Count::PerAxis if n == 1 => Shape::OneOrArray(1),
+            _ => Shape::Array(n),
         }
     }
 
@@ -148,12 +150,20 @@ macro_rules! array {
     };
 }
 
-pub(super) const TOP: &[Field<Top>] = &[
-    number!(gravity, "m/s²", "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
+const TOP: &[Field<Top>] = &[
     number!(sample_time, "s", "sampling and control period", Bounds::positive(1.0), true),
+    number!(gravity, "m/s²", "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
 ];
 
-pub(super) const GEOMETRY: &[Field<Geometry>] = &[
+/// Numbers that belong to no table; a lone axis has no gravity.
+pub(super) fn top(machine: Mechanism) -> &'static [Field<Top>] {
+    match machine {
+        Mechanism::Delta { .. } => TOP,
+        Mechanism::Axis(_) => TOP.split_at(1).0,
+    }
+}
+
+const GEOMETRY: &[Field<Geometry>] = &[
     number!(base_radius, "m", "centre line to motor shaft", LENGTH, true),
     number!(arm_length, "m", "shaft to elbow (ball line)", LENGTH, true),
     Field {
@@ -169,18 +179,40 @@ pub(super) const GEOMETRY: &[Field<Geometry>] = &[
     number!(platform_radius, "m", "platform centre to the middle of a ball pair", Bounds::between(0.0, 10.0), false),
     number!(pair_distance, "m", "distance of the two balls of a pair", LENGTH, false),
     number!(mounting_height, "m", "mounting plane above the shaft plane", HEIGHT, false),
-    number!(upper_hooke_height, "m", "upper Hooke joint above the shaft plane", HEIGHT, false),
-    number!(lower_hooke_height, "m", "lower Hooke joint above the platform's ball plane", HEIGHT, false),
     number!(flange_height, "m", "flange above the platform's ball plane, negative: below", HEIGHT, false),
     array!(arm_limits, 2, "rad", "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE, true),
+    number!(upper_hooke_height, "m", "upper Hooke joint above the shaft plane", HEIGHT, false),
+    number!(lower_hooke_height, "m", "lower Hooke joint above the platform's ball plane", HEIGHT, false),
     array!(telescope_limits, 2, "m", "smallest and largest distance of the telescope's Hooke joints", LENGTH, false),
 ];
+/// The last of them, those of the telescope.
+const OF_TELESCOPE: usize = 3;
+
+const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
+    key: "limits",
+    unit: "rad",
+    about: "smallest and largest position",
+    shape: Shape::Array(2),
+    bounds: Bounds::between(-1e4, 1e4),
+    always: true,
+    get: |g| g.arm_limits.to_vec(),
+    set: |g, v| g.arm_limits.copy_from_slice(v),
+}];
+
+/// Keys of `[geometry]`.
+pub(super) fn geometry(machine: Mechanism) -> &'static [Field<Geometry>] {
+    match machine {
+        Mechanism::Delta { telescope: true } => GEOMETRY,
+        Mechanism::Delta { telescope: false } => GEOMETRY.split_at(GEOMETRY.len() - OF_TELESCOPE).0,
+        Mechanism::Axis(_) => AXIS_LIMITS,
+    }
+}
 
 pub(super) const MASS: usize = 0;
 pub(super) const FIRST_MOMENT: usize = 1;
 pub(super) const TENSOR: usize = 2;
 
-pub(super) const INERTIA: &[Field<Inertia>] = &[
+const INERTIA: &[Field<Inertia>] = &[
     number!(mass, "kg", "of the whole body", Bounds::between(0.0, 1000.0), true),
     Field {
         key: "first_moment",
@@ -215,6 +247,31 @@ pub(super) const INERTIA: &[Field<Inertia>] = &[
     },
 ];
 
+/// The one number of a lone axis.
+const fn lone(key: &'static str, about: &'static str) -> Field<Inertia> {
+    Field {
+        key,
+        unit: "kg·m²",
+        about,
+        shape: Shape::One,
+        bounds: Bounds::positive(1e6),
+        always: true,
+        get: |i| vec![i.tensor[(1, 1)]],
+        set: |i, v| *i = Inertia::lone(v[0]),
+    }
+}
+
+/// Keys of a body's table.
+pub(super) fn inertia(machine: Mechanism) -> &'static [Field<Inertia>] {
+    const TURNTABLE: &[Field<Inertia>] = &[lone("inertia", "about the axis, with the motor's")];
+    const SLIDE: &[Field<Inertia>] = &[lone("mass", "of all that moves, with the motor's inertia")];
+    match machine {
+        Mechanism::Delta { .. } => INERTIA,
+        Mechanism::Axis(Joint::Revolute) => TURNTABLE,
+        Mechanism::Axis(Joint::Prismatic) => SLIDE,
+    }
+}
+
 macro_rules! drive {
     ($key:ident, $unit:expr, $about:expr, $bounds:expr) => {
         Field {
@@ -230,9 +287,9 @@ macro_rules! drive {
     };
 }
 
-/// Keys of `[drives.arm]`; `[drives.telescope]` has the same with one number each.
+/// Keys of `[drives.arm]`; `[drives.telescope]` and `[drives.axis]` have the same with one number each.
 pub(super) const DRIVE: &[Field<[Drive]>] = &[
-    drive!(gear_ratio, "", "motor turns per output turn", Bounds::positive(1e5)),
+    drive!(gear_ratio, "rad/rad", "motor turns per output turn", Bounds::positive(1e5)),
     drive!(
         encoder_bits,
         "bit",
@@ -252,10 +309,43 @@ pub(super) const SOCKETS: &[Field<Sockets>] = &[
     number!(spin_damping, "N·m·s/rad", "damping of a strut's spin about its own axis", Bounds::between(0.0, 1e6), true),
 ];
 
-pub(super) const NOISE: &[Field<Noise>] = &[
-    array!(torque, AXES, "N·m", "torque at the gear output, per axis", Bounds::between(0.0, 1e6), true),
-    number!(strut_force, "N", "axial strut force", Bounds::between(0.0, 1e5), true),
-];
+macro_rules! torque_noise {
+    ($n:expr, $shape:expr) => {
+        Field {
+            key: "torque",
+            unit: "N·m",
+            about: "torque at the gear output, per axis",
+            shape: $shape,
+            bounds: Bounds::between(0.0, 1e6),
+            always: true,
+            get: |n| n.torque[..$n].to_vec(),
+            set: |n, v| n.torque[..$n].copy_from_slice(v),
+        }
+    };
+}
+
+const STRUT_NOISE: Field<Noise> = number!(strut_force, "N", "axial strut force", Bounds::between(0.0, 1e5), true);
+
+/// Keys of `[noise]`.
+pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {
+    const FOUR: &[Field<Noise>] = &[torque_noise!(AXES, Shape::Array(AXES)), STRUT_NOISE];
+    const THREE: &[Field<Noise>] = &[torque_noise!(ARMS, Shape::Array(ARMS)), STRUT_NOISE];
+    const ONE: &[Field<Noise>] = &[torque_noise!(1, Shape::OneOrArray(1))];
+    match machine {
+        Mechanism::Delta { telescope: true } => FOUR,
+        Mechanism::Delta { telescope: false } => THREE,
+        Mechanism::Axis(_) => ONE,
+    }
+}
+
+/// Tables of `[drives]` and the drives each one describes.
+pub(super) fn drive_groups(machine: Mechanism) -> &'static [(&'static str, std::ops::Range<usize>)] {
+    match machine {
+        Mechanism::Delta { telescope: true } => &[("arm", 0..ARMS), ("telescope", ARMS..AXES)],
+        Mechanism::Delta { telescope: false } => &[("arm", 0..ARMS)],
+        Mechanism::Axis(_) => &[("axis", 0..1)],
+    }
+}
 
 pub(super) const DRIVE_ZERO: Drive =
     Drive { gear_ratio: 0.0, encoder_bits: 0, max_torque: 0.0, max_speed: 0.0, max_acceleration: 0.0, max_jerk: 0.0 };

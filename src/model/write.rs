@@ -5,11 +5,13 @@ use std::path::Path;
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
-use super::bodies::{BODIES, body_name};
-use super::read::{ALWAYS_PRESENT, GROUPS, body_group, body_needed, default_values, drive_shape};
+use super::bodies::{ARM, BODIES, body_name};
+use super::read::{
+    ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
+};
 use super::schema::{self, Field, Shape, Top};
-use super::{ARMS, AXES, Inertia, Model};
-use crate::effects::{ActiveEffect, Role};
+use super::{Inertia, Joint, Mechanism, Model};
+use crate::effects::{ActiveEffect, Host, Parameter, Role};
 
 impl Model {
     /// Writes the model file: the text it was read from with the numbers that changed, or a new one.
@@ -45,8 +47,20 @@ pub fn full_text(model: &Model) -> Result<String> {
 pub fn edit(document: &mut DocumentMut, model: &Model) -> Result<()> {
     let root = document.as_table_mut();
     set_plain(root, "name", Value::from(model.name.as_str()));
-    set_plain(root, "mechanism", Value::from("delta"));
-    set_plain(root, "assembled", Value::from(model.assembled));
+    match model.mechanism {
+        Mechanism::Delta { telescope } => {
+            set_plain(root, "mechanism", Value::from("delta"));
+            if !telescope || root.contains_key("telescope") {
+                set_plain(root, "telescope", Value::from(telescope));
+            }
+            set_plain(root, "assembled", Value::from(model.assembled));
+        }
+        Mechanism::Axis(joint) => {
+            set_plain(root, "mechanism", Value::from("axis"));
+            let joint = if joint == Joint::Revolute { "revolute" } else { "prismatic" };
+            set_plain(root, "joint", Value::from(joint));
+        }
+    }
     let own: Vec<usize> = (0..BODIES).filter(|&b| has_table(root, &["bodies", &body_name(b)])).collect();
     for section in sections(model, &own) {
         section.write(root)?;
@@ -69,7 +83,11 @@ fn verify(text: &str, model: &Model) -> Result<()> {
             }
         }
     }
-    if wanted.len() != got.len() || again.assembled != model.assembled || again.name != model.name {
+    if wanted.len() != got.len()
+        || again.assembled != model.assembled
+        || again.mechanism != model.mechanism
+        || again.name != model.name
+    {
         return Err(miette!("cannot write the model: it reads differently"));
     }
     Ok(())
@@ -98,31 +116,35 @@ struct Line {
 
 /// Every table of the model's file; bodies in `own` have a table to themselves.
 fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
-    let assembled = model.assembled;
+    let (mechanism, assembled) = (model.mechanism, model.assembled);
     let top = Top { gravity: model.gravity, sample_time: model.sample_time };
     let mut all = vec![
-        section(&[], schema::TOP, &top, true),
-        section(&["geometry"], schema::GEOMETRY, &model.geometry, assembled),
+        section(&[], schema::top(mechanism), &top, true, mechanism),
+        section(&["geometry"], schema::geometry(mechanism), &model.geometry, assembled, mechanism),
     ];
     all.extend(body_sections(model, own));
-    for (name, drives) in [("arm", &model.drives[..ARMS]), ("telescope", &model.drives[ARMS..AXES])] {
-        let mut s = section(&["drives", name], schema::DRIVE, drives, true);
-        s.lines.iter_mut().for_each(|line| line.shape = drive_shape(drives.len()));
+    for (name, range) in schema::drive_groups(mechanism) {
+        let mut s = section(&["drives", name], schema::DRIVE, &model.drives[range.clone()], true, mechanism);
+        s.lines.iter_mut().for_each(|line| line.shape = drive_shape(range.len()));
         all.push(s);
     }
-    let mut sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true);
-    let mut noise = section(&["noise"], schema::NOISE, &model.noise, true);
-    (sockets.optional, noise.optional) = (!assembled, !assembled);
-    all.extend([sockets, noise]);
-    all.extend(model.effects.iter().filter(|e| e.effect.name() != ALWAYS_PRESENT).map(effect_section));
+    if matches!(mechanism, Mechanism::Delta { .. }) {
+        let sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true, mechanism);
+        all.push(Section { optional: !assembled, ..sockets });
+    }
+    let noise = section(&["noise"], schema::noise(mechanism), &model.noise, true, mechanism);
+    all.push(Section { optional: !assembled, ..noise });
+    all.extend(
+        model.effects.iter().filter(|e| e.effect.name() != ALWAYS_PRESENT).map(|e| effect_section(e, model.host())),
+    );
     all
 }
 
-fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled: bool) -> Section {
+fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled: bool, units: Mechanism) -> Section {
     let lines = fields.iter().map(|f| {
         let numbers = (f.get)(source);
         let default = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
-        let comment = comment(f.unit, f.about);
+        let comment = comment(units.unit(f.unit), f.about);
         Line { key: f.key, numbers, default, shape: f.shape, integer: f.bounds.integer, comment }
     });
     Section {
@@ -134,45 +156,51 @@ fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled:
 }
 
 fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
-    let body = |name: &str, inertia: &Inertia, optional: bool| {
-        let mut s = section(&["bodies", name], schema::INERTIA, inertia, true);
-        s.optional = optional;
-        s
+    let mechanism = model.mechanism;
+    let body = |name: &str, inertia: &Inertia, optional: bool| Section {
+        optional,
+        ..section(&["bodies", name], schema::inertia(mechanism), inertia, true, mechanism)
     };
+    if matches!(mechanism, Mechanism::Axis(_)) {
+        return vec![body(LONE_BODY, &model.bodies[ARM], false)];
+    }
     let mut all = Vec::new();
     for (name, range) in GROUPS {
         let Some(first) = range.clone().find(|b| !own.contains(b)) else {
             continue;
         };
-        all.push(body(name, &model.bodies[first], !body_needed(first, model.assembled)));
+        all.push(body(name, &model.bodies[first], !body_needed(first, mechanism, model.assembled)));
     }
-    for b in 0..BODIES {
+    for b in (0..BODIES).filter(|&b| body_known(b, mechanism)) {
         // a body of a group gets its own table when it has one already or departs from the group
         let shared = body_group(b).and_then(|name| GROUPS.iter().find(|(n, _)| *n == name)).and_then(|(_, range)| {
             range.clone().find(|b| !own.contains(b)).filter(|_| !own.contains(&b)).map(|first| model.bodies[first])
         });
         if shared != Some(model.bodies[b]) {
             // a group's zero may be left out, but not the zero of a body that departs from its group
-            let optional = !body_needed(b, model.assembled) && shared.is_none();
+            let optional = !body_needed(b, mechanism, model.assembled) && shared.is_none();
             all.push(body(&body_name(b), &model.bodies[b], optional));
         }
     }
     all
 }
 
-fn effect_section(active: &ActiveEffect) -> Section {
-    let lines = active.effect.parameters().iter().enumerate().map(|(b, p)| Line {
-        key: p.name,
-        numbers: active.values().block(b).to_vec(),
-        default: (p.role != Role::Linear).then(|| default_values(p)),
-        shape: Shape::of(p),
-        integer: false,
-        comment: comment(p.unit, ""),
-    });
+fn effect_section(active: &ActiveEffect, host: Host) -> Section {
+    let line = |(b, p): (usize, &Parameter)| {
+        let p = host.parameter(p);
+        Line {
+            key: p.name,
+            numbers: active.values().block(b).to_vec(),
+            default: (p.role != Role::Linear).then(|| default_values(&p, host.mechanism)),
+            shape: Shape::of(&p, host.mechanism),
+            integer: false,
+            comment: comment(p.unit, ""),
+        }
+    };
     let about = active.effect.about();
     Section {
         path: vec!["effects".into(), active.effect.name().into()],
-        lines: lines.collect(),
+        lines: active.effect.parameters().iter().enumerate().map(line).collect(),
         comment: Some(format!("{}: {}", about.summary, about.law)),
         optional: false,
     }

@@ -1,18 +1,19 @@
 //! `deltatwin plan`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-use miette::{IntoDiagnostic, WrapErr, miette};
+use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
 use super::trajectory::trajectory;
 use super::validation::{Execution, execute};
 use super::{Limits, Machine, Plan, PlanError, Task, figures, plan};
 use crate::dynamics::Plant;
-use crate::model::Model;
 use crate::recording::Recording;
-use crate::terminal::{BAD_ANSWER, DONE, Table, check_output, path, say, significant, spinner, write_figure};
+use crate::terminal::{
+    BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, significant, spinner, write_figure,
+};
 
 /// Plan the fastest motion along a path.
 ///
@@ -46,8 +47,8 @@ const SHOWN: usize = 40;
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = assembled(&args.model)?;
-    let twin = args.twin.as_deref().map(assembled).transpose()?;
+    let model = assembled_robot(&args.model)?;
+    let twin = args.twin.as_deref().map(assembled_robot).transpose()?;
     let task = Task::read(&args.path, Limits::of(&model))?;
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
@@ -109,14 +110,6 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         print(args, &task, &found, execution.as_ref(), &written)?;
     }
     Ok(DONE)
-}
-
-fn assembled(file: &Path) -> miette::Result<Model> {
-    let model = Model::read(file)?;
-    if !model.assembled {
-        return Err(miette!("{}: is disassembled; expected an assembled robot", file.display()));
-    }
-    Ok(model)
 }
 
 fn to_json(args: &Args, found: &Plan, planned: &Recording, execution: Option<&Execution>, wall: f64) -> Value {

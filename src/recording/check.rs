@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::{ReadError, Signals};
-use crate::model::{AXES, STRUTS};
+use crate::model::{AXES, Joint, Mechanism, STRUTS};
 
 /// Fewest samples that make a recording.
 const FEWEST: usize = 100;
@@ -26,8 +26,8 @@ pub(super) struct Table {
     pub rows: Vec<u64>,
     pub t: Vec<f64>,
     pub columns: Vec<Column>,
-    /// Number of axes the file must hold.
-    pub axes: usize,
+    /// Machine whose axes the file must hold.
+    pub machine: Mechanism,
 }
 
 /// One channel by its CSV name.
@@ -38,8 +38,23 @@ pub(super) struct Column {
 
 /// Names of the columns a file must have.
 pub(super) fn required(axes: usize) -> impl Iterator<Item = String> {
-    let of = move |name| (1..=axes.min(AXES)).map(move |k| format!("{name}{k}"));
+    let of = move |name| (1..=axes).map(move |k| format!("{name}{k}"));
     std::iter::once("t".to_string()).chain(of("q")).chain(of("tau"))
+}
+
+/// The machine whose columns are there: four axes if there is anything of the fourth, and so on.
+pub(super) fn machine(has: impl Fn(&str) -> bool) -> Mechanism {
+    let axis = |k: usize| has(&format!("q{k}")) || has(&format!("tau{k}"));
+    match (axis(1), axis(2) || axis(3), axis(4)) {
+        (true, false, false) => Mechanism::Axis(Joint::Revolute),
+        (_, true, false) => Mechanism::Delta { telescope: false },
+        _ => Mechanism::default(),
+    }
+}
+
+/// Whether a column is of an axis beyond the first `axes`.
+pub(super) fn foreign(name: &str, axes: usize) -> bool {
+    is_axis(name) && (axes + 1..=AXES).any(|k| name.ends_with(char::from(b'0' + k as u8)))
 }
 
 /// Names of all columns that are understood.
@@ -69,6 +84,7 @@ pub(super) fn margin_names() -> [String; 2 * STRUTS] {
 pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadError> {
     let mut warnings = Vec::new();
     table.finite()?;
+    table.repeated(&mut warnings);
     table.increasing()?;
     if table.t.len() < FEWEST {
         let problem = format!("has only {} samples", table.t.len());
@@ -80,7 +96,7 @@ pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadEr
     table.fast_axis4(&mut warnings);
     table.jumps(&mut warnings);
     table.rates(&mut warnings)?;
-    for k in 1..=AXES {
+    for k in 1..=table.machine.axes() {
         table.clipped(k, &mut warnings);
         table.frozen(k, &mut warnings);
     }
@@ -127,6 +143,27 @@ impl Table {
         Ok(())
     }
 
+    /// Drops rows that repeat the one before, time and all.
+    fn repeated(&mut self, warnings: &mut Vec<String>) {
+        let same = |v: &[f64], i: usize| v[i] == v[i - 1];
+        let again = |i: usize| i > 0 && same(&self.t, i) && self.columns.iter().all(|c| same(&c.values, i));
+        let kept: Vec<usize> = (0..self.t.len()).filter(|&i| !again(i)).collect();
+        let dropped = self.t.len() - kept.len();
+        if dropped == 0 {
+            return;
+        }
+        let first = (0..self.t.len()).find(|&i| again(i)).map_or(String::new(), |i| self.at(i));
+        warnings.push(format!("{dropped} samples repeat the one before, first at {first}: dropped"));
+        let cut = |v: &[f64]| kept.iter().map(|&i| v[i]).collect();
+        self.t = cut(&self.t);
+        for c in &mut self.columns {
+            c.values = cut(&c.values);
+        }
+        if !self.rows.is_empty() {
+            self.rows = kept.iter().map(|&i| self.rows[i]).collect();
+        }
+    }
+
     fn increasing(&self) -> Result<(), ReadError> {
         let Some(i) = self.t.windows(2).position(|w| w[1] <= w[0]) else {
             return Ok(());
@@ -151,7 +188,8 @@ impl Table {
             return Err(self.value_error(1, "t", problem, "seconds, sampled at 1 MHz or less"));
         }
         let (low, high) = ARM_ANGLE;
-        for name in ["q1", "q2", "q3"] {
+        let arms: &[&str] = if matches!(self.machine, Mechanism::Delta { .. }) { &["q1", "q2", "q3"] } else { &[] };
+        for &name in arms {
             let Some(q) = self.column(name) else { continue };
             let Some(i) = q.iter().position(|v| !(low..=high).contains(v)) else {
                 continue;
@@ -167,6 +205,9 @@ impl Table {
         }
         for c in &self.columns {
             let (limit, unit, hint) = match c.name.as_str() {
+                n if n.starts_with("tau") && self.machine == Mechanism::Axis(Joint::Prismatic) => {
+                    (1e7, "N", "looks like mN")
+                }
                 n if n.starts_with("tau") => (1e4, "N·m", "looks like N·mm"),
                 n if n.starts_with("strut") || n.starts_with("margin") => (1e6, "N", "looks like mN"),
                 n if n.starts_with("ee") => (5.0, "m", "looks like millimetres"),
@@ -182,11 +223,13 @@ impl Table {
 
     fn constant(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
         let stands = |name: String| self.column(&name).is_some_and(is_constant);
-        if (1..=self.axes).all(|k| stands(format!("q{k}"))) {
+        let axes = self.machine.axes();
+        if (1..=axes).all(|k| stands(format!("q{k}"))) {
             let problem = "no joint angle ever changes";
-            return Err(ReadError::content(&self.file, problem, "a robot that moves"));
+            return Err(ReadError::content(&self.file, problem, "a machine that moves"));
         }
-        for k in 1..=self.axes {
+        let arms_rest = axes == AXES && (1..AXES).all(|k| stands(format!("q{k}")));
+        for k in 1..=axes {
             let (q, tau) = (stands(format!("q{k}")), stands(format!("tau{k}")));
             if !q && !tau {
                 continue;
@@ -196,6 +239,8 @@ impl Table {
             let problem = format!("always {value}");
             if k == 4 {
                 warnings.push(format!("`{name}` is {problem}: axis 4 stands still or is not recorded"));
+            } else if q && arms_rest {
+                warnings.push(format!("`{name}` is {problem}: only axis 4 moves"));
             } else if q && tau {
                 warnings.push(format!("`q{k}` and `tau{k}` never change: axis {k} is not in use"));
             } else {
@@ -249,7 +294,8 @@ impl Table {
 
     fn jumps(&self, warnings: &mut Vec<String>) {
         let step = median_step(&self.t);
-        for k in 1..=AXES {
+        let unit = self.machine.unit("rad");
+        for k in 1..=self.machine.axes() {
             let name = format!("q{k}");
             let Some(q) = self.column(&name) else {
                 continue;
@@ -262,7 +308,7 @@ impl Table {
             if let Some(i) = found.next() {
                 let (size, n) = (q[i] - q[i - 1], 1 + found.count());
                 warnings.push(format!(
-                    "`{name}` jumps by {size:.3} rad at {} ({n} such steps): faulty encoder?",
+                    "`{name}` jumps by {size:.3} {unit} at {} ({n} such steps): faulty encoder?",
                     self.at(i)
                 ));
             }
@@ -273,7 +319,7 @@ impl Table {
     fn rates(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
         let n = self.t.len();
         let reach = ((5e-3 / median_step(&self.t)) as usize).clamp(1, (n - 1) / 2);
-        for k in 1..=AXES {
+        for k in 1..=self.machine.axes() {
             let name = format!("qd{k}");
             let (Some(q), Some(qd)) = (self.column(&format!("q{k}")), self.column(&name)) else {
                 continue;
@@ -288,7 +334,7 @@ impl Table {
             if square == 0.0 || !scale.is_finite() {
                 continue;
             }
-            if (40.0..80.0).contains(&scale) {
+            if (40.0..80.0).contains(&scale) && self.machine != Mechanism::Axis(Joint::Prismatic) {
                 let problem = format!("{scale:.1} times the slope of `q{k}`; looks like degrees/s");
                 return Err(self.value_error(0, &name, problem, "rad/s"));
             }
@@ -311,7 +357,8 @@ impl Table {
             let count: usize = runs.iter().map(|r| r.len()).sum();
             if count >= 10 {
                 warnings.push(format!(
-                    "`{name}` stays at its {what} value {extreme} N·m for {count} samples, first at {}: clipped?",
+                    "`{name}` stays at its {what} value {extreme} {} for {count} samples, first at {}: clipped?",
+                    self.machine.unit("N·m"),
                     self.at(runs[0].start)
                 ));
             }
@@ -334,8 +381,9 @@ impl Table {
         });
         if let Some(r) = stuck {
             warnings.push(format!(
-                "`{name}` stays exactly {} N·m from {} for {} samples while the axis moves: frozen sensor?",
+                "`{name}` stays exactly {} {} from {} for {} samples while the axis moves: frozen sensor?",
                 tau[r.start],
+                self.machine.unit("N·m"),
                 self.at(r.start),
                 r.len()
             ));
@@ -470,7 +518,7 @@ impl Table {
             }
             missing.is_empty()
         };
-        let of_axes = |stem: &str| (1..=self.axes).map(|k| format!("{stem}{k}")).collect::<Vec<_>>();
+        let of_axes = |stem: &str| (1..=self.machine.axes()).map(|k| format!("{stem}{k}")).collect::<Vec<_>>();
         let (has_qd, has_qdd) = (optional(&of_axes("qd")), optional(&of_axes("qdd")));
         let ee_names = ["ee_x", "ee_y", "ee_z"];
         let has_ee = optional(&ee_names.map(String::from));
@@ -486,6 +534,7 @@ impl Table {
             (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
         });
         Signals {
+            mechanism: self.machine,
             q: axes("q"),
             tau: axes("tau"),
             strut_upper: std::array::from_fn(|s| strut(s, "upper")),
@@ -509,7 +558,7 @@ pub(super) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
         ("qd", signals.qd.as_ref()),
         ("qdd", signals.qdd.as_ref()),
     ] {
-        for k in 0..AXES {
+        for k in 0..signals.mechanism.axes() {
             if let Some(values) = values {
                 let values = values.iter().map(|v| v[k]).collect();
                 columns.push(Column { name: format!("{stem}{}", k + 1), values });

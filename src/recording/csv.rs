@@ -1,23 +1,32 @@
 //! Recordings as CSV: a header row with the names of the columns in any order, SI units.
 //!
-//! Required: `t, q1…q4, tau1…tau4`. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
+//! Required: `t`, and `q1…, tau1…` of every axis the machine has, one, three or four. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
 //! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`. Comma,
 //! semicolon or tab between the cells.
 
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 
 use super::check::{self, Column, Table};
 use super::{ReadError, Signals, WriteError, file};
+use crate::model::Mechanism;
 
-const EXPECTED: &str = "CSV with the columns t, q1…q4, tau1…tau4 and numbers below";
+/// What a machine's file must be.
+fn expected(axes: usize) -> String {
+    let columns = if axes == 1 { "t, q1, tau1".into() } else { format!("t, q1…q{axes}, tau1…tau{axes}") };
+    format!("CSV with the columns {columns} and numbers below")
+}
 
-/// Reads and checks the signals; the first `axes` axes must be there, the others are zero.
+/// Bytes in which a file shows what it is.
+const HEAD: usize = 1 << 16;
+
+/// Reads and checks the signals of a machine, or of whatever machine the columns tell.
 ///
 /// Also returns what was noticed and repaired.
-pub fn read(path: &Path, axes: usize) -> Result<(Signals, Vec<String>), ReadError> {
-    let content = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
-    let (table, mut warnings) = table(path, &content, axes)?;
+pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Vec<String>), ReadError> {
+    let mut source = BufReader::with_capacity(HEAD, std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?);
+    let head = source.fill_buf().map_err(|e| ReadError::io(path, e))?.to_vec();
+    let (table, mut warnings) = table(path, &head, source, machine)?;
     let (signals, noticed) = check::signals(table)?;
     warnings.extend(noticed);
     Ok((signals, warnings))
@@ -50,23 +59,41 @@ fn shortest(v: f64) -> String {
     text
 }
 
-fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>), ReadError> {
-    let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
-    if content.iter().all(u8::is_ascii_whitespace) {
-        return Err(ReadError::content(path, "is empty", EXPECTED));
+/// The table in `source`, whose first bytes are `head`. Cells go straight into columns: a long recording is never in memory as
+/// text.
+fn table(
+    path: &Path,
+    head: &[u8],
+    mut source: impl BufRead,
+    machine: Option<Mechanism>,
+) -> Result<(Table, Vec<String>), ReadError> {
+    const MARK: &[u8] = b"\xef\xbb\xbf";
+    if head.starts_with(MARK) {
+        source.consume(MARK.len());
     }
-    if content.iter().take(1 << 16).any(|&b| b == 0) || std::str::from_utf8(content).is_err() {
-        return Err(ReadError::content(path, "is binary, not text", EXPECTED));
+    let content = head.strip_prefix(MARK).unwrap_or(head);
+    let any = || expected(machine.unwrap_or_default().axes());
+    if content.iter().all(u8::is_ascii_whitespace) {
+        return Err(ReadError::content(path, "is empty", any()));
+    }
+    let binary = || ReadError::content(path, "is binary, not text", any());
+    if content.contains(&0) {
+        return Err(binary());
     }
     let header = content.split(|&b| b == b'\n').find(|l| !l.trim_ascii().is_empty());
     let header = header.unwrap_or_default();
     let count = |b: u8| header.iter().filter(|&&c| c == b).count();
     let delimiter = [b',', b';', b'\t'].into_iter().rev().max_by_key(|&b| count(b)).unwrap_or(b',');
     let mut reader =
-        ::csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).trim(::csv::Trim::All).from_reader(content);
-    let broken = |e: ::csv::Error| ReadError::content(path, e.to_string(), EXPECTED);
+        ::csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).trim(::csv::Trim::All).from_reader(source);
+    let broken = |e: ::csv::Error| match e.kind() {
+        ::csv::ErrorKind::Utf8 { .. } => binary(),
+        _ => ReadError::content(path, e.to_string(), any()),
+    };
     let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_string).collect();
 
+    let machine = machine.unwrap_or_else(|| check::machine(|name| names.iter().any(|n| n == name)));
+    let axes = machine.axes();
     let mut warnings = Vec::new();
     for (i, name) in names.iter().enumerate() {
         if check::known(name) && names[..i].contains(name) {
@@ -81,7 +108,7 @@ fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>
                 found.push('…');
             }
             let problem = format!("has no column `{wanted}` (columns: {found})");
-            return Err(ReadError::content(path, problem, EXPECTED));
+            return Err(ReadError::content(path, problem, expected(axes)));
         }
     }
     let unknown: Vec<_> = names.iter().filter(|n| !check::known(n)).map(|n| format!("`{n}`")).collect();
@@ -89,7 +116,13 @@ fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>
         warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
     }
 
-    let used: Vec<usize> = (0..names.len()).filter(|&i| check::known(&names[i])).collect();
+    let extra: Vec<_> = names.iter().filter(|n| check::foreign(n, axes)).map(|n| format!("`{n}`")).collect();
+    if !extra.is_empty() {
+        let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };
+        warnings.push(format!("columns {} ignored: the machine has {has}", extra.join(", ")));
+    }
+    let wanted = |name: &str| check::known(name) && !check::foreign(name, axes);
+    let used: Vec<usize> = (0..names.len()).filter(|&i| wanted(&names[i])).collect();
     let mut values = vec![Vec::new(); names.len()];
     let mut rows = Vec::new();
     let mut record = ::csv::StringRecord::new();
@@ -118,18 +151,18 @@ fn table(path: &Path, content: &[u8], axes: usize) -> Result<(Table, Vec<String>
         }
     }
     if rows.is_empty() {
-        return Err(ReadError::content(path, "has a header but no samples", EXPECTED));
+        return Err(ReadError::content(path, "has a header but no samples", expected(axes)));
     }
     let mut columns = Vec::new();
     let mut t = Vec::new();
     for (name, values) in names.into_iter().zip(values) {
         if name == "t" {
             t = values;
-        } else if check::known(&name) {
+        } else if wanted(&name) {
             columns.push(Column { name, values });
         }
     }
-    Ok((Table { file: path.into(), row: "line", rows, t, columns, axes }, warnings))
+    Ok((Table { file: path.into(), row: "line", rows, t, columns, machine }, warnings))
 }
 
 fn number(cell: &str, delimiter: u8) -> Option<f64> {

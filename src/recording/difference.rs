@@ -1,7 +1,6 @@
 //! How far two recordings of the same run are apart.
 
 use super::{Recording, Signals};
-use crate::model::AXES;
 
 /// A difference in one channel.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,9 +93,11 @@ fn channels(signals: &Signals) -> Vec<Channel<'_>> {
         ("qdd", "rad/s²", signals.qdd.as_ref()),
     ];
     for (family, unit, values) in axes {
-        for k in 0..AXES {
+        for k in 0..signals.mechanism.axes() {
             if let Some(values) = values {
-                add(&mut out, family, format!("{family}{}", k + 1), unit, move |i| values[i][k]);
+                add(&mut out, family, format!("{family}{}", k + 1), signals.mechanism.unit(unit), move |i| {
+                    values[i][k]
+                });
             }
         }
     }

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::check::{self, Column, Table};
 use super::{ReadError, Recording, Setup, Signals, WriteError, file};
-use crate::model::{AXES, STRUTS};
+use crate::model::{Joint, Mechanism, STRUTS};
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// Larger records and chunks are taken for damage, bytes.
@@ -46,7 +46,7 @@ uint32 nanosec
 
 const STRUT_SCHEMA: &str = r#"{"title":"deltatwin.StrutForces","description":"axial force per strut, tension positive, N; null: not measured","type":"object","properties":{"upper":{"type":"array","items":{"type":["number","null"]},"minItems":6,"maxItems":6},"lower":{"type":"array","items":{"type":["number","null"]},"minItems":6,"maxItems":6}},"required":["upper","lower"]}"#;
 const POINT_SCHEMA: &str = r#"{"title":"deltatwin.EndEffector","description":"centre of the platform's ball plane, m","type":"object","properties":{"x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"}},"required":["x","y","z"]}"#;
-const ACCELERATION_SCHEMA: &str = r#"{"title":"deltatwin.JointAcceleration","description":"joint accelerations, rad/s²","type":"object","properties":{"acceleration":{"type":"array","items":{"type":"number"},"minItems":4,"maxItems":4}},"required":["acceleration"]}"#;
+const ACCELERATION_SCHEMA: &str = r#"{"title":"deltatwin.JointAcceleration","description":"joint accelerations, rad/s²","type":"object","properties":{"acceleration":{"type":"array","items":{"type":"number"},"minItems":1,"maxItems":4}},"required":["acceleration"]}"#;
 
 const MARGIN_SCHEMA: &str = r#"{"title":"deltatwin.SocketMargins","description":"what the ball socket at each end of a strut could still take, zero once open, N","type":"object","properties":{"upper":{"type":"array","items":{"type":"number"},"minItems":6,"maxItems":6},"lower":{"type":"array","items":{"type":"number"},"minItems":6,"maxItems":6}},"required":["upper","lower"]}"#;
 
@@ -65,7 +65,7 @@ struct Point {
 
 #[derive(Serialize, Deserialize)]
 struct Acceleration {
-    acceleration: [f64; AXES],
+    acceleration: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -111,6 +111,7 @@ fn write_records<W: std::io::Write + std::io::Seek>(out: W, recording: &Recordin
     };
     w.write_metadata(&metadata("setup", "toml", recording.setup.to_toml()))?;
     w.write_metadata(&metadata("run", "zero_ns", EPOCH.to_string()))?;
+    w.write_metadata(&metadata("machine", "mechanism", mechanism_name(signals.mechanism).into()))?;
 
     let none = BTreeMap::new();
     let schema = w.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE.as_bytes())?;
@@ -130,6 +131,7 @@ fn write_records<W: std::io::Write + std::io::Seek>(out: W, recording: &Recordin
     let name = "deltatwin.SocketMargins";
     let margins = json(signals.socket_margin.is_some(), SOCKET_MARGINS, name, MARGIN_SCHEMA)?;
 
+    let axes = signals.mechanism.axes();
     let mut second = None;
     for (i, t) in signals.t.iter().enumerate() {
         let time = EPOCH + (t * 1e9).round() as i64;
@@ -152,7 +154,7 @@ fn write_records<W: std::io::Write + std::io::Seek>(out: W, recording: &Recordin
             message(id, &to_json(&Point { x, y, z })?)?;
         }
         if let (Some(id), Some(qdd)) = (acceleration, &signals.qdd) {
-            message(id, &to_json(&Acceleration { acceleration: qdd[i] })?)?;
+            message(id, &to_json(&Acceleration { acceleration: qdd[i][..axes].to_vec() })?)?;
         }
         if let (Some(id), Some(margin)) = (margins, &signals.socket_margin) {
             let of = |end: usize| std::array::from_fn(|s| margin[i][STRUTS * end + s]);
@@ -162,13 +164,13 @@ fn write_records<W: std::io::Write + std::io::Seek>(out: W, recording: &Recordin
         cdr.u32((time / SECOND) as u32);
         cdr.u32((time % SECOND) as u32);
         cdr.string("");
-        cdr.u32(AXES as u32);
-        for k in 1..=AXES {
+        cdr.u32(axes as u32);
+        for k in 1..=axes {
             cdr.string(&format!("axis{k}"));
         }
-        cdr.f64s(&signals.q[i]);
-        cdr.f64s(signals.qd.as_ref().map_or(&[], |qd| &qd[i][..]));
-        cdr.f64s(&signals.tau[i]);
+        cdr.f64s(&signals.q[i][..axes]);
+        cdr.f64s(signals.qd.as_ref().map_or(&[], |qd| &qd[i][..axes]));
+        cdr.f64s(&signals.tau[i][..axes]);
         message(joints, &cdr.finish())?;
     }
     w.finish()?;
@@ -179,10 +181,21 @@ fn to_json<T: Serialize>(value: &T) -> mcap::McapResult<Vec<u8>> {
     serde_json::to_vec(value).map_err(|e| mcap::McapError::Io(e.into()))
 }
 
-/// Reads and checks the signals and the setup, if the file holds one; the first `axes` axes must be there.
+const MECHANISMS: [(&str, Mechanism); 4] = [
+    ("delta", Mechanism::Delta { telescope: true }),
+    ("delta without telescope", Mechanism::Delta { telescope: false }),
+    ("revolute axis", Mechanism::Axis(Joint::Revolute)),
+    ("prismatic axis", Mechanism::Axis(Joint::Prismatic)),
+];
+
+fn mechanism_name(mechanism: Mechanism) -> &'static str {
+    MECHANISMS.iter().find(|(_, m)| *m == mechanism).map_or("", |(name, _)| name)
+}
+
+/// Reads and checks the signals of a machine, or of whatever machine the file tells, and the setup if it holds one.
 ///
 /// A file that was cut short is read up to its last complete chunk. Also returns what was noticed and repaired.
-pub fn read(path: &Path, axes: usize) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
+pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
     let content = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
     if content.is_empty() {
         return Err(ReadError::content(path, "is empty", EXPECTED));
@@ -196,7 +209,8 @@ pub fn read(path: &Path, axes: usize) -> Result<(Signals, Option<Setup>, Vec<Str
         Some(text) => Some(Setup::from_toml(text, &format!("{}[setup]", path.display()))?),
         None => None,
     };
-    let table = joints(path, &messages, axes, &mut warnings)?;
+    let machine = machine.unwrap_or_else(|| messages.machine());
+    let table = joints(path, &messages, machine, &mut warnings)?;
     let (signals, noticed) = check::signals(table)?;
     warnings.extend(noticed);
     Ok((signals, setup, warnings))
@@ -210,6 +224,27 @@ struct Messages {
     joints: Vec<(u64, Vec<u8>)>,
     /// JSON data by topic and log time.
     json: BTreeMap<&'static str, HashMap<u64, Vec<u8>>>,
+}
+
+impl Messages {
+    /// The machine that is noted in the file, or else the one with as many axes as there are joints.
+    fn machine(&self) -> Mechanism {
+        let noted = self.metadata.get("machine").and_then(|m| m.get("mechanism"));
+        if let Some((_, known)) = noted.and_then(|n| MECHANISMS.iter().find(|(name, _)| name == n)) {
+            return *known;
+        }
+        let states = self.joints.iter().filter_map(|(_, data)| JointState::parse(data));
+        let axes = |s: JointState| {
+            let named = [4, 3, 1].into_iter().find(|&n| by_name(&s.name, n).is_some());
+            named.unwrap_or(s.name.len().max(s.position.len()))
+        };
+        // Other devices may publish on the same topic.
+        match states.take(100).map(axes).max() {
+            Some(1) => Mechanism::Axis(Joint::Revolute),
+            Some(3) => Mechanism::Delta { telescope: false },
+            _ => Mechanism::default(),
+        }
+    }
 }
 
 /// The records of a file, with those inside chunks.
@@ -343,8 +378,14 @@ fn collect(path: &Path, content: &[u8], warnings: &mut Vec<String>) -> Result<Me
 type Sample = Vec<Option<f64>>;
 
 /// Columns of the joint states and of the channels that go with them.
-fn joints(path: &Path, messages: &Messages, axes: usize, warnings: &mut Vec<String>) -> Result<Table, ReadError> {
-    let axes = axes.min(AXES);
+fn joints(
+    path: &Path,
+    messages: &Messages,
+    machine: Mechanism,
+    warnings: &mut Vec<String>,
+) -> Result<Table, ReadError> {
+    let axes = machine.axes();
+    let mut extra = 0;
     let mut order: Option<(Vec<String>, Option<Vec<usize>>)> = None;
     let mut used = Vec::new();
     let mut rows = Vec::new();
@@ -363,6 +404,9 @@ fn joints(path: &Path, messages: &Messages, axes: usize, warnings: &mut Vec<Stri
             if found.is_none() && count == axes {
                 found = Some((0..axes).collect());
                 by_order = true;
+            }
+            if found.is_some() {
+                extra = extra.max(count - axes);
             }
             order = Some((state.name.clone(), found));
         }
@@ -391,10 +435,14 @@ fn joints(path: &Path, messages: &Messages, axes: usize, warnings: &mut Vec<Stri
         let names = names.join(", ");
         if states.is_empty() {
             let problem = format!("has JointState messages with the joints {names}");
-            let expected = format!("the joints axis1…axis{axes}");
+            let expected = if axes == 1 { "the joint axis1".into() } else { format!("the joints axis1…axis{axes}") };
             return Err(ReadError::content(path, problem, expected));
         }
         warnings.push(format!("JointState messages with the joints {names} ignored"));
+    }
+    if extra > 0 {
+        let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };
+        warnings.push(format!("{extra} more joint(s) ignored: the machine has {has}"));
     }
     if by_order {
         let names = order.map(|o| o.0.join(", ")).unwrap_or_default();
@@ -424,7 +472,7 @@ fn joints(path: &Path, messages: &Messages, axes: usize, warnings: &mut Vec<Stri
     let names = |end| (1..=STRUTS).map(move |s| format!("strut{s}_{end}"));
     let strut_names: Vec<String> = names("upper").chain(names("lower")).collect();
     let ee_names = ["ee_x", "ee_y", "ee_z"].map(String::from);
-    let qdd_names: Vec<String> = (1..=AXES).map(|k| format!("qdd{k}")).collect();
+    let qdd_names: Vec<String> = (1..=axes).map(|k| format!("qdd{k}")).collect();
     let mut extra = |topic: &str, names: &[String], parse: &dyn Fn(&[u8]) -> Option<Sample>| {
         let Some(by_time) = messages.json.get(topic) else {
             return;
@@ -454,13 +502,13 @@ fn joints(path: &Path, messages: &Messages, axes: usize, warnings: &mut Vec<Stri
     });
     extra(ACCELERATION, &qdd_names, &|data| {
         let a: Acceleration = serde_json::from_slice(data).ok()?;
-        Some(a.acceleration.map(Some).to_vec())
+        Some(a.acceleration.into_iter().map(Some).collect())
     });
     extra(SOCKET_MARGINS, &check::margin_names(), &|data| {
         let m: SocketMargins = serde_json::from_slice(data).ok()?;
         Some([m.upper, m.lower].concat().into_iter().map(Some).collect())
     });
-    Ok(Table { file: path.into(), row: "JointState message", rows, t, columns, axes })
+    Ok(Table { file: path.into(), row: "JointState message", rows, t, columns, machine })
 }
 
 /// Place of each axis among joints called `axis1`, `q1`, `joint1`, `joint_1`….

@@ -21,7 +21,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use crate::model::{AXES, Inertia, STRUTS};
+use crate::model::{AXES, Inertia, Mechanism, STRUTS};
 
 /// One run of the machine, sampled at increasing times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,16 +35,25 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads a `.csv` or `.mcap` recording of the four-axis robot, see [`Recording::read_axes`].
+    /// Reads a `.csv` or `.mcap` recording of whatever machine it is by its axes: one, three or four.
     pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Self, Vec<String>), ReadError> {
-        Self::read_axes(path, setup, AXES)
+        Self::read_any(path, setup, None)
     }
 
-    /// Reads a recording in which only the first `axes` axes must be there; the others are zero.
+    /// Reads a recording of a `machine`: its axes must be there, others are left out with a warning.
     ///
+    /// See [`Recording::read`] for the rest.
+    pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<(Self, Vec<String>), ReadError> {
+        Self::read_any(path, setup, Some(machine))
+    }
+
     /// Content decides on the format. The setup is that of the file `setup`, else of the sidecar `<stem>.setup.toml`,
     /// else of the MCAP file's metadata, else the default. Also returns what was noticed and repaired.
-    pub fn read_axes(path: &Path, setup: Option<&Path>, axes: usize) -> Result<(Self, Vec<String>), ReadError> {
+    fn read_any(
+        path: &Path,
+        setup: Option<&Path>,
+        machine: Option<Mechanism>,
+    ) -> Result<(Self, Vec<String>), ReadError> {
         let beside = setup::sidecar(path);
         let outside = match setup {
             Some(file) => Some(Setup::read(file)?),
@@ -52,9 +61,9 @@ impl Recording {
             None => None,
         };
         let (signals, inside, mut warnings) = if mcap::is_mcap(path) {
-            mcap::read(path, axes)?
+            mcap::read(path, machine)?
         } else {
-            let (signals, warnings) = csv::read(path, axes)?;
+            let (signals, warnings) = csv::read(path, machine)?;
             (signals, None, warnings)
         };
         if let (Some(a), Some(b)) = (outside, inside)
@@ -89,6 +98,8 @@ impl Recording {
 /// Sampled signals; all channels have the length of `t`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signals {
+    /// Kind of machine: only its axes are measured, the others are zero.
+    pub mechanism: Mechanism,
     /// Time, s.
     pub t: Vec<f64>,
     /// Joint angles q = (φ1, φ2, φ3, ψ), rad.
@@ -151,7 +162,7 @@ pub struct Setup {
     pub configuration: Configuration,
     /// Payload at the flange.
     pub payload: Payload,
-    /// Standard deviation of the torque sensors, N·m.
+    /// Standard deviation of the torque sensors, N·m; zero where it is not known, as of axes that are not there.
     pub torque_noise: Option<[f64; AXES]>,
 }
 

@@ -41,7 +41,7 @@ struct Load {
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 struct Noise {
-    torque: Option<[Spanned<f64>; AXES]>,
+    torque: Option<Spanned<Vec<Spanned<f64>>>>,
 }
 
 fn zero() -> Spanned<f64> {
@@ -104,7 +104,12 @@ impl Setup {
         let mut torque_noise = None;
         if let Some(values) = &document.noise.torque {
             let mut sigma = [0.0; AXES];
-            for (s, v) in sigma.iter_mut().zip(values) {
+            let n = values.get_ref().len();
+            if ![1, 3, AXES].contains(&n) {
+                let message = format!("`noise.torque` has {n} numbers; expected one per axis: 1, 3 or {AXES}");
+                return Err(error(message, values.span()));
+            }
+            for (s, v) in sigma.iter_mut().zip(values.get_ref()) {
                 *s = within("noise.torque", v, 0.0, 1e4, "N·m")?;
             }
             torque_noise = Some(sigma);

@@ -30,7 +30,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let output = args.output.clone().unwrap_or_else(|| args.recording.with_extension("rrd"));
     check_output(&output, &[&args.recording, &args.model], &["rrd"])?;
     let model = Model::read(&args.model)?;
-    let (recording, warnings) = Recording::read(&args.recording, None)?;
+    let (recording, warnings) = Recording::read_of(&args.recording, None, model.mechanism)?;
     warn(&warnings);
     let progress = spinner("replay");
     let written = super::write(&output, &recording, &model);

@@ -24,19 +24,21 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
     let predicted = predict(&plant, &trace).into_diagnostic()?;
     let noise = trace.noise(model);
     let mut series = measured(recording);
-    for axis in 0..AXES {
+    let axes = plant.mechanism.axes();
+    let unit = plant.mechanism.unit("N·m");
+    for axis in 0..axes {
         let left = trace.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
         let mut add = |path: String, values: Vec<f64>, color, label: &str| {
             series.push(Series { path, times: trace.t.clone(), values, color, label: label.into() });
         };
         let axis_name = format!("axis{}", axis + 1);
-        add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, "model [N·m]");
-        add(format!("residual/{axis_name}/residual"), left, RESIDUAL, "residual [N·m]");
+        add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, &format!("model [{unit}]"));
+        add(format!("residual/{axis_name}/residual"), left, RESIDUAL, &format!("residual [{unit}]"));
     }
     let stride = (1.0 / FRAMES / trace.dt).round().max(1.0) as usize;
     let frames: Vec<usize> = (0..trace.len()).step_by(stride).collect();
     let times: Vec<f64> = frames.iter().map(|&k| trace.t[k]).collect();
-    let poses = frames.iter().map(|&k| plant.motion(&trace.joints[k]).map(|m| m.poses()));
+    let poses = frames.iter().map(|&k| plant.motion(&trace.joints[k]).map(|m| m.shown(plant.mechanism)));
     let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
     // Mean over a frame: single samples are noise.
     let residual: Vec<[f64; AXES]> = frames
@@ -44,12 +46,15 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
         .map(|&k| {
             let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(trace.len());
             std::array::from_fn(|i| {
+                if i >= axes {
+                    return 0.0;
+                }
                 let sum: f64 = window.clone().map(|k| trace.measured[i][k] - predicted[i][k]).sum();
                 sum / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
             })
         })
         .collect();
-    let mut scene = Scene::new(&plant.geometry, times, poses);
+    let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, poses);
     scene.series = series;
     scene.residual = Some(residual);
     write_rrd(path, &recording.name, &scene).into_diagnostic()

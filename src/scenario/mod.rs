@@ -179,7 +179,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::kinematics::PlatformState;
+    use crate::kinematics::{PlatformState, Target};
 
     fn shipped() -> Vec<Scenario> {
         let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
@@ -193,9 +193,19 @@ mod tests {
         [position.x, position.y, position.z, psi]
     }
 
-    /// Value, velocity and acceleration of (x, y, z, ψ).
-    fn derivatives(p: &PlatformState) -> [[f64; 4]; 3] {
-        [four(&p.position, p.psi[0]), four(&p.velocity, p.psi[1]), four(&p.acceleration, p.psi[2])]
+    /// Value, velocity and acceleration of the coordinates.
+    fn derivatives(target: &Target) -> [[f64; 4]; 3] {
+        match target {
+            Target::Platform(p) => {
+                [four(&p.position, p.psi[0]), four(&p.velocity, p.psi[1]), four(&p.acceleration, p.psi[2])]
+            }
+            Target::Joints(j) => [j.q, j.qd, j.qdd],
+        }
+    }
+
+    fn platform(target: Target) -> PlatformState {
+        let Target::Platform(p) = target else { panic!("{target:?}") };
+        p
     }
 
     #[test]
@@ -236,14 +246,14 @@ mod tests {
         let place = by_name("pick-and-place");
         let motion = place.motion(&Model::read(&place.model).unwrap()).unwrap();
         for action in &place.actions {
-            let state = motion.at(action.t);
+            let state = platform(motion.at(action.t));
             assert!(state.velocity.norm() == 0.0, "{action:?}: {}", state.velocity);
         }
         let can = place.objects.iter().find(|o| o.name == "can").unwrap();
         let belt = place.objects.iter().find(|o| o.name == "belt").unwrap();
         let crate::cell::Mobility::Conveyor { velocity } = belt.mobility else { panic!("{belt:?}") };
         let brought = can.position + velocity * place.actions[0].t;
-        let gripper = motion.at(place.actions[0].t).position;
+        let gripper = platform(motion.at(place.actions[0].t)).position;
         assert!((brought - gripper).xy().norm() < 5e-3, "{brought} {gripper}");
     }
 
@@ -256,7 +266,7 @@ mod tests {
         let motion = scenario.motion(&model).unwrap();
         let held = model.geometry.inverse(&Vector3::new(0.05, 0.0, -1.0)).unwrap();
         for k in 0..=100 {
-            let joints = model.geometry.inverse_motion(&motion.at(scenario.duration * k as f64 / 100.0)).unwrap();
+            let joints = motion.at(scenario.duration * k as f64 / 100.0).joints(&model.geometry).unwrap();
             assert!((joints.q[0] - held[0]).abs() < 1e-9 && (joints.q[2] - held[2]).abs() < 1e-9);
             assert!(joints.qd[0].abs() < 1e-9 && joints.qdd[2].abs() < 1e-7 && joints.q[3] == 1.0);
             assert!((0.2 - 1e-9..0.6 + 1e-9).contains(&joints.q[1]));

@@ -91,7 +91,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
     }
-    let verify = args.verify.as_deref().map(|file| Recording::read(file, None).map(|(r, _)| r)).transpose()?;
+    let earlier = |file: &Path| Recording::read_of(file, None, jobs[0].machine.mechanism).map(|(r, _)| r);
+    let verify = args.verify.as_deref().map(earlier).transpose()?;
     catch_interrupt()?;
     let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
     let progress = bar("simulate", (total * 1e3) as u64);
@@ -126,8 +127,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
         #[cfg(feature = "viewer")]
         if let Some(rrd) = &args.rrd {
-            let geometry = Plant::new(&job.machine, &job.scenario.setup).geometry;
-            super::show::write(rrd, &geometry, &job.options, &outcome.recording, &outcome.report).into_diagnostic()?;
+            let plant = Plant::new(&job.machine, &job.scenario.setup);
+            super::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report).into_diagnostic()?;
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
         if matches!(difference, Some(Some(_))) {
@@ -157,14 +158,18 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
         same if same == machine_file => machine.clone(),
         other => Model::read(other)?,
     };
-    if !machine.assembled {
-        return Err(miette!("{}: is disassembled; expected an assembled robot", machine_file.display()));
-    }
     let output = args.output.as_ref().map(|output| {
         if args.scenarios.len() > 1 { output.join(&scenario.name).with_extension("mcap") } else { output.clone() }
     });
     if let Some(output) = &output {
         check_output(output, &[file, machine_file], &["mcap", "csv"])?;
+    }
+    if planning.mechanism != machine.mechanism {
+        return Err(miette!(
+            "{}: is another kind of machine than {}; expected a controller model of the same kind",
+            planning.name,
+            machine.name
+        ));
     }
     let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
     #[cfg_attr(not(feature = "viewer"), expect(unused_mut))]
@@ -218,7 +223,7 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -
         "max_loop_gap": report.max_loop_gap,
         "max_loop_rate": report.max_loop_rate,
         "energy_error": report.energy_error,
-        "tracking_error": report.tracking_error,
+        "tracking_error": report.tracking_error[..job.machine.mechanism.axes()],
         "events": events,
         "peak_strut_force": report.peak_strut_force,
         "min_socket_margin": weakest(report).1,
@@ -243,16 +248,23 @@ fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, 
     let ended = if interrupted() { ", interrupted" } else { "" };
     let name = &job.scenario.name;
     say(format!("{name}: simulated {:.4} s in {wall:.2} s, {} steps{ended}", report.simulated, report.steps))?;
-    say(format!("  loops      gap {:.1e} m, rate {:.1e} m/s at most", report.max_loop_gap, report.max_loop_rate))?;
+    let assembled = Plant::new(&job.machine, &job.scenario.setup).assembled;
+    if assembled {
+        say(format!("  loops      gap {:.1e} m, rate {:.1e} m/s at most", report.max_loop_gap, report.max_loop_rate))?;
+    }
     say(format!("  energy     {:.1e} of the work turned over is unaccounted for", report.energy_error))?;
-    let (socket, margin) = weakest(report);
-    say(format!(
-        "  struts     {:.1} N at most; weakest socket {} with a margin of {margin:.1} N",
-        report.peak_strut_force,
-        socket_name(socket)
-    ))?;
-    let e = report.tracking_error.map(|e| 1e3 * e);
-    say(format!("  tracking   {:.3}, {:.3}, {:.3}, {:.3} mrad at most", e[0], e[1], e[2], e[3]))?;
+    if assembled {
+        let (socket, margin) = weakest(report);
+        say(format!(
+            "  struts     {:.1} N at most; weakest socket {} with a margin of {margin:.1} N",
+            report.peak_strut_force,
+            socket_name(socket)
+        ))?;
+    }
+    let machine = job.machine.mechanism;
+    let errors: Vec<String> =
+        report.tracking_error[..machine.axes()].iter().map(|e| format!("{:.3}", 1e3 * e)).collect();
+    say(format!("  tracking   {} m{} at most", errors.join(", "), machine.unit("rad")))?;
     if report.unconverged > 0.0 {
         say(format!(
             "  friction   load-dependent friction did not converge, off by up to {:.1e} N",

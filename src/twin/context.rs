@@ -8,7 +8,7 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::kinematics::{Motion, Reactions, SocketSet};
-use crate::model::bodies::{BODIES, STRUT};
+use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
 use crate::model::{AXES, STRUTS};
 
 /// Change of the strut forces at which the iteration over friction that reads them stops, N.
@@ -85,6 +85,13 @@ impl Context {
             let damping = spin_restraint(&self.plant, self.closed, s);
             wrenches[STRUT + s].1 -= u * (damping * spin);
             scratch.restraint_power -= damping * spin * spin;
+        }
+        if !self.plant.mechanism.has_telescope() {
+            // What touches the end effector touches the platform, of which it is a part.
+            let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
+            let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);
+            wrenches[PLATFORM].0 += force;
+            wrenches[PLATFORM].1 += moment + lever.cross(&force);
         }
     }
 

@@ -2,7 +2,8 @@
 
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError};
-use crate::model::{AXES, Drive};
+use crate::model::bodies::ARM;
+use crate::model::{AXES, Drive, Mechanism, Model};
 
 /// Gains of the position loop.
 #[derive(Clone, Copy, Debug)]
@@ -21,6 +22,27 @@ impl Default for Gains {
         Self { proportional: [2000.0, 2000.0, 2000.0, 20.0], derivative: [40.0, 40.0, 40.0, 0.3], cutoff: 60.0 }
     }
 }
+
+impl Gains {
+    /// For a machine; of a lone axis as of an arm, in proportion to what moves.
+    pub fn of(model: &Model) -> Self {
+        let gains = Self::default();
+        match model.mechanism {
+            Mechanism::Delta { .. } => gains,
+            Mechanism::Axis(_) => {
+                let share = model.bodies[ARM].tensor[(1, 1)] / ARM_INERTIA;
+                Self {
+                    proportional: gains.proportional.map(|g| share * g),
+                    derivative: gains.derivative.map(|g| share * g),
+                    ..gains
+                }
+            }
+        }
+    }
+}
+
+/// Inertia of an arm about its shaft, kg·m² (paper Table 3), for which the default gains are chosen.
+const ARM_INERTIA: f64 = 0.258;
 
 /// What the controller asks for.
 #[derive(Clone, Copy, Debug)]

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::absolute::{self, Absolute};
 use super::assembled::{self, Assembled, FrameCache};
+use super::axes::{self, Axes};
 use super::context::{Context, Scratch};
 use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
@@ -57,6 +58,7 @@ pub struct Twin {
 enum Form {
     Assembled(Box<Mechanism>, FrameCache),
     Loose(Loose),
+    Axes,
 }
 
 /// A state to return to, as long as no socket opens in between.
@@ -72,12 +74,21 @@ impl Twin {
     /// The machine at a motion at time 0; loops are closed exactly.
     pub fn new(plant: Plant, motion: &Motion) -> Result<Self, SingularPose> {
         let forces = Forces::new(&plant);
-        let mechanism = Mechanism::new(&plant);
-        let layout = Layout::new(assembled::LENGTH, forces.states(), plant.effects.len());
+        let length = if plant.assembled { assembled::LENGTH } else { axes::LENGTH };
+        let layout = Layout::new(length, forces.states(), plant.effects.len());
         let mut y = vec![0.0; layout.len()];
-        let (mut pose, mut nu, spin) = mechanism.pose(motion);
-        mechanism.close(&mut pose, &mut nu)?;
-        assembled::store(&mut y, &pose, &nu, &spin);
+        let mut elastic = false;
+        let form = if plant.assembled {
+            let mechanism = Mechanism::new(&plant);
+            let (mut pose, mut nu, spin) = mechanism.pose(motion);
+            mechanism.close(&mut pose, &mut nu)?;
+            assembled::store(&mut y, &pose, &nu, &spin);
+            elastic = mechanism.springs.is_some();
+            Form::Assembled(Box::new(mechanism), FrameCache::default())
+        } else {
+            axes::store(&mut y, motion);
+            Form::Axes
+        };
         let mut at = layout.own().start;
         for active in &plant.effects {
             for x in active.effect.initial_state(&active.values()) {
@@ -88,8 +99,8 @@ impl Twin {
         let smooth = plant.effects.iter().all(|a| a.effect.kind() != crate::effects::Kind::Force);
         let mut twin = Self {
             stepper: Stepper::new(layout.len()),
-            smooth: smooth && mechanism.springs.is_none(),
-            form: Form::Assembled(Box::new(mechanism), FrameCache::default()),
+            smooth: smooth && !elastic,
+            form,
             context: Context {
                 scratch: Scratch::new(&plant, &forces),
                 plant,
@@ -111,12 +122,13 @@ impl Twin {
     pub fn step(&mut self, h: f64, torque: &Torque) -> Result<(), SingularPose> {
         let Self { context, form, stepper, y, t, smooth, .. } = self;
         context.torque = *torque;
+        let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
+        let tableau: &Tableau = if *smooth && context.external.is_none() && !steep { &RK4 } else { &ROS34PW2 };
         match form {
             Form::Assembled(mechanism, cache) => {
-                let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
-                let tableau: &Tableau = if *smooth && context.external.is_none() && !steep { &RK4 } else { &ROS34PW2 };
                 stepper.step(tableau, &mut Assembled { context, mechanism, cache }, *t, y, h)?;
             }
+            Form::Axes => stepper.step(tableau, &mut Axes { context }, *t, y, h)?,
             Form::Loose(loose) => stepper.step(&ROS34PW2, &mut Absolute { context, loose }, *t, y, h)?,
         }
         self.t += h;
@@ -144,6 +156,7 @@ impl Twin {
                 let (motion, solution) = Absolute { context, loose }.evaluate(*t, y)?;
                 (motion, solution.reactions, solution.socket_force)
             }
+            Form::Axes => (Axes { context }.evaluate(*t, y)?, Reactions::default(), [Vector3::zeros(); SOCKETS]),
         };
         let mut wrenches = self.context.scratch.total;
         for (axis, torque) in torque.at(self.t).into_iter().enumerate() {
@@ -171,6 +184,7 @@ impl Twin {
                 frame.motion
             }
             Form::Loose(_) => absolute::motion(&self.context.plant.geometry, &self.y),
+            Form::Axes => axes::motion(&self.context.plant, &self.y, [0.0; AXES]),
         }
     }
 
@@ -213,10 +227,13 @@ impl Twin {
         let balance = self.energy_balance();
         let motion = self.motion();
         let mut joined = self.context.plant.clone();
-        joined.bodies[END_EFFECTOR] += *inertia;
+        let (carrier, inertia) = joined.carrier(END_EFFECTOR, *inertia);
+        joined.bodies[carrier] += inertia;
         let mut impulses = [STILL; BODIES];
-        let brought = BodyMotion { velocity: twist.0, angular_velocity: twist.1, ..motion.bodies[END_EFFECTOR] };
-        impulses[END_EFFECTOR] = momentum(inertia, &brought);
+        let lever = motion.bodies[carrier].position - motion.bodies[END_EFFECTOR].position;
+        let velocity = twist.0 + twist.1.cross(&lever);
+        let brought = BodyMotion { velocity, angular_velocity: twist.1, ..motion.bodies[carrier] };
+        impulses[carrier] = momentum(&inertia, &brought);
         let mut solver = Loose::new();
         let after =
             solver.impulse(&joined, &self.context.plant.bodies, &motion.bodies, self.context.closed, &impulses)?;
@@ -237,7 +254,8 @@ impl Twin {
     /// Lets go of a body of this inertia; the velocities stay.
     pub fn detach(&mut self, inertia: &Inertia) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
-        self.context.plant.bodies[END_EFFECTOR] += *inertia * -1.0;
+        let (carrier, inertia) = self.context.plant.carrier(END_EFFECTOR, *inertia);
+        self.context.plant.bodies[carrier] += inertia * -1.0;
         self.reload(None)?;
         self.reference_energy += self.energy_balance() - balance;
         Ok(())
@@ -260,6 +278,8 @@ impl Twin {
                     absolute::store(&mut self.y, motion);
                 }
             }
+            // What hangs on the platform does not move the axes.
+            Form::Axes => {}
         }
         Ok(())
     }
@@ -303,7 +323,7 @@ impl Twin {
     /// Angles the motor-side encoders see, rad.
     pub fn encoders(&self) -> [f64; AXES] {
         let q = match &self.form {
-            Form::Assembled(..) => [self.y[0], self.y[1], self.y[2], self.y[3]],
+            Form::Assembled(..) | Form::Axes => [self.y[0], self.y[1], self.y[2], self.y[3]],
             Form::Loose(_) => self.motion().q,
         };
         self.context.forces.encoders(&self.context.plant, &self.y[self.context.layout.own()], &q)
@@ -318,7 +338,7 @@ impl Twin {
     fn energy_at(&self, motion: &Motion) -> f64 {
         let stretch = match &self.form {
             Form::Assembled(mechanism, _) => mechanism.stretch_energy(&self.context.plant, motion),
-            Form::Loose(_) => 0.0,
+            Form::Loose(_) | Form::Axes => 0.0,
         };
         energy::total(&self.context.plant, motion) + stretch
     }

@@ -1,10 +1,11 @@
 //! The machine in absolute coordinates: fourteen bodies, 84 velocities, 74 constraint rows.
 //!
 //! While all sockets hold, `mechanism` solves the equations in closed form; from the first dislocation on `loose`
-//! solves them for whatever joints are left. `integrator` steps either.
+//! solves them for whatever joints are left; `axes` those of a robot taken apart or a lone axis. `integrator` steps each.
 
 mod absolute;
 mod assembled;
+mod axes;
 pub mod command;
 pub mod constraints;
 mod context;

@@ -16,16 +16,19 @@ use crate::scenario;
 pub(super) struct Sensors<'a> {
     model: &'a Model,
     fitted: scenario::Sensors,
+    /// Whether there is a platform to be seen.
+    assembled: bool,
     torque_noise: [f64; AXES],
     rng: Option<ChaCha8Rng>,
 }
 
 impl<'a> Sensors<'a> {
     /// Without a seed, neither noise nor quantisation.
-    pub fn new(model: &'a Model, setup: &Setup, fitted: scenario::Sensors, seed: Option<u64>) -> Self {
+    pub fn new(model: &'a Model, setup: &Setup, fitted: scenario::Sensors, assembled: bool, seed: Option<u64>) -> Self {
         Self {
             model,
             fitted,
+            assembled,
             torque_noise: setup.torque_noise.unwrap_or(model.noise.torque),
             rng: seed.map(ChaCha8Rng::seed_from_u64),
         }
@@ -36,7 +39,8 @@ impl<'a> Sensors<'a> {
         if self.rng.is_none() {
             return *q;
         }
-        std::array::from_fn(|i| quantised(q[i], &self.model.drives[i]))
+        let axes = self.model.mechanism.axes();
+        std::array::from_fn(|i| if i < axes { quantised(q[i], &self.model.drives[i]) } else { q[i] })
     }
 
     /// Reserves room for `samples` samples.
@@ -49,7 +53,7 @@ impl<'a> Sensors<'a> {
             signals.strut_upper[s] = fitted.strut_upper[s].then(|| Vec::with_capacity(samples));
             signals.strut_lower[s] = fitted.strut_lower[s].then(|| Vec::with_capacity(samples));
         }
-        signals.ee = fitted.ee.then(|| Vec::with_capacity(samples));
+        signals.ee = (fitted.ee && self.assembled).then(|| Vec::with_capacity(samples));
         signals.qd = fitted.velocity.then(|| Vec::with_capacity(samples));
         signals.qdd = fitted.acceleration.then(|| Vec::with_capacity(samples));
         signals.socket_margin = fitted.sockets.then(|| Vec::with_capacity(samples));
@@ -95,7 +99,7 @@ impl<'a> Sensors<'a> {
     pub fn add_noise(&mut self, signals: &mut Signals) {
         let Some(rng) = &mut self.rng else { return };
         for tau in &mut signals.tau {
-            for (x, sigma) in tau.iter_mut().zip(self.torque_noise) {
+            for (x, sigma) in tau.iter_mut().zip(self.torque_noise).take(self.model.mechanism.axes()) {
                 *x += normal(sigma).sample(rng);
             }
         }

@@ -3,27 +3,32 @@
 use std::path::Path;
 
 use super::{Event, EventKind, Frame, Options, Report};
-use crate::model::{Geometry, STRUTS};
+use crate::dynamics::Plant;
+use crate::model::{Part, STRUTS};
 use crate::recording::rerun::{Level, Note, Scene, Thing, measured, socket_margins, strut_force, write_rrd};
 use crate::recording::{Recording, WriteError};
 
 /// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
 pub(super) fn write(
     path: &Path,
-    geometry: &Geometry,
+    plant: &Plant,
     options: &Options,
     recording: &Recording,
     report: &Report,
 ) -> Result<(), WriteError> {
     let frames = &report.frames;
     let times: Vec<f64> = frames.iter().map(|f| f.t).collect();
-    let mut scene = Scene::new(geometry, times.clone(), frames.iter().map(|f| f.bodies).collect());
+    let mut scene =
+        Scene::new(plant.mechanism, &plant.geometry, times.clone(), frames.iter().map(|f| f.bodies).collect());
     scene.loose = Some(frames.iter().map(loose).collect());
     scene.payload = options.payload_shape.map(|p| (p.shape, p.centre));
     let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
     scene.things = options.objects.iter().enumerate().map(thing).collect();
     scene.notes = report.events.iter().map(note).collect();
     scene.series = measured(recording);
+    if !plant.has(Part::Linkage) {
+        return write_rrd(path, &recording.name, &scene);
+    }
     // Where nothing is measured, the truth.
     let signals = &recording.signals;
     for s in 0..STRUTS {
@@ -58,7 +63,6 @@ fn note(event: &Event) -> Note {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::Plant;
     use crate::model::Model;
     use crate::scenario::Scenario;
     use crate::twin::simulate;
@@ -88,7 +92,7 @@ mod tests {
 
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("crash.rrd");
-        write(&path, &plant.geometry, &options, &recording, &report).unwrap();
+        write(&path, &plant, &options, &recording, &report).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         assert!(bytes.starts_with(b"RRF2") && bytes.len() > 100_000, "{} bytes", bytes.len());
     }

@@ -13,10 +13,10 @@ use super::{SingularPose, constraints, energy};
 use crate::cell::{Cell, CellError, Held, Object};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{JointState, KinematicsError, Motion, PlatformState, SocketSet};
+use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
-use crate::model::{ARMS, AXES, Inertia, Model, STRUTS};
-use crate::recording::{Recording, Setup, Signals};
+use crate::model::{AXES, Inertia, Mechanism, Model, STRUTS};
+use crate::recording::{Configuration, Recording, Setup, Signals};
 use crate::scenario::{self, Action, ActionKind, HoldTorque, PayloadShape, Scenario, Supervision, Trip};
 
 /// How a run is made.
@@ -90,7 +90,7 @@ impl Default for Options {
 impl Options {
     /// As `scenario` says, for a machine like `model`.
     pub fn of(scenario: &Scenario, model: &Model) -> Self {
-        let gains = Gains::default();
+        let gains = Gains::of(model);
         Self {
             duration: scenario.duration,
             substeps: scenario.substeps,
@@ -212,6 +212,12 @@ pub enum SimulationError {
         /// Its name.
         body: String,
     },
+    /// The run needs what the machine does not have.
+    #[error("{what} need struts and platform, which this machine does not have")]
+    Missing {
+        /// What needs them.
+        what: &'static str,
+    },
     /// The objects around the robot are impossible, or the gripper cannot do what it is told.
     #[error("t = {t:.4} s: {source}")]
     Cell {
@@ -239,17 +245,19 @@ const INSTANT: f64 = 1e-12;
 /// Runs `model` under `setup` along `desired`, controlled by `controller_plant`'s feed-forward.
 ///
 /// With [`HoldTorque::Ramp`] the drives ramp the torque linearly over each period, so a recorded torque is the one that
-/// acts at its time stamp. `progress` is called with the simulated time once per sample; returning false ends the run
+/// acts at its time stamp. `desired` says where platform or joints are to be; those of a machine without platform must be
+/// joints. `progress` is called with the simulated time once per sample; returning false ends the run
 /// there.
-pub fn simulate(
+pub fn simulate<T: Into<Target>>(
     model: &Model,
     setup: &Setup,
     controller_plant: &Plant,
-    desired: &dyn Fn(f64) -> PlatformState,
+    desired: &dyn Fn(f64) -> T,
     options: &Options,
     progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(Recording, Report), SimulationError> {
-    let mut run = Run::new(model, setup, controller_plant, desired, options)?;
+    let desired = |t: f64| desired(t).into();
+    let mut run = Run::new(model, setup, controller_plant, &desired, options)?;
     let period = model.sample_time;
     let samples = (options.duration / period).round() as usize;
     run.sensors.reserve(&mut run.signals, samples);
@@ -265,10 +273,26 @@ pub fn simulate(
     Ok(run.finish(model, setup))
 }
 
+/// Refuses what only a platform or its struts can do.
+fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
+    let fitted = &options.sensors;
+    for (what, asked) in [
+        ("objects and what a gripper does", !options.objects.is_empty() || !options.actions.is_empty()),
+        ("sockets that may leave their balls", options.clamps.is_some_and(|c| c.armed)),
+        ("margins of sockets", fitted.sockets),
+        ("strut force sensors", fitted.strut_upper.iter().chain(&fitted.strut_lower).any(|s| *s)),
+    ] {
+        if asked {
+            return Err(SimulationError::Missing { what });
+        }
+    }
+    Ok(())
+}
+
 /// A run under way.
 struct Run<'a> {
     options: &'a Options,
-    desired: &'a dyn Fn(f64) -> PlatformState,
+    desired: &'a dyn Fn(f64) -> Target,
     period: f64,
     twin: Twin,
     controller: Controller<'a>,
@@ -299,12 +323,15 @@ impl<'a> Run<'a> {
         model: &'a Model,
         setup: &Setup,
         controller_plant: &'a Plant,
-        desired: &'a dyn Fn(f64) -> PlatformState,
+        desired: &'a dyn Fn(f64) -> Target,
         options: &'a Options,
     ) -> Result<Self, SimulationError> {
         let plant = Plant::new(model, setup);
         let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
-        let wanted = plant.geometry.inverse_motion(&desired(0.0)).map_err(trajectory)?;
+        if !plant.assembled {
+            possible_without_platform(options)?;
+        }
+        let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
         let motion = plant.motion(&wanted).map_err(trajectory)?;
         for (body, inertia) in plant.bodies.0.iter().enumerate() {
             let size = inertia.mass.max(inertia.tensor.trace());
@@ -322,18 +349,23 @@ impl<'a> Run<'a> {
             cell.check_start(&motion).map_err(refused)?;
             Some(cell)
         };
+        let assembled = plant.assembled;
         let twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
         let step = model.sample_time * options.control_period as f64;
         let controller = Controller::new(controller_plant, model.drives, options.gains, step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
-        let clamps = options.clamps.unwrap_or(Clamps::watched(model.sockets.dislocation_force));
+        let clamps = match options.clamps {
+            _ if !assembled => Clamps::watched(f64::INFINITY),
+            Some(clamps) => clamps,
+            None => Clamps::watched(model.sockets.dislocation_force),
+        };
         Ok(Self {
             options,
             desired,
             period: model.sample_time,
             twin,
             controller,
-            sensors: Sensors::new(model, setup, options.sensors, options.noise_seed),
+            sensors: Sensors::new(model, setup, options.sensors, assembled, options.noise_seed),
             clamps,
             cell,
             held: None,
@@ -348,7 +380,7 @@ impl<'a> Run<'a> {
             rested: false,
             work: Vec::new(),
             turned_over: 0.0,
-            signals: Signals::default(),
+            signals: Signals { mechanism: model.mechanism, ..Signals::default() },
             report: Report {
                 simulated: 0.0,
                 steps: 0,
@@ -421,7 +453,8 @@ impl<'a> Run<'a> {
         // The length of an elastic strut is no constraint.
         let rigid = plant.effects.iter().all(|a| a.effect.strut_spring(&a.values()).is_none());
         let report = &mut self.report;
-        for (row, (gap, rate)) in constraints::rows(&plant.geometry, &snapshot.motion).into_iter().enumerate() {
+        let joints = plant.assembled.then(|| constraints::rows(&plant.geometry, &snapshot.motion));
+        for (row, (gap, rate)) in joints.into_iter().flatten().enumerate() {
             let holds = constraints::socket(row).is_none_or(|s| closed.contains(s) && (rigid || s < STRUTS));
             if holds {
                 report.max_loop_gap = report.max_loop_gap.max(gap.abs());
@@ -452,18 +485,22 @@ impl<'a> Run<'a> {
         }
         let span = self.period * self.options.control_period as f64;
         let trajectory = |source| SimulationError::Trajectory { t, source };
-        let geometry = self.twin.plant().geometry;
-        let next = geometry.inverse_motion(&(self.desired)(t + span)).map_err(trajectory)?;
+        let next = (self.desired)(t + span).joints(&self.twin.plant().geometry).map_err(trajectory)?;
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
         let limits = &self.options.supervision;
-        for i in 0..ARMS {
+        let machine = self.twin.plant().mechanism;
+        let (torque, angle) = (machine.unit("N·m"), machine.unit("rad"));
+        for i in 0..machine.arms() {
             let (feedback, error) = (command.feedback[i].abs(), (self.wanted.q[i] - encoders[i]).abs());
             if let Some(limit) = limits.torque.filter(|limit| feedback > *limit) {
-                self.trip(t, format!("feedback torque {feedback:.1} N·m on axis {} exceeds {limit} N·m", i + 1));
+                self.trip(
+                    t,
+                    format!("feedback torque {feedback:.1} {torque} on axis {} exceeds {limit} {torque}", i + 1),
+                );
                 return Ok(());
             }
             if let Some(limit) = limits.tracking.filter(|limit| error > *limit) {
-                self.trip(t, format!("tracking error {error:.4} rad on axis {} exceeds {limit} rad", i + 1));
+                self.trip(t, format!("tracking error {error:.4} {angle} on axis {} exceeds {limit} {angle}", i + 1));
                 return Ok(());
             }
         }
@@ -629,7 +666,7 @@ impl<'a> Run<'a> {
         let objects = self.cell.as_ref().map_or_else(Vec::new, |c| c.objects(motion).map(|(_, at, _)| at).collect());
         self.report.frames.push(Frame {
             t,
-            bodies: motion.poses(),
+            bodies: motion.shown(self.twin.plant().mechanism),
             objects,
             closed: self.twin.closed(),
             strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
@@ -653,6 +690,10 @@ impl<'a> Run<'a> {
     }
 
     fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
+        let mut setup = *setup;
+        if matches!(model.mechanism, Mechanism::Delta { .. }) && !self.twin.plant().assembled {
+            setup.configuration = Configuration::Disassembled;
+        }
         self.report.kinetic_energy = self.kinetic_energy();
         self.report.energy_error = self.report.energy_error.max(self.twin.energy_balance().abs());
         self.report.energy_error /= self.turned_over.max(LEAST_WORK);
@@ -662,7 +703,7 @@ impl<'a> Run<'a> {
             active.effect.observe(&active.values(), &mut self.signals);
         }
         self.sensors.add_noise(&mut self.signals);
-        (Recording { name: model.name.clone(), signals: self.signals, setup: *setup }, self.report)
+        (Recording { name: model.name.clone(), signals: self.signals, setup }, self.report)
     }
 }
 

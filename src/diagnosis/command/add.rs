@@ -39,7 +39,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let mut inputs = Data::inputs(&args.data);
     inputs.push(&args.model);
     check_output(&args.output, &inputs, &["toml"])?;
-    let data = Data::read(&args.data)?;
+    let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     let progress = spinner(&format!("add {}", args.effect));
     let addition = add(&model, &args.effect, &data.traces, &data.held_out);
@@ -59,9 +59,9 @@ fn json(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> Valu
     let mut object = Map::new();
     object.insert("effect".into(), a.effect.clone().into());
     object.insert("channels".into(), channel_names(data.channels()));
-    insert_channels(&mut object, "rms_before", &a.rms_before);
-    insert_channels(&mut object, "rms_after", &a.rms_after);
-    insert_channels(&mut object, "noise_floor", &a.noise_floor);
+    insert_channels(&mut object, "rms_before", data.channels(), &a.rms_before);
+    insert_channels(&mut object, "rms_after", data.channels(), &a.rms_after);
+    insert_channels(&mut object, "noise_floor", data.channels(), &a.noise_floor);
     object.insert("parameters".into(), estimates(parameters));
     object.insert("model".into(), path(&args.output));
     Value::Object(object)

@@ -36,7 +36,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
-    let data = Data::read(&args.data)?;
+    let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     let progress = spinner("diagnose");
     let answer =
@@ -54,9 +54,9 @@ fn json(d: &Diagnosis, args: &Args) -> Value {
     let mut object = Map::new();
     object.insert("verdict".into(), json!(d.verdict.to_string()));
     object.insert("channels".into(), channel_names(&d.channels));
-    insert_channels(&mut object, "noise_floor", &d.noise_floor);
-    insert_channels(&mut object, "rms_before", &d.rms_before);
-    insert_channels(&mut object, "rms_after", &d.rms_after);
+    insert_channels(&mut object, "noise_floor", &d.channels, &d.noise_floor);
+    insert_channels(&mut object, "rms_before", &d.channels, &d.rms_before);
+    insert_channels(&mut object, "rms_after", &d.channels, &d.rms_after);
     let effect = |e: &Named| {
         json!({
             "name": e.name,

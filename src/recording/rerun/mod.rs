@@ -42,7 +42,7 @@ fn log(path: &Path, name: &str, scene: &Scene) -> Outcome {
         .enabled(true)
         .save(path)?;
     rec.log_static("world", &a::ViewCoordinates::RIGHT_HAND_Z_UP())?;
-    solids::base(&rec, scene.geometry)?;
+    solids::base(&rec, scene)?;
     solids::robot(&rec, scene)?;
     solids::things(&rec, scene)?;
     for s in &scene.series {
@@ -135,7 +135,7 @@ mod tests {
 
     use crate::cell::{Mobility, Object, Shape, Surface};
     use crate::kinematics::{JointState, Motion};
-    use crate::model::{ARMS, Geometry};
+    use crate::model::{ARMS, Geometry, Mechanism};
     use crate::recording::Recording;
 
     /// Arms apart, axis 4 turning.
@@ -177,7 +177,8 @@ mod tests {
             surface: Surface::default(),
         };
         let fall = |t: &f64| Isometry3::translation(0.0, 0.0, -1.0 - t);
-        let mut scene = Scene::new(&g, times.clone(), motions.iter().map(Motion::poses).collect());
+        let mut scene =
+            Scene::new(Mechanism::default(), &g, times.clone(), motions.iter().map(Motion::poses).collect());
         scene.series = measured(&recording);
         scene.residual = Some(residual);
         scene.loose = Some(times.iter().map(|t| [*t > 1.0; 6]).collect());

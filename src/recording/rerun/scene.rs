@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::AXIS;
 use crate::cell::{Object, Shape};
 use crate::model::bodies::BODIES;
-use crate::model::{AXES, Geometry, STRUTS};
+use crate::model::{AXES, Geometry, Mechanism, STRUTS};
 use crate::recording::Recording;
 
 /// A moving robot, the things around it, and curves.
@@ -14,6 +14,8 @@ pub struct Scene<'a> {
     pub times: Vec<f64>,
     /// Poses of the bodies' frames, world; one set per frame.
     pub bodies: Vec<[Isometry3<f64>; BODIES]>,
+    /// Kind of machine.
+    pub machine: Mechanism,
     /// Lengths of the bodies.
     pub geometry: &'a Geometry,
     /// Torque residual per frame and axis in standard deviations of the sensor noise; colours arms and telescope from
@@ -75,11 +77,17 @@ pub struct Series {
 }
 
 impl<'a> Scene<'a> {
-    /// A robot alone, posed by `bodies` at `times`.
-    pub fn new(geometry: &'a Geometry, times: Vec<f64>, bodies: Vec<[Isometry3<f64>; BODIES]>) -> Self {
+    /// A machine alone, posed by `bodies` at `times`.
+    pub fn new(
+        machine: Mechanism,
+        geometry: &'a Geometry,
+        times: Vec<f64>,
+        bodies: Vec<[Isometry3<f64>; BODIES]>,
+    ) -> Self {
         Self {
             times,
             bodies,
+            machine,
             geometry,
             residual: None,
             loose: None,
@@ -111,12 +119,15 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
     let mut add = |path: String, values: Vec<f64>, color, label: &str| {
         series.push(Series { path, times: s.t.clone(), values, color, label: label.into() });
     };
-    for k in 0..AXES {
+    let (machine, axes) = (s.mechanism, s.mechanism.axes());
+    let label = format!("measured [{}]", machine.unit("N·m"));
+    for k in 0..axes {
         let path = format!("torque/axis{}/measured", k + 1);
-        add(path, s.tau.iter().map(|v| v[k]).collect(), AXIS[k], "measured [N·m]");
+        add(path, s.tau.iter().map(|v| v[k]).collect(), AXIS[k], &label);
     }
-    for k in 0..AXES {
-        let (path, label) = (format!("joints/axis{}/angle", k + 1), format!("q{} [rad]", k + 1));
+    for k in 0..axes {
+        let path = format!("joints/axis{}/angle", k + 1);
+        let label = format!("q{} [{}]", k + 1, machine.unit("rad"));
         add(path, s.q.iter().map(|v| v[k]).collect(), AXIS[k], &label);
     }
     for (end, forces) in [&s.strut_upper, &s.strut_lower].into_iter().enumerate() {

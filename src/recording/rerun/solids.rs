@@ -14,7 +14,7 @@ use crate::cell::{Mobility, Shape};
 use crate::model::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::model::{ARMS, Geometry, Joint, Mechanism, STRUTS};
 
 const STEEL: [u8; 3] = [150, 155, 165];
 const CARBON: [u8; 3] = [88, 92, 102];
@@ -27,8 +27,18 @@ const FIXED: [[u8; 3]; 3] = [[165, 150, 130], [110, 113, 116], [140, 140, 125]];
 const BELT: [u8; 3] = [60, 95, 120];
 const PRODUCTS: [[u8; 3]; 4] = [[200, 90, 110], [95, 170, 150], [205, 170, 90], [140, 120, 190]];
 
-/// The mounting ring and the motors, which stand still.
-pub(super) fn base(rec: &RecordingStream, g: &Geometry) -> Outcome {
+/// The mounting ring and the motors, which stand still; of a lone axis its rail or its shaft.
+pub(super) fn base(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    let g = scene.geometry;
+    if let Mechanism::Axis(joint) = scene.machine {
+        let ends = match joint {
+            Joint::Prismatic => g.arm_limits.map(|x| Vector3::x() * x),
+            Joint::Revolute => [-0.5, 0.5].map(|side| Vector3::y() * (side * LONE_SIZE)),
+        };
+        let rail = a::LineStrips3D::new([ends.map(point)]).with_colors([color(STEEL)]).with_radii([0.01f32]);
+        rec.log_static("world/base/rail", &rail)?;
+        return Ok(());
+    }
     let ring = (0..=72).map(|k| {
         let (sin, cos) = (f64::from(k) * std::f64::consts::TAU / 72.0).sin_cos();
         [g.base_radius * cos, g.base_radius * sin, g.mounting_height].map(|v| v as f32)
@@ -55,9 +65,13 @@ pub(super) fn base(rec: &RecordingStream, g: &Geometry) -> Outcome {
 /// The moving bodies.
 pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let g = scene.geometry;
+    if let Mechanism::Axis(joint) = scene.machine {
+        return lone(rec, scene, joint);
+    }
     // Bodies of a disassembled robot rest in the origin, where the platform never is.
     let assembled = scene.bodies.iter().any(|b| b[PLATFORM].translation.vector.norm() > 0.0);
-    for b in (0..BODIES).filter(|&b| b != ROTOR && (b < STRUT || assembled)) {
+    let last = if g.has_telescope() { BODIES } else { ROTOR };
+    for b in (0..last).filter(|&b| b != ROTOR && (b < STRUT || assembled)) {
         let entity = format!("world/{}", body_name(b));
         let rod = |end: Vector3<f64>, radius: f64| rod(rec, &entity, end, radius);
         match b {
@@ -90,6 +104,21 @@ pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
         rec.log_static("world/path", &path)?;
     }
     Ok(())
+}
+
+/// Length of what is drawn of a lone axis, m.
+const LONE_SIZE: f64 = 0.2;
+
+/// The lever or the carriage of a lone axis.
+fn lone(rec: &RecordingStream, scene: &Scene, joint: Joint) -> Outcome {
+    let entity = "world/axis";
+    let end = match joint {
+        Joint::Revolute => Vector3::x() * LONE_SIZE,
+        Joint::Prismatic => Vector3::z() * (0.5 * LONE_SIZE),
+    };
+    rod(rec, entity, end, ARM_RADIUS)?;
+    follow(rec, &EntityPath::from(entity), &scene.times, scene.bodies.iter().map(|poses| poses[ARM]))?;
+    paint(rec, entity, scene, ARM)
 }
 
 /// A rod from the body's origin to `end`, still without colour.

@@ -5,7 +5,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use crate::dynamics::{Plant, inverse_dynamics};
-use crate::kinematics::PlatformState;
+use crate::kinematics::{JointState, PlatformState};
 use crate::model::{ARMS, AXES, Model};
 
 /// z(t) = centre + Σₖ aₖ sin(kωt) + bₖ cos(kωt) for x, y, z (m) and ψ (rad).
@@ -44,8 +44,8 @@ impl MotionLimits {
 }
 
 impl FourierMotion {
-    /// Desired platform state at time `t`, s.
-    pub fn at(&self, t: f64) -> PlatformState {
+    /// The four coordinates, their rates and accelerations at time `t`, s.
+    pub fn coordinates(&self, t: f64) -> [[f64; 4]; 3] {
         let mut x = [self.centre, [0.0; 4], [0.0; 4]];
         for (k, (a, b)) in self.sine.iter().zip(&self.cosine).enumerate() {
             let omega = std::f64::consts::TAU * self.frequency * (k + 1) as f64;
@@ -56,6 +56,12 @@ impl FourierMotion {
                 x[2][i] -= omega * omega * (a[i] * s + b[i] * c);
             }
         }
+        x
+    }
+
+    /// Desired platform state at time `t`, s.
+    pub fn at(&self, t: f64) -> PlatformState {
+        let x = self.coordinates(t);
         let vector = |v: &[f64; 4]| Vector3::new(v[0], v[1], v[2]);
         PlatformState {
             position: vector(&x[0]),
@@ -73,8 +79,7 @@ impl FourierMotion {
         harmonics: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let [low, high] = plant.geometry.telescope_limits;
-        let middle = plant.geometry.upper_hooke_height - plant.geometry.lower_hooke_height - 0.45 * (low + high);
+        let middle = middle(plant);
         let mut motion = Self {
             frequency,
             centre: [0.0, 0.0, middle, 0.0],
@@ -84,7 +89,8 @@ impl FourierMotion {
         // Equal velocity amplitudes over the harmonics reach speed and acceleration limits together.
         for k in 0..harmonics {
             for i in 0..4 {
-                let size = [0.5, 0.5, 0.2, 12.0][i] / (k + 1) as f64;
+                let psi = if plant.mechanism.has_telescope() { 12.0 } else { 0.0 };
+                let size = [0.5, 0.5, 0.2, psi][i] / (k + 1) as f64;
                 motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
                 motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
             }
@@ -102,6 +108,64 @@ impl FourierMotion {
         motion
     }
 
+    /// Random motion of independent axes: the coordinates are their angles. Each is scaled down until it respects the limits
+    /// of its joint and its drive.
+    pub fn random_axes(
+        plant: &Plant,
+        limits: &MotionLimits,
+        frequency: f64,
+        harmonics: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
+        let [low, high] = plant.geometry.arm_limits;
+        let arms = plant.mechanism.arms();
+        let mut motion = Self {
+            frequency,
+            centre: std::array::from_fn(|i| if i < arms { 0.5 * (low + high) } else { 0.0 }),
+            sine: vec![[0.0; 4]; harmonics],
+            cosine: vec![[0.0; 4]; harmonics],
+        };
+        for k in 0..harmonics {
+            for i in 0..plant.mechanism.axes() {
+                let size = if i < arms { 0.5 * (high - low) } else { 12.0 } / (k + 1) as f64;
+                motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
+                motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
+            }
+        }
+        for _ in 0..200 {
+            let bad = motion.axes_beyond(plant, limits);
+            if bad == [false; AXES] {
+                break;
+            }
+            for axis in (0..AXES).filter(|&i| bad[i]) {
+                motion.scale(0.93, axis..axis + 1);
+            }
+        }
+        motion
+    }
+
+    /// Axes that leave their joint's or their drive's limits.
+    fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> [bool; AXES] {
+        let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
+        let [low, high] = plant.geometry.arm_limits;
+        let arms = plant.mechanism.arms();
+        let mut bad = [false; AXES];
+        for k in 0..GRID {
+            let [q, qd, qdd] = self.coordinates(k as f64 / GRID as f64 / self.frequency);
+            let torque = plant
+                .motion(&JointState { q, qd, qdd })
+                .and_then(|motion| inverse_dynamics(plant, 0.0, &motion, &states, false))
+                .map_or([f64::INFINITY; AXES], |out| out.tau);
+            for i in 0..plant.mechanism.axes() {
+                bad[i] |= qd[i].abs() > limits.speed[i]
+                    || (i < arms && (qdd[i].abs() > limits.acceleration[i] || !(low..=high).contains(&q[i])))
+                    || torque[i].abs() > limits.torque[i];
+            }
+        }
+        bad
+    }
+
     fn scale(&mut self, factor: f64, coordinates: std::ops::Range<usize>) {
         for row in self.sine.iter_mut().chain(&mut self.cosine) {
             for x in &mut row[coordinates.clone()] {
@@ -111,7 +175,6 @@ impl FourierMotion {
     }
 
     fn within(&self, plant: &Plant, limits: &MotionLimits) -> Fit {
-        const GRID: usize = 1000;
         for k in 0..GRID {
             let platform = self.at(k as f64 / GRID as f64 / self.frequency);
             let Ok(joints) = plant.geometry.inverse_motion(&platform) else { return Fit::Platform };
@@ -137,6 +200,20 @@ impl FourierMotion {
         Fit::Good
     }
 }
+
+/// Height about which the platform moves, m: amid the telescope's range, without one where the arms are amid theirs.
+fn middle(plant: &Plant) -> f64 {
+    let g = &plant.geometry;
+    if plant.mechanism.has_telescope() {
+        let [low, high] = g.telescope_limits;
+        return g.upper_hooke_height - g.lower_hooke_height - 0.45 * (low + high);
+    }
+    let [low, high] = g.arm_limits;
+    g.forward(&[0.5 * (low + high); ARMS]).map_or(-g.arm_length, |p| p.z)
+}
+
+/// Instants per period at which limits are checked.
+const GRID: usize = 1000;
 
 enum Fit {
     Good,

@@ -7,14 +7,14 @@ pub mod polynomial;
 pub mod static_poses;
 pub mod table;
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector4};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use thiserror::Error;
 
 use crate::dynamics::Plant;
-use crate::kinematics::{JointState, KinematicsError, PlatformState};
-use crate::model::{ARMS, Geometry, Model};
+use crate::kinematics::{JointState, KinematicsError, PlatformState, Target};
+use crate::model::{ARMS, AXES, Geometry, Model};
 
 use constant_speed::ConstantSpeed;
 use fourier::{FourierMotion, MotionLimits};
@@ -76,6 +76,9 @@ impl Course {
     /// The motion over time on a machine like `plant`, built from `planning`; not yet checked.
     pub(super) fn motion(&self, planning: &Model, plant: &Plant) -> Result<DesiredMotion, MotionError> {
         let geometry = plant.geometry;
+        if !plant.assembled {
+            return Ok(DesiredMotion::Axes(self.of_axes(planning, plant)?));
+        }
         Ok(match self {
             Self::RandomFourier { seed, frequency, harmonics, share } => DesiredMotion::Fourier(FourierMotion::random(
                 plant,
@@ -100,7 +103,27 @@ impl Course {
     }
 }
 
-/// Platform and ψ over time.
+impl Course {
+    /// The same for independent axes, whose coordinates are their angles.
+    fn of_axes(&self, planning: &Model, plant: &Plant) -> Result<Series, MotionError> {
+        Ok(match self {
+            Self::RandomFourier { seed, frequency, harmonics, share } => Series::Fourier(FourierMotion::random_axes(
+                plant,
+                &MotionLimits::of(planning, *share),
+                *frequency,
+                *harmonics,
+                &mut ChaCha8Rng::seed_from_u64(*seed),
+            )),
+            Self::Fourier(series) => Series::Fourier(series.clone()),
+            Self::StaticPoses(poses) => Series::Pieces(poses.course()),
+            Self::Table(table) if table.joints => Series::Pieces(table.course()),
+            Self::ConstantSpeed(runs) => Series::Pieces(runs.course(runs.pose)),
+            Self::Path(_) | Self::Table(_) => return Err(MotionError::NoPlatform { kind: self.describe() }),
+        })
+    }
+}
+
+/// Platform and ψ over time, or the angles of independent axes.
 ///
 /// Position, velocity and acceleration are continuous, but for the ends of a table that begins or ends in motion.
 #[derive(Clone, Debug, PartialEq)]
@@ -116,45 +139,67 @@ pub enum DesiredMotion {
         /// Geometry that turns them into a platform motion.
         geometry: Geometry,
     },
+    /// Angles of independent axes.
+    Axes(Series),
+}
+
+/// Four coordinates over time.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Series {
+    /// Periodic.
+    Fourier(FourierMotion),
+    /// Piece by piece.
+    Pieces(Piecewise),
+}
+
+impl Series {
+    fn joints(&self, t: f64) -> JointState {
+        let [q, qd, qdd] = match self {
+            Self::Fourier(series) => series.coordinates(t),
+            Self::Pieces(course) => course.at(t).map(Into::into),
+        };
+        JointState { q, qd, qdd }
+    }
+}
+
+fn platform([p, v, a]: [Vector4<f64>; 3]) -> PlatformState {
+    PlatformState { position: p.xyz(), velocity: v.xyz(), acceleration: a.xyz(), psi: [p[3], v[3], a[3]] }
 }
 
 impl DesiredMotion {
-    /// Platform state at time `t`, s.
-    pub fn state(&self, t: f64) -> Result<PlatformState, KinematicsError> {
-        match self {
-            Self::Fourier(series) => Ok(series.at(t)),
-            Self::Platform(course) => {
-                let [p, v, a] = course.at(t);
-                Ok(PlatformState {
-                    position: p.xyz(),
-                    velocity: v.xyz(),
-                    acceleration: a.xyz(),
-                    psi: [p[3], v[3], a[3]],
-                })
-            }
+    /// Where the machine is to be at time `t`, s.
+    pub fn state(&self, t: f64) -> Result<Target, KinematicsError> {
+        Ok(match self {
+            Self::Fourier(series) => series.at(t).into(),
+            Self::Platform(course) => platform(course.at(t)).into(),
             Self::Joints { course, geometry } => {
                 let [q, qd, qdd] = course.at(t).map(Into::into);
-                geometry.forward_motion(&JointState { q, qd, qdd })
+                geometry.forward_motion(&JointState { q, qd, qdd })?.into()
             }
-        }
+            Self::Axes(series) => series.joints(t).into(),
+        })
     }
 
-    /// Platform state at time `t`, s; not numbers where the joint angles do not close the loop.
-    pub fn at(&self, t: f64) -> PlatformState {
+    /// Where the machine is to be at time `t`, s; not numbers where the joint angles do not close the loop.
+    pub fn at(&self, t: f64) -> Target {
         let nowhere = Vector3::repeat(f64::NAN);
         let unreachable =
             PlatformState { position: nowhere, velocity: nowhere, acceleration: nowhere, psi: [f64::NAN; 3] };
-        self.state(t).unwrap_or(unreachable)
+        self.state(t).unwrap_or(Target::Platform(unreachable))
+    }
+
+    fn is_of_platform(&self) -> bool {
+        !matches!(self, Self::Axes(_))
     }
 
     /// Times at which the motion is checked: their number and spacing, s.
     fn grid(&self) -> (usize, f64) {
         match self {
-            Self::Fourier(series) => {
+            Self::Fourier(series) | Self::Axes(Series::Fourier(series)) => {
                 let steps = PER_HARMONIC * series.sine.len().max(series.cosine.len()).max(1);
                 (steps, 1.0 / steps as f64 / series.frequency)
             }
-            Self::Platform(course) | Self::Joints { course, .. } => {
+            Self::Platform(course) | Self::Joints { course, .. } | Self::Axes(Series::Pieces(course)) => {
                 let steps = (course.lap() / SPACING).ceil().clamp(1.0, MOST);
                 (steps as usize, course.lap() / steps)
             }
@@ -167,9 +212,22 @@ impl DesiredMotion {
         for k in 0..=steps {
             let t = k as f64 * spacing;
             let unreachable = |source| MotionError::Unreachable { t, source };
-            let platform = self.state(t).map_err(unreachable)?;
-            let joints = geometry.inverse_motion(&platform).map_err(unreachable)?;
-            geometry.check_limits(&joints.q, &platform.position).map_err(unreachable)?;
+            let target = self.state(t).map_err(unreachable)?;
+            let joints = target.joints(geometry).map_err(unreachable)?;
+            match target {
+                Target::Platform(platform) => geometry.check_limits(&joints.q, &platform.position),
+                Target::Joints(_) => geometry.check_arms(&joints.q[..planning.mechanism.arms()]),
+            }
+            .map_err(|source| match source {
+                KinematicsError::ArmLimit { arm: axis, angle: position, min, max } if !self.is_of_platform() => {
+                    let unit = planning.mechanism.unit("rad");
+                    MotionError::BeyondLimit { t, axis, position, min, max, unit }
+                }
+                source => MotionError::Unreachable { t, source },
+            })?;
+            if let Some(axis) = (planning.mechanism.axes()..AXES).find(|&i| joints.q[i] != 0.0 || joints.qd[i] != 0.0) {
+                return Err(MotionError::NoAxis { t, axis });
+            }
             if let Self::Joints { course, .. } = self {
                 // The platform position alone must give the same angles back.
                 let wanted = course.at(t)[0];
@@ -180,7 +238,8 @@ impl DesiredMotion {
             }
             for (axis, (rate, drive)) in joints.qd.iter().zip(&planning.drives).enumerate() {
                 if rate.is_nan() || rate.abs() > drive.max_speed {
-                    return Err(MotionError::TooFast { t, axis, speed: rate.abs(), limit: drive.max_speed });
+                    let (speed, limit) = (rate.abs(), drive.max_speed);
+                    return Err(MotionError::TooFast { t, axis, speed, limit, unit: planning.mechanism.unit("rad/s") });
                 }
             }
         }
@@ -206,7 +265,7 @@ pub enum MotionError {
         source: KinematicsError,
     },
     /// A drive would have to turn too fast.
-    #[error("the desired motion needs {speed:.2} rad/s of axis {} at t = {t:.3} s; its limit is {limit:.2} rad/s", .axis + 1)]
+    #[error("the desired motion needs {speed:.2} {unit} of axis {} at t = {t:.3} s; its limit is {limit:.2} {unit}", .axis + 1)]
     TooFast {
         /// Time, s.
         t: f64,
@@ -216,6 +275,38 @@ pub enum MotionError {
         speed: f64,
         /// Limit, rad/s.
         limit: f64,
+        /// Unit of both, m/s for a prismatic axis.
+        unit: &'static str,
+    },
+    /// An independent axis would leave its range.
+    #[error("the desired motion moves axis {} to {position:.4} {unit} at t = {t:.3} s, outside {min:.4}..{max:.4} {unit}", .axis + 1)]
+    BeyondLimit {
+        /// Time, s.
+        t: f64,
+        /// Axis, from 0.
+        axis: usize,
+        /// Position, rad.
+        position: f64,
+        /// Lower limit, rad.
+        min: f64,
+        /// Upper limit, rad.
+        max: f64,
+        /// Unit of all three, m for a prismatic axis.
+        unit: &'static str,
+    },
+    /// An axis would have to move that the machine does not have.
+    #[error("the desired motion moves axis {} at t = {t:.3} s, which the machine does not have", .axis + 1)]
+    NoAxis {
+        /// Time, s.
+        t: f64,
+        /// Axis, from 0.
+        axis: usize,
+    },
+    /// A motion of a platform for a machine without one.
+    #[error("{kind} is a motion of the platform; this machine has independent axes, expected one of their angles")]
+    NoPlatform {
+        /// Kind of motion in words.
+        kind: &'static str,
     },
 }
 

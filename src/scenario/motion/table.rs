@@ -1,4 +1,5 @@
-//! Motion from a look-up table: CSV with `t` and either the platform's `x, y, z, psi` or the joints' `q1…q4`.
+//! Motion from a look-up table: CSV with `t` and either the platform's `x, y, z, psi` or the joints' `q1…q4`, as far as the
+//! machine has them.
 //!
 //! The rows are joined by the quintic spline, whose derivatives up to the fourth are continuous. Its two conditions at
 //! either end are rest (no rate, no acceleration), or rate and acceleration of the polynomial through the next rows.
@@ -26,7 +27,8 @@ pub struct Table {
 
 const PLATFORM: [&str; 4] = ["x", "y", "z", "psi"];
 const JOINTS: [&str; 4] = ["q1", "q2", "q3", "q4"];
-const EXPECTED: &str = "expected CSV with the columns t, x, y, z, psi or t, q1, q2, q3, q4";
+const EXPECTED: &str =
+    "expected CSV with the columns t, x, y, z, psi or t, q1, q2, q3, q4, as far as the machine has them";
 /// Rows nearer than this are out of order, s.
 const NEAREST: f64 = 1e-9;
 /// Rows that tell rate and acceleration at the end of a moving table.
@@ -48,11 +50,13 @@ impl Table {
             .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
         let header = reader.headers().map_err(|e| e.to_string())?.clone();
         let column = |name: &str| header.iter().position(|h| h == name);
-        let all = |names: [&str; 4]| {
-            let found = names.map(column);
-            found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
+        // The last columns may be missing where nothing else is there: the machine does not have them.
+        let all = |names: [&str; 4], fewer: &[usize]| {
+            let found: Vec<usize> = names.iter().map_while(|name| column(name)).collect();
+            let alone = fewer.contains(&found.len()) && header.len() == found.len() + 1;
+            (found.len() == 4 || alone).then_some(found)
         };
-        let (time, joints, columns) = match (column("t"), all(PLATFORM), all(JOINTS)) {
+        let (time, joints, columns) = match (column("t"), all(PLATFORM, &[3]), all(JOINTS, &[1, 3])) {
             (Some(t), Some(columns), None) => (t, false, columns),
             (Some(t), None, Some(columns)) => (t, true, columns),
             (Some(_), Some(_), Some(_)) => return Err(format!("has platform and joint columns; {EXPECTED}")),
@@ -81,8 +85,8 @@ impl Table {
             }
             table.t.push(t);
             let mut row = [0.0; 4];
-            for (value, column) in row.iter_mut().zip(columns) {
-                *value = number(column)?;
+            for (value, column) in row.iter_mut().zip(&columns) {
+                *value = number(*column)?;
             }
             table.rows.push(row);
         }
@@ -244,6 +248,10 @@ mod tests {
         assert!(table("t,q1,q2,q3,q4,x,y,z,psi\n").unwrap_err().contains("platform and joint"));
         assert!(table("t,q1,q2,q3,q4,tau1\n1,0,0,0,0,9\n2,0,0,0,1,9\n").unwrap().joints);
         assert!(table("").is_err());
+        // Fewer columns for a machine with fewer axes, but no misspelt ones.
+        let [x, q] = ["t,x,y,z\n0,0,0,-1\n1,0,0,-1\n", "t,q1\n0,0.5\n1,0\n"].map(|text| table(text).unwrap());
+        assert!(!x.joints && q.joints && x.rows[0] == [0.0, 0.0, -1.0, 0.0] && q.rows[0] == [0.5, 0.0, 0.0, 0.0]);
+        assert!(table("t,q1,q2\n0,0,0\n1,0,0\n").is_err());
     }
 
     proptest! {

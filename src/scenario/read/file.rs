@@ -1,5 +1,6 @@
 //! A scenario as text: errors with their place, and checks that every table needs.
 
+use crate::model::AXES;
 use std::ops::Range;
 
 use miette::NamedSource;
@@ -80,6 +81,30 @@ impl File<'_> {
                 Err(self.problem(value.span(), message.trim_end().to_string()))
             }
         }
+    }
+
+    /// One number per axis of the machine, which may have fewer than four: what is missing is zero.
+    pub fn per_axis(
+        &self,
+        key: &str,
+        value: &Spanned<Vec<f64>>,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Result<[f64; AXES]> {
+        let given = value.get_ref();
+        let problem = match given.iter().find(|v| !(low..=high).contains(*v)) {
+            Some(v) => Some(v.to_string()),
+            None if ![1, 3, AXES].contains(&given.len()) => Some(format!("{} number(s)", given.len())),
+            None => None,
+        };
+        if let Some(what) = problem {
+            let message = format!(
+                "`{key}` has {what}; expected one per axis, 1, 3 or {AXES} numbers from {low} to {high} {unit}"
+            );
+            return Err(self.problem(value.span(), message.trim_end().to_string()));
+        }
+        Ok(std::array::from_fn(|i| given.get(i).copied().unwrap_or(0.0)))
     }
 
     pub fn count(&self, key: &str, value: &Spanned<i64>, low: i64, high: i64) -> Result<usize> {

@@ -6,7 +6,7 @@ use toml::Spanned;
 use super::Result;
 use super::file::File;
 use crate::kinematics::motion::SOCKETS;
-use crate::model::{AXES, STRUTS};
+use crate::model::STRUTS;
 use crate::scenario::sockets::{SPRINGS, SocketSetup, spring_name};
 use crate::scenario::{Gains, Sensors, Supervision, Trip};
 
@@ -50,8 +50,8 @@ pub(super) struct SensorKeys {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct GainKeys {
-    proportional: Option<Spanned<[f64; AXES]>>,
-    derivative: Option<Spanned<[f64; AXES]>>,
+    proportional: Option<Spanned<Vec<f64>>>,
+    derivative: Option<Spanned<Vec<f64>>>,
     cutoff: Option<Spanned<f64>>,
 }
 
@@ -144,8 +144,8 @@ fn once<T: std::fmt::Display>(file: &File, key: &str, flag: &mut bool, value: &S
 }
 
 pub(super) fn gains(file: &File, keys: &GainKeys) -> Result<Gains> {
-    let each = |key: &str, value: &Option<Spanned<[f64; AXES]>>, unit: &str| {
-        value.as_ref().map(|v| file.numbers(key, v, 0.0, 1e7, unit)).transpose()
+    let each = |key: &str, value: &Option<Spanned<Vec<f64>>>, unit: &str| {
+        value.as_ref().map(|v| file.per_axis(key, v, 0.0, 1e7, unit)).transpose()
     };
     Ok(Gains {
         proportional: each("gains.proportional", &keys.proportional, "N·m/rad")?,
@@ -225,7 +225,7 @@ mod tests {
                 "[sensors]\nrecord = [\"speed\"]".into(),
                 "`sensors.record` is \"speed\"; expected \"ee\", \"velocity\", ",
             ),
-            ("[gains]\nproportional = [1, 2, 3]".into(), "invalid length 3"),
+            ("[gains]\nproportional = [1, 2]".into(), "`gains.proportional` has 2 number(s); expected one per axis"),
             ("[gains]\ncutoff = 0".into(), "`gains.cutoff` is 0"),
         ] {
             let e = with(&tables).unwrap_err().to_string();

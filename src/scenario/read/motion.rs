@@ -103,17 +103,17 @@ fn random_fourier(input: Input) -> Result<Course> {
 #[serde(deny_unknown_fields)]
 struct FourierKeys {
     frequency: Spanned<f64>,
-    centre: Spanned<[f64; 4]>,
+    centre: Spanned<Vec<f64>>,
     #[serde(default)]
-    sine: Vec<Spanned<[f64; 4]>>,
+    sine: Vec<Spanned<Vec<f64>>>,
     #[serde(default)]
-    cosine: Vec<Spanned<[f64; 4]>>,
+    cosine: Vec<Spanned<Vec<f64>>>,
 }
 
 fn fourier(input: Input) -> Result<Course> {
     let (file, keys) = (input.file, input.keys::<FourierKeys>()?);
-    let row = |key: &str, row: &Spanned<[f64; 4]>| coordinates(file, key, row);
-    let rows = |key: &str, rows: &[Spanned<[f64; 4]>]| rows.iter().map(|r| row(key, r)).collect::<Result<Vec<_>>>();
+    let row = |key: &str, row: &Spanned<Vec<f64>>| coordinates(file, key, row);
+    let rows = |key: &str, rows: &[Spanned<Vec<f64>>]| rows.iter().map(|r| row(key, r)).collect::<Result<Vec<_>>>();
     let (mut sine, mut cosine) = (rows("motion.sine", &keys.sine)?, rows("motion.cosine", &keys.cosine)?);
     let harmonics = sine.len().max(cosine.len());
     sine.resize(harmonics, [0.0; 4]);
@@ -126,15 +126,17 @@ fn frequency(file: &File, value: &Spanned<f64>) -> Result<f64> {
     file.within("motion.frequency", value, 1e-3, 20.0, "Hz")
 }
 
+/// What the machine moves: x, y, z and ψ of a platform, of a three-axis robot without ψ; the angles of independent axes.
+///
 /// Radians of axis 4 may be many turns; metres are checked against the workspace later.
-fn coordinates(file: &File, key: &str, value: &Spanned<[f64; 4]>) -> Result<[f64; 4]> {
-    file.numbers(key, value, -1e3, 1e3, "in m (x, y, z) and rad (ψ)")
+fn coordinates(file: &File, key: &str, value: &Spanned<Vec<f64>>) -> Result<[f64; 4]> {
+    file.per_axis(key, value, -1e3, 1e3, "(m for x, y, z; rad for angles)")
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PathKeys {
-    waypoints: Vec<Spanned<[f64; 4]>>,
+    waypoints: Vec<Spanned<Vec<f64>>>,
     speed: Spanned<f64>,
     acceleration: Spanned<f64>,
     jerk: Spanned<f64>,
@@ -196,7 +198,7 @@ fn waypoints(
     file: &File,
     input: &Input,
     key: &str,
-    rows: &[Spanned<[f64; 4]>],
+    rows: &[Spanned<Vec<f64>>],
     least: usize,
     closed: bool,
 ) -> Result<Vec<[f64; 4]>> {
@@ -247,7 +249,7 @@ fn table(input: Input) -> Result<Course> {
 #[serde(deny_unknown_fields)]
 struct ConstantSpeedKeys {
     axis: Spanned<i64>,
-    pose: Spanned<[f64; 4]>,
+    pose: Spanned<Vec<f64>>,
     between: Spanned<[f64; 2]>,
     speeds: Vec<Spanned<f64>>,
     acceleration: Spanned<f64>,
@@ -292,7 +294,7 @@ fn constant_speed(input: Input) -> Result<Course> {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StaticPosesKeys {
-    poses: Vec<Spanned<[f64; 4]>>,
+    poses: Vec<Spanned<Vec<f64>>>,
     hold: Spanned<f64>,
     #[serde(rename = "move")]
     travel: Spanned<f64>,
@@ -365,7 +367,7 @@ mod tests {
             (PATH, "speed = 1.0", "speed = nan", ":6:9: `motion.speed` is NaN"),
             (PATH, "jerk = 1000", "jerk = 1000\nshare = 0.5", ":9:1: [motion]: unknown field `share`"),
             (PATH, "[0.1, 0, -1, 0]", "[0, 0, -1, 0]", ":5:29: `motion.waypoints` has [0.0, 0.0, -1.0, 0.0] twice"),
-            (PATH, "[0.1, 0, -1, 0]", "[0, 0, -1]", ":5:29: "),
+            (PATH, "[0.1, 0, -1, 0]", "[0, -1]", ":5:29: `motion.waypoints` has 2 number(s); expected one per axis"),
             (PATH, "[0.1, 0, -1, 0], [0.1, 0.1, -1, 0]", "", "`motion.waypoints` has 1 row(s)"),
             (PATH, "[0.1, 0.1, -1, 0]]", "[0, 0, -1, 0]]\nclosed = true", "twice in a row"),
             (PATH, "jerk = 1000", "jerk = 1000\nrepeat = 2", ":9:10: `motion.repeat` needs closed"),

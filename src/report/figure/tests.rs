@@ -1,3 +1,7 @@
+use super::axis::Axis;
+use super::curve::{MAX_PIECES, decimate};
+use super::legend::colours;
+use super::numbers::significant;
 use super::*;
 
 fn series(n: usize, f: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<f64>) {

@@ -1,0 +1,79 @@
+//! What an identification costs: 20 s at 2.5 kHz, four torques.
+
+#![allow(missing_docs)] // the macros below write public functions
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::identification::estimator::{Estimator, PRIOR_INFORMATION};
+use deltatwin::identification::normal_equations::{ALIKE, NormalEquations};
+use deltatwin::identification::{Trace, fit, predict};
+use deltatwin::recording::Setup;
+use deltatwin::scenario::{FourierMotion, MotionLimits};
+use nalgebra::DVector;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
+
+const SIGMA: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
+const DT: f64 = 4e-4;
+
+fn trace(samples: usize) -> Trace {
+    let model = common::model("irb360-6-1600");
+    let mut robot = model.clone();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    deltatwin::demo::perturb(&mut robot, &mut rng);
+    let setup = Setup::default();
+    let plant = Plant::new(&model, &setup);
+    let motion = FourierMotion::random(&plant, &MotionLimits::of(&model, 0.45), 0.1, 10, &mut rng);
+    let joints = (0..samples).map(|k| plant.geometry.inverse_motion(&motion.at(k as f64 * DT)).expect("reachable"));
+    let mut trace = Trace {
+        name: "bench".into(),
+        setup,
+        t: (0..samples).map(|k| k as f64 * DT).collect(),
+        joints: joints.collect(),
+        channels: Channel::TORQUES.to_vec(),
+        measured: vec![vec![0.0; samples]; 4],
+        segments: std::iter::once(0..samples).collect(),
+        dt: DT,
+        half_width: [10; 4],
+    };
+    trace.measured = predict(&Plant::new(&robot, &setup), &trace).expect("reachable");
+    for (series, sigma) in trace.measured.iter_mut().zip(SIGMA) {
+        series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
+    }
+    trace
+}
+
+fn identification(c: &mut Criterion) {
+    let model = common::model("irb360-6-1600");
+    let (trace, noise) = ([trace(50_000)], [SIGMA.to_vec()]);
+    let parameters = Plant::new(&model, &Setup::default()).parameters().len();
+    let free: Vec<usize> = (0..parameters).collect();
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    let mut group = c.benchmark_group("identification of 50 000 samples");
+    group.sample_size(10);
+    group.bench_function("regressor and base parameters, one core", |b| {
+        b.iter(|| {
+            one.install(|| {
+                let normal = NormalEquations::new(&model, &trace, &noise, &free, ALIKE).expect("a regular motion");
+                let size = DVector::from_element(parameters, 1.0);
+                let estimator = Estimator::new(&normal, &size, PRIOR_INFORMATION).expect("finite");
+                estimator.step(&normal, &DVector::zeros(parameters), &[])
+            })
+        })
+    });
+    group.bench_function("consistent parameters with standard errors, one core", |b| {
+        b.iter(|| one.install(|| fit(&model, &trace, &noise).expect("a fit")))
+    });
+    group.bench_function("consistent parameters with standard errors, all cores", |b| {
+        b.iter(|| fit(&model, &trace, &noise).expect("a fit"))
+    });
+    group.finish();
+}
+
+criterion_group!(benches, identification);
+criterion_main!(benches);

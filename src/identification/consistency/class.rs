@@ -1,0 +1,225 @@
+//! How parameters make bodies: the entries of the pseudo-inertia of every kind of body.
+
+use nalgebra::{DVector, Matrix3};
+
+use crate::effects::ActiveEffect;
+use crate::model::Bodies;
+use crate::model::bodies::Inertia;
+use crate::recording::Payload;
+
+use super::MARGIN;
+
+/// Bodies with the same parameters, and how these fill D, h and m.
+///
+/// Entries without a parameter of their own follow those that have one, so that they never stand in the way: a body that only
+/// turns about one axis keeps the split of its moment, one that only translates its shape.
+#[derive(Clone, Debug)]
+pub struct BodyClass {
+    /// The bodies.
+    pub bodies: Vec<usize>,
+    /// Where the positive sizes come from: Σ factor·variable.
+    pub sizes: Vec<Vec<(usize, f64)>>,
+    /// The other way round, variables from sizes: Σ factor·size.
+    pub moments: Vec<(usize, Vec<f64>)>,
+    /// D: share of a size or of the mass.
+    pub second: [(Source, f64); 3],
+    /// h.
+    pub first: [First; 3],
+    /// Variable that holds the mass.
+    pub mass: usize,
+    /// Entries of the shipped body, the measure of the margin.
+    pub reference: Reference,
+}
+
+/// What an entry of D is proportional to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// Size number.
+    Size(usize),
+    /// The mass.
+    Mass,
+    /// One: it stays as it is.
+    Constant,
+}
+
+/// What an entry of h is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum First {
+    /// A variable.
+    Own(usize),
+    /// So many metres times the mass.
+    Mass(f64),
+    /// It stays as it is.
+    Constant(f64),
+}
+
+/// Magnitudes of a body's entries.
+#[derive(Clone, Copy, Debug)]
+pub struct Reference {
+    /// Largest second moment, kg·m².
+    pub second: f64,
+    /// Mass, kg.
+    pub mass: f64,
+}
+
+impl BodyClass {
+    /// All variables of the class.
+    pub fn variables(&self) -> Vec<usize> {
+        let own = self.first.iter().filter_map(|f| if let First::Own(i) = f { Some(*i) } else { None });
+        let mut all: Vec<usize> =
+            self.sizes.iter().flatten().map(|(i, _)| *i).chain(own).chain(std::iter::once(self.mass)).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    /// Value of size `g`.
+    pub fn size(&self, g: usize, x: &DVector<f64>) -> f64 {
+        self.sizes[g].iter().map(|(i, factor)| factor * x[*i]).sum()
+    }
+
+    /// Smallest size that counts as possible.
+    pub fn least_size(&self) -> f64 {
+        MARGIN * self.reference.second
+    }
+
+    /// Smallest rest m − Σ hₖ²/Dₖ that counts as possible.
+    pub fn least_rest(&self) -> f64 {
+        MARGIN * self.reference.mass
+    }
+
+    /// Diagonal of D.
+    pub fn second(&self, x: &DVector<f64>) -> [f64; 3] {
+        self.second.map(|(source, share)| match source {
+            Source::Size(g) => share * self.size(g, x),
+            Source::Mass => share * x[self.mass],
+            Source::Constant => share,
+        })
+    }
+
+    /// First moment.
+    pub fn first(&self, x: &DVector<f64>) -> [f64; 3] {
+        self.first.map(|f| match f {
+            First::Own(i) => x[i],
+            First::Mass(arm) => arm * x[self.mass],
+            First::Constant(h) => h,
+        })
+    }
+
+    /// How far inside the possible the body lies, in units of the margin: 1 on its edge.
+    pub fn slack(&self, x: &DVector<f64>) -> f64 {
+        let (second, first) = (self.second(x), self.first(x));
+        let sizes = (0..self.sizes.len()).map(|g| self.size(g, x) / self.least_size()).fold(f64::INFINITY, f64::min);
+        if sizes <= 0.0 {
+            return sizes;
+        }
+        let load: f64 = (0..3).filter(|&k| first[k] != 0.0).map(|k| first[k] * first[k] / second[k]).sum();
+        sizes.min((x[self.mass] - load) / self.least_rest())
+    }
+
+    /// The body that `x` describes.
+    pub fn inertia(&self, x: &DVector<f64>) -> Inertia {
+        let d = self.second(x);
+        Inertia::diagonal(x[self.mass], self.first(x), [d[1] + d[2], d[0] + d[2], d[0] + d[1]])
+    }
+}
+
+/// Writes the bodies that `x` describes. What tells bodies of one class apart, and deviation moments, stay as far as they leave a
+/// body possible.
+pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
+    for class in classes {
+        let found = class.inertia(x);
+        let mut change = found;
+        let mut first = bodies[class.bodies[0]];
+        first.tensor = Matrix3::from_diagonal(&first.tensor.diagonal());
+        change += first * -1.0;
+        for &b in &class.bodies {
+            let mut own = bodies[b];
+            own += change;
+            bodies[b] = if own.min_eigenvalue() > 0.0 { own } else { found };
+        }
+    }
+}
+
+/// Classes of the bodies whose parameters are among `free` (indices of the plant's parameters).
+///
+/// `owners` are the effects whose parameters are inertia, each with the number of its first parameter. Variables are the places in
+/// `free`; masses that no parameter holds get variables of their own from `free.len()` on, whose present values are returned.
+pub fn classes(bodies: &Bodies, owners: &[(usize, &ActiveEffect)], free: &[usize]) -> (Vec<BodyClass>, Vec<f64>) {
+    let mut units: Vec<Vec<(usize, Inertia)>> = vec![Vec::new(); bodies.0.len()];
+    for (offset, active) in owners {
+        active.effect.inertia(&active.values(), &Payload::default(), &mut |k, body, unit| {
+            if let Some(variable) = free.iter().position(|&f| f == offset + k) {
+                units[body].push((variable, unit));
+            }
+        });
+    }
+    let mut out: Vec<BodyClass> = Vec::new();
+    let mut masses = Vec::new();
+    for (body, units) in units.iter().enumerate().filter(|(_, u)| !u.is_empty()) {
+        let mut variables: Vec<usize> = units.iter().map(|(v, _)| *v).collect();
+        variables.sort_unstable();
+        let parameters = |c: &BodyClass| c.variables().into_iter().filter(|v| *v < free.len()).collect::<Vec<_>>();
+        let known = out.iter_mut().find(|c| parameters(c) == variables);
+        match known {
+            Some(class) => class.bodies.push(body),
+            None => {
+                let class = class(body, &bodies[body], units, || {
+                    masses.push(bodies[body].mass.max(1e-3));
+                    free.len() + masses.len() - 1
+                });
+                out.push(class);
+            }
+        }
+    }
+    (out, masses)
+}
+
+fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl FnOnce() -> usize) -> BodyClass {
+    let pseudo = now.pseudo_inertia();
+    let d = [pseudo[(0, 0)], pseudo[(1, 1)], pseudo[(2, 2)]];
+    let own_mass = units.iter().find(|(_, u)| u.mass != 0.0).map(|(v, _)| *v);
+    let mass = own_mass.unwrap_or_else(new_mass);
+    let own_first: [Option<usize>; 3] =
+        std::array::from_fn(|k| units.iter().find(|(_, u)| u.first_moment[k] != 0.0).map(|(v, _)| *v));
+    let tensors: Vec<(usize, [bool; 3])> = units
+        .iter()
+        .filter(|(_, u)| u.tensor.trace() != 0.0)
+        .map(|(v, u)| (*v, std::array::from_fn(|k| u.tensor[(k, k)] != 0.0)))
+        .collect();
+    let single = tensors.iter().find(|(_, axes)| axes.iter().filter(|a| **a).count() == 1);
+    let double = tensors.iter().find(|(_, axes)| axes.iter().filter(|a| **a).count() == 2);
+    let by_mass = |k: usize| {
+        if own_first[k].is_some() {
+            (Source::Constant, if d[k] > 0.0 { d[k] } else { SHAPELESS })
+        } else {
+            (Source::Mass, if now.mass > 0.0 && d[k] > 0.0 { d[k] / now.mass } else { SHAPELESS })
+        }
+    };
+    let (sizes, moments, second) = match (single, double) {
+        (Some((axial, axes)), Some((lateral, _))) => (
+            // Θ_axis = 2·D_lateral, Θ_lateral = D_axis + D_lateral.
+            vec![vec![(*lateral, 1.0), (*axial, -0.5)], vec![(*axial, 0.5)]],
+            vec![(*axial, vec![0.0, 2.0]), (*lateral, vec![1.0, 1.0])],
+            std::array::from_fn(|k| (Source::Size(usize::from(!axes[k])), 1.0)),
+        ),
+        (Some((about, axes)), None) => {
+            // Θ_axis = D_b + D_c, split as now.
+            let across: f64 = (0..3).filter(|&k| !axes[k]).map(|k| d[k].max(0.0)).sum();
+            let split = |k: usize| if across > 0.0 { (d[k] / across).clamp(0.05, 0.95) } else { 0.5 };
+            let second = std::array::from_fn(|k| if axes[k] { by_mass(k) } else { (Source::Size(0), split(k)) });
+            (vec![vec![(*about, 1.0)]], vec![(*about, vec![1.0])], second)
+        }
+        _ => (Vec::new(), Vec::new(), std::array::from_fn(by_mass)),
+    };
+    let first = std::array::from_fn(|k| match (own_first[k], second[k].0) {
+        (Some(v), _) => First::Own(v),
+        (None, Source::Mass) if now.mass > 0.0 => First::Mass(now.first_moment[k] / now.mass),
+        _ => First::Constant(now.first_moment[k]),
+    });
+    let reference = Reference { second: d.iter().fold(1e-9, |a: f64, b| a.max(*b)), mass: now.mass.max(1e-3) };
+    BodyClass { bodies: vec![body], sizes, moments, second, first, mass, reference }
+}
+
+/// Second moment, per kilogram, of a body that has none yet, m².
+const SHAPELESS: f64 = 1e-2;

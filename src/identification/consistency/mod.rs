@@ -1,0 +1,64 @@
+//! Physical consistency: bodies that can exist [Wensing, Kim & Slotine 2018].
+//!
+//! A body is possible exactly if its pseudo-inertia is positive semidefinite. Without deviation moments that is an arrow matrix
+//! [[D, h], [hᵀ, m]] with D = ½tr(Θ)·1 − Θ diagonal, and its condition reads D > 0, m > Σ hₖ²/Dₖ. [`classes`] finds how the
+//! parameters fill these entries; two independent ways lead to the possible parameters of least cost:
+//! [`log_cholesky`], in which every value of the variables is a possible body, and [`cones`], a convex programme.
+
+mod class;
+pub mod cones;
+pub mod log_cholesky;
+
+#[cfg(test)]
+mod tests;
+
+pub use class::{BodyClass, classes, complete};
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::model::Bodies;
+use crate::model::bodies::Inertia;
+
+/// Distance kept from the boundary of the possible, relative to the body's own entries.
+pub(super) const MARGIN: f64 = 1e-6;
+
+/// Smallest pseudo-inertia eigenvalue over all bodies that have any inertia.
+pub fn min_eigenvalue(bodies: &Bodies) -> f64 {
+    bodies.0.iter().filter(|b| **b != Inertia::ZERO).map(Inertia::min_eigenvalue).fold(f64::INFINITY, f64::min)
+}
+
+/// Quadratic cost ½(x − x₀)ᵀH(x − x₀) of the parameters, with what they may be.
+pub struct Cost {
+    /// Parameters of least cost, possible or not.
+    pub centre: DVector<f64>,
+    /// Possible parameters, where a search may start.
+    pub start: DVector<f64>,
+    /// Curvature H, positive definite.
+    pub curvature: DMatrix<f64>,
+    /// Own size of each parameter.
+    pub size: DVector<f64>,
+    /// Allowed values of each parameter that no body class owns.
+    pub range: Vec<(f64, f64)>,
+    /// The bodies.
+    pub classes: Vec<BodyClass>,
+}
+
+impl Cost {
+    /// The cost of `x`.
+    pub fn of(&self, x: &DVector<f64>) -> f64 {
+        let d = x - &self.centre;
+        0.5 * d.dot(&(&self.curvature * &d))
+    }
+
+    /// Whether all bodies are possible, with the margin, and all ranges kept.
+    pub fn allows(&self, x: &DVector<f64>) -> bool {
+        self.classes.iter().all(|c| c.slack(x) >= 1.0)
+            && self.free_of_bodies().all(|i| (self.range[i].0..=self.range[i].1).contains(&x[i]))
+    }
+
+    /// Indices that no body class owns.
+    pub fn free_of_bodies(&self) -> impl Iterator<Item = usize> {
+        let owned: Vec<usize> = self.classes.iter().flat_map(BodyClass::variables).collect();
+        (0..self.centre.len()).filter(move |i| !owned.contains(i))
+    }
+}

@@ -1,0 +1,90 @@
+use nalgebra::{DMatrix, DVector};
+
+use super::*;
+use crate::dynamics::Plant;
+use crate::model::Model;
+use crate::recording::Setup;
+
+/// Classes of the shipped robot, its parameters and the masses that no parameter holds.
+fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
+    let model = Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+    let rigid = Plant::new(&model, &Setup::default()).rigid_bodies();
+    let free: Vec<usize> = (0..rigid.values.len()).collect();
+    let (classes, masses) = classes(&model.bodies, &[(0, &rigid)], &free);
+    let x = DVector::from_iterator(free.len() + masses.len(), rigid.values.iter().copied().chain(masses));
+    (model, classes, x)
+}
+
+#[test]
+fn the_papers_variables_describe_the_links_and_the_rotor() {
+    let (model, classes, x) = shipped();
+    let own = |c: &BodyClass| c.variables().len();
+    // Arm, strut, platform, rotor, telescope upper and lower part. The paper's 18, and two beside them: the height of the platform's
+    // centre of mass, which strut forces show, and the mass of the rotor, which nothing shows.
+    assert_eq!(classes.iter().map(own).collect::<Vec<_>>(), [4, 4, 2, 2, 4, 4]);
+    let mut bodies = model.bodies.clone();
+    complete(&classes, &x, &mut bodies);
+    for (b, (now, before)) in bodies.0.iter().zip(&model.bodies.0).enumerate() {
+        let same = (now.pseudo_inertia() - before.pseudo_inertia()).norm();
+        // The rotor's two moments across its axis are one half of the whole about it.
+        assert!(same < 1e-12 || b == crate::model::bodies::ROTOR, "body {b}: {same:e}");
+    }
+}
+
+#[test]
+fn slack_is_positive_exactly_for_possible_bodies() {
+    let (_, classes, x) = shipped();
+    for seed in 0..200 {
+        let wild = x.map_with_location(|i, _, v| v * (1.0 + 1.5 * ((i * 7 + seed * 13) as f64).sin()));
+        for class in &classes {
+            let smallest = class.inertia(&wild).min_eigenvalue();
+            if smallest.abs() > 1e-9 {
+                assert_eq!(class.slack(&wild) > 0.0, smallest > 0.0, "{:?} {smallest:e}", class.bodies);
+            }
+        }
+    }
+}
+
+/// Costs whose least value lies far outside the possible.
+fn wild_cost(seed: usize) -> Cost {
+    let (_, classes, x) = shipped();
+    let n = x.len();
+    let centre = x.map_with_location(|i, _, v| v * (1.0 + 3.0 * ((i * 7 + seed * 13) as f64).sin()));
+    let coupling = |i: usize, j: usize| if i == j { 1.0 } else { 0.3 * ((i * j + seed) as f64).cos().abs() };
+    let root = DMatrix::from_fn(n, n, |i, j| coupling(i, j) / x[j].abs());
+    Cost {
+        centre,
+        curvature: root.tr_mul(&root),
+        size: x.map(f64::abs),
+        range: vec![(0.0, f64::INFINITY); n],
+        start: x,
+        classes,
+    }
+}
+
+#[test]
+fn log_cholesky_and_cones_find_the_same_parameters() {
+    for seed in 0..60 {
+        let cost = wild_cost(seed);
+        assert!(!cost.allows(&cost.centre));
+        let smooth = log_cholesky::minimise(&cost);
+        let convex = cones::minimise(&cost).expect("a solution");
+        let (a, b) = (cost.of(&smooth), cost.of(&convex.x));
+        assert!((a - b).abs() < 1e-7 * b && convex.gap < 1e-6 * b, "{seed}: {a} {b} {:e}", convex.gap);
+        let apart = (&smooth - &convex.x).component_div(&cost.size).amax();
+        assert!(apart < 1e-4, "{seed}: {apart:e}");
+        for class in &cost.classes {
+            assert!(class.slack(&smooth) > 0.99, "{seed}: {:?}", class.bodies);
+            assert!(class.inertia(&smooth).min_eigenvalue() > 0.0, "{seed}: {:?}", class.bodies);
+        }
+    }
+}
+
+#[test]
+fn possible_estimates_are_left_alone() {
+    let mut cost = wild_cost(0);
+    cost.centre = cost.start.clone();
+    assert!(cost.allows(&cost.centre));
+    let found = log_cholesky::minimise(&cost);
+    assert!((&found - &cost.centre).component_div(&cost.size).amax() < 1e-6);
+}

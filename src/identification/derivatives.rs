@@ -1,0 +1,315 @@
+//! Joint rates and accelerations from encoder angles.
+//!
+//! The default is a smoother ([`super::smoother`]) whose process noise is found by maximum likelihood, axis by axis. Dry
+//! friction changes sign when an axis turns around, and the accelerations of all axes change steeply with it: there, and
+//! only there, the smoother lets q̈ jump, by as much as the data ask for.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::filtering::{Kernel, MIN_HALF_WIDTH, half_width, noise_level};
+use super::smoother::{Likelihood, smooth, width};
+use crate::kinematics::JointState;
+use crate::model::AXES;
+
+/// How angles are differentiated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Gnad et al., section 6.1: forward difference for q̇; for q̈ a differentiating filter run forward and backward, here
+    /// the first difference, so that (q₊ − 2q + q₋)/T² comes out.
+    Paper,
+    /// Local polynomials [Savitzky & Golay, 1964], just wide enough to keep the encoder noise tolerable.
+    Polynomial,
+    /// Smoother, everywhere as smooth.
+    Smoother,
+    /// Smoother whose acceleration may jump at reversals.
+    Reversals,
+}
+
+/// Acceptable standard deviation of accelerations from encoder noise, rad/s²: torques below a tenth of sensor noise.
+const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
+/// An axis turns around while it is slower than this, rad/s; one that is never faster nearby rests.
+const TURNING: f64 = 0.05;
+/// Where "nearby" ends, s.
+const NEARBY: f64 = 0.02;
+/// Shortest and longest time before and after the reversal in which q̈ may jump, s.
+const JUMPING: [f64; 2] = [1e-3, 1e-2];
+/// Samples left out at the ends of a stretch, in widths of the smoother: inside, standard errors are at most 1.7 times
+/// those far from the ends.
+const MARGIN: f64 = 2.0;
+
+/// Angles at uniform times.
+pub struct Angles<'a> {
+    q: &'a [[f64; AXES]],
+    stretches: &'a [Range<usize>],
+    dt: f64,
+    /// Standard deviation of the noise per axis, rad.
+    sigma: [f64; AXES],
+}
+
+/// Angle and its first two derivatives by sample number, of one stretch.
+struct Smoothed {
+    values: Vec<[f64; 3]>,
+    /// Samples at either end that are not good enough.
+    margin: usize,
+}
+
+impl<'a> Angles<'a> {
+    /// Angles `q` of every sample, rad, in stretches without gaps, every `dt` seconds.
+    pub fn new(q: &'a [[f64; AXES]], stretches: &'a [Range<usize>], dt: f64) -> Self {
+        let mut out = Self { q, stretches, dt, sigma: [0.0; AXES] };
+        out.sigma =
+            std::array::from_fn(|i| noise_level(&stretches.iter().map(|s| out.angles(i, s)).collect::<Vec<_>>()));
+        out
+    }
+
+    /// Half width of the polynomials per axis, samples; [`MIN_HALF_WIDTH`] where the angles have no noise to speak of.
+    pub fn half_widths(&self) -> [usize; AXES] {
+        std::array::from_fn(|i| half_width(self.sigma[i], self.dt, ACCELERATION_NOISE[i]))
+    }
+
+    /// Joint states of the samples kept of each stretch.
+    pub fn differentiate(&self, method: Method) -> Vec<(Range<usize>, Vec<JointState>)> {
+        let half_widths = self.half_widths();
+        let axes: Vec<Vec<Smoothed>> = match method {
+            Method::Paper => (0..AXES).map(|i| self.each(i, paper)).collect(),
+            Method::Polynomial => (0..AXES).map(|i| self.each(i, |x| polynomial(x, half_widths[i]))).collect(),
+            Method::Smoother | Method::Reversals => self.smoothed(half_widths, method == Method::Reversals),
+        };
+        let stretch = |(s, stretch): (usize, &Range<usize>)| {
+            let margin = axes.iter().map(|axis| axis[s].margin).max().unwrap_or(0);
+            if stretch.len() <= 2 * margin {
+                return None;
+            }
+            let kept = stretch.start + margin..stretch.end - margin;
+            let state = |k: usize| {
+                let of = |d: usize| -> [f64; AXES] {
+                    std::array::from_fn(|i| axes[i][s].values[k - stretch.start][d] / self.dt.powi(d as i32))
+                };
+                JointState { q: of(0), qd: of(1), qdd: of(2) }
+            };
+            Some((kept.clone(), kept.map(state).collect()))
+        };
+        self.stretches.iter().enumerate().filter_map(stretch).collect()
+    }
+
+    fn angles(&self, axis: usize, stretch: &Range<usize>) -> Vec<f64> {
+        self.q[stretch.clone()].iter().map(|q| q[axis]).collect()
+    }
+
+    fn each(&self, axis: usize, f: impl Fn(&[f64]) -> Smoothed) -> Vec<Smoothed> {
+        self.stretches.iter().map(|s| f(&self.angles(axis, s))).collect()
+    }
+
+    fn smoothed(&self, half_widths: [usize; AXES], reversals: bool) -> Vec<Vec<Smoothed>> {
+        let noisy: Vec<bool> = half_widths.iter().map(|m| *m > MIN_HALF_WIDTH).collect();
+        let readings: Vec<Readings> = (0..AXES).into_par_iter().map(|i| Readings::new(self, i)).collect();
+        let smoothed = |turns: &[Vec<bool>]| -> Vec<Vec<Smoothed>> {
+            let axis = |i: usize| match noisy[i] {
+                true => readings[i].smoothed(turns),
+                false => self.each(i, |x| polynomial(x, half_widths[i])),
+            };
+            (0..AXES).into_par_iter().map(axis).collect()
+        };
+        let still: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
+        let mut out = smoothed(&still);
+        if reversals {
+            let rates = |s: usize, i: usize| out[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
+            let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt);
+            let turns: Vec<Vec<bool>> = (0..self.stretches.len()).map(of).collect();
+            out = smoothed(&turns);
+        }
+        out
+    }
+}
+
+/// Derivatives as in the paper.
+fn paper(x: &[f64]) -> Smoothed {
+    let inside = |k: usize| [x[k], x[k + 1] - x[k], x[k + 1] - 2.0 * x[k] + x[k - 1]];
+    let last = x.len().saturating_sub(1);
+    let values = (0..x.len()).map(|k| if k > 0 && k < last { inside(k) } else { [x[k], 0.0, 0.0] }).collect();
+    Smoothed { values, margin: 1 }
+}
+
+/// Derivatives of local polynomials of half width `m`.
+fn polynomial(x: &[f64], m: usize) -> Smoothed {
+    let kernel = Kernel::new(m);
+    let m = kernel.half_width;
+    let mut values: Vec<[f64; 3]> = x.iter().map(|x| [*x, 0.0, 0.0]).collect();
+    for d in 0..3 {
+        for (value, y) in values.iter_mut().skip(m).zip(kernel.apply(d, x)) {
+            value[d] = y;
+        }
+    }
+    Smoothed { values, margin: m }
+}
+
+/// Whether q̈ may jump in each step of a stretch: an axis turns around, by the rates of all axes, rad/s.
+fn turns(rates: &[Vec<f64>; AXES], dt: f64) -> Vec<bool> {
+    let mut turns = no_turns(rates[0].len());
+    let steps = turns.len();
+    let [shortest, longest] = JUMPING.map(|t| (t / dt).ceil() as usize);
+    let nearby = (NEARBY / dt).ceil() as usize;
+    for v in rates {
+        for k in (0..steps).filter(|&k| (v[k] < 0.0) != (v[k + 1] < 0.0)) {
+            let around = &v[k.saturating_sub(nearby)..(k + nearby).min(v.len())];
+            if around.iter().all(|v| v.abs() < TURNING) {
+                continue;
+            }
+            let slow = |k: &usize| v[*k].abs() < TURNING;
+            let before = (k.saturating_sub(longest)..=k).rev().take_while(slow).count().max(shortest);
+            let after = (k + 1..steps.min(k + longest)).take_while(slow).count().max(shortest);
+            turns[k.saturating_sub(before)..(k + after).min(steps)].fill(true);
+        }
+    }
+    turns
+}
+
+fn no_turns(samples: usize) -> Vec<bool> {
+    vec![false; samples.saturating_sub(1)]
+}
+
+/// Readings of one axis, less the first of each stretch, in units of their standard deviation.
+struct Readings {
+    stretches: Vec<Vec<f64>>,
+    origins: Vec<f64>,
+    sigma: f64,
+    dt: f64,
+}
+
+/// A part of a stretch: which one, and where.
+type Piece = (usize, Range<usize>);
+
+/// Likelihoods are summed over so many pieces of so many samples, spread over the recording …
+const PIECES: usize = 24;
+const PIECE: usize = 256;
+/// … and over so many reversals, with so many samples before and after each.
+const REVERSALS: usize = 120;
+const BESIDE: usize = 40;
+/// A piece whose readings vary by less, in standard deviations (three encoder steps), tells nothing.
+const RESTING: f64 = 10.0;
+/// Logarithm of the largest intensity of the noise in q⁗: readings and motion are unrelated.
+const ROUGHEST: f64 = 30.0;
+/// Logarithms of the least and largest intensity of the noise in q⃛ at reversals.
+const JUMP: [f64; 2] = [-30.0, 30.0];
+/// Intensity so large that what comes before and after a step is unrelated.
+const UNRELATED: f64 = 1e4;
+/// Longest time scale of the smoother, s: that of an axis at rest.
+const LONGEST: f64 = 0.01;
+
+impl Readings {
+    fn new(angles: &Angles, axis: usize) -> Self {
+        let sigma = angles.sigma[axis];
+        let mut stretches: Vec<Vec<f64>> = angles.stretches.iter().map(|s| angles.angles(axis, s)).collect();
+        let origins = stretches.iter().map(|s| s.first().copied().unwrap_or(0.0)).collect::<Vec<_>>();
+        for (stretch, origin) in stretches.iter_mut().zip(&origins) {
+            stretch.iter_mut().for_each(|x| *x = (*x - origin) / sigma);
+        }
+        Self { stretches, origins, sigma, dt: angles.dt }
+    }
+
+    /// Smooths with the most likely intensities.
+    fn smoothed(&self, turns: &[Vec<bool>]) -> Vec<Smoothed> {
+        let (snap, variance) = self.snap(turns);
+        let jump = self.jump(snap, variance, turns);
+        let margin = (MARGIN * width(snap)).ceil() as usize;
+        let stretch = |s: usize| {
+            let mut values = smooth(&self.stretches[s], snap, &jerk(&turns[s], jump));
+            for value in &mut values {
+                *value = value.map(|x| x * self.sigma);
+                value[0] += self.origins[s];
+            }
+            Smoothed { values, margin }
+        };
+        (0..self.stretches.len()).map(stretch).collect()
+    }
+
+    /// Most likely intensity of the noise in q⁗, apart from reversals, and variance of the readings.
+    fn snap(&self, turns: &[Vec<bool>]) -> (f64, f64) {
+        let pieces = self.spread();
+        let smoothest = 8.0 * (self.dt / LONGEST).ln();
+        if pieces.is_empty() {
+            return (smoothest.exp(), 1.0);
+        }
+        let of = |ln: f64| self.likelihood(&pieces, ln.exp(), turns, UNRELATED);
+        let best = |l: Likelihood| l.ln(l.variance());
+        let ln = highest([smoothest.min(ROUGHEST), ROUGHEST], |ln| best(of(ln)));
+        (ln.exp(), of(ln).variance())
+    }
+
+    /// Most likely intensity of the noise in q⃛ at reversals.
+    fn jump(&self, snap: f64, variance: f64, turns: &[Vec<bool>]) -> f64 {
+        let pieces = reversals(turns);
+        if pieces.is_empty() {
+            return 0.0;
+        }
+        highest(JUMP, |ln| self.likelihood(&pieces, snap, turns, ln.exp()).ln(variance)).exp()
+    }
+
+    fn likelihood(&self, pieces: &[Piece], snap: f64, turns: &[Vec<bool>], jump: f64) -> Likelihood {
+        let one = |(s, range): &Piece| {
+            let jerk = jerk(&turns[*s][range.start..range.end - 1], jump);
+            Likelihood::of(&self.stretches[*s][range.clone()], snap, &jerk)
+        };
+        pieces.iter().map(one).sum()
+    }
+
+    /// Pieces in which the axis moves, spread over the recording.
+    fn spread(&self) -> Vec<Piece> {
+        let all = self.stretches.iter().enumerate().flat_map(|(s, z)| {
+            let length = PIECE.min(z.len());
+            (0..z.len() / length.max(1)).map(move |p| (s, p * length..(p + 1) * length))
+        });
+        let moves = |(s, range): &Piece| {
+            let z = &self.stretches[*s][range.clone()];
+            let (low, high) = z.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+            high - low > RESTING
+        };
+        thinned(all.filter(moves).collect(), PIECES)
+    }
+}
+
+/// Intensities of the noise in q⃛.
+fn jerk(turns: &[bool], jump: f64) -> Vec<f64> {
+    turns.iter().map(|turning| if *turning { jump } else { 0.0 }).collect()
+}
+
+/// Pieces around reversals.
+fn reversals(turns: &[Vec<bool>]) -> Vec<Piece> {
+    let mut pieces: Vec<Piece> = Vec::new();
+    for (s, turns) in turns.iter().enumerate() {
+        let mut k = 0;
+        while let Some(first) = turns[k..].iter().position(|t| *t).map(|p| k + p) {
+            let length = turns[first..].iter().take_while(|t| **t).count();
+            pieces.push((s, first.saturating_sub(BESIDE)..(first + length + BESIDE).min(turns.len() + 1)));
+            k = first + length;
+        }
+    }
+    thinned(pieces, REVERSALS)
+}
+
+/// At most `most` of the pieces, evenly chosen.
+fn thinned(pieces: Vec<Piece>, most: usize) -> Vec<Piece> {
+    let n = pieces.len();
+    if n <= most { pieces } else { (0..most).map(|k| pieces[k * n / most].clone()).collect() }
+}
+
+/// Where a function with one peak in an interval is highest, to 0.2.
+fn highest([mut low, mut high]: [f64; 2], f: impl Fn(f64) -> f64) -> f64 {
+    const RATIO: f64 = 0.618_033_988_749_895;
+    let (mut a, mut b) = (high - RATIO * (high - low), low + RATIO * (high - low));
+    let (mut at_a, mut at_b) = (f(a), f(b));
+    while high - low > 0.4 {
+        if at_a > at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - RATIO * (high - low);
+            at_a = f(a);
+        } else {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + RATIO * (high - low);
+            at_b = f(b);
+        }
+    }
+    0.5 * (low + high)
+}

@@ -1,0 +1,187 @@
+//! Normal equations of a model along recordings, streamed.
+//!
+//! A recording passes through in windows; what stays are its residuals and, for every block of time, YᵀWY and YᵀWr. Their
+//! total gives the Gauss–Newton step, their scatter over blocks the standard errors.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::Trace;
+use super::fit::{FitError, kinematics};
+use super::prediction::{Channels, is_local, prediction_and_columns, surroundings};
+use crate::dynamics::Plant;
+use crate::model::Model;
+
+/// Blocks of time per recording: enough for the scatter of more parameters than any model has.
+const BLOCKS: usize = 100;
+/// Fewest samples of a block.
+const MIN_BLOCK: usize = 20;
+/// Samples of a window: its columns stay in the cache of a core.
+const WINDOW: usize = 1024;
+
+/// Samples of which the rows are kept.
+const ROWS: usize = 2000;
+
+/// Weight of a sample: channel and residual in units of the channel's noise.
+pub type Weight<'a> = &'a (dyn Fn(usize, f64) -> f64 + Sync);
+
+/// Every sample counts alike.
+pub const ALIKE: Weight<'static> = &|_, _| 1.0;
+
+/// Sums over one block of time.
+#[derive(Clone)]
+pub struct Block {
+    /// YᵀWY.
+    pub information: DMatrix<f64>,
+    /// YᵀWr.
+    pub score: DVector<f64>,
+}
+
+/// Normal equations at the present parameters of a model.
+#[derive(Clone)]
+pub struct NormalEquations {
+    /// Blocks of every recording, in the order of time.
+    pub blocks: Vec<Vec<Block>>,
+    /// YᵀWY over all blocks.
+    pub information: DMatrix<f64>,
+    /// YᵀWr over all blocks.
+    pub score: DVector<f64>,
+    /// Measured − predicted, per recording and channel.
+    pub residuals: Vec<Channels>,
+    /// Weighted rows of Y at every so many samples, for what products of Y with itself are too coarse to show.
+    pub rows: Vec<Vec<f64>>,
+    /// Samples per row of `rows` and channel.
+    pub stride: usize,
+}
+
+impl NormalEquations {
+    /// Sums over all traces for the parameters `free` of the plant; `sigma[trace][channel]` scales the rows.
+    pub fn new(
+        model: &Model,
+        traces: &[Trace],
+        sigma: &[Vec<f64>],
+        free: &[usize],
+        weight: Weight,
+    ) -> Result<Self, FitError> {
+        let n = free.len();
+        let mut all = Self {
+            blocks: Vec::new(),
+            information: DMatrix::zeros(n, n),
+            score: DVector::zeros(n),
+            residuals: Vec::new(),
+            rows: Vec::new(),
+            stride: traces.iter().map(Trace::len).sum::<usize>().div_ceil(ROWS).max(1),
+        };
+        for (trace, sigma) in traces.iter().zip(sigma) {
+            all.pass(&Plant::new(model, &trace.setup), trace, sigma, free, weight)?;
+        }
+        for b in all.blocks.iter().flatten() {
+            all.information += &b.information;
+            all.score += &b.score;
+        }
+        Ok(all)
+    }
+
+    fn pass(
+        &mut self,
+        plant: &Plant,
+        trace: &Trace,
+        sigma: &[f64],
+        free: &[usize],
+        weight: Weight,
+    ) -> Result<(), FitError> {
+        let length = trace.len().div_ceil(BLOCKS).max(MIN_BLOCK);
+        let window = if is_local(plant) { length * (WINDOW / length).max(1) } else { trace.len().max(1) };
+        let starts: Vec<usize> = (0..trace.len()).step_by(window).collect();
+        let stride = self.stride;
+        let parts: Vec<Part> = starts
+            .into_par_iter()
+            .map(|start| {
+                let range = start..(start + window).min(trace.len());
+                part(plant, trace, range, (length, stride), sigma, free, weight)
+            })
+            .collect::<Result<_, _>>()?;
+        let mut residuals: Channels = trace.channels.iter().map(|_| Vec::with_capacity(trace.len())).collect();
+        let mut blocks = Vec::new();
+        for part in parts {
+            blocks.extend(part.blocks);
+            self.rows.extend(part.rows);
+            for (all, part) in residuals.iter_mut().zip(part.residual) {
+                all.extend(part);
+            }
+        }
+        self.blocks.push(blocks);
+        self.residuals.push(residuals);
+        Ok(())
+    }
+
+    /// Moves linear parameters by `step` without another pass; the residuals stay those before.
+    pub fn advance(&mut self, step: &DVector<f64>) {
+        for b in self.blocks.iter_mut().flatten() {
+            b.score -= &b.information * step;
+        }
+        self.score -= &self.information * step;
+    }
+}
+
+/// What one window gives.
+struct Part {
+    blocks: Vec<Block>,
+    residual: Channels,
+    rows: Vec<Vec<f64>>,
+}
+
+fn part(
+    plant: &Plant,
+    trace: &Trace,
+    range: Range<usize>,
+    (length, stride): (usize, usize),
+    sigma: &[f64],
+    free: &[usize],
+    weight: Weight,
+) -> Result<Part, FitError> {
+    let (around, shift) = surroundings(plant, trace, &range);
+    let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(trace))?;
+    let residual: Channels = trace
+        .measured
+        .iter()
+        .zip(&predicted)
+        .map(|(m, p)| m[range.clone()].iter().zip(&p[shift..]).map(|(m, p)| m - p).collect())
+        .collect();
+    let n = free.len();
+    let mut blocks = Vec::new();
+    for start in (0..range.len()).step_by(length) {
+        let rows = start..(start + length).min(range.len());
+        let mut information = DMatrix::zeros(n, n);
+        let mut score = DVector::zeros(n);
+        for (c, s) in sigma.iter().enumerate() {
+            let root: Vec<f64> = residual[c][rows.clone()].iter().map(|r| weight(c, r / s).sqrt() / s).collect();
+            let live: Vec<usize> = (0..n)
+                .filter(|&j| columns[free[j]][c][shift + rows.start..shift + rows.end].iter().any(|x| *x != 0.0))
+                .collect();
+            let y = DMatrix::from_fn(rows.len(), live.len(), |i, j| {
+                columns[free[live[j]]][c][shift + rows.start + i] * root[i]
+            });
+            let r = DVector::from_fn(rows.len(), |i, _| residual[c][rows.start + i] * root[i]);
+            let (square, product) = (y.tr_mul(&y), y.tr_mul(&r));
+            for (a, &i) in live.iter().enumerate() {
+                score[i] += product[a];
+                for (b, &j) in live.iter().enumerate() {
+                    information[(i, j)] += square[(a, b)];
+                }
+            }
+        }
+        blocks.push(Block { information, score });
+    }
+    let kept = range.clone().filter(|k| k % stride == 0).map(|k| k - range.start);
+    let mut rows = Vec::new();
+    for k in kept {
+        for (c, s) in sigma.iter().enumerate() {
+            let root = weight(c, residual[c][k] / s).sqrt() / s;
+            rows.push(free.iter().map(|&j| columns[j][c][shift + k] * root).collect());
+        }
+    }
+    Ok(Part { blocks, residual, rows })
+}

@@ -1,0 +1,104 @@
+//! A quantity against another, with its mean in bins.
+
+use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
+use super::canvas::draw;
+use super::curve::{Curve, usable};
+use super::legend::{Swatch, colours, head, legend};
+use super::{Figure, MAX_DOTS, RIGHT, WIDTH};
+
+/// A quantity against another: a thinned cloud of samples, and in each of `bins` equal bins the
+/// mean and a band of one standard deviation on both sides.
+///
+/// Bins with fewer than three samples are left out. The vertical range follows the bands and the
+/// middle 98 % of the samples.
+pub fn scatter_binned(title: &str, x_label: &str, y_label: &str, curves: &[Curve], bins: usize) -> Figure {
+    let bins = bins.clamp(1, 400);
+    let (colors, mut entries) = colours(curves.iter());
+    for entry in &mut entries {
+        entry.2 = Swatch::Band;
+        entry.0.push_str(" (mean ± 1 s.d.)");
+    }
+    let x_range = range(usable(curves).map(|p| p.0));
+    let mut means: Vec<Vec<Option<(f64, f64, f64)>>> = Vec::new();
+    let mut extent = None;
+    if let Some((lo, hi)) = x_range {
+        let width = (hi - lo) / bins as f64;
+        for curve in curves {
+            // Count, mean and sum of squared deviations of every bin.
+            let mut sums = vec![(0.0, 0.0, 0.0); bins];
+            for (x, y) in usable(std::slice::from_ref(curve)) {
+                let k = if width > 0.0 { ((x - lo) / width) as usize } else { 0 };
+                let s = &mut sums[k.min(bins - 1)];
+                s.0 += 1.0;
+                let d = y - s.1;
+                s.1 += d / s.0;
+                s.2 += d * (y - s.1);
+            }
+            let row = sums.iter().enumerate().map(|(k, s)| {
+                let x = lo + (k as f64 + 0.5) * width;
+                (s.0 >= 3.0).then(|| (x, s.1, (s.2 / (s.0 - 1.0)).max(0.0).sqrt()))
+            });
+            means.push(row.collect());
+        }
+        let mut ys: Vec<f64> = usable(curves).map(|p| p.1).collect();
+        ys.sort_by(f64::total_cmp);
+        let cut = if ys.len() > 100 { ys.len() / 100 } else { 0 };
+        let bands = means.iter().flatten().flatten().flat_map(|m| [m.1 - m.2, m.1 + m.2]);
+        extent = range(bands.chain([ys[cut], ys[ys.len() - 1 - cut]]));
+    }
+    let x = x_range.map(|r| Axis::linear(r, 0.01, 10));
+    let y = extent.map(|r| Axis::linear(r, 0.05, 7));
+    let top = head(&entries);
+    let left = left_margin(y.as_ref().map_or(0.0, Axis::label_width));
+    let r = Rect { x0: left, y0: top, x1: WIDTH - RIGHT, y1: top + 280.0 };
+    draw(title, r.y1 + 44.0, |c| {
+        legend(c, &entries);
+        let none = Axis { hi: 1.0, ..Axis::default() };
+        let (xa, ya) = (x.as_ref().unwrap_or(&none), y.as_ref().unwrap_or(&none));
+        axes(c, r, xa, ya, Some(x_label), y_label);
+        let (Some(x), Some(y)) = (x, y) else { return no_data(c, r) };
+        let at = |vx: f64, vy: f64| Some((r.x(&x, vx)?, r.y(&y, vy)?)).filter(|p| r.has(*p));
+        for (curve, color) in curves.iter().zip(&colors) {
+            let some: Vec<_> = usable(std::slice::from_ref(curve)).collect();
+            // Regular thinning would follow a periodic motion: the step is not a whole number.
+            let want = (MAX_DOTS / curves.len().max(1)).max(1).min(some.len());
+            for k in 0..want {
+                let jitter = (k as f64 * 0.618_033_988_75).fract();
+                let index = ((k as f64 + jitter) * some.len() as f64 / want as f64) as usize;
+                let (vx, vy) = some[index.min(some.len() - 1)];
+                if let Some(p) = at(vx, vy) {
+                    c.dot(p, 1.0, *color, 0.3);
+                }
+            }
+        }
+        let runs = |row: &[Option<(f64, f64, f64)>]| -> Vec<Vec<(f64, f64, f64)>> {
+            row.split(Option::is_none)
+                .map(|run| run.iter().flatten().copied().collect::<Vec<_>>())
+                .filter(|run| !run.is_empty())
+                .collect()
+        };
+        for (row, color) in means.iter().zip(&colors) {
+            for run in runs(row) {
+                let upper = run.iter().filter_map(|m| at(m.0, m.1 + m.2));
+                let lower = run.iter().rev().filter_map(|m| at(m.0, m.1 - m.2));
+                let outline: Vec<_> = upper.chain(lower).collect();
+                if run.len() > 1 {
+                    c.polygon(&outline, *color, 0.2);
+                } else if let [a, b] = outline[..] {
+                    c.line(a, b, *color, 1.0);
+                }
+            }
+        }
+        for (row, color) in means.iter().zip(&colors) {
+            for run in runs(row) {
+                let line: Vec<_> = run.iter().filter_map(|m| at(m.0, m.1)).collect();
+                c.polyline(&line, *color, 2.0);
+                if bins <= 60 {
+                    for p in line {
+                        c.dot(p, 2.5, *color, 1.0);
+                    }
+                }
+            }
+        }
+    })
+}

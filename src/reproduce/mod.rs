@@ -1,0 +1,86 @@
+//! The paper's experiments on the twin, beside the paper's numbers.
+//!
+//! [`runs::Campaign`] measures: every scenario on its variant of one virtual robot. The sections then do what the paper
+//! did with its measurements, in its order, and [`page`] sets the results beside what it prints.
+
+pub mod arms;
+pub mod assembled;
+pub mod command;
+mod figures;
+pub mod friction_curve;
+pub mod least_squares;
+pub mod page;
+pub mod paper;
+pub mod prior;
+pub mod robot;
+pub mod runs;
+mod strut_force;
+mod verification;
+
+use miette::miette;
+
+use page::Section;
+use runs::Campaign;
+
+/// What can never be compared, whatever the results.
+const LIMITS: &str = "\
+The paper's measurements are confidential. The robot here is the twin, and it was given the paper's printed results: \
+Table 1 for arms and drives, Table 2 for drive 4, Table 3 for struts, platform and telescope, Table 4 for the telescope's \
+sliding joint. Where an identification returns one of these numbers, it shows that the method works on data as they come \
+from encoders and drives, not that the paper's numbers are right.
+
+- **Motions.** The paper prints no trajectory. Excitation and verification are motions designed here under the paper's \
+  limits; ranges of torques and forces depend on them.
+- **Noise.** The paper prints neither Σ nor the resolution of its torques. The twin's noise is white with assumed standard \
+  deviations, so standard errors and RMS errors are those of the twin.
+- **Sockets.** The friction of the ball sockets is an estimate that was chosen so that the drives' viscous friction grows \
+  about as the paper found. Kind and direction of the growth are a result, its size is not.
+- **Arms.** The paper's Tables 1 and 3 differ in the arms (m c_x 0.152 and 0.176 kg·m). One robot cannot have both: \
+  the twin has Table 1.
+- **Regularisation.** The paper gives neither the weights γ of eq. 10 nor the regularisation values of the telescope's \
+  sliding joint; here one weight stands for all.
+- **Upper part of the telescope.** Table 3 prints its mass; it hangs from a fixed joint and does not enter the motion \
+  equations, so no motion shows it.
+- **Fig. 12, 14 to 17** are a photograph and the motion planning of section 6.6, which is not part of this page.";
+
+/// Runs all experiments on a campaign; `stage` is told what comes next.
+pub fn sections(campaign: &Campaign, stage: &dyn Fn(&str)) -> miette::Result<Vec<Section>> {
+    stage("arms and drives");
+    let sigma = arms::noise(campaign);
+    let table_1 = arms::identify(&campaign.disassembled, &campaign.arms[0], &sigma)?;
+    stage("friction curve");
+    let points = friction_curve::points(&campaign.constant_speed);
+    let curve = friction_curve::fit(&points)
+        .ok_or_else(|| miette!("friction-curve: {} points do not determine eq. 48", points.len()))?;
+    stage("assembled robot");
+    let prior = assembled::prior(&campaign.known, &table_1, &curve);
+    let assembled = assembled::identify(campaign, prior, &sigma)?;
+    stage("verification");
+    Ok(vec![
+        arms::covariance(campaign),
+        table_1.section(),
+        table_1.verification(&campaign.disassembled, &campaign.arms[1])?,
+        friction_curve::section(campaign, &points, &curve),
+        assembled.links(campaign),
+        assembled.friction(campaign, &table_1),
+        verification::torque(campaign, &assembled, &sigma)?,
+        verification::strut_forces(campaign, &assembled)?,
+        strut_force::section(campaign, &assembled)?,
+    ])
+}
+
+/// The whole page as Markdown.
+pub fn markdown(sections: &[Section]) -> String {
+    let mut out = String::from(
+        "# The paper's experiments on the twin\n\n\
+         Gnad, Gattringer, Müller et al., *Identification of physically consistent dynamics parameters of the ABB IRB \
+         360-6/1600 delta robot*, sections 6.2 to 6.5, repeated as virtual experiments: the twin is commanded, measured \
+         with quantised encoders and noisy torques, and identified from these recordings. Values are estimate ± standard \
+         error.\n\n",
+    );
+    for section in sections {
+        out += &section.markdown();
+    }
+    out += &format!("## What cannot be compared\n\n{LIMITS}\n");
+    out
+}

@@ -1,0 +1,107 @@
+//! Independent axes as a system of differential equations: arms and rotor of a disassembled robot, or a lone axis.
+//!
+//! Every body turns about a fixed axis e through its origin, so each axis stands alone: with Θ its moment of inertia
+//! about e, h its first moment and M the moments of effects and contacts on it, Θ·q̈ = τ + e·(M + h × g).
+
+use nalgebra::Vector3;
+
+use super::SingularPose;
+use super::context::Context;
+use super::integrator::System;
+use crate::dynamics::Plant;
+use crate::kinematics::{JointState, Motion, Reactions};
+use crate::model::AXES;
+
+/// Angles, then rates.
+pub(super) const LENGTH: usize = 2 * AXES;
+
+/// Right-hand side for one step.
+pub(super) struct Axes<'a> {
+    pub context: &'a mut Context,
+}
+
+pub(super) fn store(y: &mut [f64], motion: &Motion) {
+    y[..AXES].copy_from_slice(&motion.q);
+    y[AXES..LENGTH].copy_from_slice(&motion.qd);
+}
+
+/// Motion of all bodies at a state, with the given accelerations of the axes.
+pub(super) fn motion(plant: &Plant, y: &[f64], qdd: [f64; AXES]) -> Motion {
+    let (q, qd) = (std::array::from_fn(|i| y[i]), std::array::from_fn(|i| y[AXES + i]));
+    Motion::disassembled(&plant.geometry, &JointState { q, qd, qdd })
+}
+
+/// Terms that a Rosenbrock stage adds to an axis: inertia, kg·m², and torque, N·m.
+type Implicit = [(f64, f64); AXES];
+
+impl Axes<'_> {
+    /// Accelerations of the axes, rad/s².
+    fn solve(&mut self, t: f64, y: &[f64], motion: &Motion, implicit: &Implicit) -> Result<[f64; AXES], SingularPose> {
+        let torque = self.context.torque.at(t);
+        self.context.solve(t, y, motion, |plant, wrenches| {
+            let mut qdd = [0.0; AXES];
+            for axis in 0..plant.mechanism.axes() {
+                let (body, e) = Motion::drive(axis);
+                let (inertia, rotation) = (&plant.bodies[body], &motion.bodies[body].rotation);
+                let (added, moment) = implicit[axis];
+                let about: Vector3<f64> = rotation.tr_mul(&e);
+                let weight = (rotation * inertia.first_moment).cross(&plant.gravity_vector());
+                let theta = about.dot(&(inertia.tensor * about)) + added;
+                qdd[axis] = (torque[axis] + moment + e.dot(&(wrenches[body].1 + weight))) / theta;
+            }
+            if qdd.iter().all(|x| x.is_finite()) { Ok((qdd, Reactions::default())) } else { Err(SingularPose) }
+        })
+    }
+
+    /// Motion of all bodies at a state, with accelerations.
+    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<Motion, SingularPose> {
+        let still = motion(&self.context.plant, y, [0.0; AXES]);
+        self.context.prepare(t, y, &still);
+        let qdd = self.solve(t, y, &still, &Implicit::default())?;
+        Ok(motion(&self.context.plant, y, qdd))
+    }
+
+    fn implicit(&self, t: f64, y: &[f64], sum: &[f64], g: f64) -> Implicit {
+        let Context { forces, layout, torque, scratch, .. } = &*self.context;
+        let damping = scratch.damping.drives;
+        let mut out: Implicit = std::array::from_fn(|a| (g * damping[a], -damping[a] * sum[AXES + a]));
+        for (arm, inertia, torque) in forces.gear_terms(&torque.at(t), &y[layout.own()], &sum[layout.own()], g) {
+            out[arm].0 += inertia;
+            out[arm].1 += torque;
+        }
+        out
+    }
+}
+
+impl System for Axes<'_> {
+    fn stage(
+        &mut self,
+        t: f64,
+        y: &[f64],
+        sum: &[f64],
+        g: f64,
+        first: bool,
+        k: &mut [f64],
+    ) -> Result<(), SingularPose> {
+        let mut motion = motion(&self.context.plant, y, [0.0; AXES]);
+        self.context.prepare(t, y, &motion);
+        let implicit = if g > 0.0 {
+            if first {
+                self.context.measure_damping(t, y, &mut motion);
+            }
+            self.implicit(t, y, sum, g)
+        } else {
+            Implicit::default()
+        };
+        motion.qdd = self.solve(t, y, &motion, &implicit)?;
+        k[..AXES].copy_from_slice(&motion.qd);
+        k[AXES..LENGTH].copy_from_slice(&motion.qdd);
+        self.context.rest_of_stage(t, y, &motion, 0.0, (sum, g, first), k);
+        Ok(())
+    }
+
+    /// Nothing ties the axes together.
+    fn project(&mut self, _y: &mut [f64]) -> Result<(), SingularPose> {
+        Ok(())
+    }
+}

@@ -1,0 +1,170 @@
+//! Rates, accelerations and torques from quantised encoders against the twin's own, method by method.
+
+use std::path::Path;
+
+use deltatwin::dynamics::{Plant, inverse_dynamics};
+use deltatwin::identification::{Method, Trace};
+use deltatwin::kinematics::JointState;
+use deltatwin::model::{AXES, Model};
+use deltatwin::recording::{Recording, Signals};
+use deltatwin::scenario::Scenario;
+use deltatwin::twin::{Options, simulate};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+/// Noise floor of the torques, N·m.
+const FLOOR: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
+
+/// A shipped scenario on the truth model with the twin's own rates and accelerations.
+fn run(file: &str) -> (Recording, Plant) {
+    let scenario = Scenario::read(Path::new(file)).expect("a scenario");
+    let machine = Model::read(&scenario.model).expect("a model");
+    let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).expect("a model");
+    let motion = scenario.motion(&planning).expect("a motion");
+    let mut options = Options::of(&scenario, &machine);
+    (options.sensors.velocity, options.sensors.acceleration) = (true, true);
+    let believed = Plant::new(&planning, &scenario.setup);
+    let (recording, _) =
+        simulate(&machine, &scenario.setup, &believed, &|t| motion.at(t), &options, &mut |_| true).expect("a run");
+    (recording, Plant::new(&machine, &scenario.setup))
+}
+
+fn torque(plant: &Plant, joints: &JointState) -> [f64; AXES] {
+    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
+    let motion = plant.motion(joints).expect("a reachable pose");
+    inverse_dynamics(plant, 0.0, &motion, &states, false).expect("a torque").tau
+}
+
+/// Root mean square errors per axis.
+struct Errors {
+    qd: [f64; AXES],
+    qdd: [f64; AXES],
+    /// Residual with measured torques over the noise floor, √(1 + (torque error/floor)²).
+    residual: [f64; AXES],
+    /// The same where the axis is slower than 0.1 rad/s.
+    slow: [f64; AXES],
+    kept: f64,
+}
+
+fn errors(recording: &Recording, plant: &Plant, method: Method) -> Errors {
+    let signals = &recording.signals;
+    let trace = Trace::with(recording, method);
+    let (qd, qdd) = (signals.qd.as_ref().unwrap(), signals.qdd.as_ref().unwrap());
+    let mut sums = [[0.0; AXES]; 4];
+    let mut slow = [0.0; AXES];
+    for (t, joints) in trace.t.iter().zip(&trace.joints) {
+        let k = signals.t.partition_point(|x| x < t);
+        let truth = JointState { q: signals.q[k], qd: qd[k], qdd: qdd[k] };
+        let (tau, exact) = (torque(plant, joints), torque(plant, &truth));
+        for i in 0..AXES {
+            let error = ((tau[i] - exact[i]) / FLOOR[i]).powi(2);
+            sums[0][i] += (joints.qd[i] - qd[k][i]).powi(2);
+            sums[1][i] += (joints.qdd[i] - qdd[k][i]).powi(2);
+            sums[2][i] += error;
+            if qd[k][i].abs() < 0.1 {
+                sums[3][i] += error;
+                slow[i] += 1.0;
+            }
+        }
+    }
+    let n = trace.len() as f64;
+    let mean = |s: usize| sums[s].map(|x| x / n);
+    Errors {
+        qd: mean(0).map(f64::sqrt),
+        qdd: mean(1).map(f64::sqrt),
+        residual: mean(2).map(|x| (1.0 + x).sqrt()),
+        slow: std::array::from_fn(|i| if slow[i] > 0.0 { (1.0 + sums[3][i] / slow[i]).sqrt() } else { f64::NAN }),
+        kept: n / signals.len() as f64,
+    }
+}
+
+const METHODS: [Method; 4] = [Method::Paper, Method::Polynomial, Method::Smoother, Method::Reversals];
+
+/// Errors of all methods on a scenario, printed.
+fn table(file: &str) -> [Errors; 4] {
+    let (recording, plant) = run(file);
+    println!("{file}, {} samples", recording.signals.len());
+    METHODS.map(|method| {
+        let e = errors(&recording, &plant, method);
+        let row = |x: [f64; AXES], digits: usize| x.map(|x| format!("{x:.digits$}")).join(" ");
+        let (qd, qdd) = (row(e.qd.map(|x| 1e3 * x), 3), row(e.qdd, 3));
+        let (residual, slow) = (row(e.residual, 4), row(e.slow, 3));
+        let kept = 100.0 * e.kept;
+        println!("  {method:<12?} | {qd} mrad/s | {qdd} rad/s² | {residual} | slow {slow} | kept {kept:.2} %");
+        e
+    })
+}
+
+/// A scenario on which the default reaches the stated residuals, and no other method is better by 3 % of the floor.
+fn check(file: &str, residual: [f64; AXES]) {
+    let [paper, polynomial, smoother, best] = table(file);
+    for i in 0..AXES {
+        let (axis, found) = (i + 1, best.residual[i]);
+        assert!(found < residual[i], "{file}, axis {axis}: {found}");
+        for other in [&paper, &polynomial, &smoother] {
+            assert!(found < other.residual[i] + 0.03, "{file}, axis {axis}: {found} {}", other.residual[i]);
+        }
+    }
+}
+
+#[test]
+fn excitation_is_judged_by_the_noise_alone() {
+    check("scenarios/excitation.toml", [1.02; AXES]);
+}
+
+/// Where the jerk itself jumps or an axis starts from rest, the encoders leave more of the acceleration unknown.
+#[test]
+fn jerky_motions_are_resolved_as_far_as_encoders_allow() {
+    check("scenarios/constant-speed.toml", [1.01; AXES]);
+    check("scenarios/static-poses.toml", [1.07; AXES]);
+    check("scenarios/path.toml", [1.2, 1.25, 1.2, 1.02]);
+}
+
+/// Acceleration errors of a smooth motion that is read at the given times, rounded to encoder steps and written to a file.
+fn acceleration_errors(t: Vec<f64>) -> [f64; AXES] {
+    const STEP: f64 = std::f64::consts::TAU / 32768.0 / 33.0;
+    let waves = [(0.3, 2.0), (0.05, 14.0), (0.004, 50.0)];
+    let sum = |t: f64, i: usize, f: fn(f64, f64) -> f64| -> f64 {
+        waves.iter().map(|(a, w)| a * f(*w, w * t + i as f64)).sum()
+    };
+    let angle = |t: f64| std::array::from_fn(|i| ((0.4 + sum(t, i, |_, x| x.sin())) / STEP).round() * STEP);
+    let (q, tau) = (t.iter().map(|t| angle(*t)).collect(), t.iter().map(|t| [t.sin(); AXES]).collect());
+    let recording = Recording { signals: Signals { t, q, tau, ..Signals::default() }, ..Recording::default() };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.csv");
+    recording.write(&file).unwrap();
+    let trace = Trace::new(&Recording::read(&file, None).unwrap().0);
+    let mut squares = [0.0; AXES];
+    for (t, joints) in trace.t.iter().zip(&trace.joints) {
+        for i in 0..AXES {
+            squares[i] += (joints.qdd[i] - sum(*t, i, |w, x| -w * w * x.sin())).powi(2);
+        }
+    }
+    squares.map(|x| (x / trace.len() as f64).sqrt())
+}
+
+#[test]
+fn jitter_and_gaps_cost_little() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let uniform: Vec<f64> = (0..10_000).map(|k| f64::from(k) * 4e-4).collect();
+    let jittered = uniform.iter().map(|t| t + rng.random_range(-8e-5..8e-5)).collect();
+    let torn = uniform.iter().copied().filter(|t| (t / 0.5).fract() > 0.04).collect();
+    let even = acceleration_errors(uniform);
+    for (name, t) in [("jitter of ±20 %", jittered), ("a gap of 20 ms every 0.5 s", torn)] {
+        let errors = acceleration_errors(t);
+        println!("{name}: {errors:.3?} rad/s², {even:.3?} without");
+        for (e, even) in errors.iter().zip(&even) {
+            assert!(*e < 1.3 * even, "{name}: {errors:?} {even}");
+        }
+    }
+}
+
+/// Runs named in DELTATWIN_RUNS: only their table.
+#[test]
+fn runs_of_your_own() {
+    for file in std::env::var("DELTATWIN_RUNS").unwrap_or_default().split_whitespace() {
+        table(file);
+    }
+}
