@@ -103,6 +103,8 @@ struct ArchKeys {
 
 /// A turn by 1 rad counts as 100 mm by default.
 const TURN_RADIUS: f64 = 0.1;
+/// Intervals without jerk limits by default: they cost little.
+const WITHOUT_JERK: usize = 1000;
 /// Neighbouring waypoints are at least this far apart, m.
 const NEAREST: f64 = 1e-3;
 
@@ -127,12 +129,13 @@ impl Task {
             Some(keys) => Setup { payload: payload(&file, keys)?.0, ..Setup::default() },
             None => Setup::default(),
         };
+        let limits = limits(&file, &document.limits, given)?;
         Ok(Self {
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             shape: read_shape(&file, shape)?,
             setup,
-            limits: limits(&file, &document.limits, given)?,
-            options: options(&file, &document.search)?,
+            limits,
+            options: options(&file, &document.search, &limits)?,
         })
     }
 }
@@ -163,12 +166,13 @@ fn limits(file: &File, keys: &LimitKeys, given: Limits) -> Result<Limits> {
     })
 }
 
-fn options(file: &File, keys: &SearchKeys) -> Result<Options> {
+fn options(file: &File, keys: &SearchKeys, limits: &Limits) -> Result<Options> {
     let default = Options::default();
     Ok(Options {
         intervals: match &keys.intervals {
             Some(n) => file.count("search.intervals", n, 20, 5000)?,
-            None => default.intervals,
+            None if limits.has_jerk() => default.intervals,
+            None => WITHOUT_JERK,
         },
         certify: default.certify,
         objective: match &keys.objective {
@@ -301,7 +305,11 @@ mod tests {
         let task = parse(GOOD).unwrap();
         assert_eq!(task.limits.strut_upper, 120.0);
         assert_eq!(task.limits.bearing_force, f64::INFINITY);
-        assert_eq!((task.options, task.setup.payload.mass), (Options::default(), 1.0));
+        // Without limits there is none on jerk.
+        let expected = Options { intervals: 1000, ..Options::default() };
+        assert_eq!((task.options, task.setup.payload.mass), (expected, 1.0));
+        let limited = parse(&format!("{GOOD}jerk = [1e3, 1e3, 1e3, 1e3]\n")).unwrap();
+        assert_eq!(limited.options, Options::default());
     }
 
     #[test]
