@@ -5,6 +5,7 @@ mod common;
 
 use std::path::Path;
 
+use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::ActiveEffect;
 use deltatwin::model::Model;
@@ -163,6 +164,28 @@ fn coefficients_are_the_inverse_dynamics() {
         for (f, e) in found.iter().zip(&expected) {
             // Loads that friction itself depends on converge to 1e-6.
             assert!((f - e).abs() < 1e-4 * (1.0 + e.abs()), "{f} {e}");
+        }
+    }
+}
+
+/// With the reduced model torques stay those of the inverse dynamics, and constraint forces are those of the reduced one.
+#[test]
+fn coefficients_of_the_reduced_model() {
+    let (model, setup) = loaded("irb360-6-1600-truth");
+    let plant = Plant::new(&model, &setup);
+    let machine = Machine::new(&plant, Detail::Reduced);
+    let curve = shapes()[3].curve();
+    let states: Vec<&[f64]> = plant.effects.iter().map(|_| [].as_slice()).collect();
+    for k in 0..=20 {
+        let point = PathPoint::new(&plant.geometry, &curve, f64::from(k) / 20.0).unwrap();
+        let reference = Reference { speed: 1.1, acceleration: 7.0 };
+        let found = from_coefficients(&machine, &point, reference, [1.1, 7.0]);
+        let motion = plant.motion(&point.joints(1.1, 7.0)).unwrap();
+        let reduced = constraint_forces(&plant, 0.0, &motion, &states, Detail::Reduced).unwrap();
+        let torques = reference_loads(&plant, &point, 1.1, 7.0);
+        let expected = torques[..4].iter().chain(&reduced.lambda_p).chain(&reduced.lambda_s);
+        for (f, e) in found.iter().zip(expected) {
+            assert!((f - e).abs() < 1e-9 * (100.0 + e.abs()), "{f} {e}");
         }
     }
 }
