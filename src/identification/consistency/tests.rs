@@ -70,7 +70,8 @@ fn log_cholesky_and_cones_find_the_same_parameters() {
         let smooth = log_cholesky::minimise(&cost);
         let convex = cones::minimise(&cost).expect("a solution");
         let (a, b) = (cost.of(&smooth), cost.of(&convex.x));
-        assert!((a - b).abs() < 1e-7 * b && convex.gap < 1e-6 * b, "{seed}: {a} {b} {:e}", convex.gap);
+        // The convex solver stops at gaps of 1e-12 to 4e-7 of the cost.
+        assert!((a - b).abs() < convex.gap + 1e-7 * b && convex.gap < 1e-6 * b, "{seed}: {a} {b} {:e}", convex.gap);
         let apart = (&smooth - &convex.x).component_div(&cost.size).amax();
         assert!(apart < 1e-4, "{seed}: {apart:e}");
         for class in &cost.classes {
