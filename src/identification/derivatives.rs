@@ -112,15 +112,14 @@ impl<'a> Angles<'a> {
             };
             (0..AXES).into_par_iter().map(axis).collect()
         };
-        let still: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
-        let mut out = smoothed(&still);
+        let mut turning: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
         if reversals {
-            let rates = |s: usize, i: usize| out[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
+            let first = smoothed(&turning);
+            let rates = |s: usize, i: usize| first[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
             let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt);
-            let turns: Vec<Vec<bool>> = (0..self.stretches.len()).map(of).collect();
-            out = smoothed(&turns);
+            turning = (0..self.stretches.len()).map(of).collect();
         }
-        out
+        smoothed(&turning)
     }
 }
 

@@ -58,7 +58,11 @@ impl Trace {
         for (kept, joints) in angles.differentiate(method) {
             let first = trace.t.len();
             trace.t.extend(&signals.t[kept.clone()]);
-            trace.joints.extend(joints);
+            if first == 0 {
+                trace.joints = joints;
+            } else {
+                trace.joints.extend(joints);
+            }
             for (series, &channel) in trace.measured.iter_mut().zip(&trace.channels) {
                 series.extend(kept.clone().map(|k| measured_value(signals, channel, k)));
             }

@@ -24,9 +24,14 @@ const HEAD: usize = 1 << 16;
 ///
 /// Also returns what was noticed and repaired.
 pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Vec<String>), ReadError> {
-    let mut source = BufReader::with_capacity(HEAD, std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?);
+    let file = std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?;
+    let bytes = file.metadata().map_or(0, |m| m.len()) as usize;
+    let mut source = BufReader::with_capacity(HEAD, file);
     let head = source.fill_buf().map_err(|e| ReadError::io(path, e))?.to_vec();
-    let (table, mut warnings) = table(path, &head, source, machine)?;
+    // Columns that grow would leave the memory they grew out of behind.
+    let lines = head.iter().filter(|b| **b == b'\n').count();
+    let rows = bytes.checked_div(head.len().checked_div(lines).unwrap_or(0)).unwrap_or(0);
+    let (table, mut warnings) = table(path, &head, source, rows + rows / 50, machine)?;
     let (signals, noticed) = check::signals(table)?;
     warnings.extend(noticed);
     Ok((signals, warnings))
@@ -59,12 +64,13 @@ fn shortest(v: f64) -> String {
     text
 }
 
-/// The table in `source`, whose first bytes are `head`. Cells go straight into columns: a long recording is never in memory as
+/// The table of `about` so many rows in `source`, whose first bytes are `head`. Cells go straight into columns: a long recording is never in memory as
 /// text.
 fn table(
     path: &Path,
     head: &[u8],
     mut source: impl BufRead,
+    about: usize,
     machine: Option<Mechanism>,
 ) -> Result<(Table, Vec<String>), ReadError> {
     const MARK: &[u8] = b"\xef\xbb\xbf";
@@ -124,7 +130,8 @@ fn table(
     let wanted = |name: &str| check::known(name) && !check::foreign(name, axes);
     let used: Vec<usize> = (0..names.len()).filter(|&i| wanted(&names[i])).collect();
     let mut values = vec![Vec::new(); names.len()];
-    let mut rows = Vec::new();
+    used.iter().for_each(|&i| values[i].reserve_exact(about));
+    let mut rows = Vec::with_capacity(about);
     let mut record = ::csv::StringRecord::new();
     while reader.read_record(&mut record).map_err(broken)? {
         let line = record.position().map_or(0, |p| p.line());
