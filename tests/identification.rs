@@ -3,11 +3,13 @@
 mod common;
 
 use deltatwin::dynamics::{Channel, Plant, set_parameters};
+use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::consistency::min_eigenvalue;
-use deltatwin::identification::fit::{Method, Options, Reason, Weighing, fit_with};
+use deltatwin::identification::fit::{Consistency, Options, Reason, Weighing, fit_with};
 use deltatwin::identification::{BaseParameter, Trace, fit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::model::Model;
+use deltatwin::model::bodies::ROTOR;
 use deltatwin::recording::{Configuration, Setup};
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use rand::RngExt;
@@ -162,11 +164,11 @@ fn garbage_gives_possible_bodies_and_both_ways_agree() {
                 *x = sign * *x + size * (rng.sample::<f64, _>(StandardNormal) + slope * (k as f64 * 0.01).sin());
             }
         }
-        let of = |method| {
-            let options = Options { method, ..Options::default() };
+        let of = |consistency| {
+            let options = Options { consistency, ..Options::default() };
             fit_with(&nominal, &[garbage.clone()], &[SIGMA.to_vec()], &options).expect("a fit")
         };
-        let (smooth, convex) = (of(Method::LogCholesky), of(Method::Cones));
+        let (smooth, convex) = (of(Consistency::LogCholesky), of(Consistency::Cones));
         for fitted in [&smooth, &convex] {
             let smallest = min_eigenvalue(&fitted.model.bodies);
             assert!(smallest > 0.0, "seed {seed}: {smallest:e}");
@@ -319,4 +321,19 @@ fn recordings_with_different_payloads_are_used_together() {
     }
     let smaller = both.base.iter().filter(|b| one.base.iter().any(|o| o.name == b.name && b.std < o.std)).count();
     assert!(smaller > both.base.len() / 2, "{smaller} of {}", both.base.len());
+}
+
+#[test]
+fn what_effects_and_payload_add_stays_out_of_the_links() {
+    let mut robot = common::model("irb360-6-1600");
+    robot.effects.push(ActiveEffect::new(find("rotor_inertia").unwrap(), &[&[0.05; 3]]));
+    let data = trace(&robot, &common::payload(), 1500, 4e-3, excitation(3));
+    let fitted = fit(&robot, &[data], &[SIGMA.to_vec()]).unwrap();
+    // The data are the model's own: its links come back as they were, also in what no torque shows.
+    for (b, (found, before)) in
+        fitted.model.bodies.0.iter().zip(&robot.bodies.0).enumerate().filter(|(b, _)| *b != ROTOR)
+    {
+        let apart = (found.pseudo_inertia() - before.pseudo_inertia()).norm();
+        assert!(apart < 1e-6, "body {b}: {apart:e}");
+    }
 }

@@ -46,31 +46,6 @@ impl Objective {
     }
 }
 
-/// Columns that carry information of their own, in the order of their parameters: a Cholesky factorisation with pivoting
-/// that stops at pivots of `least`, or of 10⁻¹² of the largest.
-pub fn independent(information: &DMatrix<f64>, least: f64) -> Vec<usize> {
-    let mut schur = information.clone();
-    let mut left: Vec<usize> = (0..schur.nrows()).collect();
-    let mut chosen = Vec::new();
-    let floor = least.max(if schur.is_empty() { 0.0 } else { 1e-12 * schur.diagonal().amax() });
-    while let Some(at) = (0..left.len()).max_by(|&a, &b| {
-        let pivot = |i: usize| schur[(left[i], left[i])];
-        pivot(a).total_cmp(&pivot(b))
-    }) {
-        let pivot = left[at];
-        let d = schur[(pivot, pivot)];
-        if d.is_nan() || d <= floor {
-            break;
-        }
-        chosen.push(pivot);
-        left.remove(at);
-        let column = schur.column(pivot).into_owned();
-        schur -= &column * column.transpose() / d;
-    }
-    chosen.sort_unstable();
-    chosen
-}
-
 /// What a motion tells about the base parameters.
 #[derive(Clone, Debug)]
 pub struct Merit {
@@ -118,6 +93,7 @@ fn condition(information: &DMatrix<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identification::base_parameters::independent;
 
     #[test]
     fn slopes_are_those_of_the_values() {

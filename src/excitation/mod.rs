@@ -28,6 +28,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::dynamics::PlantParameter;
+use crate::identification::base_parameters;
 use crate::model::Model;
 use crate::scenario::{FourierMotion, MotionLimits};
 use limits::{KINDS, LIMITS};
@@ -253,7 +254,7 @@ fn base_columns(model: &Model, limits: Limits, options: &Options, run: f64) -> R
     let parts: Vec<DMatrix<f64>> = parts.into_iter().flatten().collect();
     let count = parts.len() as f64;
     let sum = parts.into_iter().reduce(|a, b| a + b).ok_or(ExcitationError::NoMotion)?;
-    let columns = information::independent(&(sum * (run / count)), MIN_INFORMATION);
+    let columns = base_parameters::independent(&(sum * (run / count)), MIN_INFORMATION);
     if columns.is_empty() { Err(ExcitationError::NothingToTell) } else { Ok(columns) }
 }
 

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::consistency::min_eigenvalue;
 use super::estimator::PRIOR_INFORMATION;
-use super::fit::{Correction, Method, Options, Weighing, channel_rms, residuals};
+use super::fit::{Consistency, Correction, Options, Weighing, channel_rms, residuals};
 use super::{BaseParameter, Data, DataArgs, Fit, fit_with, identify_payload};
 use crate::dynamics::{Channel, Plant};
 use crate::identification::trace::noise_floor as floor;
@@ -51,8 +51,8 @@ pub struct How {
     #[arg(long)]
     robust: bool,
     /// Way to physically consistent parameters; both lead to the same ones, and each checks the other.
-    #[arg(long, value_enum, default_value_t = Method::LogCholesky)]
-    method: Method,
+    #[arg(long, value_enum, default_value_t = Consistency::LogCholesky)]
+    method: Consistency,
     /// Model whose parameters are the regularisation values, instead of MODEL itself.
     #[arg(long, value_name = "MODEL")]
     prior: Option<PathBuf>,
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let options = Options {
         weighing: args.how.weighing,
         robust: args.how.robust,
-        method: args.how.method,
+        consistency: args.how.method,
         prior: prior.as_ref(),
         prior_information: Some(args.how.regularisation),
         held: &args.how.hold,

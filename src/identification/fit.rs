@@ -119,7 +119,7 @@ pub enum Weighing {
 
 /// How the possible parameters of least cost are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Method {
+pub enum Consistency {
     /// Log-Cholesky variables, in which every value is possible.
     #[default]
     LogCholesky,
@@ -135,22 +135,13 @@ pub struct Options<'a> {
     /// Whether outliers count less (Huber).
     pub robust: bool,
     /// Way to possible parameters.
-    pub method: Method,
+    pub consistency: Consistency,
     /// Regularisation values p_reg (eq. 10–11); the model itself if none are given.
     pub prior: Option<&'a Model>,
     /// γ: information of the prior, per own size of a parameter squared; see [`PRIOR_INFORMATION`] for none given.
     pub prior_information: Option<f64>,
     /// Effects whose parameters stay as they are.
     pub held: &'a [String],
-}
-
-impl std::fmt::Debug for Options<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Options")
-            .field("weighing", &self.weighing)
-            .field("robust", &self.robust)
-            .finish_non_exhaustive()
-    }
 }
 
 /// Result of a fit.
@@ -195,6 +186,12 @@ const MAX_ITERATIONS: usize = 8;
 const PROGRESS: f64 = 0.01;
 /// Rounds of reweighting.
 const ROUNDS: usize = 4;
+/// Information on a mass that does not enter the torques, per own size squared: weighed to 20 %.
+const SILENT_MASS: f64 = 25.0;
+/// Residuals beyond this many scatters count less [Huber 1964: 95 % efficient for normal noise].
+const HUBER: f64 = 1.345;
+/// Residuals beyond this many scatters do not count.
+const TRIM: f64 = 3.0;
 
 /// Fits all parameters of `model` to the traces; `noise[trace][channel]` weighs the channels.
 pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, FitError> {
@@ -236,14 +233,6 @@ pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &O
     Ok(fit)
 }
 
-/// Information on a mass that does not enter the torques, per own size squared: weighed to 20 %.
-const SILENT_MASS: f64 = 25.0;
-
-/// Residuals beyond this many scatters count less [Huber 1964: 95 % efficient for normal noise].
-const HUBER: f64 = 1.345;
-/// Residuals beyond this many scatters do not count.
-const TRIM: f64 = 3.0;
-
 /// A regression with everything that stays the same while parameters move.
 struct Regression<'a> {
     traces: &'a [Trace],
@@ -258,10 +247,10 @@ struct Regression<'a> {
     prior: DVector<f64>,
     /// The machine before the fit, a possible one.
     before: Plant,
-    /// Its parameters.
-    start: DVector<f64>,
+    /// Its estimated parameters, in the order of `free`.
+    parameters: Vec<PlantParameter>,
     information: f64,
-    method: Method,
+    consistency: Consistency,
 }
 
 impl<'a> Regression<'a> {
@@ -283,11 +272,11 @@ impl<'a> Regression<'a> {
             white: options.weighing == Weighing::Noise,
             size: DVector::from_iterator(free.len(), free.iter().map(|&k| own_size(known(k)))),
             prior: DVector::from_iterator(free.len(), free.iter().map(|&k| known(k).value)),
-            start: DVector::from_iterator(free.len(), free.iter().map(|&k| parameters[k].value)),
+            parameters: free.iter().map(|&k| parameters[k].clone()).collect(),
             before: plant,
             free,
             information: options.prior_information.unwrap_or(PRIOR_INFORMATION),
-            method: options.method,
+            consistency: options.consistency,
         }
     }
 
@@ -334,12 +323,12 @@ impl<'a> Regression<'a> {
         for _ in 0..MAX_ITERATIONS {
             let offset = &values - &self.prior;
             let free = estimator.step(&normal, &offset, &[]);
-            let step = estimator.step(&normal, &offset, &self.at_bound(model, &values, &free));
+            let step = estimator.step(&normal, &offset, &self.at_bound(&values, &free));
             let mut damping = 1.0;
             let before = cost;
             while damping > 1e-3 {
                 let mut next = model.clone();
-                let trial = self.moved(model, &values, &step, damping);
+                let trial = self.moved(&values, &step, damping);
                 self.set(&mut next, &trial);
                 let there = pass(&next)?;
                 let trial_cost = self.cost(&there, &trial, weight);
@@ -361,10 +350,9 @@ impl<'a> Regression<'a> {
     }
 
     /// Shape parameters at a bound that the step would cross.
-    fn at_bound(&self, model: &Model, values: &DVector<f64>, step: &DVector<f64>) -> Vec<usize> {
-        let parameters = Plant::new(model, &self.traces[0].setup).parameters();
+    fn at_bound(&self, values: &DVector<f64>, step: &DVector<f64>) -> Vec<usize> {
         let crosses = |&i: &usize| {
-            let p = &parameters[self.free[i]];
+            let p = &self.parameters[i];
             let out = (values[i] <= p.range.0 && step[i] < 0.0) || (values[i] >= p.range.1 && step[i] > 0.0);
             p.role == Role::Shape && out
         };
@@ -372,10 +360,9 @@ impl<'a> Regression<'a> {
     }
 
     /// Values after a damped step; shape parameters move by half their value at most and stay in range.
-    fn moved(&self, model: &Model, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
-        let parameters = Plant::new(model, &self.traces[0].setup).parameters();
+    fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
         DVector::from_fn(values.len(), |i, _| {
-            let p = &parameters[self.free[i]];
+            let p = &self.parameters[i];
             let d = damping * step[i];
             if p.role == Role::Shape {
                 let most = 0.5 * values[i].abs();
@@ -475,14 +462,17 @@ impl<'a> Regression<'a> {
             }
             first += active.values.len();
         }
-        let (classes, masses) = consistency::classes(&self.before.bodies, &owners, &self.free);
+        // The links as the model file has them, without what effects and a stated payload add; of the payload, its own.
+        let mut bodies = self.before.links.clone();
+        bodies[END_EFFECTOR] = self.before.bodies[END_EFFECTOR];
+        let (classes, masses) = consistency::classes(&bodies, &owners, &self.free);
         let (n, m) = (self.free.len(), masses.len());
         let extended =
             |own: &dyn Fn(usize) -> f64| DVector::from_fn(n + m, |i, _| if i < n { own(i) } else { masses[i - n] });
         let size = extended(&|i| self.size[i]);
         let cost = Cost {
             centre: extended(&|i| estimated[i].value),
-            start: extended(&|i| self.start[i]),
+            start: extended(&|i| self.parameters[i].value),
             curvature: DMatrix::from_fn(n + m, n + m, |i, j| match (i < n, j < n) {
                 (true, true) => curvature[(i, j)],
                 _ if i == j => SILENT_MASS / (size[i] * size[i]),
@@ -498,7 +488,7 @@ impl<'a> Regression<'a> {
         let smooth = log_cholesky::minimise(&cost);
         let convex = cones::minimise(&cost);
         let (mut values, mut other) = (smooth.clone(), convex.as_ref().map(|c| cost.of(&c.x)));
-        if let (Method::Cones, Some(c)) = (self.method, &convex) {
+        if let (Consistency::Cones, Some(c)) = (self.consistency, &convex) {
             (values, other) = (c.x.clone(), Some(cost.of(&smooth)));
         }
         let own = cost.of(&values);

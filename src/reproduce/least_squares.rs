@@ -4,14 +4,13 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::dynamics::{Plant, PlantParameter};
 use crate::effects::Role;
+use crate::identification::base_parameters::independent;
 use crate::identification::{Trace, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::{AXES, Model};
 
 /// Blocks of time for the standard errors.
 const BLOCKS: usize = 50;
-/// Pivots below this share of the largest are no information but rounding and encoder noise.
-const SILENT: f64 = 1e-6;
 
 /// Regressor and torques of a recording: one row per axis and sample.
 pub struct Stack {
@@ -89,7 +88,7 @@ impl Stack {
             let (axis, sample) = row(k);
             weighted(axis, self.torque[axis][sample])
         });
-        let base = independent(&matrix);
+        let base = independent(&matrix.tr_mul(&matrix), 0.0);
         let reduced = matrix.select_columns(&base);
         let qr = reduced.clone().qr();
         let mut right = torque.clone();
@@ -119,29 +118,6 @@ impl Stack {
             sum
         })
     }
-}
-
-/// Independent columns, by QR with column pivoting on the columns' Gram matrix.
-fn independent(matrix: &DMatrix<f64>) -> Vec<usize> {
-    let mut gram = matrix.tr_mul(matrix);
-    let n = gram.nrows();
-    let (mut left, mut kept): (Vec<usize>, Vec<usize>) = ((0..n).collect(), Vec::new());
-    let largest = gram.diagonal().amax();
-    while let Some(at) = (0..left.len()).max_by(|&a, &b| gram[(left[a], left[a])].total_cmp(&gram[(left[b], left[b])]))
-    {
-        let k = left[at];
-        let pivot = gram[(k, k)];
-        // Pivots of the Gram matrix are squares of those of the QR factorisation.
-        if pivot <= SILENT * SILENT * largest.max(f64::MIN_POSITIVE) {
-            break;
-        }
-        left.remove(at);
-        kept.push(k);
-        let column = gram.column(k).into_owned();
-        gram -= &column * column.transpose() / pivot;
-    }
-    kept.sort_unstable();
-    kept
 }
 
 /// R⁻¹ (Σ s sᵀ) R⁻ᵀ of the scores s of blocks of time, all axes together.

@@ -1,0 +1,176 @@
+use super::*;
+use crate::effects::find;
+use crate::recording::{Configuration, Setup};
+
+const DT: f64 = 4e-4;
+
+fn trace(joints: Vec<JointState>, setup: Setup) -> Trace {
+    Trace {
+        name: "made".into(),
+        setup,
+        t: (0..joints.len()).map(|k| k as f64 * DT).collect(),
+        channels: Channel::TORQUES.to_vec(),
+        measured: vec![vec![0.0; joints.len()]; AXES],
+        segments: std::iter::once(0..joints.len()).collect(),
+        dt: DT,
+        half_width: [3; AXES],
+        joints,
+    }
+}
+
+/// The shipped robot without friction, its arms and rotor alone.
+fn arms(name: &str, blocks: &[&[f64]]) -> (Plant, Setup) {
+    let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+    model.effects = vec![ActiveEffect::new(find(name).unwrap(), blocks)];
+    let setup = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
+    (Plant::new(&model, &setup), setup)
+}
+
+fn rms(x: impl Iterator<Item = f64>) -> f64 {
+    let squares: Vec<f64> = x.map(|x| x * x).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+#[test]
+fn steep_hysteresis_follows_the_closed_form_at_every_angle() {
+    // q = ½(1 − cos 20t): 10 rad/s, so λ·h reaches −10·4e-4/4.4e-4 = −9, where Heun's method diverges.
+    // A reversal between two samples is known to q̈·h²/4 = 8e-6 rad only, which is an error of z of 8e-6/δ at most.
+    for angle in [4.4e-5, 4.4e-4, 0.02] {
+        let at = |t: f64| JointState {
+            q: [0.5 * (1.0 - (20.0 * t).cos()); 4],
+            qd: [10.0 * (20.0 * t).sin(); 4],
+            qdd: [200.0 * (20.0 * t).cos(); 4],
+        };
+        let (plant, setup) = arms("backlash_hysteresis", &[&[1.0; 3], &[angle]]);
+        let trace = trace((0..2500).map(|k| at(f64::from(k) * DT)).collect(), setup);
+        let motions = motions(&plant, &trace).unwrap();
+        let states = own_states(&plant, &[&plant.effects[0]], &trace, &motions);
+        // z = s − (s − z_r)·exp(−|q − q_r|/δ) since the last reversal r.
+        let half_period = std::f64::consts::PI / 20.0;
+        let mut worst = 0f64;
+        let (mut reversed, mut leg) = (0.0, 0);
+        for (k, own) in states.iter().enumerate() {
+            let now = (trace.t[k] / half_period) as usize;
+            while leg < now {
+                let sign = if leg % 2 == 0 { 1.0 } else { -1.0 };
+                reversed = sign - (sign - reversed) * (-1.0 / angle).exp();
+                leg += 1;
+            }
+            let sign = if leg % 2 == 0 { 1.0 } else { -1.0 };
+            let travelled = (trace.joints[k].q[0] - (leg % 2) as f64).abs();
+            let exact = sign - (sign - reversed) * (-travelled / angle).exp();
+            worst = worst.max((own[0][0] - exact).abs());
+            assert!(own[0][0].abs() < 1.0 + 1e-3);
+        }
+        println!("δ = {angle} rad: {worst:.1e}");
+        assert!(worst < 8.1e-6 / angle, "δ = {angle}: {worst:e}");
+    }
+}
+
+#[test]
+fn steps_are_exact_for_linear_laws_and_of_second_order_else() {
+    // ẋ = −500·(x − 2): one step of 0.1 s from 0 gives 2·(1 − e⁻⁵⁰).
+    let x = exponential_heun(&[0.0], 0.1, |_, x| (vec![-500.0 * (x[0] - 2.0)], vec![-500.0]));
+    approx::assert_relative_eq!(x[0], 2.0, epsilon = 1e-14);
+    // ẋ = −x², x(0) = 1: x(1) = ½. Halving the step quarters the error, also with half the true slope stated.
+    let error = |steps: u32, share: f64| {
+        let h = 1.0 / f64::from(steps);
+        let law = |_: bool, x: &[f64]| (vec![-x[0] * x[0]], vec![-2.0 * share * x[0]]);
+        let mut x = vec![1.0];
+        for _ in 0..steps {
+            x = exponential_heun(&x, h, law);
+        }
+        (x[0] - 0.5).abs()
+    };
+    for share in [0.0, 0.5, 1.0] {
+        let ratio = error(100, share) / error(200, share);
+        assert!((3.8..4.2).contains(&ratio), "{ratio} at {share}");
+    }
+}
+
+#[test]
+fn encoder_offset_is_taken_off_the_recorded_angles() {
+    let (shifted, setup) = arms("joint_zero_offset", &[&[0.01, -0.02, 0.0, 0.0]]);
+    let (plain, _) = arms("joint_zero_offset", &[&[0.0; 4]]);
+    let at = |q: [f64; 4]| JointState { q, qd: [1.0; 4], qdd: [2.0; 4] };
+    let read = predict(&shifted, &trace(vec![at([0.51, 0.38, 0.3, 0.0]); 10], setup)).unwrap();
+    let truth = predict(&plain, &trace(vec![at([0.5, 0.4, 0.3, 0.0]); 10], setup)).unwrap();
+    for (a, b) in read.iter().flatten().zip(truth.iter().flatten()) {
+        approx::assert_relative_eq!(a, b, epsilon = 1e-12);
+    }
+}
+
+/// One arm behind an elastic gear, driven by a controller on the motor side: what the encoder reads, and the torque.
+fn elastic_arm(plant: &Plant, compliance: f64, damping: f64, rotor: f64) -> (Vec<JointState>, Vec<f64>) {
+    let rigid = |q: f64, qdd: f64| {
+        let joints = JointState { q: [q, 0.0, 0.0, 0.0], qd: [0.0; 4], qdd: [qdd, 0.0, 0.0, 0.0] };
+        let motion = plant.motion(&joints).unwrap();
+        inverse_dynamics(plant, 0.0, &motion, &[&[]], false).unwrap().tau[0]
+    };
+    let inertia = rigid(0.0, 1.0) - rigid(0.0, 0.0) - rotor;
+    let wanted = |t: f64| {
+        let waves = [(0.20, 9.0), (0.05, 21.0), (0.02, 33.0)];
+        // Faded in over half a second, so that nothing rings.
+        let fade = 1.0 - (-(t / 0.25).powi(4)).exp();
+        0.5 + fade * waves.iter().map(|(a, w)| a * (w * t).sin()).sum::<f64>()
+    };
+    let torque = |t: f64, x: &[f64; 4]| {
+        let h = 1e-5;
+        let rate = (wanted(t + h) - wanted(t - h)) / (2.0 * h);
+        let acceleration = (wanted(t + h) - 2.0 * wanted(t) + wanted(t - h)) / (h * h);
+        let feed = rigid(wanted(t), acceleration);
+        feed + 60.0 * (wanted(t) - x[0] - x[2]) + 8.0 * (rate - x[1] - x[3])
+    };
+    // x = (q, q̇, δ, δ̇)
+    let law = |t: f64, x: &[f64; 4]| {
+        let transmitted = x[2] / compliance + damping * x[3];
+        let arm = (transmitted - rigid(x[0], 0.0)) / inertia;
+        [x[1], arm, x[3], (torque(t, x) - transmitted) / rotor - arm]
+    };
+    let moved = |x: &[f64; 4], d: &[f64; 4], h: f64| std::array::from_fn(|i| x[i] + h * d[i]);
+    let start = compliance * rigid(0.5, 0.0);
+    let mut x = [0.5 - start, 0.0, start, 0.0];
+    let (mut joints, mut torques) = (Vec::new(), Vec::new());
+    for k in 0..7500 {
+        let t = f64::from(k) * DT;
+        let d = law(t, &x);
+        joints.push(JointState {
+            q: [x[0] + x[2], 0.0, 0.0, 0.0],
+            qd: [x[1] + x[3], 0.0, 0.0, 0.0],
+            qdd: [d[1] + d[3], 0.0, 0.0, 0.0],
+        });
+        torques.push(torque(t, &x));
+        for s in 0..4 {
+            let (h, t) = (DT / 4.0, t + f64::from(s) * DT / 4.0);
+            let a = law(t, &x);
+            let b = law(t + 0.5 * h, &moved(&x, &a, 0.5 * h));
+            let c = law(t + 0.5 * h, &moved(&x, &b, 0.5 * h));
+            let d = law(t + h, &moved(&x, &c, h));
+            x = std::array::from_fn(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+        }
+    }
+    (joints, torques)
+}
+
+#[test]
+fn elastic_drive_is_seen_through_the_encoder_and_its_compliance_comes_back() {
+    const COMPLIANCE: f64 = 1.5e-4;
+    let (rigid, setup) = arms("drive_elasticity", &[&[0.0; 3], &[20.0], &[0.18]]);
+    let (elastic, _) = arms("drive_elasticity", &[&[COMPLIANCE, 0.0, 0.0], &[20.0], &[0.18]]);
+    let (joints, torque) = elastic_arm(&rigid, COMPLIANCE, 20.0, 0.18);
+    let trace = trace(joints, setup);
+    let inside = 100..torque.len() - 100;
+    let residual = |plant: &Plant| -> Vec<f64> {
+        let predicted = predict(plant, &trace).unwrap();
+        inside.clone().map(|k| torque[k] - predicted[0][k]).collect()
+    };
+    let (before, after) = (residual(&rigid), residual(&elastic));
+    let column = &columns(&rigid, &trace, None).unwrap()[rigid.rigid_bodies().values.len()][0];
+    let column = &column[inside];
+    let product: f64 = column.iter().zip(&before).map(|(c, r)| c * r).sum();
+    let estimate = product / column.iter().map(|c| c * c).sum::<f64>();
+    let (before, after) = (rms(before.into_iter()), rms(after.into_iter()));
+    println!("rigid {before:.4} N·m, elastic {after:.4} N·m, compliance {estimate:.3e}");
+    assert!(after < 0.1 * before, "{before} {after}");
+    assert!((estimate / COMPLIANCE - 1.0).abs() < 0.1, "{estimate:e}");
+}
