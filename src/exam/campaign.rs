@@ -45,7 +45,7 @@ impl Default for Case {
             effects: Vec::new(),
             size: Size::Medium,
             noise: Noise::White,
-            motion: MotionKind::Fourier,
+            motion: MotionKind::Wideband,
             strut_sensor: true,
             payload: true,
             duration: 20.0,

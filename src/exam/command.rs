@@ -127,7 +127,7 @@ fn cases(args: &Args, model: &Model) -> Vec<(String, Case)> {
         let noise = args.noise[out.len() % args.noise.len()];
         let mut name = format!("{label}-{noise}");
         for (unusual, word) in [
-            (args.motion != MotionKind::Fourier, args.motion.name()),
+            (args.motion != MotionKind::default(), args.motion.name()),
             (args.no_strut, "torques"),
             (args.no_payload, "empty"),
         ] {

@@ -97,8 +97,8 @@ fn effect(hidden: &Hidden) -> Value {
     json!({
         "name": active.effect.name(),
         "parameters": active.entries().into_iter().zip(&active.values).map(value).collect::<Map<String, Value>>(),
-        "shows_in": hidden.rise.channel.to_string(),
-        "rise": hidden.rise.ratio,
+        "sized_by": hidden.rise.channel.to_string(),
+        "rise": hidden.rise.ratios.iter().map(|(c, r)| (c.to_string(), json!(r))).collect::<Map<String, Value>>(),
         "limited": hidden.rise.limited,
     })
 }
