@@ -56,10 +56,10 @@ pub struct Args {
     /// What the robot does.
     #[arg(long, value_enum, default_value_t)]
     pub motion: MotionKind,
-    /// No force sensor in strut 1.
+    /// No force sensors in struts; two thirds of the robots have one without it.
     #[arg(long)]
     pub no_strut: bool,
-    /// No payload.
+    /// No payloads; half of the robots have one without it.
     #[arg(long)]
     pub no_payload: bool,
     /// Length of each recording, s.
@@ -136,16 +136,13 @@ fn cases(args: &Args, model: &Model) -> Vec<(String, Case)> {
             }
         }
         name += &format!("-{k}");
-        let case = Case {
-            seed: seed(args.seed, &name),
-            effects,
-            size,
-            noise,
-            motion: args.motion,
-            strut_sensor: !args.no_strut,
-            payload: !args.no_payload,
-            duration: args.duration,
-        };
+        let seed = seed(args.seed, &name);
+        // Every third robot has no force sensor, every other no payload, unless the payload is what is hidden.
+        let strut_sensor = !args.no_strut && (seed >> 17) % 3 != 0;
+        let of_payload = effects.iter().any(|e| e.starts_with("payload"));
+        let payload = !args.no_payload && (of_payload || (seed >> 23) % 2 == 0);
+        let case =
+            Case { seed, effects, size, noise, motion: args.motion, strut_sensor, payload, duration: args.duration };
         out.push((name, case));
     };
     for k in 1..=args.null {

@@ -45,8 +45,9 @@ pub enum Motion {
 /// Base frequency, Hz, and harmonics of the slow series and of the wide band.
 const FOURIER: (f64, usize) = (0.1, 10);
 const WIDEBAND: (f64, usize) = (0.05, 50);
-/// Share of the drives' limits a motion may use.
-const SHARE: f64 = 0.45;
+/// Share of the drives' limits a motion may use: the demo's, and others.
+const DEMO_SHARE: f64 = 0.45;
+const SHARE: f64 = 0.7;
 /// Waypoints of a cycle, and half of the box they lie in: m, m, m, rad.
 const WAYPOINTS: usize = 6;
 const BOX: [f64; 4] = [0.35, 0.35, 0.1, 2.0];
@@ -60,7 +61,10 @@ impl Motion {
     pub fn draw(kind: MotionKind, model: &Model, plant: &Plant, rng: &mut ChaCha8Rng) -> Self {
         let limits = MotionLimits::of(model, SHARE);
         match kind {
-            MotionKind::Fourier => Self::Fourier(FourierMotion::random(plant, &limits, FOURIER.0, FOURIER.1, rng)),
+            MotionKind::Fourier => {
+                let limits = MotionLimits::of(model, DEMO_SHARE);
+                Self::Fourier(FourierMotion::random(plant, &limits, FOURIER.0, FOURIER.1, rng))
+            }
             MotionKind::Wideband => Self::Fourier(wideband(plant, &limits, rng)),
             MotionKind::Cycle => Self::Cycle(cycle(plant, &limits, rng)),
         }
@@ -88,15 +92,16 @@ fn centre(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> [f64; 4
 fn wideband(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> FourierMotion {
     let (frequency, harmonics) = WIDEBAND;
     let psi = if plant.mechanism.has_telescope() { 6.0 } else { 0.0 };
-    let mut draw =
-        |k: usize| [0.1, 0.1, 0.04, psi / (1.0 + k as f64).powf(0.7)].map(|size| size * rng.random_range(-1.0..1.0));
+    let mut draw = |k: usize| [0.08, 0.08, 0.03, psi / (1.0 + k as f64)].map(|size| size * rng.random_range(-1.0..1.0));
     let sine = (0..harmonics).map(&mut draw).collect();
     let cosine = (0..harmonics).map(&mut draw).collect();
     let mut motion = FourierMotion { frequency, centre: centre(plant, limits, rng), sine, cosine };
     for _ in 0..200 {
         let coordinates = match beyond(&|t| motion.at(t), 1.0 / frequency, plant, limits) {
             None => break,
-            Some(Beyond::Reach | Beyond::Arms) => 0..3,
+            Some(Beyond::Reach) => 0..3,
+            // A payload off the axis loads the arms as axis 4 swings it.
+            Some(Beyond::Arms) => 0..4,
             Some(Beyond::Axis4) => 3..4,
         };
         for row in motion.sine.iter_mut().chain(&mut motion.cosine) {
