@@ -3,14 +3,19 @@
 //! The statistics stand in [`crate::evidence`]; this module states the hypotheses in the robot's terms and reads the
 //! outcome back into them.
 
+pub mod budget;
 pub mod command;
+pub mod experiment;
 mod problem;
 
+use budget::{Budget, Change};
+pub use experiment::NextExperiment;
+use experiment::Open;
 use thiserror::Error;
 
 use crate::dynamics::{Channel, in_configuration};
 use crate::effects::{self, ActiveEffect};
-use crate::evidence::{self, Chosen, Outcome, Problem, Settings, Visibility};
+use crate::evidence::{self, Assessment, Chosen, Outcome, Problem, Settings, Visibility};
 use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals};
 use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
@@ -106,9 +111,15 @@ pub struct Diagnosis {
     pub indistinguishable: Vec<Vec<String>>,
     /// Effects the data could not show at their usual size.
     pub unseen: Vec<String>,
-    /// What to measure to tell the members of a set apart.
-    pub next_experiment: Option<String>,
-    /// The refitted model with the found effects.
+    /// What to measure to tell the members of a set apart, or to see what these data cannot show.
+    pub next_experiment: Option<NextExperiment>,
+    /// What each found effect explains.
+    pub budget: Budget,
+    /// Parameters that the found effects moved.
+    pub changes: Vec<Change>,
+    /// All parameters before and after.
+    pub parameters: [Vec<Estimate>; 2],
+    /// The refitted model with the found effects, which its history tells of.
     pub model: Model,
 }
 
@@ -245,7 +256,30 @@ pub fn diagnose(
         .filter(|set| set.len() > 1)
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
-    let next_experiment = next_experiment(verdict, &indistinguishable);
+    progress("next experiment");
+    let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, traces);
+    let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
+    for i in 1..=effects.len() {
+        let names = || effects[..i].iter().map(|e: &Named| e.name.clone());
+        let rms = if i == effects.len() {
+            rms_after.clone()
+        } else {
+            let mut part = end.model.clone();
+            let later: Vec<&str> = effects[i..].iter().map(|e| e.name.as_str()).collect();
+            part.effects.retain(|a| !later.contains(&a.effect.name()));
+            channel_rms(&residuals(&fit(&part, traces, &weights)?.model, judge)?)
+        };
+        stages.extend(names().next_back().map(|name| (name, rms)));
+    }
+    let budget = Budget {
+        channels: traces[0].channels.clone(),
+        rms_before: rms_before.clone(),
+        noise_floor: noise_floor.clone(),
+        effects: stages,
+        held_out: !held_out.is_empty(),
+    };
+    let mut found_model = end.model.clone();
+    found_model.history.extend(budget.history());
     Ok(Diagnosis {
         verdict,
         channels: traces[0].channels.clone(),
@@ -257,7 +291,10 @@ pub fn diagnose(
         indistinguishable,
         unseen,
         next_experiment,
-        model: end.model,
+        budget,
+        changes: budget::changes(&start, &end),
+        parameters: [start.parameters, end.parameters],
+        model: found_model,
     })
 }
 
@@ -384,24 +421,46 @@ fn verdict(outcome: &Outcome, before: &[f64], after: &[f64], floor: &[f64], ambi
     }
 }
 
-fn next_experiment(verdict: Verdict, sets: &[Vec<String>]) -> Option<String> {
-    if verdict != Verdict::Ambiguous {
-        return None;
+/// The experiment that tells the members of the first set apart; without one, that shows what the data could not.
+fn next_experiment(
+    verdict: Verdict,
+    outcome: &Outcome,
+    candidates: &[Vec<ActiveEffect>],
+    end: &Fit,
+    traces: &[Trace],
+) -> Option<NextExperiment> {
+    let sets = outcome.findings.iter().map(|f| (f.chosen, &f.ranking));
+    let set = sets.map(|(own, ranking)| (own, ranking, ranking.confidence_set())).find(|(_, _, set)| set.len() > 1);
+    let ranking = &outcome.remaining;
+    let open =
+        |model| Open { model, traces, filters: &ranking.filters, stride: problem::BLOCK, blocks: ranking.blocks };
+    match (verdict, set) {
+        (Verdict::Unknown, _) => None,
+        (_, Some((own, _, set))) => {
+            let sized = |a: &Assessment| {
+                let fitted = end
+                    .model
+                    .effects
+                    .iter()
+                    .find(|e| e.effect.name() == a.name)
+                    .filter(|_| a.candidate == own.candidate);
+                let estimated = a.coefficients.iter().map(|c| (c.name.clone(), c.value));
+                fitted.cloned().unwrap_or_else(|| experiment::sized(&candidates[a.candidate][a.variant], estimated))
+            };
+            // The one that was added first leads.
+            let leader = set.iter().filter(|a| a.candidate == own.candidate);
+            let rivals = set.iter().filter(|a| a.candidate != own.candidate);
+            let effects: Vec<ActiveEffect> = leader.chain(rivals).map(|a| sized(a)).collect();
+            let names: Vec<&str> = effects.iter().map(|a| a.effect.name()).collect();
+            open(&experiment::without(&end.model, &names)).tell(&effects)
+        }
+        (_, None) => {
+            let unseen = ranking.candidates.iter().filter(|a| a.visibility != Visibility::Visible && !a.generic);
+            let effects: Vec<ActiveEffect> =
+                unseen.map(|a| experiment::usual(&candidates[a.candidate][a.variant])).collect();
+            if effects.is_empty() { None } else { open(&end.model).see(&effects) }
+        }
     }
-    let set = sets.first()?;
-    let any = |part: &str| set.iter().any(|n| n.contains(part));
-    let what = if any("ball_socket") {
-        "the same motion at half and at double speed, with a force sensor in one strut"
-    } else if any("base_tilt") || any("asymmetry") {
-        "static poses over the whole workspace, each reached from both sides"
-    } else if any("payload") {
-        "the same motion without payload, then with a weighed one off the axis"
-    } else if any("delay") || any("gain") {
-        "a motion with fast reversals of one axis at a time"
-    } else {
-        "the same motion at half and at double speed"
-    };
-    Some(format!("to tell {} apart: {what}", set.join(", ")))
 }
 
 /// An effect added to a model.
@@ -409,13 +468,13 @@ fn next_experiment(verdict: Verdict, sets: &[Vec<String>]) -> Option<String> {
 pub struct Addition {
     /// Its name.
     pub effect: String,
-    /// RMS residual of the refitted model without it; on held-out data where given.
-    pub rms_before: Vec<f64>,
-    /// The same with it.
-    pub rms_after: Vec<f64>,
-    /// Standard deviation of the sensor noise.
-    pub noise_floor: Vec<f64>,
-    /// The fit with it.
+    /// What it explains; on held-out data where given.
+    pub budget: Budget,
+    /// Parameters that it moved.
+    pub changes: Vec<Change>,
+    /// All parameters before.
+    pub parameters_before: Vec<Estimate>,
+    /// The fit with it, which the history of its model tells of.
     pub fit: Fit,
 }
 
@@ -448,15 +507,18 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
             best = Some(fitted);
         }
     }
-    let fit = best.expect("an effect has at least one shape");
+    let mut fit = best.expect("an effect has at least one shape");
     let judge = if held_out.is_empty() { traces } else { held_out };
-    Ok(Addition {
-        effect: effect.into(),
+    let budget = Budget {
+        channels: traces[0].channels.clone(),
         rms_before: channel_rms(&residuals(&before.model, judge)?),
-        rms_after: channel_rms(&residuals(&fit.model, judge)?),
         noise_floor: floor(model, judge),
-        fit,
-    })
+        effects: vec![(effect.into(), channel_rms(&residuals(&fit.model, judge)?))],
+        held_out: !held_out.is_empty(),
+    };
+    fit.model.history.extend(budget.history());
+    let changes = budget::changes(&before, &fit);
+    Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.parameters, fit })
 }
 
 /// Brings the effects of a model into the order of the registry.

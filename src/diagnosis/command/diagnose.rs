@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use miette::IntoDiagnostic;
 use serde_json::{Map, Value, json};
 
-use crate::diagnosis::{CandidateReport, Diagnosis, Named, Verdict, diagnose};
+use super::budget;
+use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose};
 use crate::identification::{Data, DataArgs};
 use crate::model::Model;
 use crate::terminal::{
@@ -79,9 +80,27 @@ fn json(d: &Diagnosis, args: &Args) -> Value {
     object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
     object.insert("indistinguishable".into(), json!(d.indistinguishable));
     object.insert("unseen".into(), json!(d.unseen));
-    object.insert("next_experiment".into(), json!(d.next_experiment));
+    object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, next));
+    object.insert("budget".into(), budget::json(&d.budget));
+    object.insert("parameters_before".into(), estimates(&d.parameters[0]));
+    object.insert("parameters_after".into(), estimates(&d.parameters[1]));
     object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
     Value::Object(object)
+}
+
+/// A proposed experiment for JSON.
+fn next(e: &NextExperiment) -> Value {
+    let other = |(kind, chance, seconds): &(&str, f64, Option<f64>)| json!({"kind": kind, "chance": chance, "seconds": seconds});
+    json!({
+        "what": e.what,
+        "kind": e.kind,
+        "pair": e.pair,
+        "noncentrality": e.noncentrality,
+        "chance": e.chance,
+        "duration": e.duration,
+        "seconds": e.seconds,
+        "others": e.others.iter().map(other).collect::<Vec<_>>(),
+    })
 }
 
 fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
@@ -111,6 +130,7 @@ fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         ("noise floor", Some(&d.noise_floor[..])),
     ];
     say(format!("\n{}", Table::of_channels(&d.channels, &series)))?;
+    budget::print(&d.budget, &d.changes, &d.model.history)?;
     let mut table = Table::new(&["Candidate", "probability", "explains", "p", "imitated by"], &[4]);
     for c in d.candidates.iter().filter(|c| c.visible).take(SHOWN) {
         table.row([
@@ -129,7 +149,7 @@ fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         say(format!("\n  These data could not show: {}", d.unseen.join(", ")))?;
     }
     if let Some(next) = &d.next_experiment {
-        say(format!("\n  Next experiment, {next}"))?;
+        say(format!("\n  Next experiment, {}", next.what))?;
     }
     match &args.output {
         Some(output) => say(format!("\n  Wrote {}", output.display())),

@@ -13,6 +13,7 @@ mod numbers;
 mod ranking;
 mod scatter;
 mod spectrum;
+mod stacked;
 #[cfg(test)]
 mod tests;
 mod time_series;
@@ -23,6 +24,7 @@ pub use falling_error::{ErrorGroup, falling_error};
 pub use ranking::{RankRow, ranking};
 pub use scatter::scatter_binned;
 pub use spectrum::{Marker, spectrum};
+pub use stacked::{StackedBar, stacked};
 pub use time_series::{Panel, panels, time_series};
 
 /// Width of every figure in CSS pixels.
