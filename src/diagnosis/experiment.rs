@@ -1,6 +1,8 @@
 //! The experiment that would answer what the data leave open: which of several effects it is, or whether one is there at
 //! all.
 
+use rayon::prelude::*;
+
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::whiten::ArFilter;
 use crate::excitation::experiments::{Bench, Experiment};
@@ -47,10 +49,12 @@ pub struct Open<'a> {
     pub blocks: usize,
 }
 
+/// Time that any experiment takes beside its own, s.
+const HANDLING: f64 = 600.0;
 /// Experiments worth mentioning beside the best.
 const MENTIONED: usize = 4;
 /// Samples of the present data used, in windows of a tenth of a second or so.
-const SAMPLES: usize = 4000;
+const SAMPLES: usize = 2000;
 const WINDOW: usize = 100;
 
 impl Open<'_> {
@@ -63,7 +67,8 @@ impl Open<'_> {
         let (alike, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|both| both.iter().any(hopeless));
         let comparisons = if pairs.is_empty() { alike.concat() } else { pairs.concat() };
         let name = |i: usize| rivals[i].effect.name();
-        let ranked = ranked(plans.iter().map(|p| (p.experiment.clone(), p.of(&comparisons, rivals))));
+        let promises: Vec<_> = plans.par_iter().map(|p| (p.experiment.clone(), p.of(&comparisons, rivals))).collect();
+        let ranked = ranked(promises.into_iter());
         let (experiment, promise) = ranked.first()?;
         let others: Vec<&str> = pairs.iter().map(|both| name(both[0].1.unwrap_or(0))).collect();
         let goal = match others.is_empty() {
@@ -86,9 +91,12 @@ impl Open<'_> {
             (0..unseen.len()).map(one).filter(|(_, p)| p.chance >= SURE).collect()
         };
         let mut all: Vec<(Experiment, Vec<(usize, Prospect)>)> =
-            plans.iter().map(|p| (p.experiment.clone(), shown(p))).filter(|(_, s)| !s.is_empty()).collect();
-        let cost = |e: &Experiment| e.kind.preparation() + e.length;
-        all.sort_by(|a, b| b.1.len().cmp(&a.1.len()).then(cost(&a.0).total_cmp(&cost(&b.0))));
+            plans.par_iter().map(|p| (p.experiment.clone(), shown(p))).filter(|(_, s)| !s.is_empty()).collect();
+        // Time per effect that is shown.
+        let cost = |(e, shown): &(Experiment, Vec<(usize, Prospect)>)| {
+            (HANDLING + e.kind.preparation() + e.length) / shown.len() as f64
+        };
+        all.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
         let (experiment, shown) = all.first()?;
         let names: Vec<String> = shown.iter().map(|(a, _)| unseen[*a].effect.name().to_string()).collect();
         let ranked: Vec<_> = all.iter().map(|(e, s)| (e.clone(), hardest(s))).collect();
@@ -119,7 +127,7 @@ impl Open<'_> {
             let own = Information::along(model, effects, &experiment.trace, &noise).ok()?;
             Some(Plan { experiment, own, present: present.clone(), blocks: self.blocks })
         };
-        bench.catalogue().into_iter().filter_map(plan).collect()
+        bench.catalogue().into_par_iter().filter_map(plan).collect()
     }
 
     /// Every so many samples of a trace, in evenly spread windows, and the share of the whole that they stand for, inverted.

@@ -1,9 +1,8 @@
 //! The motion that tells two effects apart best: T-optimal, with the model's parameters profiled out.
 //!
 //! Beside the catalogue of [`super::experiments`] a Fourier series is designed for the purpose: the search of the
-//! excitation, with δ² in place of the volume of the confidence ellipsoid. Where an effect acts on the whole (a sensor, a
-//! length, a spring between encoder and joint) its columns at an instant depend on more than the instant; then the best of
-//! several random series stands for it.
+//! excitation, with δ² in place of the volume of the confidence ellipsoid. Where an effect depends on more than the instant
+//! (delay, elastic gears, own states) the best of several random series stands for it.
 
 use std::time::Instant;
 
@@ -100,7 +99,7 @@ pub fn discriminate(
     let designed = series.iter().filter_map(|course| bench.plan(Kind::Designed, what.into(), course));
     let length = options.periods as f64 / options.frequency;
     plans.extend(designed.map(|e| Experiment { weight: e.weight * length / e.length, length, ..e }));
-    let promises = plans.into_iter().map(|experiment| {
+    let promises = plans.into_par_iter().map(|experiment| {
         let own = Information::along(&base, &pair, &experiment.trace, &noise)?;
         let promise = prospect(&which(2), &pair, None, (&own, &experiment), BLOCKS);
         Ok((experiment, promise))
@@ -154,26 +153,24 @@ fn searched(
     options: &Options,
     go_on: &(dyn Fn() -> bool + Sync),
 ) -> Option<Course> {
-    if pair.iter().any(|a| a.effect.kind().acts_on_the_whole() || a.states() > 0) {
+    if pair.iter().any(|a| a.states() > 0 || a.effect.gear_springs(&a.values()).is_some()) {
         return None;
     }
     let deadline = options.budget.map(|b| Instant::now() + b);
-    let mut both = base.clone();
-    both.effects.extend(pair.iter().cloned());
-    let limits = Limits::of(&both, options.share, options.hemisphere);
-    let (exact, soft) = (Machine::new(&both, limits, false), Machine::new(&both, limits, true));
-    let merit = Difference::of(&soft, pair)?;
+    let limits = Limits::of(base, options.share, options.hemisphere);
+    let [exact, soft] = [false, true].map(|soft| Machine::new(base, limits, soft).with_candidates(pair));
+    let merit = Difference::of(&soft);
     let objective = |information: &DMatrix<f64>| merit.value(information);
     let instants = (PER_HARMONIC * options.harmonics).max(FEWEST_INSTANTS);
     let basis = Basis::new(options.frequency, options.harmonics, instants);
     let fine = Basis::new(options.frequency, options.harmonics, FINER * instants);
-    let scale = scale(&both, options);
+    let scale = scale(base, options);
     let search = Search { machine: &soft, basis: &basis, objective: &objective, scale: &scale };
     let go_on = || deadline.is_none_or(|d| Instant::now() < d) && go_on();
     let found: Vec<Found> = (0..options.starts.max(1) as u64)
         .into_par_iter()
         .filter_map(|k| {
-            let start = shrunk(&exact, &basis, &draw(&both, &exact, &limits, options, k), SHRINK)?.0;
+            let start = shrunk(&exact, &basis, &draw(base, &exact, &limits, options, k), SHRINK)?.0;
             Some(search.run(&basis.vector(&start), options.iterations, &go_on))
         })
         .collect();
@@ -190,16 +187,13 @@ struct Difference {
 }
 
 impl Difference {
-    fn of(machine: &Machine, pair: &[ActiveEffect; 2]) -> Option<Self> {
-        let parameters = machine.parameters();
-        let own = pair.each_ref().map(|active| {
-            let name = active.effect.name();
-            let columns: Vec<usize> = (0..parameters.len()).filter(|&i| parameters[i].effect == name).collect();
-            let sizes = columns.iter().map(|&i| parameters[i].value / machine.sizes()[i]).collect::<Vec<_>>();
+    fn of(machine: &Machine) -> Self {
+        let mut own = machine.candidates().into_iter().map(|candidate| {
+            let (columns, sizes): (Vec<usize>, Vec<f64>) = candidate.into_iter().unzip();
             (columns, DVector::from_vec(sizes))
         });
-        let base = (0..parameters.len()).filter(|i| own.iter().all(|(columns, _)| !columns.contains(i))).collect();
-        own.iter().all(|(columns, _)| !columns.is_empty()).then_some(Self { own, base })
+        let mut next = || own.next().unwrap_or((Vec::new(), DVector::zeros(0)));
+        Self { own: [next(), next()], base: (0..machine.sizes().len()).collect() }
     }
 
     fn value(&self, information: &DMatrix<f64>) -> Option<(f64, DMatrix<f64>)> {
@@ -234,15 +228,13 @@ mod tests {
     fn difference_has_the_slope_of_its_value() {
         let model = Model::read(Path::new("models/irb360-6-1600.toml")).unwrap();
         let pair = ["ball_socket_coulomb", "ball_socket_viscous"].map(|n| assumed(&model, n).unwrap());
-        let mut both = model.clone();
-        both.effects.extend(pair.iter().cloned());
         let options = Options { harmonics: 3, ..Options::default() };
-        let limits = Limits::of(&both, options.share, None);
-        let machine = Machine::new(&both, limits, true);
-        let merit = Difference::of(&machine, &pair).unwrap();
+        let limits = Limits::of(&model, options.share, None);
+        let machine = Machine::new(&model, limits, true).with_candidates(&pair);
+        let merit = Difference::of(&machine);
         let basis = Basis::new(options.frequency, options.harmonics, 120);
         let at = |k: u64| {
-            let motion = draw(&both, &machine, &limits, &options, k);
+            let motion = draw(&model, &machine, &limits, &options, k);
             information(&machine.samples(&basis, &basis.vector(&motion)).unwrap())
         };
         let (here, there) = (at(0), at(1));

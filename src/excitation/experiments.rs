@@ -67,7 +67,7 @@ impl Kind {
         }
     }
 
-    /// Time to prepare it, s; estimates that only order what promises alike.
+    /// Time to prepare it, s, beside the handling of any experiment; estimates that only order what promises alike.
     pub fn preparation(self) -> f64 {
         match self {
             Self::Payload | Self::NoPayload => 300.0,
@@ -98,7 +98,7 @@ pub struct Experiment {
 }
 
 /// Largest number of samples per experiment, and of those in a window.
-const SAMPLES: usize = 2000;
+const SAMPLES: usize = 1000;
 const WINDOW: usize = 100;
 /// Share of the drives' limits on acceleration and torque, and of the force that dislocates a socket, that may be used.
 const SHARE: f64 = 0.9;
