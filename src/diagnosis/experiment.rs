@@ -1,6 +1,8 @@
 //! The experiment that would answer what the data leave open: which of several effects it is, or whether one is there at
 //! all.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::effects::{ActiveEffect, Role};
@@ -8,7 +10,6 @@ use crate::evidence::whiten::ArFilter;
 use crate::excitation::experiments::{Bench, Experiment};
 use crate::excitation::prospect::{Comparison, Information, Noise, Prospect, SURE, in_words, prospect, ranked, which};
 use crate::identification::Trace;
-use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::model::Model;
 use crate::scenario::Course;
 
@@ -130,26 +131,20 @@ impl Open<'_> {
         bench.catalogue().into_par_iter().filter_map(plan).collect()
     }
 
-    /// Every so many samples of a trace, in evenly spread windows, and the share of the whole that they stand for, inverted.
+    /// Evenly spread windows of a trace, averaged, and the share of the whole that they stand for, inverted.
     fn coarse(&self, trace: &Trace) -> (Trace, f64) {
-        let places: Vec<Vec<usize>> = trace.segments.iter().map(|s| s.clone().step_by(self.stride).collect()).collect();
-        let windows: Vec<&[usize]> =
-            places.iter().flat_map(|s| s.chunks(WINDOW)).filter(|w| w.len() > WINDOW / 2).collect();
+        let averaged = trace.averaged(self.stride);
+        let windows: Vec<Range<usize>> = averaged.blocks(WINDOW.min(averaged.len())).collect();
         let every = (windows.len() * WINDOW).div_ceil(SAMPLES / self.traces.len().max(1)).max(1);
-        let mut part = Trace {
-            dt: self.stride as f64 * trace.dt,
-            half_width: trace.half_width.map(|m| (m / self.stride).max(MIN_HALF_WIDTH)),
-            ..trace.empty()
-        };
+        let mut part = averaged.empty();
         for window in windows.into_iter().step_by(every) {
-            let start = part.t.len();
-            part.t.extend(window.iter().map(|&k| trace.t[k]));
-            part.joints.extend(window.iter().map(|&k| trace.joints[k]));
-            part.segments.push(start..part.t.len());
+            let start = part.len();
+            part.t.extend(&averaged.t[window.clone()]);
+            part.joints.extend(&averaged.joints[window]);
+            part.segments.push(start..part.len());
         }
         part.measured = vec![vec![0.0; part.len()]; part.channels.len()];
-        let whole: usize = places.iter().map(Vec::len).sum();
-        let weight = whole as f64 / part.len().max(1) as f64;
+        let weight = averaged.len() as f64 / part.len().max(1) as f64;
         (part, weight)
     }
 }

@@ -13,7 +13,7 @@ use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
 use crate::identification::prediction::Channels;
-use crate::identification::{Trace, columns};
+use crate::identification::{Trace, averaged_columns, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 
@@ -79,13 +79,18 @@ impl Information {
                 stacked.push(values);
             }
         };
-        let base = columns(&plant, trace, None)?;
-        for (p, column) in plant.parameters().iter().zip(&base).filter(|(p, _)| p.role != Role::Fixed) {
+        let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
+        let mut all = averaged_columns(&plant, trace, &mounted, 1)?;
+        let own = all.split_off(all.len() - mounted.len());
+        for (p, column) in plant.parameters().iter().zip(all.iter().flatten()).filter(|(p, _)| p.role != Role::Fixed) {
             keep(p.name.clone(), column);
         }
-        for active in effects.iter().filter(|a| plant.has(a.effect.acts_on())) {
-            let own = columns(&plant, trace, Some(active))?;
-            for (entry, column) in active.entries().iter().zip(&own).filter(|(e, _)| e.parameter.role != Role::Fixed) {
+        for (active, own) in mounted.iter().zip(own) {
+            let entries = active.entries();
+            // What the shape of the law can do belongs to what is fitted.
+            let shaped = entries.iter().any(|e| e.parameter.role == Role::Shape);
+            let own = if shaped { columns(&plant, trace, Some(active))? } else { own };
+            for (entry, column) in entries.iter().zip(&own).filter(|(e, _)| e.parameter.role != Role::Fixed) {
                 keep(format!("{}.{}", active.effect.name(), entry.name), column);
             }
         }
