@@ -11,7 +11,6 @@ use crate::excitation::experiments::{Bench, Experiment};
 use crate::excitation::prospect::{Comparison, Information, Noise, Prospect, SURE, in_words, prospect, ranked, which};
 use crate::identification::Trace;
 use crate::model::Model;
-use crate::scenario::Course;
 
 /// A proposed experiment.
 #[derive(Clone, Debug)]
@@ -30,8 +29,8 @@ pub struct NextExperiment {
     pub duration: f64,
     /// Time for a chance of 95 %, s; none if that would take for ever.
     pub seconds: Option<f64>,
-    /// The motion; none where it is that of the data.
-    pub course: Option<Course>,
+    /// The experiment itself.
+    pub experiment: Experiment,
     /// The others, best first: kind, chance, time needed.
     pub others: Vec<(&'static str, f64, Option<f64>)>,
 }
@@ -40,6 +39,8 @@ pub struct NextExperiment {
 pub struct Open<'a> {
     /// The machine as far as it is known, without the effects in question.
     pub model: &'a Model,
+    /// Effects whose parameters are known.
+    pub held: &'a [String],
     /// The data.
     pub traces: &'a [Trace],
     /// The noise left by the best model, as whitening filter of each channel.
@@ -118,14 +119,14 @@ impl Open<'_> {
         let mut present = Information::default();
         for trace in self.traces {
             let (part, weight) = self.coarse(trace);
-            if let Ok(information) = Information::along(self.model, effects, &part, &noise) {
+            if let Ok(information) = Information::along(self.model, self.held, effects, &part, &noise) {
                 present.add(&information, weight);
             }
         }
         let (model, setup, traces) = (self.model, first.setup, self.traces);
         let bench = Bench { model, setup, channels, noise: &noise, traces, seed: SEED };
         let plan = |experiment: Experiment| {
-            let own = Information::along(model, effects, &experiment.trace, &noise).ok()?;
+            let own = Information::along(model, self.held, effects, &experiment.trace, &noise).ok()?;
             Some(Plan { experiment, own, present: present.clone(), blocks: self.blocks })
         };
         bench.catalogue().into_par_iter().filter_map(plan).collect()
@@ -181,7 +182,7 @@ fn proposal(experiment: &Experiment, promise: &Prospect, ranked: &[(Experiment, 
         chance: promise.chance,
         duration: experiment.length,
         seconds: promise.seconds,
-        course: experiment.course.clone(),
+        experiment: experiment.clone(),
         others: ranked.iter().skip(1).take(MENTIONED).map(other).collect(),
     }
 }

@@ -16,7 +16,7 @@ use thiserror::Error;
 use crate::dynamics::{Channel, in_configuration};
 use crate::effects::{self, ActiveEffect, Kind, Role};
 use crate::evidence::{self, Assessment, Chosen, Outcome, Problem, Ranking, Settings, Visibility};
-use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals};
+use crate::identification::fit::{Estimate, Fit, FitError, Options, channel_rms, fit_with, residuals};
 use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
 use crate::model::Model;
@@ -166,16 +166,28 @@ pub fn diagnose(
     held_out: &[Trace],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
+    diagnose_holding(model, &[], traces, held_out, progress)
+}
+
+/// The same, with the parameters of some effects (or of `rigid_bodies`) known: they are not fitted.
+pub fn diagnose_holding(
+    model: &Model,
+    held: &[String],
+    traces: &[Trace],
+    held_out: &[Trace],
+    progress: &mut dyn FnMut(&str),
+) -> Result<Diagnosis, DiagnosisError> {
     check(traces, held_out)?;
     let noise = floor(model, traces);
-    let weights = vec![noise.clone(); traces.len()];
+    let fitting = Fitting { traces, weights: vec![noise.clone(); traces.len()], held };
     progress("refit");
-    let start = fit(model, traces, &weights)?;
+    let start = fitting.fit(model)?;
     let mounted = in_configuration(model, &traces[0].setup);
     let candidates = problem::absent(&mounted);
     let mut refused: Vec<&str> = Vec::new();
     progress("columns of the candidates");
-    let first = problem::problem(&start, traces, &noise, &candidates)?;
+    let mut first = problem::problem(&start, traces, &noise, &candidates)?;
+    first.base.retain(|c| !fitting.holds(&c.name));
     let settings = Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
     let (outcome, end) = loop {
         let mut stated = first.clone();
@@ -185,7 +197,7 @@ pub fn diagnose(
             }
         }
         progress("evidence");
-        let (outcome, end) = search(&start, traces, &weights, &candidates, &stated, &settings, progress)?;
+        let (outcome, end) = search(&start, &fitting, &candidates, &stated, &settings, progress)?;
         // A law with a definite sign must come out with it.
         let wrong = outcome
             .found()
@@ -211,7 +223,7 @@ pub fn diagnose(
         } else {
             let mut reduced = end.model.clone();
             reduced.effects.retain(|a| a.effect.name() != name);
-            channel_rms(&residuals(&fit(&reduced, traces, &weights)?.model, judge)?)
+            channel_rms(&residuals(&fitting.fit(&reduced)?.model, judge)?)
         };
         effects.push(Named {
             name: name.into(),
@@ -258,7 +270,7 @@ pub fn diagnose(
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
     progress("next experiment");
-    let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, traces);
+    let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
     for i in 1..=effects.len() {
         let names = || effects[..i].iter().map(|e: &Named| e.name.clone());
@@ -268,7 +280,7 @@ pub fn diagnose(
             let mut part = end.model.clone();
             let later: Vec<&str> = effects[i..].iter().map(|e| e.name.as_str()).collect();
             part.effects.retain(|a| !later.contains(&a.effect.name()));
-            channel_rms(&residuals(&fit(&part, traces, &weights)?.model, judge)?)
+            channel_rms(&residuals(&fitting.fit(&part)?.model, judge)?)
         };
         stages.extend(names().next_back().map(|name| (name, rms)));
     }
@@ -299,6 +311,25 @@ pub fn diagnose(
     })
 }
 
+/// How a model is fitted to the data.
+struct Fitting<'a> {
+    traces: &'a [Trace],
+    weights: Vec<Vec<f64>>,
+    /// Effects that keep their parameters.
+    held: &'a [String],
+}
+
+impl Fitting<'_> {
+    fn fit(&self, model: &Model) -> Result<Fit, FitError> {
+        fit_with(model, self.traces, &self.weights, &Options { held: self.held, ..Options::default() })
+    }
+
+    /// Whether a parameter, with its effect before its name, stays as it is.
+    fn holds(&self, parameter: &str) -> bool {
+        self.held.iter().any(|h| parameter.split('.').next() == Some(h))
+    }
+}
+
 fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
     let first = traces.first().ok_or(DiagnosisError::NoData)?;
     match traces.iter().chain(held_out).find(|t| t.channels != first.channels) {
@@ -310,8 +341,7 @@ fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
 /// Forward selection; the model is refitted after the addition of an effect that the parameters enter nonlinearly.
 fn search(
     start: &Fit,
-    traces: &[Trace],
-    weights: &[Vec<f64>],
+    fitting: &Fitting,
     candidates: &[Vec<ActiveEffect>],
     stated: &Problem,
     settings: &Settings,
@@ -328,7 +358,7 @@ fn search(
             }
             model.effects.push(active);
         }
-        fit(&model, traces, weights)
+        fitting.fit(&model)
     };
     let outcome = evidence::select_with(stated, settings, |chosen, ranking| {
         if !chosen.iter().any(|c| is_nonlinear(&candidates[c.candidate][c.variant])) {
@@ -337,7 +367,7 @@ fn search(
         let names: Vec<&str> = chosen.iter().map(|c| candidates[c.candidate][0].effect.name()).collect();
         progress(&format!("refit with {}", names.join(", ")));
         let next = refit(chosen, Some(ranking)).and_then(|fitted| {
-            let next = relinearised(&fitted, traces, stated, chosen, &names)?;
+            let next = relinearised(&fitted, fitting, stated, chosen, &names)?;
             last = Some((chosen.to_vec(), fitted));
             Ok(Some(next))
         });
@@ -381,16 +411,20 @@ fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
 /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
 fn relinearised(
     fitted: &Fit,
-    traces: &[Trace],
+    fitting: &Fitting,
     stated: &Problem,
     chosen: &[Chosen],
     names: &[&str],
 ) -> Result<Problem, FitError> {
+    let traces = fitting.traces;
     let mut next = Problem { y: problem::residual_series(traces, fitted), base: Vec::new(), ..stated.clone() };
     for c in chosen {
         next.candidates[c.candidate].variants[c.variant].columns.clear();
     }
     for owned in problem::owned_columns(&fitted.model, traces)? {
+        if fitting.holds(&owned.column.name) {
+            continue;
+        }
         let Some(i) = names.iter().position(|n| *n == owned.effect) else {
             next.base.push(owned.column);
             continue;
@@ -462,13 +496,14 @@ fn next_experiment(
     outcome: &Outcome,
     candidates: &[Vec<ActiveEffect>],
     end: &Fit,
-    traces: &[Trace],
+    fitting: &Fitting,
 ) -> Option<NextExperiment> {
     let sets = outcome.findings.iter().map(|f| (f.chosen, &f.ranking));
     let set = sets.map(|(own, ranking)| (own, ranking, ranking.confidence_set())).find(|(_, _, set)| set.len() > 1);
     let ranking = &outcome.remaining;
-    let open =
-        |model| Open { model, traces, filters: &ranking.filters, stride: problem::BLOCK, blocks: ranking.blocks };
+    let (traces, held) = (fitting.traces, fitting.held);
+    let (filters, stride, blocks) = (&ranking.filters, problem::BLOCK, ranking.blocks);
+    let open = |model| Open { model, held, traces, filters, stride, blocks };
     match (verdict, set) {
         (Verdict::Unknown, _) => None,
         (_, Some((own, _, set))) => {

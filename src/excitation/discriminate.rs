@@ -100,7 +100,7 @@ pub fn discriminate(
     let length = options.periods as f64 / options.frequency;
     plans.extend(designed.map(|e| Experiment { weight: e.weight * length / e.length, length, ..e }));
     let promises = plans.into_par_iter().map(|experiment| {
-        let own = Information::along(&base, &pair, &experiment.trace, &noise)?;
+        let own = Information::along(&base, &[], &pair, &experiment.trace, &noise)?;
         let promise = prospect(&which(2), &pair, None, (&own, &experiment), BLOCKS);
         Ok((experiment, promise))
     });

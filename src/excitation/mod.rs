@@ -15,7 +15,7 @@ pub mod information;
 pub mod limits;
 pub mod machine;
 pub mod prospect;
-mod scenario;
+pub mod scenario;
 pub mod search;
 pub mod series;
 

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::experiments::Experiment;
-use crate::dynamics::{Channel, Plant};
+use crate::dynamics::{Channel, Plant, PlantParameter};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
@@ -61,10 +61,11 @@ pub struct Information {
 }
 
 impl Information {
-    /// Of the parameters of `model` and of `effects`, which are not in it, along a trace. An effect that does not act in the
-    /// trace's configuration has no columns.
+    /// Of the parameters of `model` but for those of effects that are `held`, and of `effects`, which are not in it, along a
+    /// trace. An effect that does not act in the trace's configuration has no columns.
     pub fn along(
         model: &Model,
+        held: &[String],
         effects: &[ActiveEffect],
         trace: &Trace,
         noise: &Noise,
@@ -80,9 +81,10 @@ impl Information {
             }
         };
         let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
+        let free = |p: &PlantParameter| p.role != Role::Fixed && !held.iter().any(|h| h == p.effect);
         let mut all = averaged_columns(&plant, trace, &mounted, 1)?;
         let own = all.split_off(all.len() - mounted.len());
-        for (p, column) in plant.parameters().iter().zip(all.iter().flatten()).filter(|(p, _)| p.role != Role::Fixed) {
+        for (p, column) in plant.parameters().iter().zip(all.iter().flatten()).filter(|(p, _)| free(p)) {
             keep(p.name.clone(), column);
         }
         for (active, own) in mounted.iter().zip(own) {
