@@ -37,6 +37,7 @@ pub mod ranking;
 pub mod repeats;
 mod score;
 pub mod select;
+pub mod separation;
 mod special;
 pub mod whiten;
 
