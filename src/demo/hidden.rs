@@ -139,8 +139,8 @@ fn usual(name: &str, rng: &mut ChaCha8Rng) -> Result<ActiveEffect, DemoError> {
     Ok(active)
 }
 
-/// Effects the demo's model has from the start.
-const CARRIED: [&str; 4] = ["rigid_bodies", "drive_friction", "axis4_friction", "telescope_friction"];
+/// Effects the demo's model has from the start, and the one that has no law until the user writes it.
+const CARRIED: [&str; 5] = ["rigid_bodies", "drive_friction", "axis4_friction", "telescope_friction", "formula"];
 
 /// Moves inertia by up to ±3 % and friction by up to ±5 %, as a real machine departs from its data sheet.
 pub fn perturb(model: &mut Model, rng: &mut ChaCha8Rng) {

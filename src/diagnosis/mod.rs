@@ -53,6 +53,11 @@ pub enum DiagnosisError {
          parameters; put its table into the model file by hand"
     )]
     TwinOnly(String),
+    /// A formula has no law of its own.
+    #[error(
+        "`formula` has no law until its terms stand in the model file; write [[effects.formula.terms]] there by hand"
+    )]
+    NoTerms,
     /// The effect is in the model already.
     #[error("the model has `{0}` already")]
     Present(String),
@@ -431,6 +436,9 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     }
     if problem::beyond(&mounted).iter().any(|e| e.name() == effect) {
         return Err(DiagnosisError::TwinOnly(effect.into()));
+    }
+    if effects::find(effect).is_some_and(|e| e.parameters().is_empty()) {
+        return Err(DiagnosisError::NoTerms);
     }
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
