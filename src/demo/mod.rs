@@ -79,8 +79,19 @@ pub fn campaign(
 ) -> Result<Campaign, DemoError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let hidden = Hidden::draw(effect, &mut rng)?;
+    hide(model, seed, hidden, &mut rng, progress)
+}
+
+/// Hides a given effect and records two motions; `rng` draws the model's errors and the motions, `seed` the noise.
+pub fn hide(
+    model: &Model,
+    seed: u64,
+    hidden: Hidden,
+    mut rng: &mut ChaCha8Rng,
+    progress: &(dyn Fn(usize, f64) + Sync),
+) -> Result<Campaign, DemoError> {
     let mut robot = model.clone();
-    hidden::perturb(&mut robot, &mut rng);
+    hidden::perturb(&mut robot, rng);
     robot.effects.extend(hidden.active.clone());
     let setup = Setup {
         payload: Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 },

@@ -5,6 +5,7 @@
 
 pub mod command;
 mod problem;
+pub mod unknown;
 
 use thiserror::Error;
 

@@ -74,6 +74,11 @@ impl Variable {
         ALL.iter().map(|(name, _)| *name)
     }
 
+    /// Its place among all.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         ALL[self.0 as usize].0
