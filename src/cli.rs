@@ -2,8 +2,8 @@
 
 use clap::{Parser, Subcommand};
 use deltatwin::{
-    check, comparison, constraint_forces, demo, diagnosis, effects, excitation, identification, planner, recording,
-    reproduce, twin,
+    check, comparison, constraint_forces, demo, diagnosis, effects, exam, excitation, identification, planner,
+    recording, reproduce, twin,
 };
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
@@ -28,6 +28,7 @@ pub enum Command {
     Compare(comparison::command::Args),
     Diagnose(diagnosis::command::diagnose::Args),
     Add(diagnosis::command::add::Args),
+    Exam(exam::command::Args),
     Effects(effects::command::Args),
     Forces(constraint_forces::command::Args),
     Plan(planner::command::Args),

@@ -39,6 +39,8 @@ pub mod replay;
 
 pub mod terminal;
 
+pub mod exam;
+
 pub mod demo;
 
 pub mod reproduce;

@@ -7,8 +7,8 @@ use std::process::ExitCode;
 use clap::Parser;
 use cli::{Cli, Command};
 use deltatwin::{
-    check, comparison, constraint_forces, demo, diagnosis, effects, excitation, identification, planner, recording,
-    reproduce, terminal, twin,
+    check, comparison, constraint_forces, demo, diagnosis, effects, exam, excitation, identification, planner,
+    recording, reproduce, terminal, twin,
 };
 use miette::MietteHandlerOpts;
 
@@ -38,6 +38,7 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Compare(args) => comparison::command::run(args),
         Command::Diagnose(args) => diagnosis::command::diagnose::run(args),
         Command::Add(args) => diagnosis::command::add::run(args),
+        Command::Exam(args) => exam::command::run(args),
         Command::Effects(args) => effects::command::run(args),
         Command::Forces(args) => constraint_forces::command::run(args),
         Command::Plan(args) => planner::command::run(args),

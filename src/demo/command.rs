@@ -8,8 +8,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 
-use super::{Campaign, DURATION, Findings, MODEL, campaign, figures, investigate};
+use super::{DURATION, Findings, MODEL, describe, figures, hidden, investigate, measure};
 use crate::dynamics::Channel;
+use crate::exam::Campaign;
 use crate::model::Model;
 
 /// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
@@ -51,7 +52,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     );
     bar.set_prefix("measure");
     let done = [std::sync::atomic::AtomicU64::new(0), std::sync::atomic::AtomicU64::new(0)];
-    let measured = campaign(&model, args.seed, args.effect.as_deref(), &|k, t| {
+    let measured = measure(&model, args.seed, args.effect.as_deref(), &|k, t| {
         let now = (t * 1000.0) as u64;
         let before = done[k].swap(now, std::sync::atomic::Ordering::Relaxed);
         bar.inc(now - before);
@@ -145,7 +146,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
             delivered[c], identified[c], added[c], d.noise_floor[c]
         );
     }
-    println!("\nHidden was {}", campaign.hidden.describe());
+    println!("\nHidden was {}", describe(campaign));
     println!("{}", if findings.right { "Found." } else { "Not found." });
     println!("\nWritten:");
     for f in files {
@@ -158,8 +159,8 @@ fn summary(args: &Args, campaign: &Campaign, findings: &Findings, files: &[PathB
     let axes = |v: &[f64]| v[..4].to_vec();
     json!({
         "seed": args.seed,
-        "hidden": campaign.hidden.name(),
-        "hidden_values": campaign.hidden.describe(),
+        "hidden": hidden(campaign),
+        "hidden_values": describe(campaign),
         "verdict": d.verdict.to_string(),
         "named": d.effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>(),
         "indistinguishable": d.indistinguishable,

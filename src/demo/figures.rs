@@ -1,7 +1,8 @@
 //! Figures and report of a demo.
 
-use super::{Campaign, Findings};
+use super::{Findings, describe};
 use crate::dynamics::Plant;
+use crate::exam::Campaign;
 use crate::identification::fit::residuals;
 use crate::identification::predict;
 use crate::model::AXES;
@@ -17,7 +18,7 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
         "deltatwin demo",
         "A hidden effect in a robot: compare, identify, diagnose, add, and watch the error fall",
     );
-    let hidden = campaign.hidden.describe();
+    let hidden = describe(campaign);
     let names: Vec<&str> = d.effects.iter().map(|e| e.name.as_str()).collect();
     let verdict = format!(
         "Verdict: {} {}. Hidden was {hidden}.",

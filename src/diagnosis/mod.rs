@@ -10,8 +10,8 @@ pub mod unknown;
 use thiserror::Error;
 
 use crate::dynamics::{Channel, in_configuration};
-use crate::effects::{self, ActiveEffect};
-use crate::evidence::{self, Chosen, Outcome, Problem, Settings, Visibility};
+use crate::effects::{self, ActiveEffect, Kind, Role};
+use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Settings, Visibility};
 use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals};
 use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
@@ -169,7 +169,8 @@ pub fn diagnose(
     let mounted = in_configuration(model, &traces[0].setup);
     let candidates = problem::absent(&mounted);
     let mut refused: Vec<&str> = Vec::new();
-    let first = problem::problem(&start, traces, &noise, &candidates, progress)?;
+    progress("columns of the candidates");
+    let first = problem::problem(&start, traces, &noise, &candidates)?;
     let settings = Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
     let (outcome, end) = loop {
         let mut stated = first.clone();
@@ -275,7 +276,7 @@ fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
     }
 }
 
-/// Forward selection with a full refit of the model after every addition.
+/// Forward selection; the model is refitted after the addition of an effect that the parameters enter nonlinearly.
 fn search(
     start: &Fit,
     traces: &[Trace],
@@ -286,17 +287,30 @@ fn search(
     progress: &mut dyn FnMut(&str),
 ) -> Result<(Outcome, Fit), DiagnosisError> {
     let mut failure = None;
-    let refit = |chosen: &[Chosen]| -> Result<Fit, FitError> {
+    let mut last: Option<(Vec<Chosen>, Fit)> = None;
+    let refit = |chosen: &[Chosen], ranking: Option<&Ranking>| -> Result<Fit, FitError> {
         let mut model = start.model.clone();
         for c in chosen {
-            model.effects.push(candidates[c.candidate][c.variant].clone());
+            let mut active = candidates[c.candidate][c.variant].clone();
+            if let Some(assessed) = ranking.and_then(|r| r.of(c.candidate)) {
+                begin_at(&mut active, &assessed.coefficients);
+            }
+            model.effects.push(active);
         }
         fit(&model, traces, weights)
     };
-    let outcome = evidence::select_with(stated, settings, |chosen, _| {
+    let outcome = evidence::select_with(stated, settings, |chosen, ranking| {
+        if !chosen.iter().any(|c| is_nonlinear(&candidates[c.candidate][c.variant])) {
+            return Ok(None);
+        }
         let names: Vec<&str> = chosen.iter().map(|c| candidates[c.candidate][0].effect.name()).collect();
         progress(&format!("refit with {}", names.join(", ")));
-        relinearised(&refit, traces, stated, chosen, &names).map(Some).map_err(|e| {
+        let next = refit(chosen, Some(ranking)).and_then(|fitted| {
+            let next = relinearised(&fitted, traces, stated, chosen, &names)?;
+            last = Some((chosen.to_vec(), fitted));
+            Ok(Some(next))
+        });
+        next.map_err(|e| {
             let text = e.to_string();
             failure = Some(e);
             text
@@ -307,20 +321,41 @@ fn search(
     }
     let outcome = outcome?;
     let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
-    let end = if chosen.is_empty() { start.clone() } else { refit(&chosen)? };
+    let end = match last {
+        _ if chosen.is_empty() => start.clone(),
+        Some((before, fitted)) if before == chosen => fitted,
+        _ => {
+            progress("refit");
+            refit(&chosen, None)?
+        }
+    };
     Ok((outcome, end))
+}
+
+/// Whether the prediction is nonlinear in the effect's estimated parameters.
+fn is_nonlinear(active: &ActiveEffect) -> bool {
+    let shaped = active.entries().iter().any(|e| e.parameter.role == Role::Shape);
+    shaped || matches!(active.effect.kind(), Kind::Geometry | Kind::Encoder)
+}
+
+/// Sets the linear parameters to estimates, as far as the law allows them.
+fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
+    let entries = active.entries();
+    let linear = active.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Linear);
+    for ((value, entry), estimate) in linear.zip(coefficients) {
+        *value = estimate.value.clamp(entry.parameter.range.0, entry.parameter.range.1);
+    }
 }
 
 /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
 fn relinearised(
-    refit: &dyn Fn(&[Chosen]) -> Result<Fit, FitError>,
+    fitted: &Fit,
     traces: &[Trace],
     stated: &Problem,
     chosen: &[Chosen],
     names: &[&str],
 ) -> Result<Problem, FitError> {
-    let fitted = refit(chosen)?;
-    let mut next = Problem { y: problem::residual_series(traces, &fitted), base: Vec::new(), ..stated.clone() };
+    let mut next = Problem { y: problem::residual_series(traces, fitted), base: Vec::new(), ..stated.clone() };
     for c in chosen {
         next.candidates[c.candidate].variants[c.variant].columns.clear();
     }

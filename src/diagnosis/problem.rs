@@ -2,11 +2,11 @@
 //! it lacks.
 
 use crate::dynamics::Plant;
-use crate::effects::{self, ActiveEffect, Role};
+use crate::effects::{self, ActiveEffect, Entry, Role};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::fit::{Fit, FitError, kinematics, own_size};
 use crate::identification::prediction::Channels;
-use crate::identification::{Trace, columns};
+use crate::identification::{Trace, averaged_columns};
 use crate::model::Model;
 
 /// Samples averaged into one. Physics lives below 80 Hz, the samples come at kilohertz.
@@ -54,16 +54,25 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         .collect()
 }
 
-/// Residuals of a fit with the columns of its parameters and of the candidates.
+/// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.
 pub fn problem(
     fit: &Fit,
     traces: &[Trace],
     noise: &[f64],
     candidates: &[Vec<ActiveEffect>],
-    progress: &mut dyn FnMut(&str),
 ) -> Result<Problem, FitError> {
     let (segments, samples) = segments(traces);
-    let mut problem = Problem {
+    let (owned, columns) = linearised(&fit.model, traces, &candidates.concat())?;
+    let mut columns = columns.into_iter();
+    let mut candidate = |shapes: &Vec<ActiveEffect>| {
+        let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
+        Candidate {
+            name: shapes[0].effect.name().into(),
+            variants: shapes.iter().map(variant).collect(),
+            generic: false,
+        }
+    };
+    Ok(Problem {
         channels: traces[0]
             .channels
             .iter()
@@ -73,19 +82,9 @@ pub fn problem(
         samples,
         segments,
         y: residual_series(traces, fit),
-        base: Vec::new(),
-        candidates: Vec::new(),
-    };
-    problem.base = owned_columns(&fit.model, traces)?.into_iter().map(|o| o.column).collect();
-    for shapes in candidates {
-        progress(shapes[0].effect.name());
-        let variants = shapes
-            .iter()
-            .map(|active| Ok(Variant { label: label(active), columns: candidate(&fit.model, traces, active)? }))
-            .collect::<Result<_, FitError>>()?;
-        problem.candidates.push(Candidate { name: shapes[0].effect.name().into(), variants, generic: false });
-    }
-    Ok(problem)
+        base: owned.into_iter().map(|o| o.column).collect(),
+        candidates: candidates.iter().map(&mut candidate).collect(),
+    })
 }
 
 fn label(active: &ActiveEffect) -> String {
@@ -105,10 +104,24 @@ pub struct Owned {
 
 /// Columns of all estimated parameters of a model; what the motion does not excite at all is left out.
 pub fn owned_columns(model: &Model, traces: &[Trace]) -> Result<Vec<Owned>, FitError> {
+    Ok(linearised(model, traces, &[])?.0)
+}
+
+/// Contribution of a parameter of usual size below which it is not excited, N·m or N.
+const NOT_EXCITED: f64 = 1e-9;
+
+/// Columns of the parameters of a model, and of each candidate as if it stood in the model with the values it has.
+fn linearised(
+    model: &Model,
+    traces: &[Trace],
+    candidates: &[ActiveEffect],
+) -> Result<(Vec<Owned>, Vec<Vec<Column>>), FitError> {
     let parameters = Plant::new(model, &traces[0].setup).parameters();
-    let all = per_trace(traces, |t| columns(&Plant::new(model, &t.setup), t, None).map_err(kinematics(t)))?;
-    let channels = traces[0].channels.len();
-    Ok(parameters
+    let one = |t: &Trace| averaged_columns(&Plant::new(model, &t.setup), t, candidates, BLOCK).map_err(kinematics(t));
+    let all: Vec<Vec<Vec<Channels>>> = traces.iter().map(one).collect::<Result<_, FitError>>()?;
+    let own = all[0].len() - candidates.len();
+    let flat: Vec<Vec<&Channels>> = all.iter().map(|effects| effects[..own].iter().flatten().collect()).collect();
+    let owned = parameters
         .iter()
         .enumerate()
         .filter(|(_, p)| p.role != Role::Fixed)
@@ -117,36 +130,30 @@ pub fn owned_columns(model: &Model, traces: &[Trace]) -> Result<Vec<Owned>, FitE
             linear: (p.role == Role::Linear).then_some(p.value),
             column: Column {
                 name: p.name.clone(),
-                values: stack_column(traces, &all, k, channels),
+                values: stack(flat.iter().map(|trace| trace[k])),
                 magnitude: own_size(p),
             },
         })
         .filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED))
-        .collect())
-}
-
-/// Contribution of a parameter of usual size below which it is not excited, N·m or N.
-const NOT_EXCITED: f64 = 1e-9;
-
-/// Columns of an effect as if it stood in the model with the values it has.
-pub fn candidate(model: &Model, traces: &[Trace], active: &ActiveEffect) -> Result<Vec<Column>, FitError> {
-    let all = per_trace(traces, |t| columns(&Plant::new(model, &t.setup), t, Some(active)).map_err(kinematics(t)))?;
-    let channels = traces[0].channels.len();
-    Ok(active
-        .entries()
-        .iter()
-        .enumerate()
-        .filter(|(_, e)| e.parameter.role == Role::Linear)
-        .map(|(k, e)| Column {
+        .collect();
+    let candidate = |(j, active): (usize, &ActiveEffect)| {
+        let entries = active.entries();
+        let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
+        let column = |(k, e): (usize, &Entry)| Column {
             name: format!("{}.{}", active.effect.name(), e.name),
-            values: stack_column(traces, &all, k, channels),
+            values: stack(all.iter().map(|trace| &trace[own + j][k])),
             magnitude: WORTH_CARING * e.parameter.default.abs(),
-        })
-        .collect())
+        };
+        linear.map(column).collect()
+    };
+    let columns = candidates.iter().enumerate().map(candidate).collect();
+    Ok((owned, columns))
 }
 
-fn per_trace<T>(traces: &[Trace], f: impl Fn(&Trace) -> Result<T, FitError>) -> Result<Vec<T>, FitError> {
-    traces.iter().map(f).collect()
+/// Channel by channel, trace by trace.
+fn stack<'a>(traces: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
+    let traces: Vec<&Channels> = traces.collect();
+    (0..traces[0].len()).flat_map(|c| traces.iter().flat_map(move |t| &t[c])).copied().collect()
 }
 
 /// Averaged segments of all traces one after another, and their total length.
@@ -163,26 +170,12 @@ fn segments(traces: &[Trace]) -> (Vec<std::ops::Range<usize>>, usize) {
     (out, from)
 }
 
-fn stack_column(traces: &[Trace], all: &[Vec<Channels>], k: usize, channels: usize) -> Vec<f64> {
-    let series: Vec<&Channels> = all.iter().map(|columns| &columns[k]).collect();
-    stack_refs(traces, &series, channels)
-}
-
-/// Residuals of a fit, stacked.
+/// Residuals of a fit, stacked: channel by channel, trace by trace.
 pub fn residual_series(traces: &[Trace], fit: &Fit) -> Vec<f64> {
-    stack_refs(traces, &fit.residuals.iter().collect::<Vec<_>>(), traces[0].channels.len())
-}
-
-/// Channel by channel, trace by trace, averaged over blocks of samples.
-fn stack_refs(traces: &[Trace], all: &[&Channels], channels: usize) -> Vec<f64> {
     let mut out = Vec::new();
-    for c in 0..channels {
-        for (trace, series) in traces.iter().zip(all) {
-            for segment in &trace.segments {
-                out.extend(
-                    series[c][segment.clone()].chunks_exact(BLOCK).map(|b| b.iter().sum::<f64>() / BLOCK as f64),
-                );
-            }
+    for c in 0..traces[0].channels.len() {
+        for (trace, residuals) in traces.iter().zip(&fit.residuals) {
+            out.extend(trace.blocks(BLOCK).map(|b| residuals[c][b].iter().sum::<f64>() / BLOCK as f64));
         }
     }
     out

@@ -160,27 +160,43 @@ pub fn regressor(
     let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, channels)?;
     let columns = effects.iter().map(|a| a.values.len()).sum();
     let mut rows = DMatrix::zeros(channels.len(), columns);
-    let gravity = plant.gravity_vector();
-    let mut offset = 0;
+    let mut rest = rows.as_mut_slice();
     for (active, state) in effects.iter().zip(states) {
-        let mut add = |k: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>, sign: f64| {
-            for c in 0..channels.len() {
-                rows[(c, offset + k)] += sign * map.project(c, body, force, moment);
-            }
-        };
-        let values = active.values();
-        active.effect.inertia(&values, &plant.payload, &mut |k, body, unit| {
-            let (body, unit) = plant.carrier(body, unit);
-            let (force, moment) = inertial_wrench(&unit, &motion.bodies[body], &gravity);
-            add(k, body, &force, &moment, -1.0);
-        });
-        let at = instant(plant, active, t, motion, loads, state);
-        active.effect.forces_along(
-            &values,
-            &at,
-            &mut Wrenches::new(&mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),
-        );
-        offset += active.values.len();
+        let (own, others) = rest.split_at_mut(active.values.len() * channels.len());
+        add_regressor(plant, active, t, motion, loads, state, &map, own);
+        rest = others;
     }
     Ok(rows)
+}
+
+/// Adds the columns of one effect, column by column, to `rows`.
+pub(crate) fn add_regressor(
+    plant: &Plant,
+    active: &ActiveEffect,
+    t: f64,
+    motion: &Motion,
+    loads: &Output,
+    state: &[f64],
+    map: &ChannelMap,
+    rows: &mut [f64],
+) {
+    let channels = map.channels.len();
+    let mut add = |k: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>, sign: f64| {
+        for (c, row) in rows[k * channels..(k + 1) * channels].iter_mut().enumerate() {
+            *row += sign * map.project(c, body, force, moment);
+        }
+    };
+    let values = active.values();
+    let gravity = plant.gravity_vector();
+    active.effect.inertia(&values, &plant.payload, &mut |k, body, unit| {
+        let (body, unit) = plant.carrier(body, unit);
+        let (force, moment) = inertial_wrench(&unit, &motion.bodies[body], &gravity);
+        add(k, body, &force, &moment, -1.0);
+    });
+    let at = instant(plant, active, t, motion, loads, state);
+    active.effect.forces_along(
+        &values,
+        &at,
+        &mut Wrenches::new(&mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),
+    );
 }

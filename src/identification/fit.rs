@@ -324,6 +324,9 @@ impl<'a> Regression<'a> {
             let offset = &values - &self.prior;
             let free = estimator.step(&normal, &offset, &[]);
             let step = estimator.step(&normal, &offset, &self.at_bound(&values, &free));
+            if 0.5 * step.dot(&(&normal.information * &step)) < PROGRESS {
+                break;
+            }
             let mut damping = 1.0;
             let before = cost;
             while damping > 1e-3 {

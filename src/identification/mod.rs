@@ -24,6 +24,6 @@ pub use data::{Data, DataArgs};
 pub use derivatives::Method;
 pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use payload::{PayloadFit, identify_payload};
-pub use prediction::{columns, predict};
+pub use prediction::{averaged_columns, columns, predict};
 pub use swapped::swapped;
 pub use trace::Trace;

@@ -9,6 +9,8 @@
 //!
 //! Own states of force laws are integrated along the measured motion.
 
+mod averaged;
+
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -20,6 +22,8 @@ use crate::effects::{ActiveEffect, Entry, GearSpring, Instant, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::AXES;
 use crate::recording::Signals;
+
+pub use averaged::averaged_columns;
 
 /// Series of every channel, in the order of the trace's channels.
 pub type Channels = Vec<Vec<f64>>;

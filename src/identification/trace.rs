@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::derivatives::{Angles, Method};
+use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Channel;
 use crate::kinematics::JointState;
 use crate::model::{AXES, Model, Part, STRUTS};
@@ -97,6 +98,36 @@ impl Trace {
             segments: self.segments.iter().filter_map(clip).collect(),
             dt: self.dt,
             half_width: self.half_width,
+        }
+    }
+
+    /// Consecutive blocks of `block` samples; what is left of a segment at its end is in none.
+    pub fn blocks(&self, block: usize) -> impl Iterator<Item = Range<usize>> {
+        let whole = self.segments.iter().filter(move |s| s.len() >= block);
+        whole.flat_map(move |s| (s.start..=s.end - block).step_by(block)).map(move |k| k..k + block)
+    }
+
+    /// The joint motion at the middle of blocks of `block` samples, the channels averaged over them.
+    pub fn averaged(&self, block: usize) -> Self {
+        let blocks: Vec<Range<usize>> = self.blocks(block).collect();
+        let middle = |b: &Range<usize>| b.start + block / 2;
+        let mean = |m: &Vec<f64>, b: &Range<usize>| m[b.clone()].iter().sum::<f64>() / block as f64;
+        let mut end = 0;
+        let segments = self.segments.iter().filter(|s| s.len() >= block).map(|s| {
+            let start = end;
+            end += s.len() / block;
+            start..end
+        });
+        Self {
+            name: self.name.clone(),
+            setup: self.setup,
+            t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
+            joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
+            channels: self.channels.clone(),
+            measured: self.measured.iter().map(|m| blocks.iter().map(|b| mean(m, b)).collect()).collect(),
+            segments: segments.collect(),
+            dt: block as f64 * self.dt,
+            half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),
         }
     }
 

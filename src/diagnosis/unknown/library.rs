@@ -78,8 +78,7 @@ const SPEEDS: &[&[&str]] = &[&["-tanh(&/#)"], &["-tanh(50*&)*exp(-abs(&)/#)"]];
 const WAVES: &[&[&str]] = &[&["sin(#*@)", "cos(#*@)"]];
 
 /// Laws with a slow wave number.
-const SLOW_WAVES: &[&[&str]] =
-    &[&["&*sin(#*@)", "&*cos(#*@)"], &["tanh(50*&)*sin(#*@)", "tanh(50*&)*cos(#*@)"]];
+const SLOW_WAVES: &[&[&str]] = &[&["&*sin(#*@)", "&*cos(#*@)"], &["tanh(50*&)*sin(#*@)", "tanh(50*&)*cos(#*@)"]];
 
 /// Laws with a place along the coordinate, a tenth of its travel wide, or beyond it.
 const PLACES: &[&[&str]] = &[&["-tanh(50*&)*max(0,@-#)"], &["-tanh(50*&)*max(0,#-@)"], &["max(0,@-#)"]];

@@ -120,7 +120,11 @@ impl<'a> Ground<'a> {
     /// Inner product of a column with a vector over all channels.
     fn product(&self, place: usize, column: &[f64], whole: &[f64]) -> f64 {
         let n = self.instants.len();
-        self.acting[place].iter().zip(column.chunks_exact(n)).map(|(&c, part)| dot(part, &whole[c * n..(c + 1) * n])).sum()
+        self.acting[place]
+            .iter()
+            .zip(column.chunks_exact(n))
+            .map(|(&c, part)| dot(part, &whole[c * n..(c + 1) * n]))
+            .sum()
     }
 
     /// A column over all channels, outside the basis.
@@ -222,7 +226,8 @@ fn screened<'a>(ground: &Ground, atom: &'a Atom) -> Option<Screened<'a>> {
         return None;
     }
     let m = columns.len();
-    let shares = DMatrix::from_fn(ground.basis.len(), m, |i, j| ground.product(atom.place, &columns[j], &ground.basis[i]));
+    let shares =
+        DMatrix::from_fn(ground.basis.len(), m, |i, j| ground.product(atom.place, &columns[j], &ground.basis[i]));
     let own = DMatrix::from_fn(m, m, |i, j| dot(&columns[i], &columns[j]));
     let gram = &own - shares.tr_mul(&shares);
     let visible = (0..m).all(|i| gram[(i, i)] > 1e-4 * own[(i, i)] && own[(i, i)] > 0.0);
@@ -321,7 +326,11 @@ impl State {
             let x = if left { middle - 0.382 * (middle - low) } else { middle + 0.382 * (high - middle) };
             match at(Some(x)) {
                 Some(next) if next.gain > best.gain => {
-                    if left { high = middle } else { low = middle }
+                    if left {
+                        high = middle
+                    } else {
+                        low = middle
+                    }
                     (middle, best) = (x, next);
                 }
                 _ if left => low = x,

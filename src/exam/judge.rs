@@ -1,0 +1,198 @@
+//! What the diagnosis says about a campaign, and whether it is right.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::folder::Truth;
+use crate::diagnosis::{self, Diagnosis, diagnose};
+use crate::effects;
+use crate::identification::Trace;
+use crate::model::Model;
+use crate::recording::Recording;
+
+/// A set of effects that cannot be told apart names nothing if it is larger.
+pub const LARGEST_SET: usize = 3;
+/// Claimed probability from which a wrong name is confidently wrong.
+pub const CONFIDENT: f64 = 0.9;
+
+/// What the diagnosis said.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// `none`, `effect`, `several`, `ambiguous` or `unknown`.
+    pub verdict: String,
+    /// Effects in the order named.
+    pub effects: Vec<Named>,
+    /// Sets that the data cannot tell apart.
+    pub indistinguishable: Vec<Vec<String>>,
+    /// Channels of the following arrays.
+    pub channels: Vec<String>,
+    /// RMS residual of the refitted model on the held-out motion.
+    pub rms_before: Vec<f64>,
+    /// The same with what was found.
+    pub rms_after: Vec<f64>,
+    /// Standard deviation of the sensor noise.
+    pub noise_floor: Vec<f64>,
+    /// Time the diagnosis took, derivatives included, s.
+    pub seconds: f64,
+    /// Why there is no answer.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub failure: Option<String>,
+}
+
+/// An effect that was named.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Named {
+    /// Its name.
+    pub name: String,
+    /// Claimed probability.
+    pub probability: f64,
+    /// Share of the explainable error it explains.
+    pub explained: f64,
+    /// Value and standard error of its parameters.
+    pub parameters: BTreeMap<String, (f64, Option<f64>)>,
+}
+
+/// Asks the diagnosis which effect `model` lacks.
+pub fn judge(model: &Model, measurement: &Recording, validation: &Recording) -> Answer {
+    let start = Instant::now();
+    let (trace, held_out) = (Trace::new(measurement), Trace::new(validation));
+    let result = diagnose(model, &[trace], &[held_out], &mut |_| {});
+    let seconds = start.elapsed().as_secs_f64();
+    match result {
+        Ok(diagnosis) => Answer { seconds, ..Answer::from(&diagnosis) },
+        Err(e) => Answer { verdict: "failed".into(), failure: Some(e.to_string()), seconds, ..Answer::default() },
+    }
+}
+
+impl From<&Diagnosis> for Answer {
+    fn from(d: &Diagnosis) -> Self {
+        let named = |e: &diagnosis::Named| Named {
+            name: e.name.clone(),
+            probability: e.probability,
+            explained: e.explained,
+            parameters: e
+                .parameters
+                .iter()
+                .map(|p| (p.name.clone(), (p.value, Some(p.std).filter(|s| s.is_finite()))))
+                .collect(),
+        };
+        Self {
+            verdict: d.verdict.to_string(),
+            effects: d.effects.iter().map(named).collect(),
+            indistinguishable: d.indistinguishable.clone(),
+            channels: d.channels.iter().map(ToString::to_string).collect(),
+            rms_before: d.rms_before.clone(),
+            rms_after: d.rms_after.clone(),
+            noise_floor: d.noise_floor.clone(),
+            ..Self::default()
+        }
+    }
+}
+
+impl Answer {
+    /// Largest held-out RMS residual with what was found over the noise.
+    pub fn held_out_ratio(&self) -> Option<f64> {
+        let ratios = self.rms_after.iter().zip(&self.noise_floor).map(|(r, f)| r / f);
+        ratios.fold(None, |worst, r| Some(worst.map_or(r, |w: f64| w.max(r))))
+    }
+
+    /// Whether `name` was named at place `place`, alone or in a set small enough to mean something.
+    fn names(&self, name: &str) -> bool {
+        self.effects.iter().any(|e| e.name == name) || self.in_small_set(name)
+    }
+
+    fn in_small_set(&self, name: &str) -> bool {
+        self.indistinguishable.iter().any(|set| set.len() <= LARGEST_SET && set.iter().any(|n| n == name))
+    }
+}
+
+/// How good an answer is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Grade {
+    /// The truth: its effect first or in a set of at most three; `none` of nothing; `unknown` of what is outside the library.
+    Right,
+    /// One of two effects.
+    Half,
+    /// Nothing was named although something is hidden.
+    Missed,
+    /// Something else was named.
+    Wrong,
+    /// Something else was named alone with a probability of 0.9 or more.
+    ConfidentlyWrong,
+    /// There was no answer.
+    Failed,
+}
+
+/// What kind of question a truth is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Question {
+    /// Nothing is hidden.
+    Nothing,
+    /// One effect of the library.
+    One,
+    /// Two or more of them.
+    Several,
+    /// Something that is not in the library.
+    Outside,
+}
+
+impl Question {
+    /// Of a truth.
+    pub fn of(truth: &Truth) -> Self {
+        let known = |name: &String| name != FORMULA && effects::find(name).is_some();
+        match truth.effects.len() {
+            0 => Self::Nothing,
+            _ if !truth.effects.iter().all(known) => Self::Outside,
+            1 => Self::One,
+            _ => Self::Several,
+        }
+    }
+}
+
+/// The effect through which campaigns hide what is outside the library.
+const FORMULA: &str = "formula";
+
+impl Grade {
+    /// Grades an answer.
+    pub fn of(truth: &Truth, answer: &Answer) -> Self {
+        if answer.failure.is_some() {
+            return Self::Failed;
+        }
+        let wrong = || {
+            let certain = answer.indistinguishable.is_empty()
+                && answer.verdict != "unknown"
+                && answer.effects.first().is_some_and(|e| e.probability >= CONFIDENT);
+            if certain { Self::ConfidentlyWrong } else { Self::Wrong }
+        };
+        let named_nothing = answer.verdict == "none" || (answer.verdict == "unknown" && answer.effects.is_empty());
+        match Question::of(truth) {
+            Question::Nothing if answer.verdict == "none" => Self::Right,
+            Question::Nothing => wrong(),
+            Question::Outside if answer.verdict == "unknown" => Self::Right,
+            Question::Outside if answer.verdict == "none" => Self::Missed,
+            Question::Outside => wrong(),
+            Question::One => {
+                let name = &truth.effects[0];
+                let first = answer.effects.first().is_some_and(|e| e.name == *name);
+                match named_nothing {
+                    true => Self::Missed,
+                    false if first || answer.in_small_set(name) => Self::Right,
+                    false => wrong(),
+                }
+            }
+            Question::Several => {
+                let found = truth.effects.iter().filter(|n| answer.names(n)).count();
+                match found {
+                    _ if named_nothing => Self::Missed,
+                    0 => wrong(),
+                    n if n == truth.effects.len() => Self::Right,
+                    _ => Self::Half,
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! Columns averaged over short blocks of samples, for many effects in one pass over the motion.
+//!
+//! Force laws and inertia are evaluated at every sample, as friction jumps within a block. What acts through a whole
+//! prediction is differenced: at the blocks' middle samples where the difference is smooth (lengths, offsets), at every
+//! sample where it follows the jumps of friction (sensors, deflections of gears).
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::{
+    Channels, OwnStates, difference, gear_springs, ideal, motions, observe, own_states, predict, shaped, weighted, with,
+};
+use crate::dynamics::{ChannelMap, Output, Plant, add_regressor, inverse_dynamics};
+use crate::effects::{ActiveEffect, Kind, Role};
+use crate::identification::Trace;
+use crate::kinematics::{KinematicsError, Motion};
+
+/// Blocks handled together.
+const CHUNK: usize = 64;
+
+/// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over `block`
+/// samples. The plant's effects come first, `rigid_bodies` before all; shape parameters of candidates have zero columns.
+pub fn averaged_columns(
+    plant: &Plant,
+    trace: &Trace,
+    candidates: &[ActiveEffect],
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let motions = motions(plant, trace)?;
+    let rigid = plant.rigid_bodies();
+    let own: Vec<&ActiveEffect> = std::iter::once(&rigid).chain(&plant.effects).collect();
+    let all: Vec<&ActiveEffect> = own.iter().copied().chain(candidates).collect();
+    let moved: Vec<ActiveEffect> = own.iter().flat_map(|a| shaped(a)).collect();
+    let along: Vec<&ActiveEffect> = all.iter().copied().chain(&moved).collect();
+    let mut linear = linear(plant, &along, trace, &motions, block)?;
+    drop(motions);
+    let mut moved = linear.split_off(all.len()).into_iter();
+    let middle = trace.averaged(block);
+    let plain = predict(plant, &middle)?;
+    let mut every: Option<[Channels; 2]> = None;
+    let mut at_every_sample = || -> Result<[Channels; 2], KinematicsError> {
+        if every.is_none() {
+            let unobserved = ideal(plant, trace, &super::motions(plant, trace)?)?;
+            let mut plain = unobserved.clone();
+            observe(plant, trace, &mut plain);
+            every = Some([unobserved, plain]);
+        }
+        Ok(every.clone().unwrap_or_default())
+    };
+    for (at, active) in all.iter().enumerate() {
+        let is_candidate = at >= own.len();
+        let kind = active.effect.kind();
+        for (k, entry) in active.entries().iter().enumerate() {
+            let step = difference(entry);
+            let slope = |there: &Channels, here: &Channels| -> Channels {
+                let one = |(t, h): (&Vec<f64>, &Vec<f64>)| t.iter().zip(h).map(|(t, h)| (t - h) / step).collect();
+                there.iter().zip(here).map(one).collect()
+            };
+            let changed = || with(plant, active, Some((k, step)), is_candidate);
+            linear[at][k] = match (kind, entry.parameter.role) {
+                (_, Role::Fixed) => continue,
+                (_, Role::Shape) if is_candidate => continue,
+                (Kind::Sensor, _) => {
+                    let [mut seen, here] = at_every_sample()?;
+                    observe(&changed(), trace, &mut seen);
+                    mean(&slope(&seen, &here), trace, block)
+                }
+                (Kind::Encoder, _) if gear_springs(&changed()).is_some() => {
+                    let [_, here] = at_every_sample()?;
+                    mean(&slope(&predict(&changed(), trace)?, &here), trace, block)
+                }
+                (Kind::Geometry | Kind::Encoder, _) => slope(&predict(&changed(), &middle)?, &plain),
+                (Kind::Inertia | Kind::Force, Role::Linear) => continue,
+                (Kind::Inertia | Kind::Force, Role::Shape) => {
+                    let columns = moved.next().expect("one copy per shape parameter");
+                    let mut values = active.values.clone();
+                    values[k] += step;
+                    slope(&weighted(&columns, &values), &weighted(&linear[at], &active.values))
+                }
+            };
+        }
+    }
+    Ok(linear)
+}
+
+fn mean(series: &Channels, trace: &Trace, block: usize) -> Channels {
+    let one = |x: &Vec<f64>| trace.blocks(block).map(|b| x[b].iter().sum::<f64>() / block as f64).collect();
+    series.iter().map(one).collect()
+}
+
+/// Columns of the linear parameters; zero for all others.
+fn linear(
+    plant: &Plant,
+    effects: &[&ActiveEffect],
+    trace: &Trace,
+    motions: &[Motion],
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let states: Vec<OwnStates> = effects.par_iter().map(|a| own_states(plant, &[*a], trace, motions)).collect();
+    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let plant_states = own_states(plant, &plant_effects, trace, motions);
+    let reads_reactions = effects.iter().any(|a| a.effect.reads_reactions());
+    let reads = reads_reactions || effects.iter().any(|a| a.effect.reads_torque());
+    let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
+    let total: usize = widths.iter().sum();
+    let channels = trace.channels.len();
+    let blocks: Vec<Range<usize>> = trace.blocks(block).collect();
+    let sum = |range: &Range<usize>, out: &mut [f64]| {
+        for k in range.clone() {
+            let loads = if reads {
+                let own = super::slices(&plant_states, k, plant.effects.len());
+                inverse_dynamics(plant, trace.t[k], &motions[k], &own, reads_reactions)?
+            } else {
+                Output::default()
+            };
+            let map = ChannelMap::new(&plant.geometry, &motions[k], plant.assembled, &trace.channels)?;
+            let mut at = 0;
+            for ((active, states), width) in effects.iter().zip(&states).zip(&widths) {
+                let state: &[f64] = if states.is_empty() { &[] } else { &states[k][0] };
+                let rows = &mut out[at * channels..(at + width) * channels];
+                add_regressor(plant, active, trace.t[k], &motions[k], &loads, state, &map, rows);
+                at += width;
+            }
+        }
+        Ok(())
+    };
+    // Chunks keep the transposition from rows to series in the cache.
+    let chunks: Vec<Vec<f64>> = blocks
+        .par_chunks(CHUNK)
+        .map(|chunk| {
+            let mut rows = vec![0.0; chunk.len() * total * channels];
+            for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
+                sum(range, row)?;
+            }
+            Ok(rows)
+        })
+        .collect::<Result<_, KinematicsError>>()?;
+    let series = |column: usize, c: usize| -> Vec<f64> {
+        let mut out = Vec::with_capacity(blocks.len());
+        for rows in &chunks {
+            out.extend(rows.chunks_exact(total * channels).map(|row| row[column * channels + c] / block as f64));
+        }
+        out
+    };
+    let mut columns: Vec<Channels> =
+        (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
+    if plant.observes() {
+        let middle = trace.averaged(block);
+        let mut zero: Channels = vec![vec![0.0; blocks.len()]; channels];
+        observe(plant, &middle, &mut zero);
+        columns.par_iter_mut().for_each(|column| {
+            observe(plant, &middle, column);
+            for (x, z) in column.iter_mut().flatten().zip(zero.iter().flatten()) {
+                *x -= z;
+            }
+        });
+    }
+    let mut columns = columns.into_iter();
+    Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::Channel;
+    use crate::effects::{REGISTRY, rigid_bodies};
+    use crate::identification::prediction::columns;
+    use crate::kinematics::JointState;
+    use crate::recording::Setup;
+
+    const DT: f64 = 4e-4;
+    const BLOCK: usize = 5;
+
+    /// 0.8 s of all axes below 3 Hz, in two segments with odd ends.
+    fn trace() -> Trace {
+        let at = |k: usize| {
+            let t = k as f64 * DT;
+            let wave = |i: usize| (0.2 + 0.1 * i as f64, 11.0 + 3.0 * i as f64);
+            JointState {
+                q: std::array::from_fn(|i| wave(i).0 * (wave(i).1 * t).sin()),
+                qd: std::array::from_fn(|i| wave(i).0 * wave(i).1 * (wave(i).1 * t).cos()),
+                qdd: std::array::from_fn(|i| -wave(i).0 * wave(i).1.powi(2) * (wave(i).1 * t).sin()),
+            }
+        };
+        Trace {
+            name: "made".into(),
+            setup: Setup::default(),
+            t: (0..2003).map(|k| k as f64 * DT).collect(),
+            joints: (0..2003).map(at).collect(),
+            channels: Channel::TORQUES.into_iter().chain([Channel::StrutUpper(0)]).collect(),
+            measured: vec![(0..2003).map(f64::from).collect(); 5],
+            segments: vec![0..1001, 1001..2003],
+            dt: DT,
+            half_width: [10; 4],
+        }
+    }
+
+    #[test]
+    fn blocks_keep_to_segments() {
+        let middle = trace().averaged(BLOCK);
+        assert_eq!(middle.segments, vec![0..200, 200..400]);
+        assert_eq!(middle.len(), 400);
+        assert_eq!(middle.measured[0][199..201], [997.0, 1003.0]);
+        approx::assert_relative_eq!(middle.t[200], 1003.0 * DT);
+        assert_eq!(middle.half_width, [3; 4]);
+    }
+
+    /// Force laws to rounding; differences at the middle differ from the mean over a block by c̈·(5·dt)²/24, and by
+    /// friction that jumps in between.
+    #[test]
+    fn averages_of_the_columns() {
+        let model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let trace = trace();
+        let plant = Plant::new(&model, &trace.setup);
+        let known = |e: &&&'static dyn crate::effects::Effect| {
+            e.name() != rigid_bodies::NAME
+                && e.identifiable()
+                && model.effects.iter().all(|a| a.effect.name() != e.name())
+        };
+        let candidates: Vec<ActiveEffect> =
+            REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(*e, model.host())).collect();
+        let all = averaged_columns(&plant, &trace, &candidates, BLOCK).unwrap();
+        let mut expected = vec![columns(&plant, &trace, None).unwrap()];
+        expected.extend(candidates.iter().map(|c| columns(&plant, &trace, Some(c)).unwrap()));
+        let own = all.len() - candidates.len();
+        let flat: Vec<&Channels> = all[..own].iter().flatten().collect();
+        assert_eq!(flat.len(), expected[0].len());
+        for (j, expected) in expected.iter().enumerate() {
+            let got: Vec<&Channels> = if j == 0 { flat.clone() } else { all[own + j - 1].iter().collect() };
+            let active = j.checked_sub(1).map(|j| &candidates[j]);
+            let smooth = active.is_some_and(|a| a.effect.kind().acts_on_the_whole());
+            let shape = |k: usize| active.is_some_and(|a| a.entries()[k].parameter.role == Role::Shape);
+            for (k, (got, expected)) in got.iter().zip(expected).enumerate().filter(|(k, _)| !shape(*k)) {
+                let (mut error, mut size) = (0.0, 0.0);
+                for (got, expected) in got.iter().zip(expected) {
+                    for (x, b) in got.iter().zip(trace.blocks(BLOCK)) {
+                        let mean = expected[b].iter().sum::<f64>() / BLOCK as f64;
+                        error += (x - mean) * (x - mean);
+                        size += mean * mean;
+                    }
+                }
+                let limit: f64 = if smooth { 0.05 } else { 1e-9 };
+                let name = active.map_or("own", |a| a.effect.name());
+                assert!(error <= limit * limit * size, "{name} {k}: {:.1e}", (error / size).sqrt());
+            }
+        }
+    }
+}
