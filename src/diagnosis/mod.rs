@@ -16,6 +16,7 @@ use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals
 use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
 use crate::model::Model;
+pub use unknown::Unexplained;
 
 /// Why a diagnosis cannot be made.
 #[derive(Debug, Error)]
@@ -114,7 +115,9 @@ pub struct Diagnosis {
     pub unseen: Vec<String>,
     /// What to measure to tell the members of a set apart.
     pub next_experiment: Option<String>,
-    /// The refitted model with the found effects.
+    /// What no known effect explains, for [`Verdict::Unknown`].
+    pub unexplained: Option<Unexplained>,
+    /// The refitted model with the found effects, and with a formula for what they do not explain.
     pub model: Model,
 }
 
@@ -252,8 +255,8 @@ pub fn diagnose(
         .filter(|set| set.len() > 1)
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
-    let next_experiment = next_experiment(verdict, &indistinguishable);
-    Ok(Diagnosis {
+    let unexplained = unknown::explain(&start.model, &end.model, effects.len(), (traces, held_out), &noise, progress)?;
+    let mut diagnosis = Diagnosis {
         verdict,
         channels: traces[0].channels.clone(),
         noise_floor,
@@ -263,9 +266,34 @@ pub fn diagnose(
         candidates: reports,
         indistinguishable,
         unseen,
-        next_experiment,
+        next_experiment: None,
+        unexplained: None,
         model: end.model,
-    })
+    };
+    if let Some(found) = unexplained {
+        diagnosis.doubt(found);
+    }
+    diagnosis.next_experiment = next_experiment(diagnosis.verdict, &diagnosis.indistinguishable);
+    Ok(diagnosis)
+}
+
+impl Diagnosis {
+    /// A law that no known effect has explains more than the named ones: they stay only where they add to it.
+    fn doubt(&mut self, found: Unexplained) {
+        self.verdict = Verdict::Unknown;
+        if !found.beside_named {
+            self.effects.clear();
+            self.indistinguishable.clear();
+        }
+        self.rms_after.clone_from(&found.rms);
+        self.model = found.fit.model.clone();
+        self.unexplained = Some(found);
+    }
+
+    /// Share of the explainable error, on the data judged by, that goes with everything that was found.
+    pub fn explained(&self) -> f64 {
+        explained(&self.rms_before, &self.rms_before, &self.rms_after, &self.noise_floor)
+    }
 }
 
 fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {

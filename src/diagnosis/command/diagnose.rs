@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use miette::IntoDiagnostic;
 use serde_json::{Map, Value, json};
 
+use super::unexplained;
 use crate::diagnosis::{CandidateReport, Diagnosis, Named, Verdict, diagnose};
 use crate::identification::{Data, DataArgs};
 use crate::model::Model;
 use crate::terminal::{
     DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
+    write_figure,
 };
 
 /// Find the physical effect that a model lacks.
@@ -23,6 +25,9 @@ pub struct Args {
     /// Model file to write: refitted, with the effects that were found.
     #[arg(short, long, value_name = "MODEL2")]
     pub output: Option<PathBuf>,
+    /// Figure to write: what acts where no known effect explains it.
+    #[arg(long, value_name = "SVG")]
+    pub figure: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -45,6 +50,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let answer = answer.into_diagnostic()?;
     if let Some(output) = &args.output {
         crate::identification::command::write(&answer.model, output)?;
+    }
+    if let (Some(path), Some(u)) = (&args.figure, &answer.unexplained) {
+        let figure = u.shape.figure(&format!("What acts on {}", u.location), u.unit);
+        write_figure(path, &figure)?;
     }
     if args.json { say(json(&answer, args)) } else { print(&answer, args) }?;
     Ok(DONE)
@@ -80,6 +89,10 @@ fn json(d: &Diagnosis, args: &Args) -> Value {
     object.insert("indistinguishable".into(), json!(d.indistinguishable));
     object.insert("unseen".into(), json!(d.unseen));
     object.insert("next_experiment".into(), json!(d.next_experiment));
+    object.insert(
+        "unexplained".into(),
+        d.unexplained.as_ref().map_or(Value::Null, |u| unexplained::json(u, d.explained())),
+    );
     object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
     Value::Object(object)
 }
@@ -104,6 +117,9 @@ fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
             table.row([format!("  {}", p.name), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
         }
         say(table)?;
+    }
+    if let Some(u) = &d.unexplained {
+        unexplained::print(u, d.explained())?;
     }
     let series = [
         ("before", Some(&d.rms_before[..])),

@@ -1,5 +1,7 @@
 //! Laws that may act somewhere on a machine: short expressions with inner numbers on grids.
 
+use rayon::prelude::*;
+
 use crate::effects::formula::{Expression, Place, Variable};
 
 /// A group of terms that enter together, such as sine and cosine.
@@ -160,6 +162,50 @@ pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
                 builder.with("s", "sd", "qd4", CROSS);
                 builder.with("s", "sd", "z", &OTHERS[..2]);
             }
+        }
+    }
+    atoms
+}
+
+/// Highest frequency of a disturbance in time that is looked for, Hz.
+const FASTEST_HUM: f64 = 60.0;
+/// Disturbances in time tried per drive.
+const HUMS: usize = 3;
+
+/// Disturbances in time at the strongest lines of each drive's residual, whose channels are the first of the sight.
+pub fn hums(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
+    let mut atoms = Vec::new();
+    let duration = t.last().zip(t.first()).map_or(0.0, |(last, first)| last - first);
+    if duration <= 0.0 {
+        return atoms;
+    }
+    let stride = ((t.len() as f64 / duration / (3.0 * FASTEST_HUM)) as usize).max(1);
+    let line = 1.0 / duration;
+    for (place, series) in places.iter().enumerate().filter_map(|(k, p)| match p {
+        Place::Drive(i) => Some((k, residual.get(*i)?)),
+        _ => None,
+    }) {
+        let lines: Vec<f64> = (2..).map(|k| 0.5 * line * f64::from(k)).take_while(|f| *f < FASTEST_HUM).collect();
+        let power: Vec<f64> = lines
+            .par_iter()
+            .map(|f| {
+                let mut sum = (0.0, 0.0);
+                for (x, t) in series.iter().zip(t).step_by(stride) {
+                    let (s, c) = (std::f64::consts::TAU * f * t).sin_cos();
+                    sum = (sum.0 + x * s, sum.1 + x * c);
+                }
+                sum.0 * sum.0 + sum.1 * sum.1
+            })
+            .collect();
+        let mut order: Vec<usize> = (1..lines.len().saturating_sub(1))
+            .filter(|&k| power[k] > power[k - 1] && power[k] >= power[k + 1])
+            .collect();
+        order.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
+        for f in order.into_iter().take(HUMS).map(|k| lines[k]) {
+            let turn = std::f64::consts::TAU;
+            let number = Number { value: turn * f, range: (turn * (f - 0.5 * line), turn * (f + 0.5 * line)) };
+            let laws = vec!["sin(#*t)".to_string(), "cos(#*t)".to_string()];
+            atoms.push(Atom { place, laws, number: Some(number) });
         }
     }
     atoms

@@ -13,11 +13,13 @@ use super::library::{Atom, Number};
 use crate::effects::formula::{Expression, Variable};
 
 /// Instants used to screen the library.
-const SCREENED: usize = 4000;
+const SCREENED: usize = 3500;
 /// Laws tried per step, best on the data to find with first.
 const TRIED: usize = 4;
 /// Most laws of one formula.
 pub const MOST: usize = 6;
+/// Golden sections of the search for an inner number.
+const REFINEMENTS: usize = 14;
 /// Blocks of time that judge a gain.
 const BLOCKS: usize = 40;
 /// Student's t of the gain over the blocks that a law needs.
@@ -27,6 +29,8 @@ const WORTH: f64 = 0.02;
 /// Energy per instant, in units of the noise of an instant's channel, that a law must explain: a tenth of the noise of a
 /// raw sample.
 const RELEVANT: f64 = 0.03;
+/// Share of the gain below which a term is left out.
+const NEGLIGIBLE: f64 = 0.004;
 /// Gain on the data to find with, relative to the best, at which the simpler law is taken.
 const AS_GOOD: f64 = 0.985;
 /// Directions of the base below this share of a unit column are collinear.
@@ -52,8 +56,6 @@ pub struct Formulation {
     pub before: Vec<f64>,
     /// The same after.
     pub after: Vec<f64>,
-    /// Gain of each step: energy on the data to judge by.
-    pub gains: Vec<f64>,
 }
 
 impl Formulation {
@@ -281,19 +283,18 @@ impl State {
             .map(|(i, s)| (self.screened_gain(ground, s), i))
             .collect();
         order.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut tried: Vec<&[String]> = Vec::new();
-        let mut refined = Vec::new();
-        for (gain, i) in order {
+        let mut tried: Vec<&Atom> = Vec::new();
+        for (_, i) in order.into_iter().take_while(|(gain, _)| *gain > 0.0) {
             let atom = pursuit.screened[i].atom;
-            let seen = tried.iter().filter(|laws| **laws == atom.laws).count();
-            if tried.len() == 2 * TRIED || gain <= 0.0 {
+            if tried.len() == 2 * TRIED {
                 break;
             }
-            if seen == 0 {
-                tried.push(&atom.laws);
-                refined.extend(self.refined(pursuit, atom));
+            if tried.iter().all(|t| t.laws != atom.laws) {
+                tried.push(atom);
             }
         }
+        let refine = |atom: &&Atom| self.candidate(pursuit, atom, self.refined(ground, atom));
+        let mut refined: Vec<Candidate> = tried.par_iter().filter_map(refine).collect();
         refined.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         // Of laws that are about as good, the simplest.
         if let Some(best) = refined.first().map(|r| r.gain) {
@@ -315,32 +316,44 @@ impl State {
         taken(&gram, &DVector::from_fn(m, |i, _| product(i, &self.screen_residual)))
     }
 
-    /// The atom with its inner number at its best, and what it would take from the data to find with.
-    fn refined(&self, pursuit: &Pursuit, atom: &Atom) -> Option<Candidate> {
-        let at = |number: Option<f64>| self.candidate(&pursuit.find, atom, number);
-        let Some(Number { value, range: (low, high) }) = atom.number else { return at(None) };
-        let mut best = at(Some(value))?;
-        let (mut low, mut high, mut middle) = (low, high, value);
-        for _ in 0..14 {
+    /// The inner number of an atom at its best on the screened data, by golden section between its neighbours.
+    fn refined(&self, ground: &Ground, atom: &Atom) -> Option<f64> {
+        let Number { value, range: (mut low, mut high) } = atom.number?;
+        let gain = |number: f64| {
+            let columns =
+                atom.parsed(Some(number)).iter().map(|law| self.outside(ground, atom.place, law)).collect::<Vec<_>>();
+            let m = columns.len();
+            let gram = DMatrix::from_fn(m, m, |i, j| dot(&columns[i], &columns[j]));
+            taken(&gram, &DVector::from_fn(m, |i, _| dot(&columns[i], &self.screen_residual)))
+        };
+        let (mut middle, mut best) = (value, gain(value));
+        for _ in 0..REFINEMENTS {
             let left = middle - low > high - middle;
             let x = if left { middle - 0.382 * (middle - low) } else { middle + 0.382 * (high - middle) };
-            match at(Some(x)) {
-                Some(next) if next.gain > best.gain => {
-                    if left {
-                        high = middle
-                    } else {
-                        low = middle
-                    }
-                    (middle, best) = (x, next);
-                }
-                _ if left => low = x,
-                _ => high = x,
+            let next = gain(x);
+            match (next > best, left) {
+                (true, true) => (high, middle, best) = (middle, x, next),
+                (true, false) => (low, middle, best) = (middle, x, next),
+                (false, true) => low = x,
+                (false, false) => high = x,
             }
         }
-        Some(best)
+        Some(middle)
     }
 
-    fn candidate(&self, ground: &Ground, atom: &Atom, number: Option<f64>) -> Option<Candidate> {
+    /// A law's column on the screened data outside the basis and the laws chosen.
+    fn outside(&self, ground: &Ground, place: usize, law: &Expression) -> Vec<f64> {
+        let mut column = ground.outside(place, &ground.column(place, &ground.values(law)));
+        for q in &self.screen {
+            let share = dot(q, &column);
+            add(&mut column, -share, q);
+        }
+        column
+    }
+
+    /// The atom with all coefficients estimated on the data to find with.
+    fn candidate(&self, pursuit: &Pursuit, atom: &Atom, number: Option<f64>) -> Option<Candidate> {
+        let ground = &pursuit.find;
         let laws = atom.parsed(number);
         let mut columns = Vec::new();
         for law in &laws {
@@ -386,12 +399,7 @@ impl State {
         self.find.extend(candidate.columns);
         self.coefficients = candidate.coefficients;
         for law in candidate.laws {
-            let screen = &pursuit.screen;
-            let mut column = screen.outside(candidate.place, &screen.column(candidate.place, &screen.values(&law)));
-            for q in &self.screen {
-                let share = dot(q, &column);
-                add(&mut column, -share, q);
-            }
+            let mut column = self.outside(&pursuit.screen, candidate.place, &law);
             let size = dot(&column, &column).sqrt();
             if size > 0.0 {
                 column.iter_mut().for_each(|x| *x /= size);
@@ -404,12 +412,39 @@ impl State {
         true
     }
 
-    fn done(self, pursuit: &Pursuit) -> Formulation {
+    /// Drops terms that add next to nothing, such as the cosine of a pure sine.
+    fn prune(&mut self, pursuit: &Pursuit) {
+        let total = dot(&pursuit.find.residual, &pursuit.find.residual) - dot(&self.find_left, &self.find_left);
+        let energy = |i: usize| self.coefficients[i].powi(2) * dot(&self.find[i], &self.find[i]);
+        let keep: Vec<bool> = (0..self.chosen.len()).map(|i| energy(i) > NEGLIGIBLE * total).collect();
+        if keep.iter().all(|k| *k) || !keep.contains(&true) {
+            return;
+        }
+        let mut kept = keep.iter();
+        self.chosen.retain(|_| *kept.next().unwrap_or(&true));
+        let pick = |all: &mut Vec<Vec<f64>>| {
+            let mut kept = keep.iter();
+            all.retain(|_| *kept.next().unwrap_or(&true));
+        };
+        pick(&mut self.find);
+        pick(&mut self.judge);
+        let columns: Vec<&Vec<f64>> = self.find.iter().collect();
+        if let Some((coefficients, left)) = least_squares(&columns, &pursuit.find.residual) {
+            self.find_left = left;
+            self.judge_left.clone_from(&pursuit.judge.residual);
+            for (column, c) in self.judge.iter().zip(coefficients.iter()) {
+                add(&mut self.judge_left, -c, column);
+            }
+            self.coefficients = coefficients;
+        }
+    }
+
+    fn done(mut self, pursuit: &Pursuit) -> Formulation {
+        self.prune(pursuit);
         let term = |((place, law), c): ((usize, Expression), &f64)| Found { place, law, coefficient: *c };
         Formulation {
             before: by_block(&pursuit.judge, &pursuit.judge.residual),
             after: by_block(&pursuit.judge, &self.judge_left),
-            gains: self.gains,
             terms: self.chosen.into_iter().zip(self.coefficients.iter()).map(term).collect(),
         }
     }
@@ -464,4 +499,30 @@ pub fn gain(before: &[f64], after: &[f64]) -> (f64, f64) {
     let mean = total / n;
     let variance = d.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
     (total, if variance > 0.0 { mean / (variance / n).sqrt() } else { 0.0 })
+}
+
+/// Force at `place` along a sight that the data show: what the terms there give plus what is left of the residual there,
+/// least squares over the channels.
+pub fn force(sight: &Sight, terms: &[Found], place: usize) -> Vec<f64> {
+    let ground = Ground::new(sight, (0..sight.len()).collect());
+    let n = sight.len();
+    let mut left = ground.residual.clone();
+    let mut force = vec![0.0; n];
+    for term in terms {
+        let values = ground.values(&term.law);
+        add(&mut left, -term.coefficient, &ground.outside(term.place, &ground.column(term.place, &values)));
+        if term.place == place {
+            add(&mut force, term.coefficient, &values);
+        }
+    }
+    let response = &sight.responses[place];
+    for (k, f) in force.iter_mut().enumerate() {
+        let (mut along, mut size) = (0.0, 0.0);
+        for (c, channel) in response.iter().enumerate() {
+            along += channel[k] * left[c * n + k];
+            size += channel[k] * channel[k];
+        }
+        *f += if size > 0.0 { along / size } else { 0.0 };
+    }
+    force
 }

@@ -52,6 +52,13 @@ impl Sight {
         self.recording.is_empty()
     }
 
+    /// Instants to find with and to judge by, half each: whole recordings, or halves of a single one.
+    pub fn halves(&self) -> (Vec<usize>, Vec<usize>) {
+        let last = self.recording.last().copied().unwrap_or(0);
+        let half = self.len() / 2;
+        (0..self.len()).partition(|&k| if last > 0 { self.recording[k] <= last / 2 } else { k < half })
+    }
+
     fn add(
         &mut self,
         model: &Model,
