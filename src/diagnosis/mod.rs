@@ -7,6 +7,7 @@ pub mod budget;
 pub mod command;
 pub mod experiment;
 mod problem;
+pub mod unknown;
 
 use budget::{Budget, Change};
 pub use experiment::NextExperiment;
@@ -20,6 +21,7 @@ use crate::identification::fit::{Estimate, Fit, FitError, Options, channel_rms, 
 use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
 use crate::model::Model;
+pub use unknown::Unexplained;
 
 /// Why a diagnosis cannot be made.
 #[derive(Debug, Error)]
@@ -58,6 +60,11 @@ pub enum DiagnosisError {
          parameters; put its table into the model file by hand"
     )]
     TwinOnly(String),
+    /// A formula has no law of its own.
+    #[error(
+        "`formula` has no law until its terms stand in the model file; write [[effects.formula.terms]] there by hand"
+    )]
+    NoTerms,
     /// The effect is in the model already.
     #[error("the model has `{0}` already")]
     Present(String),
@@ -119,7 +126,9 @@ pub struct Diagnosis {
     pub changes: Vec<Change>,
     /// All parameters before and after.
     pub parameters: [Vec<Estimate>; 2],
-    /// The refitted model with the found effects, which its history tells of.
+    /// What no known effect explains, for [`Verdict::Unknown`].
+    pub unexplained: Option<Unexplained>,
+    /// The refitted model with the found effects, which its history tells of, and with a formula for what they do not explain.
     pub model: Model,
 }
 
@@ -269,6 +278,9 @@ pub fn diagnose_holding(
         .filter(|set| set.len() > 1)
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
+    progress("what is left");
+    let unexplained = unknown::explain(&start.model, &end.model, effects.len(), (traces, held_out), &noise, progress)?;
+    let verdict = if unexplained.is_some() { Verdict::Unknown } else { verdict };
     progress("next experiment");
     let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
@@ -293,7 +305,7 @@ pub fn diagnose_holding(
     };
     let mut found_model = end.model.clone();
     found_model.history.extend(budget.history());
-    Ok(Diagnosis {
+    let mut diagnosis = Diagnosis {
         verdict,
         channels: traces[0].channels.clone(),
         noise_floor,
@@ -307,8 +319,32 @@ pub fn diagnose_holding(
         budget,
         changes: budget::changes(&start, &end),
         parameters: [start.parameters, end.parameters],
+        unexplained: None,
         model: found_model,
-    })
+    };
+    if let Some(found) = unexplained {
+        diagnosis.doubt(found);
+    }
+    Ok(diagnosis)
+}
+
+impl Diagnosis {
+    /// A law that no known effect has explains more than the named ones: they stay only where they add to it.
+    fn doubt(&mut self, found: Unexplained) {
+        self.verdict = Verdict::Unknown;
+        if !found.beside_named {
+            self.effects.clear();
+            self.indistinguishable.clear();
+        }
+        self.rms_after.clone_from(&found.rms);
+        self.model = found.fit.model.clone();
+        self.unexplained = Some(found);
+    }
+
+    /// Share of the explainable error, on the data judged by, that goes with everything that was found.
+    pub fn explained(&self) -> f64 {
+        explained(&self.rms_before, &self.rms_before, &self.rms_after, &self.noise_floor)
+    }
 }
 
 /// How a model is fitted to the data.
@@ -560,6 +596,9 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     }
     if problem::beyond(&mounted).iter().any(|e| e.name() == effect) {
         return Err(DiagnosisError::TwinOnly(effect.into()));
+    }
+    if effects::find(effect).is_some_and(|e| e.parameters().is_empty()) {
+        return Err(DiagnosisError::NoTerms);
     }
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
