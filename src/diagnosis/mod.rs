@@ -5,11 +5,13 @@
 
 pub mod budget;
 pub mod command;
+pub mod confidence;
 pub mod experiment;
 mod problem;
 pub mod unknown;
 
 use budget::{Budget, Change};
+use confidence::Confidence;
 pub use experiment::NextExperiment;
 use experiment::Open;
 use thiserror::Error;
@@ -137,8 +139,8 @@ pub struct Diagnosis {
 pub struct Named {
     /// Its name.
     pub name: String,
-    /// Weight of its evidence among all that explain the same.
-    pub probability: f64,
+    /// What would have been said, had something else been true.
+    pub confidence: Confidence,
     /// Share of the explainable error it explains.
     pub explained: f64,
     /// Its parameters.
@@ -150,7 +152,7 @@ pub struct Named {
 pub struct CandidateReport {
     /// Its name.
     pub name: String,
-    /// Weight of its evidence, relative to the best.
+    /// Probability that it is what was found first.
     pub probability: f64,
     /// Share of the explainable error it would explain alone.
     pub explained: f64,
@@ -223,6 +225,7 @@ pub fn diagnose_holding(
     let rms_before = channel_rms(&residuals(&start.model, judge)?);
     let rms_after = channel_rms(&residuals(&end.model, judge)?);
     let noise_floor = floor(model, judge);
+    progress("confidence");
     let found = outcome.found();
     let mut effects = Vec::new();
     for finding in &outcome.findings {
@@ -236,29 +239,22 @@ pub fn diagnose_holding(
         };
         effects.push(Named {
             name: name.into(),
-            probability: probability(finding),
+            confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&first), &settings)?,
             explained: explained(&rms_before, &without, &rms_after, &noise_floor),
             parameters: parameters_of(&end, name),
         });
     }
     let ranking = outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking);
-    let best = ranking.candidates.iter().map(|a| a.log_evidence).fold(f64::INFINITY, f64::min);
-    let mut reports: Vec<CandidateReport> = Vec::new();
-    for &i in &ranking.order {
-        let Some(a) = ranking.of(i).or_else(|| ranking.candidates.get(i)) else { continue };
-        reports.push(CandidateReport {
-            name: a.name.clone(),
-            probability: if a.passes(&settings) { (best - a.log_evidence).exp() } else { 0.0 },
-            explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
-            p_adjusted: a.p_adjusted,
-            visible: a.visibility == Visibility::Visible,
-            absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
-        });
-    }
-    let total: f64 = reports.iter().map(|r| r.probability).sum();
-    for r in &mut reports {
-        r.probability /= total.max(1.0);
-    }
+    let probability = |name: &str| effects.first().map_or(0.0, |e: &Named| e.confidence.probability_of(name));
+    let report = |a: &Assessment| CandidateReport {
+        name: a.name.clone(),
+        probability: probability(&a.name),
+        explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
+        p_adjusted: a.p_adjusted,
+        visible: a.visibility == Visibility::Visible,
+        absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
+    };
+    let reports: Vec<CandidateReport> = ranking.order.iter().map(|&i| report(&ranking.candidates[i])).collect();
     let beyond = problem::beyond(&mounted).into_iter().map(|e| e.name().into());
     let unseen = ranking
         .candidates
@@ -482,18 +478,6 @@ pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
         .iter()
         .filter_map(|p| p.name.strip_prefix(&prefix).map(|name| Estimate { name: name.into(), ..p.clone() }))
         .collect()
-}
-
-/// Weight of a finding's evidence within its confidence set.
-fn probability(finding: &evidence::Finding) -> f64 {
-    let Some(own) = finding.ranking.of(finding.chosen.candidate) else { return 0.0 };
-    let rivals = finding.ranking.confidence_set();
-    let sum: f64 = rivals
-        .iter()
-        .filter(|a| a.candidate != own.candidate)
-        .map(|a| (own.log_evidence - a.log_evidence).clamp(-700.0, 700.0).exp())
-        .sum();
-    (1.0 - own.p_adjusted) / (1.0 + sum)
 }
 
 /// Σ over channels of the variance in units of the noise.

@@ -6,6 +6,7 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::{Map, Value, json};
 
 use super::{budget, unexplained};
+use crate::diagnosis::confidence::{Confidence, Truth};
 use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose_holding};
 use crate::dynamics::Plant;
 use crate::excitation::scenario::write_plan;
@@ -116,7 +117,8 @@ fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
     let effect = |e: &Named| {
         json!({
             "name": e.name,
-            "probability": e.probability,
+            "probability": e.confidence.probability(),
+            "confusion": confusion(&e.confidence),
             "explained": e.explained,
             "parameters": estimates(&e.parameters),
         })
@@ -163,6 +165,11 @@ fn next(e: &NextExperiment, scenario: Option<&Path>) -> Value {
     })
 }
 
+fn confusion(c: &Confidence) -> Value {
+    let truth = |t: &Truth| json!({ "truth": t.name, "said": t.said, "probability": t.probability });
+    json!({ "draws": c.draws, "truths": c.truths.iter().map(truth).collect::<Vec<_>>() })
+}
+
 fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<()> {
     say(match d.verdict {
         Verdict::None => "Nothing is missing that these data show.",
@@ -175,7 +182,7 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
         say(format!(
             "\n  {}: probability {:.2}, explains {:.1} % of the explainable error",
             e.name,
-            e.probability,
+            e.confidence.probability(),
             100.0 * e.explained
         ))?;
         let mut table = Table::new(&["  parameter", "value", "std", "unit"], &[3]);
