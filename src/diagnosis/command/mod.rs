@@ -1,4 +1,5 @@
 //! `deltatwin diagnose` and `deltatwin add`.
 
 pub mod add;
+pub mod budget;
 pub mod diagnose;

@@ -15,6 +15,7 @@ mod ranking;
 mod rates;
 mod scatter;
 mod spectrum;
+mod stacked;
 #[cfg(test)]
 mod tests;
 mod time_series;
@@ -27,6 +28,7 @@ pub use ranking::{RankRow, ranking};
 pub use rates::{Rate, rates};
 pub use scatter::scatter_binned;
 pub use spectrum::{Marker, spectrum};
+pub use stacked::{StackedBar, stacked};
 pub use time_series::{Panel, panels, time_series};
 
 /// Width of every figure in CSS pixels.
