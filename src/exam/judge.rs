@@ -70,7 +70,7 @@ impl From<&Diagnosis> for Answer {
     fn from(d: &Diagnosis) -> Self {
         let named = |e: &diagnosis::Named| Named {
             name: e.name.clone(),
-            probability: e.probability,
+            probability: e.confidence.probability(),
             explained: e.explained,
             parameters: e
                 .parameters

@@ -270,7 +270,9 @@ fn direction(active: &ActiveEffect, rng: &mut ChaCha8Rng) -> Vec<f64> {
         .map(|entry| {
             let p = entry.parameter;
             let drawn = p.default * rng.random_range(0.5..1.5);
-            let sign = if rng.random_bool(0.5) && both && p.range.0 < 0.0 { -1.0 } else { 1.0 };
+            // A formula states its sign itself.
+            let either = both && p.range.0 < 0.0 && active.effect.formula().is_none();
+            let sign = if rng.random_bool(0.5) && either { -1.0 } else { 1.0 };
             if p.role == Role::Linear { sign * drawn } else { 0.0 }
         })
         .collect();
