@@ -120,7 +120,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
         println!(
             "  {} (probability {:.2}, explains {:.1} % of the explainable error)",
             e.name,
-            e.probability,
+            e.confidence.probability(),
             100.0 * e.explained
         );
         for p in &e.parameters {

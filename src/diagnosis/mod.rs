@@ -5,10 +5,13 @@
 
 pub mod budget;
 pub mod command;
+pub mod confidence;
 pub mod experiment;
 mod problem;
+pub mod unknown;
 
 use budget::{Budget, Change};
+use confidence::Confidence;
 pub use experiment::NextExperiment;
 use experiment::Open;
 use thiserror::Error;
@@ -20,6 +23,7 @@ use crate::identification::fit::{Estimate, Fit, FitError, Options, channel_rms, 
 use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
 use crate::model::Model;
+pub use unknown::Unexplained;
 
 /// Why a diagnosis cannot be made.
 #[derive(Debug, Error)]
@@ -58,6 +62,11 @@ pub enum DiagnosisError {
          parameters; put its table into the model file by hand"
     )]
     TwinOnly(String),
+    /// A formula has no law of its own.
+    #[error(
+        "`formula` has no law until its terms stand in the model file; write [[effects.formula.terms]] there by hand"
+    )]
+    NoTerms,
     /// The effect is in the model already.
     #[error("the model has `{0}` already")]
     Present(String),
@@ -119,7 +128,9 @@ pub struct Diagnosis {
     pub changes: Vec<Change>,
     /// All parameters before and after.
     pub parameters: [Vec<Estimate>; 2],
-    /// The refitted model with the found effects, which its history tells of.
+    /// What no known effect explains, for [`Verdict::Unknown`].
+    pub unexplained: Option<Unexplained>,
+    /// The refitted model with the found effects, which its history tells of, and with a formula for what they do not explain.
     pub model: Model,
 }
 
@@ -128,8 +139,8 @@ pub struct Diagnosis {
 pub struct Named {
     /// Its name.
     pub name: String,
-    /// Weight of its evidence among all that explain the same.
-    pub probability: f64,
+    /// What would have been said, had something else been true.
+    pub confidence: Confidence,
     /// Share of the explainable error it explains.
     pub explained: f64,
     /// Its parameters.
@@ -141,7 +152,7 @@ pub struct Named {
 pub struct CandidateReport {
     /// Its name.
     pub name: String,
-    /// Weight of its evidence, relative to the best.
+    /// Probability that it is what was found first.
     pub probability: f64,
     /// Share of the explainable error it would explain alone.
     pub explained: f64,
@@ -214,6 +225,7 @@ pub fn diagnose_holding(
     let rms_before = channel_rms(&residuals(&start.model, judge)?);
     let rms_after = channel_rms(&residuals(&end.model, judge)?);
     let noise_floor = floor(model, judge);
+    progress("confidence");
     let found = outcome.found();
     let mut effects = Vec::new();
     for finding in &outcome.findings {
@@ -227,29 +239,22 @@ pub fn diagnose_holding(
         };
         effects.push(Named {
             name: name.into(),
-            probability: probability(finding),
+            confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&first), &settings)?,
             explained: explained(&rms_before, &without, &rms_after, &noise_floor),
             parameters: parameters_of(&end, name),
         });
     }
     let ranking = outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking);
-    let best = ranking.candidates.iter().map(|a| a.log_evidence).fold(f64::INFINITY, f64::min);
-    let mut reports: Vec<CandidateReport> = Vec::new();
-    for &i in &ranking.order {
-        let Some(a) = ranking.of(i).or_else(|| ranking.candidates.get(i)) else { continue };
-        reports.push(CandidateReport {
-            name: a.name.clone(),
-            probability: if a.passes(&settings) { (best - a.log_evidence).exp() } else { 0.0 },
-            explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
-            p_adjusted: a.p_adjusted,
-            visible: a.visibility == Visibility::Visible,
-            absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
-        });
-    }
-    let total: f64 = reports.iter().map(|r| r.probability).sum();
-    for r in &mut reports {
-        r.probability /= total.max(1.0);
-    }
+    let probability = |name: &str| effects.first().map_or(0.0, |e: &Named| e.confidence.probability_of(name));
+    let report = |a: &Assessment| CandidateReport {
+        name: a.name.clone(),
+        probability: probability(&a.name),
+        explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
+        p_adjusted: a.p_adjusted,
+        visible: a.visibility == Visibility::Visible,
+        absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
+    };
+    let reports: Vec<CandidateReport> = ranking.order.iter().map(|&i| report(&ranking.candidates[i])).collect();
     let beyond = problem::beyond(&mounted).into_iter().map(|e| e.name().into());
     let unseen = ranking
         .candidates
@@ -269,6 +274,9 @@ pub fn diagnose_holding(
         .filter(|set| set.len() > 1)
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
+    progress("what is left");
+    let unexplained = unknown::explain(&start.model, &end.model, effects.len(), (traces, held_out), &noise, progress)?;
+    let verdict = if unexplained.is_some() { Verdict::Unknown } else { verdict };
     progress("next experiment");
     let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
@@ -293,7 +301,7 @@ pub fn diagnose_holding(
     };
     let mut found_model = end.model.clone();
     found_model.history.extend(budget.history());
-    Ok(Diagnosis {
+    let mut diagnosis = Diagnosis {
         verdict,
         channels: traces[0].channels.clone(),
         noise_floor,
@@ -307,8 +315,32 @@ pub fn diagnose_holding(
         budget,
         changes: budget::changes(&start, &end),
         parameters: [start.parameters, end.parameters],
+        unexplained: None,
         model: found_model,
-    })
+    };
+    if let Some(found) = unexplained {
+        diagnosis.doubt(found);
+    }
+    Ok(diagnosis)
+}
+
+impl Diagnosis {
+    /// A law that no known effect has explains more than the named ones: they stay only where they add to it.
+    fn doubt(&mut self, found: Unexplained) {
+        self.verdict = Verdict::Unknown;
+        if !found.beside_named {
+            self.effects.clear();
+            self.indistinguishable.clear();
+        }
+        self.rms_after.clone_from(&found.rms);
+        self.model = found.fit.model.clone();
+        self.unexplained = Some(found);
+    }
+
+    /// Share of the explainable error, on the data judged by, that goes with everything that was found.
+    pub fn explained(&self) -> f64 {
+        explained(&self.rms_before, &self.rms_before, &self.rms_after, &self.noise_floor)
+    }
 }
 
 /// How a model is fitted to the data.
@@ -448,18 +480,6 @@ pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
         .collect()
 }
 
-/// Weight of a finding's evidence within its confidence set.
-fn probability(finding: &evidence::Finding) -> f64 {
-    let Some(own) = finding.ranking.of(finding.chosen.candidate) else { return 0.0 };
-    let rivals = finding.ranking.confidence_set();
-    let sum: f64 = rivals
-        .iter()
-        .filter(|a| a.candidate != own.candidate)
-        .map(|a| (own.log_evidence - a.log_evidence).clamp(-700.0, 700.0).exp())
-        .sum();
-    (1.0 - own.p_adjusted) / (1.0 + sum)
-}
-
 /// Σ over channels of the variance in units of the noise.
 fn relative_energy(rms: &[f64], floor: &[f64]) -> f64 {
     rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).sum()
@@ -560,6 +580,9 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     }
     if problem::beyond(&mounted).iter().any(|e| e.name() == effect) {
         return Err(DiagnosisError::TwinOnly(effect.into()));
+    }
+    if effects::find(effect).is_some_and(|e| e.parameters().is_empty()) {
+        return Err(DiagnosisError::NoTerms);
     }
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;

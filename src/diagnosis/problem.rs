@@ -29,7 +29,7 @@ fn missing(model: &Model) -> impl Iterator<Item = &'static dyn effects::Effect> 
     effects::REGISTRY
         .iter()
         .copied()
-        .filter(|e| e.name() != effects::rigid_bodies::NAME)
+        .filter(|e| e.name() != effects::rigid_bodies::NAME && !e.parameters().is_empty())
         .filter(|e| model.mechanism.has(e.acts_on(), model.assembled))
         .filter(|e| !model.effects.iter().any(|a| a.effect.name() == e.name()))
 }

@@ -30,6 +30,7 @@ mod drive_elasticity;
 mod drive_friction;
 mod drive_stribeck;
 mod drive_viscous_asymmetry;
+pub mod formula;
 mod gear_load_friction;
 mod hooke_friction;
 mod hose_spring;
@@ -87,6 +88,7 @@ pub static REGISTRY: &[&dyn Effect] = &[
     &torque_gain_error::TorqueGainError,
     &torque_bias::TorqueBias,
     &signal_delay::SignalDelay,
+    &formula::NONE,
 ];
 
 /// The effect called `name`.
@@ -106,7 +108,7 @@ pub trait Effect: Sync {
     fn about(&self) -> About;
 
     /// Parameters in the order of the values.
-    fn parameters(&self) -> &'static [Parameter];
+    fn parameters(&self) -> &[Parameter];
 
     /// Inertia added per unit of each linear parameter (`out(k, body, inertia)`), constant over a run.
     fn inertia(&self, _values: &Values, _payload: &Payload, _out: &mut dyn FnMut(usize, usize, Inertia)) {}
@@ -122,6 +124,11 @@ pub trait Effect: Sync {
 
     /// Whether `forces` reads [`Instant::reactions`].
     fn reads_reactions(&self) -> bool {
+        false
+    }
+
+    /// Whether `forces` reads accelerations of joints or platform.
+    fn reads_accelerations(&self) -> bool {
         false
     }
 
@@ -173,6 +180,11 @@ pub trait Effect: Sync {
     /// Where a search for the shape parameter starts, as factors of its usual value.
     fn shape_grid(&self) -> &'static [f64] {
         &[0.3, 0.6, 1.0, 2.0, 4.0]
+    }
+
+    /// The terms of a formula, which stand in the model file beside its numbers.
+    fn formula(&self) -> Option<&formula::Formula> {
+        None
     }
 
     /// What the effect changes; decides how its columns are computed.
@@ -490,7 +502,7 @@ pub struct Entry {
 pub struct Instant<'a> {
     /// Time since the start of the run, s.
     pub t: f64,
-    /// Motion of all bodies and joints.
+    /// Motion of all bodies and joints; in the twin without accelerations, but for laws that say they read them.
     pub motion: &'a Motion,
     /// Total inertia of the bodies, with payload.
     pub bodies: &'a Bodies,

@@ -23,6 +23,7 @@
 
 mod base_fit;
 mod compare;
+mod confusion;
 mod describe;
 pub mod error;
 mod evaluate;
@@ -43,6 +44,7 @@ pub mod whiten;
 #[cfg(test)]
 mod campaign;
 
+pub use confusion::{Confusion, confusion};
 pub use error::Error;
 pub use evaluate::{evaluate, evaluate_only};
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};

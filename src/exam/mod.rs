@@ -5,13 +5,16 @@
 
 pub mod campaign;
 pub mod command;
+mod figures;
 pub mod folder;
 pub mod judge;
 pub mod motion;
 pub mod noise;
+pub mod plan;
+pub mod score;
 pub mod size;
 
-pub use campaign::{Campaign, CampaignError, Case, campaign, hideable, perturb};
+pub use campaign::{Campaign, CampaignError, Case, campaign, campaign_with, hideable, perturb};
 pub use judge::{Answer, Grade, judge};
 pub use motion::MotionKind;
 pub use noise::Noise;

@@ -18,6 +18,8 @@ use super::schema::{self, Bounds, Field, Shape};
 use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, Mechanism, Model};
 use crate::effects::{ActiveEffect, Effect, Host, Parameter, REGISTRY, Role};
 
+mod formula;
+
 impl Model {
     /// Reads a model file.
     pub fn read(path: &Path) -> Result<Self> {
@@ -314,6 +316,9 @@ fn read_effects(table: &Table, host: Host) -> Result<Vec<ActiveEffect>> {
 pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
 
 fn read_effect(table: &Table, effect: &'static dyn Effect, host: Host) -> Result<ActiveEffect> {
+    if effect.formula().is_some() {
+        return formula::read(table, host);
+    }
     let parameters: Vec<Parameter> = effect.parameters().iter().map(|p| host.parameter(p)).collect();
     table.only(&parameters.iter().map(|p| p.name).collect::<Vec<_>>())?;
     let mut blocks = Vec::new();

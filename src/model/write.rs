@@ -13,6 +13,8 @@ use super::schema::{self, Field, Shape, Top};
 use super::{Added, Inertia, Joint, Mechanism, Model};
 use crate::effects::{ActiveEffect, Host, Parameter, Role};
 
+mod formula;
+
 impl Model {
     /// Writes the model file: the text it was read from with the numbers that changed, or a new one.
     ///
@@ -65,6 +67,7 @@ pub fn edit(document: &mut DocumentMut, model: &Model) -> Result<()> {
     for section in sections(model, &own) {
         section.write(root)?;
     }
+    formula::edit(root, model)?;
     remove_absent_effects(root, model);
     write_history(root, &model.history)
 }
@@ -122,6 +125,7 @@ fn verify(text: &str, model: &Model) -> Result<()> {
         || again.mechanism != model.mechanism
         || again.name != model.name
         || again.history != model.history
+        || !formula::same(&again, model)
     {
         return Err(miette!("cannot write the model: it reads differently"));
     }
@@ -170,7 +174,11 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     let noise = section(&["noise"], schema::noise(mechanism), &model.noise, true, mechanism);
     all.push(Section { optional: !assembled, ..noise });
     all.extend(
-        model.effects.iter().filter(|e| e.effect.name() != ALWAYS_PRESENT).map(|e| effect_section(e, model.host())),
+        model
+            .effects
+            .iter()
+            .filter(|e| e.effect.name() != ALWAYS_PRESENT && e.effect.formula().is_none())
+            .map(|e| effect_section(e, model.host())),
     );
     all
 }
@@ -319,16 +327,21 @@ impl Line {
     }
 
     fn replace_number(&self, old: &mut Value, v: f64) {
-        let same = match old {
-            Value::Float(f) => f.value().to_bits() == v.to_bits(),
-            Value::Integer(i) => *i.value() as f64 == v,
-            _ => false,
-        };
-        if !same {
-            let decor = old.decor().clone();
-            *old = self.scalar(v);
-            *old.decor_mut() = decor;
-        }
+        replace_decorated(old, v, self.scalar(v));
+    }
+}
+
+/// Puts `new`, the text of `v`, in the place of another number; comments stay.
+fn replace_decorated(old: &mut Value, v: f64, new: Value) {
+    let same = match old {
+        Value::Float(f) => f.value().to_bits() == v.to_bits(),
+        Value::Integer(i) => *i.value() as f64 == v,
+        _ => false,
+    };
+    if !same {
+        let decor = old.decor().clone();
+        *old = new;
+        *old.decor_mut() = decor;
     }
 }
 

@@ -5,14 +5,14 @@
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
-use super::context::Context;
+use super::context::{Answer, Context};
 use super::integrator::System;
 use super::loose::Loose;
 use super::state::BodyState;
 use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
-use crate::model::bodies::{ARM, BODIES, ROTOR, STRUT, TELESCOPE_LOWER};
+use crate::model::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
 use crate::model::{ARMS, AXES, Geometry, STRUTS};
 
 /// Per body: position, quaternion, velocity, angular velocity (world axes); then the rotor's angle with all its turns.
@@ -134,7 +134,12 @@ impl Absolute<'_> {
             }
             let bodies = loose.solve(plant, &motion.bodies, closed, &all, damping.as_ref())?.bodies;
             let reactions = loose.axial_forces(&motion.bodies);
-            Ok((Solution { bodies, reactions, socket_force: loose.socket_forces() }, reactions))
+            let drives = std::array::from_fn(|axis| {
+                let (body, direction) = Motion::drive(axis);
+                bodies[body].1.dot(&direction)
+            });
+            let answer = Answer { reactions, drives, platform: bodies[PLATFORM].0 };
+            Ok((Solution { bodies, reactions, socket_force: loose.socket_forces() }, answer))
         })
     }
 

@@ -91,7 +91,7 @@ impl Assembled<'_> {
         let (mechanism, tau) = (self.mechanism, self.context.torque.at(t));
         self.context.solve(t, y, &frame.motion, |plant, wrenches| {
             let solution = mechanism.solve(plant, frame, wrenches, &tau, implicit)?;
-            Ok((solution, solution.reactions))
+            Ok((solution, solution.answer()))
         })
     }
 

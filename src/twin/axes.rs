@@ -6,10 +6,10 @@
 use nalgebra::Vector3;
 
 use super::SingularPose;
-use super::context::Context;
+use super::context::{Answer, Context};
 use super::integrator::System;
 use crate::dynamics::Plant;
-use crate::kinematics::{JointState, Motion, Reactions};
+use crate::kinematics::{JointState, Motion};
 use crate::model::AXES;
 
 /// Angles, then rates.
@@ -49,7 +49,11 @@ impl Axes<'_> {
                 let theta = about.dot(&(inertia.tensor * about)) + added;
                 qdd[axis] = (torque[axis] + moment + e.dot(&(wrenches[body].1 + weight))) / theta;
             }
-            if qdd.iter().all(|x| x.is_finite()) { Ok((qdd, Reactions::default())) } else { Err(SingularPose) }
+            if qdd.iter().all(|x| x.is_finite()) {
+                Ok((qdd, Answer { drives: qdd, ..Answer::default() }))
+            } else {
+                Err(SingularPose)
+            }
         })
     }
 

@@ -267,7 +267,7 @@ fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, 
     say(format!("  tracking   {} m{} at most", errors.join(", "), machine.unit("rad")))?;
     if report.unconverged > 0.0 {
         say(format!(
-            "  friction   load-dependent friction did not converge, off by up to {:.1e} N",
+            "  effects    laws that read forces or accelerations did not converge, off by up to {:.1e}",
             report.unconverged
         ))?;
     }

@@ -1,6 +1,8 @@
 //! What both formulations share within a step: what acts on the bodies, the reactions that friction reads, and the parts
 //! of the state that are not mechanics.
 
+use nalgebra::Vector3;
+
 use super::SingularPose;
 use super::forces::{Damping, Forces, Scene, spin_restraint};
 use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
@@ -11,18 +13,29 @@ use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
 use crate::model::{AXES, STRUTS};
 
-/// Change of the strut forces at which the iteration over friction that reads them stops, N.
-const REACTION_TOLERANCE: f64 = 1e-9;
+/// Change of the answer at which the iteration over laws that read it stops, N, rad/s² or m/s².
+const TOLERANCE: f64 = 1e-9;
 /// Enough for a contraction by two thirds per iteration.
-const MAX_REACTION_ITERATIONS: usize = 60;
+const MAX_ITERATIONS: usize = 60;
+
+/// What the equations solve for and laws may read.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Answer {
+    /// Strut forces, N.
+    pub reactions: Reactions,
+    /// Accelerations of the drives, rad/s².
+    pub drives: [f64; AXES],
+    /// Acceleration of the platform, m/s².
+    pub platform: Vector3<f64>,
+}
 
 /// Buffers that live as long as the twin.
 pub(super) struct Scratch {
-    /// Reactions of the last evaluation, first guess of the next.
-    pub reactions: Reactions,
-    /// Largest change in the last iteration over the reactions that did not converge, N; zero if all did.
+    /// Answer of the last evaluation, first guess of the next.
+    pub answer: Answer,
+    /// Largest change in the last iteration over the answer that did not converge, N; zero if all did.
     pub unconverged: f64,
-    /// Wrenches that do not depend on the reactions, without the drives.
+    /// Wrenches that do not depend on the answer, without the drives.
     pub wrenches: [Twist; BODIES],
     /// All wrenches of the last evaluation, without the drives.
     pub total: [Twist; BODIES],
@@ -39,7 +52,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub fn new(plant: &Plant, forces: &Forces) -> Self {
         Self {
-            reactions: Reactions::default(),
+            answer: Answer::default(),
             unconverged: 0.0,
             wrenches: [STILL; BODIES],
             total: [STILL; BODIES],
@@ -71,13 +84,13 @@ impl Context {
         Scene { t, own: &y[self.layout.own()], torque: self.torque.at(t), closed: self.closed }
     }
 
-    /// Puts the wrenches of everything that does not read reactions into `scratch.wrenches`.
+    /// Puts the wrenches of everything that does not read the answer into `scratch.wrenches`.
     pub fn prepare(&mut self, t: f64, y: &[f64], motion: &Motion) {
         let scene = self.scene(t, y);
         let scratch = &mut self.scratch;
         scratch.wrenches = if self.external.is_none() { [STILL; BODIES] } else { self.external.at(t) };
         let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
-        self.forces.add(&self.plant, &scene, motion, &scratch.reactions, false, wrenches, powers);
+        self.forces.add(&self.plant, &scene, motion, &scratch.answer.reactions, false, wrenches, powers);
         scratch.restraint_power = self.forces.add_brakes(motion, wrenches);
         for s in 0..STRUTS {
             let u = motion.strut_axis[s];
@@ -95,15 +108,16 @@ impl Context {
         }
     }
 
-    /// Solves `equations` for wrenches on the bodies, and the friction that depends on the reactions with them.
+    /// Solves `equations` for wrenches on the bodies, and the laws that depend on their answer with them.
     pub fn solve<S>(
         &mut self,
         t: f64,
         y: &[f64],
         motion: &Motion,
-        mut equations: impl FnMut(&Plant, &[Twist; BODIES]) -> Result<(S, Reactions), SingularPose>,
+        mut equations: impl FnMut(&Plant, &[Twist; BODIES]) -> Result<(S, Answer), SingularPose>,
     ) -> Result<S, SingularPose> {
-        let reads = self.forces.read_reactions();
+        let reads = self.forces.read_answer();
+        let mut moving = self.forces.read_accelerations().then_some(*motion);
         let scene = self.scene(t, y);
         let mut iteration = 0;
         loop {
@@ -111,16 +125,22 @@ impl Context {
             scratch.total = scratch.wrenches;
             if reads {
                 let (total, powers) = (&mut scratch.total, &mut scratch.powers);
-                self.forces.add(&self.plant, &scene, motion, &scratch.reactions, true, total, powers);
+                let answer = &scratch.answer;
+                if let Some(moving) = &mut moving {
+                    moving.qdd = answer.drives;
+                    moving.bodies[PLATFORM].acceleration = answer.platform;
+                }
+                let motion = moving.as_ref().unwrap_or(motion);
+                self.forces.add(&self.plant, &scene, motion, &answer.reactions, true, total, powers);
             }
-            let (solution, reactions) = equations(&self.plant, &scratch.total)?;
-            let change = change(&reactions, &scratch.reactions);
-            scratch.reactions = reactions;
+            let (solution, answer) = equations(&self.plant, &scratch.total)?;
+            let change = change(&answer, &scratch.answer);
+            scratch.answer = answer;
             iteration += 1;
-            if !reads || change < REACTION_TOLERANCE {
+            if !reads || change < TOLERANCE {
                 return Ok(solution);
             }
-            if iteration == MAX_REACTION_ITERATIONS {
+            if iteration == MAX_ITERATIONS {
                 scratch.unconverged = scratch.unconverged.max(change);
                 return Ok(solution);
             }
@@ -131,7 +151,7 @@ impl Context {
     pub fn measure_damping(&mut self, t: f64, y: &[f64], motion: &mut Motion) {
         let scene = self.scene(t, y);
         let scratch = &mut self.scratch;
-        self.forces.measure_damping(&self.plant, &scene, motion, &scratch.reactions, &mut scratch.damping);
+        self.forces.measure_damping(&self.plant, &scene, motion, &scratch.answer.reactions, &mut scratch.damping);
     }
 
     /// Derivatives of what is not mechanics, with the stage's `sum` and `g` = hγ: the effects' own states,
@@ -151,7 +171,7 @@ impl Context {
         let scratch = &mut self.scratch;
         if !own.is_empty() {
             let (rates, slopes) = (&mut k[own.clone()], &mut scratch.fresh_slopes);
-            self.forces.state_rates(&self.plant, &scene, motion, &scratch.reactions, rates, slopes);
+            self.forces.state_rates(&self.plant, &scene, motion, &scratch.answer.reactions, rates, slopes);
             if first {
                 scratch.slopes.copy_from_slice(&scratch.fresh_slopes);
             }
@@ -173,7 +193,10 @@ impl Context {
     }
 }
 
-fn change(a: &Reactions, b: &Reactions) -> f64 {
-    let worst = |a: &[f64; STRUTS], b: &[f64; STRUTS]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
-    worst(&a.upper, &b.upper).max(worst(&a.lower, &b.lower))
+fn change(a: &Answer, b: &Answer) -> f64 {
+    let worst = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    worst(&a.reactions.upper, &b.reactions.upper)
+        .max(worst(&a.reactions.lower, &b.reactions.lower))
+        .max(worst(&a.drives, &b.drives))
+        .max(worst(a.platform.as_slice(), b.platform.as_slice()))
 }

@@ -22,7 +22,10 @@ pub(super) struct Scene<'a> {
 /// The plant's effects and where their own states stand.
 pub(super) struct Forces {
     starts: Vec<usize>,
+    /// Which effects read what the equations solve for.
     reads: Vec<bool>,
+    /// Whether one of them reads accelerations.
+    accelerations: bool,
     /// Effects that damp drives and struts' spins.
     damps: [Vec<usize>; 2],
     /// Elastic gears, and where their deflections stand among the own states; the rates follow.
@@ -41,8 +44,10 @@ impl Forces {
             starts.push(starts[starts.len() - 1] + active.states());
         }
         let all: Vec<usize> = (0..plant.effects.len()).collect();
-        let reads = plant.effects.iter().map(|a| a.effect.reads_reactions()).collect();
-        let mut forces = Self { starts, reads, damps: [all.clone(), all], gears: None, brake: 0.0 };
+        let reads =
+            plant.effects.iter().map(|a| a.effect.reads_reactions() || a.effect.reads_accelerations()).collect();
+        let accelerations = plant.effects.iter().any(|a| a.effect.reads_accelerations());
+        let mut forces = Self { starts, reads, accelerations, damps: [all.clone(), all], gears: None, brake: 0.0 };
         forces.gears = forces.elastic_gears(plant);
         forces.damps = forces.damping_effects(plant);
         forces
@@ -97,9 +102,14 @@ impl Forces {
         }
     }
 
-    /// Whether an effect depends on the strut forces.
-    pub fn read_reactions(&self) -> bool {
+    /// Whether an effect depends on strut forces or accelerations.
+    pub fn read_answer(&self) -> bool {
         self.reads.contains(&true)
+    }
+
+    /// Whether an effect depends on accelerations.
+    pub fn read_accelerations(&self) -> bool {
+        self.accelerations
     }
 
     fn instant<'a>(
@@ -122,7 +132,7 @@ impl Forces {
         }
     }
 
-    /// Adds the wrenches of the effects that read reactions (`reading`) or of those that do not, and stores their
+    /// Adds the wrenches of the effects that read the equations' answer (`reading`) or of those that do not, and stores their
     /// powers, W.
     pub fn add(
         &self,

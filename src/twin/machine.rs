@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::absolute::{self, Absolute};
 use super::assembled::{self, Assembled, FrameCache};
 use super::axes::{self, Axes};
-use super::context::{Context, Scratch};
+use super::context::{Answer, Context, Scratch};
 use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
@@ -66,7 +66,7 @@ enum Form {
 pub struct Mark {
     t: f64,
     y: Vec<f64>,
-    reactions: Reactions,
+    answer: Answer,
     damping: Damping,
 }
 
@@ -138,9 +138,9 @@ impl Twin {
 
     /// Accelerations, strut and joint forces now, under drive torques; what happens next does not depend on the asking.
     pub fn evaluate(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
-        let guess = self.context.scratch.reactions;
+        let guess = self.context.scratch.answer;
         let snapshot = self.snapshot(torque);
-        self.context.scratch.reactions = guess;
+        self.context.scratch.answer = guess;
         snapshot
     }
 
@@ -358,7 +358,7 @@ impl Twin {
         self.energy_at(motion) - self.reference_energy - self.work().iter().sum::<f64>()
     }
 
-    /// Largest change in the last iteration over load-dependent friction that did not converge, N.
+    /// Largest change in the last iteration over laws that read forces or accelerations that did not converge, N.
     pub fn unconverged(&self) -> f64 {
         self.context.scratch.unconverged
     }
@@ -367,7 +367,7 @@ impl Twin {
     pub fn save(&self, mark: &mut Mark) {
         mark.t = self.t;
         mark.y.clone_from(&self.y);
-        mark.reactions = self.context.scratch.reactions;
+        mark.answer = self.context.scratch.answer;
         mark.damping = self.context.scratch.damping;
     }
 
@@ -379,7 +379,7 @@ impl Twin {
         self.forget();
         self.t = mark.t;
         self.y.copy_from_slice(&mark.y);
-        self.context.scratch.reactions = mark.reactions;
+        self.context.scratch.answer = mark.answer;
         self.context.scratch.damping = mark.damping;
     }
 }

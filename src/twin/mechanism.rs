@@ -14,6 +14,7 @@
 use nalgebra::{Matrix3, Matrix4, Quaternion, SMatrix, SVector, UnitQuaternion, Vector3, Vector4};
 
 use super::SingularPose;
+use super::context::Answer;
 use super::wrench::{STILL, Twist};
 use crate::dynamics::{Plant, inertial_wrench};
 use crate::effects::StrutSpring;
@@ -153,6 +154,15 @@ pub(super) struct Solution {
     pub reactions: Reactions,
     /// Force on each strut at its sockets (six upper, six lower), N, world.
     pub socket_force: [Vector3<f64>; SOCKETS],
+}
+
+impl Solution {
+    /// What laws may read of it.
+    pub fn answer(&self) -> Answer {
+        let rate = self.nu_rate.as_slice();
+        let drives = std::array::from_fn(|axis| rate[axis]);
+        Answer { reactions: self.reactions, drives, platform: Vector3::new(rate[4], rate[5], rate[6]) }
+    }
 }
 
 impl Mechanism {

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use miette::{IntoDiagnostic, miette};
 use serde_json::{Map, Value, json};
 
-use super::budget;
+use super::{budget, unexplained};
+use crate::diagnosis::confidence::{Confidence, Truth};
 use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose_holding};
 use crate::dynamics::Plant;
 use crate::excitation::scenario::write_plan;
@@ -14,6 +15,7 @@ use crate::model::Model;
 use crate::recording::Configuration;
 use crate::terminal::{
     DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
+    write_figure,
 };
 
 /// Find the physical effect that a model lacks.
@@ -33,6 +35,9 @@ pub struct Args {
     /// Scenario file to write: the experiment that is proposed next, if there is one and it has a motion of its own.
     #[arg(long, value_name = "SCENARIO")]
     pub next: Option<PathBuf>,
+    /// Figure to write: what acts where no known effect explains it.
+    #[arg(long, value_name = "SVG")]
+    pub figure: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -62,6 +67,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let answer = answer.into_diagnostic()?;
     if let Some(output) = &args.output {
         crate::identification::command::write(&answer.model, output)?;
+    }
+    if let (Some(path), Some(u)) = (&args.figure, &answer.unexplained) {
+        let figure = u.shape.figure(&format!("What acts on {}", u.location), u.unit);
+        write_figure(path, &figure)?;
     }
     let scenario = match (&answer.next_experiment, &args.next) {
         (Some(next), Some(output)) => write_next(next, &model, &args.model, output)?,
@@ -108,7 +117,8 @@ fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
     let effect = |e: &Named| {
         json!({
             "name": e.name,
-            "probability": e.probability,
+            "probability": e.confidence.probability(),
+            "confusion": confusion(&e.confidence),
             "explained": e.explained,
             "parameters": estimates(&e.parameters),
         })
@@ -131,6 +141,10 @@ fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
     object.insert("budget".into(), budget::json(&d.budget));
     object.insert("parameters_before".into(), estimates(&d.parameters[0]));
     object.insert("parameters_after".into(), estimates(&d.parameters[1]));
+    object.insert(
+        "unexplained".into(),
+        d.unexplained.as_ref().map_or(Value::Null, |u| unexplained::json(u, d.explained())),
+    );
     object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
     Value::Object(object)
 }
@@ -151,6 +165,11 @@ fn next(e: &NextExperiment, scenario: Option<&Path>) -> Value {
     })
 }
 
+fn confusion(c: &Confidence) -> Value {
+    let truth = |t: &Truth| json!({ "truth": t.name, "said": t.said, "probability": t.probability });
+    json!({ "draws": c.draws, "truths": c.truths.iter().map(truth).collect::<Vec<_>>() })
+}
+
 fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<()> {
     say(match d.verdict {
         Verdict::None => "Nothing is missing that these data show.",
@@ -163,7 +182,7 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
         say(format!(
             "\n  {}: probability {:.2}, explains {:.1} % of the explainable error",
             e.name,
-            e.probability,
+            e.confidence.probability(),
             100.0 * e.explained
         ))?;
         let mut table = Table::new(&["  parameter", "value", "std", "unit"], &[3]);
@@ -171,6 +190,9 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
             table.row([format!("  {}", p.name), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
         }
         say(table)?;
+    }
+    if let Some(u) = &d.unexplained {
+        unexplained::print(u, d.explained())?;
     }
     let series = [
         ("before", Some(&d.rms_before[..])),

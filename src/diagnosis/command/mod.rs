@@ -3,3 +3,4 @@
 pub mod add;
 pub mod budget;
 pub mod diagnose;
+mod unexplained;

@@ -1,0 +1,291 @@
+//! Laws that may act somewhere on a machine: short expressions with inner numbers on grids.
+
+use rayon::prelude::*;
+
+use crate::effects::formula::{Expression, Place, Variable};
+
+/// A group of terms that enter together, such as sine and cosine.
+#[derive(Clone, Debug)]
+pub struct Atom {
+    /// Place: index into [`super::Sight::places`].
+    pub place: usize,
+    /// Laws with `#` where the inner number stands.
+    pub laws: Vec<String>,
+    /// Inner number.
+    pub number: Option<Number>,
+}
+
+/// A number inside a law, searched for between neighbours of its grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Number {
+    /// Present value.
+    pub value: f64,
+    /// Its neighbours on the grid.
+    pub range: (f64, f64),
+}
+
+impl Atom {
+    /// The laws as text, with `number` for the inner one.
+    pub fn texts(&self, number: Option<f64>) -> Vec<String> {
+        let digits = number.map_or(String::new(), short);
+        self.laws.iter().map(|law| law.replace('#', &digits)).collect()
+    }
+
+    /// The laws at the present value of the inner number.
+    pub fn parsed(&self, number: Option<f64>) -> Vec<Expression> {
+        let parse = |text: String| Expression::parse(&text).unwrap_or_else(|e| panic!("{text}: {e}"));
+        self.texts(number).into_iter().map(parse).collect()
+    }
+
+    /// Numbers to estimate: coefficients and the inner one.
+    pub fn freedom(&self) -> usize {
+        self.laws.len() + usize::from(self.number.is_some())
+    }
+}
+
+/// A number with five significant digits, as short as it gets; negative ones in parentheses.
+pub fn short(x: f64) -> String {
+    let rounded: f64 = format!("{x:.4e}").parse().unwrap_or(x);
+    if rounded < 0.0 { format!("({rounded})") } else { format!("{rounded}") }
+}
+
+/// Laws of one coordinate `@` and its rate `&`, odd and even; `#` is the inner number, `~` another variable.
+const OWN: &[&[&str]] = &[
+    &["1"],
+    &["@"],
+    &["@^2"],
+    &["@^3"],
+    &["&"],
+    &["-abs(&)"],
+    &["-&*abs(&)"],
+    &["-&^2"],
+    &["-&^3"],
+    &["-@*&"],
+    &["-@^2*&"],
+    &["-@*tanh(50*&)"],
+    &["-@^2*tanh(50*&)"],
+    &["-abs(@)*tanh(50*&)"],
+    &["-tanh(50*&)"],
+    &["-sqrt(abs(&))*tanh(50*&)"],
+    &["t"],
+    &["t^2"],
+    &["-t*&"],
+    &["-t*tanh(50*&)"],
+];
+
+/// Laws with a velocity scale.
+const SPEEDS: &[&[&str]] = &[&["-tanh(&/#)"], &["-tanh(50*&)*exp(-abs(&)/#)"]];
+
+/// Laws with a wave number of the coordinate.
+const WAVES: &[&[&str]] = &[&["sin(#*@)", "cos(#*@)"]];
+
+/// Laws with a slow wave number.
+const SLOW_WAVES: &[&[&str]] = &[&["&*sin(#*@)", "&*cos(#*@)"], &["tanh(50*&)*sin(#*@)", "tanh(50*&)*cos(#*@)"]];
+
+/// Laws with a place along the coordinate, a tenth of its travel wide, or beyond it.
+const PLACES: &[&[&str]] = &[&["-tanh(50*&)*max(0,@-#)"], &["-tanh(50*&)*max(0,#-@)"], &["max(0,@-#)"]];
+
+/// Laws of the coordinate near a pose of a given width.
+const BUMPS: &[&str] = &["exp(-((@-#)/{w})^2)", "-tanh(50*&)*exp(-((@-#)/{w})^2)"];
+
+/// Laws with another variable.
+const OTHERS: &[&[&str]] =
+    &[&["~"], &["-~*tanh(50*&)"], &["-~*&"], &["-abs(~)"], &["~^2"], &["-abs(~)*tanh(50*&)"], &["-~*abs(~)"]];
+
+/// Laws with another rate: crosstalk.
+const CROSS: &[&[&str]] = &[&["-&*~"], &["-abs(&*~)"], &["-tanh(50*~)"], &["-&*abs(~)"]];
+
+/// Laws of a field at the platform; `@` its coordinate and `~` another one.
+const FIELD: &[&[&str]] = &[&["@*~"], &["@*~^2"], &["~^3"], &["-&*abs(~)"]];
+
+/// What the data cover: lowest and highest value of every variable.
+pub struct Cover(Vec<(f64, f64)>);
+
+impl Cover {
+    /// Of the variables at all instants.
+    pub fn new(variables: &[Vec<f64>]) -> Self {
+        let ends = |x: &Vec<f64>| x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+        Self(variables.iter().map(ends).collect())
+    }
+
+    fn of(&self, name: &str) -> (f64, f64) {
+        Variable::named(name).map_or((0.0, 0.0), |v| self.0[v.index()])
+    }
+
+    fn moves(&self, name: &str) -> bool {
+        let (low, high) = self.of(name);
+        high - low > 1e-9
+    }
+}
+
+/// Largest wave number, per rad or m.
+const FASTEST_WAVE: f64 = 160.0;
+
+/// All laws at the places of a machine.
+pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
+    let mut atoms = Vec::new();
+    for (number, place) in places.iter().enumerate() {
+        let mut builder = Builder { place: number, cover, atoms: &mut atoms };
+        match *place {
+            Place::Drive(i) => {
+                builder.own(&format!("q{}", i + 1), &format!("qd{}", i + 1), FASTEST_WAVE);
+                let rates = (1..=4).filter(|j| *j != i + 1).map(|j| format!("qd{j}"));
+                for rate in rates {
+                    builder.with(&format!("q{}", i + 1), &format!("qd{}", i + 1), &rate, CROSS);
+                    builder.with(&format!("q{}", i + 1), &format!("qd{}", i + 1), &rate, &OTHERS[..1]);
+                }
+                let struts = [2 * i + 1, 2 * i + 2].map(|s| format!("strut{s}_upper"));
+                let others = (1..=4).filter(|j| *j != i + 1).map(|j| format!("q{j}"));
+                let more = ["x", "y", "z", "vz", "s"].map(String::from);
+                let own = [format!("qdd{}", i + 1)];
+                for other in others.chain(more).chain(own).chain(if i < 3 { struts.to_vec() } else { Vec::new() }) {
+                    builder.with(&format!("q{}", i + 1), &format!("qd{}", i + 1), &other, OTHERS);
+                }
+            }
+            Place::Platform(axis) => {
+                let (own, rate) = (["x", "y", "z"][axis], ["vx", "vy", "vz"][axis]);
+                builder.own(own, rate, 60.0);
+                for other in ["x", "y", "z"].into_iter().filter(|o| *o != own) {
+                    builder.with(own, rate, other, OTHERS);
+                    builder.with(own, rate, other, FIELD);
+                    builder.waves(other, rate, 60.0);
+                }
+                for other in ["vx", "vy", "vz"].into_iter().filter(|o| *o != rate) {
+                    builder.with(own, rate, other, &OTHERS[..1]);
+                    builder.with(own, rate, other, CROSS);
+                    builder.with(own, rate, other, &[&["-~*abs(~)"]]);
+                }
+                builder.poles(own, rate);
+            }
+            Place::Telescope => {
+                builder.own("s", "sd", 60.0);
+                builder.with("s", "sd", "qd4", CROSS);
+                builder.with("s", "sd", "z", &OTHERS[..2]);
+            }
+        }
+    }
+    atoms
+}
+
+/// Highest frequency of a disturbance in time that is looked for, Hz.
+const FASTEST_HUM: f64 = 60.0;
+/// Disturbances in time tried per drive.
+const HUMS: usize = 3;
+
+/// Disturbances in time at the strongest lines of each drive's residual, whose channels are the first of the sight.
+pub fn hums(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
+    let mut atoms = Vec::new();
+    let duration = t.last().zip(t.first()).map_or(0.0, |(last, first)| last - first);
+    if duration <= 0.0 {
+        return atoms;
+    }
+    let stride = ((t.len() as f64 / duration / (3.0 * FASTEST_HUM)) as usize).max(1);
+    let line = 1.0 / duration;
+    for (place, series) in places.iter().enumerate().filter_map(|(k, p)| match p {
+        Place::Drive(i) => Some((k, residual.get(*i)?)),
+        _ => None,
+    }) {
+        let lines: Vec<f64> = (2..).map(|k| 0.5 * line * f64::from(k)).take_while(|f| *f < FASTEST_HUM).collect();
+        let power: Vec<f64> = lines
+            .par_iter()
+            .map(|f| {
+                let mut sum = (0.0, 0.0);
+                for (x, t) in series.iter().zip(t).step_by(stride) {
+                    let (s, c) = (std::f64::consts::TAU * f * t).sin_cos();
+                    sum = (sum.0 + x * s, sum.1 + x * c);
+                }
+                sum.0 * sum.0 + sum.1 * sum.1
+            })
+            .collect();
+        let mut order: Vec<usize> = (1..lines.len().saturating_sub(1))
+            .filter(|&k| power[k] > power[k - 1] && power[k] >= power[k + 1])
+            .collect();
+        order.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
+        for f in order.into_iter().take(HUMS).map(|k| lines[k]) {
+            let turn = std::f64::consts::TAU;
+            let number = Number { value: turn * f, range: (turn * (f - 0.5 * line), turn * (f + 0.5 * line)) };
+            let laws = vec!["sin(#*t)".to_string(), "cos(#*t)".to_string()];
+            atoms.push(Atom { place, laws, number: Some(number) });
+        }
+    }
+    atoms
+}
+
+struct Builder<'a> {
+    place: usize,
+    cover: &'a Cover,
+    atoms: &'a mut Vec<Atom>,
+}
+
+impl Builder<'_> {
+    fn push(&mut self, laws: &[&str], [own, rate, other]: [&str; 3], number: Option<Number>) {
+        let fill = |law: &&str| law.replace('@', own).replace('&', rate).replace('~', other);
+        self.atoms.push(Atom { place: self.place, laws: laws.iter().map(fill).collect(), number });
+    }
+
+    /// One atom per value of a grid.
+    fn grid(&mut self, laws: &[&str], names: [&str; 3], grid: &[f64]) {
+        for (i, &value) in grid.iter().enumerate() {
+            let range = (grid[i.saturating_sub(1)], grid[(i + 1).min(grid.len() - 1)]);
+            self.push(laws, names, Some(Number { value, range }));
+        }
+    }
+
+    fn own(&mut self, own: &str, rate: &str, fastest: f64) {
+        let names = [own, rate, ""];
+        let (low, high) = self.cover.of(own);
+        let moves = self.cover.moves(own);
+        for laws in OWN.iter().filter(|laws| moves || !laws[0].contains('@')) {
+            self.push(laws, names, None);
+        }
+        let (slowest, quickest) = self.cover.of(rate);
+        let top = quickest.max(-slowest);
+        let speeds: Vec<f64> = [0.01, 0.025, 0.06, 0.15, 0.4].iter().map(|share| share * top).collect();
+        for laws in SPEEDS.iter().filter(|_| top > 0.0) {
+            self.grid(laws, names, &speeds);
+        }
+        if moves {
+            self.waves(own, rate, fastest);
+            let inside = |n: usize| (1..n).map(|k| low + (high - low) * k as f64 / n as f64).collect::<Vec<_>>();
+            for laws in PLACES {
+                self.grid(laws, names, &inside(8));
+            }
+            for law in BUMPS {
+                for share in [0.05, 0.12, 0.25] {
+                    let text = law.replace("{w}", &short(share * (high - low)));
+                    self.grid(&[&text], names, &inside((0.8 / share) as usize + 2));
+                }
+            }
+        }
+    }
+
+    fn waves(&mut self, own: &str, rate: &str, fastest: f64) {
+        let (low, high) = self.cover.of(own);
+        // Two waves whose phases differ by more than half a turn over the travel are told apart.
+        let step = std::f64::consts::PI / (high - low).max(1e-3);
+        let step = step.max(fastest / 150.0);
+        let grid: Vec<f64> = (1..).map(|k| 0.75 * step * f64::from(k)).take_while(|w| *w <= fastest).collect();
+        for laws in WAVES {
+            self.grid(laws, [own, rate, ""], &grid);
+        }
+        for laws in SLOW_WAVES {
+            self.grid(laws, [own, rate, ""], &grid[..grid.len().min(12)]);
+        }
+    }
+
+    fn with(&mut self, own: &str, rate: &str, other: &str, all: &[&[&str]]) {
+        for laws in all.iter().filter(|_| self.cover.moves(other) && self.cover.moves(rate)) {
+            self.push(laws, [own, rate, other], None);
+        }
+    }
+
+    /// Attraction by something beyond the travel.
+    fn poles(&mut self, own: &str, rate: &str) {
+        let (low, high) = self.cover.of(own);
+        let span = (high - low).max(1e-3);
+        let below: Vec<f64> = [0.15, 0.4, 0.8, 1.6].iter().map(|share| low - share * span).collect();
+        let above: Vec<f64> = [0.15, 0.4, 0.8, 1.6].iter().map(|share| high + share * span).collect();
+        self.grid(&["1/(@-#)^2"], [own, rate, ""], &below);
+        self.grid(&["1/(@-#)^2"], [own, rate, ""], &above);
+    }
+}

@@ -1,0 +1,175 @@
+//! What a search for an unknown law looks at: the residual, what the model's parameters could do about it, and what a
+//! force at each place would, at some hundred instants per second.
+
+use crate::dynamics::{Plant, inverse_dynamics};
+use crate::effects::formula::{Expression, Formula, Place, Term, Variable};
+use crate::effects::{ActiveEffect, Instant};
+use crate::identification::fit::{FitError, kinematics, residuals};
+use crate::identification::prediction::Channels;
+use crate::identification::{Trace, columns};
+use crate::kinematics::SocketSet;
+use crate::model::{Mechanism, Model};
+
+/// Time between instants, s: torque ripple up to 250 Hz is seen.
+const STEP: f64 = 2e-3;
+
+/// Residuals of a model along recordings with everything that may explain them.
+#[derive(Clone, Debug, Default)]
+pub struct Sight {
+    /// Residual `[channel][instant]`, in units of the channel's noise.
+    pub residual: Vec<Vec<f64>>,
+    /// What the model's parameters do, `[parameter][channel][instant]`, in the same units.
+    pub base: Vec<Vec<Vec<f64>>>,
+    /// Places of the machine.
+    pub places: Vec<Place>,
+    /// What a unit force at each place does, `[place][channel][instant]`, in units of the channel's noise.
+    pub responses: Vec<Vec<Vec<f64>>>,
+    /// Every variable at every instant.
+    pub variables: Vec<Vec<f64>>,
+    /// Stretches without gaps.
+    pub segments: Vec<std::ops::Range<usize>>,
+    /// Recording of each instant.
+    pub recording: Vec<usize>,
+}
+
+impl Sight {
+    /// Of `model` along `traces`; `noise` of each channel at the traces' own rate, for the scale alone.
+    pub fn new(model: &Model, traces: &[Trace], noise: &[f64]) -> Result<Self, FitError> {
+        let mut sight = Self::default();
+        for (number, (trace, full)) in traces.iter().zip(residuals(model, traces)?).enumerate() {
+            sight.add(model, trace, &full, noise, number)?;
+        }
+        Ok(sight)
+    }
+
+    /// Number of instants.
+    pub fn len(&self) -> usize {
+        self.recording.len()
+    }
+
+    /// Whether there is nothing to look at.
+    pub fn is_empty(&self) -> bool {
+        self.recording.is_empty()
+    }
+
+    /// Instants to find with and to judge by, half each: whole recordings, or halves of a single one.
+    pub fn halves(&self) -> (Vec<usize>, Vec<usize>) {
+        let last = self.recording.last().copied().unwrap_or(0);
+        let half = self.len() / 2;
+        (0..self.len()).partition(|&k| if last > 0 { self.recording[k] <= last / 2 } else { k < half })
+    }
+
+    fn add(
+        &mut self,
+        model: &Model,
+        trace: &Trace,
+        full: &Channels,
+        noise: &[f64],
+        number: usize,
+    ) -> Result<(), FitError> {
+        let stride = ((STEP / trace.dt).round() as usize).max(1);
+        let thin = thinned(trace, stride);
+        let plant = Plant::new(model, &trace.setup);
+        let failed = kinematics(trace);
+        let scaled = |mut channels: Channels| {
+            for (series, sigma) in channels.iter_mut().zip(noise) {
+                series.iter_mut().for_each(|x| *x *= (stride as f64).sqrt() / sigma);
+            }
+            channels
+        };
+        let averaged = full.iter().map(|series| averages(series, trace, stride)).collect();
+        append(&mut self.residual, scaled(averaged));
+        let base = columns(&plant, &thin, None).map_err(&failed)?;
+        append_all(&mut self.base, base.into_iter().map(scaled));
+        self.places = mounted(model.mechanism, plant.assembled);
+        let unit = unit_forces(&self.places, &plant);
+        let responses = columns(&plant, &thin, Some(&unit)).map_err(&failed)?;
+        append_all(&mut self.responses, responses.into_iter().map(scaled));
+        let variables = variables(&plant, &thin).map_err(&failed)?;
+        append(&mut self.variables, variables);
+        let from = self.recording.len();
+        self.segments.extend(thin.segments.iter().map(|s| s.start + from..s.end + from));
+        self.recording.extend(std::iter::repeat_n(number, thin.len()));
+        Ok(())
+    }
+}
+
+fn append(to: &mut Channels, more: Channels) {
+    if to.is_empty() {
+        *to = more;
+    } else {
+        to.iter_mut().zip(more).for_each(|(series, more)| series.extend(more));
+    }
+}
+
+fn append_all(to: &mut Vec<Channels>, more: impl Iterator<Item = Channels>) {
+    if to.is_empty() {
+        *to = more.collect();
+    } else {
+        to.iter_mut().zip(more).for_each(|(one, more)| append(one, more));
+    }
+}
+
+/// Places of the machine as it is mounted.
+fn mounted(machine: Mechanism, assembled: bool) -> Vec<Place> {
+    Place::on(machine).filter(|place| assembled || matches!(place, Place::Drive(_))).collect()
+}
+
+/// A formula of one unit at each place.
+fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
+    let one = || Expression::parse("1").expect("a number");
+    let term = |place: &Place| (Term { name: place.name().into(), at: *place, law: one() }, 1.0);
+    let formula = Formula::new(places.iter().map(term).collect(), true);
+    ActiveEffect::absent_on(formula, plant.host)
+}
+
+/// Every `stride`-th instant, with the channels averaged around it.
+fn thinned(trace: &Trace, stride: usize) -> Trace {
+    let mut thin = Trace { segments: Vec::new(), t: Vec::new(), joints: Vec::new(), ..trace.window(0..0) };
+    for segment in &trace.segments {
+        let from = thin.t.len();
+        for block in segment.clone().step_by(stride).take(segment.len() / stride) {
+            let middle = block + stride / 2;
+            thin.t.push(trace.t[middle]);
+            thin.joints.push(trace.joints[middle]);
+        }
+        thin.segments.push(from..thin.t.len());
+    }
+    thin.segments.retain(|s| !s.is_empty());
+    thin.measured = trace.measured.iter().map(|series| averages(series, trace, stride)).collect();
+    thin.dt = trace.dt * stride as f64;
+    thin.half_width =
+        trace.half_width.map(|w| w.div_ceil(stride).max(crate::identification::filtering::MIN_HALF_WIDTH));
+    thin
+}
+
+fn averages(series: &[f64], trace: &Trace, stride: usize) -> Vec<f64> {
+    let blocks = trace.segments.iter().flat_map(|s| series[s.clone()].chunks_exact(stride));
+    blocks.map(|b| b.iter().sum::<f64>() / stride as f64).collect()
+}
+
+/// Every variable along a trace, strut forces as the plant predicts them.
+fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, crate::kinematics::KinematicsError> {
+    let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
+    let mut out = vec![Vec::with_capacity(trace.len()); all.len()];
+    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
+    for (joints, &t) in trace.joints.iter().zip(&trace.t) {
+        let motion = plant.motion(joints)?;
+        let reactions = inverse_dynamics(plant, t, &motion, &states, true)?.reactions;
+        let at = Instant {
+            t,
+            motion: &motion,
+            bodies: &plant.bodies,
+            gravity: plant.gravity,
+            reactions: &reactions,
+            state: &[],
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
+        };
+        for (series, variable) in out.iter_mut().zip(&all) {
+            series.push(variable.read(&at));
+        }
+    }
+    Ok(out)
+}

@@ -1,0 +1,233 @@
+//! A law that the user writes into the model file.
+
+use nalgebra::Vector3;
+
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use crate::model::bodies::PLATFORM;
+use crate::model::{AXES, Mechanism};
+
+mod expression;
+mod variables;
+
+pub use expression::{Expression, ExpressionError};
+pub use variables::Variable;
+
+/// Name of the effect.
+pub const NAME: &str = "formula";
+
+/// Σ coefficient · law at the place of each term: a generalised force *acting on* the machine, so that friction has the
+/// sign opposite to the rate.
+///
+/// `drive1 … drive4` in N·m (N on a slide) along the joint angle; `platform_x, platform_y, platform_z` in N at the centre of
+/// the platform's ball plane, inertial axes; `telescope` in N along the bar, pushing its two parts apart. On a machine
+/// that is taken apart, a formula that needs a dismounted part rests as a whole.
+pub struct Formula {
+    /// Its terms, in the order of the parameters.
+    pub terms: Vec<Term>,
+    /// Whether it is a fit without physical meaning, as the diagnosis proposes.
+    pub empirical: bool,
+    parameters: Vec<Parameter>,
+}
+
+/// One term of a formula.
+#[derive(Clone, Debug)]
+pub struct Term {
+    /// Names its coefficient.
+    pub name: String,
+    /// Where it acts.
+    pub at: Place,
+    /// Force per unit of coefficient.
+    pub law: Expression,
+}
+
+/// Where a term acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Torque on a drive.
+    Drive(usize),
+    /// Force on the platform along an inertial axis.
+    Platform(usize),
+    /// Force between the two parts of the telescope.
+    Telescope,
+}
+
+const PLACES: [(&str, Place); 8] = [
+    ("drive1", Place::Drive(0)),
+    ("drive2", Place::Drive(1)),
+    ("drive3", Place::Drive(2)),
+    ("drive4", Place::Drive(3)),
+    ("platform_x", Place::Platform(0)),
+    ("platform_y", Place::Platform(1)),
+    ("platform_z", Place::Platform(2)),
+    ("telescope", Place::Telescope),
+];
+
+impl Place {
+    /// The place called `name`.
+    pub fn named(name: &str) -> Option<Self> {
+        PLACES.iter().find(|(known, _)| *known == name).map(|(_, place)| *place)
+    }
+
+    /// Its name in model files.
+    pub fn name(self) -> &'static str {
+        PLACES.iter().find(|(_, place)| *place == self).map_or("", |(name, _)| name)
+    }
+
+    /// Places of a machine, assembled.
+    pub fn on(machine: Mechanism) -> impl Iterator<Item = Self> {
+        PLACES.into_iter().map(|(_, place)| place).filter(move |place| match place {
+            Self::Drive(i) => *i < machine.axes(),
+            _ => machine.has(place.part(), true),
+        })
+    }
+
+    /// Unit of a coefficient there; on a slide, [`Mechanism::unit`] of it.
+    pub fn unit(self) -> &'static str {
+        if matches!(self, Self::Drive(_)) { "N·m" } else { "N" }
+    }
+
+    fn part(self) -> Part {
+        match self {
+            Self::Drive(i) if i + 1 == AXES => Part::Axis4,
+            Self::Drive(_) => Part::Drives,
+            Self::Platform(_) => Part::Linkage,
+            Self::Telescope => Part::Telescope,
+        }
+    }
+}
+
+/// The entry of the registry: no terms, nothing to try.
+pub static NONE: Formula = Formula { terms: Vec::new(), empirical: false, parameters: Vec::new() };
+
+/// Allowed size of a coefficient.
+pub const LIMIT: f64 = 1e9;
+
+impl Formula {
+    /// A formula of terms with the usual size of their coefficients, for the rest of the program: like every other effect it
+    /// is constant once the model is read.
+    pub fn new(terms: Vec<(Term, f64)>, empirical: bool) -> &'static Self {
+        let parameter = |(term, size): &(Term, f64)| Parameter {
+            name: term.name.clone().leak(),
+            unit: term.at.unit(),
+            count: Count::One,
+            role: Role::Linear,
+            default: if *size == 0.0 { 1.0 } else { size.abs() },
+            range: (-LIMIT, LIMIT),
+        };
+        let parameters = terms.iter().map(parameter).collect();
+        let terms = terms.into_iter().map(|(term, _)| term).collect();
+        Box::leak(Box::new(Self { terms, empirical, parameters }))
+    }
+
+    fn variables(&self) -> impl Iterator<Item = Variable> {
+        self.terms.iter().flat_map(|term| term.law.variables())
+    }
+}
+
+impl Effect for Formula {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn acts_on(&self) -> Part {
+        let places = self.terms.iter().map(|term| term.at.part());
+        // From what every machine has to what few have.
+        let rank =
+            |part: &Part| [Part::Drives, Part::Axis4, Part::Weight, Part::Linkage].iter().position(|p| p == part);
+        let all = places.chain(self.variables().map(Variable::part));
+        all.max_by_key(|part| rank(part).unwrap_or(usize::MAX)).unwrap_or(Part::Drives)
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "a law written in the model file",
+            law: "Σ coefficient · law on the machine, `at` drive1 … drive4, platform_x, platform_y, platform_z or telescope; \
+                  the law of q1 …, qd1 …, qdd1 …, x, y, z, vx …, ax …, s and sd of the telescope, strut1_upper …, t with \
+                  sin cos tan tanh exp abs sign sqrt min max pi + − * / ^",
+            shows: "where its terms act",
+            source: "the user, in [[effects.formula.terms]]: name, at, law, coefficient; or the diagnosis, then marked empirical",
+        }
+    }
+
+    fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    fn formula(&self) -> Option<&Formula> {
+        Some(self)
+    }
+
+    fn reads_reactions(&self) -> bool {
+        self.variables().any(Variable::is_reaction)
+    }
+
+    fn reads_accelerations(&self) -> bool {
+        self.variables().any(Variable::is_acceleration)
+    }
+
+    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        for (i, term) in self.terms.iter().enumerate() {
+            let force = term.law.value(|variable| variable.read(at));
+            let k = values.index(i, 0);
+            match term.at {
+                Place::Drive(axis) => out.drive_torque(k, axis, force),
+                Place::Platform(axis) => out.wrench(k, PLATFORM, Vector3::ith(axis, force), Vector3::zeros()),
+                Place::Telescope => out.telescope_force(k, at.motion, force),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::ActiveEffect;
+    use crate::effects::testing;
+    use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+
+    fn formula(terms: &[(&str, &str)]) -> &'static Formula {
+        let term = |(i, (at, law)): (usize, &(&str, &str))| {
+            let law = Expression::parse(law).unwrap();
+            (Term { name: format!("term{i}"), at: Place::named(at).unwrap(), law }, 1.0)
+        };
+        Formula::new(terms.iter().enumerate().map(term).collect(), false)
+    }
+
+    #[test]
+    fn terms_act_where_they_say() {
+        // At q₁ = 0.1, q̇₁ = 2, z = −0.5: 0.3·(−sin(3.3)·tanh(100)) N·m, 2·(1/0.25) N up, 3·(−0.5) N on the bar.
+        let law = formula(&[("drive1", "-sin(33*q1) * tanh(50*qd1)"), ("platform_z", "1/z^2"), ("telescope", "sd")]);
+        let mut motion = testing::still();
+        (motion.q[0], motion.qd[0]) = (0.1, 2.0);
+        motion.bodies[PLATFORM].position.z = -0.5;
+        motion.telescope.rate = -0.5;
+        let total = testing::totals(law, &[&[0.3], &[2.0], &[3.0]], &motion);
+        approx::assert_relative_eq!(total[0].1.y, 0.3 * 0.157_745_694_143_248_4, epsilon = 1e-12);
+        approx::assert_relative_eq!(total[PLATFORM].0.z, 8.0, epsilon = 1e-12);
+        approx::assert_relative_eq!(total[TELESCOPE_UPPER].0.z, -1.5, epsilon = 1e-12);
+        approx::assert_relative_eq!(total[TELESCOPE_LOWER].0.z, 1.5, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn needs_the_parts_that_it_names() {
+        for (at, law, part) in [
+            ("drive1", "qd2 + t", Part::Drives),
+            ("drive1", "z", Part::Linkage),
+            ("drive1", "strut3_lower", Part::Linkage),
+            ("drive4", "qd4", Part::Axis4),
+            ("platform_x", "1", Part::Linkage),
+            ("drive4", "s", Part::Telescope),
+        ] {
+            assert_eq!(formula(&[(at, law)]).acts_on(), part, "{at} {law}");
+        }
+        let law = formula(&[("drive1", "strut1_upper * qdd1")]);
+        assert!(law.reads_reactions() && law.reads_accelerations());
+    }
+
+    #[test]
+    fn coefficients_carry_the_names_of_their_terms() {
+        let active = ActiveEffect::new(formula(&[("drive1", "q1"), ("platform_x", "x")]), &[&[1.0], &[2.0]]);
+        let entries: Vec<_> = active.entries().into_iter().map(|e| (e.name, e.parameter.unit)).collect();
+        assert_eq!(entries, [("term0".to_string(), "N·m"), ("term1".to_string(), "N")]);
+    }
+}

@@ -1,0 +1,136 @@
+//! What the expressions of a formula may read.
+
+use crate::effects::Instant;
+use crate::model::bodies::PLATFORM;
+use crate::model::{Mechanism, Part};
+
+/// A quantity of an instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Variable(u8);
+
+/// Which quantity: family and number within it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Time,
+    Angle(usize),
+    Rate(usize),
+    Acceleration(usize),
+    Position(usize),
+    Velocity(usize),
+    PlatformAcceleration(usize),
+    TelescopeLength,
+    TelescopeRate,
+    StrutUpper(usize),
+    StrutLower(usize),
+}
+
+const ALL: [(&str, Kind); 36] = [
+    ("t", Kind::Time),
+    ("q1", Kind::Angle(0)),
+    ("q2", Kind::Angle(1)),
+    ("q3", Kind::Angle(2)),
+    ("q4", Kind::Angle(3)),
+    ("qd1", Kind::Rate(0)),
+    ("qd2", Kind::Rate(1)),
+    ("qd3", Kind::Rate(2)),
+    ("qd4", Kind::Rate(3)),
+    ("qdd1", Kind::Acceleration(0)),
+    ("qdd2", Kind::Acceleration(1)),
+    ("qdd3", Kind::Acceleration(2)),
+    ("qdd4", Kind::Acceleration(3)),
+    ("x", Kind::Position(0)),
+    ("y", Kind::Position(1)),
+    ("z", Kind::Position(2)),
+    ("vx", Kind::Velocity(0)),
+    ("vy", Kind::Velocity(1)),
+    ("vz", Kind::Velocity(2)),
+    ("ax", Kind::PlatformAcceleration(0)),
+    ("ay", Kind::PlatformAcceleration(1)),
+    ("az", Kind::PlatformAcceleration(2)),
+    ("s", Kind::TelescopeLength),
+    ("sd", Kind::TelescopeRate),
+    ("strut1_upper", Kind::StrutUpper(0)),
+    ("strut2_upper", Kind::StrutUpper(1)),
+    ("strut3_upper", Kind::StrutUpper(2)),
+    ("strut4_upper", Kind::StrutUpper(3)),
+    ("strut5_upper", Kind::StrutUpper(4)),
+    ("strut6_upper", Kind::StrutUpper(5)),
+    ("strut1_lower", Kind::StrutLower(0)),
+    ("strut2_lower", Kind::StrutLower(1)),
+    ("strut3_lower", Kind::StrutLower(2)),
+    ("strut4_lower", Kind::StrutLower(3)),
+    ("strut5_lower", Kind::StrutLower(4)),
+    ("strut6_lower", Kind::StrutLower(5)),
+];
+
+impl Variable {
+    /// The variable called `name`.
+    pub fn named(name: &str) -> Option<Self> {
+        ALL.iter().position(|(known, _)| *known == name).map(|i| Self(i as u8))
+    }
+
+    /// All names.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        ALL.iter().map(|(name, _)| *name)
+    }
+
+    /// Its place among all.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        ALL[self.0 as usize].0
+    }
+
+    fn kind(self) -> Kind {
+        ALL[self.0 as usize].1
+    }
+
+    /// Its value at an instant, SI units.
+    pub fn read(self, at: &Instant) -> f64 {
+        let motion = at.motion;
+        match self.kind() {
+            Kind::Time => at.t,
+            Kind::Angle(i) => motion.q[i],
+            Kind::Rate(i) => motion.qd[i],
+            Kind::Acceleration(i) => motion.qdd[i],
+            Kind::Position(i) => motion.bodies[PLATFORM].position[i],
+            Kind::Velocity(i) => motion.bodies[PLATFORM].velocity[i],
+            Kind::PlatformAcceleration(i) => motion.bodies[PLATFORM].acceleration[i],
+            Kind::TelescopeLength => motion.telescope.length,
+            Kind::TelescopeRate => motion.telescope.rate,
+            Kind::StrutUpper(i) => at.reactions.upper[i],
+            Kind::StrutLower(i) => at.reactions.lower[i],
+        }
+    }
+
+    /// Whether it is a strut force.
+    pub fn is_reaction(self) -> bool {
+        matches!(self.kind(), Kind::StrutUpper(_) | Kind::StrutLower(_))
+    }
+
+    /// Whether it is an acceleration.
+    pub fn is_acceleration(self) -> bool {
+        matches!(self.kind(), Kind::Acceleration(_) | Kind::PlatformAcceleration(_))
+    }
+
+    /// The part of the machine that it belongs to.
+    pub fn part(self) -> Part {
+        match self.kind() {
+            Kind::Angle(3) | Kind::Rate(3) | Kind::Acceleration(3) => Part::Axis4,
+            Kind::Time | Kind::Angle(_) | Kind::Rate(_) | Kind::Acceleration(_) => Part::Drives,
+            Kind::TelescopeLength | Kind::TelescopeRate => Part::Telescope,
+            _ => Part::Linkage,
+        }
+    }
+
+    /// Whether `machine`, assembled, has it.
+    pub fn exists_on(self, machine: Mechanism) -> bool {
+        match self.kind() {
+            Kind::Angle(i) | Kind::Rate(i) | Kind::Acceleration(i) => i < machine.axes(),
+            _ => machine.has(self.part(), true),
+        }
+    }
+}

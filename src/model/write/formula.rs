@@ -1,0 +1,103 @@
+//! `[effects.formula]`: coefficients that changed, or all terms of a new formula.
+
+use miette::{Result, miette};
+use toml_edit::{Array, ArrayOfTables, InlineTable, Item, Table, TableLike, Value};
+
+use super::super::Model;
+use super::{replace_decorated, table_at};
+use crate::effects::ActiveEffect;
+use crate::effects::formula::{Formula, NAME};
+
+fn of(model: &Model) -> Option<(&ActiveEffect, &Formula)> {
+    model.effects.iter().find_map(|active| Some((active, active.effect.formula()?)))
+}
+
+/// Text of one term.
+fn texts(formula: &Formula, i: usize) -> [(&'static str, String); 3] {
+    let term = &formula.terms[i];
+    [("name", term.name.clone()), ("at", term.at.name().into()), ("law", term.law.text().into())]
+}
+
+/// Whether both models have the same formula, with the same coefficients.
+pub(super) fn same(a: &Model, b: &Model) -> bool {
+    match (of(a), of(b)) {
+        (None, None) => true,
+        (Some((a_active, a_formula)), Some((b_active, b_formula))) => {
+            let count = a_formula.terms.len();
+            let bits = |active: &ActiveEffect| active.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            count == b_formula.terms.len()
+                && a_formula.empirical == b_formula.empirical
+                && bits(a_active) == bits(b_active)
+                && (0..count).all(|i| texts(a_formula, i) == texts(b_formula, i))
+        }
+        _ => false,
+    }
+}
+
+/// Puts the model's formula into the document.
+pub(super) fn edit(root: &mut Table, model: &Model) -> Result<()> {
+    let Some((active, formula)) = of(model) else { return Ok(()) };
+    let comment = match formula.empirical {
+        true => "an empirical fit, no physical finding: the sum of its terms acts on the machine",
+        false => "the sum of its terms acts on the machine",
+    };
+    let (table, inline) = table_at(root, &["effects", NAME], Some(comment))?;
+    if formula.empirical != table.get("empirical").and_then(Item::as_bool).unwrap_or(false) {
+        table.insert("empirical", toml_edit::value(formula.empirical));
+    }
+    if keep(table, active, formula) {
+        return Ok(());
+    }
+    let mut rows = ArrayOfTables::new();
+    let mut values = Array::new();
+    for (i, coefficient) in active.values.iter().enumerate() {
+        let unit = model.mechanism.unit(formula.terms[i].at.unit());
+        let mut row = Table::new();
+        let mut value = InlineTable::new();
+        for (key, text) in texts(formula, i) {
+            row.insert(key, toml_edit::value(&text));
+            value.insert(key, text.into());
+        }
+        row.insert("coefficient", Item::Value(number(*coefficient)?));
+        value.insert("coefficient", number(*coefficient)?);
+        if let Some(Item::Value(v)) = row.get_mut("coefficient") {
+            v.decor_mut().set_suffix(format!(" # {unit}"));
+        }
+        rows.push(row);
+        values.push(value);
+    }
+    let item = if inline { Item::Value(Value::Array(values)) } else { Item::ArrayOfTables(rows) };
+    table.insert("terms", item);
+    Ok(())
+}
+
+/// Updates the coefficients where the table already has these terms; otherwise says no.
+fn keep(table: &mut dyn TableLike, active: &ActiveEffect, formula: &Formula) -> bool {
+    let mut rows: Vec<&mut dyn TableLike> = match table.get_mut("terms") {
+        Some(Item::ArrayOfTables(rows)) => rows.iter_mut().map(|row| row as &mut dyn TableLike).collect(),
+        Some(Item::Value(Value::Array(rows))) => {
+            let tables = rows.iter_mut().filter_map(|v| v.as_inline_table_mut());
+            tables.map(|row| row as &mut dyn TableLike).collect()
+        }
+        _ => return false,
+    };
+    let alike = |(i, row): (usize, &&mut dyn TableLike)| {
+        let found = |key: &str| row.get(key).and_then(Item::as_str).map(str::trim);
+        texts(formula, i).iter().all(|(key, text)| found(key) == Some(text.as_str()))
+    };
+    if rows.len() != formula.terms.len() || !rows.iter().enumerate().all(alike) {
+        return false;
+    }
+    for (row, &coefficient) in rows.iter_mut().zip(&active.values) {
+        match (row.get_mut("coefficient"), number(coefficient)) {
+            (Some(Item::Value(old)), Ok(new)) => replace_decorated(old, coefficient, new),
+            _ => return false,
+        }
+    }
+    true
+}
+
+/// The shortest text that reads back as the same number.
+fn number(v: f64) -> Result<Value> {
+    format!("{v:?}").parse().map_err(|_| miette!("cannot write the coefficient {v}"))
+}
