@@ -253,7 +253,9 @@ fn compare_and_add_answer_in_json() {
     let shares = |key: &str| answer["budget"][key][0].as_f64().unwrap();
     let explained = answer["budget"]["effects"][0]["share"][0].as_f64().unwrap();
     assert!((shares("noise") + explained + shares("unexplained") - 1.0).abs() < 1e-9, "{answer}");
-    assert!(answer["parameters_before"]["drive_friction.viscous_1"]["value"].is_number(), "{answer}");
+    for key in ["parameters_before", "parameters_after"] {
+        assert!(answer[key]["axis4_friction.coulomb"]["value"].is_number(), "{answer}");
+    }
     let twice = path(&folder, "twice.toml");
     done(&["add", &added, "base_tilt", &csv, "-o", &twice]);
     assert_eq!(std::fs::read_to_string(&twice).unwrap().matches("[[history]]").count(), 2);

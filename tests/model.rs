@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 
 use deltatwin::effects::{self, ActiveEffect};
-use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::model::Added;
+use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::model::write::{full_text, updated_text};
 use deltatwin::model::{Joint, Mechanism, Model, check};
 use proptest::prelude::*;
