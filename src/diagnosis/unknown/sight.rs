@@ -1,13 +1,15 @@
 //! What a search for an unknown law looks at: the residual, what the model's parameters could do about it, and what a
 //! force at each place would, at some hundred instants per second.
 
+use rayon::prelude::*;
+
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::formula::{Expression, Formula, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Instant};
 use crate::identification::fit::{FitError, kinematics, residuals};
 use crate::identification::prediction::Channels;
 use crate::identification::{Trace, columns};
-use crate::kinematics::SocketSet;
+use crate::kinematics::{KinematicsError, SocketSet};
 use crate::model::{Mechanism, Model};
 
 /// Time between instants, s: torque ripple up to 250 Hz is seen.
@@ -149,13 +151,12 @@ fn averages(series: &[f64], trace: &Trace, stride: usize) -> Vec<f64> {
 }
 
 /// Every variable along a trace, strut forces as the plant predicts them.
-fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, crate::kinematics::KinematicsError> {
+fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
     let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
-    let mut out = vec![Vec::with_capacity(trace.len()); all.len()];
     let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
-    for (joints, &t) in trace.joints.iter().zip(&trace.t) {
-        let motion = plant.motion(joints)?;
+    let at = |k: usize| {
+        let (t, motion) = (trace.t[k], plant.motion(&trace.joints[k])?);
         let reactions = inverse_dynamics(plant, t, &motion, &states, true)?.reactions;
         let at = Instant {
             t,
@@ -167,9 +168,8 @@ fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, crate::kinematics
             torque: [0.0; 4],
             closed: SocketSet::ALL,
         };
-        for (series, variable) in out.iter_mut().zip(&all) {
-            series.push(variable.read(&at));
-        }
-    }
-    Ok(out)
+        Ok(all.iter().map(|variable| variable.read(&at)).collect())
+    };
+    let rows: Vec<Vec<f64>> = (0..trace.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+    Ok((0..all.len()).map(|i| rows.iter().map(|row| row[i]).collect()).collect())
 }
