@@ -354,7 +354,7 @@ fn found(nominal: &Model, setup: &Setup, active: ActiveEffect, seed: u64) -> (Ve
     let d = diagnose(nominal, &traces, &[], &mut |_| {}).unwrap();
     println!("{}: {:?} {:?}", nominal.name, d.verdict, d.effects);
     let addition = add(nominal, name, &traces, &[]).unwrap();
-    for (after, floor) in addition.rms_after.iter().zip(&addition.noise_floor) {
+    for (after, floor) in addition.budget.rms_after().iter().zip(&addition.budget.noise_floor) {
         assert!(*after < 1.2 * floor, "{after} {floor}");
     }
     let values = addition.fit.model.effects.iter().find(|a| a.effect.name() == name).unwrap().values.clone();

@@ -120,7 +120,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
         println!(
             "  {} (probability {:.2}, explains {:.1} % of the explainable error)",
             e.name,
-            e.probability,
+            e.confidence.probability(),
             100.0 * e.explained
         );
         for p in &e.parameters {
@@ -131,7 +131,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
         println!("  these data cannot tell apart: {}", set.join(", "));
     }
     if let Some(next) = &d.next_experiment {
-        println!("  {next}");
+        println!("  next experiment, {}", next.what);
     }
     let [delivered, identified, added] = figures::stage_rms(findings);
     println!("\nRMS error on the held-out motion");

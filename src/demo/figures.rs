@@ -95,8 +95,25 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
             .collect();
         report.table(&["parameter", "estimate", "standard error", "unit"], &rows);
     }
+    if !d.budget.effects.is_empty() {
+        report.heading("Error budget");
+        report.figure(
+            &crate::diagnosis::command::budget::figure(&d.budget),
+            "What the noise leaves, what each added effect explains, and what nothing explains yet; held-out motion.",
+        );
+        let number = |x: f64| crate::terminal::significant(x, 4);
+        let row = |c: &crate::diagnosis::budget::Change| {
+            let numbers = [c.before.value, c.before.std, c.after.value, c.after.std].map(number);
+            std::iter::once(c.before.name.clone()).chain(numbers).chain([c.before.unit.into()]).collect::<Vec<_>>()
+        };
+        let rows: Vec<Vec<String>> = d.changes.iter().map(row).collect();
+        if !rows.is_empty() {
+            report.paragraph("Parameters that the addition moved by more than three standard errors, or by a tenth:");
+            report.table(&["parameter", "before", "std", "after", "std", "unit"], &rows);
+        }
+    }
     if let Some(next) = &d.next_experiment {
-        report.callout(Callout::Note, next);
+        report.callout(Callout::Note, &format!("Next experiment, {}.", next.what));
     }
     report
 }

@@ -12,7 +12,7 @@ use crate::comparison::{Comparison, compare};
 use crate::diagnosis::{Diagnosis, DiagnosisError, diagnose};
 use crate::effects::Role;
 use crate::exam::folder::Truth;
-use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, campaign};
+use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, campaign};
 use crate::identification::{Fit, FitError, Trace, fit};
 use crate::model::Model;
 use crate::terminal::significant;
@@ -64,7 +64,11 @@ pub fn measure(
     let drawn = SHOWN[ChaCha8Rng::seed_from_u64(seed).random_range(0..SHOWN.len())];
     let name = effect.unwrap_or(drawn);
     let effects = if name == "none" { Vec::new() } else { vec![name.to_string()] };
-    Ok(campaign(model, &Case { seed, effects, duration: DURATION, ..Case::default() }, progress)?)
+    Ok(campaign(
+        model,
+        &Case { seed, effects, motion: MotionKind::Fourier, duration: DURATION, ..Case::default() },
+        progress,
+    )?)
 }
 
 /// What is hidden in a campaign.

@@ -3,16 +3,23 @@
 //! The statistics stand in [`crate::evidence`]; this module states the hypotheses in the robot's terms and reads the
 //! outcome back into them.
 
+pub mod budget;
 pub mod command;
+pub mod confidence;
+pub mod experiment;
 mod problem;
 pub mod unknown;
 
+use budget::{Budget, Change};
+use confidence::Confidence;
+pub use experiment::NextExperiment;
+use experiment::Open;
 use thiserror::Error;
 
 use crate::dynamics::{Channel, in_configuration};
 use crate::effects::{self, ActiveEffect, Kind, Role};
-use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Settings, Visibility};
-use crate::identification::fit::{Estimate, Fit, FitError, channel_rms, residuals};
+use crate::evidence::{self, Assessment, Chosen, Outcome, Problem, Ranking, Settings, Visibility};
+use crate::identification::fit::{Estimate, Fit, FitError, Options, channel_rms, fit_with, residuals};
 use crate::identification::trace::noise_floor as floor;
 use crate::identification::{Trace, fit};
 use crate::model::Model;
@@ -113,11 +120,17 @@ pub struct Diagnosis {
     pub indistinguishable: Vec<Vec<String>>,
     /// Effects the data could not show at their usual size.
     pub unseen: Vec<String>,
-    /// What to measure to tell the members of a set apart.
-    pub next_experiment: Option<String>,
+    /// What to measure to tell the members of a set apart, or to see what these data cannot show.
+    pub next_experiment: Option<NextExperiment>,
+    /// What each found effect explains.
+    pub budget: Budget,
+    /// Parameters that the found effects moved.
+    pub changes: Vec<Change>,
+    /// All parameters before and after.
+    pub parameters: [Vec<Estimate>; 2],
     /// What no known effect explains, for [`Verdict::Unknown`].
     pub unexplained: Option<Unexplained>,
-    /// The refitted model with the found effects, and with a formula for what they do not explain.
+    /// The refitted model with the found effects, which its history tells of, and with a formula for what they do not explain.
     pub model: Model,
 }
 
@@ -126,8 +139,8 @@ pub struct Diagnosis {
 pub struct Named {
     /// Its name.
     pub name: String,
-    /// Weight of its evidence among all that explain the same.
-    pub probability: f64,
+    /// What would have been said, had something else been true.
+    pub confidence: Confidence,
     /// Share of the explainable error it explains.
     pub explained: f64,
     /// Its parameters.
@@ -139,7 +152,7 @@ pub struct Named {
 pub struct CandidateReport {
     /// Its name.
     pub name: String,
-    /// Weight of its evidence, relative to the best.
+    /// Probability that it is what was found first.
     pub probability: f64,
     /// Share of the explainable error it would explain alone.
     pub explained: f64,
@@ -164,16 +177,28 @@ pub fn diagnose(
     held_out: &[Trace],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
+    diagnose_holding(model, &[], traces, held_out, progress)
+}
+
+/// The same, with the parameters of some effects (or of `rigid_bodies`) known: they are not fitted.
+pub fn diagnose_holding(
+    model: &Model,
+    held: &[String],
+    traces: &[Trace],
+    held_out: &[Trace],
+    progress: &mut dyn FnMut(&str),
+) -> Result<Diagnosis, DiagnosisError> {
     check(traces, held_out)?;
     let noise = floor(model, traces);
-    let weights = vec![noise.clone(); traces.len()];
+    let fitting = Fitting { traces, weights: vec![noise.clone(); traces.len()], held };
     progress("refit");
-    let start = fit(model, traces, &weights)?;
+    let start = fitting.fit(model)?;
     let mounted = in_configuration(model, &traces[0].setup);
     let candidates = problem::absent(&mounted);
     let mut refused: Vec<&str> = Vec::new();
     progress("columns of the candidates");
-    let first = problem::problem(&start, traces, &noise, &candidates)?;
+    let mut first = problem::problem(&start, traces, &noise, &candidates)?;
+    first.base.retain(|c| !fitting.holds(&c.name));
     let settings = Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
     let (outcome, end) = loop {
         let mut stated = first.clone();
@@ -183,7 +208,7 @@ pub fn diagnose(
             }
         }
         progress("evidence");
-        let (outcome, end) = search(&start, traces, &weights, &candidates, &stated, &settings, progress)?;
+        let (outcome, end) = search(&start, &fitting, &candidates, &stated, &settings, progress)?;
         // A law with a definite sign must come out with it.
         let wrong = outcome
             .found()
@@ -200,6 +225,7 @@ pub fn diagnose(
     let rms_before = channel_rms(&residuals(&start.model, judge)?);
     let rms_after = channel_rms(&residuals(&end.model, judge)?);
     let noise_floor = floor(model, judge);
+    progress("confidence");
     let found = outcome.found();
     let mut effects = Vec::new();
     for finding in &outcome.findings {
@@ -209,33 +235,26 @@ pub fn diagnose(
         } else {
             let mut reduced = end.model.clone();
             reduced.effects.retain(|a| a.effect.name() != name);
-            channel_rms(&residuals(&fit(&reduced, traces, &weights)?.model, judge)?)
+            channel_rms(&residuals(&fitting.fit(&reduced)?.model, judge)?)
         };
         effects.push(Named {
             name: name.into(),
-            probability: probability(finding),
+            confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&first), &settings)?,
             explained: explained(&rms_before, &without, &rms_after, &noise_floor),
             parameters: parameters_of(&end, name),
         });
     }
     let ranking = outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking);
-    let best = ranking.candidates.iter().map(|a| a.log_evidence).fold(f64::INFINITY, f64::min);
-    let mut reports: Vec<CandidateReport> = Vec::new();
-    for &i in &ranking.order {
-        let Some(a) = ranking.of(i).or_else(|| ranking.candidates.get(i)) else { continue };
-        reports.push(CandidateReport {
-            name: a.name.clone(),
-            probability: if a.passes(&settings) { (best - a.log_evidence).exp() } else { 0.0 },
-            explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
-            p_adjusted: a.p_adjusted,
-            visible: a.visibility == Visibility::Visible,
-            absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
-        });
-    }
-    let total: f64 = reports.iter().map(|r| r.probability).sum();
-    for r in &mut reports {
-        r.probability /= total.max(1.0);
-    }
+    let probability = |name: &str| effects.first().map_or(0.0, |e: &Named| e.confidence.probability_of(name));
+    let report = |a: &Assessment| CandidateReport {
+        name: a.name.clone(),
+        probability: probability(&a.name),
+        explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
+        p_adjusted: a.p_adjusted,
+        visible: a.visibility == Visibility::Visible,
+        absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
+    };
+    let reports: Vec<CandidateReport> = ranking.order.iter().map(|&i| report(&ranking.candidates[i])).collect();
     let beyond = problem::beyond(&mounted).into_iter().map(|e| e.name().into());
     let unseen = ranking
         .candidates
@@ -255,7 +274,33 @@ pub fn diagnose(
         .filter(|set| set.len() > 1)
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
+    progress("what is left");
     let unexplained = unknown::explain(&start.model, &end.model, effects.len(), (traces, held_out), &noise, progress)?;
+    let verdict = if unexplained.is_some() { Verdict::Unknown } else { verdict };
+    progress("next experiment");
+    let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
+    let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
+    for i in 1..=effects.len() {
+        let names = || effects[..i].iter().map(|e: &Named| e.name.clone());
+        let rms = if i == effects.len() {
+            rms_after.clone()
+        } else {
+            let mut part = end.model.clone();
+            let later: Vec<&str> = effects[i..].iter().map(|e| e.name.as_str()).collect();
+            part.effects.retain(|a| !later.contains(&a.effect.name()));
+            channel_rms(&residuals(&fitting.fit(&part)?.model, judge)?)
+        };
+        stages.extend(names().next_back().map(|name| (name, rms)));
+    }
+    let budget = Budget {
+        channels: traces[0].channels.clone(),
+        rms_before: rms_before.clone(),
+        noise_floor: noise_floor.clone(),
+        effects: stages,
+        held_out: !held_out.is_empty(),
+    };
+    let mut found_model = end.model.clone();
+    found_model.history.extend(budget.history());
     let mut diagnosis = Diagnosis {
         verdict,
         channels: traces[0].channels.clone(),
@@ -266,14 +311,16 @@ pub fn diagnose(
         candidates: reports,
         indistinguishable,
         unseen,
-        next_experiment: None,
+        next_experiment,
+        budget,
+        changes: budget::changes(&start, &end),
+        parameters: [start.parameters, end.parameters],
         unexplained: None,
-        model: end.model,
+        model: found_model,
     };
     if let Some(found) = unexplained {
         diagnosis.doubt(found);
     }
-    diagnosis.next_experiment = next_experiment(diagnosis.verdict, &diagnosis.indistinguishable);
     Ok(diagnosis)
 }
 
@@ -296,6 +343,25 @@ impl Diagnosis {
     }
 }
 
+/// How a model is fitted to the data.
+struct Fitting<'a> {
+    traces: &'a [Trace],
+    weights: Vec<Vec<f64>>,
+    /// Effects that keep their parameters.
+    held: &'a [String],
+}
+
+impl Fitting<'_> {
+    fn fit(&self, model: &Model) -> Result<Fit, FitError> {
+        fit_with(model, self.traces, &self.weights, &Options { held: self.held, ..Options::default() })
+    }
+
+    /// Whether a parameter, with its effect before its name, stays as it is.
+    fn holds(&self, parameter: &str) -> bool {
+        self.held.iter().any(|h| parameter.split('.').next() == Some(h))
+    }
+}
+
 fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
     let first = traces.first().ok_or(DiagnosisError::NoData)?;
     match traces.iter().chain(held_out).find(|t| t.channels != first.channels) {
@@ -307,8 +373,7 @@ fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
 /// Forward selection; the model is refitted after the addition of an effect that the parameters enter nonlinearly.
 fn search(
     start: &Fit,
-    traces: &[Trace],
-    weights: &[Vec<f64>],
+    fitting: &Fitting,
     candidates: &[Vec<ActiveEffect>],
     stated: &Problem,
     settings: &Settings,
@@ -325,7 +390,7 @@ fn search(
             }
             model.effects.push(active);
         }
-        fit(&model, traces, weights)
+        fitting.fit(&model)
     };
     let outcome = evidence::select_with(stated, settings, |chosen, ranking| {
         if !chosen.iter().any(|c| is_nonlinear(&candidates[c.candidate][c.variant])) {
@@ -334,7 +399,7 @@ fn search(
         let names: Vec<&str> = chosen.iter().map(|c| candidates[c.candidate][0].effect.name()).collect();
         progress(&format!("refit with {}", names.join(", ")));
         let next = refit(chosen, Some(ranking)).and_then(|fitted| {
-            let next = relinearised(&fitted, traces, stated, chosen, &names)?;
+            let next = relinearised(&fitted, fitting, stated, chosen, &names)?;
             last = Some((chosen.to_vec(), fitted));
             Ok(Some(next))
         });
@@ -378,16 +443,20 @@ fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
 /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
 fn relinearised(
     fitted: &Fit,
-    traces: &[Trace],
+    fitting: &Fitting,
     stated: &Problem,
     chosen: &[Chosen],
     names: &[&str],
 ) -> Result<Problem, FitError> {
+    let traces = fitting.traces;
     let mut next = Problem { y: problem::residual_series(traces, fitted), base: Vec::new(), ..stated.clone() };
     for c in chosen {
         next.candidates[c.candidate].variants[c.variant].columns.clear();
     }
     for owned in problem::owned_columns(&fitted.model, traces)? {
+        if fitting.holds(&owned.column.name) {
+            continue;
+        }
         let Some(i) = names.iter().position(|n| *n == owned.effect) else {
             next.base.push(owned.column);
             continue;
@@ -409,18 +478,6 @@ pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
         .iter()
         .filter_map(|p| p.name.strip_prefix(&prefix).map(|name| Estimate { name: name.into(), ..p.clone() }))
         .collect()
-}
-
-/// Weight of a finding's evidence within its confidence set.
-fn probability(finding: &evidence::Finding) -> f64 {
-    let Some(own) = finding.ranking.of(finding.chosen.candidate) else { return 0.0 };
-    let rivals = finding.ranking.confidence_set();
-    let sum: f64 = rivals
-        .iter()
-        .filter(|a| a.candidate != own.candidate)
-        .map(|a| (own.log_evidence - a.log_evidence).clamp(-700.0, 700.0).exp())
-        .sum();
-    (1.0 - own.p_adjusted) / (1.0 + sum)
 }
 
 /// Σ over channels of the variance in units of the noise.
@@ -453,24 +510,47 @@ fn verdict(outcome: &Outcome, before: &[f64], after: &[f64], floor: &[f64], ambi
     }
 }
 
-fn next_experiment(verdict: Verdict, sets: &[Vec<String>]) -> Option<String> {
-    if verdict != Verdict::Ambiguous {
-        return None;
+/// The experiment that tells the members of the first set apart; without one, that shows what the data could not.
+fn next_experiment(
+    verdict: Verdict,
+    outcome: &Outcome,
+    candidates: &[Vec<ActiveEffect>],
+    end: &Fit,
+    fitting: &Fitting,
+) -> Option<NextExperiment> {
+    let sets = outcome.findings.iter().map(|f| (f.chosen, &f.ranking));
+    let set = sets.map(|(own, ranking)| (own, ranking, ranking.confidence_set())).find(|(_, _, set)| set.len() > 1);
+    let ranking = &outcome.remaining;
+    let (traces, held) = (fitting.traces, fitting.held);
+    let (filters, stride, blocks) = (&ranking.filters, problem::BLOCK, ranking.blocks);
+    let open = |model| Open { model, held, traces, filters, stride, blocks };
+    match (verdict, set) {
+        (Verdict::Unknown, _) => None,
+        (_, Some((own, _, set))) => {
+            let sized = |a: &Assessment| {
+                let fitted = end
+                    .model
+                    .effects
+                    .iter()
+                    .find(|e| e.effect.name() == a.name)
+                    .filter(|_| a.candidate == own.candidate);
+                let estimated = a.coefficients.iter().map(|c| (c.name.clone(), c.value));
+                fitted.cloned().unwrap_or_else(|| experiment::sized(&candidates[a.candidate][a.variant], estimated))
+            };
+            // The one that was added first leads.
+            let leader = set.iter().filter(|a| a.candidate == own.candidate);
+            let rivals = set.iter().filter(|a| a.candidate != own.candidate);
+            let effects: Vec<ActiveEffect> = leader.chain(rivals).map(|a| sized(a)).collect();
+            let names: Vec<&str> = effects.iter().map(|a| a.effect.name()).collect();
+            open(&experiment::without(&end.model, &names)).tell(&effects)
+        }
+        (_, None) => {
+            let unseen = ranking.candidates.iter().filter(|a| a.visibility != Visibility::Visible && !a.generic);
+            let effects: Vec<ActiveEffect> =
+                unseen.map(|a| experiment::usual(&candidates[a.candidate][a.variant])).collect();
+            if effects.is_empty() { None } else { open(&end.model).see(&effects) }
+        }
     }
-    let set = sets.first()?;
-    let any = |part: &str| set.iter().any(|n| n.contains(part));
-    let what = if any("ball_socket") {
-        "the same motion at half and at double speed, with a force sensor in one strut"
-    } else if any("base_tilt") || any("asymmetry") {
-        "static poses over the whole workspace, each reached from both sides"
-    } else if any("payload") {
-        "the same motion without payload, then with a weighed one off the axis"
-    } else if any("delay") || any("gain") {
-        "a motion with fast reversals of one axis at a time"
-    } else {
-        "the same motion at half and at double speed"
-    };
-    Some(format!("to tell {} apart: {what}", set.join(", ")))
 }
 
 /// An effect added to a model.
@@ -478,13 +558,13 @@ fn next_experiment(verdict: Verdict, sets: &[Vec<String>]) -> Option<String> {
 pub struct Addition {
     /// Its name.
     pub effect: String,
-    /// RMS residual of the refitted model without it; on held-out data where given.
-    pub rms_before: Vec<f64>,
-    /// The same with it.
-    pub rms_after: Vec<f64>,
-    /// Standard deviation of the sensor noise.
-    pub noise_floor: Vec<f64>,
-    /// The fit with it.
+    /// What it explains; on held-out data where given.
+    pub budget: Budget,
+    /// Parameters that it moved.
+    pub changes: Vec<Change>,
+    /// All parameters before.
+    pub parameters_before: Vec<Estimate>,
+    /// The fit with it, which the history of its model tells of.
     pub fit: Fit,
 }
 
@@ -520,15 +600,18 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
             best = Some(fitted);
         }
     }
-    let fit = best.expect("an effect has at least one shape");
+    let mut fit = best.expect("an effect has at least one shape");
     let judge = if held_out.is_empty() { traces } else { held_out };
-    Ok(Addition {
-        effect: effect.into(),
+    let budget = Budget {
+        channels: traces[0].channels.clone(),
         rms_before: channel_rms(&residuals(&before.model, judge)?),
-        rms_after: channel_rms(&residuals(&fit.model, judge)?),
         noise_floor: floor(model, judge),
-        fit,
-    })
+        effects: vec![(effect.into(), channel_rms(&residuals(&fit.model, judge)?))],
+        held_out: !held_out.is_empty(),
+    };
+    fit.model.history.extend(budget.history());
+    let changes = budget::changes(&before, &fit);
+    Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.parameters, fit })
 }
 
 /// Brings the effects of a model into the order of the registry.

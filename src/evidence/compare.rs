@@ -14,7 +14,7 @@ use super::special::t_quantile;
 pub const SAME: f64 = 0.999;
 
 /// Level of the pairwise tests.
-const LEVEL: f64 = 0.95;
+pub const LEVEL: f64 = 0.95;
 
 /// Block losses of adding a candidate, relative to adding nothing: `−2 cᵀ g_b + cᵀ S_b c`.
 pub fn losses(scores: &Scores, grams: &[DMatrix<f64>]) -> DVector<f64> {

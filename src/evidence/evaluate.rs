@@ -9,11 +9,8 @@ use super::predict::{Contribution, Effect, effects, squares};
 use super::problem::{Chosen, Problem, Settings, Variant};
 use super::project::{Projected, pseudo_inverse};
 use super::ranking::Ranking;
-use super::score::{Remainder, Scores, block_grams, wald};
+use super::score::{Remainder, Scores, block_grams, obvious};
 use super::{Error, flip};
-
-/// Wald p, times the number of variants tried, below which an effect is beyond doubt.
-const OBVIOUS: f64 = 1e-6;
 
 /// Assess every candidate that is not among `chosen`, whose columns join the base.
 pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Result<Ranking, Error> {
@@ -33,7 +30,8 @@ pub fn evaluate_only(
         .filter(|i| only.contains(i) && chosen.iter().all(|c| c.candidate != *i))
         .collect();
     let base = BaseFit::new(problem, chosen, settings)?;
-    let entries = base.assess(problem, &tested)?;
+    let places = tested.iter().flat_map(|&j| (0..problem.candidates[j].variants.len()).map(move |v| (j, v))).collect();
+    let entries = base.assess(problem, places)?;
     base.rank(problem, &tested, entries, chosen, settings)
 }
 
@@ -46,15 +44,15 @@ pub struct Entries<'a> {
 }
 
 impl<'a> BaseFit<'a> {
-    fn assess(&self, problem: &'a Problem, tested: &[usize]) -> Result<Entries<'a>, Error> {
+    /// What all statistics of the given (candidate, variant) are made of.
+    pub fn assess(&self, problem: &'a Problem, chosen: Vec<(usize, usize)>) -> Result<Entries<'a>, Error> {
         let p = self.columns.len();
         let mut places = Vec::new();
         let mut at = p + 1;
-        for &j in tested {
-            for (index, v) in problem.candidates[j].variants.iter().enumerate() {
-                places.push((j, index, v, at));
-                at += v.columns.len();
-            }
+        for (j, index) in chosen {
+            let v = &problem.candidates[j].variants[index];
+            places.push((j, index, v, at));
+            at += v.columns.len();
         }
         let groups: Vec<_> = places.iter().map(|&(_, _, v, at)| at..at + v.columns.len()).collect();
         let variants: Vec<&Variant> = places.iter().map(|x| x.2).collect();
@@ -128,8 +126,7 @@ impl<'a> BaseFit<'a> {
             let mut a = describe(entry, problem, &self, &rest, settings, groups[group].len());
             a.score = least.map_or(0.0, |e| e.scores.statistic);
             (a.p_marginal, a.p_adjusted) = (p[group], adjusted[group]);
-            let obvious = wald(&entry.scores, &blockwise[i]) * list.len() as f64;
-            if obvious < OBVIOUS {
+            if obvious(&entry.scores, &blockwise[i], list.len()) {
                 a.p_adjusted = a.p_adjusted.min(1.0 / (settings.flips + 1) as f64);
             }
             a.coefficients = estimates(entry, &blockwise[i]);

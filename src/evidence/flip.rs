@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use super::problem::Settings;
 use super::score::tail;
 
 /// Draws handled at a time.
@@ -20,6 +21,15 @@ pub fn family_wise(scores: &[&DMatrix<f64>], marginal: &[f64], blocks: usize, fl
         (1 + hits) as f64 / (flips + 1) as f64
     };
     marginal.iter().map(adjust).collect()
+}
+
+/// Marginal p below which the family-wise p is below `alpha`.
+pub fn critical(scores: &[&DMatrix<f64>], blocks: usize, settings: &Settings) -> f64 {
+    let mut smallest = smallest_p(scores, blocks, settings.flips, settings.seed);
+    smallest.sort_by(f64::total_cmp);
+    let hits = (settings.alpha * (settings.flips + 1) as f64).ceil() as usize;
+    // One draw fewer than the level allows must be below it.
+    hits.checked_sub(2).and_then(|i| smallest.get(i)).copied().unwrap_or(0.0)
 }
 
 /// The smallest p over all variants for every draw.

@@ -23,6 +23,7 @@
 
 mod base_fit;
 mod compare;
+mod confusion;
 mod describe;
 pub mod error;
 mod evaluate;
@@ -36,12 +37,14 @@ pub mod ranking;
 pub mod repeats;
 mod score;
 pub mod select;
+pub mod separation;
 mod special;
 pub mod whiten;
 
 #[cfg(test)]
 mod campaign;
 
+pub use confusion::{Confusion, confusion};
 pub use error::Error;
 pub use evaluate::{evaluate, evaluate_only};
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};

@@ -66,9 +66,15 @@ impl Scores {
                 - projected.imitation.transpose() * rest.base_scores.column(b);
             blocks.set_column(b, &(projected.basis.transpose() * raw));
         }
+        Self::of(blocks)
+    }
+
+    /// The statistics of block scores (rank × B).
+    pub fn of(blocks: DMatrix<f64>) -> Self {
+        let count = blocks.ncols();
         let sum = blocks.column_sum();
         // With many columns per block T tends to B whatever the data: only the strongest directions are tested then.
-        let tested = projected.rank().min(count / 4);
+        let tested = blocks.nrows().min(count / 4);
         let standard = standardise(blocks.rows(0, tested).into_owned());
         let statistic = standard.column_sum().norm_squared().min(count as f64);
         let p = tail(statistic, standard.nrows(), count);
@@ -108,12 +114,20 @@ pub fn block_grams(grams: &[BlockGram], group: usize, at: usize, projected: &Pro
     grams.iter().map(one).collect()
 }
 
+/// Wald p, times the number of variants tried, below which an effect is beyond doubt.
+const OBVIOUS: f64 = 1e-6;
+
+/// Whether an effect is beyond doubt, among `tried` variants.
+pub fn obvious(scores: &Scores, grams: &[DMatrix<f64>], tried: usize) -> bool {
+    wald(scores, grams) * (tried as f64) < OBVIOUS
+}
+
 /// Marginal p of the Wald statistic of the full fit, with the covariance of [`sandwich`].
 ///
 /// The score statistic cannot exceed the number of blocks: an effect that dwarfs the noise spreads its own block scores
 /// and hides behind them. The full fit's residual does not hold the effect, so its Wald statistic keeps growing. It is
 /// too liberal near the usual levels and only trusted far beyond them.
-pub fn wald(scores: &Scores, grams: &[DMatrix<f64>]) -> f64 {
+fn wald(scores: &Scores, grams: &[DMatrix<f64>]) -> f64 {
     let (m, count) = scores.blocks.shape();
     if m == 0 || m > count / 4 {
         return 1.0;

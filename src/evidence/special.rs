@@ -1,6 +1,7 @@
 //! Tail probabilities.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT};
+use statrs::function::beta::beta_reg;
 use statrs::function::gamma::{gamma_ur, ln_gamma};
 
 /// `P(F(m, d) > f)`.
@@ -13,6 +14,29 @@ pub fn f_tail(f: f64, m: f64, d: f64) -> f64 {
         _ => 1.0,
     }
 }
+
+/// Quantile of F(m, d).
+pub fn f_quantile(p: f64, m: f64, d: f64) -> f64 {
+    FisherSnedecor::new(m, d).map_or(f64::INFINITY, |dist| dist.inverse_cdf(p))
+}
+
+/// `P(F'(m, d; λ) > f)` of the non-central F, a Poisson mixture of beta tails.
+pub fn noncentral_f_tail(f: f64, m: usize, d: f64, lambda: f64) -> f64 {
+    if lambda > CERTAIN {
+        return 1.0;
+    }
+    let (h, x) = (0.5 * m as f64, d / (d + m as f64 * f));
+    let mut weight = (-0.5 * lambda).exp();
+    let mut sum = 0.0;
+    for i in 0..60 + (2.0 * lambda) as usize {
+        sum += weight * beta_reg(0.5 * d, h + i as f64, x);
+        weight *= 0.5 * lambda / (i + 1) as f64;
+    }
+    sum.min(1.0)
+}
+
+/// Non-centrality beyond any critical value in use.
+const CERTAIN: f64 = 500.0;
 
 /// Natural logarithm of `P(χ²(k) > x)`, exact in the bulk and asymptotic where the probability underflows.
 pub fn ln_chi2_tail(x: f64, k: f64) -> f64 {
@@ -72,6 +96,16 @@ mod tests {
     fn noncentrality_matches_table() {
         for (m, table) in [(1, 12.995), (2, 15.443), (3, 17.170), (4, 18.572)] {
             assert_relative_eq!(noncentrality(m, 0.05, 0.95), table, epsilon = 2e-3);
+        }
+    }
+
+    /// Without centre it is the F tail; with many degrees of freedom the non-central χ² of the table above.
+    #[test]
+    fn noncentral_f_has_the_right_limits() {
+        assert_relative_eq!(noncentral_f_tail(2.5, 3, 40.0, 0.0), f_tail(2.5, 3.0, 40.0), epsilon = 1e-12);
+        for (m, lambda, critical) in [(1, 12.995, 3.841_459), (3, 17.170, 7.814_728)] {
+            let tail = noncentral_f_tail(critical / m as f64, m, 1e7, lambda);
+            assert_relative_eq!(tail, 0.95, epsilon = 1e-4);
         }
     }
 

@@ -45,7 +45,7 @@ impl Default for Case {
             effects: Vec::new(),
             size: Size::Medium,
             noise: Noise::White,
-            motion: MotionKind::Fourier,
+            motion: MotionKind::Wideband,
             strut_sensor: true,
             payload: true,
             duration: 20.0,
@@ -141,6 +141,18 @@ pub fn campaign_with(
     beyond: &[&'static dyn Effect],
     progress: &(dyn Fn(usize, f64) + Sync),
 ) -> Result<Campaign, CampaignError> {
+    let quiet = quiet_campaign(model, case, beyond, progress)?;
+    let [measurement, validation] = quiet.noisy(case);
+    Ok(Campaign { measurement, validation, ..quiet })
+}
+
+/// The same before torques and forces get their noise; encoders are quantised.
+pub fn quiet_campaign(
+    model: &Model,
+    case: &Case,
+    beyond: &[&'static dyn Effect],
+    progress: &(dyn Fn(usize, f64) + Sync),
+) -> Result<Campaign, CampaignError> {
     let known = hideable(model);
     let find = |name: &String| {
         known.iter().copied().find(|e| e.name() == name).ok_or_else(|| CampaignError::Effect {
@@ -194,7 +206,7 @@ pub fn campaign_with(
     };
     let (first, second) = rayon::join(|| run(0), || run(1));
     let ((measurement, a), (validation, b)) = (first?, second?);
-    let mut campaign = Campaign {
+    Ok(Campaign {
         case: case.clone(),
         hidden,
         model: model.clone(),
@@ -202,22 +214,24 @@ pub fn campaign_with(
         measurement: Recording { name: "measurement".into(), ..measurement },
         validation: Recording { name: "validation".into(), ..validation },
         reports: [a, b],
-    };
-    add_noise(&mut campaign, case);
-    Ok(campaign)
+    })
 }
 
-/// Lays the noise of `case` on both recordings, and leaves the digits that a measuring system would write.
-fn add_noise(campaign: &mut Campaign, case: &Case) {
-    let force = campaign.model.noise.strut_force;
-    let mut rng = case.random(Stream::Noise);
-    for recording in [&mut campaign.measurement, &mut campaign.validation] {
-        let signals = &mut recording.signals;
-        noise::lay(case.noise, &TORQUE_NOISE, force, signals, &mut rng);
-        signals.t.iter_mut().for_each(|t| *t = rounded(*t, 1e7));
-        signals.q.iter_mut().flatten().for_each(|q| *q = rounded(*q, 1e9));
-        signals.tau.iter_mut().flatten().for_each(|tau| *tau = rounded(*tau, 1e4));
-        signals.strut_upper.iter_mut().flatten().flatten().for_each(|f| *f = rounded(*f, 1e3));
+impl Campaign {
+    /// Both recordings with the noise of `case`, in the digits that a measuring system would write.
+    pub fn noisy(&self, case: &Case) -> [Recording; 2] {
+        let force = self.model.noise.strut_force;
+        let mut rng = case.random(Stream::Noise);
+        [&self.measurement, &self.validation].map(|quiet| {
+            let mut recording = quiet.clone();
+            let signals = &mut recording.signals;
+            noise::lay(case.noise, &TORQUE_NOISE, force, signals, &mut rng);
+            signals.t.iter_mut().for_each(|t| *t = rounded(*t, 1e7));
+            signals.q.iter_mut().flatten().for_each(|q| *q = rounded(*q, 1e9));
+            signals.tau.iter_mut().flatten().for_each(|tau| *tau = rounded(*tau, 1e4));
+            signals.strut_upper.iter_mut().flatten().flatten().for_each(|f| *f = rounded(*f, 1e3));
+            recording
+        })
     }
 }
 

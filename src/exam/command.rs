@@ -5,19 +5,22 @@ use std::path::{Path, PathBuf};
 use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
-use super::campaign::{Case, campaign, hideable};
-use super::folder::{self, Truth};
-use super::judge::{Answer, Grade, judge};
+use super::campaign::{Campaign, Case, campaign, hideable, quiet_campaign};
 use super::motion::MotionKind;
 use super::noise::Noise;
+use super::plan::{NOTHING, Plan, seed};
+use super::score::{Judged, Score};
 use super::size::Size;
+use super::{Grade, figures, folder, judge};
 use crate::model::{Mechanism, Model};
 use crate::recording::Recording;
-use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, say, significant};
+use crate::terminal::{
+    DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, significant, warn, write_figure,
+};
 
 /// Examine the diagnosis: hide effects in a robot, judge what is said about it, count.
 ///
-/// Every campaign is a folder in DIR with its recordings, the truth and the answer; what is there already is kept, so that
+/// Every campaign is a folder in DIR with its recordings, the truth and the answer. What is there already is kept, so that
 /// an interrupted exam goes on. With --judge, the campaigns that stand in a folder are judged and none is made.
 #[derive(clap::Args, Clone, Debug)]
 #[command(
@@ -26,7 +29,7 @@ use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupte
 pub struct Args {
     /// Model file.
     pub model: PathBuf,
-    /// Folder for the campaigns.
+    /// Folder for the campaigns and the figures.
     #[arg(short, long, default_value = "recordings/exam", value_name = "DIR")]
     pub output: PathBuf,
     /// Judge the campaigns in this folder, made by whatever software.
@@ -35,31 +38,34 @@ pub struct Args {
     /// Judge anew what has an answer already.
     #[arg(long)]
     pub anew: bool,
-    /// Effects to hide, one at a time; all that the model lacks without it.
+    /// Effects to hide, one at a time and in pairs; all that the model lacks without it, `none` for none.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     pub effects: Option<Vec<String>>,
-    /// Sizes of the hidden effects.
+    /// Sizes of single effects.
     #[arg(long, value_delimiter = ',', value_enum, default_value = "medium")]
     pub sizes: Vec<Size>,
     /// Campaigns per effect and size.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     pub seeds: u64,
-    /// Campaigns with two effects.
-    #[arg(long, default_value_t = 0)]
+    /// Campaigns with two effects of medium size.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     pub pairs: u64,
     /// Campaigns in which nothing is hidden.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     pub null: u64,
+    /// Further campaigns in which nothing is hidden: other noise on the recordings of four robots. Only answers are kept.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    pub fast_null: u64,
     /// Kinds of noise, in turn.
     #[arg(long, value_delimiter = ',', value_enum, default_value = "white")]
     pub noise: Vec<Noise>,
-    /// What the robot does.
+    /// What the robots do.
     #[arg(long, value_enum, default_value_t)]
     pub motion: MotionKind,
-    /// No force sensor in strut 1.
+    /// No force sensors in struts; two thirds of the robots have one without it.
     #[arg(long)]
     pub no_strut: bool,
-    /// No payload.
+    /// No payloads; half of the robots have one without it.
     #[arg(long)]
     pub no_payload: bool,
     /// Length of each recording, s.
@@ -76,12 +82,10 @@ pub struct Args {
     pub json: bool,
 }
 
-/// A judged campaign.
-struct Judged {
-    name: String,
-    truth: Truth,
-    answer: Answer,
-}
+/// Robots whose recordings the fast campaigns share.
+const FAST_ROBOTS: u64 = 4;
+/// Shortest and longest recordings, s.
+const DURATION: (f64, f64) = (1.0, 600.0);
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
@@ -89,155 +93,225 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if !model.assembled || !matches!(model.mechanism, Mechanism::Delta { .. }) {
         return Err(miette!("{}: expected the model of an assembled delta robot", args.model.display()));
     }
+    let plan = plan(args, &model)?;
     catch_interrupt()?;
-    let folders = match &args.judge {
-        Some(root) => folder::campaigns(root).into_diagnostic()?,
-        None => make(args, &model)?,
+    let (root, folders) = match &args.judge {
+        Some(root) => (root, folder::campaigns(root).into_diagnostic()?),
+        None => (&args.output, make(args, &plan.cases(), &model)?),
     };
-    if folders.is_empty() {
-        let root = args.judge.as_ref().unwrap_or(&args.output);
+    let mut judged = if args.no_answers { Vec::new() } else { answers(args, &folders, &model)? };
+    if args.judge.is_none() && !args.no_answers {
+        judged.extend(fast(args, &plan, &model)?);
+    }
+    if interrupted() {
+        eprintln!("interrupted; the same command goes on");
+        return Ok(INTERRUPTED);
+    }
+    if args.no_answers {
+        say(format!("{} campaigns in {}", folders.len(), root.display()))?;
+        return Ok(DONE);
+    }
+    if judged.is_empty() {
         return Err(miette!("{}: holds no campaign; expected folders with {}", root.display(), folder::TRUTH));
     }
-    if args.no_answers || interrupted() {
-        return Ok(if interrupted() { INTERRUPTED } else { DONE });
+    let score = Score::of(&judged);
+    let mut files = Vec::new();
+    for (name, figure) in figures::all(&score, &judged) {
+        let file = root.join(format!("{name}.svg"));
+        write_figure(&file, &figure)?;
+        files.push(file);
     }
-    let progress = bar("judge", folders.len() as u64);
-    let judged: Vec<Option<Judged>> = folders
-        .par_iter()
-        .map(|f| {
-            let judged = if interrupted() { None } else { Some(judged(f, &model, args.anew)?) };
-            progress.inc(1);
-            Ok(judged)
-        })
-        .collect::<miette::Result<_>>()?;
-    progress.finish_and_clear();
-    let judged: Vec<Judged> = judged.into_iter().flatten().collect();
-    print(&judged)?;
-    Ok(if interrupted() { INTERRUPTED } else { DONE })
+    if args.json {
+        let mut object = score.json(&judged);
+        object["figures"] = paths(&files);
+        say(object)?;
+    } else {
+        print(&score, &judged)?;
+        say(format!("\n  Wrote figures into {}", root.display()))?;
+    }
+    Ok(DONE)
 }
 
-/// The cases that the arguments ask for, with the names of their folders.
-fn cases(args: &Args, model: &Model) -> Vec<(String, Case)> {
-    let names: Vec<String> = match &args.effects {
-        Some(names) => names.clone(),
-        None => hideable(model).iter().map(|e| e.name().to_string()).collect(),
+/// The plan that the arguments ask for.
+fn plan(args: &Args, model: &Model) -> miette::Result<Plan> {
+    if !(DURATION.0..=DURATION.1).contains(&args.duration) {
+        return Err(miette!(
+            "--duration is {}; expected a number from {} to {} s",
+            args.duration,
+            DURATION.0,
+            DURATION.1
+        ));
+    }
+    let known: Vec<&str> = hideable(model).iter().map(|e| e.name()).collect();
+    let effects = match &args.effects {
+        Some(names) => names.iter().filter(|n| *n != "none").cloned().collect(),
+        None => known.iter().map(|n| n.to_string()).collect::<Vec<String>>(),
     };
-    let mut out = Vec::new();
-    let mut add = |label: &str, effects: Vec<String>, size: Size, k: u64| {
-        let noise = args.noise[out.len() % args.noise.len()];
-        let mut name = format!("{label}-{noise}");
-        for (unusual, word) in [
-            (args.motion != MotionKind::Fourier, args.motion.name()),
-            (args.no_strut, "torques"),
-            (args.no_payload, "empty"),
-        ] {
-            if unusual {
-                name += &format!("-{word}");
-            }
+    if let Some(name) = effects.iter().find(|n| !known.contains(&n.as_str())) {
+        return Err(miette!("--effects: cannot hide `{name}`; expected `none` or some of {}", known.join(", ")));
+    }
+    Ok(Plan {
+        effects,
+        sizes: args.sizes.clone(),
+        seeds: args.seeds,
+        pairs: args.pairs,
+        null: args.null,
+        noise: args.noise.clone(),
+        motion: args.motion,
+        strut_sensors: !args.no_strut,
+        payloads: !args.no_payload,
+        duration: args.duration,
+        seed: args.seed,
+    })
+}
+
+/// Does something with each of `items` on all cores, until interrupted.
+fn each<T: Sync, R: Send>(
+    what: &str,
+    items: &[T],
+    work: impl Fn(&T) -> miette::Result<R> + Sync,
+) -> miette::Result<Vec<R>> {
+    let progress = bar(what, items.len() as u64);
+    let done = |item: &T| {
+        let result = if interrupted() { None } else { Some(work(item)?) };
+        progress.inc(1);
+        Ok(result)
+    };
+    let results: miette::Result<Vec<Option<R>>> = items.par_iter().map(done).collect();
+    progress.finish_and_clear();
+    Ok(results?.into_iter().flatten().collect())
+}
+
+/// Makes the campaigns that are not there yet; their folders.
+fn make(args: &Args, cases: &[(String, Case)], model: &Model) -> miette::Result<Vec<PathBuf>> {
+    each("make", cases, |(name, case)| {
+        let folder = args.output.join(name);
+        if !folder.join(folder::TRUTH).is_file() {
+            let campaign = campaign(model, case, &|_, _| {}).map_err(|e| miette!("{name}: {e}"))?;
+            folder::write(&folder, &campaign).into_diagnostic()?;
         }
-        name += &format!("-{k}");
-        let case = Case {
-            seed: seed(args.seed, &name),
-            effects,
-            size,
-            noise,
-            motion: args.motion,
-            strut_sensor: !args.no_strut,
-            payload: !args.no_payload,
-            duration: args.duration,
+        Ok(folder)
+    })
+}
+
+/// Judges what has no answer yet.
+fn answers(args: &Args, folders: &[PathBuf], model: &Model) -> miette::Result<Vec<Judged>> {
+    each("judge", folders, |folder| {
+        let truth = folder::read_truth(folder).into_diagnostic()?;
+        let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
+        if !args.anew
+            && let Some(answer) = folder::read_answer(folder).into_diagnostic()?
+        {
+            return Ok(Some(Judged::new(name, truth, answer)));
+        }
+        let Some(recordings) = recordings(folder, model)? else {
+            warn(&[format!("{name}: left out, without recordings it cannot be judged")]);
+            return Ok(None);
         };
-        out.push((name, case));
+        let answer = judge::judge(model, &recordings);
+        folder::write_answer(folder, &answer).into_diagnostic()?;
+        Ok(Some(Judged::new(name, truth, answer)))
+    })
+    .map(|judged| judged.into_iter().flatten().collect())
+}
+
+/// Both recordings of a campaign, if it has kept them.
+fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording; 2]>> {
+    let file = |stem: &str| {
+        let files = ["csv", "mcap"].map(|extension| folder.join(format!("{stem}.{extension}")));
+        files.into_iter().find(|f| f.is_file())
     };
-    for k in 1..=args.null {
-        add("nothing", Vec::new(), Size::Medium, k);
-    }
-    for size in &args.sizes {
-        for name in names.iter().filter(|n| *n != "none") {
-            for k in 1..=args.seeds {
-                add(&format!("{name}-{size}"), vec![name.clone()], *size, k);
+    let (Some(first), Some(second)) = (file(folder::MEASUREMENT), file(folder::VALIDATION)) else { return Ok(None) };
+    let read = |file: &Path| Recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording);
+    Ok(Some([read(&first)?, read(&second)?]))
+}
+
+/// Campaigns without anything hidden that differ in their noise: truth and answer of each, no recordings.
+fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> {
+    let robots = each("make", &(0..FAST_ROBOTS.min(args.fast_null)).collect::<Vec<_>>(), |k| {
+        let robot = Plan { effects: Vec::new(), null: 1, seed: seed(args.seed, &format!("robot {k}")), ..plan.clone() };
+        let (name, case) = robot.cases().remove(0);
+        quiet_campaign(model, &case, &[], &|_, _| {}).map_err(|e| miette!("{name}: {e}"))
+    })?;
+    let numbers: Vec<u64> = (0..args.fast_null).collect();
+    each("judge", if interrupted() { &[] } else { &numbers }, |k| {
+        let noise = args.noise[*k as usize % args.noise.len()];
+        let name = format!("{NOTHING}-fast-{noise}-{}", k + 1);
+        let folder = args.output.join(&name);
+        if !args.anew && folder.join(folder::TRUTH).is_file() {
+            if let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
+                return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
             }
         }
-    }
-    for k in 1..=args.pairs {
-        // Every effect takes its turn, with ever another partner.
-        let n = names.len() as u64;
-        let (i, step) = ((k - 1) % n.max(1), 1 + (seed(args.seed, &format!("pair {k}")) % n.saturating_sub(1).max(1)));
-        let pair = vec![names[i as usize].clone(), names[((i + step) % n.max(1)) as usize].clone()];
-        if pair[0] != pair[1] {
-            add(&format!("{}+{}", pair[0], pair[1]), pair, Size::Medium, k);
-        }
-    }
-    out
+        // Every kind of noise meets every robot.
+        let robot: &Campaign = &robots[(*k as usize / args.noise.len()) % robots.len()];
+        let case = Case { seed: seed(args.seed, &name), noise, ..robot.case.clone() };
+        let answer = judge::judge(model, &robot.noisy(&case));
+        folder::write_truth(&folder, &folder::truth(robot, &case)).into_diagnostic()?;
+        folder::write_answer(&folder, &answer).into_diagnostic()?;
+        Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer))
+    })
 }
 
-/// Seed of a campaign from that of the exam and its name (FNV-1a).
-fn seed(exam: u64, name: &str) -> u64 {
-    let bytes = exam.to_le_bytes().into_iter().chain(name.bytes());
-    bytes.fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
-}
-
-/// Makes the campaigns that are not there yet.
-fn make(args: &Args, model: &Model) -> miette::Result<Vec<PathBuf>> {
-    let cases = cases(args, model);
-    if !(0.5..=600.0).contains(&args.duration) {
-        return Err(miette!("--duration is {}; expected a number from 0.5 to 600 s", args.duration));
-    }
-    let progress = bar("make", cases.len() as u64);
-    let made: Vec<Option<PathBuf>> = cases
-        .par_iter()
-        .map(|(name, case)| {
-            let folder = args.output.join(name);
-            if interrupted() {
-                return Ok(None);
-            }
-            if !folder.join(folder::TRUTH).is_file() {
-                let campaign = campaign(model, case, &|_, _| {}).map_err(|e| miette!("{name}: {e}"))?;
-                folder::write(&folder, &campaign).into_diagnostic()?;
-            }
-            progress.inc(1);
-            Ok(Some(folder))
-        })
-        .collect::<miette::Result<_>>()?;
-    progress.finish_and_clear();
-    Ok(made.into_iter().flatten().collect())
-}
-
-/// Judges one campaign, unless its answer is there.
-fn judged(folder: &Path, model: &Model, anew: bool) -> miette::Result<Judged> {
-    let truth = folder::read_truth(folder).into_diagnostic()?;
-    let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-    if !anew && let Some(answer) = folder::read_answer(folder).into_diagnostic()? {
-        return Ok(Judged { name, truth, answer });
-    }
-    let read = |stem: &str| {
-        let files = [folder.join(format!("{stem}.csv")), folder.join(format!("{stem}.mcap"))];
-        let file = files.iter().find(|f| f.is_file()).unwrap_or(&files[0]);
-        Recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording)
-    };
-    let answer = judge(model, &read(folder::MEASUREMENT)?, &read(folder::VALIDATION)?);
-    folder::write_answer(folder, &answer).into_diagnostic()?;
-    Ok(Judged { name, truth, answer })
-}
-
-fn print(judged: &[Judged]) -> miette::Result<()> {
+fn print(score: &Score, judged: &[Judged]) -> miette::Result<()> {
     let mut table = Table::new(
-        &["Campaign", "hidden", "verdict", "named", "grade", "probability", "after/floor", "s"],
+        &["Not right", "hidden", "verdict", "named {or one of}", "grade", "probability", "after/floor"],
         &[1, 2, 3, 4],
     );
-    for j in judged {
+    let mut wrong = 0;
+    for j in judged.iter().filter(|j| j.grade != Grade::Right) {
         let a = &j.answer;
         let mut named: Vec<String> = a.effects.iter().map(|e| e.name.clone()).collect();
         named.extend(a.indistinguishable.iter().map(|set| format!("{{{}}}", set.join(", "))));
         table.row([
             j.name.clone(),
-            j.truth.effects.join(", ") + if j.truth.limited { " (limited)" } else { "" },
+            j.hidden() + if j.truth.limited { " (limited)" } else { "" },
             a.failure.clone().unwrap_or_else(|| a.verdict.clone()),
             named.join(", "),
-            format!("{:?}", Grade::of(&j.truth, a)),
+            j.grade.to_string(),
             a.effects.first().map_or_else(String::new, |e| format!("{:.2}", e.probability)),
             a.held_out_ratio().map_or_else(String::new, |r| significant(r, 4)),
-            format!("{:.1}", a.seconds),
         ]);
+        wrong += 1;
     }
-    say(table)
+    if wrong > 0 {
+        say(format!("{table}\n"))?;
+    }
+    let mut table = Table::new(&["Exam", "count = share (95 % interval)"], &[1]);
+    let mut row = |what: &str, rate: super::score::Rate| {
+        if rate.of > 0 {
+            table.row([what.into(), rate.to_string()]);
+        }
+    };
+    row("false alarms", score.false_alarms);
+    for (noise, rate) in &score.by_noise {
+        row(&format!("  {noise}"), *rate);
+    }
+    for (size, rate) in &score.by_size {
+        row(&format!("right, {size}"), *rate);
+    }
+    row("right, limited", score.limited);
+    row("both of two", score.both);
+    row("at least one of two", score.either);
+    row("unknown, outside the library", score.outside);
+    row("confidently wrong", score.confidently_wrong);
+    row("held-out residual within bound", score.explained());
+    row("parameters within 3 standard errors", score.within_three());
+    say(table)?;
+    if let Some([median, most]) = score.time() {
+        say(format!("\n  {} campaigns, {median:.1} s per diagnosis (median; at most {most:.1} s)", judged.len()))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_comes_back_in_order_and_the_first_error_ends_it() {
+        let items: Vec<u64> = (0..50).collect();
+        assert_eq!(each("test", &items, |k| Ok(2 * k)).unwrap(), (0..50).map(|k| 2 * k).collect::<Vec<_>>());
+        assert!(each("test", &items, |k| if *k == 7 { Err(miette!("seven")) } else { Ok(()) }).is_err());
+    }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 use thiserror::Error;
 
-use super::campaign::Campaign;
+use super::campaign::{Campaign, Case};
 use super::judge::Answer;
 use super::size::Hidden;
 use crate::dynamics::Plant;
@@ -59,6 +59,8 @@ pub struct Truth {
     pub size: Option<String>,
     /// Kind of noise, if stated.
     pub noise: Option<String>,
+    /// Expected RMS residual over the noise on the channel that sized the first effect, if stated.
+    pub rise: Option<f64>,
     /// Whether some effect could not be made as large as asked for.
     pub limited: bool,
 }
@@ -69,12 +71,17 @@ pub fn write(folder: &Path, campaign: &Campaign) -> Result<(), FolderError> {
     for (name, recording) in [(MEASUREMENT, &campaign.measurement), (VALIDATION, &campaign.validation)] {
         recording.write(&folder.join(format!("{name}.csv")))?;
     }
-    write_json(&folder.join(TRUTH), &truth(campaign))
+    write_truth(folder, &truth(campaign, &campaign.case))
 }
 
-/// Truth of a campaign for its folder.
-pub fn truth(campaign: &Campaign) -> Value {
-    let case = &campaign.case;
+/// Writes the truth alone.
+pub fn write_truth(folder: &Path, truth: &Value) -> Result<(), FolderError> {
+    std::fs::create_dir_all(folder).map_err(|source| FolderError::Io { file: folder.into(), source })?;
+    write_json(&folder.join(TRUTH), truth)
+}
+
+/// Truth of a campaign whose noise is that of `case`.
+pub fn truth(campaign: &Campaign, case: &Case) -> Value {
     let plant = Plant::new(&campaign.robot, &campaign.measurement.setup);
     let hidden = |name: &str| campaign.hidden.iter().any(|h| h.active.effect.name() == name);
     let own = plant.parameters().into_iter().filter(|p| p.role != Role::Fixed && !hidden(p.effect));
@@ -97,8 +104,8 @@ fn effect(hidden: &Hidden) -> Value {
     json!({
         "name": active.effect.name(),
         "parameters": active.entries().into_iter().zip(&active.values).map(value).collect::<Map<String, Value>>(),
-        "shows_in": hidden.rise.channel.to_string(),
-        "rise": hidden.rise.ratio,
+        "sized_by": hidden.rise.channel.to_string(),
+        "rise": hidden.rise.ratios.iter().map(|(c, r)| (c.to_string(), json!(r))).collect::<Map<String, Value>>(),
         "limited": hidden.rise.limited,
     })
 }
@@ -119,6 +126,8 @@ pub fn read_truth(folder: &Path) -> Result<Truth, FolderError> {
         let name = effect.get("name").and_then(Value::as_str);
         let name = name.ok_or_else(|| bad("has an effect without `name`", "the name of every hidden effect"))?;
         truth.effects.push(name.into());
+        let rise = |e: &Value| e.get("rise")?.get(e.get("sized_by")?.as_str()?)?.as_f64();
+        truth.rise = truth.rise.or_else(|| rise(effect));
         truth.limited |= effect.get("limited").and_then(Value::as_bool).unwrap_or(false);
         for (key, v) in effect.get("parameters").and_then(Value::as_object).into_iter().flatten() {
             if let Some(v) = v.as_f64() {

@@ -54,8 +54,8 @@ pub struct Named {
     pub parameters: BTreeMap<String, (f64, Option<f64>)>,
 }
 
-/// Asks the diagnosis which effect `model` lacks.
-pub fn judge(model: &Model, measurement: &Recording, validation: &Recording) -> Answer {
+/// Asks the diagnosis which effect `model` lacks, from a recording to learn from and one to judge on.
+pub fn judge(model: &Model, [measurement, validation]: &[Recording; 2]) -> Answer {
     let start = Instant::now();
     let (trace, held_out) = (Trace::new(measurement), Trace::new(validation));
     let result = diagnose(model, &[trace], &[held_out], &mut |_| {});
@@ -70,7 +70,7 @@ impl From<&Diagnosis> for Answer {
     fn from(d: &Diagnosis) -> Self {
         let named = |e: &diagnosis::Named| Named {
             name: e.name.clone(),
-            probability: e.probability,
+            probability: e.confidence.probability(),
             explained: e.explained,
             parameters: e
                 .parameters
@@ -155,6 +155,19 @@ impl Question {
 
 /// The effect through which campaigns hide what is outside the library.
 const FORMULA: &str = "formula";
+
+impl std::fmt::Display for Grade {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Right => "right",
+            Self::Half => "half",
+            Self::Missed => "missed",
+            Self::Wrong => "wrong",
+            Self::ConfidentlyWrong => "confidently wrong",
+            Self::Failed => "failed",
+        })
+    }
+}
 
 impl Grade {
     /// Grades an answer.

@@ -5,10 +5,13 @@
 
 pub mod campaign;
 pub mod command;
+mod figures;
 pub mod folder;
 pub mod judge;
 pub mod motion;
 pub mod noise;
+pub mod plan;
+pub mod score;
 pub mod size;
 
 pub use campaign::{Campaign, CampaignError, Case, campaign, campaign_with, hideable, perturb};

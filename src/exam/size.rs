@@ -60,12 +60,12 @@ impl std::fmt::Display for Size {
 }
 
 /// What an effect leaves after a refit.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Rise {
-    /// The channel where it shows most.
+    /// The channel on which the size was set.
     pub channel: Channel,
-    /// RMS residual there over the noise.
-    pub ratio: f64,
+    /// Expected RMS residual over the noise, by channel.
+    pub ratios: Vec<(Channel, f64)>,
     /// Whether its range, or what a body can be, keeps the effect from the size that was asked for.
     pub limited: bool,
 }
@@ -83,12 +83,16 @@ pub struct Hidden {
 pub const MEDIUM: (f64, f64) = (1.2, 1.6);
 /// An effect that needs more than this times its usual magnitude to be of medium size in the torques is taken for
 /// invisible there.
-const VISIBLE: f64 = 10.0;
+const VISIBLE: f64 = 100.0;
+/// RMS in units of the noise below which nobody sees an effect.
+const SILENT: f64 = 0.05;
 /// Spacing of the instants, s.
 const SPACING: f64 = 2e-3;
 /// Information of the prior of a fit, per own size squared, for fewer samples than a recording has.
 const PRIOR: f64 = 1e-2;
 
+/// Effects that come with one sign although their law allows both: friction falls as a drive warms, limbs gain mass.
+const POSITIVE: [&str; 2] = ["thermal_friction_drift", "limb_asymmetry"];
 /// Effects of which a machine has one item wrong, not all.
 const SINGLE: [&str; 3] = ["limb_asymmetry", "torque_gain_error", "strut_length_error"];
 
@@ -153,10 +157,10 @@ impl<'a> Sizer<'a> {
         rng: &mut ChaCha8Rng,
     ) -> Result<Hidden, KinematicsError> {
         let mut active = self.shaped(effect, rng);
-        let direction = direction(&active, rng);
+        let mut direction = direction(&active, rng);
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
         let left = self.left(&active, &direction)?;
-        let most = self.most(&active, &direction);
+        let mut most = self.most(&active, &direction);
         // Scale of the direction at which a channel's residual rises as wanted.
         let needed = |c: usize| (wanted * wanted - 1.0f64).sqrt() / left[c].max(f64::MIN_POSITIVE);
         let best = |torque: bool| {
@@ -165,18 +169,27 @@ impl<'a> Sizer<'a> {
         };
         let torque = best(true).expect("a machine has drives");
         let channel = match best(false) {
-            Some(strut) if needed(torque) > VISIBLE.min(most) => strut,
+            Some(strut) if needed(torque) > VISIBLE.min(most) && needed(strut) < needed(torque).min(most) => strut,
             _ => torque,
         };
-        // What no size in reach shows stays at ten times its usual magnitude.
-        let asked = size.factor() * needed(channel).min(if left[channel] > 1e-6 { f64::INFINITY } else { VISIBLE });
-        let scale = asked.min(most);
+        if needed(channel) > most && !POSITIVE.contains(&effect.name()) {
+            // The other way there may be more room.
+            let other: Vec<f64> = direction.iter().map(|d| -d).collect();
+            let room = self.most(&active, &other);
+            if room > most {
+                (direction, most) = (other, room);
+            }
+        }
+        let asked = size.factor() * needed(channel);
+        // What cannot be seen at any size keeps its usual one.
+        let scale =
+            if needed(channel) > most && left[channel] * most < SILENT { most.min(1.0) } else { asked.min(most) };
         for (value, d) in active.values.iter_mut().zip(&direction).filter(|(_, d)| **d != 0.0) {
             *value = scale * d;
         }
-        let ratio = (1.0 + (scale * left[channel]).powi(2)).sqrt();
-        let limited = scale < size.factor() * needed(channel);
-        Ok(Hidden { active, rise: Rise { channel: self.trace.channels[channel], ratio, limited } })
+        let ratios = self.trace.channels.iter().zip(&left).map(|(&c, l)| (c, (scale * l).hypot(1.0))).collect();
+        let rise = Rise { channel: self.trace.channels[channel], ratios, limited: scale < asked };
+        Ok(Hidden { active, rise })
     }
 
     /// The effect without action, with the robot's constants and a drawn shape.
@@ -250,6 +263,7 @@ const POSSIBLE: f64 = 1e-10;
 /// Linear parameters at half to one and a half of their usual magnitude, of either sign where that is allowed; zero
 /// elsewhere.
 fn direction(active: &ActiveEffect, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let both = !POSITIVE.contains(&active.effect.name());
     let mut direction: Vec<f64> = active
         .entries()
         .iter()
@@ -257,7 +271,7 @@ fn direction(active: &ActiveEffect, rng: &mut ChaCha8Rng) -> Vec<f64> {
             let p = entry.parameter;
             let drawn = p.default * rng.random_range(0.5..1.5);
             // A formula states its sign itself.
-            let either = p.range.0 < 0.0 && active.effect.formula().is_none();
+            let either = both && p.range.0 < 0.0 && active.effect.formula().is_none();
             let sign = if rng.random_bool(0.5) && either { -1.0 } else { 1.0 };
             if p.role == Role::Linear { sign * drawn } else { 0.0 }
         })

@@ -7,7 +7,11 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 
+use super::discriminate::{Discrimination, discriminate};
+use super::experiments::{Experiment, Kind};
+use super::prospect::{Prospect, duration, in_words};
 use super::{Design, Hemisphere, Merit, Objective, Options, design, median, scenario};
+use crate::effects::{ActiveEffect, Role};
 use crate::model::{Mechanism, Model};
 use crate::terminal::{
     DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say, significant,
@@ -20,7 +24,8 @@ use crate::terminal::{
 /// The motion is periodic and does not begin at rest. Ctrl-C ends the search; the best motion so far is written.
 #[derive(clap::Args, Clone, Debug)]
 #[command(
-    after_help = "Example: deltatwin excite models/irb360-6-1600.toml -o excite.toml --hemisphere 0,0,-0.85,0.35"
+    after_help = "Examples: deltatwin excite models/irb360-6-1600.toml -o excite.toml --hemisphere 0,0,-0.85,0.35\n          \
+                  deltatwin excite models/irb360-6-1600.toml -o tell.toml --discriminate base_tilt torque_bias"
 )]
 pub struct Args {
     /// Model file.
@@ -46,6 +51,10 @@ pub struct Args {
     /// Lower half of a ball that the platform may not leave, m: centre of its flat top and radius.
     #[arg(long, value_name = "X,Y,Z,R", value_parser = hemisphere, allow_hyphen_values = true)]
     pub hemisphere: Option<Hemisphere>,
+    /// Plan for telling these two effects apart instead; the best experiment of a catalogue is written. Their sizes are those
+    /// in the model, else the usual ones.
+    #[arg(long, num_args = 2, value_names = ["EFFECT", "EFFECT"])]
+    pub discriminate: Option<Vec<String>>,
     /// Seed of the random motions.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -131,6 +140,15 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     catch_interrupt()?;
     let start = Instant::now();
     let progress = bar("excite", args.starts * args.iterations);
+    if let Some([a, b]) = args.discriminate.as_deref() {
+        let planned = discriminate(&model, [a, b], &options, &|| {
+            progress.inc(1);
+            !interrupted()
+        });
+        progress.finish_and_clear();
+        let planned = planned.into_diagnostic().wrap_err_with(|| args.model.display().to_string())?;
+        return tell(&planned, args, &model, start.elapsed().as_secs_f64());
+    }
     let designed = design(&model, &options, &|| {
         progress.inc(1);
         !interrupted()
@@ -140,6 +158,60 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let solve = start.elapsed().as_secs_f64();
     scenario::write(&designed, &options, &model, &args.model, &args.output)?;
     if args.json { say(json(&designed, args, solve)) } else { print(&designed, args, solve) }?;
+    Ok(if interrupted() { INTERRUPTED } else { DONE })
+}
+
+/// Writes the best plan that needs no other machine, and reports all.
+fn tell(planned: &Discrimination, args: &Args, model: &Model, solve: f64) -> miette::Result<u8> {
+    let written = planned.plans.iter().find(|(e, _)| e.kind != Kind::Disassembled && e.course.is_some());
+    let (plan, promise) = written.ok_or_else(|| miette!("no planned experiment can be written as a scenario"))?;
+    let [a, b] = planned.effects.each_ref().map(|e| e.effect.name());
+    let sizes = |e: &ActiveEffect| {
+        let linear = e.entries().into_iter().zip(&e.values).filter(|(e, _)| e.parameter.role == Role::Linear);
+        linear.map(|(e, v)| format!("{} = {} {}", e.name, significant(*v, 4), e.parameter.unit)).collect::<Vec<_>>()
+    };
+    let mut comments = vec![
+        format!("To tell {a} from {b}, planned by `deltatwin excite --discriminate`: {}.", plan.what),
+        format!(
+            "Predicted: δ² = {}, chance {:.2} of the right answer alone; {}.",
+            significant(promise.noncentrality, 3),
+            promise.chance,
+            promise.seconds.map_or("no length gives 95 %".into(), |s| format!("{} give 95 %", duration(s)))
+        ),
+    ];
+    comments.extend(planned.effects.iter().map(|e| format!("  {}: {}", e.effect.name(), sizes(e).join(", "))));
+    scenario::write_plan(plan, &comments, args.seed, (model, &args.model), &args.output)?;
+    let entry = |(e, p): &(Experiment, Prospect)| {
+        json!({
+            "kind": e.kind.name(),
+            "what": e.what,
+            "noncentrality": p.noncentrality,
+            "chance": p.chance,
+            "duration": e.length,
+            "seconds": p.seconds,
+            "preparation": e.kind.preparation(),
+        })
+    };
+    if args.json {
+        let mut object = entry(&(plan.clone(), promise.clone()));
+        object["scenario"] = path(&args.output);
+        object["pair"] = json!([a, b]);
+        object["searched"] = json!(planned.searched);
+        object["plans"] = planned.plans.iter().map(entry).collect();
+        object["solve_s"] = json!(solve);
+        object["interrupted"] = json!(interrupted());
+        say(object)?;
+    } else {
+        let mut table = Table::new(&["Experiment", "length", "δ²", "chance", "for 95 %", "kind"], &[5]);
+        for (e, p) in &planned.plans {
+            let needed = p.seconds.map_or("—".into(), duration);
+            let cells = [duration(e.length), significant(p.noncentrality, 3), format!("{:.2}", p.chance), needed];
+            table.row(std::iter::once(e.what.clone()).chain(cells).chain(std::iter::once(e.kind.name().into())));
+        }
+        say(table)?;
+        say(format!("\n  To tell {a} from {b}: {}", in_words(plan, promise)))?;
+        say(format!("  Wrote {} after {solve:.1} s", args.output.display()))?;
+    }
     Ok(if interrupted() { INTERRUPTED } else { DONE })
 }
 

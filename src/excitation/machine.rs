@@ -6,9 +6,11 @@ use rayon::prelude::*;
 use super::limits::{LIMITS, Limits};
 use super::series::{Basis, INPUTS, moved};
 use crate::dynamics::{Channel, Plant, PlantParameter, inverse_dynamics, regressor};
-use crate::effects::{ActiveEffect, Role};
+use crate::effects::{ActiveEffect, Entry, Role};
+use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::identification::fit::own_size;
-use crate::kinematics::{KinematicsError, PlatformState};
+use crate::identification::{Trace, columns};
+use crate::kinematics::{JointState, KinematicsError, PlatformState};
 use crate::model::{AXES, Model};
 use crate::recording::Setup;
 
@@ -31,6 +33,15 @@ pub struct Machine {
     /// The base columns, as indices of the flat parameters, and their sizes.
     columns: Vec<usize>,
     sizes: Vec<f64>,
+    /// Effects that are not in the machine, whose columns come after those.
+    candidates: Vec<Candidate>,
+}
+
+/// An effect that the machine may have.
+struct Candidate {
+    active: ActiveEffect,
+    /// Its linear parameters with their own sizes.
+    linear: Vec<(usize, f64)>,
 }
 
 /// One instant.
@@ -81,7 +92,30 @@ impl Machine {
             columns,
             effects,
             plant,
+            candidates: Vec::new(),
         }
+    }
+
+    /// Adds the columns of effects that are not in the machine, as they are at one instant.
+    pub fn with_candidates(mut self, candidates: &[ActiveEffect]) -> Self {
+        let one = |active: &ActiveEffect| {
+            let entries = active.entries().into_iter().zip(&active.values).enumerate();
+            let linear = entries.filter(|(_, (e, _))| e.parameter.role == Role::Linear);
+            let size = |(k, (e, v)): (usize, (Entry, &f64))| (k, v.abs().max(e.parameter.default.abs()).max(1e-9));
+            Candidate { linear: linear.map(size).collect(), active: active.clone() }
+        };
+        self.candidates = candidates.iter().map(one).collect();
+        self
+    }
+
+    /// Columns and sizes of each candidate: `(column, present value in units of the column)`.
+    pub fn candidates(&self) -> Vec<Vec<(usize, f64)>> {
+        let mut column = self.columns.len();
+        let mut next = |active: &ActiveEffect, (k, size): &(usize, f64)| {
+            column += 1;
+            (column - 1, active.values[*k] / size)
+        };
+        self.candidates.iter().map(|c| c.linear.iter().map(|l| next(&c.active, l)).collect()).collect()
     }
 
     /// Keeps only the columns `kept`, indices among the present ones.
@@ -121,14 +155,42 @@ impl Machine {
         let loads = inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], true)?;
         let effects: Vec<&ActiveEffect> = self.effects.iter().collect();
         let all = regressor(&self.plant, &effects, 0.0, &motion, &loads, &states, &Channel::TORQUES)?;
-        let rows = DMatrix::from_fn(AXES, self.columns.len(), |i, j| {
-            all[(i, self.columns[j])] * self.sizes[j] / self.noise[i]
+        let extra = self.candidate_columns(&joints)?;
+        let own = self.columns.len();
+        let rows = DMatrix::from_fn(AXES, own + extra.len(), |i, j| match j.checked_sub(own) {
+            None => all[(i, self.columns[j])] * self.sizes[j] / self.noise[i],
+            Some(k) => extra[k][i] / self.noise[i],
         });
         let limits = self.limits.values(&self.plant.geometry, platform, &joints, &loads);
         if rows.iter().chain(&limits).any(|x| !x.is_finite()) {
             return Err(KinematicsError::Singular { q: [joints.q[0], joints.q[1], joints.q[2]] });
         }
         Ok(Sample { rows, limits })
+    }
+
+    /// Columns of the candidates at an instant, in units of their sizes.
+    fn candidate_columns(&self, joints: &JointState) -> Result<Vec<[f64; AXES]>, KinematicsError> {
+        if self.candidates.is_empty() {
+            return Ok(Vec::new());
+        }
+        let instant = Trace {
+            name: String::new(),
+            setup: Setup::default(),
+            t: vec![0.0],
+            joints: vec![*joints],
+            channels: Channel::TORQUES.to_vec(),
+            measured: vec![vec![0.0]; AXES],
+            segments: std::iter::once(0..1).collect(),
+            dt: 1.0,
+            half_width: [MIN_HALF_WIDTH; AXES],
+        };
+        let mut out = Vec::new();
+        for candidate in &self.candidates {
+            let all = columns(&self.plant, &instant, Some(&candidate.active))?;
+            let column = |&(k, size): &(usize, f64)| std::array::from_fn(|i| all[k][i][0] * size);
+            out.extend(candidate.linear.iter().map(column));
+        }
+        Ok(out)
     }
 
     /// All instants of the motion `x`; none if one of them cannot be reached.

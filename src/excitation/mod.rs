@@ -9,10 +9,13 @@
 //! The motion is periodic and does not begin at rest: the machine has to be brought into it.
 
 pub mod command;
+pub mod discriminate;
+pub mod experiments;
 pub mod information;
 pub mod limits;
 pub mod machine;
-mod scenario;
+pub mod prospect;
+pub mod scenario;
 pub mod search;
 pub mod series;
 
@@ -167,7 +170,8 @@ pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync
     let Some(&first) = order.first() else { return Err(ExcitationError::NoMotion) };
 
     let scale = scale(model, options);
-    let search = Search { machine: &soft, basis: &basis, objective: options.objective, scale: &scale };
+    let objective = |information: &DMatrix<f64>| options.objective.value(information);
+    let search = Search { machine: &soft, basis: &basis, objective: &objective, scale: &scale };
     let go_on = || deadline.is_none_or(|d| Instant::now() < d) && go_on();
     let found: Vec<search::Found> = order[..options.starts.min(order.len())]
         .par_iter()

@@ -3,12 +3,16 @@
 use std::fmt::Write;
 use std::path::{Component, Path, PathBuf};
 
-use miette::{IntoDiagnostic, WrapErr};
+use miette::{IntoDiagnostic, WrapErr, miette};
 
+use super::experiments::Experiment;
 use super::{Design, Objective, Options, median};
+use crate::dynamics::Channel;
 use crate::model::Model;
 use crate::model::write::replace_file;
-use crate::scenario::Scenario;
+use crate::recording::{Payload, Setup};
+use crate::scenario::write::motion_text;
+use crate::scenario::{Course, Scenario};
 use crate::terminal::significant;
 
 /// Text of the scenario at `output`, which runs `model_file` along the designed motion.
@@ -53,18 +57,11 @@ pub fn text(design: &Design, options: &Options, model_file: &Path, output: &Path
         "\nmodel = {model} # also plans the motion and gives the feed-forward\n\
          duration = {duration:?} # s, {} periods\n\
          seed = {} # of the sensor noise\n\
-         noise = true\n\n\
-         # Centre, sines and cosines of x, y, z in m and ψ in rad; one row per harmonic.\n\
-         [motion]\nkind = \"fourier\"\nfrequency = {:?} # Hz\ncentre = {:?}\n",
-        options.periods, options.seed, options.frequency, design.motion.centre
+         noise = true\n\n{}",
+        options.periods,
+        options.seed,
+        motion_text(&Course::Fourier(design.motion.clone())).unwrap_or_default()
     );
-    for (key, rows) in [("sine", &design.motion.sine), ("cosine", &design.motion.cosine)] {
-        let _ = writeln!(out, "{key} = [");
-        for row in rows {
-            let _ = writeln!(out, "    {row:?},");
-        }
-        let _ = writeln!(out, "]");
-    }
     out
 }
 
@@ -77,6 +74,44 @@ pub fn write(
     output: &Path,
 ) -> miette::Result<()> {
     let text = text(design, options, model_file, output);
+    let scenario = Scenario::parse(&text, output)?;
+    scenario.motion(model).into_diagnostic().wrap_err_with(|| output.display().to_string())?;
+    replace_file(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
+}
+
+/// Writes a planned experiment as a scenario of `model_file`, after reading it back and checking its motion.
+pub fn write_plan(
+    plan: &Experiment,
+    comments: &[String],
+    seed: u64,
+    (model, model_file): (&Model, &Path),
+    output: &Path,
+) -> miette::Result<()> {
+    let motion = plan.course.as_ref().and_then(motion_text);
+    let motion = motion.ok_or_else(|| miette!("{}: the motion of a recording is no scenario", output.display()))?;
+    let mut text: String = comments.iter().map(|line| format!("# {line}\n")).collect();
+    let model_name = toml::Value::String(relative(model_file, output));
+    let _ = write!(
+        text,
+        "\nmodel = {model_name}\nduration = {:?} # s\nseed = {seed} # of the sensor noise\nnoise = true\n\n{motion}",
+        plan.length
+    );
+    let Setup { payload, .. } = plan.trace.setup;
+    if payload != Payload::default() {
+        let Payload { mass, com, inertia_zz } = payload;
+        let _ = write!(
+            text,
+            "\n[payload]\nmass = {mass:?} # kg\ncom = {:?} # m, from the flange centre\n\
+             inertia_zz = {inertia_zz:?} # kg·m², about the centre of mass\n",
+            [com.x, com.y, com.z]
+        );
+    }
+    let struts = |end: fn(&Channel) -> Option<usize>| plan.trace.channels.iter().filter_map(end).collect::<Vec<_>>();
+    let upper = struts(|c| if let Channel::StrutUpper(i) = c { Some(i + 1) } else { None });
+    let lower = struts(|c| if let Channel::StrutLower(i) = c { Some(i + 1) } else { None });
+    if !upper.is_empty() || !lower.is_empty() {
+        let _ = write!(text, "\n[sensors]\nstrut_upper = {upper:?}\nstrut_lower = {lower:?}\n");
+    }
     let scenario = Scenario::parse(&text, output)?;
     scenario.motion(model).into_diagnostic().wrap_err_with(|| output.display().to_string())?;
     replace_file(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))

@@ -8,7 +8,6 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use nalgebra::{DMatrix, DVector};
 
-use super::information::Objective;
 use super::limits::LIMITS;
 use super::machine::{Machine, Sample, Slopes, information, worst};
 use super::series::Basis;
@@ -29,8 +28,8 @@ pub struct Search<'a> {
     pub machine: &'a Machine,
     /// Instants over one period.
     pub basis: &'a Basis,
-    /// What is made small.
-    pub objective: Objective,
+    /// What is made small: value and derivative by the information matrix.
+    pub objective: &'a (dyn Fn(&DMatrix<f64>) -> Option<(f64, DMatrix<f64>)> + Sync),
     /// Usual size of each decision variable.
     pub scale: &'a [f64],
 }
@@ -88,7 +87,7 @@ type Row = (usize, usize);
 impl Search<'_> {
     fn point(&self, x: Vec<f64>) -> Option<Point> {
         let samples = self.machine.samples(self.basis, &x)?;
-        let (value, derivative) = self.objective.value(&information(&samples))?;
+        let (value, derivative) = (self.objective)(&information(&samples))?;
         let worst = worst(&samples);
         Some(Point { x, value, derivative, samples, worst })
     }

@@ -82,6 +82,21 @@ impl Trace {
         self.t.is_empty()
     }
 
+    /// Everything but the samples.
+    pub fn empty(&self) -> Self {
+        Self {
+            name: self.name.clone(),
+            setup: self.setup,
+            t: Vec::new(),
+            joints: Vec::new(),
+            channels: self.channels.clone(),
+            measured: vec![Vec::new(); self.channels.len()],
+            segments: Vec::new(),
+            dt: self.dt,
+            half_width: self.half_width,
+        }
+    }
+
     /// The samples of `range` alone.
     pub fn window(&self, range: Range<usize>) -> Self {
         let clip = |s: &Range<usize>| {

@@ -5,6 +5,7 @@
 pub mod bodies;
 pub mod check;
 pub mod geometry;
+pub mod history;
 pub mod mechanism;
 mod read;
 mod schema;
@@ -12,6 +13,7 @@ pub mod write;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
+pub use history::Added;
 pub use mechanism::{Joint, Mechanism, Part};
 
 use std::path::PathBuf;
@@ -55,6 +57,8 @@ pub struct Model {
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
     pub effects: Vec<ActiveEffect>,
+    /// Effects that were added to it, in order, with the error before and after.
+    pub history: Vec<Added>,
 }
 
 impl Model {

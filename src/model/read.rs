@@ -13,6 +13,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::bodies::{self, BODIES, body_name};
 use super::check::{self, Culprit};
+use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
 use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, Mechanism, Model};
 use crate::effects::{ActiveEffect, Effect, Host, Parameter, REGISTRY, Role};
@@ -85,7 +86,35 @@ fn read_model(top: &Table) -> Result<Model> {
         gravity: numbers.gravity,
         sample_time: numbers.sample_time,
         effects,
+        history: read_history(top)?,
     })
+}
+
+/// What was added to the model so far, `[[history]]`.
+fn read_history(top: &Table) -> Result<Vec<Added>> {
+    const KEYS: [&str; 6] = ["effect", "channels", "rms_before", "rms_after", "noise_floor", "held_out"];
+    const EXPECTED: &str = "tables [[history]], one per effect that was added";
+    let Some(value) = top.entry("history") else { return Ok(Vec::new()) };
+    let DeValue::Array(items) = value.get_ref() else { return Err(top.wrong_type("history", value, EXPECTED)) };
+    let one = |item: &Value<'_>| -> Result<Added> {
+        let Some(entries) = item.get_ref().as_table() else { return Err(top.wrong_type("history", item, EXPECTED)) };
+        let table = Table { file: top.file, path: "history".into(), span: item.span(), entries };
+        table.only(&KEYS)?;
+        let channels = table.strings("channels", "an array of names such as \"tau1\"")?;
+        let rms = |key: &str| {
+            let shape = Shape::Array(channels.len());
+            table.numbers(key, shape, &Bounds::between(0.0, 1e9), "N·m or N, one per channel")
+        };
+        Ok(Added {
+            effect: table.string("effect", "the name of an effect")?.to_string(),
+            rms_before: rms("rms_before")?,
+            rms_after: rms("rms_after")?,
+            noise_floor: rms("noise_floor")?,
+            held_out: table.boolean("held_out")?,
+            channels,
+        })
+    };
+    items.iter().map(one).collect()
 }
 
 /// Limits of a telescope that is not there.
@@ -109,7 +138,7 @@ fn read_mechanism(top: &Table) -> Result<Mechanism> {
         }
         _ => return Err(top.refuse("mechanism", "expected \"delta\" or \"axis\", the mechanisms known")),
     };
-    let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects"];
+    let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history"];
     top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
     Ok(mechanism)
 }
@@ -448,6 +477,15 @@ impl<'a> Table<'a> {
     fn string(&self, key: &str, expected: &str) -> Result<&'a str> {
         let value = self.required(key, expected)?;
         value.get_ref().as_str().ok_or_else(|| self.wrong_type(key, value, expected))
+    }
+
+    fn strings(&self, key: &str, expected: &str) -> Result<Vec<String>> {
+        let value = self.required(key, expected)?;
+        let DeValue::Array(items) = value.get_ref() else { return Err(self.wrong_type(key, value, expected)) };
+        let one = |item: &Value<'_>| {
+            item.get_ref().as_str().ok_or_else(|| self.wrong_type(key, item, expected)).map(String::from)
+        };
+        items.iter().map(one).collect()
     }
 
     fn boolean(&self, key: &str) -> Result<bool> {

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
-use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
+use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use super::bodies::{ARM, BODIES, body_name};
 use super::read::{
     ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
 };
 use super::schema::{self, Field, Shape, Top};
-use super::{Inertia, Joint, Mechanism, Model};
+use super::{Added, Inertia, Joint, Mechanism, Model};
 use crate::effects::{ActiveEffect, Host, Parameter, Role};
 
 mod formula;
@@ -69,6 +69,40 @@ pub fn edit(document: &mut DocumentMut, model: &Model) -> Result<()> {
     }
     formula::edit(root, model)?;
     remove_absent_effects(root, model);
+    write_history(root, &model.history)
+}
+
+/// Appends what `[[history]]` lacks; a history that departs from the model's is written anew.
+fn write_history(root: &mut Table, history: &[Added]) -> Result<()> {
+    let written = |t: &Table| t.get("effect").and_then(Item::as_str).map(str::to_string);
+    let effects = |tables: &ArrayOfTables| tables.iter().map(written).collect::<Vec<_>>();
+    let present = root.get("history").and_then(Item::as_array_of_tables).map(effects);
+    let wanted: Vec<Option<String>> = history.iter().map(|a| Some(a.effect.clone())).collect();
+    let kept = present.filter(|p| wanted.starts_with(p)).map_or(0, |p| p.len());
+    if kept == 0 {
+        root.remove("history");
+    }
+    if history.len() == kept {
+        return Ok(());
+    }
+    let entry = root.entry("history").or_insert(Item::ArrayOfTables(ArrayOfTables::new()));
+    let tables = entry.as_array_of_tables_mut().ok_or_else(|| miette!("`history` is not an array of tables"))?;
+    let numbers = |v: &[f64]| v.iter().map(|x| Value::from(*x)).collect::<Array>();
+    for (i, added) in history.iter().enumerate().skip(kept) {
+        let mut table = Table::new();
+        if i == 0 {
+            table
+                .decor_mut()
+                .set_prefix("\n# Effects added so far: RMS residual without and with each, in N·m or N.\n");
+        }
+        table.insert("effect", Item::Value(added.effect.as_str().into()));
+        table.insert("channels", Item::Value(added.channels.iter().map(String::as_str).collect::<Array>().into()));
+        table.insert("rms_before", Item::Value(numbers(&added.rms_before).into()));
+        table.insert("rms_after", Item::Value(numbers(&added.rms_after).into()));
+        table.insert("noise_floor", Item::Value(numbers(&added.noise_floor).into()));
+        table.insert("held_out", Item::Value(added.held_out.into()));
+        tables.push(table);
+    }
     Ok(())
 }
 
@@ -90,6 +124,7 @@ fn verify(text: &str, model: &Model) -> Result<()> {
         || again.assembled != model.assembled
         || again.mechanism != model.mechanism
         || again.name != model.name
+        || again.history != model.history
         || !formula::same(&again, model)
     {
         return Err(miette!("cannot write the model: it reads differently"));

@@ -4,7 +4,7 @@ pub mod figure;
 pub mod html;
 
 pub use figure::{
-    Color, Curve, ErrorGroup, Figure, Marker, Panel, RankRow, Style, falling_error, panels, ranking, scatter_binned,
-    spectrum, time_series,
+    Cell, Color, Curve, ErrorGroup, Figure, Marker, Panel, RankRow, Rate, StackedBar, Style, falling_error, matrix,
+    panels, ranking, rates, scatter_binned, spectrum, stacked, time_series,
 };
 pub use html::{Callout, Report};

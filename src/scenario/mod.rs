@@ -5,6 +5,7 @@
 pub mod motion;
 pub(crate) mod read;
 pub mod sockets;
+pub mod write;
 
 pub use motion::fourier::{FourierMotion, MotionLimits};
 pub use motion::{Course, DesiredMotion, MotionError};
@@ -16,7 +17,6 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 
 use crate::cell::{Object, Shape};
-use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::model::{AXES, Model, STRUTS};
 use crate::recording::Setup;
@@ -162,10 +162,7 @@ impl Default for Sensors {
 impl Scenario {
     /// The desired motion for a machine like `planning`, refused if it is out of reach.
     pub fn motion(&self, planning: &Model) -> Result<DesiredMotion, MotionError> {
-        let plant = Plant::new(planning, &self.setup);
-        let motion = self.motion.motion(planning, &plant)?;
-        motion.check(planning, &plant.geometry)?;
-        Ok(motion)
+        self.motion.on(planning, &self.setup)
     }
 
     /// Force at which each ball socket of `model` leaves its ball, N; 0..6 at the elbows, 6..12 at the platform.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use miette::IntoDiagnostic;
 use serde_json::{Map, Value};
 
+use super::budget;
 use crate::diagnosis::{Addition, add, parameters_of};
 use crate::identification::{Data, DataArgs, Estimate};
 use crate::model::Model;
@@ -59,10 +60,13 @@ fn json(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> Valu
     let mut object = Map::new();
     object.insert("effect".into(), a.effect.clone().into());
     object.insert("channels".into(), channel_names(data.channels()));
-    insert_channels(&mut object, "rms_before", data.channels(), &a.rms_before);
-    insert_channels(&mut object, "rms_after", data.channels(), &a.rms_after);
-    insert_channels(&mut object, "noise_floor", data.channels(), &a.noise_floor);
+    insert_channels(&mut object, "rms_before", data.channels(), &a.budget.rms_before);
+    insert_channels(&mut object, "rms_after", data.channels(), a.budget.rms_after());
+    insert_channels(&mut object, "noise_floor", data.channels(), &a.budget.noise_floor);
     object.insert("parameters".into(), estimates(parameters));
+    object.insert("budget".into(), budget::json(&a.budget));
+    object.insert("parameters_before".into(), estimates(&a.parameters_before));
+    object.insert("parameters_after".into(), estimates(&a.fit.parameters));
     object.insert("model".into(), path(&args.output));
     Value::Object(object)
 }
@@ -74,10 +78,11 @@ fn print(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> mie
     }
     say(table)?;
     let series = [
-        ("before", Some(&a.rms_before[..])),
-        ("after", Some(&a.rms_after[..])),
-        ("noise floor", Some(&a.noise_floor[..])),
+        ("before", Some(&a.budget.rms_before[..])),
+        ("after", Some(a.budget.rms_after())),
+        ("noise floor", Some(&a.budget.noise_floor[..])),
     ];
     say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
+    budget::print(&a.budget, &a.changes, &a.fit.model.history)?;
     say(format!("\n  Wrote {}", args.output.display()))
 }

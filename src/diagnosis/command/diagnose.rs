@@ -1,14 +1,18 @@
 //! `deltatwin diagnose`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use miette::IntoDiagnostic;
+use miette::{IntoDiagnostic, miette};
 use serde_json::{Map, Value, json};
 
-use super::unexplained;
-use crate::diagnosis::{CandidateReport, Diagnosis, Named, Verdict, diagnose};
-use crate::identification::{Data, DataArgs};
+use super::{budget, unexplained};
+use crate::diagnosis::confidence::{Confidence, Truth};
+use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose_holding};
+use crate::dynamics::Plant;
+use crate::excitation::scenario::write_plan;
+use crate::identification::{Data, DataArgs, Trace};
 use crate::model::Model;
+use crate::recording::Configuration;
 use crate::terminal::{
     DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
     write_figure,
@@ -25,6 +29,12 @@ pub struct Args {
     /// Model file to write: refitted, with the effects that were found.
     #[arg(short, long, value_name = "MODEL2")]
     pub output: Option<PathBuf>,
+    /// Effect whose parameters are known and stay as they are (`rigid_bodies` for the links); may be given several times.
+    #[arg(long, value_name = "EFFECT")]
+    pub hold: Vec<String>,
+    /// Scenario file to write: the experiment that is proposed next, if there is one and it has a motion of its own.
+    #[arg(long, value_name = "SCENARIO")]
+    pub next: Option<PathBuf>,
     /// Figure to write: what acts where no known effect explains it.
     #[arg(long, value_name = "SVG")]
     pub figure: Option<PathBuf>,
@@ -41,11 +51,18 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
+    if let Some(output) = &args.next {
+        let mut inputs = Data::inputs(&args.data);
+        inputs.push(&args.model);
+        check_output(output, &inputs, &["toml"])?;
+    }
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
+    known(&args.hold, &model, &data.traces[0])?;
     let progress = spinner("diagnose");
-    let answer =
-        diagnose(&model, &data.traces, &data.held_out, &mut |what| progress.set_message(format!("diagnose: {what}")));
+    let answer = diagnose_holding(&model, &args.hold, &data.traces, &data.held_out, &mut |what| {
+        progress.set_message(format!("diagnose: {what}"));
+    });
     progress.finish_and_clear();
     let answer = answer.into_diagnostic()?;
     if let Some(output) = &args.output {
@@ -55,11 +72,42 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let figure = u.shape.figure(&format!("What acts on {}", u.location), u.unit);
         write_figure(path, &figure)?;
     }
-    if args.json { say(json(&answer, args)) } else { print(&answer, args) }?;
+    let scenario = match (&answer.next_experiment, &args.next) {
+        (Some(next), Some(output)) => write_next(next, &model, &args.model, output)?,
+        _ => None,
+    };
+    if args.json { say(json(&answer, args, scenario)) } else { print(&answer, args, scenario) }?;
     Ok(DONE)
 }
 
-fn json(d: &Diagnosis, args: &Args) -> Value {
+/// Refuses names of effects that the machine of the data does not have.
+fn known(held: &[String], model: &Model, trace: &Trace) -> miette::Result<()> {
+    let parameters = Plant::new(model, &trace.setup).parameters();
+    match held.iter().find(|name| !parameters.iter().any(|p| p.effect == *name)) {
+        Some(name) => Err(miette!("--hold {name}: the model has no such effect")),
+        None => Ok(()),
+    }
+}
+
+/// Writes the scenario of a proposal; none if its motion is that of the data, or of the machine taken apart.
+fn write_next<'a>(
+    next: &NextExperiment,
+    model: &Model,
+    model_file: &Path,
+    output: &'a Path,
+) -> miette::Result<Option<&'a Path>> {
+    let apart = next.experiment.trace.setup.configuration != Configuration::Assembled && model.assembled;
+    if next.experiment.course.is_none() || apart {
+        let what = if apart { "needs the model of the machine taken apart" } else { "repeats the motion of the data" };
+        warn(&[format!("{}: not written, the experiment {what}", output.display())]);
+        return Ok(None);
+    }
+    let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
+    write_plan(&next.experiment, &comments, SEED, (model, model_file), output)?;
+    Ok(Some(output))
+}
+
+fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
     let mut object = Map::new();
     object.insert("verdict".into(), json!(d.verdict.to_string()));
     object.insert("channels".into(), channel_names(&d.channels));
@@ -69,7 +117,8 @@ fn json(d: &Diagnosis, args: &Args) -> Value {
     let effect = |e: &Named| {
         json!({
             "name": e.name,
-            "probability": e.probability,
+            "probability": e.confidence.probability(),
+            "confusion": confusion(&e.confidence),
             "explained": e.explained,
             "parameters": estimates(&e.parameters),
         })
@@ -88,7 +137,10 @@ fn json(d: &Diagnosis, args: &Args) -> Value {
     object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
     object.insert("indistinguishable".into(), json!(d.indistinguishable));
     object.insert("unseen".into(), json!(d.unseen));
-    object.insert("next_experiment".into(), json!(d.next_experiment));
+    object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, |e| next(e, scenario)));
+    object.insert("budget".into(), budget::json(&d.budget));
+    object.insert("parameters_before".into(), estimates(&d.parameters[0]));
+    object.insert("parameters_after".into(), estimates(&d.parameters[1]));
     object.insert(
         "unexplained".into(),
         d.unexplained.as_ref().map_or(Value::Null, |u| unexplained::json(u, d.explained())),
@@ -97,7 +149,28 @@ fn json(d: &Diagnosis, args: &Args) -> Value {
     Value::Object(object)
 }
 
-fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
+/// A proposed experiment for JSON.
+fn next(e: &NextExperiment, scenario: Option<&Path>) -> Value {
+    let other = |(kind, chance, seconds): &(&str, f64, Option<f64>)| json!({"kind": kind, "chance": chance, "seconds": seconds});
+    json!({
+        "what": e.what,
+        "kind": e.kind,
+        "pair": e.pair,
+        "noncentrality": e.noncentrality,
+        "chance": e.chance,
+        "duration": e.duration,
+        "seconds": e.seconds,
+        "scenario": scenario.map(path),
+        "others": e.others.iter().map(other).collect::<Vec<_>>(),
+    })
+}
+
+fn confusion(c: &Confidence) -> Value {
+    let truth = |t: &Truth| json!({ "truth": t.name, "said": t.said, "probability": t.probability });
+    json!({ "draws": c.draws, "truths": c.truths.iter().map(truth).collect::<Vec<_>>() })
+}
+
+fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<()> {
     say(match d.verdict {
         Verdict::None => "Nothing is missing that these data show.",
         Verdict::Effect => "One effect is missing.",
@@ -109,7 +182,7 @@ fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         say(format!(
             "\n  {}: probability {:.2}, explains {:.1} % of the explainable error",
             e.name,
-            e.probability,
+            e.confidence.probability(),
             100.0 * e.explained
         ))?;
         let mut table = Table::new(&["  parameter", "value", "std", "unit"], &[3]);
@@ -127,6 +200,7 @@ fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         ("noise floor", Some(&d.noise_floor[..])),
     ];
     say(format!("\n{}", Table::of_channels(&d.channels, &series)))?;
+    budget::print(&d.budget, &d.changes, &d.model.history)?;
     let mut table = Table::new(&["Candidate", "probability", "explains", "p", "imitated by"], &[4]);
     for c in d.candidates.iter().filter(|c| c.visible).take(SHOWN) {
         table.row([
@@ -145,7 +219,10 @@ fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         say(format!("\n  These data could not show: {}", d.unseen.join(", ")))?;
     }
     if let Some(next) = &d.next_experiment {
-        say(format!("\n  Next experiment, {next}"))?;
+        say(format!("\n  Next experiment, {}", next.what))?;
+        if let Some(scenario) = scenario {
+            say(format!("  Wrote {}", scenario.display()))?;
+        }
     }
     match &args.output {
         Some(output) => say(format!("\n  Wrote {}", output.display())),
@@ -153,5 +230,7 @@ fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     }
 }
 
+/// Seed of the sensor noise when the twin runs a proposal.
+const SEED: u64 = 1;
 /// Candidates worth a line.
 const SHOWN: usize = 8;

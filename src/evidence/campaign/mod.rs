@@ -1,5 +1,6 @@
 //! Synthetic campaigns: false alarms, power, collinear pairs, invariances.
 
+mod confidence;
 mod robustness;
 mod selection;
 mod statistics;

@@ -9,10 +9,13 @@ mod color;
 mod curve;
 mod falling_error;
 mod legend;
+mod matrix;
 mod numbers;
 mod ranking;
+mod rates;
 mod scatter;
 mod spectrum;
+mod stacked;
 #[cfg(test)]
 mod tests;
 mod time_series;
@@ -20,9 +23,12 @@ mod time_series;
 pub use color::Color;
 pub use curve::{Curve, Style};
 pub use falling_error::{ErrorGroup, falling_error};
+pub use matrix::{Cell, matrix};
 pub use ranking::{RankRow, ranking};
+pub use rates::{Rate, rates};
 pub use scatter::scatter_binned;
 pub use spectrum::{Marker, spectrum};
+pub use stacked::{StackedBar, stacked};
 pub use time_series::{Panel, panels, time_series};
 
 /// Width of every figure in CSS pixels.

@@ -202,7 +202,7 @@ impl FourierMotion {
 }
 
 /// Height about which the platform moves, m: amid the telescope's range, without one where the arms are amid theirs.
-fn middle(plant: &Plant) -> f64 {
+pub fn middle(plant: &Plant) -> f64 {
     let g = &plant.geometry;
     if plant.mechanism.has_telescope() {
         let [low, high] = g.telescope_limits;

@@ -15,6 +15,7 @@ use thiserror::Error;
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, PlatformState, Target};
 use crate::model::{ARMS, AXES, Geometry, Model};
+use crate::recording::Setup;
 
 use constant_speed::ConstantSpeed;
 use fourier::{FourierMotion, MotionLimits};
@@ -73,8 +74,17 @@ impl Course {
         }
     }
 
+    /// The motion over time for a machine like `planning` in the state that `setup` describes, refused if it is out of
+    /// reach.
+    pub fn on(&self, planning: &Model, setup: &Setup) -> Result<DesiredMotion, MotionError> {
+        let plant = Plant::new(planning, setup);
+        let motion = self.motion(planning, &plant)?;
+        motion.check(planning, &plant.geometry)?;
+        Ok(motion)
+    }
+
     /// The motion over time on a machine like `plant`, built from `planning`; not yet checked.
-    pub(super) fn motion(&self, planning: &Model, plant: &Plant) -> Result<DesiredMotion, MotionError> {
+    fn motion(&self, planning: &Model, plant: &Plant) -> Result<DesiredMotion, MotionError> {
         let geometry = plant.geometry;
         if !plant.assembled {
             return Ok(DesiredMotion::Axes(self.of_axes(planning, plant)?));
@@ -207,7 +217,7 @@ impl DesiredMotion {
     }
 
     /// Checks workspace, joint limits and speeds all along.
-    pub(super) fn check(&self, planning: &Model, geometry: &Geometry) -> Result<(), MotionError> {
+    fn check(&self, planning: &Model, geometry: &Geometry) -> Result<(), MotionError> {
         let (steps, spacing) = self.grid();
         for k in 0..=steps {
             let t = k as f64 * spacing;

@@ -1,0 +1,334 @@
+//! What many judged campaigns amount to.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value, json};
+
+use super::folder::Truth;
+use super::judge::{Answer, Grade, Question};
+
+/// A judged campaign.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// Name of its folder.
+    pub name: String,
+    /// What is hidden.
+    pub truth: Truth,
+    /// What was said.
+    pub answer: Answer,
+    /// Kind of question.
+    pub question: Question,
+    /// How good the answer is.
+    pub grade: Grade,
+}
+
+impl Judged {
+    /// Grades an answer.
+    pub fn new(name: String, truth: Truth, answer: Answer) -> Self {
+        let (question, grade) = (Question::of(&truth), Grade::of(&truth, &answer));
+        Self { name, truth, answer, question, grade }
+    }
+
+    /// What is hidden, in a word.
+    pub fn hidden(&self) -> String {
+        match self.question {
+            Question::Nothing => NOTHING.into(),
+            Question::Outside => OUTSIDE.into(),
+            Question::One | Question::Several => self.truth.effects.join(" + "),
+        }
+    }
+
+    /// What was said, in a word: the effect named first, or the verdict that names none.
+    pub fn said(&self) -> String {
+        match (self.answer.verdict.as_str(), self.answer.effects.first()) {
+            ("effect" | "several", Some(e)) => e.name.clone(),
+            (verdict, _) => verdict.into(),
+        }
+    }
+
+    /// Largest held-out RMS residual over the noise that counts as explained.
+    fn held_out_bound(&self) -> f64 {
+        // What is integrated from quantised encoders, or rings, is followed less exactly.
+        let loose = self.truth.effects.iter().any(|n| n == "drive_stribeck" || n == "drive_elasticity");
+        if loose { 1.08 } else { 1.03 }
+    }
+
+    /// (estimate − truth)/standard error of the parameters of an effect named rightly.
+    fn z(&self) -> Vec<f64> {
+        if self.question != Question::One || self.grade != Grade::Right {
+            return Vec::new();
+        }
+        let of = |name: &str| self.truth.values.iter().find(|(n, _)| n == name).map(|(_, v)| *v);
+        let named = self.answer.effects.iter().filter(|e| e.name == self.truth.effects[0]);
+        named
+            .flat_map(|e| e.parameters.iter().map(move |(p, x)| (format!("{}.{p}", e.name), x)))
+            .filter_map(|(name, (value, std))| Some((value - of(&name)?) / std.filter(|s| *s > 0.0)?))
+            .collect()
+    }
+}
+
+const NOTHING: &str = "nothing";
+const OUTSIDE: &str = "outside the library";
+
+/// So many of so many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rate {
+    /// Successes.
+    pub count: usize,
+    /// Trials.
+    pub of: usize,
+}
+
+impl Rate {
+    /// Counts what `hit` says of the items.
+    pub fn of<T>(items: impl IntoIterator<Item = T>, hit: impl Fn(&T) -> bool) -> Self {
+        let mut rate = Self::default();
+        items.into_iter().for_each(|item| rate.add(hit(&item)));
+        rate
+    }
+
+    fn add(&mut self, hit: bool) {
+        self.count += usize::from(hit);
+        self.of += 1;
+    }
+
+    /// Share of successes.
+    pub fn share(self) -> Option<f64> {
+        (self.of > 0).then(|| self.count as f64 / self.of as f64)
+    }
+
+    /// 95 % interval of the share [Wilson, 1927].
+    pub fn interval(self) -> [f64; 2] {
+        const Z: f64 = 1.959_964;
+        let Some(p) = self.share() else { return [0.0, 1.0] };
+        let n = self.of as f64;
+        let middle = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
+        let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+        [(middle - half).max(0.0), (middle + half).min(1.0)]
+    }
+
+    /// `{count, of, share, interval}`.
+    pub fn json(self) -> Value {
+        json!({"count": self.count, "of": self.of, "share": self.share(), "interval": self.interval()})
+    }
+}
+
+impl std::fmt::Display for Rate {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [low, high] = self.interval();
+        match self.share() {
+            Some(p) => {
+                write!(f, "{}/{} = {:.1} % ({:.1}–{:.1} %)", self.count, self.of, 100.0 * p, 100.0 * low, 100.0 * high)
+            }
+            None => write!(f, "–"),
+        }
+    }
+}
+
+/// Claimed probability in a bin against the share that was right.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reliability {
+    /// Mean claimed probability.
+    pub claimed: f64,
+    /// How often it was right.
+    pub right: Rate,
+}
+
+/// Everything an exam counts.
+#[derive(Clone, Debug, Default)]
+pub struct Score {
+    /// Something said of nothing.
+    pub false_alarms: Rate,
+    /// The same by kind of noise.
+    pub by_noise: BTreeMap<String, Rate>,
+    /// Right answers by size, of single effects as large as asked for.
+    pub by_size: BTreeMap<String, Rate>,
+    /// Right answers by effect and size.
+    pub by_effect: BTreeMap<String, BTreeMap<String, Rate>>,
+    /// Right answers among effects that could not be made as large as asked for.
+    pub limited: Rate,
+    /// Something else named alone with high probability, among all campaigns.
+    pub confidently_wrong: Rate,
+    /// Both of two effects.
+    pub both: Rate,
+    /// At least one of two effects.
+    pub either: Rate,
+    /// `unknown` of what is outside the library.
+    pub outside: Rate,
+    /// Held-out RMS residual over the noise of right answers, largest over the channels, and the bound it is held to.
+    pub held_out: Vec<(String, f64, f64)>,
+    /// (estimate − truth)/standard error of the parameters of effects named rightly.
+    pub z: Vec<f64>,
+    /// Claimed probability against share right.
+    pub reliability: Vec<Reliability>,
+    /// Mean square of claimed probability less truth of the effects named first.
+    pub brier: Option<f64>,
+    /// Time of every diagnosis, s.
+    pub seconds: Vec<f64>,
+    /// Rows of the confusion matrix.
+    pub rows: Vec<String>,
+    /// Its columns.
+    pub columns: Vec<String>,
+    /// Its counts.
+    pub counts: Vec<Vec<usize>>,
+    /// Campaigns without an answer.
+    pub failed: usize,
+}
+
+/// Ends of the bins of claimed probabilities.
+const BINS: [f64; 9] = [0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9];
+
+impl Score {
+    /// Counts.
+    pub fn of(judged: &[Judged]) -> Self {
+        let of = |q: Question| judged.iter().filter(move |j| j.question == q);
+        let right = |j: &&Judged| j.grade == Grade::Right;
+        let alarm = |j: &&Judged| j.grade != Grade::Right;
+        let mut score = Self {
+            false_alarms: Rate::of(of(Question::Nothing), alarm),
+            limited: Rate::of(of(Question::One).filter(|j| j.truth.limited), right),
+            confidently_wrong: Rate::of(judged, |j| j.grade == Grade::ConfidentlyWrong),
+            both: Rate::of(of(Question::Several), right),
+            either: Rate::of(of(Question::Several), |j| matches!(j.grade, Grade::Right | Grade::Half)),
+            outside: Rate::of(of(Question::Outside), right),
+            z: judged.iter().flat_map(Judged::z).collect(),
+            seconds: judged.iter().map(|j| j.answer.seconds).collect(),
+            failed: judged.iter().filter(|j| j.grade == Grade::Failed).count(),
+            ..Self::default()
+        };
+        for j in of(Question::Nothing) {
+            let noise = j.truth.noise.clone().unwrap_or_else(|| "unknown noise".into());
+            score.by_noise.entry(noise).or_default().add(alarm(&j));
+        }
+        for j in of(Question::One) {
+            let size = j.truth.size.clone().unwrap_or_else(|| "unknown size".into());
+            let own = score.by_effect.entry(j.truth.effects[0].clone()).or_default();
+            own.entry(if j.truth.limited { "limited".into() } else { size.clone() }).or_default().add(right(&j));
+            if !j.truth.limited {
+                score.by_size.entry(size).or_default().add(right(&j));
+            }
+        }
+        for j in judged.iter().filter(|j| right(j) && j.question != Question::Outside) {
+            if let Some(ratio) = j.answer.held_out_ratio() {
+                score.held_out.push((j.name.clone(), ratio, j.held_out_bound()));
+            }
+        }
+        score.claims(judged);
+        score.confusion(judged);
+        score
+    }
+
+    /// Claimed probabilities of the effects named first.
+    fn claims(&mut self, judged: &[Judged]) {
+        let claims: Vec<(f64, bool)> = judged
+            .iter()
+            .filter_map(|j| j.answer.effects.first().map(|e| (e.probability, j.truth.effects.contains(&e.name))))
+            .filter(|(p, _)| p.is_finite())
+            .collect();
+        let square = |(p, right): &(f64, bool)| (p - f64::from(*right)).powi(2);
+        self.brier = (!claims.is_empty()).then(|| claims.iter().map(square).sum::<f64>() / claims.len() as f64);
+        for bin in BINS.windows(2) {
+            let own: Vec<_> = claims.iter().filter(|(p, _)| (bin[0]..bin[1]).contains(p)).collect();
+            if !own.is_empty() {
+                let claimed = own.iter().map(|(p, _)| p).sum::<f64>() / own.len() as f64;
+                self.reliability.push(Reliability { claimed, right: Rate::of(own, |(_, right)| *right) });
+            }
+        }
+    }
+
+    /// What was said of single effects, of nothing and of what is outside.
+    fn confusion(&mut self, judged: &[Judged]) {
+        let single: Vec<&Judged> = judged.iter().filter(|j| j.question != Question::Several).collect();
+        let words = ["none", "ambiguous", "unknown", "failed"];
+        let (mut rows, mut names): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
+        for j in &single {
+            rows.push(j.hidden());
+            if j.question == Question::One {
+                names.push(j.hidden());
+            }
+            if !words.contains(&j.said().as_str()) {
+                names.push(j.said());
+            }
+        }
+        // Effects first, then nothing and outside.
+        let last = |name: &String| (name == NOTHING, name == OUTSIDE);
+        rows.sort_by(|a, b| last(a).cmp(&last(b)).then_with(|| a.cmp(b)));
+        rows.dedup();
+        names.sort();
+        names.dedup();
+        names.extend(words.iter().map(|w| w.to_string()).filter(|w| single.iter().any(|j| j.said() == *w)));
+        let mut counts = vec![vec![0; names.len()]; rows.len()];
+        for j in &single {
+            let row = rows.iter().position(|r| *r == j.hidden());
+            let column = names.iter().position(|n| *n == j.said());
+            if let (Some(r), Some(c)) = (row, column) {
+                counts[r][c] += 1;
+            }
+        }
+        (self.rows, self.columns, self.counts) = (rows, names, counts);
+    }
+
+    /// Held-out ratios within their bounds.
+    pub fn explained(&self) -> Rate {
+        Rate::of(&self.held_out, |(_, ratio, bound)| ratio <= bound)
+    }
+
+    /// Parameters within three standard errors.
+    pub fn within_three(&self) -> Rate {
+        Rate::of(&self.z, |z| z.abs() <= 3.0)
+    }
+
+    /// Median and largest time of a diagnosis, s.
+    pub fn time(&self) -> Option<[f64; 2]> {
+        let mut all = self.seconds.clone();
+        all.sort_by(f64::total_cmp);
+        Some([*all.get(all.len() / 2)?, *all.last()?])
+    }
+
+    /// One object with keys that stay.
+    pub fn json(&self, judged: &[Judged]) -> Value {
+        let rates =
+            |m: &BTreeMap<String, Rate>| m.iter().map(|(k, r)| (k.clone(), r.json())).collect::<Map<String, Value>>();
+        let mut false_alarms = self.false_alarms.json();
+        false_alarms["by_noise"] = Value::Object(rates(&self.by_noise));
+        let reliability = |r: &Reliability| {
+            let mut value = r.right.json();
+            value["claimed"] = json!(r.claimed);
+            value
+        };
+        let campaign = |j: &Judged| {
+            json!({
+                "campaign": j.name,
+                "hidden": j.truth.effects,
+                "size": j.truth.size,
+                "noise": j.truth.noise,
+                "limited": j.truth.limited,
+                "verdict": j.answer.verdict,
+                "named": j.answer.effects.iter().map(|e| &e.name).collect::<Vec<_>>(),
+                "indistinguishable": j.answer.indistinguishable,
+                "probability": j.answer.effects.first().map(|e| e.probability),
+                "held_out_ratio": j.answer.held_out_ratio(),
+                "grade": j.grade,
+            })
+        };
+        let mean_square = self.z.iter().map(|z| z * z).sum::<f64>() / self.z.len().max(1) as f64;
+        json!({
+            "count": judged.len(),
+            "failed": self.failed,
+            "false_alarms": false_alarms,
+            "right": rates(&self.by_size),
+            "limited": self.limited.json(),
+            "effects": self.by_effect.iter().map(|(k, m)| (k.clone(), Value::Object(rates(m)))).collect::<Map<_, _>>(),
+            "confidently_wrong": self.confidently_wrong.json(),
+            "pairs": {"both": self.both.json(), "at_least_one": self.either.json()},
+            "outside": {"unknown": self.outside.json()},
+            "held_out": {"within_bound": self.explained().json()},
+            "z": {"within_three": self.within_three().json(), "rms": mean_square.sqrt()},
+            "reliability": self.reliability.iter().map(reliability).collect::<Vec<_>>(),
+            "brier": self.brier,
+            "seconds": self.time().map(|[median, max]| json!({"median": median, "max": max})),
+            "confusion": {"rows": self.rows, "columns": self.columns, "counts": self.counts},
+            "campaigns": judged.iter().map(campaign).collect::<Vec<_>>(),
+        })
+    }
+}

@@ -1,0 +1,248 @@
+//! The motion that tells two effects apart best: T-optimal, with the model's parameters profiled out.
+//!
+//! Beside the catalogue of [`super::experiments`] a Fourier series is designed for the purpose: the search of the
+//! excitation, with δ² in place of the volume of the confidence ellipsoid. Where an effect depends on more than the instant
+//! (delay, elastic gears, own states) the best of several random series stands for it.
+
+use std::time::Instant;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use thiserror::Error;
+
+use super::experiments::{Bench, Experiment, Kind};
+use super::machine::{Machine, worst};
+use super::prospect::{Information, Noise, Prospect, prospect, ranked, which};
+use super::search::{Found, Search};
+use super::series::Basis;
+use super::{FEWEST_INSTANTS, FINER, Limits, Options, PER_HARMONIC, SHRINK, TRIM, draw, scale, shrunk};
+use crate::dynamics::Channel;
+use crate::effects::{self, ActiveEffect, Role};
+use crate::evidence::separation::what_is_left;
+use crate::kinematics::KinematicsError;
+use crate::model::Model;
+use crate::recording::Setup;
+use crate::scenario::Course;
+
+/// Why two effects cannot be told apart by a plan.
+#[derive(Debug, Error)]
+pub enum DiscriminationError {
+    /// There is no such effect.
+    #[error("unknown effect `{0}`; `deltatwin effects` lists them")]
+    Unknown(String),
+    /// Nothing to tell.
+    #[error("`{0}` is given twice; expected two effects")]
+    Same(String),
+    /// The machine lacks what the effect acts on.
+    #[error("`{effect}` acts on {part}, which this machine does not have")]
+    Missing {
+        /// Name of the effect.
+        effect: String,
+        /// What it acts on.
+        part: &'static str,
+    },
+    /// The effect is in the twin only, or in every model.
+    #[error("`{0}` cannot be told from another effect: no parameter of it shows along a measured motion")]
+    TwinOnly(String),
+    /// No planned motion is possible.
+    #[error("the machine can make none of the planned motions within its limits")]
+    NoMotion,
+    /// A column cannot be computed.
+    #[error(transparent)]
+    Kinematics(#[from] KinematicsError),
+}
+
+/// Plans for telling two effects apart.
+pub struct Discrimination {
+    /// The two effects with the sizes that are assumed.
+    pub effects: [ActiveEffect; 2],
+    /// All plans, best first.
+    pub plans: Vec<(Experiment, Prospect)>,
+    /// Whether a Fourier series was searched for, or only drawn.
+    pub searched: bool,
+}
+
+/// Sampling period of the plans, s: physics lives below 80 Hz.
+const PERIOD: f64 = 2e-3;
+/// Blocks of time of the test that is planned for, as in the diagnosis.
+const BLOCKS: usize = 50;
+/// Exponent of the smooth minimum of the two δ².
+const POWER: f64 = 4.0;
+/// Random series drawn for their own sake.
+const DRAWN: u64 = 6;
+
+/// Plans experiments that tell `names` apart on `model`; their sizes are those in the model, else the usual ones.
+pub fn discriminate(
+    model: &Model,
+    names: [&str; 2],
+    options: &Options,
+    go_on: &(dyn Fn() -> bool + Sync),
+) -> Result<Discrimination, DiscriminationError> {
+    let pair = [assumed(model, names[0])?, assumed(model, names[1])?];
+    if names[0] == names[1] {
+        return Err(DiscriminationError::Same(names[0].into()));
+    }
+    let mut base = model.clone();
+    base.effects.retain(|a| !names.contains(&a.effect.name()));
+    let drives = Channel::of_drives(model.mechanism);
+    let noise = Noise::of(&base, &drives, PERIOD.max(model.sample_time));
+    let setup = Setup::default();
+    let bench = Bench { model: &base, setup, channels: drives, noise: &noise, traces: &[], seed: options.seed };
+    let mut plans = bench.catalogue();
+    let searched = searched(&base, &pair, options, go_on);
+    let series: Vec<Course> = match &searched {
+        Some(course) => vec![course.clone()],
+        None => (1..=DRAWN).map(|k| random(options, k)).collect(),
+    };
+    let what =
+        if searched.is_some() { "a periodic motion designed for it" } else { "the best of several random motions" };
+    let designed = series.iter().filter_map(|course| bench.plan(Kind::Designed, what.into(), course));
+    let length = options.periods as f64 / options.frequency;
+    plans.extend(designed.map(|e| Experiment { weight: e.weight * length / e.length, length, ..e }));
+    let promises = plans.into_par_iter().map(|experiment| {
+        let own = Information::along(&base, &[], &pair, &experiment.trace, &noise)?;
+        let promise = prospect(&which(2), &pair, None, (&own, &experiment), BLOCKS);
+        Ok((experiment, promise))
+    });
+    let promises: Vec<(Experiment, Prospect)> = promises.collect::<Result<_, KinematicsError>>()?;
+    let mut plans = ranked(promises.into_iter());
+    // Of several of a kind the best.
+    let mut seen: Vec<(Kind, String)> = Vec::new();
+    plans.retain(|(e, _)| {
+        let new = !seen.contains(&(e.kind, e.what.clone()));
+        seen.push((e.kind, e.what.clone()));
+        new
+    });
+    match plans.is_empty() {
+        true => Err(DiscriminationError::NoMotion),
+        false => Ok(Discrimination { effects: pair, plans, searched: searched.is_some() }),
+    }
+}
+
+fn random(options: &Options, k: u64) -> Course {
+    let Options { frequency, harmonics, .. } = *options;
+    let share = 0.6 * options.share;
+    Course::RandomFourier { seed: options.seed.wrapping_mul(1000).wrapping_add(k), frequency, harmonics, share }
+}
+
+/// The effect with the size it has in the model, or its usual one.
+fn assumed(model: &Model, name: &str) -> Result<ActiveEffect, DiscriminationError> {
+    let effect = effects::find(name).ok_or_else(|| DiscriminationError::Unknown(name.into()))?;
+    if name == effects::rigid_bodies::NAME || !effect.identifiable() {
+        return Err(DiscriminationError::TwinOnly(name.into()));
+    }
+    if !model.mechanism.has(effect.acts_on(), model.assembled) {
+        return Err(DiscriminationError::Missing { effect: name.into(), part: effect.acts_on().describe() });
+    }
+    if let Some(own) = model.effects.iter().find(|a| a.effect.name() == name) {
+        return Ok(own.clone());
+    }
+    let mut active = ActiveEffect::absent_on(effect, model.host());
+    let entries = active.entries();
+    for (value, p) in active.values.iter_mut().zip(entries.iter().map(|e| e.parameter)) {
+        let constant = if p.role == Role::Fixed { effect.constant(&p, model) } else { None };
+        *value = constant.unwrap_or(p.default);
+    }
+    Ok(active)
+}
+
+/// The Fourier series of largest δ²; none if the effects' columns are no matter of an instant, or nothing is found.
+fn searched(
+    base: &Model,
+    pair: &[ActiveEffect; 2],
+    options: &Options,
+    go_on: &(dyn Fn() -> bool + Sync),
+) -> Option<Course> {
+    if pair.iter().any(|a| a.states() > 0 || a.effect.gear_springs(&a.values()).is_some()) {
+        return None;
+    }
+    let deadline = options.budget.map(|b| Instant::now() + b);
+    let limits = Limits::of(base, options.share, options.hemisphere);
+    let [exact, soft] = [false, true].map(|soft| Machine::new(base, limits, soft).with_candidates(pair));
+    let merit = Difference::of(&soft);
+    let objective = |information: &DMatrix<f64>| merit.value(information);
+    let instants = (PER_HARMONIC * options.harmonics).max(FEWEST_INSTANTS);
+    let basis = Basis::new(options.frequency, options.harmonics, instants);
+    let fine = Basis::new(options.frequency, options.harmonics, FINER * instants);
+    let scale = scale(base, options);
+    let search = Search { machine: &soft, basis: &basis, objective: &objective, scale: &scale };
+    let go_on = || deadline.is_none_or(|d| Instant::now() < d) && go_on();
+    let found: Vec<Found> = (0..options.starts.max(1) as u64)
+        .into_par_iter()
+        .filter_map(|k| {
+            let start = shrunk(&exact, &basis, &draw(base, &exact, &limits, options, k), SHRINK)?.0;
+            Some(search.run(&basis.vector(&start), options.iterations, &go_on))
+        })
+        .collect();
+    let best = found.iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
+    let (motion, samples, _) = shrunk(&exact, &fine, &basis.motion(best.x.as_deref()?), TRIM)?;
+    worst(&samples).iter().all(|w| *w <= 1.0).then_some(Course::Fourier(motion))
+}
+
+/// −log of the smaller δ² of two effects, smoothly: (1/p)·log(δ₁⁻²ᵖ + δ₂⁻²ᵖ).
+struct Difference {
+    /// Columns of each effect and its sizes in their units.
+    own: [(Vec<usize>, DVector<f64>); 2],
+    base: Vec<usize>,
+}
+
+impl Difference {
+    fn of(machine: &Machine) -> Self {
+        let mut own = machine.candidates().into_iter().map(|candidate| {
+            let (columns, sizes): (Vec<usize>, Vec<f64>) = candidate.into_iter().unzip();
+            (columns, DVector::from_vec(sizes))
+        });
+        let mut next = || own.next().unwrap_or((Vec::new(), DVector::zeros(0)));
+        Self { own: [next(), next()], base: (0..machine.sizes().len()).collect() }
+    }
+
+    fn value(&self, information: &DMatrix<f64>) -> Option<(f64, DMatrix<f64>)> {
+        if information.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        let n = information.nrows();
+        let mut sum = 0.0;
+        let mut slope = DMatrix::zeros(n, n);
+        for k in 0..2 {
+            let ((own, sizes), (rival, _)) = (&self.own[k], &self.own[1 - k]);
+            let imitators: Vec<usize> = self.base.iter().chain(rival).copied().collect();
+            let (left, w) = what_is_left(information, own, sizes, &imitators);
+            let weight = left.powf(-POWER);
+            sum += weight;
+            slope.ger(-weight / left, &w, &w, 1.0);
+        }
+        let value = sum.ln() / POWER;
+        value.is_finite().then(|| (value, slope / sum))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::excitation::machine::information;
+
+    /// The slope of −log δ² by the information is that of differences.
+    #[test]
+    fn difference_has_the_slope_of_its_value() {
+        let model = Model::read(Path::new("models/irb360-6-1600.toml")).unwrap();
+        let pair = ["ball_socket_coulomb", "ball_socket_viscous"].map(|n| assumed(&model, n).unwrap());
+        let options = Options { harmonics: 3, ..Options::default() };
+        let limits = Limits::of(&model, options.share, None);
+        let machine = Machine::new(&model, limits, true).with_candidates(&pair);
+        let merit = Difference::of(&machine);
+        let basis = Basis::new(options.frequency, options.harmonics, 120);
+        let at = |k: u64| {
+            let motion = draw(&model, &machine, &limits, &options, k);
+            information(&machine.samples(&basis, &basis.vector(&motion)).unwrap())
+        };
+        let (here, there) = (at(0), at(1));
+        let (_, slope) = merit.value(&here).unwrap();
+        let h = 1e-4;
+        let value = |h: f64| merit.value(&(&here * (1.0 - h) + &there * h)).unwrap().0;
+        let difference = (value(h) - value(-h)) / (2.0 * h);
+        let expected = slope.dot(&(&there - &here));
+        assert!((difference - expected).abs() < 1e-3 * expected.abs(), "{difference} {expected}");
+    }
+}

@@ -1,0 +1,234 @@
+//! What an experiment would tell about effects, before it is made.
+//!
+//! The columns of all parameters and of the effects in question along the planned motion give inner products
+//! ([`Information`]); those of data that are there already add up with them, parameter by parameter. From them follow the
+//! non-centrality by which the effects differ ([`crate::evidence::separation`]), the chance to tell them apart, and, as
+//! information grows with time, the time it takes.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::experiments::Experiment;
+use crate::dynamics::{Channel, Plant, PlantParameter};
+use crate::effects::{ActiveEffect, Role};
+use crate::evidence::separation;
+use crate::evidence::whiten::ArFilter;
+use crate::identification::prediction::Channels;
+use crate::identification::{Trace, averaged_columns, columns};
+use crate::kinematics::KinematicsError;
+use crate::model::Model;
+
+/// Chance that counts as certain.
+pub const SURE: f64 = 0.95;
+/// Level at which an effect is said to be there.
+const ALPHA: f64 = 0.05;
+/// Times an experiment may last longer than planned, or be cut shorter.
+const STRETCH: [f64; 2] = [1e-2, 1e3];
+/// Relative accuracy of the time needed.
+const RESOLUTION: f64 = 0.05;
+
+/// Noise of each channel, as the filter that whitens its samples.
+#[derive(Clone, Debug)]
+pub struct Noise {
+    /// Channels whose noise is known.
+    pub filters: Vec<(Channel, ArFilter)>,
+    /// Sampling period that the filters belong to, s.
+    pub dt: f64,
+}
+
+impl Noise {
+    /// White noise of a model's sensors, averaged from its sampling period to `dt`.
+    pub fn of(model: &Model, channels: &[Channel], dt: f64) -> Self {
+        let filters = channels.iter().map(|&c| (c, white(model, c, dt))).collect();
+        Self { filters, dt }
+    }
+
+    fn filter(&self, model: &Model, channel: Channel) -> ArFilter {
+        let known = self.filters.iter().find(|(c, _)| *c == channel).map(|(_, f)| f.clone());
+        known.unwrap_or_else(|| white(model, channel, self.dt))
+    }
+}
+
+fn white(model: &Model, channel: Channel, dt: f64) -> ArFilter {
+    let sigma = channel.drive().map_or(model.noise.strut_force, |i| model.noise.torque[i]);
+    ArFilter::scale(sigma / (dt / model.sample_time).max(1.0).sqrt())
+}
+
+/// Inner products of whitened columns, each with the name of its parameter.
+#[derive(Clone, Debug, Default)]
+pub struct Information {
+    names: Vec<String>,
+    gram: DMatrix<f64>,
+}
+
+impl Information {
+    /// Of the parameters of `model` but for those of effects that are `held`, and of `effects`, which are not in it, along a
+    /// trace. An effect that does not act in the trace's configuration has no columns.
+    pub fn along(
+        model: &Model,
+        held: &[String],
+        effects: &[ActiveEffect],
+        trace: &Trace,
+        noise: &Noise,
+    ) -> Result<Self, KinematicsError> {
+        let plant = Plant::new(model, &trace.setup);
+        let mut names = Vec::new();
+        let mut stacked: Vec<Vec<f64>> = Vec::new();
+        let mut keep = |name: String, column: &Channels| {
+            let values = column.concat();
+            if values.iter().any(|v| *v != 0.0) {
+                names.push(name);
+                stacked.push(values);
+            }
+        };
+        let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
+        let free = |p: &PlantParameter| p.role != Role::Fixed && !held.iter().any(|h| h == p.effect);
+        let mut all = averaged_columns(&plant, trace, &mounted, 1)?;
+        let own = all.split_off(all.len() - mounted.len());
+        for (p, column) in plant.parameters().iter().zip(all.iter().flatten()).filter(|(p, _)| free(p)) {
+            keep(p.name.clone(), column);
+        }
+        for (active, own) in mounted.iter().zip(own) {
+            let entries = active.entries();
+            // What the shape of the law can do belongs to what is fitted.
+            let shaped = entries.iter().any(|e| e.parameter.role == Role::Shape);
+            let own = if shaped { columns(&plant, trace, Some(active))? } else { own };
+            for (entry, column) in entries.iter().zip(&own).filter(|(e, _)| e.parameter.role != Role::Fixed) {
+                keep(format!("{}.{}", active.effect.name(), entry.name), column);
+            }
+        }
+        let filters: Vec<ArFilter> = trace.channels.iter().map(|&c| noise.filter(model, c)).collect();
+        let columns: Vec<&[f64]> = stacked.iter().map(Vec::as_slice).collect();
+        let gram = separation::information(&columns, trace.len(), &trace.segments, &filters);
+        Ok(Self { names, gram })
+    }
+
+    /// Adds `factor` times `other`, parameter by parameter.
+    pub fn add(&mut self, other: &Self, factor: f64) {
+        let place: Vec<usize> = other
+            .names
+            .iter()
+            .map(|name| {
+                self.names.iter().position(|n| n == name).unwrap_or_else(|| {
+                    self.names.push(name.clone());
+                    self.names.len() - 1
+                })
+            })
+            .collect();
+        self.gram.resize_mut(self.names.len(), self.names.len(), 0.0);
+        for (i, &a) in place.iter().enumerate() {
+            for (j, &b) in place.iter().enumerate() {
+                self.gram[(a, b)] += factor * other.gram[(i, j)];
+            }
+        }
+    }
+
+    /// Columns of `effect` with its sizes: those of linear parameters, zero for what is fitted along.
+    fn own(&self, active: &ActiveEffect) -> (Vec<usize>, DVector<f64>) {
+        let (mut place, mut sizes) = (Vec::new(), Vec::new());
+        for (entry, value) in active.entries().iter().zip(&active.values) {
+            let name = format!("{}.{}", active.effect.name(), entry.name);
+            if let Some(i) = self.names.iter().position(|n| *n == name) {
+                place.push(i);
+                sizes.push(if entry.parameter.role == Role::Linear { *value } else { 0.0 });
+            }
+        }
+        (place, DVector::from_vec(sizes))
+    }
+
+    /// δ² of effect `a` against the model alone or, with a rival in `effects`, against model and rival.
+    fn noncentrality(&self, effects: &[ActiveEffect], a: usize, rival: Option<usize>) -> f64 {
+        let all: Vec<Vec<usize>> = effects.iter().map(|e| self.own(e).0).collect();
+        let (own, sizes) = self.own(&effects[a]);
+        let base = (0..self.names.len()).filter(|i| all.iter().all(|columns| !columns.contains(i)));
+        let imitators: Vec<usize> = base.chain(rival.iter().flat_map(|&k| all[k].iter().copied())).collect();
+        if own.is_empty() { 0.0 } else { separation::noncentrality(&self.gram, &own, &sizes, &imitators) }
+    }
+}
+
+/// An effect and what it must not be taken for: a rival, or the model without both.
+pub type Comparison = (usize, Option<usize>);
+
+/// The comparisons that tell the first of `effects` from every other one, both ways.
+pub fn which(effects: usize) -> Vec<Comparison> {
+    (1..effects).flat_map(|k| [(0, Some(k)), (k, Some(0))]).collect()
+}
+
+/// What an experiment promises.
+#[derive(Clone, Debug)]
+pub struct Prospect {
+    /// The comparison it is worst at.
+    pub worst: Comparison,
+    /// Its δ², of the whole experiment as planned.
+    pub noncentrality: f64,
+    /// Its chance to be decided by the experiment as planned.
+    pub chance: f64,
+    /// Time after which the chance is [`SURE`], s; none if that would take for ever.
+    pub seconds: Option<f64>,
+}
+
+/// What an experiment with the information `new`, in addition to what is `present`, decides on `blocks` blocks.
+///
+/// # Panics
+/// Without comparisons.
+pub fn prospect(
+    comparisons: &[Comparison],
+    effects: &[ActiveEffect],
+    present: Option<&Information>,
+    (new, experiment): (&Information, &Experiment),
+    blocks: usize,
+) -> Prospect {
+    let after = |times: f64| {
+        let mut sum = present.filter(|_| !experiment.alone).cloned().unwrap_or_default();
+        sum.add(new, times * experiment.weight);
+        let one = |&worst: &Comparison| {
+            let (a, rival) = worst;
+            let noncentrality = sum.noncentrality(effects, a, rival);
+            let chance = match rival {
+                Some(_) => separation::chance(noncentrality, blocks),
+                None => separation::chance_to_see(noncentrality, sum.own(&effects[a]).0.len(), blocks, ALPHA),
+            };
+            Prospect { worst, noncentrality, chance, seconds: None }
+        };
+        let all = comparisons.iter().map(one);
+        all.min_by(|x, y| x.chance.total_cmp(&y.chance).then(x.noncentrality.total_cmp(&y.noncentrality)))
+            .expect("something to compare")
+    };
+    let [mut low, mut high] = STRETCH.map(f64::ln);
+    let seconds = (after(high.exp()).chance >= SURE).then(|| {
+        while high - low > RESOLUTION {
+            let middle = 0.5 * (low + high);
+            if after(middle.exp()).chance >= SURE { high = middle } else { low = middle }
+        }
+        high.exp() * experiment.length
+    });
+    Prospect { seconds, ..after(1.0) }
+}
+
+/// Cheapest first: by preparation and time needed, then, where no time is enough, by δ² per second.
+pub fn ranked(all: impl Iterator<Item = (Experiment, Prospect)>) -> Vec<(Experiment, Prospect)> {
+    let mut all: Vec<(Experiment, Prospect)> = all.collect();
+    let cost =
+        |(e, p): &(Experiment, Prospect)| p.seconds.map_or(f64::INFINITY, |s| e.kind.preparation() + s.max(e.length));
+    let rate = |(e, p): &(Experiment, Prospect)| p.noncentrality / e.length;
+    let need = |(_, p): &(Experiment, Prospect)| p.seconds.unwrap_or(f64::INFINITY);
+    all.sort_by(|a, b| cost(a).total_cmp(&cost(b)).then(need(a).total_cmp(&need(b))).then(rate(b).total_cmp(&rate(a))));
+    all
+}
+
+/// An experiment and its promise, for a sentence.
+pub fn in_words(experiment: &Experiment, promise: &Prospect) -> String {
+    let needed = match promise.seconds {
+        Some(s) => format!("{} for 95 %", duration(s)),
+        None => "no length is enough for 95 %".into(),
+    };
+    format!("{} ({}: chance {:.2}; {needed})", experiment.what, duration(experiment.length), promise.chance)
+}
+
+/// A length of time for people.
+pub fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 10.0 => format!("{s:.1} s"),
+        s if s < 300.0 => format!("{s:.0} s"),
+        s => format!("{:.0} min", s / 60.0),
+    }
+}

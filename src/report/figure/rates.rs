@@ -1,0 +1,56 @@
+//! Shares with their intervals.
+
+use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
+use super::canvas::{Align, draw};
+use super::color::{Color, QUIET};
+use super::{Figure, RIGHT, TICK_SIZE, WIDTH};
+
+/// A share among so many trials.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rate {
+    /// Abscissa.
+    pub x: f64,
+    /// Share, and the interval it is known to.
+    pub share: f64,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// Trials.
+    pub of: usize,
+}
+
+/// Shares over a quantity, from 0 to 1, each with its interval and the number of its trials; `diagonal` draws what they
+/// should be if the quantity is a claimed share.
+pub fn rates(title: &str, x_label: &str, y_label: &str, points: &[Rate], diagonal: bool) -> Figure {
+    let extent = if diagonal { Some((0.0, 1.0)) } else { range(points.iter().map(|p| p.x)) };
+    let x = extent.map(|r| Axis::linear(r, 0.03, 10));
+    let y = Axis::linear((0.0, 1.0), 0.03, 6);
+    let r = Rect { x0: left_margin(y.label_width()), y0: 38.0, x1: WIDTH - RIGHT, y1: 338.0 };
+    draw(title, r.y1 + 44.0, |c| {
+        let none = Axis { hi: 1.0, ..Axis::default() };
+        axes(c, r, x.as_ref().unwrap_or(&none), &y, Some(x_label), y_label);
+        let Some(x) = x.filter(|_| !points.is_empty()) else { return no_data(c, r) };
+        let at = |vx: f64, vy: f64| Some((r.x(&x, vx)?, r.y(&y, vy)?));
+        if diagonal && let (Some(a), Some(b)) = (at(0.0, 0.0), at(1.0, 1.0)) {
+            c.dashed(&[a, b], Color::MUTED, 1.5);
+        }
+        let line: Vec<_> = points.iter().filter_map(|p| at(p.x, p.share)).collect();
+        c.polyline(&line, Color::MODEL, 1.0);
+        for p in points {
+            let (Some(low), Some(high), Some(mid)) = (at(p.x, p.low), at(p.x, p.high), at(p.x, p.share)) else {
+                continue;
+            };
+            c.line(low, high, Color::MODEL, 1.5);
+            for end in [low, high] {
+                c.line((end.0 - 4.0, end.1), (end.0 + 4.0, end.1), Color::MODEL, 1.5);
+            }
+            c.dot(mid, 4.0, Color::MODEL, 1.0);
+            // Beside the dot, on the side away from the edge.
+            let right = mid.0 < r.x1 - 40.0;
+            let (dx, align) = if right { (8.0, Align::Left) } else { (-8.0, Align::Right) };
+            let below = if mid.1 > r.y1 - 16.0 { -9.0 } else { 9.0 };
+            c.write(&p.of.to_string(), (mid.0 + dx, mid.1 + below), TICK_SIZE, QUIET, align);
+        }
+    })
+}

@@ -1,0 +1,198 @@
+//! Known traps: effects that look like another one, or like the parameters the model has. The answer may be a set or
+//! nothing, but never a wrong name alone.
+//!
+//! Measurements are made by inverse dynamics along planned motions, with quantised angles and noise of the torques.
+
+mod common;
+
+use common::model;
+use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
+use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::effects::{ActiveEffect, find};
+use deltatwin::identification::{Fit, Trace, fit, predict};
+use deltatwin::model::Model;
+use deltatwin::recording::{Payload, Recording, Setup, Signals};
+use deltatwin::scenario::Course;
+use deltatwin::scenario::motion::static_poses::StaticPoses;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, Normal};
+
+/// Sampling period, s: physics lives below 80 Hz.
+const PERIOD: f64 = 1e-3;
+/// Noise of the torques, N·m.
+const NOISE: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
+
+fn nominal() -> Model {
+    model("irb360-6-1600")
+}
+
+/// The nominal robot, a few percent off, with an effect.
+fn robot(name: &str, blocks: &[&[f64]]) -> Model {
+    let mut robot = nominal();
+    deltatwin::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
+    robot.effects.push(ActiveEffect::new(find(name).expect("registered"), blocks));
+    robot
+}
+
+/// What `robot` measures along `course`.
+fn measured(robot: &Model, course: &Course, payload: Payload, duration: f64, seed: u64) -> Trace {
+    let setup = Setup { payload, torque_noise: Some(NOISE), ..Setup::default() };
+    let motion = course.on(robot, &setup).expect("a possible motion");
+    let n = (duration / PERIOD) as usize;
+    let joints: Vec<_> =
+        (0..n).map(|k| motion.at(k as f64 * PERIOD).joints(&robot.geometry).expect("in reach")).collect();
+    let exact = Trace {
+        name: "measured".into(),
+        setup,
+        t: (0..n).map(|k| k as f64 * PERIOD).collect(),
+        channels: Channel::TORQUES.to_vec(),
+        measured: vec![vec![0.0; n]; 4],
+        segments: std::iter::once(0..n).collect(),
+        dt: PERIOD,
+        half_width: [3; 4],
+        joints,
+    };
+    let torque = predict(&Plant::new(robot, &setup), &exact).expect("a possible motion");
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut noisy = |i: usize, k: usize| torque[i][k] + Normal::new(0.0, NOISE[i]).expect("a width").sample(&mut rng);
+    let step = robot.drives.map(|d| d.encoder_step());
+    let signals = Signals {
+        t: exact.t.clone(),
+        q: exact.joints.iter().map(|j| std::array::from_fn(|i| (j.q[i] / step[i]).round() * step[i])).collect(),
+        tau: (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect(),
+        ..Signals::default()
+    };
+    Trace::new(&Recording { name: "measured".into(), signals, setup })
+}
+
+/// A random periodic motion that uses `share` of the drives' limits.
+fn excitation(seed: u64, share: f64) -> Course {
+    Course::RandomFourier { seed, frequency: 0.2, harmonics: 8, share }
+}
+
+fn diagnosed(traces: &[Trace]) -> Diagnosis {
+    let d = diagnose(&nominal(), traces, &[], &mut |_| {}).expect("a diagnosis");
+    println!("{:?} {:?} sets {:?}", d.verdict, names(&d), d.indistinguishable);
+    println!("unseen {:?}", d.unseen);
+    println!("next {:?}", d.next_experiment.as_ref().map(|e| &e.what));
+    d
+}
+
+fn names(d: &Diagnosis) -> Vec<&str> {
+    d.effects.iter().map(|e| e.name.as_str()).collect()
+}
+
+/// Whether one set holds all of `members`.
+fn set_with(d: &Diagnosis, members: &[&str]) -> bool {
+    d.indistinguishable.iter().any(|set| members.iter().all(|m| set.iter().any(|n| n == m)))
+}
+
+/// The hidden effect is named, or in a set, or nothing is named; no other name stands alone.
+fn not_misled(d: &Diagnosis, hidden: &str) -> bool {
+    d.effects.is_empty() || names(d) == [hidden] || set_with(d, &[hidden])
+}
+
+/// Poses around the middle of the workspace, `size` m apart.
+fn poses(size: f64) -> Course {
+    let pose = |x: f64, y: f64, z: f64| [size * x, size * y, -1.0 + size * z, 0.0];
+    let poses = vec![
+        pose(0.0, 0.0, 0.0),
+        pose(1.0, 0.0, 0.3),
+        pose(-0.5, 0.9, -0.3),
+        pose(-0.5, -0.9, 0.3),
+        pose(0.2, 0.1, 1.0),
+        pose(0.0, 0.0, 0.0),
+    ];
+    Course::StaticPoses(StaticPoses { poses, hold: 0.7, travel: 0.5 })
+}
+
+#[test]
+fn a_tilt_of_the_base_and_constant_torques_are_alike_in_a_small_workspace() {
+    for (name, blocks) in [
+        ("torque_bias", &[&[1.0, -0.5, -0.5, 0.0][..]][..]),
+        ("base_tilt", &[&[0.012, 0.006][..]]),
+        ("drive_coulomb_asymmetry", &[&[1.0, -0.5, -0.5][..], &[100.0]]),
+    ] {
+        let robot = robot(name, blocks);
+        println!("-- {name}");
+        let d = diagnosed(&[measured(&robot, &poses(0.03), Payload::default(), 6.5, 3)]);
+        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+    }
+}
+
+#[test]
+fn viscous_friction_of_the_sockets_hides_in_that_of_drives_and_telescope() {
+    let robot = robot("ball_socket_viscous", &[&[0.2]]);
+    let slow = measured(&robot, &excitation(5, 0.2), Payload::default(), 5.0, 4);
+    let d = diagnosed(&[slow]);
+    assert!(not_misled(&d, "ball_socket_viscous"), "{:?}", names(&d));
+    let report = d.candidates.iter().find(|c| c.name == "ball_socket_viscous").unwrap();
+    println!("{:?}", report);
+}
+
+fn viscosity(fit: &Fit) -> f64 {
+    let of = |i: usize| fit.parameters.iter().find(|p| p.name == format!("drive_friction.viscous_{i}")).unwrap().value;
+    (1..=3).map(of).sum::<f64>() / 3.0
+}
+
+#[test]
+fn coulomb_friction_of_the_sockets_looks_viscous_until_the_speed_changes() {
+    let robot = robot("ball_socket_coulomb", &[&[0.35], &[0.05]]);
+    let [slow, fast] = [(6, 0.06), (7, 0.5)]
+        .map(|(seed, share)| measured(&robot, &excitation(seed, share), Payload::default(), 5.0, seed));
+    let alone = |t: &Trace| {
+        let f = fit(&nominal(), std::slice::from_ref(t), &[t.noise(&nominal())]).unwrap();
+        println!(
+            "{:?}",
+            f.parameters
+                .iter()
+                .filter(|p| p.name.starts_with("drive"))
+                .map(|p| (p.name.clone(), p.value))
+                .collect::<Vec<_>>()
+        );
+        viscosity(&f)
+    };
+    let seen = [alone(&slow), alone(&fast)];
+    println!("viscosity {seen:?}");
+    let d = diagnosed(&[slow, fast]);
+    assert_eq!((d.verdict, names(&d)), (Verdict::Effect, vec!["ball_socket_coulomb"]));
+}
+
+#[test]
+fn a_wrong_payload_hides_in_the_platform_until_it_is_taken_off() {
+    let stated = Payload { mass: 2.5, com: [0.0, 0.0, -0.05].into(), inertia_zz: 0.01 };
+    let robot = robot("payload_mass_error", &[&[0.25]]);
+    let with = measured(&robot, &excitation(8, 0.3), stated, 5.0, 8);
+    let d = diagnosed(std::slice::from_ref(&with));
+    let without = measured(&robot, &excitation(9, 0.3), Payload::default(), 5.0, 9);
+    let both = diagnosed(&[with, without]);
+    assert!(d.effects.is_empty() && d.unseen.iter().any(|n| n == "payload_mass_error"));
+    assert_eq!(names(&both), ["payload_mass_error"]);
+}
+
+#[test]
+fn a_heavier_limb_is_not_taken_for_a_wrong_gain_or_an_elastic_gear() {
+    for (name, blocks) in [
+        ("limb_asymmetry", &[&[0.0, 0.0, 0.2, 0.0, 0.0, 0.0][..], &[0.0; 3], &[1.106], &[0.5]][..]),
+        ("torque_gain_error", &[&[0.0, 0.06, 0.0, 0.0][..]]),
+    ] {
+        println!("-- {name}");
+        let robot = robot(name, blocks);
+        for share in [0.15, 0.45] {
+            let d = diagnosed(&[measured(&robot, &excitation(10, share), Payload::default(), 5.0, 10)]);
+            assert!(not_misled(&d, name), "{name} at {share}: {:?} {:?}", names(&d), d.indistinguishable);
+        }
+    }
+}
+
+#[test]
+fn friction_by_load_is_found_or_left_open_near_self_locking() {
+    for friction in [0.3, 3.0] {
+        println!("-- {friction}");
+        let robot = robot("ball_socket_load_dependent", &[&[friction], &[0.0095], &[0.05]]);
+        let payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+        let d = diagnosed(&[measured(&robot, &excitation(12, 0.5), payload, 5.0, 12)]);
+        assert!(not_misled(&d, "ball_socket_load_dependent"), "{:?} {:?}", names(&d), d.indistinguishable);
+    }
+}
