@@ -35,11 +35,12 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Of `model` along `traces`; `noise` of each channel at the traces' own rate, for the scale alone.
-    pub fn new(model: &Model, traces: &[Trace], noise: &[f64]) -> Result<Self, FitError> {
+    /// Of `model` along `traces`; `noise` of each channel at the traces' own rate, for the scale alone. Parameters that are
+    /// `held` explain nothing.
+    pub fn new(model: &Model, traces: &[Trace], noise: &[f64], held: &dyn Fn(&str) -> bool) -> Result<Self, FitError> {
         let mut sight = Self::default();
         for (number, (trace, full)) in traces.iter().zip(residuals(model, traces)?).enumerate() {
-            sight.add(model, trace, &full, noise, number)?;
+            sight.add(model, trace, &full, noise, held, number)?;
         }
         Ok(sight)
     }
@@ -67,6 +68,7 @@ impl Sight {
         trace: &Trace,
         full: &Channels,
         noise: &[f64],
+        held: &dyn Fn(&str) -> bool,
         number: usize,
     ) -> Result<(), FitError> {
         let stride = ((STEP / trace.dt).round() as usize).max(1);
@@ -82,7 +84,8 @@ impl Sight {
         let averaged = full.iter().map(|series| averages(series, trace, stride)).collect();
         append(&mut self.residual, scaled(averaged));
         let base = columns(&plant, &thin, None).map_err(&failed)?;
-        append_all(&mut self.base, base.into_iter().map(scaled));
+        let free = plant.parameters().into_iter().zip(base).filter(|(p, _)| !held(&p.name)).map(|(_, column)| column);
+        append_all(&mut self.base, free.map(scaled));
         self.places = mounted(model.mechanism, plant.assembled);
         let unit = unit_forces(&self.places, &plant);
         let responses = columns(&plant, &thin, Some(&unit)).map_err(&failed)?;
