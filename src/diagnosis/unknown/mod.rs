@@ -59,10 +59,10 @@ impl Unexplained {
         let mut text = String::from("[effects.formula] # an empirical fit, no physical finding\nempirical = true\n");
         for (place, law, coefficient) in &self.terms {
             text += &format!(
-                "[[effects.formula.terms]]\nname = \"{}\"\nat = \"{}\"\nlaw = \"{law}\"\ncoefficient = {:?} # {}\n",
+                "[[effects.formula.terms]]\nname = \"{}\"\nat = \"{}\"\nlaw = \"{law}\"\ncoefficient = {} # {}\n",
                 coefficient.name,
                 place.name(),
-                coefficient.value,
+                six_digits(coefficient.value),
                 coefficient.unit
             );
         }
@@ -127,6 +127,11 @@ pub(super) fn explain(
         fit,
         rms,
     }))
+}
+
+/// A number as it is read by a person.
+fn six_digits(x: f64) -> String {
+    format!("{:?}", format!("{x:.5e}").parse().unwrap_or(x))
 }
 
 /// Data to find with and to judge by, and the library for them.
