@@ -223,7 +223,7 @@ pub fn diagnose_holding(
     progress("held-out data");
     let judge = if held_out.is_empty() { traces } else { held_out };
     let rms_before = channel_rms(&residuals(&start.model, judge)?);
-    let rms_after = channel_rms(&residuals(&end.model, judge)?);
+    let mut rms_after = channel_rms(&residuals(&end.model, judge)?);
     let noise_floor = floor(model, judge);
     progress("confidence");
     let found = outcome.found();
@@ -263,7 +263,7 @@ pub fn diagnose_holding(
         .map(|a| a.name.clone())
         .chain(beyond)
         .collect();
-    let indistinguishable: Vec<Vec<String>> = outcome
+    let mut indistinguishable: Vec<Vec<String>> = outcome
         .findings
         .iter()
         .map(|f| {
@@ -275,22 +275,34 @@ pub fn diagnose_holding(
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
     progress("what is left");
-    let unexplained = unknown::explain(&start.model, &end.model, effects.len(), (traces, held_out), &noise, progress)?;
-    let verdict = if unexplained.is_some() { Verdict::Unknown } else { verdict };
+    let unexplained =
+        unknown::explain([&start.model, &end.model], effects.len(), &fitting, held_out, &noise, progress)?;
+    let (verdict, end) = match &unexplained {
+        None => (verdict, end),
+        Some(found) => {
+            // Named effects stay only where they add to it.
+            if !found.beside_named {
+                effects.clear();
+                indistinguishable.clear();
+            }
+            rms_after.clone_from(&found.rms);
+            (Verdict::Unknown, found.fit.clone())
+        }
+    };
     progress("next experiment");
     let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
-    for i in 1..=effects.len() {
-        let names = || effects[..i].iter().map(|e: &Named| e.name.clone());
-        let rms = if i == effects.len() {
+    let mut added: Vec<&str> = effects.iter().map(|e| e.name.as_str()).collect();
+    added.extend(unexplained.as_ref().map(|_| effects::formula::NAME));
+    for i in 1..=added.len() {
+        let rms = if i == added.len() {
             rms_after.clone()
         } else {
             let mut part = end.model.clone();
-            let later: Vec<&str> = effects[i..].iter().map(|e| e.name.as_str()).collect();
-            part.effects.retain(|a| !later.contains(&a.effect.name()));
+            part.effects.retain(|a| !added[i..].contains(&a.effect.name()));
             channel_rms(&residuals(&fitting.fit(&part)?.model, judge)?)
         };
-        stages.extend(names().next_back().map(|name| (name, rms)));
+        stages.push((added[i - 1].to_string(), rms));
     }
     let budget = Budget {
         channels: traces[0].channels.clone(),
@@ -301,7 +313,7 @@ pub fn diagnose_holding(
     };
     let mut found_model = end.model.clone();
     found_model.history.extend(budget.history());
-    let mut diagnosis = Diagnosis {
+    Ok(Diagnosis {
         verdict,
         channels: traces[0].channels.clone(),
         noise_floor,
@@ -315,28 +327,12 @@ pub fn diagnose_holding(
         budget,
         changes: budget::changes(&start, &end),
         parameters: [start.parameters, end.parameters],
-        unexplained: None,
+        unexplained,
         model: found_model,
-    };
-    if let Some(found) = unexplained {
-        diagnosis.doubt(found);
-    }
-    Ok(diagnosis)
+    })
 }
 
 impl Diagnosis {
-    /// A law that no known effect has explains more than the named ones: they stay only where they add to it.
-    fn doubt(&mut self, found: Unexplained) {
-        self.verdict = Verdict::Unknown;
-        if !found.beside_named {
-            self.effects.clear();
-            self.indistinguishable.clear();
-        }
-        self.rms_after.clone_from(&found.rms);
-        self.model = found.fit.model.clone();
-        self.unexplained = Some(found);
-    }
-
     /// Share of the explainable error, on the data judged by, that goes with everything that was found.
     pub fn explained(&self) -> f64 {
         explained(&self.rms_before, &self.rms_before, &self.rms_after, &self.noise_floor)

@@ -11,7 +11,7 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, constraints, energy};
 use crate::cell::{Cell, CellError, Held, Object};
-use crate::dynamics::Plant;
+use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
@@ -318,6 +318,20 @@ struct Run<'a> {
     report: Report,
 }
 
+/// How far elastic gears lead the joints of a motion in balance, rad: compliance times transmitted torque.
+fn deflection(plant: &Plant, joints: &JointState) -> Result<[f64; AXES], KinematicsError> {
+    let Some(gears) = plant.effects.iter().find_map(|a| a.effect.gear_springs(&a.values())) else {
+        return Ok([0.0; AXES]);
+    };
+    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+    let torque = inverse_dynamics(plant, 0.0, &plant.motion(joints)?, &states, false)?.tau;
+    Ok(std::array::from_fn(|i| {
+        let gear = gears[i];
+        if gear.is_elastic() { gear.compliance * (torque[i] - gear.rotor_inertia * joints.qdd[i]) } else { 0.0 }
+    }))
+}
+
 impl<'a> Run<'a> {
     fn new(
         model: &'a Model,
@@ -332,7 +346,9 @@ impl<'a> Run<'a> {
             possible_without_platform(options)?;
         }
         let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
-        let motion = plant.motion(&wanted).map_err(trajectory)?;
+        let deflection = deflection(&plant, &wanted).map_err(trajectory)?;
+        let at_joints = JointState { q: std::array::from_fn(|i| wanted.q[i] - deflection[i]), ..wanted };
+        let motion = plant.motion(&at_joints).map_err(trajectory)?;
         for (body, inertia) in plant.bodies.0.iter().enumerate() {
             let size = inertia.mass.max(inertia.tensor.trace());
             if inertia.min_eigenvalue() < -IMPOSSIBLE * size.max(1e-3) {
@@ -350,7 +366,8 @@ impl<'a> Run<'a> {
             Some(cell)
         };
         let assembled = plant.assembled;
-        let twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
+        let mut twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
+        twin.deflect_gears(&deflection);
         let step = model.sample_time * options.control_period as f64;
         let controller = Controller::new(controller_plant, model.drives, options.gains, step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);

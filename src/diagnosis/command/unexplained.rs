@@ -19,7 +19,7 @@ pub fn json(u: &Unexplained, explained: f64) -> Value {
         "left": u.left,
         "explained": explained,
         "beside_named": u.beside_named,
-        "shape": {"variable": s.variable, "unit": u.unit, "x": s.x, "mean": s.mean, "low": s.low, "high": s.high},
+        "shape": {"variable": s.variable, "along_motion": s.along, "unit": u.unit, "x": s.x, "mean": s.mean, "low": s.low, "high": s.high},
         "parity": s.parity(),
         "odd_in_speed": s.odd,
         "period": s.period.map(|(value, variable)| json!({"value": value, "variable": variable})),
@@ -38,8 +38,8 @@ fn finite(x: f64) -> Option<f64> {
 
 /// On the terminal.
 pub fn print(u: &Unexplained, explained: f64) -> miette::Result<()> {
-    say(format!("\n  It acts on {}, alone there:", u.location))?;
-    let mut table = Table::new(&["  place", "share of the error"], &[]);
+    say(format!("\n  It acts on {}. What laws at one place alone could take of it:", u.location))?;
+    let mut table = Table::new(&["  place", "share"], &[]);
     for (place, share) in u.shares.iter().filter(|(_, share)| *share > 0.0) {
         table.row([format!("  {place}"), format!("{:.1} %", 100.0 * share)]);
     }

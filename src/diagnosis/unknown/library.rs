@@ -134,6 +134,13 @@ pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
                     builder.with(&format!("q{}", i + 1), &format!("qd{}", i + 1), &rate, CROSS);
                     builder.with(&format!("q{}", i + 1), &format!("qd{}", i + 1), &rate, &OTHERS[..1]);
                 }
+                for (a, b) in [(1, 2), (1, 3), (2, 3), (1, 4), (2, 4), (3, 4)] {
+                    let (a, b) = (format!("qd{a}"), format!("qd{b}"));
+                    if cover.moves(&a) && cover.moves(&b) {
+                        builder.push(&[&format!("{a}*{b}")], ["", "", ""], None);
+                        builder.push(&[&format!("-abs({a}*{b})")], ["", "", ""], None);
+                    }
+                }
                 let struts = [2 * i + 1, 2 * i + 2].map(|s| format!("strut{s}_upper"));
                 let others = (1..=4).filter(|j| *j != i + 1).map(|j| format!("q{j}"));
                 let more = ["x", "y", "z", "vz", "s"].map(String::from);

@@ -9,10 +9,11 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
+use super::Fitting;
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
-use crate::identification::{Fit, Trace, fit};
+use crate::identification::{Fit, Trace};
 use crate::model::Model;
 use library::{Atom, Cover, hums, library};
 use pursuit::{Formulation, Found, MOST, Pursuit, gain};
@@ -58,10 +59,10 @@ impl Unexplained {
         let mut text = String::from("[effects.formula] # an empirical fit, no physical finding\nempirical = true\n");
         for (place, law, coefficient) in &self.terms {
             text += &format!(
-                "[[effects.formula.terms]]\nname = \"{}\"\nat = \"{}\"\nlaw = \"{law}\"\ncoefficient = {:?} # {}\n",
+                "[[effects.formula.terms]]\nname = \"{}\"\nat = \"{}\"\nlaw = \"{law}\"\ncoefficient = {} # {}\n",
                 coefficient.name,
                 place.name(),
-                coefficient.value,
+                six_digits(coefficient.value),
                 coefficient.unit
             );
         }
@@ -71,17 +72,17 @@ impl Unexplained {
 
 /// Looks for a law that explains clearly more than the effects in `end`, the model `start` with `named` effects added.
 ///
-/// `noise` is that of the channels along `traces`; without `held_out` a part of them is kept back to judge by.
-pub fn explain(
-    start: &Model,
-    end: &Model,
+/// `noise` is that of the channels along the traces; without `held_out` a part of them is kept back to judge by.
+pub(super) fn explain(
+    [start, end]: [&Model; 2],
     named: usize,
-    (traces, held_out): (&[Trace], &[Trace]),
+    fitting: &Fitting,
+    held_out: &[Trace],
     noise: &[f64],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Option<Unexplained>, FitError> {
     progress("is it explained?");
-    let after = Search::new(end, traces, held_out, noise)?;
+    let after = Search::new(end, fitting, held_out, noise)?;
     let with_named = after.formula();
     if with_named.terms.is_empty() {
         return Ok(None);
@@ -90,7 +91,7 @@ pub fn explain(
         (None, with_named.clone())
     } else {
         progress("is there a better explanation?");
-        let before = Search::new(start, traces, held_out, noise)?;
+        let before = Search::new(start, fitting, held_out, noise)?;
         let alone = before.formula();
         (Some(before), alone)
     };
@@ -110,8 +111,8 @@ pub fn explain(
         return Ok(None);
     }
     progress("where it acts");
-    let fit = with_formula(base, &search.find, &best.terms, traces, noise)?;
-    let judge = if held_out.is_empty() { traces } else { held_out };
+    let fit = fitting.fit(&with_formula(base, &search.find, &best.terms))?;
+    let judge = if held_out.is_empty() { fitting.traces } else { held_out };
     let rms = channel_rms(&residuals(&fit.model, judge)?);
     let shares = search.shares(best.gain());
     let place = strongest(&search.find, &best.terms);
@@ -128,6 +129,11 @@ pub fn explain(
     }))
 }
 
+/// A number as it is read by a person.
+fn six_digits(x: f64) -> String {
+    format!("{:?}", format!("{x:.5e}").parse().unwrap_or(x))
+}
+
 /// Data to find with and to judge by, and the library for them.
 struct Search {
     find: Sight,
@@ -140,16 +146,17 @@ struct Search {
 }
 
 impl Search {
-    fn new(model: &Model, traces: &[Trace], held_out: &[Trace], noise: &[f64]) -> Result<Self, FitError> {
-        let find = Sight::new(model, traces, noise)?;
-        let judge = if held_out.is_empty() { None } else { Some(Sight::new(model, held_out, noise)?) };
+    fn new(model: &Model, fitting: &Fitting, held_out: &[Trace], noise: &[f64]) -> Result<Self, FitError> {
+        let sight = |traces| Sight::new(model, traces, noise, &|parameter| fitting.holds(parameter));
+        let find = sight(fitting.traces)?;
+        let judge = if held_out.is_empty() { None } else { Some(sight(held_out)?) };
         let (found, judged) = match &judge {
             Some(judge) => ((0..find.len()).collect(), (0..judge.len()).collect()),
             None => find.halves(),
         };
         let mut atoms = library(&find.places, &Cover::new(&find.variables));
         let time = Variable::named("t").map_or(&[][..], |t| &find.variables[t.index()]);
-        if traces.len() == 1 {
+        if fitting.traces.len() == 1 {
             atoms.extend(hums(&find.places, &find.residual, time));
         }
         Ok(Self { find, found, judge, judged, atoms })
@@ -221,14 +228,8 @@ fn strongest(sight: &Sight, terms: &[Found]) -> usize {
     best.map_or(0, |(_, place)| place)
 }
 
-/// The model with the terms added to what formula it has, fitted.
-fn with_formula(
-    base: &Model,
-    sight: &Sight,
-    terms: &[Found],
-    traces: &[Trace],
-    noise: &[f64],
-) -> Result<Fit, FitError> {
+/// The model with the terms added to what formula it has.
+fn with_formula(base: &Model, sight: &Sight, terms: &[Found]) -> Model {
     let mut model = base.clone();
     let mut all: Vec<(Term, f64)> = Vec::new();
     if let Some(own) = model.effects.iter().position(|a| a.effect.formula().is_some()) {
@@ -245,7 +246,7 @@ fn with_formula(
     let values: Vec<[f64; 1]> = all.iter().map(|(_, c)| [*c]).collect();
     let blocks: Vec<&[f64]> = values.iter().map(|v| &v[..]).collect();
     model.effects.push(ActiveEffect { host: model.host(), ..ActiveEffect::new(Formula::new(all, true), &blocks) });
-    fit(&model, traces, &vec![noise.to_vec(); traces.len()])
+    model
 }
 
 /// Terms of the fitted formula.

@@ -13,7 +13,7 @@ use super::library::{Atom, Number};
 use crate::effects::formula::{Expression, Variable};
 
 /// Instants used to screen the library.
-const SCREENED: usize = 3500;
+const SCREENED: usize = 2500;
 /// Laws tried per step, best on the data to find with first.
 const TRIED: usize = 4;
 /// Most laws of one formula.
@@ -144,7 +144,7 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// Columns made orthonormal, those that others imitate left out; twice, for rounding.
+/// Columns made orthonormal, those that others imitate left out.
 fn orthonormal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for mut column in columns {
@@ -152,13 +152,19 @@ fn orthonormal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         if !size.is_finite() || size <= 0.0 {
             continue;
         }
+        let mut left = size;
         for _ in 0..2 {
+            let before = left;
             for q in &basis {
                 let share = dot(q, &column);
                 add(&mut column, -share, q);
             }
+            left = dot(&column, &column).sqrt();
+            // Where little was taken away, rounding is little too.
+            if left > 0.1 * before {
+                break;
+            }
         }
-        let left = dot(&column, &column).sqrt();
         if left > COLLINEAR * size {
             column.iter_mut().for_each(|x| *x /= left);
             basis.push(column);

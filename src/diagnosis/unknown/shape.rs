@@ -12,8 +12,10 @@ use crate::report::figure::{Color, Curve, Figure, Style, time_series};
 /// A force over one variable, with simultaneous 95 % bands.
 #[derive(Clone, Debug, Default)]
 pub struct Shape {
-    /// Variable of formulas, e.g. `qd1`.
+    /// Variable of formulas, e.g. `qd1`; of a wave, within its period.
     pub variable: &'static str,
+    /// Whether the force along the motion is meant, its sign taken with that of the speed.
+    pub along: bool,
     /// Middle of each bin.
     pub x: Vec<f64>,
     /// Mean force, N·m or N.
@@ -35,6 +37,8 @@ pub struct Shape {
 }
 
 const BINS: usize = 24;
+/// Share of the energy beyond which a force is called odd, and one less this even.
+const ODD: f64 = 0.8;
 /// Instants a bin needs.
 const FULL: usize = 20;
 const BLOCKS: usize = 40;
@@ -51,13 +55,27 @@ impl Shape {
         candidates.extend(
             [coordinate(sight.places[place]), rate(sight.places[place]), "t"].iter().filter_map(|n| Variable::named(n)),
         );
-        let spread = |v: &Variable| Bins::new(&sight.variables[v.index()], &force).between();
+        let fastest = speed.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        let odd = odd_share(speed, &force, fastest);
+        // Friction over anything but the speed shows only with the sign of the motion taken out.
+        let along: Vec<f64> = force.iter().zip(speed).map(|(f, v)| if *v < 0.0 { -f } else { *f }).collect();
+        let own_rate = rate(sight.places[place]);
+        let is_along = |v: &Variable| odd > ODD && v.name() != own_rate;
+        let bins = |v: &Variable| Bins::new(&sight.variables[v.index()], if is_along(v) { &along } else { &force });
+        let spread = |v: &Variable| bins(v).between();
         let best = candidates.iter().max_by(|a, b| spread(a).total_cmp(&spread(b))).copied();
         let Some(best) = best else { return Self::default() };
-        let bins = Bins::new(&sight.variables[best.index()], &force);
-        let band = bins.band(&sight.variables[best.index()], &force);
-        let texts = terms.iter().filter(|t| t.place == place).map(|t| t.law.text());
-        let fastest = speed.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        let period = terms.iter().filter(|t| t.place == place).find_map(|t| wave(t.law.text()));
+        // A wave shows over its period.
+        let waved = period.and_then(|(length, name)| Some((length, Variable::named(name)?)));
+        let (best, is_along, bins, x) = match waved {
+            Some((length, v)) => {
+                let x: Vec<f64> = sight.variables[v.index()].iter().map(|x| x.rem_euclid(length)).collect();
+                (v, false, Bins::new(&x, &force), x)
+            }
+            None => (best, is_along(&best), bins(&best), sight.variables[best.index()].clone()),
+        };
+        let band = bins.band(&x, if is_along { &along } else { &force });
         let mean_where = |keep: &dyn Fn(f64) -> bool| {
             let kept: Vec<f64> = speed.iter().zip(&force).filter(|(v, _)| keep(**v)).map(|(_, f)| *f).collect();
             kept.iter().sum::<f64>() / kept.len().max(1) as f64
@@ -69,8 +87,9 @@ impl Shape {
             variable: best.name(),
             low: bins.mean.iter().zip(&band).map(|(m, b)| m - b).collect(),
             high: bins.mean.iter().zip(&band).map(|(m, b)| m + b).collect(),
-            odd: odd_share(speed, &force, fastest),
-            period: texts.filter_map(wave).next(),
+            odd,
+            along: is_along,
+            period,
             drift: mean(&force[force.len().saturating_sub(fifth)..]) - mean(&force[..fifth.min(force.len())]),
             jump: mean_where(&slow) - mean_where(&|v| slow(-v)),
             power: speed.iter().zip(&force).map(|(v, f)| v * f).sum::<f64>() / force.len().max(1) as f64,
@@ -82,8 +101,8 @@ impl Shape {
     /// The parity in speed as a word.
     pub fn parity(&self) -> &'static str {
         match self.odd {
-            x if x > 0.8 => "odd",
-            x if x < 0.2 => "even",
+            x if x > ODD => "odd",
+            x if x < 1.0 - ODD => "even",
             _ => "mixed",
         }
     }
@@ -97,7 +116,12 @@ impl Shape {
             curve("simultaneous 95 % band", &self.low).color(band).style(Style::Dashed),
             curve("", &self.high).color(band).style(Style::Dashed),
         ];
-        time_series(title, &label(self.variable), &format!("force / {unit}"), &curves)
+        let what = if self.along { "force along the motion" } else { "force" };
+        let over = match self.period {
+            Some((length, _)) => format!("{} within a period of {length:.4}", label(self.variable)),
+            None => label(self.variable),
+        };
+        time_series(title, &over, &format!("{what} / {unit}"), &curves)
     }
 }
 

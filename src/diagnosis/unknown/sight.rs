@@ -1,13 +1,15 @@
 //! What a search for an unknown law looks at: the residual, what the model's parameters could do about it, and what a
 //! force at each place would, at some hundred instants per second.
 
+use rayon::prelude::*;
+
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::formula::{Expression, Formula, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Instant};
 use crate::identification::fit::{FitError, kinematics, residuals};
 use crate::identification::prediction::Channels;
 use crate::identification::{Trace, columns};
-use crate::kinematics::SocketSet;
+use crate::kinematics::{KinematicsError, SocketSet};
 use crate::model::{Mechanism, Model};
 
 /// Time between instants, s: torque ripple up to 250 Hz is seen.
@@ -33,11 +35,12 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Of `model` along `traces`; `noise` of each channel at the traces' own rate, for the scale alone.
-    pub fn new(model: &Model, traces: &[Trace], noise: &[f64]) -> Result<Self, FitError> {
+    /// Of `model` along `traces`; `noise` of each channel at the traces' own rate, for the scale alone. Parameters that are
+    /// `held` explain nothing.
+    pub fn new(model: &Model, traces: &[Trace], noise: &[f64], held: &dyn Fn(&str) -> bool) -> Result<Self, FitError> {
         let mut sight = Self::default();
         for (number, (trace, full)) in traces.iter().zip(residuals(model, traces)?).enumerate() {
-            sight.add(model, trace, &full, noise, number)?;
+            sight.add(model, trace, &full, noise, held, number)?;
         }
         Ok(sight)
     }
@@ -65,6 +68,7 @@ impl Sight {
         trace: &Trace,
         full: &Channels,
         noise: &[f64],
+        held: &dyn Fn(&str) -> bool,
         number: usize,
     ) -> Result<(), FitError> {
         let stride = ((STEP / trace.dt).round() as usize).max(1);
@@ -80,7 +84,8 @@ impl Sight {
         let averaged = full.iter().map(|series| averages(series, trace, stride)).collect();
         append(&mut self.residual, scaled(averaged));
         let base = columns(&plant, &thin, None).map_err(&failed)?;
-        append_all(&mut self.base, base.into_iter().map(scaled));
+        let free = plant.parameters().into_iter().zip(base).filter(|(p, _)| !held(&p.name)).map(|(_, column)| column);
+        append_all(&mut self.base, free.map(scaled));
         self.places = mounted(model.mechanism, plant.assembled);
         let unit = unit_forces(&self.places, &plant);
         let responses = columns(&plant, &thin, Some(&unit)).map_err(&failed)?;
@@ -149,13 +154,12 @@ fn averages(series: &[f64], trace: &Trace, stride: usize) -> Vec<f64> {
 }
 
 /// Every variable along a trace, strut forces as the plant predicts them.
-fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, crate::kinematics::KinematicsError> {
+fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
     let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
-    let mut out = vec![Vec::with_capacity(trace.len()); all.len()];
     let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
-    for (joints, &t) in trace.joints.iter().zip(&trace.t) {
-        let motion = plant.motion(joints)?;
+    let at = |k: usize| {
+        let (t, motion) = (trace.t[k], plant.motion(&trace.joints[k])?);
         let reactions = inverse_dynamics(plant, t, &motion, &states, true)?.reactions;
         let at = Instant {
             t,
@@ -167,9 +171,8 @@ fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, crate::kinematics
             torque: [0.0; 4],
             closed: SocketSet::ALL,
         };
-        for (series, variable) in out.iter_mut().zip(&all) {
-            series.push(variable.read(&at));
-        }
-    }
-    Ok(out)
+        Ok(all.iter().map(|variable| variable.read(&at)).collect())
+    };
+    let rows: Vec<Vec<f64>> = (0..trace.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+    Ok((0..all.len()).map(|i| rows.iter().map(|row| row[i]).collect()).collect())
 }
