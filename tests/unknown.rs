@@ -115,7 +115,9 @@ fn an_unknown_law_is_located_and_written_into_the_model() {
     assert_eq!(d.verdict, Verdict::Unknown);
     let found = d.unexplained.as_ref().expect("a formula");
     assert_eq!(found.location, place);
-    assert!(d.explained() > 0.9, "{}", d.explained());
+    // What is left on the drive is its noise, of whose RMS fifty thousand samples show half a percent.
+    assert!(d.rms_after[0] < 1.03 * d.noise_floor[0], "{:?} {:?}", d.rms_after, d.noise_floor);
+    assert!(d.explained() >= 0.6, "{}", d.explained());
     let (period, variable) = found.shape.period.expect("a wave");
     assert!((period - std::f64::consts::TAU / 47.0).abs() < 0.01 * period && variable == "q1", "{period} {variable}");
     // Ready to paste, and what `diagnose -o` writes.
