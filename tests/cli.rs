@@ -212,6 +212,28 @@ fn excite_writes_a_scenario_that_runs() {
 }
 
 #[test]
+fn excite_plans_for_telling_two_effects_apart() {
+    let folder = TempDir::new().unwrap();
+    let scenario = path(&folder, "tell.toml");
+    let plan = |a: &'static str, b: &'static str| {
+        let quick = ["--harmonics", "2", "--starts", "1", "--iterations", "2"];
+        [&["excite", MODEL, "-o", &scenario, "--discriminate", a, b], &quick[..]].concat()
+    };
+    let answer = json(&plan("base_tilt", "torque_bias"));
+    assert_eq!(answer["pair"], serde_json::json!(["base_tilt", "torque_bias"]));
+    assert!(answer["noncentrality"].as_f64().unwrap() > 0.0 && answer["searched"] == true, "{answer}");
+    let kinds: Vec<&str> = answer["plans"].as_array().unwrap().iter().map(|p| p["kind"].as_str().unwrap()).collect();
+    for kind in ["excitation", "slow_sweep", "static_poses", "reversals", "payload", "strut_sensor", "designed"] {
+        assert!(kinds.contains(&kind), "{kind}: {kinds:?}");
+    }
+    done(&["check", &scenario]);
+    assert!(refused(&plan("base_tilt", "base_tilt")).contains("given twice"));
+    assert!(refused(&plan("base_tilt", "base_tlit")).contains("unknown effect `base_tlit`"));
+    assert!(refused(&plan("base_tilt", "clamp_springs")).contains("no parameter of it shows"));
+    assert!(refused(&plan("base_tilt", "rigid_bodies")).contains("no parameter of it shows"));
+}
+
+#[test]
 fn compare_and_add_answer_in_json() {
     let folder = TempDir::new().unwrap();
     let csv = smoke(&folder);
@@ -226,7 +248,17 @@ fn compare_and_add_answer_in_json() {
     for key in ["rms_before", "rms_after", "noise_floor"] {
         assert_eq!(answer[key].as_array().unwrap().len(), 4, "{answer}");
     }
-    assert!(std::fs::read_to_string(&added).unwrap().contains("[effects.ball_socket_coulomb]"));
+    let text = std::fs::read_to_string(&added).unwrap();
+    assert!(text.contains("[effects.ball_socket_coulomb]") && text.matches("[[history]]").count() == 1, "{text}");
+    let shares = |key: &str| answer["budget"][key][0].as_f64().unwrap();
+    let explained = answer["budget"]["effects"][0]["share"][0].as_f64().unwrap();
+    assert!((shares("noise") + explained + shares("unexplained") - 1.0).abs() < 1e-9, "{answer}");
+    for key in ["parameters_before", "parameters_after"] {
+        assert!(answer[key]["axis4_friction.coulomb"]["value"].is_number(), "{answer}");
+    }
+    let twice = path(&folder, "twice.toml");
+    done(&["add", &added, "base_tilt", &csv, "-o", &twice]);
+    assert_eq!(std::fs::read_to_string(&twice).unwrap().matches("[[history]]").count(), 2);
     refused(&["add", MODEL, "ball_socket_colomb", &csv, "-o", &path(&folder, "no.toml")]);
     assert!(refused(&["add", MODEL, "ball_socket_coulomb", &csv, "-o", MODEL]).contains("is an input"));
 }

@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use deltatwin::effects::{self, ActiveEffect};
+use deltatwin::model::Added;
 use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::model::write::{full_text, updated_text};
 use deltatwin::model::{Joint, Mechanism, Model, check};
@@ -517,6 +518,44 @@ fn generated_files_hold_every_number() {
         let comment = if delta { "# m; centre line to motor shaft" } else { "# kg; of all that moves" };
         assert!(text.contains(comment), "{text}");
     }
+}
+
+#[test]
+fn the_history_of_a_model_is_kept_and_grows() {
+    let added = |effect: &str, rms: f64| Added {
+        effect: effect.into(),
+        channels: vec!["tau1".into(), "strut1_upper".into()],
+        rms_before: vec![rms, 14.272],
+        rms_after: vec![0.5 * rms, 0.5],
+        noise_floor: vec![0.4, 0.498],
+        held_out: true,
+    };
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    assert!(m.history.is_empty());
+    m.history.push(added("ball_socket_coulomb", 1.2366));
+    let first = updated_text(&text, &m).unwrap();
+    assert!(first.starts_with(text.trim_end()), "what was there stays");
+    assert_eq!(parse(&first).unwrap().history, m.history);
+    m.history.push(added("base_tilt", 0.618));
+    let second = updated_text(&first, &m).unwrap();
+    assert!(second.starts_with(first.trim_end()));
+    assert_eq!(parse(&second).unwrap().history, m.history);
+    assert_eq!(updated_text(&second, &m).unwrap(), second);
+    m.history.remove(0);
+    assert_eq!(parse(&updated_text(&second, &m).unwrap()).unwrap().history, m.history);
+    assert!(parse(&full_text(&m).unwrap()).unwrap().history == m.history);
+    for (from, to, expected) in [
+        ("rms_after = [", "rms_afer = [", "[history] rms_afer: unknown key"),
+        ("held_out = true", "held_out = 1", "[history] held_out = 1: found an integer, expected true or false"),
+        ("noise_floor = [0.4, 0.498]", "noise_floor = [0.4]", "[history] noise_floor = [0.4]: found an array of 1"),
+        ("effect = \"ball_socket_coulomb\"\n", "", "[history] lacks `effect`"),
+    ] {
+        assert!(first.contains(from), "{from}");
+        let message = parse(&first.replace(from, to)).err().unwrap().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+    assert!(parse(&format!("history = 3\n{text}")).err().unwrap().to_string().contains("tables [[history]]"));
 }
 
 #[test]

@@ -9,11 +9,14 @@ use common::model;
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::{Fit, Trace, fit, predict};
+use deltatwin::excitation::Options;
+use deltatwin::excitation::discriminate::discriminate;
+use deltatwin::excitation::experiments::Experiment;
+use deltatwin::identification::{Trace, fit, predict};
 use deltatwin::model::Model;
 use deltatwin::recording::{Payload, Recording, Setup, Signals};
-use deltatwin::scenario::Course;
 use deltatwin::scenario::motion::static_poses::StaticPoses;
+use deltatwin::scenario::{Course, DesiredMotion, FourierMotion};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -88,9 +91,9 @@ fn set_with(d: &Diagnosis, members: &[&str]) -> bool {
     d.indistinguishable.iter().any(|set| members.iter().all(|m| set.iter().any(|n| n == m)))
 }
 
-/// The hidden effect is named, or in a set, or nothing is named; no other name stands alone.
+/// The hidden effect is named, or in a set, or nothing is, or nothing known is said to explain the data.
 fn not_misled(d: &Diagnosis, hidden: &str) -> bool {
-    d.effects.is_empty() || names(d) == [hidden] || set_with(d, &[hidden])
+    d.verdict == Verdict::Unknown || d.effects.is_empty() || names(d) == [hidden] || set_with(d, &[hidden])
 }
 
 /// Poses around the middle of the workspace, `size` m apart.
@@ -110,51 +113,58 @@ fn poses(size: f64) -> Course {
 #[test]
 fn a_tilt_of_the_base_and_constant_torques_are_alike_in_a_small_workspace() {
     for (name, blocks) in [
-        ("torque_bias", &[&[1.0, -0.5, -0.5, 0.0][..]][..]),
-        ("base_tilt", &[&[0.012, 0.006][..]]),
-        ("drive_coulomb_asymmetry", &[&[1.0, -0.5, -0.5][..], &[100.0]]),
+        ("torque_bias", &[&[0.2, -0.1, -0.1, 0.0][..]][..]),
+        ("base_tilt", &[&[0.03, 0.015][..]]),
+        ("drive_coulomb_asymmetry", &[&[0.4, -0.2, -0.2][..], &[100.0]]),
     ] {
         let robot = robot(name, blocks);
         println!("-- {name}");
-        let d = diagnosed(&[measured(&robot, &poses(0.03), Payload::default(), 6.5, 3)]);
-        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+        let d = diagnosed(&[measured(&robot, &poses(0.02), Payload::default(), 4.0, 3)]);
+        let alike = if name == "drive_coulomb_asymmetry" { &[name][..] } else { &["torque_bias", "base_tilt"] };
+        assert_eq!(d.verdict, Verdict::Ambiguous, "{name}: {:?}", names(&d));
+        assert!(set_with(&d, alike), "{name}: {:?}", d.indistinguishable);
     }
 }
 
 #[test]
 fn viscous_friction_of_the_sockets_hides_in_that_of_drives_and_telescope() {
-    let robot = robot("ball_socket_viscous", &[&[0.2]]);
-    let slow = measured(&robot, &excitation(5, 0.2), Payload::default(), 5.0, 4);
-    let d = diagnosed(&[slow]);
-    assert!(not_misled(&d, "ball_socket_viscous"), "{:?}", names(&d));
-    let report = d.candidates.iter().find(|c| c.name == "ball_socket_viscous").unwrap();
-    println!("{:?}", report);
+    for (coefficient, visible) in [(0.03, false), (0.25, true)] {
+        let robot = robot("ball_socket_viscous", &[&[coefficient]]);
+        let d = diagnosed(&[measured(&robot, &excitation(5, 0.15), Payload::default(), 3.0, 4)]);
+        let report = d.candidates.iter().find(|c| c.name == "ball_socket_viscous").unwrap();
+        println!("{report:?}");
+        assert!(report.absorbed_by.iter().any(|p| p.contains("friction.viscous")), "{report:?}");
+        if visible {
+            assert!(not_misled(&d, "ball_socket_viscous"), "{:?}", names(&d));
+        } else {
+            assert_eq!((d.verdict, names(&d)), (Verdict::None, vec![]));
+        }
+    }
 }
 
-fn viscosity(fit: &Fit) -> f64 {
-    let of = |i: usize| fit.parameters.iter().find(|p| p.name == format!("drive_friction.viscous_{i}")).unwrap().value;
+/// Mean viscous friction of the drives, N·m·s/rad.
+fn viscosity(model: &Model) -> f64 {
+    let parameters = Plant::new(model, &Setup::default()).parameters();
+    let of = |i: usize| parameters.iter().find(|p| p.name == format!("drive_friction.viscous_{i}")).unwrap().value;
     (1..=3).map(of).sum::<f64>() / 3.0
 }
 
 #[test]
 fn coulomb_friction_of_the_sockets_looks_viscous_until_the_speed_changes() {
     let robot = robot("ball_socket_coulomb", &[&[0.35], &[0.05]]);
-    let [slow, fast] = [(6, 0.06), (7, 0.5)]
-        .map(|(seed, share)| measured(&robot, &excitation(seed, share), Payload::default(), 5.0, seed));
+    let DesiredMotion::Fourier(fast) = excitation(7, 0.5).on(&robot, &Setup::default()).unwrap() else { panic!() };
+    let slow = FourierMotion { frequency: 0.1 * fast.frequency, ..fast.clone() };
+    let [slow, fast] = [(slow, 6.0), (fast, 4.0)]
+        .map(|(series, duration)| measured(&robot, &Course::Fourier(series), Payload::default(), duration, 6));
     let alone = |t: &Trace| {
         let f = fit(&nominal(), std::slice::from_ref(t), &[t.noise(&nominal())]).unwrap();
-        println!(
-            "{:?}",
-            f.parameters
-                .iter()
-                .filter(|p| p.name.starts_with("drive"))
-                .map(|p| (p.name.clone(), p.value))
-                .collect::<Vec<_>>()
-        );
-        viscosity(&f)
+        viscosity(&f.model)
     };
     let seen = [alone(&slow), alone(&fast)];
     println!("viscosity {seen:?}");
+    // Too much viscosity, and more of it at the tenth of the speed.
+    let own = viscosity(&robot);
+    assert!(seen[0] - own > 2.0 * (seen[1] - own) && seen[1] - own > 0.2, "{seen:?} {own}");
     let d = diagnosed(&[slow, fast]);
     assert_eq!((d.verdict, names(&d)), (Verdict::Effect, vec!["ball_socket_coulomb"]));
 }
@@ -163,9 +173,9 @@ fn coulomb_friction_of_the_sockets_looks_viscous_until_the_speed_changes() {
 fn a_wrong_payload_hides_in_the_platform_until_it_is_taken_off() {
     let stated = Payload { mass: 2.5, com: [0.0, 0.0, -0.05].into(), inertia_zz: 0.01 };
     let robot = robot("payload_mass_error", &[&[0.25]]);
-    let with = measured(&robot, &excitation(8, 0.3), stated, 5.0, 8);
+    let with = measured(&robot, &excitation(8, 0.3), stated, 4.0, 8);
     let d = diagnosed(std::slice::from_ref(&with));
-    let without = measured(&robot, &excitation(9, 0.3), Payload::default(), 5.0, 9);
+    let without = measured(&robot, &excitation(9, 0.3), Payload::default(), 4.0, 9);
     let both = diagnosed(&[with, without]);
     assert!(d.effects.is_empty() && d.unseen.iter().any(|n| n == "payload_mass_error"));
     assert_eq!(names(&both), ["payload_mass_error"]);
@@ -179,20 +189,41 @@ fn a_heavier_limb_is_not_taken_for_a_wrong_gain_or_an_elastic_gear() {
     ] {
         println!("-- {name}");
         let robot = robot(name, blocks);
-        for share in [0.15, 0.45] {
-            let d = diagnosed(&[measured(&robot, &excitation(10, share), Payload::default(), 5.0, 10)]);
-            assert!(not_misled(&d, name), "{name} at {share}: {:?} {:?}", names(&d), d.indistinguishable);
-        }
+        let d = diagnosed(&[measured(&robot, &excitation(10, 0.15), Payload::default(), 2.0, 10)]);
+        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
     }
 }
 
 #[test]
 fn friction_by_load_is_found_or_left_open_near_self_locking() {
-    for friction in [0.3, 3.0] {
+    for friction in [0.3, 1.5] {
         println!("-- {friction}");
         let robot = robot("ball_socket_load_dependent", &[&[friction], &[0.0095], &[0.05]]);
         let payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
-        let d = diagnosed(&[measured(&robot, &excitation(12, 0.5), payload, 5.0, 12)]);
+        let d = diagnosed(&[measured(&robot, &excitation(12, 0.5), payload, 3.0, 12)]);
         assert!(not_misled(&d, "ball_socket_load_dependent"), "{:?} {:?}", names(&d), d.indistinguishable);
     }
+}
+
+#[test]
+fn the_planned_motion_tells_a_bias_from_a_tilt() {
+    let bias = [0.2, -0.15, -0.05, 0.0];
+    let robot = robot("torque_bias", &[&bias]);
+    let before = diagnosed(&[measured(&robot, &poses(0.03), Payload::default(), 3.5, 5)]);
+    assert_eq!(before.verdict, Verdict::Ambiguous);
+    assert!(set_with(&before, &["torque_bias", "base_tilt"]), "{:?}", before.indistinguishable);
+    assert!(before.next_experiment.is_some_and(|e| e.pair.len() == 2 && e.chance > 0.5));
+
+    let mut assumed = nominal();
+    for (name, values) in [("base_tilt", &[0.006, -0.004][..]), ("torque_bias", &bias)] {
+        assumed.effects.push(ActiveEffect::new(find(name).expect("registered"), &[values]));
+    }
+    let quick = Options { harmonics: 3, starts: 1, iterations: 3, ..Options::default() };
+    let planned = discriminate(&assumed, ["base_tilt", "torque_bias"], &quick, &|| true).expect("a plan");
+    let here = |e: &Experiment| e.kind.preparation() == 0.0;
+    let (plan, promise) = planned.plans.iter().find(|(e, _)| here(e)).expect("a plan without tools");
+    println!("{}: δ² {} chance {}", plan.what, promise.noncentrality, promise.chance);
+    let course = plan.course.as_ref().expect("a motion of its own");
+    let after = diagnosed(&[measured(&robot, course, Payload::default(), plan.length.min(20.0), 6)]);
+    assert_eq!((after.verdict, names(&after)), (Verdict::Effect, vec!["torque_bias"]));
 }

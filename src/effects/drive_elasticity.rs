@@ -9,8 +9,9 @@ use crate::recording::Payload;
 ///
 /// All at the gear output: δ in rad, motor side minus arm, positive when the motor leads; c in rad/(N·m); d in N·m·s/rad;
 /// rotor inertia J in kg·m², a part of the arm's Θ_yy that moves with the motor instead:
-/// J·(q̈ + δ̈) = τ − δ/c − d·δ̇. Own states δ₁…δ₃, δ̇₁…δ̇₃, from rest: a loaded arm first sinks by c·τ and rings at
-/// √(1/(c·J) + 1/(c·Θ)), 80 Hz, damped to a fifth, for some 50 ms. Friction of the drives acts on the arm's side.
+/// J·(q̈ + δ̈) = τ − δ/c − d·δ̇. Own states δ₁…δ₃, δ̇₁…δ̇₃; a simulation begins in balance, δ = c·(τ − J·q̈). After a jump of the
+/// torque an arm rings at √(1/(c·J) + 1/(c·Θ)), 80 Hz, damped to a fifth, for some 50 ms. Friction of the drives acts on
+/// the arm's side.
 ///
 /// The twin: `forces`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
 /// leaves a consistent body; only Θ_yy enters). Along a measured motion δ has no initial value worth knowing and rings:

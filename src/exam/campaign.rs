@@ -7,11 +7,12 @@ use thiserror::Error;
 
 use super::motion::{Motion, MotionKind};
 use super::noise::{self, Noise};
+use super::outside::Outside;
 use super::size::{Hidden, Size, Sizer};
 use crate::dynamics::{Channel, Plant};
 use crate::effects::rigid_bodies::{self, RigidBodies};
 use crate::effects::{self, Effect, Role};
-use crate::kinematics::KinematicsError;
+use crate::identification::FitError;
 use crate::model::{AXES, Model};
 use crate::recording::{Payload, Recording, Setup};
 use crate::scenario::Sensors;
@@ -24,6 +25,8 @@ pub struct Case {
     pub seed: u64,
     /// Names of the effects to hide; none hides nothing.
     pub effects: Vec<String>,
+    /// A law outside the library to hide as well.
+    pub outside: Option<Outside>,
     /// How much of them.
     pub size: Size,
     /// Noise of the torques.
@@ -43,6 +46,7 @@ impl Default for Case {
         Self {
             seed: 1,
             effects: Vec::new(),
+            outside: None,
             size: Size::Medium,
             noise: Noise::White,
             motion: MotionKind::Wideband,
@@ -82,9 +86,9 @@ pub enum CampaignError {
         /// What can be hidden.
         known: Vec<&'static str>,
     },
-    /// The drawn motion is impossible.
-    #[error("the drawn motion is impossible: {0}")]
-    Motion(#[from] KinematicsError),
+    /// The model cannot be refitted along the drawn motion.
+    #[error("the effect cannot be sized: {0}")]
+    Size(#[from] FitError),
     /// The twin stopped.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
@@ -131,7 +135,8 @@ pub fn hideable(model: &Model) -> Vec<&'static dyn Effect> {
 
 /// Makes a campaign on an assembled delta robot; `progress` gets the run (0 or 1) and the simulated time.
 pub fn campaign(model: &Model, case: &Case, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
-    campaign_with(model, case, &[], progress)
+    let outside: Vec<&'static dyn Effect> = case.outside.iter().map(|law| law.effect() as _).collect();
+    campaign_with(model, case, &outside, progress)
 }
 
 /// The same with effects beyond the registry, such as formulas, hidden as well.

@@ -50,6 +50,9 @@ pub struct Args {
     /// Campaigns with two effects of medium size.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     pub pairs: u64,
+    /// Campaigns with a law outside the library.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    pub outside: u64,
     /// Campaigns in which nothing is hidden.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     pub null: u64,
@@ -114,6 +117,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if judged.is_empty() {
         return Err(miette!("{}: holds no campaign; expected folders with {}", root.display(), folder::TRUTH));
     }
+    judged.sort_by(|a, b| a.name.cmp(&b.name));
     let score = Score::of(&judged);
     let mut files = Vec::new();
     for (name, figure) in figures::all(&score, &judged) {
@@ -155,6 +159,7 @@ fn plan(args: &Args, model: &Model) -> miette::Result<Plan> {
         sizes: args.sizes.clone(),
         seeds: args.seeds,
         pairs: args.pairs,
+        outside: args.outside,
         null: args.null,
         noise: args.noise.clone(),
         motion: args.motion,
@@ -229,7 +234,13 @@ fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording;
 /// Campaigns without anything hidden that differ in their noise: truth and answer of each, no recordings.
 fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> {
     let robots = each("make", &(0..FAST_ROBOTS.min(args.fast_null)).collect::<Vec<_>>(), |k| {
-        let robot = Plan { effects: Vec::new(), null: 1, seed: seed(args.seed, &format!("robot {k}")), ..plan.clone() };
+        let robot = Plan {
+            effects: Vec::new(),
+            null: 1,
+            outside: 0,
+            seed: seed(args.seed, &format!("robot {k}")),
+            ..plan.clone()
+        };
         let (name, case) = robot.cases().remove(0);
         quiet_campaign(model, &case, &[], &|_, _| {}).map_err(|e| miette!("{name}: {e}"))
     })?;
@@ -238,10 +249,9 @@ fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> 
         let noise = args.noise[*k as usize % args.noise.len()];
         let name = format!("{NOTHING}-fast-{noise}-{}", k + 1);
         let folder = args.output.join(&name);
-        if !args.anew && folder.join(folder::TRUTH).is_file() {
-            if let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
-                return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
-            }
+        let there = !args.anew && folder.join(folder::TRUTH).is_file();
+        if there && let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
+            return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
         }
         // Every kind of noise meets every robot.
         let robot: &Campaign = &robots[(*k as usize / args.noise.len()) % robots.len()];
@@ -294,6 +304,7 @@ fn print(score: &Score, judged: &[Judged]) -> miette::Result<()> {
     row("both of two", score.both);
     row("at least one of two", score.either);
     row("unknown, outside the library", score.outside);
+    row("  in the right place", score.located);
     row("confidently wrong", score.confidently_wrong);
     row("held-out residual within bound", score.explained());
     row("parameters within 3 standard errors", score.within_three());

@@ -1,6 +1,6 @@
 //! Figures of an exam.
 
-use super::score::{Judged, Rate, Score};
+use super::score::{IN_A_SET, Judged, Rate, Score};
 use super::size::Size;
 use super::{Grade, judge::Question};
 use crate::report::{self, Cell, Color, Curve, Figure, Style, matrix, rates, time_series};
@@ -19,7 +19,10 @@ pub fn all(score: &Score, judged: &[Judged]) -> Vec<(&'static str, Figure)> {
 
 fn confusion(score: &Score) -> Figure {
     let good = |row: &str, column: &str| {
-        row == column || (row == "nothing" && column == "none") || (row.starts_with("outside") && column == "unknown")
+        row == column
+            || column == IN_A_SET
+            || (row == "nothing" && column == "none")
+            || (row.starts_with("outside") && column == "unknown")
     };
     let cells: Vec<Vec<Cell>> = score
         .rows
@@ -64,8 +67,9 @@ fn power(judged: &[Judged]) -> Figure {
         .collect();
     known.sort_by(|a, b| a.0.total_cmp(&b.0));
     const GROUPS: usize = 8;
+    const FEWEST: usize = 10;
     let points: Vec<report::Rate> = known
-        .chunks(known.len().div_ceil(GROUPS).max(1))
+        .chunks(known.len().div_ceil(GROUPS).max(FEWEST))
         .map(|group| {
             let x = group.iter().map(|(x, _)| x.max(1e-3).ln()).sum::<f64>() / group.len() as f64;
             point(x.exp(), Rate::of(group, |(_, right)| *right))

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use super::campaign::{Campaign, Case};
 use super::judge::Answer;
+use super::outside;
 use super::size::Hidden;
 use crate::dynamics::Plant;
 use crate::effects::Role;
@@ -55,6 +56,8 @@ pub struct Truth {
     pub effects: Vec<String>,
     /// Values of their parameters, by `effect.parameter`, as far as they are stated under the names of the library.
     pub values: Vec<(String, f64)>,
+    /// Part of the machine where what is outside the library acts, if stated.
+    pub place: Option<String>,
     /// Size, if stated.
     pub size: Option<String>,
     /// Kind of noise, if stated.
@@ -87,6 +90,7 @@ pub fn truth(campaign: &Campaign, case: &Case) -> Value {
     let own = plant.parameters().into_iter().filter(|p| p.role != Role::Fixed && !hidden(p.effect));
     json!({
         "effects": campaign.hidden.iter().map(effect).collect::<Vec<_>>(),
+        "outside": case.outside.map(|law| json!({"name": law.name, "at": law.at, "law": law.law})),
         "size": case.size.name(),
         "seed": case.seed,
         "noise": case.noise.name(),
@@ -122,6 +126,8 @@ pub fn read_truth(folder: &Path) -> Result<Truth, FolderError> {
         noise: value.get("noise").and_then(Value::as_str).map(str::to_string),
         ..Truth::default()
     };
+    let outside = value.get("outside").and_then(|o| o.get("at")).and_then(Value::as_str);
+    truth.place = outside.and_then(outside::part);
     for effect in effects {
         let name = effect.get("name").and_then(Value::as_str);
         let name = name.ok_or_else(|| bad("has an effect without `name`", "the name of every hidden effect"))?;

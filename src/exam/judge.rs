@@ -34,6 +34,12 @@ pub struct Answer {
     pub rms_after: Vec<f64>,
     /// Standard deviation of the sensor noise.
     pub noise_floor: Vec<f64>,
+    /// Part of the machine where something acts that no known effect explains.
+    #[serde(default)]
+    pub location: Option<String>,
+    /// Share of the explainable held-out error that a formula for it takes.
+    #[serde(default)]
+    pub formula: Option<f64>,
     /// Time the diagnosis took, derivatives included, s.
     pub seconds: f64,
     /// Why there is no answer.
@@ -86,6 +92,14 @@ impl From<&Diagnosis> for Answer {
             rms_before: d.rms_before.clone(),
             rms_after: d.rms_after.clone(),
             noise_floor: d.noise_floor.clone(),
+            location: d.unexplained.as_ref().map(|u| u.location.clone()),
+            formula: d.unexplained.as_ref().and_then(|u| {
+                let energy = |rms: &[f64]| -> f64 {
+                    rms.iter().zip(&d.noise_floor).map(|(r, f)| (r / f).powi(2) - 1.0).sum::<f64>()
+                };
+                let (before, after) = (energy(&d.rms_before), energy(&u.rms));
+                (before > 0.0).then(|| (1.0 - after / before).clamp(0.0, 1.0))
+            }),
             ..Self::default()
         }
     }
@@ -98,12 +112,13 @@ impl Answer {
         ratios.fold(None, |worst, r| Some(worst.map_or(r, |w: f64| w.max(r))))
     }
 
-    /// Whether `name` was named at place `place`, alone or in a set small enough to mean something.
+    /// Whether `name` was named, alone or in a set small enough to mean something.
     fn names(&self, name: &str) -> bool {
         self.effects.iter().any(|e| e.name == name) || self.in_small_set(name)
     }
 
-    fn in_small_set(&self, name: &str) -> bool {
+    /// Whether `name` is in a set small enough to mean something.
+    pub fn in_small_set(&self, name: &str) -> bool {
         self.indistinguishable.iter().any(|set| set.len() <= LARGEST_SET && set.iter().any(|n| n == name))
     }
 }
@@ -112,11 +127,12 @@ impl Answer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
-    /// The truth: its effect first or in a set of at most three; `none` of nothing; `unknown` of what is outside the library.
+    /// The truth: its effect first or in a set of at most three, unless the verdict is `unknown`; `none` of nothing;
+    /// `unknown` of what is outside the library.
     Right,
     /// One of two effects.
     Half,
-    /// Nothing was named although something is hidden.
+    /// `none` or `unknown` was said although something known is hidden.
     Missed,
     /// Something else was named.
     Wrong,
@@ -181,7 +197,7 @@ impl Grade {
                 && answer.effects.first().is_some_and(|e| e.probability >= CONFIDENT);
             if certain { Self::ConfidentlyWrong } else { Self::Wrong }
         };
-        let named_nothing = answer.verdict == "none" || (answer.verdict == "unknown" && answer.effects.is_empty());
+        let named_nothing = matches!(answer.verdict.as_str(), "none" | "unknown");
         match Question::of(truth) {
             Question::Nothing if answer.verdict == "none" => Self::Right,
             Question::Nothing => wrong(),

@@ -10,6 +10,7 @@ pub mod folder;
 pub mod judge;
 pub mod motion;
 pub mod noise;
+pub mod outside;
 pub mod plan;
 pub mod score;
 pub mod size;

@@ -3,6 +3,7 @@
 use super::campaign::Case;
 use super::motion::MotionKind;
 use super::noise::Noise;
+use super::outside::LAWS;
 use super::size::Size;
 
 /// What to examine.
@@ -16,6 +17,8 @@ pub struct Plan {
     pub seeds: u64,
     /// Campaigns with two effects.
     pub pairs: u64,
+    /// Campaigns with a law outside the library.
+    pub outside: u64,
     /// Campaigns in which nothing is hidden.
     pub null: u64,
     /// Kinds of noise, in turn.
@@ -53,6 +56,11 @@ impl Plan {
                 self.add(&mut out, &pair.join("+"), pair, Size::Medium, k);
             }
         }
+        for k in 1..=self.outside {
+            let law = LAWS[(k - 1) as usize % LAWS.len()];
+            self.add(&mut out, &format!("outside-{}", law.name), Vec::new(), Size::Medium, k);
+            out.last_mut().expect("just added").1.outside = Some(law);
+        }
         out
     }
 
@@ -88,6 +96,7 @@ impl Plan {
             strut_sensor: self.strut_sensors && !(seed >> 17).is_multiple_of(3),
             payload: self.payloads && (of_payload || (seed >> 23).is_multiple_of(2)),
             effects,
+            outside: None,
             size,
             noise,
             motion: self.motion,
@@ -116,6 +125,7 @@ mod tests {
             sizes: vec![Size::Small, Size::Large],
             seeds: 2,
             pairs: 7,
+            outside: 2,
             null: 3,
             noise: Noise::ALL.into(),
             motion: MotionKind::Wideband,
@@ -129,7 +139,7 @@ mod tests {
     #[test]
     fn every_campaign_is_another_and_follows_from_its_name() {
         let cases = plan().cases();
-        assert_eq!(cases.len(), 3 + 2 * 3 * 2 + 7);
+        assert_eq!(cases.len(), 3 + 2 * 3 * 2 + 7 + 2);
         let mut names: Vec<&String> = cases.iter().map(|(n, _)| n).collect();
         names.sort();
         names.dedup();
@@ -151,6 +161,6 @@ mod tests {
             assert!(case.payload || !case.effects.iter().any(|e| e == "payload_c"), "{name}");
         }
         let lone = Plan { effects: vec!["a".into()], ..plan() };
-        assert_eq!(lone.cases().len(), 3 + 2 * 2);
+        assert_eq!(lone.cases().len(), 3 + 2 * 2 + 2);
     }
 }

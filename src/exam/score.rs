@@ -38,8 +38,12 @@ impl Judged {
         }
     }
 
-    /// What was said, in a word: the effect named first, or the verdict that names none.
+    /// What was said, in a word: the effect named first, a small set with the truth, or the verdict that names none.
     pub fn said(&self) -> String {
+        let small = |name: &String| self.answer.verdict == "ambiguous" && self.answer.in_small_set(name);
+        if self.question == Question::One && small(&self.truth.effects[0]) {
+            return IN_A_SET.into();
+        }
         match (self.answer.verdict.as_str(), self.answer.effects.first()) {
             ("effect" | "several", Some(e)) => e.name.clone(),
             (verdict, _) => verdict.into(),
@@ -67,6 +71,8 @@ impl Judged {
     }
 }
 
+/// Column of the confusion matrix: the truth is one of at most three.
+pub const IN_A_SET: &str = "one of 2–3";
 const NOTHING: &str = "nothing";
 const OUTSIDE: &str = "outside the library";
 
@@ -155,6 +161,10 @@ pub struct Score {
     pub either: Rate,
     /// `unknown` of what is outside the library.
     pub outside: Rate,
+    /// The right part of the machine, among those.
+    pub located: Rate,
+    /// Share of the explainable held-out error that the formulas take, of what is outside.
+    pub formulas: Vec<f64>,
     /// Held-out RMS residual over the noise of right answers, largest over the channels, and the bound it is held to.
     pub held_out: Vec<(String, f64, f64)>,
     /// (estimate − truth)/standard error of the parameters of effects named rightly.
@@ -175,6 +185,13 @@ pub struct Score {
     pub failed: usize,
 }
 
+/// The middle of the values, of two the greater.
+pub fn median(x: &[f64]) -> Option<f64> {
+    let mut all = x.to_vec();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied()
+}
+
 /// Ends of the bins of claimed probabilities.
 const BINS: [f64; 9] = [0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9];
 
@@ -191,6 +208,10 @@ impl Score {
             both: Rate::of(of(Question::Several), right),
             either: Rate::of(of(Question::Several), |j| matches!(j.grade, Grade::Right | Grade::Half)),
             outside: Rate::of(of(Question::Outside), right),
+            located: Rate::of(of(Question::Outside).filter(|j| right(j) && j.truth.place.is_some()), |j| {
+                j.answer.location == j.truth.place
+            }),
+            formulas: of(Question::Outside).filter_map(|j| j.answer.formula).collect(),
             z: judged.iter().flat_map(Judged::z).collect(),
             seconds: judged.iter().map(|j| j.answer.seconds).collect(),
             failed: judged.iter().filter(|j| j.grade == Grade::Failed).count(),
@@ -239,7 +260,7 @@ impl Score {
     /// What was said of single effects, of nothing and of what is outside.
     fn confusion(&mut self, judged: &[Judged]) {
         let single: Vec<&Judged> = judged.iter().filter(|j| j.question != Question::Several).collect();
-        let words = ["none", "ambiguous", "unknown", "failed"];
+        let words = [IN_A_SET, "none", "ambiguous", "unknown", "failed"];
         let (mut rows, mut names): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
         for j in &single {
             rows.push(j.hidden());
@@ -280,9 +301,7 @@ impl Score {
 
     /// Median and largest time of a diagnosis, s.
     pub fn time(&self) -> Option<[f64; 2]> {
-        let mut all = self.seconds.clone();
-        all.sort_by(f64::total_cmp);
-        Some([*all.get(all.len() / 2)?, *all.last()?])
+        Some([median(&self.seconds)?, self.seconds.iter().copied().fold(0.0, f64::max)])
     }
 
     /// One object with keys that stay.
@@ -321,7 +340,11 @@ impl Score {
             "effects": self.by_effect.iter().map(|(k, m)| (k.clone(), Value::Object(rates(m)))).collect::<Map<_, _>>(),
             "confidently_wrong": self.confidently_wrong.json(),
             "pairs": {"both": self.both.json(), "at_least_one": self.either.json()},
-            "outside": {"unknown": self.outside.json()},
+            "outside": {
+                "unknown": self.outside.json(),
+                "located": self.located.json(),
+                "formula_median": median(&self.formulas),
+            },
             "held_out": {"within_bound": self.explained().json()},
             "z": {"within_three": self.within_three().json(), "rms": mean_square.sqrt()},
             "reliability": self.reliability.iter().map(reliability).collect::<Vec<_>>(),

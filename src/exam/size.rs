@@ -2,7 +2,8 @@
 //!
 //! Along the desired motion, with B the columns of the model's own parameters and z the effect's contribution, both in units
 //! of the channels' noise σ, a refit leaves r = z − B·(BᵀB + γ)⁻¹Bᵀz. An effect of medium size raises the RMS residual √(σ² + r²) of
-//! the channel where it shows most by 20–60 %.
+//! the channel where it shows most by 20–60 %. That finds the channel and a first scale; the refit itself, with its
+//! limits on bodies and friction, corrects the scale.
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
@@ -12,9 +13,8 @@ use super::motion::Motion;
 use crate::dynamics::{Channel, Plant};
 use crate::effects::{ActiveEffect, Role};
 use crate::identification::filtering::MIN_HALF_WIDTH;
-use crate::identification::fit::own_size;
-use crate::identification::{Trace, columns};
-use crate::kinematics::KinematicsError;
+use crate::identification::fit::{FitError, Options, fit_with, kinematics, own_size};
+use crate::identification::{Trace, columns, predict};
 use crate::model::{AXES, Model};
 use crate::recording::Setup;
 
@@ -86,6 +86,8 @@ pub const MEDIUM: (f64, f64) = (1.2, 1.6);
 const VISIBLE: f64 = 100.0;
 /// RMS in units of the noise below which nobody sees an effect.
 const SILENT: f64 = 0.05;
+/// Corrections of the medium size by the refit itself.
+const CORRECTIONS: usize = 2;
 /// Spacing of the instants, s.
 const SPACING: f64 = 2e-3;
 /// Information of the prior of a fit, per own size squared, for fewer samples than a recording has.
@@ -105,6 +107,8 @@ pub struct Sizer<'a> {
     /// Columns of the robot's own parameters in units of noise and own size.
     base: DMatrix<f64>,
     inverse: DMatrix<f64>,
+    /// Information of the prior of a refit.
+    prior: f64,
 }
 
 impl<'a> Sizer<'a> {
@@ -116,11 +120,12 @@ impl<'a> Sizer<'a> {
         duration: f64,
         channels: &[Channel],
         noise: &[f64],
-    ) -> Result<Self, KinematicsError> {
+    ) -> Result<Self, FitError> {
         let plant = Plant::new(robot, setup);
         let n = (duration / SPACING).ceil() as usize;
         let t: Vec<f64> = (0..n).map(|k| k as f64 * SPACING).collect();
-        let joints = t.iter().map(|&t| motion.at(t).joints(&plant.geometry)).collect::<Result<_, _>>()?;
+        let joints = t.iter().map(|&t| motion.at(t).joints(&plant.geometry)).collect::<Result<_, _>>();
+        let joints = joints.map_err(|source| FitError::Kinematics { recording: "desired".into(), source })?;
         let trace = Trace {
             name: "desired".into(),
             setup: *setup,
@@ -129,10 +134,11 @@ impl<'a> Sizer<'a> {
             measured: vec![vec![0.0; n]; channels.len()],
             segments: std::iter::once(0..n).collect(),
             dt: SPACING,
-            half_width: [MIN_HALF_WIDTH; AXES],
+            // As of angles with noise: nothing is trimmed.
+            half_width: [MIN_HALF_WIDTH + 1; AXES],
             t,
         };
-        let all = columns(&plant, &trace, None)?;
+        let all = columns(&plant, &trace, None).map_err(kinematics(&trace))?;
         let own: Vec<DVector<f64>> = plant
             .parameters()
             .iter()
@@ -146,7 +152,7 @@ impl<'a> Sizer<'a> {
         let prior = PRIOR * robot.sample_time / SPACING;
         let normal = base.tr_mul(&base) + DMatrix::identity(m, m) * prior;
         let inverse = normal.cholesky().map_or_else(|| DMatrix::zeros(m, m), |c| c.inverse());
-        Ok(Self { robot, setup, trace, noise: noise.to_vec(), base, inverse })
+        Ok(Self { robot, setup, trace, noise: noise.to_vec(), base, inverse, prior })
     }
 
     /// Draws the values of an effect of the given size.
@@ -155,7 +161,7 @@ impl<'a> Sizer<'a> {
         effect: &'static dyn crate::effects::Effect,
         size: Size,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Hidden, KinematicsError> {
+    ) -> Result<Hidden, FitError> {
         let mut active = self.shaped(effect, rng);
         let mut direction = direction(&active, rng);
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
@@ -180,14 +186,22 @@ impl<'a> Sizer<'a> {
                 (direction, most) = (other, room);
             }
         }
-        let asked = size.factor() * needed(channel);
+        let mut medium = needed(channel);
+        // The law need not be linear, and a refit cannot take what no body and no friction can have.
+        for _ in 0..CORRECTIONS {
+            if medium < most {
+                let exact = self.left_exactly(&active, &direction, medium)?[channel].max(f64::MIN_POSITIVE);
+                medium *= ((wanted * wanted - 1.0f64).sqrt() / exact).clamp(0.2, 5.0);
+            }
+        }
+        let asked = size.factor() * medium;
         // What cannot be seen at any size keeps its usual one.
-        let scale =
-            if needed(channel) > most && left[channel] * most < SILENT { most.min(1.0) } else { asked.min(most) };
+        let scale = if medium > most && left[channel] * most < SILENT { most.min(1.0) } else { asked.min(most) };
         for (value, d) in active.values.iter_mut().zip(&direction).filter(|(_, d)| **d != 0.0) {
             *value = scale * d;
         }
-        let ratios = self.trace.channels.iter().zip(&left).map(|(&c, l)| (c, (scale * l).hypot(1.0))).collect();
+        let left = self.left_exactly(&active, &direction, scale)?;
+        let ratios = self.trace.channels.iter().zip(&left).map(|(&c, l)| (c, l.hypot(1.0))).collect();
         let rise = Rise { channel: self.trace.channels[channel], ratios, limited: scale < asked };
         Ok(Hidden { active, rise })
     }
@@ -215,8 +229,9 @@ impl<'a> Sizer<'a> {
     }
 
     /// RMS per channel of what a refit leaves of the effect with its linear parameters at `direction`, in units of noise.
-    fn left(&self, active: &ActiveEffect, direction: &[f64]) -> Result<Vec<f64>, KinematicsError> {
-        let all = columns(&Plant::new(self.robot, self.setup), &self.trace, Some(active))?;
+    fn left(&self, active: &ActiveEffect, direction: &[f64]) -> Result<Vec<f64>, FitError> {
+        let all =
+            columns(&Plant::new(self.robot, self.setup), &self.trace, Some(active)).map_err(kinematics(&self.trace))?;
         let n = self.trace.len();
         let mut z = DVector::zeros(n * self.noise.len());
         for (column, d) in all.iter().zip(direction).filter(|(_, d)| **d != 0.0) {
@@ -225,6 +240,27 @@ impl<'a> Sizer<'a> {
         let imitated = &self.base * (&self.inverse * self.base.tr_mul(&z));
         let r = z - imitated;
         Ok((0..self.noise.len()).map(|c| (r.rows(c * n, n).norm_squared() / n as f64).sqrt()).collect())
+    }
+
+    /// The same of `scale` times `direction` by the refit itself, with all its limits, along the motion without noise.
+    fn left_exactly(&self, active: &ActiveEffect, direction: &[f64], scale: f64) -> Result<Vec<f64>, FitError> {
+        let with = self.with(active, direction, scale);
+        let mut trace = self.trace.clone();
+        trace.measured = predict(&Plant::new(&with, self.setup), &trace).map_err(kinematics(&trace))?;
+        let options = Options { prior_information: Some(self.prior), ..Options::default() };
+        let refitted = fit_with(self.robot, &[trace], std::slice::from_ref(&self.noise), &options)?;
+        Ok(refitted.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())
+    }
+
+    /// The robot with `scale` times `direction` of an effect.
+    fn with(&self, active: &ActiveEffect, direction: &[f64], scale: f64) -> Model {
+        let mut there = active.clone();
+        for (value, d) in there.values.iter_mut().zip(direction).filter(|(_, d)| **d != 0.0) {
+            *value = scale * d;
+        }
+        let mut robot = self.robot.clone();
+        robot.effects.push(there);
+        robot
     }
 
     /// Largest multiple of `direction` that is in the parameters' range and leaves bodies that can be.
@@ -236,13 +272,7 @@ impl<'a> Sizer<'a> {
         let entries = active.entries();
         let high = entries.iter().zip(direction).filter(|(_, d)| **d != 0.0).map(reach).fold(f64::INFINITY, f64::min);
         let possible = |scale: f64| {
-            let mut robot = self.robot.clone();
-            let mut there = active.clone();
-            for (value, d) in there.values.iter_mut().zip(direction).filter(|(_, d)| **d != 0.0) {
-                *value = scale * d;
-            }
-            robot.effects.push(there);
-            let bodies = Plant::new(&robot, self.setup).bodies;
+            let bodies = Plant::new(&self.with(active, direction, scale), self.setup).bodies;
             bodies.0.iter().all(|b| b.min_eigenvalue() >= -POSSIBLE * b.mass.max(b.tensor.trace()).max(1e-3))
         };
         if possible(high) {

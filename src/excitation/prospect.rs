@@ -204,14 +204,18 @@ pub fn prospect(
     Prospect { seconds, ..after(1.0) }
 }
 
-/// Cheapest first: by preparation and time needed, then, where no time is enough, by δ² per second.
+/// Time that the handling of any experiment makes unimportant, s.
+const SHORT: f64 = 60.0;
+
+/// Cheapest first, by preparation and time needed, where short ones count alike; then by δ², per second where no time is
+/// enough.
 pub fn ranked(all: impl Iterator<Item = (Experiment, Prospect)>) -> Vec<(Experiment, Prospect)> {
     let mut all: Vec<(Experiment, Prospect)> = all.collect();
-    let cost =
-        |(e, p): &(Experiment, Prospect)| p.seconds.map_or(f64::INFINITY, |s| e.kind.preparation() + s.max(e.length));
-    let rate = |(e, p): &(Experiment, Prospect)| p.noncentrality / e.length;
-    let need = |(_, p): &(Experiment, Prospect)| p.seconds.unwrap_or(f64::INFINITY);
-    all.sort_by(|a, b| cost(a).total_cmp(&cost(b)).then(need(a).total_cmp(&need(b))).then(rate(b).total_cmp(&rate(a))));
+    let cost = |(e, p): &(Experiment, Prospect)| {
+        p.seconds.map_or(f64::INFINITY, |s| e.kind.preparation() + s.max(e.length).max(SHORT))
+    };
+    let promise = |(e, p): &(Experiment, Prospect)| p.noncentrality / if p.seconds.is_some() { 1.0 } else { e.length };
+    all.sort_by(|a, b| cost(a).total_cmp(&cost(b)).then(promise(b).total_cmp(&promise(a))));
     all
 }
 

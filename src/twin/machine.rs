@@ -19,7 +19,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR};
-use crate::model::{AXES, Inertia};
+use crate::model::{ARMS, AXES, Inertia};
 
 /// What the equations of motion yield at one instant.
 #[derive(Clone, Debug)]
@@ -116,6 +116,18 @@ impl Twin {
         };
         twin.reference_energy = twin.energy();
         Ok(twin)
+    }
+
+    /// Lets elastic gears begin with a deflection, rad, instead of slack.
+    pub fn deflect_gears(&mut self, deflection: &[f64; AXES]) {
+        let mut at = self.context.layout.own().start;
+        for active in &self.context.plant.effects {
+            if active.effect.gear_springs(&active.values()).is_some() {
+                self.y[at..at + ARMS].copy_from_slice(&deflection[..ARMS]);
+            }
+            at += active.states();
+        }
+        self.reference_energy = self.energy();
     }
 
     /// Advances by `h` seconds under drive torques. On an error the state stays as it was.

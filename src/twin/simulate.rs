@@ -11,11 +11,11 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, constraints, energy};
 use crate::cell::{Cell, CellError, Held, Object};
-use crate::dynamics::Plant;
+use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
-use crate::model::{AXES, Inertia, Mechanism, Model, STRUTS};
+use crate::model::{ARMS, AXES, Inertia, Mechanism, Model, STRUTS};
 use crate::recording::{Configuration, Recording, Setup, Signals};
 use crate::scenario::{self, Action, ActionKind, HoldTorque, PayloadShape, Scenario, Supervision, Trip};
 
@@ -318,6 +318,31 @@ struct Run<'a> {
     report: Report,
 }
 
+/// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
+/// transmitted torque.
+fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
+    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let mut deflection = [0.0; AXES];
+    for (k, active) in plant.effects.iter().enumerate() {
+        let Some(gears) = active.effect.gear_springs(&active.values()) else { continue };
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+        let torque = inverse_dynamics(plant, 0.0, &plant.motion(wanted)?, &states, false)?.tau;
+        for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
+            deflection[i] = gear.compliance * (torque[i] - gear.rotor_inertia * wanted.qdd[i]);
+        }
+        own[k][..ARMS].copy_from_slice(&deflection[..ARMS]);
+    }
+    let mut joints = *wanted;
+    let mut lead = [0.0; AXES];
+    for (active, state) in plant.effects.iter().zip(&own) {
+        active.effect.encoder(&active.values(), state, &mut lead);
+    }
+    for (q, lead) in joints.q.iter_mut().zip(lead) {
+        *q -= lead;
+    }
+    Ok((joints, deflection))
+}
+
 impl<'a> Run<'a> {
     fn new(
         model: &'a Model,
@@ -332,7 +357,8 @@ impl<'a> Run<'a> {
             possible_without_platform(options)?;
         }
         let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
-        let motion = plant.motion(&wanted).map_err(trajectory)?;
+        let (joints, deflection) = balance(&plant, &wanted).map_err(trajectory)?;
+        let motion = plant.motion(&joints).map_err(trajectory)?;
         for (body, inertia) in plant.bodies.0.iter().enumerate() {
             let size = inertia.mass.max(inertia.tensor.trace());
             if inertia.min_eigenvalue() < -IMPOSSIBLE * size.max(1e-3) {
@@ -350,7 +376,8 @@ impl<'a> Run<'a> {
             Some(cell)
         };
         let assembled = plant.assembled;
-        let twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
+        let mut twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
+        twin.deflect_gears(&deflection);
         let step = model.sample_time * options.control_period as f64;
         let controller = Controller::new(controller_plant, model.drives, options.gains, step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);

@@ -42,7 +42,7 @@ pub fn matrix(title: &str, rows: &[String], columns: &[String], cells: &[Vec<Cel
             c.write(&shown, (x0 - 7.0, y + 0.5 * ROW), LABEL_SIZE, TEXT, Align::Right);
             for (k, cell) in cells.get(i).into_iter().flatten().enumerate().take(columns.len()) {
                 let (a, b) = (x0 + k as f64 * column, x0 + (k + 1) as f64 * column);
-                let share = cell.share.clamp(0.0, 1.0);
+                let share = if cell.share.is_finite() { cell.share.clamp(0.0, 1.0) } else { 0.0 };
                 if share > 0.0 {
                     let color = if cell.good { Color::IMPROVED } else { Color::RESIDUAL };
                     c.bar((a, y), (b, y + ROW), color, 0.15 + 0.85 * share);

@@ -31,7 +31,7 @@ pub fn rates(title: &str, x_label: &str, y_label: &str, points: &[Rate], diagona
         let none = Axis { hi: 1.0, ..Axis::default() };
         axes(c, r, x.as_ref().unwrap_or(&none), &y, Some(x_label), y_label);
         let Some(x) = x.filter(|_| !points.is_empty()) else { return no_data(c, r) };
-        let at = |vx: f64, vy: f64| Some((r.x(&x, vx)?, r.y(&y, vy)?));
+        let at = |vx: f64, vy: f64| Some((r.x(&x, vx)?, r.y(&y, vy.clamp(0.0, 1.0))?)).filter(|p| r.has(*p));
         if diagonal && let (Some(a), Some(b)) = (at(0.0, 0.0), at(1.0, 1.0)) {
             c.dashed(&[a, b], Color::MUTED, 1.5);
         }

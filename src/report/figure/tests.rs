@@ -80,6 +80,23 @@ fn spectra() -> Vec<Curve> {
     vec![Curve::new("before", f.clone(), shape(1.0, 0.5)), Curve::new("after", f.clone(), shape(0.05, 0.02))]
 }
 
+fn names(n: usize) -> Vec<String> {
+    (0..n).map(|k| format!("an_effect_{k}")).collect()
+}
+
+fn cells(rows: usize, columns: usize) -> Vec<Vec<Cell>> {
+    let cell = |i: usize, k: usize| Cell { share: ((i + 2 * k) % 5) as f64 / 4.0, text: k.to_string(), good: i == k };
+    (0..rows).map(|i| (0..columns).map(|k| cell(i, k)).collect()).collect()
+}
+
+fn shares() -> Vec<Rate> {
+    let rate = |k: u32| {
+        let x = f64::from(k) / 5.0;
+        Rate { x, share: x * x, low: (x * x - 0.1).max(0.0), high: (x * x + 0.1).min(1.0), of: 10 * k as usize }
+    };
+    (0..=5).map(rate).collect()
+}
+
 fn examples() -> Vec<(&'static str, Figure)> {
     let stack = axis_panels(50_000);
     let one: Vec<Curve> = stack[0].curves.clone();
@@ -114,6 +131,9 @@ fn examples() -> Vec<(&'static str, Figure)> {
         ("scatter", scatter_binned("Residual against speed", "speed / rad/s", "residual / Nm", &scatter, 40)),
         ("spectrum", spectrum("Amplitude spectrum", "frequency / Hz", "amplitude / Nm", &spectra(), &markers)),
         ("ranking", ranking("Candidates", "share of the residual explained / %", &candidates())),
+        ("matrix", matrix("What was said", &names(6), &names(9), &cells(6, 9))),
+        ("narrow", matrix("Short names", &names(3), &["a".into(), "b".into()], &cells(3, 2))),
+        ("rates", rates("Reliability", "claimed", "share right", &shares(), true)),
         ("empty", time_series("Nothing", "time / s", "torque / Nm", &[])),
     ]
 }
@@ -197,7 +217,16 @@ fn degenerate_input_gives_a_figure() {
         well_formed(&falling_error("t", "y", &["a"], &[group]));
         let row = |&share: &f64| RankRow { name: "n".into(), share, note: "p".into(), highlight: true };
         well_formed(&ranking("t", "x", &y.iter().take(20).map(row).collect::<Vec<_>>()));
+        let rate = |(&x, &share): (&f64, &f64)| Rate { x, share, low: -share, high: 2.0 * share, of: 3 };
+        let points: Vec<Rate> = x.iter().zip(y).map(rate).collect();
+        well_formed(&rates("t", "x", "y", &points, true));
+        well_formed(&rates("t", "x", "y", &points, false));
+        let cell = |&share: &f64| Cell { share, text: "1".into(), good: false };
+        let row: Vec<Cell> = y.iter().take(20).map(cell).collect();
+        well_formed(&matrix("t", &names(2), &names(row.len()), &[row]));
     }
+    well_formed(&matrix("t", &[], &[], &[]));
+    assert!(rates("t", "x", "y", &[], true).svg().contains("no data"));
     well_formed(&falling_error("t", "y", &[], &[]));
     well_formed(&panels("t", "x", &[]));
     assert!(time_series("t", "x", "y", &[]).svg().contains("no data"));

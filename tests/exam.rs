@@ -1,0 +1,235 @@
+//! The exam: campaigns are what they are asked to be, their folders are read back, and the command resumes.
+
+mod common;
+
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use common::model;
+use deltatwin::exam::{self, Campaign, Case, Grade, MotionKind, Noise, Size, campaign, folder, judge};
+use deltatwin::identification::{Trace, fit};
+use deltatwin::recording::Recording;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const MODEL: &str = "models/irb360-6-1600.toml";
+
+fn made(case: &Case) -> Campaign {
+    campaign(&model("irb360-6-1600"), case, &|_, _| {}).unwrap()
+}
+
+fn of(name: &str, seed: u64) -> Case {
+    Case { seed, effects: vec![name.into()], duration: 8.0, ..Case::default() }
+}
+
+/// RMS residual over the noise on the channel that sized the effect, after a refit of the user's model.
+fn refitted(campaign: &Campaign) -> f64 {
+    let trace = Trace::new(&campaign.measurement);
+    let noise = trace.noise(&campaign.model);
+    let channel = campaign.hidden[0].rise.channel;
+    let c = trace.channels.iter().position(|x| *x == channel).unwrap();
+    let fitted = fit(&campaign.model, std::slice::from_ref(&trace), std::slice::from_ref(&noise)).unwrap();
+    fitted.rms[c] / noise[c]
+}
+
+/// A force law of one drive, one of all struts, a sensor, an inertia: what a refit leaves is what was asked for.
+#[test]
+fn sizes_come_out_as_asked() {
+    let (low, high) = exam::size::MEDIUM;
+    for (name, seed) in
+        [("drive_coulomb_asymmetry", 3), ("ball_socket_viscous", 4), ("torque_bias", 5), ("rotor_inertia", 6)]
+    {
+        let medium = made(&of(name, seed));
+        let rise = &medium.hidden[0].rise;
+        let (_, expected) = rise.ratios.iter().find(|(c, _)| *c == rise.channel).unwrap();
+        let ratio = refitted(&medium);
+        assert!(!rise.limited && (low..high).contains(expected), "{name}: {rise:?}");
+        // The motion executed is not quite the desired one, and differentiation leaves 1 %.
+        assert!((0.97..1.05).contains(&(ratio / expected)), "{name}: {ratio} instead of {expected}");
+        assert!((0.97 * low..1.05 * high).contains(&ratio), "{name}: {ratio}");
+        let value = |size: Size| made(&Case { size, duration: 1.0, ..of(name, seed) }).hidden[0].active.values[0];
+        let own = value(Size::Medium);
+        assert!((value(Size::Small) / own - 0.4).abs() < 1e-9 && (value(Size::Large) / own - 2.5).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn what_no_motion_shows_is_called_limited() {
+    let hidden = made(&Case { duration: 2.0, ..of("telescope_end_stop", 1) }).hidden;
+    assert!(hidden[0].rise.limited && hidden[0].rise.ratios.iter().all(|(_, r)| *r < 1.01), "{:?}", hidden[0].rise);
+}
+
+#[test]
+fn every_effect_and_every_motion_can_be_hidden_within_its_range() {
+    let nominal = model("irb360-6-1600");
+    let names: Vec<&str> = exam::hideable(&nominal).iter().map(|e| e.name()).collect();
+    assert!(names.len() > 20 && !names.contains(&"drive_friction") && !names.contains(&"rigid_bodies"), "{names:?}");
+    for (k, name) in names.iter().enumerate() {
+        let motion = [MotionKind::Fourier, MotionKind::Wideband, MotionKind::Cycle][k % 3];
+        let size = if *name == "hose_spring" { Size::Small } else { Size::Large };
+        let case = Case { duration: 1.0, motion, size, payload: k % 2 == 0, ..of(name, k as u64) };
+        let c = made(&case);
+        assert_eq!(c.measurement.signals.len(), 2500, "{name}");
+        for (entry, value) in c.hidden[0].active.entries().iter().zip(&c.hidden[0].active.values) {
+            let (low, high) = entry.parameter.range;
+            assert!((low..=high).contains(value), "{name} {} = {value}", entry.name);
+        }
+        // An encoder that is off by an angle leaves the arm off by as much.
+        let error = c.reports[0].tracking_error;
+        assert!(*name == "joint_zero_offset" || error[..3].iter().all(|e| *e < 0.1), "{name}: {error:?}");
+    }
+}
+
+#[test]
+fn a_campaign_follows_from_its_case() {
+    let case = Case { noise: Noise::Speed, strut_sensor: false, payload: false, duration: 1.0, ..of("torque_bias", 7) };
+    let (first, again) = (made(&case), made(&case));
+    assert_eq!(first.measurement, again.measurement);
+    assert_eq!(first.validation, again.validation);
+    assert!(first.measurement.signals.strut_upper.iter().all(Option::is_none));
+    assert_ne!(first.measurement.signals.q, first.validation.signals.q);
+    // The noise changes nothing but the noise.
+    let white = made(&Case { noise: Noise::White, ..case.clone() });
+    assert_eq!(white.measurement.signals.q, first.measurement.signals.q);
+    assert_eq!(white.hidden[0].active.values, first.hidden[0].active.values);
+    assert_ne!(white.measurement.signals.tau, first.measurement.signals.tau);
+    assert_ne!(made(&Case { seed: 8, ..case }).measurement.signals.q, first.measurement.signals.q);
+}
+
+#[test]
+fn a_folder_is_read_back() {
+    let dir = TempDir::new().unwrap();
+    let folder = dir.path().join("one");
+    let c = made(&Case { duration: 1.0, ..of("torque_gain_error", 2) });
+    folder::write(&folder, &c).unwrap();
+    let truth = folder::read_truth(&folder).unwrap();
+    assert_eq!(truth.effects, ["torque_gain_error"]);
+    let gains: Vec<f64> = truth.values.iter().map(|(_, v)| *v).collect();
+    assert_eq!(gains, c.hidden[0].active.values);
+    assert!(truth.values[0].0 == "torque_gain_error.gain_1" && truth.size.as_deref() == Some("medium"));
+    assert!((1.2..1.6).contains(&truth.rise.unwrap()) || truth.limited, "{truth:?}");
+    let (back, warnings) = Recording::read(&folder.join("measurement.csv"), None).unwrap();
+    assert!(warnings.is_empty(), "{warnings:?}");
+    assert_eq!((back.signals.q, back.signals.tau), (c.measurement.signals.q, c.measurement.signals.tau));
+    assert_eq!((back.signals.strut_upper, back.setup), (c.measurement.signals.strut_upper, c.measurement.setup));
+    assert_eq!(folder::campaigns(dir.path()).unwrap(), [folder.clone()]);
+    assert_eq!(folder::read_answer(&folder).unwrap(), None);
+}
+
+#[test]
+fn answers_are_graded_by_their_truth() {
+    let truth = |names: &[&str]| folder::Truth {
+        effects: names.iter().map(|n| n.to_string()).collect(),
+        ..folder::Truth::default()
+    };
+    let named = |name: &str, probability| judge::Named { name: name.into(), probability, ..Default::default() };
+    let answer = |verdict: &str, effects: &[(&str, f64)], sets: &[&[&str]]| exam::Answer {
+        verdict: verdict.into(),
+        effects: effects.iter().map(|(n, p)| named(n, *p)).collect(),
+        indistinguishable: sets.iter().map(|s| s.iter().map(|n| n.to_string()).collect()).collect(),
+        ..Default::default()
+    };
+    let bias = ("torque_bias", 0.97);
+    for (truth, answer, grade) in [
+        (truth(&[]), answer("none", &[], &[]), Grade::Right),
+        (truth(&[]), answer("effect", &[bias], &[]), Grade::ConfidentlyWrong),
+        (truth(&[]), answer("unknown", &[], &[]), Grade::Wrong),
+        (truth(&["torque_bias"]), answer("effect", &[bias], &[]), Grade::Right),
+        (truth(&["torque_bias"]), answer("none", &[], &[]), Grade::Missed),
+        (truth(&["base_tilt"]), answer("effect", &[("torque_bias", 0.6)], &[]), Grade::Wrong),
+        (truth(&["base_tilt"]), answer("ambiguous", &[bias], &[&["torque_bias", "base_tilt"]]), Grade::Right),
+        (
+            truth(&["base_tilt"]),
+            answer("ambiguous", &[bias], &[&["torque_bias", "base_tilt", "air_drag", "hose_spring"]]),
+            Grade::Wrong,
+        ),
+        (truth(&["base_tilt", "air_drag"]), answer("several", &[bias, ("air_drag", 0.9)], &[]), Grade::Half),
+        (truth(&["torque_bias", "air_drag"]), answer("several", &[("air_drag", 0.9), bias], &[]), Grade::Right),
+        (truth(&["dark_matter"]), answer("unknown", &[], &[]), Grade::Right),
+        (truth(&["formula"]), answer("effect", &[bias], &[]), Grade::ConfidentlyWrong),
+    ] {
+        assert_eq!(Grade::of(&truth, &answer), grade, "{truth:?} {answer:?}");
+    }
+}
+
+fn run(arguments: &[&str]) -> Output {
+    Command::cargo_bin("deltatwin").unwrap().args(arguments).output().unwrap()
+}
+
+fn json(arguments: &[&str]) -> Value {
+    let out = run(&[arguments, &["--json"]].concat());
+    assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    serde_json::from_slice(&out.stdout).unwrap()
+}
+
+fn refused(arguments: &[&str]) -> String {
+    let out = run(arguments);
+    let text = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(out.status.code(), Some(2), "{text}");
+    text
+}
+
+/// Makes, judges, and takes up what is there; the same campaigns as from another tool's folder.
+#[test]
+fn an_exam_resumes_and_judges_what_it_finds() {
+    let dir = TempDir::new().unwrap();
+    let root = dir.path().display().to_string();
+    let ask = ["exam", MODEL, "--effects", "torque_bias", "--null", "0", "--duration", "4", "--no-strut", "-o", &root];
+    let first = json(&[&ask[..], &["--fast-null", "1"]].concat());
+    assert_eq!((first["count"].as_u64(), first["failed"].as_u64()), (Some(2), Some(0)), "{first}");
+    assert_eq!(first["effects"]["torque_bias"]["medium"]["count"], 1, "{first}");
+    assert_eq!(first["false_alarms"]["count"], 0, "{first}");
+    for name in ["confusion", "effects", "power", "reliability", "held-out", "z"] {
+        assert!(std::fs::read_to_string(dir.path().join(format!("{name}.svg"))).unwrap().starts_with("<svg"), "{name}");
+    }
+    let made = folder::campaigns(dir.path()).unwrap();
+    let kept = made.iter().filter(|f| f.join("measurement.csv").is_file()).count();
+    assert_eq!((made.len(), kept), (2, 1));
+    // Even the time of each diagnosis comes from its file.
+    assert_eq!(json(&[&ask[..], &["--fast-null", "1"]].concat()), first);
+    let judged = json(&["exam", MODEL, "--judge", &root]);
+    assert_eq!(judged["campaigns"], first["campaigns"]);
+    // A killed run leaves a folder without truth: it is made again.
+    let bias = made.iter().find(|f| f.ends_with("torque_bias-medium-white-torques-1")).unwrap();
+    let before = std::fs::read(bias.join("measurement.csv")).unwrap();
+    std::fs::remove_file(bias.join("truth.json")).unwrap();
+    std::fs::remove_file(bias.join("measurement.csv")).unwrap();
+    json(&ask);
+    assert_eq!(std::fs::read(bias.join("measurement.csv")).unwrap(), before);
+    // Another tool's folder, its truth in fewer words.
+    std::fs::write(bias.join("truth.json"), r#"{"effects": [{"name": "torque_bias", "value": 0.1}]}"#).unwrap();
+    let foreign = json(&["exam", MODEL, "--judge", &bias.display().to_string()]);
+    assert_eq!(foreign["effects"]["torque_bias"]["unknown size"]["of"], 1, "{foreign}");
+}
+
+#[test]
+fn mistakes_are_named() {
+    let dir = TempDir::new().unwrap();
+    let root = dir.path().display().to_string();
+    let text = refused(&["exam", MODEL, "--effects", "gremlins", "-o", &root]);
+    assert!(text.contains("`gremlins`") && text.contains("torque_bias"), "{text}");
+    let text = refused(&["exam", "models/servo-axis.toml", "-o", &root]);
+    assert!(text.contains("assembled delta robot"), "{text}");
+    let text = refused(&["exam", MODEL, "--duration", "0.1", "-o", &root]);
+    assert!(text.contains("--duration is 0.1"), "{text}");
+    let text = refused(&["exam", MODEL, "--judge", &root]);
+    assert!(text.contains("holds no campaign"), "{text}");
+    let text = refused(&["exam", MODEL, "--judge", "/nowhere/at/all"]);
+    assert!(text.contains("/nowhere/at/all"), "{text}");
+    let folder = dir.path().join("one");
+    std::fs::create_dir(&folder).unwrap();
+    for (truth, problem) in
+        [("{", "is no JSON"), ("{\"a\": 1}", "no list `effects`"), ("{\"effects\": [1]}", "without `name`")]
+    {
+        std::fs::write(folder.join("truth.json"), truth).unwrap();
+        let text = refused(&["exam", MODEL, "--judge", &root]);
+        assert!(text.contains("truth.json") && text.contains(problem), "{text}");
+    }
+    std::fs::write(folder.join("truth.json"), "{\"effects\": []}").unwrap();
+    std::fs::write(folder.join("answer.json"), "{\"verdict\": 3}").unwrap();
+    assert!(refused(&["exam", MODEL, "--judge", &root]).contains("answer.json"));
+    std::fs::remove_file(folder.join("answer.json")).unwrap();
+    let text = refused(&["exam", MODEL, "--judge", &root]);
+    assert!(text.contains("without recordings") && Path::new(&folder).is_dir(), "{text}");
+}
