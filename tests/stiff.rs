@@ -5,9 +5,9 @@ mod common;
 use common::{defaults, model, one_way, reversing};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::kinematics::JointState;
+use deltatwin::kinematics::{JointState, Target};
 use deltatwin::recording::Setup;
-use deltatwin::twin::{Torque, Twin};
+use deltatwin::twin::{Options, Torque, Twin, simulate};
 
 /// Steps, s; each halves the one before.
 const STEPS: [f64; 5] = [1.6e-3, 8e-4, 4e-4, 2e-4, 1e-4];
@@ -259,5 +259,26 @@ fn a_broken_robot_with_elastic_drives_is_stable_and_accurate() {
         // A light rotor under its damper follows within 50 µs, which no step here resolves.
         let order = 0.5 * (errors[0].0 / errors[2].0).log2();
         assert!(order > if name == "light" { 1.5 } else { 1.7 }, "{name}: {errors:?}");
+    }
+}
+
+/// A run begins where the encoders read what is wanted and elastic gears carry the load. A start with slack gears and
+/// joints at the wanted angles asked the controller for tens of N·m.
+#[test]
+fn a_run_begins_in_balance() {
+    let believed = Plant::new(&model("irb360-6-1600"), &Setup::default());
+    let mut robot = model("irb360-6-1600");
+    robot.effects.push(effect("drive_elasticity", &[&[4e-5; 3], &[20.0], &[0.18]]));
+    robot.effects.push(effect("joint_zero_offset", &[&[0.05, -0.03, 0.02, 0.04]]));
+    let wanted = JointState { q: [0.2, 0.3, 0.1, 0.4], ..JointState::default() };
+    let options = Options { duration: 0.1, ..Options::default() };
+    let still = |_: f64| Target::Joints(wanted);
+    let (recording, _) = simulate(&robot, &Setup::default(), &believed, &still, &options, &mut |_| true).unwrap();
+    let first = recording.signals.tau[0];
+    for (q, tau) in recording.signals.q.iter().zip(&recording.signals.tau) {
+        for i in 0..4 {
+            assert!((q[i] - wanted.q[i]).abs() < 5e-5, "axis {}: {:e} rad off", i + 1, q[i] - wanted.q[i]);
+            assert!((tau[i] - first[i]).abs() < 1.0, "axis {}: {} N·m", i + 1, tau[i] - first[i]);
+        }
     }
 }

@@ -120,7 +120,9 @@ fn a_tilt_of_the_base_and_constant_torques_are_alike_in_a_small_workspace() {
         let robot = robot(name, blocks);
         println!("-- {name}");
         let d = diagnosed(&[measured(&robot, &poses(0.02), Payload::default(), 4.0, 3)]);
-        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+        let alike = if name == "drive_coulomb_asymmetry" { &[name][..] } else { &["torque_bias", "base_tilt"] };
+        assert_eq!(d.verdict, Verdict::Ambiguous, "{name}: {:?}", names(&d));
+        assert!(set_with(&d, alike), "{name}: {:?}", d.indistinguishable);
     }
 }
 

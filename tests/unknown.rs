@@ -79,15 +79,18 @@ fn formula(terms: &[(&str, &str)]) -> &'static dyn Effect {
     Formula::new(terms.iter().enumerate().map(term).collect(), false)
 }
 
-/// Diagnosis of a campaign with registered effects and formulas hidden.
-fn study(seed: u64, effects: &[&str], beyond: &[&'static dyn Effect], held_out: bool) -> Diagnosis {
+/// Measurement and validation of a campaign with registered effects and formulas hidden.
+fn measure(seed: u64, effects: &[&str], beyond: &[&'static dyn Effect]) -> [Trace; 2] {
     let nominal = model("irb360-6-1600");
     let effects = effects.iter().map(|e| e.to_string()).collect();
     let case = Case { seed, effects, ..Case::default() };
     let campaign = campaign_with(&nominal, &case, beyond, &|_, _| ()).unwrap();
-    let [measurement, validation] = [&campaign.measurement, &campaign.validation].map(Trace::new);
-    let judge = if held_out { vec![validation] } else { Vec::new() };
-    diagnose(&nominal, &[measurement], &judge, &mut |_| ()).unwrap()
+    [&campaign.measurement, &campaign.validation].map(Trace::new)
+}
+
+fn study(seed: u64, effects: &[&str], beyond: &[&'static dyn Effect]) -> Diagnosis {
+    let [measurement, validation] = measure(seed, effects, beyond);
+    diagnose(&model("irb360-6-1600"), &[measurement], &[validation], &mut |_| ()).unwrap()
 }
 
 fn line(name: &str, d: &Diagnosis) {
@@ -103,12 +106,18 @@ fn line(name: &str, d: &Diagnosis) {
 #[test]
 fn an_unknown_law_is_located_and_written_into_the_model() {
     let (name, place, terms) = OUTSIDE[0];
-    let d = study(21, &[], &[formula(terms)], true);
+    let [measurement, validation] = measure(21, &[], &[formula(terms)]);
+    let alone = diagnose(&model("irb360-6-1600"), &[measurement.clone()], &[], &mut |_| ()).unwrap();
+    line("without held-out data", &alone);
+    assert_eq!(alone.unexplained.expect("a formula").location, place);
+    let d = diagnose(&model("irb360-6-1600"), &[measurement], &[validation], &mut |_| ()).unwrap();
     line(name, &d);
     assert_eq!(d.verdict, Verdict::Unknown);
     let found = d.unexplained.as_ref().expect("a formula");
     assert_eq!(found.location, place);
-    assert!(d.explained() > 0.9, "{}", d.explained());
+    // What is left on the drive is its noise, of whose RMS fifty thousand samples show half a percent.
+    assert!(d.rms_after[0] < 1.03 * d.noise_floor[0], "{:?} {:?}", d.rms_after, d.noise_floor);
+    assert!(d.explained() >= 0.6, "{}", d.explained());
     let (period, variable) = found.shape.period.expect("a wave");
     assert!((period - std::f64::consts::TAU / 47.0).abs() < 0.01 * period && variable == "q1", "{period} {variable}");
     // Ready to paste, and what `diagnose -o` writes.
@@ -131,7 +140,7 @@ fn laws_outside_the_library_are_called_unknown() {
     let only = std::env::var("ONLY").unwrap_or_default();
     let (mut count, mut unknown, mut located, mut taken) = (0, 0, 0, 0);
     for (i, (name, place, terms)) in OUTSIDE.iter().enumerate().filter(|(_, (name, ..))| name.contains(&only)) {
-        let d = study(500 + i as u64, &[], &[formula(terms)], true);
+        let d = study(500 + i as u64, &[], &[formula(terms)]);
         line(name, &d);
         count += 1;
         unknown += usize::from(d.verdict == Verdict::Unknown);
@@ -169,14 +178,14 @@ fn known_effects_are_still_named() {
     let mut wrong = Vec::new();
     for (i, name) in known.iter().enumerate().filter(|(_, name)| name.contains(&only)) {
         let hidden: Vec<&str> = if *name == "none" { Vec::new() } else { vec![name] };
-        let d = study(700 + i as u64, &hidden, &[], true);
+        let d = study(700 + i as u64, &hidden, &[]);
         line(name, &d);
         if d.unexplained.is_some() {
             wrong.push(*name);
         }
     }
     for (i, (name, terms)) in OTHERWISE.iter().enumerate().filter(|(_, (name, _))| name.contains(&only)) {
-        let d = study(800 + i as u64, &[], &[formula(terms)], true);
+        let d = study(800 + i as u64, &[], &[formula(terms)]);
         line(&format!("{name} in another shape"), &d);
         if d.unexplained.is_some() {
             wrong.push(*name);

@@ -22,14 +22,17 @@ const LEAST_RADIUS: f64 = 2e-4;
 /// Predicted gain below which the search has converged.
 const LEAST_GAIN: f64 = 1e-3;
 
+/// Value and derivative by the information matrix.
+pub type Target<'a> = dyn Fn(&DMatrix<f64>) -> Option<(f64, DMatrix<f64>)> + Sync + 'a;
+
 /// A search.
 pub struct Search<'a> {
     /// Machine with softened friction.
     pub machine: &'a Machine,
     /// Instants over one period.
     pub basis: &'a Basis,
-    /// What is made small: value and derivative by the information matrix.
-    pub objective: &'a (dyn Fn(&DMatrix<f64>) -> Option<(f64, DMatrix<f64>)> + Sync),
+    /// What is made small.
+    pub objective: &'a Target<'a>,
     /// Usual size of each decision variable.
     pub scale: &'a [f64],
 }

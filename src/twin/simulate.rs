@@ -15,7 +15,7 @@ use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
-use crate::model::{AXES, Inertia, Mechanism, Model, STRUTS};
+use crate::model::{ARMS, AXES, Inertia, Mechanism, Model, STRUTS};
 use crate::recording::{Configuration, Recording, Setup, Signals};
 use crate::scenario::{self, Action, ActionKind, HoldTorque, PayloadShape, Scenario, Supervision, Trip};
 
@@ -318,18 +318,29 @@ struct Run<'a> {
     report: Report,
 }
 
-/// How far elastic gears lead the joints of a motion in balance, rad: compliance times transmitted torque.
-fn deflection(plant: &Plant, joints: &JointState) -> Result<[f64; AXES], KinematicsError> {
-    let Some(gears) = plant.effects.iter().find_map(|a| a.effect.gear_springs(&a.values())) else {
-        return Ok([0.0; AXES]);
-    };
-    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
-    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-    let torque = inverse_dynamics(plant, 0.0, &plant.motion(joints)?, &states, false)?.tau;
-    Ok(std::array::from_fn(|i| {
-        let gear = gears[i];
-        if gear.is_elastic() { gear.compliance * (torque[i] - gear.rotor_inertia * joints.qdd[i]) } else { 0.0 }
-    }))
+/// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
+/// transmitted torque.
+fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
+    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let mut deflection = [0.0; AXES];
+    for (k, active) in plant.effects.iter().enumerate() {
+        let Some(gears) = active.effect.gear_springs(&active.values()) else { continue };
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+        let torque = inverse_dynamics(plant, 0.0, &plant.motion(wanted)?, &states, false)?.tau;
+        for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
+            deflection[i] = gear.compliance * (torque[i] - gear.rotor_inertia * wanted.qdd[i]);
+        }
+        own[k][..ARMS].copy_from_slice(&deflection[..ARMS]);
+    }
+    let mut joints = *wanted;
+    let mut lead = [0.0; AXES];
+    for (active, state) in plant.effects.iter().zip(&own) {
+        active.effect.encoder(&active.values(), state, &mut lead);
+    }
+    for (q, lead) in joints.q.iter_mut().zip(lead) {
+        *q -= lead;
+    }
+    Ok((joints, deflection))
 }
 
 impl<'a> Run<'a> {
@@ -346,9 +357,8 @@ impl<'a> Run<'a> {
             possible_without_platform(options)?;
         }
         let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
-        let deflection = deflection(&plant, &wanted).map_err(trajectory)?;
-        let at_joints = JointState { q: std::array::from_fn(|i| wanted.q[i] - deflection[i]), ..wanted };
-        let motion = plant.motion(&at_joints).map_err(trajectory)?;
+        let (joints, deflection) = balance(&plant, &wanted).map_err(trajectory)?;
+        let motion = plant.motion(&joints).map_err(trajectory)?;
         for (body, inertia) in plant.bodies.0.iter().enumerate() {
             let size = inertia.mass.max(inertia.tensor.trace());
             if inertia.min_eigenvalue() < -IMPOSSIBLE * size.max(1e-3) {

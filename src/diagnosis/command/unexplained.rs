@@ -3,15 +3,13 @@
 use serde_json::{Value, json};
 
 use crate::diagnosis::Unexplained;
-use crate::terminal::{Table, estimates, say, significant};
+use crate::effects::formula::Place;
+use crate::identification::Estimate;
+use crate::terminal::{Table, say, significant};
 
 /// As JSON; `explained` is the share of the explainable error that the formula takes.
 pub fn json(u: &Unexplained, explained: f64) -> Value {
-    let term = |(place, law, c): &(_, String, crate::identification::Estimate)| {
-        let place: &crate::effects::formula::Place = place;
-        json!({"name": c.name, "at": place.name(), "law": law, "coefficient": c.value, "std": finite(c.std), "unit": c.unit})
-    };
-    let coefficients: Vec<_> = u.terms.iter().map(|(.., c)| c.clone()).collect();
+    let term = |(place, law, c): &(Place, String, Estimate)| json!({"name": c.name, "at": place.name(), "law": law, "coefficient": c.value, "std": finite(c.std), "unit": c.unit});
     let s = &u.shape;
     json!({
         "location": u.location,
@@ -19,7 +17,7 @@ pub fn json(u: &Unexplained, explained: f64) -> Value {
         "left": u.left,
         "explained": explained,
         "beside_named": u.beside_named,
-        "shape": {"variable": s.variable, "along_motion": s.along, "unit": u.unit, "x": s.x, "mean": s.mean, "low": s.low, "high": s.high},
+        "shape": {"variable": s.variable, "along_motion": s.along, "variable_unit": s.variable_unit, "unit": u.unit, "x": s.x, "mean": s.mean, "low": s.low, "high": s.high},
         "parity": s.parity(),
         "odd_in_speed": s.odd,
         "period": s.period.map(|(value, variable)| json!({"value": value, "variable": variable})),
@@ -27,7 +25,6 @@ pub fn json(u: &Unexplained, explained: f64) -> Value {
         "jump": s.jump,
         "mean_power": s.power,
         "terms": u.terms.iter().map(term).collect::<Vec<_>>(),
-        "parameters": estimates(&coefficients),
         "formula": u.toml(),
     })
 }
@@ -53,7 +50,7 @@ pub fn print(u: &Unexplained, explained: f64) -> miette::Result<()> {
         u.unit
     ))?;
     if let Some((period, variable)) = s.period {
-        say(format!("  period {} in {variable}", significant(period, 4)))?;
+        say(format!("  period {} {} in {variable}", significant(period, 4), s.variable_unit))?;
     }
     let power = if s.power < 0.0 { "takes" } else { "gives" };
     say(format!(

@@ -31,10 +31,9 @@ impl Atom {
         self.laws.iter().map(|law| law.replace('#', &digits)).collect()
     }
 
-    /// The laws at the present value of the inner number.
-    pub fn parsed(&self, number: Option<f64>) -> Vec<Expression> {
-        let parse = |text: String| Expression::parse(&text).unwrap_or_else(|e| panic!("{text}: {e}"));
-        self.texts(number).into_iter().map(parse).collect()
+    /// The laws with `number` for the inner one; none if that is no number.
+    pub fn parsed(&self, number: Option<f64>) -> Option<Vec<Expression>> {
+        self.texts(number).iter().map(|text| Expression::parse(text).ok()).collect()
     }
 
     /// Numbers to estimate: coefficients and the inner one.
@@ -118,8 +117,12 @@ impl Cover {
     }
 }
 
-/// Largest wave number, per rad or m.
+/// Wave numbers of a drive's coordinate reach to this, per rad or m, and further where that is slower than the fastest hum.
 const FASTEST_WAVE: f64 = 160.0;
+/// The same of the platform and the telescope, per m.
+const FASTEST_FIELD: f64 = 60.0;
+/// Most wave numbers of a coordinate.
+const MOST_WAVES: f64 = 200.0;
 
 /// All laws at the places of a machine.
 pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
@@ -128,7 +131,10 @@ pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
         let mut builder = Builder { place: number, cover, atoms: &mut atoms };
         match *place {
             Place::Drive(i) => {
-                builder.own(&format!("q{}", i + 1), &format!("qd{}", i + 1), FASTEST_WAVE);
+                let rate = format!("qd{}", i + 1);
+                let (low, high) = cover.of(&rate);
+                let fastest = 2.0 * std::f64::consts::TAU * FASTEST_HUM / high.max(-low).max(1e-3);
+                builder.own(&format!("q{}", i + 1), &rate, fastest.max(FASTEST_WAVE));
                 let rates = (1..=4).filter(|j| *j != i + 1).map(|j| format!("qd{j}"));
                 for rate in rates {
                     builder.with(&format!("q{}", i + 1), &format!("qd{}", i + 1), &rate, CROSS);
@@ -151,11 +157,11 @@ pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
             }
             Place::Platform(axis) => {
                 let (own, rate) = (["x", "y", "z"][axis], ["vx", "vy", "vz"][axis]);
-                builder.own(own, rate, 60.0);
+                builder.own(own, rate, FASTEST_FIELD);
                 for other in ["x", "y", "z"].into_iter().filter(|o| *o != own) {
                     builder.with(own, rate, other, OTHERS);
                     builder.with(own, rate, other, FIELD);
-                    builder.waves(other, rate, 60.0);
+                    builder.waves(other, rate, FASTEST_FIELD);
                 }
                 for other in ["vx", "vy", "vz"].into_iter().filter(|o| *o != rate) {
                     builder.with(own, rate, other, &OTHERS[..1]);
@@ -165,7 +171,7 @@ pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
                 builder.poles(own, rate);
             }
             Place::Telescope => {
-                builder.own("s", "sd", 60.0);
+                builder.own("s", "sd", FASTEST_FIELD);
                 builder.with("s", "sd", "qd4", CROSS);
                 builder.with("s", "sd", "z", &OTHERS[..2]);
             }
@@ -269,9 +275,9 @@ impl Builder<'_> {
     fn waves(&mut self, own: &str, rate: &str, fastest: f64) {
         let (low, high) = self.cover.of(own);
         // Two waves whose phases differ by more than half a turn over the travel are told apart.
-        let step = std::f64::consts::PI / (high - low).max(1e-3);
-        let step = step.max(fastest / 150.0);
-        let grid: Vec<f64> = (1..).map(|k| 0.75 * step * f64::from(k)).take_while(|w| *w <= fastest).collect();
+        let step = 0.75 * std::f64::consts::PI / (high - low).max(1e-3);
+        let fastest = fastest.min(MOST_WAVES * step);
+        let grid: Vec<f64> = (1..).map(|k| step * f64::from(k)).take_while(|w| *w <= fastest).collect();
         for laws in WAVES {
             self.grid(laws, [own, rate, ""], &grid);
         }

@@ -18,11 +18,13 @@ use crate::model::Model;
 use library::{Atom, Cover, hums, library};
 use pursuit::{Formulation, Found, MOST, Pursuit, gain};
 
-/// Share of the explainable error that named effects may leave to a formula at one place before they are doubted: their
-/// shape may differ a little from ours.
+/// Share of the explainable error that named effects may leave to a formula at one place that does without them before
+/// they are doubted: their shape may differ a little from ours.
 const LEFT_AT_ONE_PLACE: f64 = 0.06;
 /// The same for a formula that needs several places.
 const LEFT_AT_SEVERAL: f64 = 0.2;
+/// The same where the named effects stay: a formula then only touches up what their approximations leave.
+const LEFT_BESIDE: f64 = 0.25;
 /// Student's t, over blocks of time, of a formula's advantage over named effects.
 const BETTER: f64 = 4.0;
 /// Share of the explainable error that named effects must add to a formula to stay beside it.
@@ -106,7 +108,11 @@ pub(super) fn explain(
     let left = (sum(&with_named.before) - sum(&best.after)) / explainable.max(f64::MIN_POSITIVE);
     let at_one_place =
         best.terms.iter().all(|t| same_part(search.find.places[t.place], search.find.places[best.terms[0].place]));
-    let threshold = if at_one_place { LEFT_AT_ONE_PLACE } else { LEFT_AT_SEVERAL };
+    let threshold = match (beside_named, at_one_place) {
+        (true, _) => LEFT_BESIDE,
+        (false, true) => LEFT_AT_ONE_PLACE,
+        (false, false) => LEFT_AT_SEVERAL,
+    };
     if named > 0 && (left < threshold || gain(&with_named.before, &best.after).1 < BETTER) {
         return Ok(None);
     }
@@ -120,7 +126,7 @@ pub(super) fn explain(
         location: location(&search.find, &best.terms),
         shares,
         left: left.clamp(0.0, 1.0),
-        shape: Shape::new(&search.find, &best.terms, place),
+        shape: Shape::new(&search.find, &best.terms, place, base.mechanism),
         unit: base.mechanism.unit(search.find.places[place].unit()),
         terms: estimates(&fit),
         beside_named,

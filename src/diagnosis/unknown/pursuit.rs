@@ -228,7 +228,7 @@ impl<'a> Pursuit<'a> {
 }
 
 fn screened<'a>(ground: &Ground, atom: &'a Atom) -> Option<Screened<'a>> {
-    let laws = atom.parsed(atom.number.map(|n| n.value));
+    let laws = atom.parsed(atom.number.map(|n| n.value))?;
     let columns: Vec<Column> = laws.iter().map(|law| ground.column(atom.place, &ground.values(law))).collect();
     if columns.iter().flatten().any(|x| !x.is_finite()) {
         return None;
@@ -326,8 +326,12 @@ impl State {
     fn refined(&self, ground: &Ground, atom: &Atom) -> Option<f64> {
         let Number { value, range: (mut low, mut high) } = atom.number?;
         let gain = |number: f64| {
-            let columns =
-                atom.parsed(Some(number)).iter().map(|law| self.outside(ground, atom.place, law)).collect::<Vec<_>>();
+            let columns = atom
+                .parsed(Some(number))
+                .unwrap_or_default()
+                .iter()
+                .map(|law| self.outside(ground, atom.place, law))
+                .collect::<Vec<_>>();
             let m = columns.len();
             let gram = DMatrix::from_fn(m, m, |i, j| dot(&columns[i], &columns[j]));
             taken(&gram, &DVector::from_fn(m, |i, _| dot(&columns[i], &self.screen_residual)))
@@ -360,7 +364,7 @@ impl State {
     /// The atom with all coefficients estimated on the data to find with.
     fn candidate(&self, pursuit: &Pursuit, atom: &Atom, number: Option<f64>) -> Option<Candidate> {
         let ground = &pursuit.find;
-        let laws = atom.parsed(number);
+        let laws = atom.parsed(number)?;
         let mut columns = Vec::new();
         for law in &laws {
             let column = ground.column(atom.place, &ground.values(law));

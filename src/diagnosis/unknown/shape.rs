@@ -7,6 +7,7 @@ use rand_chacha::rand_core::SeedableRng;
 use super::Sight;
 use super::pursuit::{Found, force};
 use crate::effects::formula::{Place, Variable};
+use crate::model::Mechanism;
 use crate::report::figure::{Color, Curve, Figure, Style, time_series};
 
 /// A force over one variable, with simultaneous 95 % bands.
@@ -14,6 +15,8 @@ use crate::report::figure::{Color, Curve, Figure, Style, time_series};
 pub struct Shape {
     /// Variable of formulas, e.g. `qd1`; of a wave, within its period.
     pub variable: &'static str,
+    /// Its unit.
+    pub variable_unit: &'static str,
     /// Whether the force along the motion is meant, its sign taken with that of the speed.
     pub along: bool,
     /// Middle of each bin.
@@ -46,7 +49,7 @@ const DRAWS: usize = 399;
 
 impl Shape {
     /// Of what acts at `place`.
-    pub fn new(sight: &Sight, terms: &[Found], place: usize) -> Self {
+    pub fn new(sight: &Sight, terms: &[Found], place: usize, machine: Mechanism) -> Self {
         let force = force(sight, terms, place);
         let series = |name: &str| Variable::named(name).map(|v| sight.variables[v.index()].as_slice());
         let speed = series(rate(sight.places[place])).unwrap_or(&[]);
@@ -85,6 +88,7 @@ impl Shape {
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
         Self {
             variable: best.name(),
+            variable_unit: machine.unit(unit(best.name())),
             low: bins.mean.iter().zip(&band).map(|(m, b)| m - b).collect(),
             high: bins.mean.iter().zip(&band).map(|(m, b)| m + b).collect(),
             odd,
@@ -118,16 +122,16 @@ impl Shape {
         ];
         let what = if self.along { "force along the motion" } else { "force" };
         let over = match self.period {
-            Some((length, _)) => format!("{} within a period of {length:.4}", label(self.variable)),
-            None => label(self.variable),
+            Some((length, _)) => format!("{} within a period of {length:.4} / {}", self.variable, self.variable_unit),
+            None => format!("{} / {}", self.variable, self.variable_unit),
         };
         time_series(title, &over, &format!("{what} / {unit}"), &curves)
     }
 }
 
-/// Name of a variable on an axis.
-fn label(variable: &str) -> String {
-    let unit = match variable {
+/// Unit of a variable.
+fn unit(variable: &str) -> &'static str {
+    match variable {
         "t" => "s",
         "x" | "y" | "z" | "s" => "m",
         "vx" | "vy" | "vz" | "sd" => "m/s",
@@ -136,8 +140,7 @@ fn label(variable: &str) -> String {
         v if v.starts_with("qd") => "rad/s",
         v if v.starts_with('q') => "rad",
         _ => "N",
-    };
-    format!("{variable} / {unit}")
+    }
 }
 
 fn coordinate(place: Place) -> &'static str {
