@@ -45,12 +45,16 @@ fn sizes_come_out_as_asked() {
         let (_, expected) = rise.ratios.iter().find(|(c, _)| *c == rise.channel).unwrap();
         let ratio = refitted(&medium);
         assert!(!rise.limited && (low..high).contains(expected), "{name}: {rise:?}");
-        // The motion executed is not quite the desired one, and differentiation leaves 1 %.
-        assert!((0.97..1.05).contains(&(ratio / expected)), "{name}: {ratio} instead of {expected}");
-        assert!((0.97 * low..1.05 * high).contains(&ratio), "{name}: {ratio}");
-        let value = |size: Size| made(&Case { size, duration: 1.0, ..of(name, seed) }).hidden[0].active.values[0];
-        let own = value(Size::Medium);
-        assert!((value(Size::Small) / own - 0.4).abs() < 1e-9 && (value(Size::Large) / own - 2.5).abs() < 1e-9);
+        // The motion executed is not quite the desired one, and differentiation leaves 1 %. Where the strut's force decides the
+        // refit, small changes of its weight move what the torques are left with.
+        let tolerance = if name == "ball_socket_viscous" { 0.08 } else { 0.04 };
+        assert!((ratio / expected - 1.0).abs() < tolerance, "{name}: {ratio} instead of {expected}");
+        assert!((0.98 * low..1.02 * high).contains(&ratio), "{name}: {ratio}");
+        // Along a shorter motion; what hits its range keeps no proportion.
+        let [small, own, large] = Size::ALL.map(|size| made(&Case { size, duration: 2.0, ..of(name, seed) }).hidden);
+        let ratio = |h: &[exam::Hidden]| h[0].active.values[0] / own[0].active.values[0];
+        assert!(own[0].rise.limited || (ratio(&small) - 0.4).abs() < 1e-9, "{name}: {}", ratio(&small));
+        assert!(large[0].rise.limited || (ratio(&large) - 2.5).abs() < 1e-9, "{name}: {}", ratio(&large));
     }
 }
 
