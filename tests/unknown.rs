@@ -107,7 +107,7 @@ fn line(name: &str, d: &Diagnosis) {
 fn an_unknown_law_is_located_and_written_into_the_model() {
     let (name, place, terms) = OUTSIDE[0];
     let [measurement, validation] = measure(21, &[], &[formula(terms)]);
-    let alone = diagnose(&model("irb360-6-1600"), &[measurement.clone()], &[], &mut |_| ()).unwrap();
+    let alone = diagnose(&model("irb360-6-1600"), std::slice::from_ref(&measurement), &[], &mut |_| ()).unwrap();
     line("without held-out data", &alone);
     assert_eq!(alone.unexplained.expect("a formula").location, place);
     let d = diagnose(&model("irb360-6-1600"), &[measurement], &[validation], &mut |_| ()).unwrap();

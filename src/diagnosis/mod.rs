@@ -170,6 +170,13 @@ const MIN_RELEVANCE: f64 = 0.1;
 /// Excess of the residual's RMS over the noise floor that no controller or filter explains.
 const UNEXPLAINED: f64 = 1.15;
 
+/// Share of what an effect takes from the residual it was found in that it must take from held-out data, too. A bias that
+/// walks takes nothing there.
+const HELD_OUT_SHARE: f64 = 0.3;
+
+/// Most names that are refused before the search is left as it is.
+const MAX_REFUSED: usize = 5;
+
 /// Finds the missing effects; `progress` is told what is being done.
 pub fn diagnose(
     model: &Model,
@@ -200,7 +207,10 @@ pub fn diagnose_holding(
     let mut first = problem::problem(&start, traces, &noise, &candidates)?;
     first.base.retain(|c| !fitting.holds(&c.name));
     let settings = Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
-    let (outcome, end) = loop {
+    let judge = if held_out.is_empty() { traces } else { held_out };
+    let rms_before = channel_rms(&residuals(&start.model, judge)?);
+    let noise_floor = floor(model, judge);
+    let (outcome, end, mut rms_after, without) = loop {
         let mut stated = first.clone();
         for c in &mut stated.candidates {
             if refused.contains(&c.name.as_str()) {
@@ -209,38 +219,40 @@ pub fn diagnose_holding(
         }
         progress("evidence");
         let (outcome, end) = search(&start, &fitting, &candidates, &stated, &settings, progress)?;
+        let names: Vec<&str> = outcome.found().into_iter().map(|i| candidates[i][0].effect.name()).collect();
         // A law with a definite sign must come out with it.
-        let wrong = outcome
-            .found()
-            .into_iter()
-            .map(|i| candidates[i][0].effect.name())
-            .find(|name| end.impossible.iter().any(|p| p.split('.').next() == Some(*name)));
+        let impossible = |name: &&str| end.impossible.iter().any(|p| p.split('.').next() == Some(*name));
+        let mut wrong = names.iter().copied().find(impossible);
+        progress("held-out data");
+        let rms_after = channel_rms(&residuals(&end.model, judge)?);
+        let mut without = Vec::new();
+        if wrong.is_none() {
+            for name in &names {
+                let reduced = if names.len() == 1 { start.clone() } else { fitting.fit(&lacking(&end.model, name))? };
+                let judged = channel_rms(&residuals(&reduced.model, judge)?);
+                let gain = relative_energy(&reduced.rms, &noise) - relative_energy(&end.rms, &noise);
+                let held_out = relative_energy(&judged, &noise_floor) - relative_energy(&rms_after, &noise_floor);
+                if held_out < HELD_OUT_SHARE * gain {
+                    wrong = Some(name);
+                    break;
+                }
+                without.push(judged);
+            }
+        }
         match wrong {
-            Some(name) if refused.len() < candidates.len() => refused.push(name),
-            _ => break (outcome, end),
+            Some(name) if refused.len() < MAX_REFUSED => refused.push(name),
+            _ => break (outcome, end, rms_after, without),
         }
     };
-    progress("held-out data");
-    let judge = if held_out.is_empty() { traces } else { held_out };
-    let rms_before = channel_rms(&residuals(&start.model, judge)?);
-    let mut rms_after = channel_rms(&residuals(&end.model, judge)?);
-    let noise_floor = floor(model, judge);
     progress("confidence");
     let found = outcome.found();
     let mut effects = Vec::new();
-    for finding in &outcome.findings {
+    for (finding, without) in outcome.findings.iter().zip(&without) {
         let name = candidates[finding.chosen.candidate][0].effect.name();
-        let without = if found.len() == 1 {
-            rms_before.clone()
-        } else {
-            let mut reduced = end.model.clone();
-            reduced.effects.retain(|a| a.effect.name() != name);
-            channel_rms(&residuals(&fitting.fit(&reduced)?.model, judge)?)
-        };
         effects.push(Named {
             name: name.into(),
             confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&first), &settings)?,
-            explained: explained(&rms_before, &without, &rms_after, &noise_floor),
+            explained: explained(&rms_before, without, &rms_after, &noise_floor),
             parameters: parameters_of(&end, name),
         });
     }
@@ -337,6 +349,13 @@ impl Diagnosis {
     pub fn explained(&self) -> f64 {
         explained(&self.rms_before, &self.rms_before, &self.rms_after, &self.noise_floor)
     }
+}
+
+/// The model without an effect.
+fn lacking(model: &Model, effect: &str) -> Model {
+    let mut out = model.clone();
+    out.effects.retain(|a| a.effect.name() != effect);
+    out
 }
 
 /// How a model is fitted to the data.

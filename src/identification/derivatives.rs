@@ -188,9 +188,6 @@ const REVERSALS: usize = 120;
 const BESIDE: usize = 40;
 /// A piece whose readings vary by less, in standard deviations (three encoder steps), tells nothing.
 const RESTING: f64 = 10.0;
-/// A piece whose own intensity is so much larger than that of the middle one, in logarithms, does not count: the standard
-/// error of one is about √(16·width/256) = 1.
-const ROUGH: f64 = 8.0;
 /// Logarithm of the largest intensity of the noise in q⁗: readings and motion are unrelated.
 const ROUGHEST: f64 = 30.0;
 /// Logarithms of the least and largest intensity of the noise in q⃛ at reversals.
@@ -228,26 +225,16 @@ impl Readings {
     }
 
     /// Most likely intensity of the noise in q⁗, apart from reversals, and variance of the readings.
-    ///
-    /// A few pieces in which something rings or hits would make the smoother rough everywhere: they do not count.
     fn snap(&self, turns: &[Vec<bool>]) -> (f64, f64) {
         let pieces = self.spread();
         let smoothest = 8.0 * (self.dt / LONGEST).ln();
         if pieces.is_empty() {
             return (smoothest.exp(), 1.0);
         }
-        let of = |pieces: &[Piece], ln: f64| self.likelihood(pieces, ln.exp(), turns, UNRELATED);
-        let best = |pieces: &[Piece]| {
-            let ln = |l: Likelihood| l.ln(l.variance());
-            highest([smoothest.min(ROUGHEST), ROUGHEST], |x| ln(of(pieces, x)))
-        };
-        let own: Vec<f64> = pieces.par_iter().map(|p| best(std::slice::from_ref(p))).collect();
-        let mut sorted = own.clone();
-        sorted.sort_by(f64::total_cmp);
-        let limit = sorted[sorted.len() / 2] + ROUGH;
-        let usual: Vec<Piece> = pieces.into_iter().zip(own).filter(|(_, own)| *own <= limit).map(|(p, _)| p).collect();
-        let ln = best(&usual);
-        (ln.exp(), of(&usual, ln).variance())
+        let of = |ln: f64| self.likelihood(&pieces, ln.exp(), turns, UNRELATED);
+        let best = |l: Likelihood| l.ln(l.variance());
+        let ln = highest([smoothest.min(ROUGHEST), ROUGHEST], |ln| best(of(ln)));
+        (ln.exp(), of(ln).variance())
     }
 
     /// Most likely intensity of the noise in q⃛ at reversals.
