@@ -226,6 +226,10 @@ pub fn diagnose_holding(
         progress("held-out data");
         let rms_after = channel_rms(&residuals(&end.model, judge)?);
         let mut without = Vec::new();
+        // Stop at the noise floor: there is nothing to explain where no channel lies above it.
+        if rms_before.iter().zip(&noise_floor).all(|(r, f)| r <= f) {
+            wrong = wrong.or(names.first().copied());
+        }
         if wrong.is_none() {
             for name in &names {
                 let reduced = if names.len() == 1 { start.clone() } else { fitting.fit(&lacking(&end.model, name))? };
