@@ -210,10 +210,3 @@ pub fn sized(active: &ActiveEffect, coefficients: impl Iterator<Item = (String, 
     }
     sized
 }
-
-/// The model without the effects named.
-pub fn without(model: &Model, names: &[&str]) -> Model {
-    let mut reduced = model.clone();
-    reduced.effects.retain(|a| !names.contains(&a.effect.name()));
-    reduced
-}

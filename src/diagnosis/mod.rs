@@ -3,25 +3,29 @@
 //! The statistics stand in [`crate::evidence`]; this module states the hypotheses in the robot's terms and reads the
 //! outcome back into them.
 
+mod add;
 pub mod budget;
 pub mod command;
 pub mod confidence;
 pub mod experiment;
 mod problem;
+mod search;
 pub mod unknown;
 
+pub use add::{Addition, add};
 use budget::{Budget, Change};
 use confidence::Confidence;
 pub use experiment::NextExperiment;
 use experiment::Open;
+use search::search;
 use thiserror::Error;
 
 use crate::dynamics::{Channel, in_configuration};
-use crate::effects::{self, ActiveEffect, Kind, Role};
-use crate::evidence::{self, Assessment, Chosen, Outcome, Problem, Ranking, Settings, Visibility};
+use crate::effects::{self, ActiveEffect};
+use crate::evidence::{self, Assessment, Outcome, Ranking, Settings, Visibility};
+use crate::identification::Trace;
 use crate::identification::fit::{Estimate, Fit, FitError, Options, channel_rms, fit_with, residuals};
 use crate::identification::trace::noise_floor as floor;
-use crate::identification::{Trace, fit};
 use crate::model::Model;
 pub use unknown::Unexplained;
 
@@ -174,7 +178,7 @@ const UNEXPLAINED: f64 = 1.15;
 /// walks takes nothing there.
 const HELD_OUT_SHARE: f64 = 0.3;
 
-/// Most names that are refused before the search is left as it is.
+/// Most names that are refused; when a further one is wrong, too, nothing is named.
 const MAX_REFUSED: usize = 5;
 
 /// Finds the missing effects; `progress` is told what is being done.
@@ -206,10 +210,17 @@ pub fn diagnose_holding(
     progress("columns of the candidates");
     let mut first = problem::problem(&start, traces, &noise, &candidates)?;
     first.base.retain(|c| !fitting.holds(&c.name));
-    let settings = Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
+    let mut settings =
+        Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
     let judge = if held_out.is_empty() { traces } else { held_out };
     let rms_before = channel_rms(&residuals(&start.model, judge)?);
     let noise_floor = floor(model, judge);
+    // Stop at the noise floor: there is nothing to explain where no channel lies above it.
+    if rms_before.iter().zip(&noise_floor).all(|(r, f)| r <= f) {
+        settings.max_steps = 0;
+    }
+    // All candidates are reported as they were before any was refused.
+    let mut all: Option<Ranking> = None;
     let (outcome, end, mut rms_after, without) = loop {
         let mut stated = first.clone();
         for c in &mut stated.candidates {
@@ -219,6 +230,7 @@ pub fn diagnose_holding(
         }
         progress("evidence");
         let (outcome, end) = search(&start, &fitting, &candidates, &stated, &settings, progress)?;
+        all.get_or_insert_with(|| outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking).clone());
         let names: Vec<&str> = outcome.found().into_iter().map(|i| candidates[i][0].effect.name()).collect();
         // A law with a definite sign must come out with it.
         let impossible = |name: &&str| end.impossible.iter().any(|p| p.split('.').next() == Some(*name));
@@ -226,13 +238,13 @@ pub fn diagnose_holding(
         progress("held-out data");
         let rms_after = channel_rms(&residuals(&end.model, judge)?);
         let mut without = Vec::new();
-        // Stop at the noise floor: there is nothing to explain where no channel lies above it.
-        if rms_before.iter().zip(&noise_floor).all(|(r, f)| r <= f) {
-            wrong = wrong.or(names.first().copied());
-        }
         if wrong.is_none() {
             for name in &names {
-                let reduced = if names.len() == 1 { start.clone() } else { fitting.fit(&lacking(&end.model, name))? };
+                let reduced = if names.len() == 1 {
+                    start.clone()
+                } else {
+                    fitting.fit(&without_effects(&end.model, &[name]))?
+                };
                 let judged = channel_rms(&residuals(&reduced.model, judge)?);
                 let gain = relative_energy(&reduced.rms, &noise) - relative_energy(&end.rms, &noise);
                 let held_out = relative_energy(&judged, &noise_floor) - relative_energy(&rms_after, &noise_floor);
@@ -244,8 +256,10 @@ pub fn diagnose_holding(
             }
         }
         match wrong {
+            None => break (outcome, end, rms_after, without),
             Some(name) if refused.len() < MAX_REFUSED => refused.push(name),
-            _ => break (outcome, end, rms_after, without),
+            // After so many refusals no name is worth trusting.
+            Some(_) => settings.max_steps = 0,
         }
     };
     progress("confidence");
@@ -260,7 +274,7 @@ pub fn diagnose_holding(
             parameters: parameters_of(&end, name),
         });
     }
-    let ranking = outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking);
+    let ranking = all.as_ref().unwrap_or(&outcome.remaining);
     let probability = |name: &str| effects.first().map_or(0.0, |e: &Named| e.confidence.probability_of(name));
     let report = |a: &Assessment| CandidateReport {
         name: a.name.clone(),
@@ -314,8 +328,7 @@ pub fn diagnose_holding(
         let rms = if i == added.len() {
             rms_after.clone()
         } else {
-            let mut part = end.model.clone();
-            part.effects.retain(|a| !added[i..].contains(&a.effect.name()));
+            let part = without_effects(&end.model, &added[i..]);
             channel_rms(&residuals(&fitting.fit(&part)?.model, judge)?)
         };
         stages.push((added[i - 1].to_string(), rms));
@@ -355,11 +368,11 @@ impl Diagnosis {
     }
 }
 
-/// The model without an effect.
-fn lacking(model: &Model, effect: &str) -> Model {
-    let mut out = model.clone();
-    out.effects.retain(|a| a.effect.name() != effect);
-    out
+/// The model without the effects named.
+fn without_effects(model: &Model, names: &[&str]) -> Model {
+    let mut reduced = model.clone();
+    reduced.effects.retain(|a| !names.contains(&a.effect.name()));
+    reduced
 }
 
 /// How a model is fitted to the data.
@@ -387,107 +400,6 @@ fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
         Some(other) => Err(DiagnosisError::Channels { first: first.name.clone(), second: other.name.clone() }),
         None => Ok(()),
     }
-}
-
-/// Forward selection; the model is refitted after the addition of an effect that the parameters enter nonlinearly.
-fn search(
-    start: &Fit,
-    fitting: &Fitting,
-    candidates: &[Vec<ActiveEffect>],
-    stated: &Problem,
-    settings: &Settings,
-    progress: &mut dyn FnMut(&str),
-) -> Result<(Outcome, Fit), DiagnosisError> {
-    let mut failure = None;
-    let mut last: Option<(Vec<Chosen>, Fit)> = None;
-    let refit = |chosen: &[Chosen], ranking: Option<&Ranking>| -> Result<Fit, FitError> {
-        let mut model = start.model.clone();
-        for c in chosen {
-            let mut active = candidates[c.candidate][c.variant].clone();
-            if let Some(assessed) = ranking.and_then(|r| r.of(c.candidate)) {
-                begin_at(&mut active, &assessed.coefficients);
-            }
-            model.effects.push(active);
-        }
-        fitting.fit(&model)
-    };
-    let outcome = evidence::select_with(stated, settings, |chosen, ranking| {
-        if !chosen.iter().any(|c| is_nonlinear(&candidates[c.candidate][c.variant])) {
-            return Ok(None);
-        }
-        let names: Vec<&str> = chosen.iter().map(|c| candidates[c.candidate][0].effect.name()).collect();
-        progress(&format!("refit with {}", names.join(", ")));
-        let next = refit(chosen, Some(ranking)).and_then(|fitted| {
-            let next = relinearised(&fitted, fitting, stated, chosen, &names)?;
-            last = Some((chosen.to_vec(), fitted));
-            Ok(Some(next))
-        });
-        next.map_err(|e| {
-            let text = e.to_string();
-            failure = Some(e);
-            text
-        })
-    });
-    if let Some(e) = failure {
-        return Err(e.into());
-    }
-    let outcome = outcome?;
-    let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
-    let end = match last {
-        _ if chosen.is_empty() => start.clone(),
-        Some((before, fitted)) if before == chosen => fitted,
-        _ => {
-            progress("refit");
-            refit(&chosen, None)?
-        }
-    };
-    Ok((outcome, end))
-}
-
-/// Whether the prediction is nonlinear in the effect's estimated parameters.
-fn is_nonlinear(active: &ActiveEffect) -> bool {
-    let shaped = active.entries().iter().any(|e| e.parameter.role == Role::Shape);
-    shaped || matches!(active.effect.kind(), Kind::Geometry | Kind::Encoder)
-}
-
-/// Sets the linear parameters to estimates, as far as the law allows them.
-fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
-    let entries = active.entries();
-    let linear = active.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Linear);
-    for ((value, entry), estimate) in linear.zip(coefficients) {
-        *value = estimate.value.clamp(entry.parameter.range.0, entry.parameter.range.1);
-    }
-}
-
-/// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
-fn relinearised(
-    fitted: &Fit,
-    fitting: &Fitting,
-    stated: &Problem,
-    chosen: &[Chosen],
-    names: &[&str],
-) -> Result<Problem, FitError> {
-    let traces = fitting.traces;
-    let mut next = Problem { y: problem::residual_series(traces, fitted), base: Vec::new(), ..stated.clone() };
-    for c in chosen {
-        next.candidates[c.candidate].variants[c.variant].columns.clear();
-    }
-    for owned in problem::owned_columns(&fitted.model, traces)? {
-        if fitting.holds(&owned.column.name) {
-            continue;
-        }
-        let Some(i) = names.iter().position(|n| *n == owned.effect) else {
-            next.base.push(owned.column);
-            continue;
-        };
-        if let Some(value) = owned.linear {
-            for (y, x) in next.y.iter_mut().zip(&owned.column.values) {
-                *y += value * x;
-            }
-        }
-        next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column);
-    }
-    Ok(next)
 }
 
 /// Estimates of one effect, with its name left out of theirs.
@@ -561,7 +473,7 @@ fn next_experiment(
             let rivals = set.iter().filter(|a| a.candidate != own.candidate);
             let effects: Vec<ActiveEffect> = leader.chain(rivals).map(|a| sized(a)).collect();
             let names: Vec<&str> = effects.iter().map(|a| a.effect.name()).collect();
-            open(&experiment::without(&end.model, &names)).tell(&effects)
+            open(&without_effects(&end.model, &names)).tell(&effects)
         }
         (_, None) => {
             let unseen = ranking.candidates.iter().filter(|a| a.visibility != Visibility::Visible && !a.generic);
@@ -570,71 +482,4 @@ fn next_experiment(
             if effects.is_empty() { None } else { open(&end.model).see(&effects) }
         }
     }
-}
-
-/// An effect added to a model.
-#[derive(Clone)]
-pub struct Addition {
-    /// Its name.
-    pub effect: String,
-    /// What it explains; on held-out data where given.
-    pub budget: Budget,
-    /// Parameters that it moved.
-    pub changes: Vec<Change>,
-    /// All parameters before.
-    pub parameters_before: Vec<Estimate>,
-    /// The fit with it, which the history of its model tells of.
-    pub fit: Fit,
-}
-
-/// Adds an effect to a model and refits all parameters.
-pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) -> Result<Addition, DiagnosisError> {
-    check(traces, held_out)?;
-    if model.effects.iter().any(|a| a.effect.name() == effect) || effect == effects::rigid_bodies::NAME {
-        return Err(DiagnosisError::Present(effect.into()));
-    }
-    let mounted = in_configuration(model, &traces[0].setup);
-    if let Some(known) = effects::find(effect).filter(|e| !mounted.mechanism.has(e.acts_on(), mounted.assembled)) {
-        return Err(DiagnosisError::Missing { effect: effect.into(), part: known.acts_on().describe() });
-    }
-    if problem::beyond(&mounted).iter().any(|e| e.name() == effect) {
-        return Err(DiagnosisError::TwinOnly(effect.into()));
-    }
-    if effects::find(effect).is_some_and(|e| e.parameters().is_empty()) {
-        return Err(DiagnosisError::NoTerms);
-    }
-    let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
-    let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
-    let noise = floor(model, traces);
-    let weights = vec![noise.clone(); traces.len()];
-    let before = fit(model, traces, &weights)?;
-    let mut best: Option<Fit> = None;
-    for shape in shapes {
-        let mut with = before.model.clone();
-        with.effects.push(shape);
-        sort_effects(&mut with);
-        let fitted = fit(&with, traces, &weights)?;
-        let energy = |f: &Fit| relative_energy(&f.rms, &noise);
-        if best.as_ref().is_none_or(|b| energy(&fitted) < energy(b)) {
-            best = Some(fitted);
-        }
-    }
-    let mut fit = best.expect("an effect has at least one shape");
-    let judge = if held_out.is_empty() { traces } else { held_out };
-    let budget = Budget {
-        channels: traces[0].channels.clone(),
-        rms_before: channel_rms(&residuals(&before.model, judge)?),
-        noise_floor: floor(model, judge),
-        effects: vec![(effect.into(), channel_rms(&residuals(&fit.model, judge)?))],
-        held_out: !held_out.is_empty(),
-    };
-    fit.model.history.extend(budget.history());
-    let changes = budget::changes(&before, &fit);
-    Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.parameters, fit })
-}
-
-/// Brings the effects of a model into the order of the registry.
-fn sort_effects(model: &mut Model) {
-    let place = |a: &ActiveEffect| effects::REGISTRY.iter().position(|e| e.name() == a.effect.name());
-    model.effects.sort_by_key(place);
 }

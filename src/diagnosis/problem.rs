@@ -175,7 +175,7 @@ pub fn residual_series(traces: &[Trace], fit: &Fit) -> Vec<f64> {
     let mut out = Vec::new();
     for c in 0..traces[0].channels.len() {
         for (trace, residuals) in traces.iter().zip(&fit.residuals) {
-            out.extend(trace.blocks(BLOCK).map(|b| residuals[c][b].iter().sum::<f64>() / BLOCK as f64));
+            out.extend(trace.means(&residuals[c], BLOCK));
         }
     }
     out

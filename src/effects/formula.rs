@@ -73,6 +73,15 @@ impl Place {
         PLACES.iter().find(|(_, place)| *place == self).map_or("", |(name, _)| name)
     }
 
+    /// The part of the machine where it is, in words: the three directions of the platform are one.
+    pub fn region(self) -> String {
+        match self {
+            Self::Drive(i) => format!("drive {}", i + 1),
+            Self::Platform(_) => "platform".into(),
+            Self::Telescope => "telescope".into(),
+        }
+    }
+
     /// Places of a machine, assembled.
     pub fn on(machine: Mechanism) -> impl Iterator<Item = Self> {
         PLACES.into_iter().map(|(_, place)| place).filter(move |place| match place {

@@ -47,6 +47,7 @@ mod campaign;
 pub use confusion::{Confusion, confusion};
 pub use error::Error;
 pub use evaluate::{evaluate, evaluate_only};
+pub(crate) use gram::dot;
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, Visibility};
 pub use select::{Finding, Outcome, Step, Verdict, select, select_with};

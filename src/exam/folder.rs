@@ -7,10 +7,10 @@ use thiserror::Error;
 
 use super::campaign::{Campaign, Case};
 use super::judge::Answer;
-use super::outside;
 use super::size::Hidden;
 use crate::dynamics::Plant;
 use crate::effects::Role;
+use crate::effects::formula::Place;
 use crate::model::write::replace_file;
 use crate::recording::WriteError;
 
@@ -127,7 +127,7 @@ pub fn read_truth(folder: &Path) -> Result<Truth, FolderError> {
         ..Truth::default()
     };
     let outside = value.get("outside").and_then(|o| o.get("at")).and_then(Value::as_str);
-    truth.place = outside.and_then(outside::part);
+    truth.place = outside.and_then(Place::named).map(Place::region);
     for effect in effects {
         let name = effect.get("name").and_then(Value::as_str);
         let name = name.ok_or_else(|| bad("has an effect without `name`", "the name of every hidden effect"))?;

@@ -18,7 +18,7 @@ const fn law(name: &'static str, at: &'static str, law: &'static str) -> Outside
 }
 
 /// Laws that no effect of the library has.
-pub const LAWS: [Outside; 12] = [
+pub const LAWS: [Outside; 27] = [
     law("cogging", "drive2", "cos(51*q2 + 0.4)"),
     law("cable_spring", "drive3", "0.3 - q3"),
     law("worn_sector", "drive1", "-tanh(60*qd1) * exp(-((q1 - 0.15)/0.12)^2)"),
@@ -31,6 +31,21 @@ pub const LAWS: [Outside; 12] = [
     law("windage", "drive3", "-qd3*abs(qd3)"),
     law("tilting_bearing", "drive4", "-tanh(20*qd4) * (1 + 3*x)"),
     law("bellows", "telescope", "-(s - 1.1)^3"),
+    law("fine_cogging", "drive1", "sin(47*q1 + 0.7)"),
+    law("arm_spring", "drive2", "0.3 - q2"),
+    law("growing_friction", "drive3", "-tanh(50*qd3) * max(0, q3 - 0.3)"),
+    law("cubic_friction", "drive1", "-qd1^3"),
+    law("near_magnet", "platform_z", "-1/(z + 1.5)^2"),
+    law("lateral_field", "platform_x", "sin(15*x)"),
+    law("sticking_pose", "drive2", "-tanh(30*qd2) * exp(-((q2 - 0.4)/0.1)^2)"),
+    law("linear_drift", "drive1", "t"),
+    law("speed_product", "drive3", "-abs(qd1*qd2)"),
+    law("height_friction", "drive4", "-tanh(20*qd4) * (z + 1.2)"),
+    law("slow_hum", "drive2", "sin(2*pi*7.3*t)"),
+    law("eccentric_gear", "drive1", "qd1 * cos(5*q1)"),
+    law("worn_bush", "telescope", "-tanh(20*sd) * (s - 1.0)"),
+    law("drag_along_x", "platform_x", "-vx*abs(vx)"),
+    law("root_of_force", "drive2", "-tanh(50*qd2) * sqrt(abs(strut3_upper))"),
 ];
 
 impl Outside {
@@ -47,15 +62,6 @@ impl Outside {
     }
 }
 
-/// The part of the machine at a place of a formula, as the diagnosis names it.
-pub fn part(at: &str) -> Option<String> {
-    Place::named(at).map(|place| match place {
-        Place::Drive(i) => format!("drive {}", i + 1),
-        Place::Platform(_) => "platform".into(),
-        Place::Telescope => "telescope".into(),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -65,7 +71,7 @@ mod tests {
         for law in LAWS {
             assert_eq!(Outside::named(law.name), Some(law));
             assert_eq!(law.effect().terms.len(), 1);
-            assert!(part(law.at).is_some());
+            assert!(Place::named(law.at).is_some());
         }
         assert_eq!(Outside::named("gremlins"), None);
     }

@@ -122,11 +122,15 @@ impl Trace {
         whole.flat_map(move |s| (s.start..=s.end - block).step_by(block)).map(move |k| k..k + block)
     }
 
+    /// Means of a series of the trace's length over blocks of `block` samples.
+    pub fn means(&self, series: &[f64], block: usize) -> Vec<f64> {
+        self.blocks(block).map(|b| series[b].iter().sum::<f64>() / block as f64).collect()
+    }
+
     /// The joint motion at the middle of blocks of `block` samples, the channels averaged over them.
     pub fn averaged(&self, block: usize) -> Self {
         let blocks: Vec<Range<usize>> = self.blocks(block).collect();
         let middle = |b: &Range<usize>| b.start + block / 2;
-        let mean = |m: &Vec<f64>, b: &Range<usize>| m[b.clone()].iter().sum::<f64>() / block as f64;
         let mut end = 0;
         let segments = self.segments.iter().filter(|s| s.len() >= block).map(|s| {
             let start = end;
@@ -139,7 +143,7 @@ impl Trace {
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
             channels: self.channels.clone(),
-            measured: self.measured.iter().map(|m| blocks.iter().map(|b| mean(m, b)).collect()).collect(),
+            measured: self.measured.iter().map(|m| self.means(m, block)).collect(),
             segments: segments.collect(),
             dt: block as f64 * self.dt,
             half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),

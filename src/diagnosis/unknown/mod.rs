@@ -188,7 +188,7 @@ impl Search {
         }
         let share = |part: &Place| {
             let there = pursuit.formula(AT_ONE_PLACE, |p| same_part(self.find.places[p], *part));
-            (describe(*part), (there.gain() / all.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0))
+            (part.region(), (there.gain() / all.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0))
         };
         let mut shares: Vec<(String, f64)> = parts.iter().map(share).collect();
         shares.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -200,19 +200,11 @@ fn same_part(a: Place, b: Place) -> bool {
     a == b || matches!((a, b), (Place::Platform(_), Place::Platform(_)))
 }
 
-fn describe(place: Place) -> String {
-    match place {
-        Place::Drive(i) => format!("drive {}", i + 1),
-        Place::Platform(_) => "platform".into(),
-        Place::Telescope => "telescope".into(),
-    }
-}
-
 /// The parts where a formula acts.
 fn location(sight: &Sight, terms: &[Found]) -> String {
     let mut parts: Vec<String> = Vec::new();
     for term in terms {
-        let part = describe(sight.places[term.place]);
+        let part = sight.places[term.place].region();
         if !parts.contains(&part) {
             parts.push(part);
         }

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::Sight;
 use super::library::{Atom, Number};
 use crate::effects::formula::{Expression, Variable};
+use crate::evidence::dot;
 
 /// Instants used to screen the library.
 const SCREENED: usize = 2500;
@@ -171,18 +172,6 @@ fn orthonormal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         }
     }
     basis
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let (ca, cb) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in ca.zip(cb) {
-        for i in 0..8 {
-            sums[i] += x[i] * y[i];
-        }
-    }
-    sums.iter().sum::<f64>() + rest
 }
 
 fn add(to: &mut [f64], factor: f64, x: &[f64]) {

@@ -72,7 +72,7 @@ impl Sight {
         number: usize,
     ) -> Result<(), FitError> {
         let stride = ((STEP / trace.dt).round() as usize).max(1);
-        let thin = thinned(trace, stride);
+        let thin = trace.averaged(stride);
         let plant = Plant::new(model, &trace.setup);
         let failed = kinematics(trace);
         let scaled = |mut channels: Channels| {
@@ -81,7 +81,7 @@ impl Sight {
             }
             channels
         };
-        let averaged = full.iter().map(|series| averages(series, trace, stride)).collect();
+        let averaged = full.iter().map(|series| trace.means(series, stride)).collect();
         append(&mut self.residual, scaled(averaged));
         let base = columns(&plant, &thin, None).map_err(&failed)?;
         let free = plant.parameters().into_iter().zip(base).filter(|(p, _)| !held(&p.name)).map(|(_, column)| column);
@@ -126,31 +126,6 @@ fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
     let term = |place: &Place| (Term { name: place.name().into(), at: *place, law: one() }, 1.0);
     let formula = Formula::new(places.iter().map(term).collect(), true);
     ActiveEffect::absent_on(formula, plant.host)
-}
-
-/// Every `stride`-th instant, with the channels averaged around it.
-fn thinned(trace: &Trace, stride: usize) -> Trace {
-    let mut thin = Trace { segments: Vec::new(), t: Vec::new(), joints: Vec::new(), ..trace.window(0..0) };
-    for segment in &trace.segments {
-        let from = thin.t.len();
-        for block in segment.clone().step_by(stride).take(segment.len() / stride) {
-            let middle = block + stride / 2;
-            thin.t.push(trace.t[middle]);
-            thin.joints.push(trace.joints[middle]);
-        }
-        thin.segments.push(from..thin.t.len());
-    }
-    thin.segments.retain(|s| !s.is_empty());
-    thin.measured = trace.measured.iter().map(|series| averages(series, trace, stride)).collect();
-    thin.dt = trace.dt * stride as f64;
-    thin.half_width =
-        trace.half_width.map(|w| w.div_ceil(stride).max(crate::identification::filtering::MIN_HALF_WIDTH));
-    thin
-}
-
-fn averages(series: &[f64], trace: &Trace, stride: usize) -> Vec<f64> {
-    let blocks = trace.segments.iter().flat_map(|s| series[s.clone()].chunks_exact(stride));
-    blocks.map(|b| b.iter().sum::<f64>() / stride as f64).collect()
 }
 
 /// Every variable along a trace, strut forces as the plant predicts them.

@@ -64,11 +64,11 @@ pub fn averaged_columns(
                 (Kind::Sensor, _) => {
                     let [mut seen, here] = at_every_sample()?;
                     observe(&changed(), trace, &mut seen);
-                    mean(&slope(&seen, &here), trace, block)
+                    slope(&seen, &here).iter().map(|x| trace.means(x, block)).collect()
                 }
                 (Kind::Encoder, _) if gear_springs(&changed()).is_some() => {
                     let [_, here] = at_every_sample()?;
-                    mean(&slope(&predict(&changed(), trace)?, &here), trace, block)
+                    slope(&predict(&changed(), trace)?, &here).iter().map(|x| trace.means(x, block)).collect()
                 }
                 (Kind::Geometry | Kind::Encoder, _) => slope(&predict(&changed(), &middle)?, &plain),
                 (Kind::Inertia | Kind::Force, Role::Linear) => continue,
@@ -82,11 +82,6 @@ pub fn averaged_columns(
         }
     }
     Ok(linear)
-}
-
-fn mean(series: &Channels, trace: &Trace, block: usize) -> Channels {
-    let one = |x: &Vec<f64>| trace.blocks(block).map(|b| x[b].iter().sum::<f64>() / block as f64).collect();
-    series.iter().map(one).collect()
 }
 
 /// Columns of the linear parameters; zero for all others.
