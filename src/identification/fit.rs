@@ -294,13 +294,13 @@ impl<'a> Regression<'a> {
     }
 
     /// Cost at the present parameters.
-    fn cost(&self, normal: &NormalEquations, values: &DVector<f64>, weight: Weight) -> f64 {
+    fn cost(&self, residuals: &[Channels], values: &DVector<f64>, weight: Weight) -> f64 {
         let series =
             |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
         let trace = |(channels, sigma): (&Channels, &Vec<f64>)| -> f64 {
             channels.iter().zip(sigma).enumerate().map(series).sum()
         };
-        let data: f64 = normal.residuals.iter().zip(&self.sigma).map(trace).sum();
+        let data: f64 = residuals.iter().zip(&self.sigma).map(trace).sum();
         0.5 * (data + self.information * (values - &self.prior).component_div(&self.size).norm_squared())
     }
 
@@ -319,7 +319,7 @@ impl<'a> Regression<'a> {
             normal.residuals = residuals(model, self.traces)?;
             return Ok((normal, estimator));
         }
-        let mut cost = self.cost(&normal, &values, weight);
+        let mut cost = self.cost(&normal.residuals, &values, weight);
         for _ in 0..MAX_ITERATIONS {
             let offset = &values - &self.prior;
             let free = estimator.step(&normal, &offset, &[]);
@@ -327,16 +327,22 @@ impl<'a> Regression<'a> {
             if 0.5 * step.dot(&(&normal.information * &step)) < PROGRESS {
                 break;
             }
-            let mut damping = 1.0;
             let before = cost;
+            let mut damping = 1.0;
+            let mut taken = None;
             while damping > 1e-3 {
                 let mut next = model.clone();
                 let trial = self.moved(&values, &step, damping);
                 self.set(&mut next, &trial);
-                let there = pass(&next)?;
+                // Trials need no columns.
+                let there = residuals(&next, self.traces)?;
                 let trial_cost = self.cost(&there, &trial, weight);
                 if trial_cost <= cost {
-                    (*model, normal, values, cost) = (next, there, trial, trial_cost);
+                    let step = &trial - &values;
+                    let promised = normal.score.dot(&step) - 0.5 * step.dot(&(&normal.information * &step));
+                    taken = Some((step, promised));
+                    normal.residuals = there;
+                    (*model, values, cost) = (next, trial, trial_cost);
                     break;
                 }
                 damping *= 0.25;
@@ -344,12 +350,26 @@ impl<'a> Regression<'a> {
             if !cost.is_finite() {
                 return Err(FitError::NotFinite);
             }
+            let Some((step, promised)) = taken else { break };
+            let change = before - cost;
+            if (change - promised - self.relief(&values, &step)).abs() < PROGRESS {
+                // The columns are as good as at the new place.
+                normal.advance(&step);
+                break;
+            }
+            normal = pass(model)?;
             estimator = solve(&normal)?;
-            if before - cost < PROGRESS.max(1e-12 * cost) {
+            if change < PROGRESS.max(1e-12 * cost) {
                 break;
             }
         }
         Ok((normal, estimator))
+    }
+
+    /// By how much a step that ended at `values` lowered the prior's part of the cost.
+    fn relief(&self, values: &DVector<f64>, step: &DVector<f64>) -> f64 {
+        let part = |x: DVector<f64>| (x - &self.prior).component_div(&self.size).norm_squared();
+        0.5 * self.information * (part(values - step) - part(values.clone()))
     }
 
     /// Shape parameters at a bound that the step would cross.
