@@ -15,9 +15,9 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 
-use super::Objective;
 use super::limits::Limits;
 use super::rows::{Room, Station, Stations};
+use super::{Objective, PlanError, Profile};
 use crate::model::AXES;
 
 /// z and s̈ at every station; both vanish at the ends.
@@ -189,7 +189,7 @@ fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -> [f64; 2] 
 
 /// z to linearise at first: what is possible without jerk limits, less near the ends, where constant s⃛ from rest at the
 /// jerk limit gives z = (9/2)^(2/3) s⃛^(2/3) s^(4/3).
-pub fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> Course {
+fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> Course {
     let n = stations.intervals();
     let end = |i: usize| {
         let jerk =
@@ -207,7 +207,7 @@ pub fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> C
 
 impl Watch {
     /// Rows that a motion with z and s̈ at the stations comes near; of the jerks those at the start of every interval.
-    pub fn new(stations: &Stations, room: &Room, near: &Course) -> Self {
+    fn new(stations: &Stations, room: &Room, near: &Course) -> Self {
         let n = stations.intervals();
         let mut watch = Self {
             loads: stations.list.iter().map(|s| vec![Sides::default(); s.rows.len()]).collect(),
@@ -255,6 +255,113 @@ impl Watch {
 
 /// Intervals to either side of a broken row that watch it too.
 const AROUND: usize = 3;
+
+/// Linear programmes on the stations of one grid, each about what the last one found.
+pub struct Sequence {
+    /// Rows.
+    pub stations: Stations,
+    /// Of them that may be used.
+    pub room: Room,
+    /// Of the jerk limits that may be used.
+    pub jerk_room: JerkRoom,
+    /// Rows that are in the programmes.
+    pub watch: Watch,
+    /// What the last programme found.
+    pub at: Course,
+    /// Lower bound on the time within the last programme's rows, s.
+    pub bound: f64,
+}
+
+/// Change of the time, relative, at which programmes have settled.
+pub const SETTLED: f64 = 1e-4;
+
+impl Sequence {
+    /// Begins at what is possible without jerk limits.
+    pub fn begin(stations: Stations, limits: &Limits, unlimited: &[f64]) -> Self {
+        let (room, jerk_room) = Self::full(&stations);
+        let near = Course { z: unlimited.to_vec(), acceleration: vec![0.0; unlimited.len()] };
+        let watch = Watch::new(&stations, &room, &near);
+        let at = first_guess(&stations, limits, unlimited);
+        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY }
+    }
+
+    /// Begins at a course near the optimum.
+    pub fn near(stations: Stations, limits: &Limits, at: Course) -> Self {
+        let (room, jerk_room) = Self::full(&stations);
+        let mut watch = Watch::new(&stations, &room, &at);
+        watch.prune(&stations, limits, &jerk_room, &at);
+        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY }
+    }
+
+    fn full(stations: &Stations) -> (Room, JerkRoom) {
+        let n = stations.list.len();
+        (Room::full(n), vec![[1.0; AXES]; n])
+    }
+
+    /// Motion of the last programme.
+    pub fn profile(&self) -> Profile {
+        let s: Vec<f64> = self.stations.list.iter().map(|x| x.point.s).collect();
+        Profile::quadratic(&s, &self.at.z, &self.at.acceleration)
+    }
+
+    /// Solves programmes until the time changes by no more than `settled`, relative; `reload` brings the rows up to date
+    /// before each. Returns their number.
+    pub fn settle(
+        &mut self,
+        limits: &Limits,
+        objective: Objective,
+        settled: f64,
+        mut reload: impl FnMut(&mut Stations, &Course) -> Result<(), PlanError>,
+    ) -> Result<usize, PlanError> {
+        const MOST: usize = 40;
+        const SLOWED: usize = 5;
+        let (mut feasible, mut slowed) = (false, 0);
+        for k in 0..MOST {
+            reload(&mut self.stations, &self.at)?;
+            let before = self.at.time(&self.stations);
+            let step = step(
+                &self.stations,
+                limits,
+                &self.room,
+                &self.jerk_room,
+                &self.watch,
+                &self.at,
+                Root::Tangent,
+                objective,
+            );
+            let Some(step) = step else {
+                // About a slower motion the tangents leave more room.
+                if slowed == SLOWED {
+                    return Err(PlanError::Unsolved);
+                }
+                slowed += 1;
+                self.at.z.iter_mut().for_each(|z| *z *= 0.25);
+                self.at.acceleration.iter_mut().for_each(|a| *a *= 0.25);
+                continue;
+            };
+            let course = match objective {
+                Objective::Time if feasible => self.at.towards(&step.course, &self.stations),
+                _ => step.course,
+            };
+            let broken = broken(&self.stations, limits, &self.room, &self.jerk_room, &mut self.watch, &course);
+            feasible = !broken;
+            self.at = course;
+            self.bound = step.bound;
+            let time = self.at.time(&self.stations);
+            let change = match objective {
+                Objective::Time => (time - self.bound).abs(),
+                Objective::Speed => (time - before).abs(),
+            };
+            if !broken && change < settled * time {
+                return Ok(k + 1);
+            }
+            if k == 0 {
+                self.watch.prune(&self.stations, limits, &self.jerk_room, &self.at);
+            }
+        }
+        Ok(MOST)
+    }
+}
 
 /// Rows of a linear programme, b − A x ∈ K with zeros first.
 #[derive(Default)]
@@ -406,7 +513,7 @@ pub fn step(
 
 impl Watch {
     /// Leaves out the jerk rows that `course` is far from; the drives nearest to their limit stay on both sides.
-    pub fn prune(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) {
+    fn prune(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) {
         for i in 1..stations.intervals() - 1 {
             let used: [f64; AXES] = std::array::from_fn(|axis| jerk_use(stations, limits, room, course, i, i, axis));
             let most = used.iter().fold(0.0f64, |m, u| m.max(u.abs()));
@@ -439,7 +546,7 @@ fn jerk_use(
 }
 
 /// Brings the watch up to date with `course`; whether a row outside the programme was broken.
-pub fn broken(
+fn broken(
     stations: &Stations,
     limits: &Limits,
     room: &Room,
