@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use super::certificate::Above;
 use super::coefficients::{Machine, Reference};
-use super::jerk::{self, Course, JerkRoom, Root, Sequence};
+use super::jerk::{self, Course, JerkRoom, Sequence};
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::pass::{self, Passes, Stuck};
 use super::rows::{Room, Stations};
 use super::verify::{self, CHECKED, Use};
-use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate};
+use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, relaxation};
 use crate::model::AXES;
 
 /// How to plan.
@@ -40,7 +40,7 @@ pub struct Plan {
     /// Lower bound on the time, s: without jerk limits of any motion; with them of all that the rows at the plan allow,
     /// jerk limits replaced by their tangents.
     pub bound: f64,
-    /// With jerk limits: lower bound on the time of all motions whose path speed is nowhere below [`SLOWER`] of the plan's, s.
+    /// With jerk limits: lower bound on the time of every motion whose s̈ is linear in s over the plan's intervals, s.
     pub outer_bound: Option<f64>,
     /// Time without jerk limits, s.
     pub time_without_jerk: f64,
@@ -58,8 +58,6 @@ pub struct Plan {
     pub iterations: usize,
 }
 
-/// Share of the plan's path speed above which the outer bound holds.
-pub const SLOWER: f64 = 0.9;
 /// Places per interval at which a plan is checked, and in all, at least.
 const FINER: usize = 10;
 const PLACES: usize = 4000;
@@ -217,9 +215,9 @@ impl Search<'_> {
         }
     }
 
-    /// Passes until the force laws are linearised at what they find.
+    /// Passes until the force laws are linearised at what they find; viscous friction is linear anywhere.
     ///
-    /// At rest a tangent to the root of z is too high by half of D ṡ, so references slow down until the first passes succeed.
+    /// Tangents of other laws at speed may leave no motion at rest, so references slow down until the first passes succeed.
     fn passes(&mut self, stations: &mut Stations, room: &Room, from: Option<&Passes>) -> Result<Passes, PlanError> {
         const MOST: usize = 30;
         const SETTLED: f64 = 1e-6;
@@ -337,19 +335,14 @@ impl Search<'_> {
         if self.options.objective == Objective::Time {
             return p.bound;
         }
-        let root = Root::Tangent;
-        jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &p.watch, &p.at, root, Objective::Time)
+        jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &p.watch, &p.at, Objective::Time)
             .map_or(0.0, |step| step.bound)
     }
 
-    /// Lower bound on the time of all motions not much slower than the programme's anywhere.
+    /// Lower bound on the time of all motions on the programme's grid.
     fn outer_bound(&self, p: &Sequence, above: &Above) -> f64 {
-        let to: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
-        let root = Root::Chord { from: SLOWER.powi(2), to: &to };
-        let n = to.len();
-        let (room, jerk_room) = (Room::full(n), vec![[1.0; AXES]; n]);
-        jerk::step(&p.stations, self.limits, &room, &jerk_room, &p.watch, &p.at, root, Objective::Time)
-            .map_or(f64::NEG_INFINITY, |step| step.bound)
+        let above: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
+        relaxation::bound(&p.stations, self.limits, &p.watch, &p.at, &above).unwrap_or(f64::NEG_INFINITY)
     }
 
     /// Programmes until the time stays the same, force laws linearised at each one's result.
