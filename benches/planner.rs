@@ -4,15 +4,19 @@
 
 #[path = "../tests/common/mod.rs"]
 mod common;
+#[path = "../tests/common/oracle.rs"]
+mod oracle;
 
 use std::hint::black_box;
 use std::path::Path;
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
+use deltatwin::planner::jerk::{self, Sequence};
 use deltatwin::planner::rows::{Room, Stations};
-use deltatwin::planner::{Limits, Machine, Options, PathPoint, Reference, Task, pass, plan};
+use deltatwin::planner::{Limits, Machine, Objective, Options, PathPoint, Reference, Task, pass, plan};
+use oracle::{Oracle, Programme};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -69,5 +73,50 @@ fn planning(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, forces, planning);
+/// The U-turn's rows as they are given to copp, without D √z; set up is not measured on either side.
+fn beside_copp(c: &mut Criterion) {
+    let model = common::model("irb360-6-1600");
+    let task = Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let (curve, limits) = (task.shape.curve(), task.limits);
+    let mut group = c.benchmark_group("rows given");
+    group.sample_size(20);
+    for intervals in [100, 200, 500, 1000] {
+        let grid: Vec<f64> = (0..=intervals).map(|k| f64::from(k) / f64::from(intervals)).collect();
+        let reference = Reference { speed: 2.0, acceleration: 10.0 };
+        let mut stations = Stations::new(&machine, &curve, &limits, &grid).expect("reachable");
+        stations.load(&machine, &limits, &vec![reference; grid.len()]).expect("regular");
+        let room = Room::full(grid.len());
+        group.bench_function(format!("deltatwin, viscous friction, {intervals}"), |b| {
+            b.iter(|| pass::solve(&stations, &room).unwrap().z[50])
+        });
+        stations.list.iter_mut().flat_map(|s| &mut s.rows).for_each(|row| row.d = 0.0);
+        group.bench_function(format!("deltatwin, {intervals}"), |b| {
+            b.iter(|| pass::solve(&stations, &room).unwrap().z[50])
+        });
+        let mut oracle = Oracle::new(&stations, &limits);
+        group.bench_function(format!("copp TOPP2-RA, {intervals}"), |b| b.iter(|| oracle.without_jerk()[50]));
+        let unlimited = pass::solve(&stations, &room).expect("a motion").z;
+        group.bench_function(format!("deltatwin with jerk limits, {intervals}"), |b| {
+            b.iter_batched(
+                || stations.clone(),
+                |stations| {
+                    let mut sequence = Sequence::begin(stations, &limits, &unlimited);
+                    sequence.settle(&limits, Objective::Time, jerk::SETTLED, |_, _| Ok(())).unwrap();
+                    sequence.at.z[50]
+                },
+                BatchSize::LargeInput,
+            )
+        });
+        for (name, programme) in [("LP", Programme::Linear), ("SOCP", Programme::Cone)] {
+            group.bench_function(format!("copp TOPP3-{name}, 2 rounds, {intervals}"), |b| {
+                b.iter(|| oracle.with_jerk(&unlimited, programme, 2).a[50])
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, forces, planning, beside_copp);
 criterion_main!(benches);

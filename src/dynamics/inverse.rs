@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, Vector3};
 
 use super::channels::{Channel, ChannelMap, Twist};
-use super::{Plant, inertial_wrench};
+use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::bodies::BODIES;
@@ -92,10 +92,12 @@ pub fn inverse_dynamics(
 /// Weight minus inertial wrench of every body.
 pub(crate) fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] {
     let gravity = plant.gravity_vector();
-    std::array::from_fn(|body| {
+    let mut wrenches = [STILL; BODIES];
+    for (body, wrench) in wrenches.iter_mut().enumerate() {
         let (force, moment) = inertial_wrench(&plant.bodies[body], &motion.bodies[body], &gravity);
-        (-force, -moment)
-    })
+        *wrench = (-force, -moment);
+    }
+    wrenches
 }
 
 /// Whether a law along a given motion depends on torques or strut forces.

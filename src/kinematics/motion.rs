@@ -217,6 +217,24 @@ impl Motion {
         motion
     }
 
+    /// Motion along a path at path speed ṡ and path acceleration s̈, of those at (1, 0), `first`, and at (0, 1), `second`.
+    pub fn along(first: &Self, second: &Self, speed: f64, acceleration: f64) -> Self {
+        let square = speed * speed;
+        let mut motion = *first;
+        for k in 0..AXES {
+            motion.qd[k] *= speed;
+            motion.qdd[k] = first.qdd[k] * square + second.qdd[k] * acceleration;
+        }
+        for (body, unit) in motion.bodies.iter_mut().zip(&second.bodies) {
+            body.velocity *= speed;
+            body.angular_velocity *= speed;
+            body.acceleration = body.acceleration * square + unit.acceleration * acceleration;
+            body.angular_acceleration = body.angular_acceleration * square + unit.angular_acceleration * acceleration;
+        }
+        motion.telescope.rate *= speed;
+        motion
+    }
+
     /// Relative rates of the two Hooke joints (upper, lower): about the cross axis on the rotor or end-effector side and
     /// about the cross axis on the telescope side, rad/s.
     pub fn hooke_rates(&self) -> [[f64; 2]; 2] {

@@ -72,7 +72,8 @@ impl<'a> Machine<'a> {
         let unit = point.unit_acceleration(geometry);
         let solver = Solver::new(&unit, self.detail)?;
         let a = solver.rigid(&self.weightless, &unit);
-        let b = solver.rigid(&self.weightless, &point.motion(geometry, 1.0, 0.0));
+        let pace = point.motion(geometry, 1.0, 0.0);
+        let b = solver.rigid(&self.weightless, &pace);
         let with_weight = solver.rigid(self.plant, &unit);
         let mut c: [f64; LOADS] = std::array::from_fn(|k| with_weight[k] - a[k]);
         let mut d = [0.0; LOADS];
@@ -80,7 +81,7 @@ impl<'a> Machine<'a> {
             let states = self.states();
             let Reference { speed, acceleration } = reference;
             let step = STEP * speed;
-            let at = |speed: f64| point.motion(geometry, speed, acceleration);
+            let at = |speed: f64| Motion::along(&pace, &unit, speed, acceleration);
             let (here, ahead) = (at(speed), at(speed + step));
             let mut loads = None;
             let laws = |motion: &Motion, loads: Option<&Multipliers>| {

@@ -170,7 +170,7 @@ fn print(
     if let Some(outer) = found.outer_bound {
         let gap = 1e2 * (found.time - outer) / found.time;
         say(format!(
-            "  outer      at least {outer:.5} s for any motion nowhere slower than 90 % of this one: gap {gap:.2} %"
+            "  outer      at least {outer:.5} s for any motion with s̈ linear over the plan's intervals: gap {gap:.2} %"
         ))?;
     }
     if task.limits.has_jerk() {

@@ -8,16 +8,15 @@
 //!
 //! T = Σ 2h/(√zᵢ + √zᵢ₊₁) is convex in z. Its linearisation at the last iterate is the objective, so the optimum of a
 //! programme bounds the time of everything its rows allow from below: T ≥ T(z) + ∇T·(z* − z).
-//!
-//! With chords above J/√z over a range of z instead of tangents below it the rows allow every motion within that range,
-//! and the same inequality bounds the time of all of them ([`Root::Chord`]).
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+use clarabel::solver::{
+    DefaultSettingsBuilder, DefaultSolution, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
+};
 
-use super::Objective;
 use super::limits::Limits;
 use super::rows::{Room, Station, Stations};
+use super::{Objective, PlanError, Profile};
 use crate::model::AXES;
 
 /// z and s̈ at every station; both vanish at the ends.
@@ -35,37 +34,6 @@ pub struct Step {
     pub course: Course,
     /// Lower bound on the time within its rows, s.
     pub bound: f64,
-}
-
-/// What stands for the roots of z in a programme.
-#[derive(Clone, Copy)]
-pub enum Root<'a> {
-    /// Tangents at the last iterate: the rows allow feasible motions only.
-    Tangent,
-    /// Chords from this share of the last iterate's z up to the given z at each station: the rows allow every feasible
-    /// motion in between.
-    Chord {
-        /// Share of z.
-        from: f64,
-        /// Largest z at each station.
-        to: &'a [f64],
-    },
-}
-
-impl Root<'_> {
-    /// Range of z/z₀ at station `i`, if there is one.
-    fn range(&self, z0: f64, i: usize) -> Option<[f64; 2]> {
-        match self {
-            Self::Tangent => None,
-            Self::Chord { from, to } => Some([*from, (to[i] / z0).max(1.0)]),
-        }
-    }
-}
-
-/// Offset and slope of the chord of `f` over a range.
-fn chord(f: impl Fn(f64) -> f64, [low, high]: [f64; 2]) -> (f64, f64) {
-    let slope = (f(high) - f(low)) / (high - low);
-    (f(low) - slope * low, slope)
 }
 
 /// Room for the jerk of each drive at each station: one, less where a finer grid found more.
@@ -161,7 +129,7 @@ impl Course {
 }
 
 /// (q‴, 3 q″, q′) of a drive in units of its jerk limit.
-fn jerk_row(station: &Station, limits: &Limits, axis: usize) -> [f64; 3] {
+pub(super) fn jerk_row(station: &Station, limits: &Limits, axis: usize) -> [f64; 3] {
     let [_, q1, q2, q3] = station.point.q.map(|q| q[axis]);
     [q3, 3.0 * q2, q1].map(|v| v / limits.jerk[axis])
 }
@@ -175,7 +143,7 @@ fn ramp_use(rest: &Station, neighbour: &Station, limits: &Limits, h: f64, sign: 
 }
 
 /// Largest z next to each end of the path.
-fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -> [f64; 2] {
+pub(super) fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -> [f64; 2] {
     let n = stations.intervals();
     let cap = |rest: usize, neighbour: usize, h: f64, sign: f64| {
         let at = |axis: usize| {
@@ -189,7 +157,7 @@ fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -> [f64; 2] 
 
 /// z to linearise at first: what is possible without jerk limits, less near the ends, where constant s⃛ from rest at the
 /// jerk limit gives z = (9/2)^(2/3) s⃛^(2/3) s^(4/3).
-pub fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> Course {
+fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> Course {
     let n = stations.intervals();
     let end = |i: usize| {
         let jerk =
@@ -207,7 +175,7 @@ pub fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> C
 
 impl Watch {
     /// Rows that a motion with z and s̈ at the stations comes near; of the jerks those at the start of every interval.
-    pub fn new(stations: &Stations, room: &Room, near: &Course) -> Self {
+    fn new(stations: &Stations, room: &Room, near: &Course) -> Self {
         let n = stations.intervals();
         let mut watch = Self {
             loads: stations.list.iter().map(|s| vec![Sides::default(); s.rows.len()]).collect(),
@@ -217,14 +185,18 @@ impl Watch {
         watch
     }
 
+    /// Signs of the sides of row `r` at station `i` that are in the programme.
+    pub(super) fn signs(&self, i: usize, r: usize) -> impl Iterator<Item = f64> {
+        self.loads[i][r].signs()
+    }
+
     /// The rows whose room is nearly used at each station; the largest use of a row that was not watched.
     fn see_loads(&mut self, stations: &Stations, room: &Room, course: &Course) -> f64 {
         let mut worst = 0.0f64;
         for i in 1..stations.intervals() {
             let station = &stations.list[i];
             for (r, (row, &k)) in station.rows.iter().zip(&stations.quantities).enumerate() {
-                let (a, b, c) = row.tangent(station.reference);
-                let used = (a * course.acceleration[i] + b * course.z[i] + c) / room.share[i][k];
+                let used = row.at(course.z[i], course.acceleration[i]) / room.share[i][k];
                 worst = worst.max(self.loads[i][r].see(used));
             }
         }
@@ -256,18 +228,132 @@ impl Watch {
 /// Intervals to either side of a broken row that watch it too.
 const AROUND: usize = 3;
 
-/// Rows of a linear programme, b − A x ∈ K with zeros first.
+/// Linear programmes on the stations of one grid, each about what the last one found.
+pub struct Sequence {
+    /// Rows.
+    pub stations: Stations,
+    /// Of them that may be used.
+    pub room: Room,
+    /// Of the jerk limits that may be used.
+    pub jerk_room: JerkRoom,
+    /// Rows that are in the programmes.
+    pub watch: Watch,
+    /// What the last programme found.
+    pub at: Course,
+    /// Lower bound on the time within the last programme's rows, s.
+    pub bound: f64,
+}
+
+/// Change of the time, relative, at which programmes have settled.
+pub const SETTLED: f64 = 1e-4;
+
+impl Sequence {
+    /// Begins at what is possible without jerk limits.
+    pub fn begin(stations: Stations, limits: &Limits, unlimited: &[f64]) -> Self {
+        let (room, jerk_room) = Self::full(&stations);
+        let near = Course { z: unlimited.to_vec(), acceleration: vec![0.0; unlimited.len()] };
+        let watch = Watch::new(&stations, &room, &near);
+        let at = first_guess(&stations, limits, unlimited);
+        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY }
+    }
+
+    /// Begins at a course near the optimum.
+    pub fn near(stations: Stations, limits: &Limits, at: Course) -> Self {
+        let (room, jerk_room) = Self::full(&stations);
+        let mut watch = Watch::new(&stations, &room, &at);
+        watch.prune(&stations, limits, &jerk_room, &at);
+        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY }
+    }
+
+    fn full(stations: &Stations) -> (Room, JerkRoom) {
+        let n = stations.list.len();
+        (Room::full(n), vec![[1.0; AXES]; n])
+    }
+
+    /// Motion of the last programme.
+    pub fn profile(&self) -> Profile {
+        let s: Vec<f64> = self.stations.list.iter().map(|x| x.point.s).collect();
+        Profile::quadratic(&s, &self.at.z, &self.at.acceleration)
+    }
+
+    /// Solves programmes until the time changes by no more than `settled`, relative; `reload` brings the rows up to date
+    /// before each. Returns their number.
+    pub fn settle(
+        &mut self,
+        limits: &Limits,
+        objective: Objective,
+        settled: f64,
+        mut reload: impl FnMut(&mut Stations, &Course) -> Result<(), PlanError>,
+    ) -> Result<usize, PlanError> {
+        const MOST: usize = 40;
+        const SLOWED: usize = 5;
+        let (mut feasible, mut slowed) = (false, 0);
+        for k in 0..MOST {
+            reload(&mut self.stations, &self.at)?;
+            let before = self.at.time(&self.stations);
+            let step = step(&self.stations, limits, &self.room, &self.jerk_room, &self.watch, &self.at, objective);
+            let Some(step) = step else {
+                // About a slower motion the tangents leave more room.
+                if slowed == SLOWED {
+                    return Err(PlanError::Unsolved);
+                }
+                slowed += 1;
+                self.at.z.iter_mut().for_each(|z| *z *= 0.25);
+                self.at.acceleration.iter_mut().for_each(|a| *a *= 0.25);
+                continue;
+            };
+            let course = match objective {
+                Objective::Time if feasible => self.at.towards(&step.course, &self.stations),
+                _ => step.course,
+            };
+            let broken = broken(&self.stations, limits, &self.room, &self.jerk_room, &mut self.watch, &course);
+            feasible = !broken;
+            self.at = course;
+            self.bound = step.bound;
+            let time = self.at.time(&self.stations);
+            let change = match objective {
+                Objective::Time => (time - self.bound).abs(),
+                Objective::Speed => (time - before).abs(),
+            };
+            if !broken && change < settled * time {
+                return Ok(k + 1);
+            }
+            if k == 0 {
+                self.watch.prune(&self.stations, limits, &self.jerk_room, &self.at);
+            }
+        }
+        Ok(MOST)
+    }
+}
+
+/// Rows of a programme, b − A x ∈ K with zeros first.
 #[derive(Default)]
-struct Programme {
+pub(super) struct Programme {
     rows: Vec<usize>,
     columns: Vec<usize>,
     values: Vec<f64>,
-    right: Vec<f64>,
+    pub(super) right: Vec<f64>,
 }
 
 impl Programme {
+    /// The x of so many columns that costs least. `None` if the solver finds none.
+    pub(super) fn solve(
+        self,
+        columns: usize,
+        cost: &[f64],
+        cones: &[SupportedConeT<f64>],
+    ) -> Option<DefaultSolution<f64>> {
+        let matrix = CscMatrix::new_from_triplets(self.right.len(), columns, self.rows, self.columns, self.values);
+        let settings = DefaultSettingsBuilder::default().verbose(false).max_iter(100).build().ok()?;
+        let quadratic = CscMatrix::zeros((columns, columns));
+        let mut solver = DefaultSolver::new(&quadratic, cost, &matrix, &self.right, cones, settings).ok()?;
+        solver.solve();
+        let solved = matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved);
+        solved.then_some(solver.solution)
+    }
+
     /// Σ terms ≤ right, or = for the first rows.
-    fn row(&mut self, terms: &[(usize, f64)], right: f64) {
+    pub(super) fn row(&mut self, terms: &[(usize, f64)], right: f64) {
         let row = self.right.len();
         for &(column, value) in terms {
             self.rows.push(row);
@@ -286,7 +372,6 @@ pub fn step(
     jerk_room: &JerkRoom,
     watch: &Watch,
     at: &Course,
-    root: Root,
     objective: Objective,
 ) -> Option<Step> {
     let n = stations.intervals();
@@ -321,25 +406,14 @@ pub fn step(
         if i == n - 1 {
             cap = cap.min(caps[1]);
         }
-        let range = root.range(zs(i), i);
-        p.row(&[(zv(i), -1.0)], -range.map_or(0.0, |r| r[0]));
-        if let Some([_, high]) = range {
-            cap = cap.min(high * zs(i));
-        }
+        p.row(&[(zv(i), -1.0)], 0.0);
         if cap.is_finite() {
             p.row(&[(zv(i), zs(i) / cap)], 1.0);
         }
         let station = &stations.list[i];
         for (r, (row, &k)) in station.rows.iter().zip(&stations.quantities).enumerate() {
-            for sign in watch.loads[i][r].signs() {
-                // √z where it costs lies above its chord, where it helps below its tangent.
-                let (a, b, c) = match range {
-                    Some(range) if sign * row.d > 0.0 => {
-                        let (offset, slope) = chord(|x| (x * zs(i)).sqrt(), range);
-                        (row.a, row.b + row.d * slope / zs(i), row.c + row.d * offset)
-                    }
-                    _ => row.tangent(station.reference),
-                };
+            let (a, b, c) = row.tangent(zs(i).sqrt());
+            for sign in watch.signs(i, r) {
                 p.row(&[(bv(i), sign * a * bs), (zv(i), sign * b * zs(i))], room.share[i][k] - sign * c);
             }
         }
@@ -348,9 +422,8 @@ pub fn step(
         let h = stations.length(i);
         for (side, at_station) in [i, i + 1].into_iter().enumerate() {
             let z0 = at.z[at_station];
-            // √(z₀/z) over z/z₀: tangent at one, or chord.
-            let (offset, slope) =
-                root.range(z0, at_station).map_or((1.5, -0.5), |range| chord(|x| x.sqrt().recip(), range));
+            // Tangent of √(z₀/z) at one, over z/z₀.
+            let (offset, slope) = (1.5, -0.5);
             for axis in (0..AXES).filter(|&k| limits.jerk[k].is_finite()) {
                 // In units of J/√z₀.
                 let [third, second, first] = jerk_row(&stations.list[at_station], limits, axis).map(|v| v * z0.sqrt());
@@ -375,17 +448,9 @@ pub fn step(
     }
     let scale = 1.0 / cost.iter().map(|c| c.abs()).sum::<f64>();
     let scaled: Vec<f64> = cost.iter().map(|c| c * scale).collect();
-    let count = p.right.len();
-    let matrix = CscMatrix::new_from_triplets(count, 2 * inner, p.rows, p.columns, p.values);
-    let cones = [SupportedConeT::ZeroConeT(equalities), SupportedConeT::NonnegativeConeT(count - equalities)];
-    let settings = DefaultSettingsBuilder::default().verbose(false).max_iter(100).build().ok()?;
-    let quadratic = CscMatrix::zeros((2 * inner, 2 * inner));
-    let mut solver = DefaultSolver::new(&quadratic, &scaled, &matrix, &p.right, &cones, settings).ok()?;
-    solver.solve();
-    if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
-        return None;
-    }
-    let x = &solver.solution.x;
+    let cones = [SupportedConeT::ZeroConeT(equalities), SupportedConeT::NonnegativeConeT(p.right.len() - equalities)];
+    let solution = p.solve(2 * inner, &scaled, &cones)?;
+    let x = &solution.x;
     let mut course = Course { z: vec![0.0; n + 1], acceleration: vec![0.0; n + 1] };
     for i in 1..n {
         course.z[i] = x[zv(i)] * zs(i);
@@ -397,7 +462,7 @@ pub fn step(
     let bound = match objective {
         Objective::Time => {
             let present: f64 = (1..n).map(|i| gradient[i - 1] * at.z[i]).sum();
-            time + solver.solution.obj_val_dual / scale - present
+            time + solution.obj_val_dual / scale - present
         }
         Objective::Speed => f64::NEG_INFINITY,
     };
@@ -406,7 +471,7 @@ pub fn step(
 
 impl Watch {
     /// Leaves out the jerk rows that `course` is far from; the drives nearest to their limit stay on both sides.
-    pub fn prune(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) {
+    fn prune(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) {
         for i in 1..stations.intervals() - 1 {
             let used: [f64; AXES] = std::array::from_fn(|axis| jerk_use(stations, limits, room, course, i, i, axis));
             let most = used.iter().fold(0.0f64, |m, u| m.max(u.abs()));
@@ -439,7 +504,7 @@ fn jerk_use(
 }
 
 /// Brings the watch up to date with `course`; whether a row outside the programme was broken.
-pub fn broken(
+fn broken(
     stations: &Stations,
     limits: &Limits,
     room: &Room,

@@ -17,6 +17,7 @@ pub mod plan;
 pub mod point;
 pub mod profile;
 pub mod read;
+pub mod relaxation;
 pub mod rows;
 pub mod shape;
 pub mod trajectory;

@@ -1,12 +1,14 @@
 //! Time-optimal z(s) without jerk limits: one pass back along the path, one forth.
 //!
 //! s̈ is constant over an interval, so z = ṡ² is linear in s. Rows hold at both ends of every interval with its s̈. For a
-//! given z the rows are linear in s̈ and leave s̈ ∈ [L(z), U(z)] with L convex and U concave: the largest z at a station
-//! from which the next one can be reached is where L = U, found by Newton's method from the right, which is exact after
-//! a few steps. Back along the path this gives the largest controllable z, forth the largest s̈ within it, as in TOPP-RA
-//! [Pham & Pham, 2018]. √z stands for its tangent at the reference speed, see [`super::rows`].
+//! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. Back along the path the largest z
+//! at a station from which the next one can be reached is the largest with L ≤ U: where L > U, the two rows are a quadratic
+//! in √z that is negative, so nothing down to its next root is feasible, and that root is where to look next ([`Strips::largest`];
+//! without d it is Newton's method from the right). This gives the largest controllable z; forth the largest s̈ within it is taken, as
+//! in TOPP-RA [Pham & Pham, 2018]. √z at an interval's far end is its tangent in the pass back, taken again at what is
+//! reached until both agree, and exact in the pass forth, where z is given.
 
-use super::rows::{Room, Stations};
+use super::rows::{Room, Row, Stations};
 
 /// What the passes found.
 #[derive(Clone, Debug)]
@@ -26,75 +28,121 @@ pub struct Stuck {
     pub station: usize,
 }
 
-/// u ∈ [low + slope·z, high + slope·z].
+/// α + β z + δ √z.
+#[derive(Clone, Copy)]
+struct Curved {
+    constant: f64,
+    slope: f64,
+    bend: f64,
+}
+
+impl Curved {
+    fn at(&self, z: f64, root: f64) -> f64 {
+        self.constant + self.slope * z + self.bend * root
+    }
+
+    /// The largest √z below `root`, where this is negative, at which it is not; negative if that is below zero.
+    fn root_below(&self, root: f64) -> Option<f64> {
+        let Self { constant, slope, bend } = *self;
+        let square = bend * bend - 4.0 * slope * constant;
+        if square < 0.0 {
+            return None;
+        }
+        // Of the two roots the one at which it falls.
+        let found =
+            if bend < 0.0 { 2.0 * constant / (square.sqrt() - bend) } else { -0.5 * (bend + square.sqrt()) / slope };
+        (found <= root * (1.0 + 1e-9)).then_some(found)
+    }
+}
+
+/// s̈ ∈ [low, high] + slope·z + bend·√z.
 #[derive(Clone, Copy)]
 struct Strip {
     slope: f64,
+    bend: f64,
     low: f64,
     high: f64,
 }
 
-/// Bounds on u for given z, and a bound on z itself.
+/// Bounds on s̈ for given z, and bounds on z itself.
 #[derive(Default)]
 struct Strips {
     list: Vec<Strip>,
+    /// Each at least zero.
+    bare: Vec<Curved>,
     cap: f64,
 }
 
 impl Strips {
     fn clear(&mut self, cap: f64) {
         self.list.clear();
+        self.bare.clear();
         self.cap = cap;
     }
 
-    /// |a u + b z + c| ≤ room.
-    fn add(&mut self, a: f64, b: f64, c: f64, room: f64) {
+    /// Rows added since there were as many.
+    fn truncate(&mut self, [strips, bare]: [usize; 2]) {
+        self.list.truncate(strips);
+        self.bare.truncate(bare);
+    }
+
+    /// |a s̈ + b z + c + d √z| ≤ room.
+    fn add(&mut self, row: Row, room: f64) {
+        let Row { a, b, c, d } = row;
         if a.abs() > f64::MIN_POSITIVE.sqrt() {
             let (p, q) = ((room - c) / a, (-room - c) / a);
-            self.list.push(Strip { slope: -b / a, low: p.min(q), high: p.max(q) });
-        } else if b != 0.0 {
-            self.cap = self.cap.min((room.copysign(b) - c) / b);
+            self.list.push(Strip { slope: -b / a, bend: -d / a, low: p.min(q), high: p.max(q) });
+        } else if b != 0.0 || d != 0.0 {
+            for sign in [1.0, -1.0] {
+                self.bare.push(Curved { constant: room - sign * c, slope: -sign * b, bend: -sign * d });
+            }
         }
     }
 
-    /// U(z), L(z) with their slopes.
-    fn range(&self, z: f64) -> [(f64, f64); 2] {
-        let (mut upper, mut lower) = ((f64::INFINITY, 0.0), (f64::NEG_INFINITY, 0.0));
+    /// The strips that bound s̈ from above and from below, and the bounds.
+    fn range(&self, z: f64, root: f64) -> [(f64, Option<&Strip>); 2] {
+        let (mut upper, mut lower) = ((f64::INFINITY, None), (f64::NEG_INFINITY, None));
         for s in &self.list {
-            let base = s.slope * z;
+            let base = s.slope * z + s.bend * root;
             if s.high + base < upper.0 {
-                upper = (s.high + base, s.slope);
+                upper = (s.high + base, Some(s));
             }
             if s.low + base > lower.0 {
-                lower = (s.low + base, s.slope);
+                lower = (s.low + base, Some(s));
             }
         }
         [upper, lower]
     }
 
+    /// What is broken most at z, if it is by more than `rounding`.
+    fn broken(&self, z: f64, rounding: f64) -> Option<Curved> {
+        let root = z.sqrt();
+        if let Some(bare) = self.bare.iter().find(|bare| bare.at(z, root) < -rounding) {
+            return Some(*bare);
+        }
+        match self.range(z, root) {
+            [(upper, Some(u)), (lower, Some(l))] if upper - lower < -rounding * (upper.abs() + lower.abs()) => {
+                Some(Curved { constant: u.high - l.low, slope: u.slope - l.slope, bend: u.bend - l.bend })
+            }
+            _ => None,
+        }
+    }
+
     /// Whether L ≤ U, up to rounding.
     fn holds(&self, z: f64) -> bool {
-        let [(upper, _), (lower, _)] = self.range(z);
-        upper - lower >= -1e-9 * (upper.abs() + lower.abs())
+        self.broken(z, 1e-9).is_none()
     }
 
     /// Largest z up to the cap for which L ≤ U.
     fn largest(&self) -> Option<f64> {
         let mut z = self.cap;
         for _ in 0..100 {
-            let [(upper, rise), (lower, fall)] = self.range(z);
-            let gap = upper - lower;
-            if gap >= -1e-12 * (upper.abs() + lower.abs()) {
-                return Some(z);
-            }
-            let slope = rise - fall;
-            if slope >= 0.0 {
-                return None;
-            }
-            let next = z - gap / slope;
-            if next < 0.0 {
+            let Some(broken) = self.broken(z, 1e-12) else { return Some(z) };
+            let root = broken.root_below(z.sqrt())?;
+            if root < 0.0 {
                 return self.holds(0.0).then_some(0.0);
             }
+            let next = root * root;
             if next >= z {
                 return Some(z);
             }
@@ -102,38 +150,57 @@ impl Strips {
         }
         Some(z)
     }
-}
 
-impl Strips {
     /// Rows at station `i` with its own z.
     fn here(&mut self, stations: &Stations, room: &Room, i: usize) {
         let station = &stations.list[i];
         for (row, &k) in station.rows.iter().zip(&stations.quantities) {
-            let (a, b, c) = row.tangent(station.reference);
-            self.add(a, b, c, room.share[i][k]);
+            self.add(*row, room.share[i][k]);
         }
         for row in &station.rest {
-            self.add(row.a, row.b, row.c, 1.0);
+            self.add(*row, 1.0);
         }
     }
 
-    /// Rows at station `i` + 1, whose z is that of station `i` plus 2hu.
-    fn ahead(&mut self, stations: &Stations, room: &Room, i: usize) {
+    /// Rows at station `i` + 1, whose z is that of station `i` plus 2hs̈; the root of it is that of the tangent at `z`.
+    fn ahead(&mut self, stations: &Stations, room: &Room, i: usize, z: f64) {
         let (station, h) = (&stations.list[i + 1], stations.length(i));
+        let rows = station.rows.iter().zip(&stations.quantities).map(|(row, &k)| (row, room.share[i + 1][k]));
+        for (row, room) in rows.chain(station.rest.iter().map(|row| (row, 1.0))) {
+            let (a, b, c) = if z > 0.0 { row.tangent(z.sqrt()) } else { (row.a, row.b, row.c) };
+            self.add(Row { a: a + 2.0 * h * b, b, c, d: 0.0 }, room);
+        }
+    }
+
+    /// Rows at station `i` + 1 as bounds on its own z, if that of station `i` is `z`.
+    fn arriving(&mut self, stations: &Stations, room: &Room, i: usize, z: f64) {
+        let (station, h) = (&stations.list[i + 1], stations.length(i));
+        let rows = station.rows.iter().zip(&stations.quantities).map(|(row, &k)| (row, room.share[i + 1][k]));
+        for (row, room) in rows.chain(station.rest.iter().map(|row| (row, 1.0))) {
+            let a = 0.5 * row.a / h;
+            self.add(Row { a: 0.0, b: a + row.b, c: row.c - a * z, d: row.d }, room);
+        }
+    }
+
+    /// Rows at station `i` with the tangent to the root of z at its reference.
+    fn linear(&mut self, stations: &Stations, room: &Room, i: usize) {
+        let station = &stations.list[i];
         for (row, &k) in station.rows.iter().zip(&stations.quantities) {
             let (a, b, c) = row.tangent(station.reference);
-            self.add(a + 2.0 * h * b, b, c, room.share[i + 1][k]);
-        }
-        for row in &station.rest {
-            self.add(row.a + 2.0 * h * row.b, row.b, row.c, 1.0);
+            self.add(Row { a, b, c, d: 0.0 }, room.share[i][k]);
         }
     }
 
-    /// 0 ≤ z + 2hu ≤ limit.
+    /// 0 ≤ z + 2hs̈ ≤ limit.
     fn reach(&mut self, h: f64, limit: f64) {
-        self.list.push(Strip { slope: -0.5 / h, low: 0.0, high: 0.5 * limit / h });
+        self.list.push(Strip { slope: -0.5 / h, bend: 0.0, low: 0.0, high: 0.5 * limit / h });
     }
 }
+
+/// Change of z, relative, at which tangents to its root are settled: they are off by an eighth of its square.
+const SETTLED: f64 = 1e-4;
+/// Tangents at most.
+const TANGENTS: usize = 10;
 
 /// z at rest at both ends of the path.
 pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
@@ -146,31 +213,63 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
         strips.here(stations, room, i);
         mvc[i] = strips.largest().ok_or(Stuck { station: i })?;
     }
+    let viscous = |i: usize| stations.list[i].rows.iter().any(|row| row.d != 0.0);
     let mut largest = vec![0.0; n + 1];
     for i in (0..n).rev() {
+        let h = stations.length(i);
         strips.clear(mvc[i]);
-        strips.reach(stations.length(i), largest[i + 1]);
+        strips.reach(h, largest[i + 1]);
         strips.here(stations, room, i);
-        strips.ahead(stations, room, i);
-        largest[i] = strips.largest().ok_or(Stuck { station: i })?;
+        let own = [strips.list.len(), strips.bare.len()];
+        let mut tangent = largest[i + 1];
+        let mut found = None;
+        for _ in 0..TANGENTS {
+            strips.truncate(own);
+            strips.ahead(stations, room, i, tangent);
+            let Some(z) = strips.largest() else {
+                // A tangent far above lies too high.
+                tangent *= 0.25;
+                continue;
+            };
+            found = Some(z);
+            let [(upper, _), _] = strips.range(z, z.sqrt());
+            let reached = (z + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+            if (reached - tangent).abs() <= SETTLED * tangent || !viscous(i + 1) {
+                break;
+            }
+            tangent = reached;
+        }
+        largest[i] = found.ok_or(Stuck { station: i })?;
     }
     let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
+    let mut arriving = Strips::default();
     for i in 0..n {
         let h = stations.length(i);
         strips.clear(mvc[i]);
         strips.reach(h, largest[i + 1]);
         strips.here(stations, room, i);
-        strips.ahead(stations, room, i);
-        if !strips.holds(z[i]) {
-            // Next to the largest z steep rows turn rounding of z into much of s̈.
-            strips.cap = z[i];
-            match strips.largest() {
-                Some(lower) if lower >= z[i] * (1.0 - 1e-6) => z[i] = lower,
-                _ => return Err(Stuck { station: i }),
+        let mut reach = |z: f64, strips: &Strips| {
+            let [(upper, _), (lower, _)] = strips.range(z, z.sqrt());
+            arriving.clear((z + 2.0 * h * upper).clamp(0.0, largest[i + 1]));
+            arriving.arriving(stations, room, i, z);
+            let next = arriving.largest()?;
+            (next >= (z + 2.0 * h * lower) * (1.0 - 1e-9)).then_some(next)
+        };
+        let next = if strips.holds(z[i]) { reach(z[i], &strips) } else { None };
+        z[i + 1] = match next {
+            Some(next) => next,
+            None => {
+                // Next to the largest z steep rows turn rounding of z into much of s̈.
+                strips.cap = z[i];
+                strips.ahead(stations, room, i, largest[i + 1]);
+                match strips.largest() {
+                    Some(lower) if lower >= z[i] * (1.0 - 1e-6) => z[i] = lower,
+                    _ => return Err(Stuck { station: i }),
+                }
+                let [(upper, _), _] = strips.range(z[i], z[i].sqrt());
+                (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1])
             }
-        }
-        let [(upper, _), _] = strips.range(z[i]);
-        z[i + 1] = (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+        };
         acceleration[i] = 0.5 * (z[i + 1] - z[i]) / h;
     }
     Ok(Passes { z, acceleration, mvc })
@@ -185,7 +284,7 @@ pub(super) fn relaxed(stations: &Stations) -> (Vec<f64>, Vec<f64>) {
     let mut above: Vec<f64> = (0..=n)
         .map(|i| {
             strips.clear(stations.list[2 * i].cap);
-            strips.here(stations, &room, 2 * i);
+            strips.linear(stations, &room, 2 * i);
             strips.largest().unwrap_or(stations.list[2 * i].cap)
         })
         .collect();
@@ -206,7 +305,7 @@ pub(super) fn relaxed(stations: &Stations) -> (Vec<f64>, Vec<f64>) {
         above[0] = 0.0;
         for i in 0..n {
             let (strips, h) = &means[i];
-            let [(upper, _), _] = strips.range(above[i]);
+            let [(upper, _), _] = strips.range(above[i], 0.0);
             above[i + 1] = (above[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
         }
     }
@@ -243,7 +342,7 @@ fn mean_rows(stations: &Stations, i: usize, most: f64, margin: &mut f64) -> (Str
             + bend(l.1, m.1, r.1) * top
             + bend(l.2, m.2, r.2)
             + (0.5 * b.abs() + 0.5 * (r.1 - l.1).abs()) * *margin;
-        strips.add(a + h * b, b, c, 1.0 + slack);
+        strips.add(Row { a: a + h * b, b, c, d: 0.0 }, 1.0 + slack);
     }
     (strips, h)
 }

@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use super::certificate::Above;
 use super::coefficients::{Machine, Reference};
-use super::jerk::{self, Course, JerkRoom, Root, Watch};
+use super::jerk::{self, Course, JerkRoom, Sequence};
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::pass::{self, Passes, Stuck};
 use super::rows::{Room, Stations};
 use super::verify::{self, CHECKED, Use};
-use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate};
+use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, relaxation};
 use crate::model::AXES;
 
 /// How to plan.
@@ -40,7 +40,7 @@ pub struct Plan {
     /// Lower bound on the time, s: without jerk limits of any motion; with them of all that the rows at the plan allow,
     /// jerk limits replaced by their tangents.
     pub bound: f64,
-    /// With jerk limits: lower bound on the time of all motions whose path speed is nowhere below [`SLOWER`] of the plan's, s.
+    /// With jerk limits: lower bound on the time of every motion whose s̈ is linear in s over the plan's intervals, s.
     pub outer_bound: Option<f64>,
     /// Time without jerk limits, s.
     pub time_without_jerk: f64,
@@ -58,8 +58,6 @@ pub struct Plan {
     pub iterations: usize,
 }
 
-/// Share of the plan's path speed above which the outer bound holds.
-pub const SLOWER: f64 = 0.9;
 /// Places per interval at which a plan is checked, and in all, at least.
 const FINER: usize = 10;
 const PLACES: usize = 4000;
@@ -77,6 +75,8 @@ const PER_PIECE: usize = 6;
 const ROUNDS: usize = 12;
 /// Use from which a limit counts as active.
 const ACTIVE: f64 = 0.998;
+/// Change of the time, relative, at which programmes on a grid that is not the last have settled.
+const COARSELY: f64 = 2e-3;
 /// Intervals of the coarsest programme with jerk limits, and how much finer each next one is.
 const COARSEST: usize = 50;
 const REFINEMENT: usize = 4;
@@ -215,9 +215,9 @@ impl Search<'_> {
         }
     }
 
-    /// Passes until the force laws are linearised at what they find.
+    /// Passes until the force laws are linearised at what they find; viscous friction is linear anywhere.
     ///
-    /// At rest a tangent to the root of z is too high by half of D ṡ, so references slow down until the first passes succeed.
+    /// Tangents of other laws at speed may leave no motion at rest, so references slow down until the first passes succeed.
     fn passes(&mut self, stations: &mut Stations, room: &Room, from: Option<&Passes>) -> Result<Passes, PlanError> {
         const MOST: usize = 30;
         const SETTLED: f64 = 1e-6;
@@ -293,17 +293,12 @@ impl Search<'_> {
         for (level, &size) in sizes.iter().enumerate() {
             let grid = graded(&profile, self.curve, size);
             let mut stations = Stations::new(self.machine, self.curve, self.limits, &grid)?;
-            let (room, jerk_room) = (Room::full(size + 1), vec![[1.0; AXES]; size + 1]);
             let near = course(&profile, &grid);
             stations.load(self.machine, self.limits, &course_references(&near))?;
-            let mut watch = Watch::new(&stations, &room, &near);
-            let at = if level == 0 {
-                jerk::first_guess(&stations, self.limits, &near.z)
-            } else {
-                watch.prune(&stations, self.limits, &jerk_room, &near);
-                near
+            let mut programme = match level {
+                0 => Sequence::begin(stations, self.limits, &near.z),
+                _ => Sequence::near(stations, self.limits, near),
             };
-            let mut programme = Programme { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY };
             self.programmes(&mut programme, level + 1 == sizes.len())?;
             profile = programme.profile();
             last = Some(programme);
@@ -336,75 +331,26 @@ impl Search<'_> {
     }
 
     /// Lower bound on the time of all that the programme's rows allow.
-    fn bound(&self, p: &Programme) -> f64 {
+    fn bound(&self, p: &Sequence) -> f64 {
         if self.options.objective == Objective::Time {
             return p.bound;
         }
-        let root = Root::Tangent;
-        jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &p.watch, &p.at, root, Objective::Time)
+        jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &p.watch, &p.at, Objective::Time)
             .map_or(0.0, |step| step.bound)
     }
 
-    /// Lower bound on the time of all motions not much slower than the programme's anywhere.
-    fn outer_bound(&self, p: &Programme, above: &Above) -> f64 {
-        let to: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
-        let root = Root::Chord { from: SLOWER.powi(2), to: &to };
-        let n = to.len();
-        let (room, jerk_room) = (Room::full(n), vec![[1.0; AXES]; n]);
-        jerk::step(&p.stations, self.limits, &room, &jerk_room, &p.watch, &p.at, root, Objective::Time)
-            .map_or(f64::NEG_INFINITY, |step| step.bound)
+    /// Lower bound on the time of all motions on the programme's grid.
+    fn outer_bound(&self, p: &Sequence, above: &Above) -> f64 {
+        let above: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
+        relaxation::bound(&p.stations, self.limits, &p.watch, &p.at, &above).unwrap_or(f64::NEG_INFINITY)
     }
 
-    /// Solves programmes, each about what the last one found, until the time stays the same.
-    fn programmes(&mut self, p: &mut Programme, finest: bool) -> Result<(), PlanError> {
-        const MOST: usize = 40;
-        const SLOWED: usize = 5;
-        let (mut feasible, mut slowed) = (false, 0);
-        let settled = if finest { 1e-4 } else { 2e-3 };
-        for k in 0..MOST {
-            p.stations.load(self.machine, self.limits, &course_references(&p.at))?;
-            let before = p.at.time(&p.stations);
-            let step = jerk::step(
-                &p.stations,
-                self.limits,
-                &p.room,
-                &p.jerk_room,
-                &p.watch,
-                &p.at,
-                Root::Tangent,
-                self.options.objective,
-            );
-            self.iterations += 1;
-            let Some(step) = step else {
-                // About a slower motion the tangents leave more room.
-                if slowed == SLOWED {
-                    return Err(PlanError::Unsolved);
-                }
-                slowed += 1;
-                p.at.z.iter_mut().for_each(|z| *z *= 0.25);
-                p.at.acceleration.iter_mut().for_each(|a| *a *= 0.25);
-                continue;
-            };
-            let course = match self.options.objective {
-                Objective::Time if feasible => p.at.towards(&step.course, &p.stations),
-                _ => step.course,
-            };
-            let broken = jerk::broken(&p.stations, self.limits, &p.room, &p.jerk_room, &mut p.watch, &course);
-            feasible = !broken;
-            p.at = course;
-            p.bound = step.bound;
-            let time = p.at.time(&p.stations);
-            let change = match self.options.objective {
-                Objective::Time => (time - p.bound).abs(),
-                Objective::Speed => (time - before).abs(),
-            };
-            if !broken && change < settled * time {
-                return Ok(());
-            }
-            if k == 0 {
-                p.watch.prune(&p.stations, self.limits, &p.jerk_room, &p.at);
-            }
-        }
+    /// Programmes until the time stays the same, force laws linearised at each one's result.
+    fn programmes(&mut self, p: &mut Sequence, finest: bool) -> Result<(), PlanError> {
+        let settled = if finest { jerk::SETTLED } else { COARSELY };
+        let reload =
+            |stations: &mut Stations, at: &Course| stations.load(self.machine, self.limits, &course_references(at));
+        self.iterations += p.settle(self.limits, self.options.objective, settled, reload)?;
         Ok(())
     }
 
@@ -418,23 +364,6 @@ impl Search<'_> {
         let uses = verify::uses(self.machine, self.curve, self.limits, profile, points)?;
         self.verify_s += start.elapsed().as_secs_f64();
         Ok(uses)
-    }
-}
-
-/// A sequence of programmes on one grid.
-struct Programme {
-    stations: Stations,
-    room: Room,
-    jerk_room: JerkRoom,
-    watch: Watch,
-    at: Course,
-    bound: f64,
-}
-
-impl Programme {
-    fn profile(&self) -> Profile {
-        let s: Vec<f64> = self.stations.list.iter().map(|x| x.point.s).collect();
-        Profile::quadratic(&s, &self.at.z, &self.at.acceleration)
     }
 }
 

@@ -26,6 +26,11 @@ pub struct Row {
 }
 
 impl Row {
+    /// Its value at z and s̈.
+    pub fn at(&self, z: f64, acceleration: f64) -> f64 {
+        self.a * acceleration + self.b * z + self.c + self.d * z.sqrt()
+    }
+
     /// √z replaced by its tangent at `speed`: (a, b, c) of a row in s̈ and z alone.
     pub fn tangent(&self, speed: f64) -> (f64, f64, f64) {
         (self.a, self.b + 0.5 * self.d / speed, self.c + 0.5 * self.d * speed)
