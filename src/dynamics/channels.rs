@@ -138,7 +138,7 @@ impl ChannelMap {
 }
 
 /// Platform twists per unit gap at each strut with locked drives: inverse of rows (uᵀ, (r × u)ᵀ).
-fn gap_inverse(motion: &Motion) -> Option<Matrix6<f64>> {
+pub(super) fn gap_inverse(motion: &Motion) -> Option<Matrix6<f64>> {
     let mut rows = Matrix6::zeros();
     for s in 0..STRUTS {
         let u = motion.strut_axis[s];
@@ -150,7 +150,7 @@ fn gap_inverse(motion: &Motion) -> Option<Matrix6<f64>> {
 }
 
 /// Lower ball of strut `s` relative to the platform's origin, world axes.
-fn platform_ball(motion: &Motion, s: usize) -> Vector3<f64> {
+pub(super) fn platform_ball(motion: &Motion, s: usize) -> Vector3<f64> {
     let strut = &motion.bodies[STRUT + s];
     strut.position + strut_vector(motion, s) - motion.bodies[PLATFORM].position
 }

@@ -3,11 +3,11 @@
 use nalgebra::{DMatrix, Vector3};
 
 use super::channels::{Channel, ChannelMap, Twist};
+use super::reduction::Reduction;
 use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::bodies::BODIES;
-use crate::model::{AXES, STRUTS};
 
 /// Drive torques and strut forces of one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -18,31 +18,11 @@ pub struct Output {
     pub reactions: Reactions,
 }
 
-const STRUT_CHANNELS: [Channel; 2 * STRUTS] = [
-    Channel::StrutUpper(0),
-    Channel::StrutUpper(1),
-    Channel::StrutUpper(2),
-    Channel::StrutUpper(3),
-    Channel::StrutUpper(4),
-    Channel::StrutUpper(5),
-    Channel::StrutLower(0),
-    Channel::StrutLower(1),
-    Channel::StrutLower(2),
-    Channel::StrutLower(3),
-    Channel::StrutLower(4),
-    Channel::StrutLower(5),
-];
-
-const CHANNELS: usize = AXES + 2 * STRUTS;
-
 impl Output {
-    /// Values of four torques, six upper and six lower strut forces.
-    fn from_channels(values: &[f64; CHANNELS]) -> Self {
-        let mut out = Self::default();
-        out.tau.copy_from_slice(&values[..AXES]);
-        out.reactions.upper.copy_from_slice(&values[AXES..AXES + STRUTS]);
-        out.reactions.lower.copy_from_slice(&values[AXES + STRUTS..]);
-        out
+    /// Largest difference of a torque or force, N·m or N.
+    fn change(&self, other: &Self) -> f64 {
+        let values = |o: &Self| o.tau.into_iter().chain(o.reactions.upper).chain(o.reactions.lower);
+        values(self).zip(values(other)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     }
 }
 
@@ -56,37 +36,30 @@ pub fn inverse_dynamics(
     states: &[&[f64]],
     with_struts: bool,
 ) -> Result<Output, KinematicsError> {
-    let reads_reactions = plant.assembled && plant.effects.iter().any(|a| a.effect.reads_reactions());
-    let all: [Channel; CHANNELS] =
-        std::array::from_fn(|c| if c < AXES { Channel::TORQUES[c] } else { STRUT_CHANNELS[c - AXES] });
-    let channels = if plant.assembled && (with_struts || reads_reactions) { &all[..] } else { &all[..AXES] };
-    let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, channels)?;
-    let mut fixed = rigid_wrenches(plant, motion);
-    let project = |wrenches: &[Twist; BODIES]| {
-        let mut values = [0.0; CHANNELS];
-        for (c, value) in values.iter_mut().enumerate().take(channels.len()) {
-            *value = wrenches.iter().enumerate().map(|(b, (f, m))| map.project(c, b, f, m)).sum();
-        }
-        values
+    let with_struts = with_struts || plant.effects.iter().any(|a| a.effect.reads_reactions());
+    let reduction = Reduction::new(&plant.geometry, motion, plant.assembled, with_struts)?;
+    let output = |wrenches: &[Twist; BODIES]| {
+        let (tau, upper, lower) = reduction.balance(wrenches);
+        Output { tau, reactions: Reactions { upper, lower } }
     };
+    let mut fixed = rigid_wrenches(plant, motion);
     add_effects(plant, t, motion, states, None, &mut fixed);
-    let mut values = project(&fixed);
+    let mut loads = output(&fixed);
     if plant.effects.iter().any(reads_loads) {
         // Friction moments are a few thousandths of the lever times the reactions, gear friction a few hundredths of the
         // torque: the iteration contracts fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
-            let loads = Output::from_channels(&values);
             let mut next = fixed;
             add_effects(plant, t, motion, states, Some(&loads), &mut next);
-            let next = project(&next);
-            let change = next.iter().zip(&values).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            values = next;
+            let next = output(&next);
+            let change = next.change(&loads);
+            loads = next;
             if change < 1e-11 {
                 break;
             }
         }
     }
-    Ok(Output::from_channels(&values))
+    Ok(loads)
 }
 
 /// Weight minus inertial wrench of every body.

@@ -1,12 +1,14 @@
 //! What the drives must give, and what the struts carry, for a given motion: inverse dynamics and its regressor.
 //!
-//! There is one inverse dynamics. Every wrench on a body reaches a drive torque or a strut force through the same
-//! [`ChannelMap`], so the regressor is the inverse dynamics of one parameter at a time.
+//! The regressor takes one wrench at a time to a drive torque or a strut force, by the virtual motion of that channel
+//! ([`ChannelMap`]). The inverse dynamics takes all wrenches at once to what moves the machine, the transpose of the same
+//! motions ([`reduction`]).
 
 mod channels;
 mod inverse;
 mod newton_euler;
 mod plant;
+mod reduction;
 
 pub(crate) use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
