@@ -33,9 +33,9 @@ fn problems() -> Vec<(Curve, Setup, Limits)> {
     let limits = Limits { strut_upper: 120.0, strut_lower: 130.0, ..Limits::of(&model) };
     vec![
         (task.shape.curve(), task.setup, task.limits),
-        (Shape::BSpline { points: points.clone(), degree: 5 }.curve(), setup.clone(), limits),
-        (Shape::Through { points: points.clone(), turn_radius: 0.1 }.curve(), setup.clone(), limits),
-        (Shape::Lines { points, blend: 0.04, turn_radius: 0.1 }.curve(), setup.clone(), limits),
+        (Shape::BSpline { points: points.clone(), degree: 5 }.curve(), setup, limits),
+        (Shape::Through { points: points.clone(), turn_radius: 0.1 }.curve(), setup, limits),
+        (Shape::Lines { points, blend: 0.04, turn_radius: 0.1 }.curve(), setup, limits),
         (
             Shape::arch([0.0, -0.15, -1.05, 0.0], [0.0, 0.15, -1.05, 1.57], 0.025, 0.0125, 0.1).curve(),
             setup,

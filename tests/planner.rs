@@ -78,7 +78,7 @@ fn no_jerk(limits: Limits) -> Limits {
     Limits { jerk: [f64::INFINITY; 4], ..limits }
 }
 
-const QUICK: Options = Options { intervals: 100, objective: Objective::Time, certify: false };
+const QUICK: Options = Options { intervals: 100, objective: Objective::Time, certify: false, tighten: false };
 
 #[test]
 fn derivatives_of_paths_are_consistent_and_continuous() {
@@ -355,6 +355,23 @@ fn the_bound_with_jerk_limits_is_exact_for_a_straight_line() {
     println!("time {time}, bound {bound}");
     assert!((1.0..1.01).contains(&time), "{time}");
     assert!((0.9999..1.0001).contains(&bound), "{bound}");
+}
+
+/// Along the arch of 25, 305 and 25 mm time buys jerk in the corners: most of the gap is closed by confining z.
+#[test]
+fn the_bound_with_jerk_limits_is_tightened() {
+    let model = common::model("irb360-6-1600");
+    let plant = Plant::new(&model, &Setup::default());
+    let machine = Machine::new(&plant, Detail::Complete);
+    let arch = Shape::arch([0.0, -0.1525, -1.05, 0.0], [0.0, 0.1525, -1.05, 0.0], 0.025, 0.0125, 0.1).curve();
+    let gap = |tighten: bool| {
+        let options = Options { intervals: 60, certify: true, tighten, ..QUICK };
+        let found = plan(&machine, &arch, &Limits::of(&model), &options).unwrap();
+        1.0 - found.outer_bound.unwrap() / found.time
+    };
+    let [quick, tight] = [false, true].map(gap);
+    println!("{quick} {tight}");
+    assert!(quick > 0.03 && tight > 0.0 && tight < 0.6 * quick, "{quick} {tight}");
 }
 
 /// Parts of an interval at whose ends the dynamic programme checks the limits.

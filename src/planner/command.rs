@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::trajectory::trajectory;
 use super::validation::{Execution, execute};
-use super::{Limits, Machine, Plan, PlanError, Task, figures, plan};
+use super::{Limits, Machine, Options, Plan, PlanError, Task, figures, plan};
 use crate::dynamics::Plant;
 use crate::recording::Recording;
 use crate::terminal::{
@@ -37,6 +37,9 @@ pub struct Args {
     /// Model file of a machine; the twin executes the plan on it, with feed-forward of MODEL.
     #[arg(long, value_name = "MODEL2")]
     pub twin: Option<PathBuf>,
+    /// Tighten the bound on the time with jerk limits; takes seconds.
+    #[arg(long)]
+    pub tighten: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -58,7 +61,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let curve = task.shape.curve();
     let progress = spinner("plan");
     let start = Instant::now();
-    let found = plan(&machine, &curve, &task.limits, &task.options);
+    let options = Options { tighten: args.tighten, ..task.options };
+    let found = plan(&machine, &curve, &task.limits, &options);
     progress.finish_and_clear();
     let found = match found {
         Ok(found) => found,

@@ -94,6 +94,12 @@ impl Course {
         mix(0.5 * (low + high))
     }
 
+    /// Its motion.
+    pub fn profile(&self, stations: &Stations) -> Profile {
+        let s: Vec<f64> = stations.list.iter().map(|x| x.point.s).collect();
+        Profile::quadratic(&s, &self.z, &self.acceleration)
+    }
+
     /// Time over the path, s.
     pub fn time(&self, stations: &Stations) -> f64 {
         let n = stations.intervals();
@@ -272,8 +278,7 @@ impl Sequence {
 
     /// Motion of the last programme.
     pub fn profile(&self) -> Profile {
-        let s: Vec<f64> = self.stations.list.iter().map(|x| x.point.s).collect();
-        Profile::quadratic(&s, &self.at.z, &self.at.acceleration)
+        self.at.profile(&self.stations)
     }
 
     /// Solves programmes until the time changes by no more than `settled`, relative; `reload` brings the rows up to date

@@ -22,11 +22,16 @@ pub struct Options {
     pub objective: Objective,
     /// Whether bounds on the time are computed; they cost more than the plan.
     pub certify: bool,
+    /// Whether the bound with jerk limits is tightened until its gap is [`ENOUGH`] or no longer shrinks, which takes seconds.
+    pub tighten: bool,
 }
+
+/// Gap of the bound with jerk limits at which it is no further tightened.
+pub const ENOUGH: f64 = 5e-3;
 
 impl Default for Options {
     fn default() -> Self {
-        Self { intervals: 200, objective: Objective::default(), certify: true }
+        Self { intervals: 200, objective: Objective::default(), certify: true, tighten: false }
     }
 }
 
@@ -342,7 +347,12 @@ impl Search<'_> {
     /// Lower bound on the time of all motions on the programme's grid.
     fn outer_bound(&self, p: &Sequence, above: &Above) -> f64 {
         let above: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
-        relaxation::bound(&p.stations, self.limits, &p.watch, &p.at, &above).unwrap_or(f64::NEG_INFINITY)
+        let (stations, limits) = (&p.stations, self.limits);
+        let bound = match self.options.tighten {
+            true => relaxation::tightened(stations, limits, &p.watch, &p.at, &above, ENOUGH),
+            false => relaxation::bound(stations, limits, &p.watch, &p.at, &above),
+        };
+        bound.unwrap_or(f64::NEG_INFINITY)
     }
 
     /// Programmes until the time stays the same, force laws linearised at each one's result.

@@ -175,6 +175,7 @@ fn options(file: &File, keys: &SearchKeys, limits: &Limits) -> Result<Options> {
             None => WITHOUT_JERK,
         },
         certify: default.certify,
+        tighten: default.tighten,
         objective: match &keys.objective {
             Some(word) => {
                 file.choice("search.objective", word, &[("time", Objective::Time), ("speed", Objective::Speed)])?
