@@ -10,16 +10,19 @@
 //! Own states of force laws are integrated along the measured motion.
 
 mod averaged;
+mod states;
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use rayon::prelude::*;
 
+use self::states::OwnStates;
 use super::Trace;
 use super::filtering::Kernel;
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
-use crate::effects::{ActiveEffect, Entry, GearSpring, Instant, Kind, Role};
-use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
+use crate::effects::{ActiveEffect, Entry, GearSpring, Kind, Role};
+use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::model::AXES;
 use crate::recording::Signals;
 
@@ -28,8 +31,19 @@ pub use averaged::averaged_columns;
 /// Series of every channel, in the order of the trace's channels.
 pub type Channels = Vec<Vec<f64>>;
 
-/// Own states of each effect at each sample: `[sample][effect]`, empty where no effect has states.
-type OwnStates = Vec<Vec<Vec<f64>>>;
+/// Joint motion of the mechanism at every sample. The motion of all bodies takes kilobytes: it is computed where it is
+/// needed.
+struct Joints<'a> {
+    plant: &'a Plant,
+    states: Cow<'a, [JointState]>,
+}
+
+impl Joints<'_> {
+    /// Motion of all bodies at sample `k`.
+    fn motion(&self, k: usize) -> Result<Motion, KinematicsError> {
+        self.plant.motion(&self.states[k])
+    }
+}
 
 /// Whether a prediction at one sample needs only samples around it (see [`reach`]); own states need all before.
 pub fn is_local(plant: &Plant) -> bool {
@@ -43,25 +57,23 @@ fn reach(plant: &Plant) -> usize {
 
 /// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
 pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels, Vec<Channels>), KinematicsError> {
-    let motions = motions(plant, trace)?;
-    let predicted = predict_along(plant, trace, &motions)?;
-    Ok((predicted, columns_along(plant, trace, None, &motions)?))
+    let joints = joints(plant, trace)?;
+    let predicted = predict_along(plant, trace, &joints)?;
+    Ok((predicted, columns_along(plant, trace, None, &joints)?))
 }
 
 /// Predicted channels of a plant along a trace.
 pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
     if !is_local(plant) || trace.len() <= CHUNK {
-        let motions = motions(plant, trace)?;
-        return predict_along(plant, trace, &motions);
+        return predict_along(plant, trace, &joints(plant, trace)?);
     }
-    // In pieces: the motion of all bodies takes kilobytes per sample.
     let starts: Vec<usize> = (0..trace.len()).step_by(CHUNK).collect();
     let pieces: Vec<Channels> = starts
         .into_par_iter()
         .map(|start| {
             let range = start..(start + CHUNK).min(trace.len());
             let (around, shift) = surroundings(plant, trace, &range);
-            let mut piece = predict_along(plant, &around, &motions(plant, &around)?)?;
+            let mut piece = predict_along(plant, &around, &joints(plant, &around)?)?;
             piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
             Ok(piece)
         })
@@ -79,15 +91,19 @@ pub fn surroundings(plant: &Plant, trace: &Trace, range: &Range<usize>) -> (Trac
 }
 
 /// Motion of the mechanism: that of the encoders less what lies between them and the joints.
-fn motions(plant: &Plant, trace: &Trace) -> Result<Vec<Motion>, KinematicsError> {
+fn joints<'a>(plant: &'a Plant, trace: &'a Trace) -> Result<Joints<'a>, KinematicsError> {
     let mut offset = [0.0; AXES];
     for active in &plant.effects {
         active.effect.encoder(&active.values(), &active.effect.initial_state(&active.values()), &mut offset);
     }
     let joint = |j: &JointState| JointState { q: std::array::from_fn(|i| j.q[i] - offset[i]), ..*j };
-    let rigid: Vec<Motion> = trace.joints.par_iter().map(|j| plant.motion(&joint(j))).collect::<Result<_, _>>()?;
+    let states = match offset == [0.0; AXES] {
+        true => Cow::Borrowed(trace.joints.as_slice()),
+        false => Cow::Owned(trace.joints.iter().map(joint).collect()),
+    };
+    let rigid = Joints { plant, states };
     match gear_springs(plant) {
-        Some(gears) => deflected(plant, trace, &rigid, &gears),
+        Some(gears) => deflected(trace, &rigid, &gears),
         None => Ok(rigid),
     }
 }
@@ -100,29 +116,22 @@ fn gear_springs(plant: &Plant) -> Option<[GearSpring; AXES]> {
 const DEFLECTION_HALF_WIDTH: f64 = 4e-3;
 
 /// Joint motion behind elastic gears that is `rigid` at the encoders.
-fn deflected(
-    plant: &Plant,
-    trace: &Trace,
-    rigid: &[Motion],
-    gears: &[GearSpring; AXES],
-) -> Result<Vec<Motion>, KinematicsError> {
+fn deflected<'a>(trace: &Trace, rigid: &Joints<'a>, gears: &[GearSpring; AXES]) -> Result<Joints<'a>, KinematicsError> {
+    let plant = rigid.plant;
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let states = own_states(plant, &effects, trace, rigid);
+    let own = OwnStates::along(plant, &effects, trace, rigid)?;
     let torque: Vec<[f64; AXES]> = (0..trace.len())
         .into_par_iter()
-        .map(|k| {
-            let own = slices(&states, k, effects.len());
-            Ok(inverse_dynamics(plant, trace.t[k], &rigid[k], &own, false)?.tau)
-        })
+        .map(|k| Ok(inverse_dynamics(plant, trace.t[k], &rigid.motion(k)?, &own.at(k), false)?.tau))
         .collect::<Result<_, KinematicsError>>()?;
-    let mut joints: Vec<JointState> = rigid.iter().map(|m| JointState { q: m.q, qd: m.qd, qdd: m.qdd }).collect();
+    let mut joints = rigid.states.to_vec();
     let least = (DEFLECTION_HALF_WIDTH / trace.dt).round() as usize;
     for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.compliance != 0.0) {
         let kernel = Kernel::new(trace.half_width[i].max(least));
         for segment in &trace.segments {
             let deflection: Vec<f64> = segment
                 .clone()
-                .map(|k| gear.compliance * (torque[k][i] - gear.rotor_inertia * rigid[k].qdd[i]))
+                .map(|k| gear.compliance * (torque[k][i] - gear.rotor_inertia * rigid.states[k].qdd[i]))
                 .collect();
             let padded = reflected(&deflection, kernel.half_width);
             for (derivative, scale) in [(0, 1.0), (1, 1.0 / trace.dt), (2, 1.0 / (trace.dt * trace.dt))] {
@@ -133,7 +142,7 @@ fn deflected(
             }
         }
     }
-    joints.par_iter().map(|j| plant.motion(j)).collect()
+    Ok(Joints { plant, states: Cow::Owned(joints) })
 }
 
 /// A series with `m` samples more at either end, turned about the end points: value and slope go on.
@@ -144,26 +153,25 @@ fn reflected(x: &[f64], m: usize) -> Vec<f64> {
     before.chain(x.iter().copied()).chain(after).collect()
 }
 
-fn predict_along(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
-    let mut series = ideal(plant, trace, motions)?;
+fn predict_along(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, KinematicsError> {
+    let mut series = ideal(plant, trace, joints)?;
     observe(plant, trace, &mut series);
     Ok(series)
 }
 
 /// Predicted channels before the sensors change them.
-fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, KinematicsError> {
+fn ideal(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, KinematicsError> {
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let states = own_states(plant, &effects, trace, motions);
+    let own = OwnStates::along(plant, &effects, trace, joints)?;
     let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
     let gears = gear_springs(plant).unwrap_or_default();
     let outputs: Vec<_> = (0..trace.len())
         .into_par_iter()
         .map(|k| {
-            let own = slices(&states, k, effects.len());
-            let mut out = inverse_dynamics(plant, trace.t[k], &motions[k], &own, with_struts)?;
+            let mut out = inverse_dynamics(plant, trace.t[k], &joints.motion(k)?, &own.at(k), with_struts)?;
             for (i, gear) in gears.iter().enumerate() {
                 // The rotor moves with the encoder, not with the arm.
-                out.tau[i] += gear.rotor_inertia * (trace.joints[k].qdd[i] - motions[k].qdd[i]);
+                out.tau[i] += gear.rotor_inertia * (trace.joints[k].qdd[i] - joints.states[k].qdd[i]);
             }
             Ok(out)
         })
@@ -181,76 +189,6 @@ fn ideal(plant: &Plant, trace: &Trace, motions: &[Motion]) -> Result<Channels, K
         })
         .collect();
     Ok(series)
-}
-
-fn slices(states: &OwnStates, k: usize, effects: usize) -> Vec<&[f64]> {
-    if states.is_empty() { vec![&[]; effects] } else { states[k].iter().map(Vec::as_slice).collect() }
-}
-
-/// Integrates the effects' own states along the measured motion; those of [`Kind::Encoder`] rest.
-fn own_states(plant: &Plant, effects: &[&ActiveEffect], trace: &Trace, motions: &[Motion]) -> OwnStates {
-    if effects.iter().all(|a| a.states() == 0) {
-        return Vec::new();
-    }
-    let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
-    let none = Reactions::default();
-    let rate = |active: &ActiveEffect, k: usize, state: &[f64]| {
-        let (mut rate, mut slope) = (vec![0.0; state.len()], vec![0.0; state.len()]);
-        let at = Instant {
-            t: trace.t[k],
-            motion: &motions[k],
-            bodies: &plant.bodies,
-            gravity: plant.gravity,
-            reactions: &none,
-            state,
-            torque: [0.0; 4],
-            closed: SocketSet::ALL,
-        };
-        active.effect.state_rate(&active.values(), &at, &mut rate, &mut slope);
-        (rate, slope)
-    };
-    let mut out = Vec::with_capacity(trace.len());
-    for k in 0..trace.len() {
-        if k > 0 {
-            let h = trace.t[k] - trace.t[k - 1];
-            for (active, x) in effects.iter().zip(&mut now) {
-                if !x.is_empty() && active.effect.kind() != Kind::Encoder {
-                    *x = exponential_heun(x, h, |end, state| rate(active, k - 1 + usize::from(end), state));
-                }
-            }
-        }
-        out.push(now.clone());
-    }
-    out
-}
-
-/// One step of ẋ = f(t, x): exact for f linear in x with constant slope λ, second order otherwise, stable for λ·h → −∞;
-/// Heun's method for λ = 0.
-///
-/// `rate(end, x)` gives f and λ = ∂f_i/∂x_i at the start or the end of the step. λ is the mean of both, so that a slope that
-/// varies with the motion enters by its integral.
-fn exponential_heun(x: &[f64], h: f64, rate: impl Fn(bool, &[f64]) -> (Vec<f64>, Vec<f64>)) -> Vec<f64> {
-    let (first, slope) = rate(false, x);
-    let ahead: Vec<f64> = (0..x.len()).map(|i| x[i] + h * phi(h * slope[i]).0 * first[i]).collect();
-    let (second, slope_ahead) = rate(true, &ahead);
-    (0..x.len())
-        .map(|i| {
-            let lambda = 0.5 * (slope[i] + slope_ahead[i]);
-            let (phi_1, phi_2) = phi(h * lambda);
-            let change = second[i] - first[i] - lambda * (ahead[i] - x[i]);
-            x[i] + h * (phi_1 * first[i] + phi_2 * change)
-        })
-        .collect()
-}
-
-/// φ₁(z) = (eᶻ − 1)/z and φ₂(z) = (eᶻ − 1 − z)/z².
-fn phi(z: f64) -> (f64, f64) {
-    if z.abs() < 1e-2 {
-        let phi_2 = 0.5 + z * (1.0 / 6.0 + z * (1.0 / 24.0 + z * (1.0 / 120.0 + z / 720.0)));
-        (1.0 + z * phi_2, phi_2)
-    } else {
-        (z.exp_m1() / z, (z.exp_m1() - z) / (z * z))
-    }
 }
 
 /// Passes the torque channels through the plant's sensor effects.
@@ -286,14 +224,14 @@ pub fn columns(
     trace: &Trace,
     candidate: Option<&ActiveEffect>,
 ) -> Result<Vec<Channels>, KinematicsError> {
-    columns_along(plant, trace, candidate, &motions(plant, trace)?)
+    columns_along(plant, trace, candidate, &joints(plant, trace)?)
 }
 
 fn columns_along(
     plant: &Plant,
     trace: &Trace,
     candidate: Option<&ActiveEffect>,
-    motions: &[Motion],
+    joints: &Joints,
 ) -> Result<Vec<Channels>, KinematicsError> {
     let rigid = plant.rigid_bodies();
     let effects: Vec<&ActiveEffect> = match candidate {
@@ -303,7 +241,7 @@ fn columns_along(
     // Force laws with a shape moved by a step go along: only their own contribution changes.
     let shaped: Vec<ActiveEffect> = effects.iter().flat_map(|active| shaped(active)).collect();
     let along: Vec<&ActiveEffect> = effects.iter().copied().chain(&shaped).collect();
-    let mut out = linear_columns(plant, &along, trace, motions)?;
+    let mut out = linear_columns(plant, &along, trace, joints)?;
     let mut moved_shapes = out.split_off(effects.iter().map(|a| a.values.len()).sum());
     let mut at = 0;
     let mut unobserved: Option<Channels> = None;
@@ -320,7 +258,7 @@ fn columns_along(
             let moved = if active.effect.kind() == Kind::Sensor {
                 // Sensors act on what the mechanism does anyway.
                 if unobserved.is_none() {
-                    unobserved = Some(ideal(plant, trace, motions)?);
+                    unobserved = Some(ideal(plant, trace, joints)?);
                 }
                 let seen = |plant: Plant| {
                     let mut series = unobserved.clone().unwrap_or_default();
@@ -422,11 +360,11 @@ fn linear_columns(
     plant: &Plant,
     effects: &[&ActiveEffect],
     trace: &Trace,
-    motions: &[Motion],
+    joints: &Joints,
 ) -> Result<Vec<Channels>, KinematicsError> {
-    let states = own_states(plant, effects, trace, motions);
+    let own = OwnStates::along(plant, effects, trace, joints)?;
     let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let plant_states = own_states(plant, &plant_effects, trace, motions);
+    let plant_own = OwnStates::along(plant, &plant_effects, trace, joints)?;
     let reads_reactions = effects.iter().any(|a| a.effect.reads_reactions());
     let reads = reads_reactions || effects.iter().any(|a| a.effect.reads_torque());
     let total: usize = effects.iter().map(|a| a.values.len()).sum();
@@ -438,14 +376,13 @@ fn linear_columns(
         .map(|chunk| {
             let mut series = vec![Vec::with_capacity(chunk.len()); total * channels];
             for &k in chunk {
+                let motion = joints.motion(k)?;
                 let loads = if reads {
-                    let own = slices(&plant_states, k, plant.effects.len());
-                    inverse_dynamics(plant, trace.t[k], &motions[k], &own, reads_reactions)?
+                    inverse_dynamics(plant, trace.t[k], &motion, &plant_own.at(k), reads_reactions)?
                 } else {
                     Output::default()
                 };
-                let own = slices(&states, k, effects.len());
-                let rows = regressor(plant, effects, trace.t[k], &motions[k], &loads, &own, &trace.channels)?;
+                let rows = regressor(plant, effects, trace.t[k], &motion, &loads, &own.at(k), &trace.channels)?;
                 for p in 0..total {
                     for c in 0..channels {
                         series[p * channels + c].push(rows[(c, p)]);

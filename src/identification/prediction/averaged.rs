@@ -9,12 +9,12 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{
-    Channels, OwnStates, difference, gear_springs, ideal, motions, observe, own_states, predict, shaped, weighted, with,
+    Channels, Joints, OwnStates, difference, gear_springs, ideal, joints, observe, predict, shaped, weighted, with,
 };
 use crate::dynamics::{ChannelMap, Output, Plant, add_regressor, inverse_dynamics};
 use crate::effects::{ActiveEffect, Kind, Role};
 use crate::identification::Trace;
-use crate::kinematics::{KinematicsError, Motion};
+use crate::kinematics::KinematicsError;
 
 /// Blocks handled together.
 const CHUNK: usize = 64;
@@ -27,21 +27,20 @@ pub fn averaged_columns(
     candidates: &[ActiveEffect],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let motions = motions(plant, trace)?;
+    let motion = joints(plant, trace)?;
     let rigid = plant.rigid_bodies();
     let own: Vec<&ActiveEffect> = std::iter::once(&rigid).chain(&plant.effects).collect();
     let all: Vec<&ActiveEffect> = own.iter().copied().chain(candidates).collect();
     let moved: Vec<ActiveEffect> = own.iter().flat_map(|a| shaped(a)).collect();
     let along: Vec<&ActiveEffect> = all.iter().copied().chain(&moved).collect();
-    let mut linear = linear(plant, &along, trace, &motions, block)?;
-    drop(motions);
+    let mut linear = linear(plant, &along, trace, &motion, block)?;
     let mut moved = linear.split_off(all.len()).into_iter();
     let middle = trace.averaged(block);
     let plain = predict(plant, &middle)?;
     let mut every: Option<[Channels; 2]> = None;
     let mut at_every_sample = || -> Result<[Channels; 2], KinematicsError> {
         if every.is_none() {
-            let unobserved = ideal(plant, trace, &super::motions(plant, trace)?)?;
+            let unobserved = ideal(plant, trace, &motion)?;
             let mut plain = unobserved.clone();
             observe(plant, trace, &mut plain);
             every = Some([unobserved, plain]);
@@ -89,12 +88,12 @@ fn linear(
     plant: &Plant,
     effects: &[&ActiveEffect],
     trace: &Trace,
-    motions: &[Motion],
+    joints: &Joints,
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let states: Vec<OwnStates> = effects.par_iter().map(|a| own_states(plant, &[*a], trace, motions)).collect();
+    let states = OwnStates::along(plant, effects, trace, joints)?;
     let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let plant_states = own_states(plant, &plant_effects, trace, motions);
+    let plant_states = OwnStates::along(plant, &plant_effects, trace, joints)?;
     let reads_reactions = effects.iter().any(|a| a.effect.reads_reactions());
     let reads = reads_reactions || effects.iter().any(|a| a.effect.reads_torque());
     let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
@@ -103,18 +102,18 @@ fn linear(
     let blocks: Vec<Range<usize>> = trace.blocks(block).collect();
     let sum = |range: &Range<usize>, out: &mut [f64]| {
         for k in range.clone() {
+            let motion = joints.motion(k)?;
             let loads = if reads {
-                let own = super::slices(&plant_states, k, plant.effects.len());
-                inverse_dynamics(plant, trace.t[k], &motions[k], &own, reads_reactions)?
+                inverse_dynamics(plant, trace.t[k], &motion, &plant_states.at(k), reads_reactions)?
             } else {
                 Output::default()
             };
-            let map = ChannelMap::new(&plant.geometry, &motions[k], plant.assembled, &trace.channels)?;
+            let map = ChannelMap::new(&plant.geometry, &motion, plant.assembled, &trace.channels)?;
             let mut at = 0;
-            for ((active, states), width) in effects.iter().zip(&states).zip(&widths) {
-                let state: &[f64] = if states.is_empty() { &[] } else { &states[k][0] };
+            for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
+                let state = states.of(k, i);
                 let rows = &mut out[at * channels..(at + width) * channels];
-                add_regressor(plant, active, trace.t[k], &motions[k], &loads, state, &map, rows);
+                add_regressor(plant, active, trace.t[k], &motion, &loads, state, &map, rows);
                 at += width;
             }
         }
