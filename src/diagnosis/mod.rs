@@ -168,8 +168,9 @@ pub struct CandidateReport {
     pub absorbed_by: Vec<String>,
 }
 
-/// Smallest share of the raw noise an effect must explain on some channel to be worth naming, in the data it was found in
-/// and in those it is judged by. What smoothing blurs at reversals passes the first, being there in every recording.
+/// Smallest share of the raw noise an effect must explain on some channel to be worth naming. In the data it is judged by
+/// it is a share of all that is left: what smoothing blurs at reversals is there in every recording, and beside a large error
+/// of the model a trifle is no explanation.
 const MIN_RELEVANCE: f64 = 0.1;
 
 /// Excess of the residual's RMS over the noise floor that no controller or filter explains.
@@ -249,7 +250,7 @@ pub fn diagnose_holding(
                 let judged = channel_rms(&residuals(&reduced.model, judge)?);
                 let gain = relative_energy(&reduced.rms, &noise) - relative_energy(&end.rms, &noise);
                 let held_out = relative_energy(&judged, &noise_floor) - relative_energy(&rms_after, &noise_floor);
-                let most = relative_gains(&judged, &rms_after, &noise_floor).fold(0.0, f64::max);
+                let most = relative_gains(&judged, &rms_after).fold(0.0, f64::max);
                 if held_out < HELD_OUT_SHARE * gain || most < MIN_RELEVANCE.powi(2) {
                     wrong = Some(name);
                     break;
@@ -418,9 +419,9 @@ fn relative_energy(rms: &[f64], floor: &[f64]) -> f64 {
     rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).sum()
 }
 
-/// By how much the variance of each channel falls, in units of the noise.
-fn relative_gains(without: &[f64], with: &[f64], floor: &[f64]) -> impl Iterator<Item = f64> {
-    without.iter().zip(with).zip(floor).map(|((without, with), f)| (without * without - with * with) / (f * f))
+/// By how much the variance of each channel falls, in units of what is left.
+fn relative_gains(without: &[f64], with: &[f64]) -> impl Iterator<Item = f64> {
+    without.iter().zip(with).map(|(without, with)| (without / with).powi(2) - 1.0)
 }
 
 /// Share of the explainable error that goes from `without` to `with`.

@@ -222,6 +222,7 @@ pub fn ranked(all: impl Iterator<Item = (Experiment, Prospect)>) -> Vec<(Experim
 /// An experiment and its promise, for a sentence.
 pub fn in_words(experiment: &Experiment, promise: &Prospect) -> String {
     let needed = match promise.seconds {
+        Some(s) if s < 1.0 => "less than 1 s for 95 %".into(),
         Some(s) => format!("{} for 95 %", duration(s)),
         None => "no length is enough for 95 %".into(),
     };

@@ -94,7 +94,7 @@ pub fn write_plan(
     let _ = write!(
         text,
         "\nmodel = {model_name}\nduration = {:?} # s\nseed = {seed} # of the sensor noise\nnoise = true\n\n{motion}",
-        plan.length
+        (plan.length * 1e6).round() / 1e6
     );
     let Setup { payload, .. } = plan.trace.setup;
     if payload != Payload::default() {
