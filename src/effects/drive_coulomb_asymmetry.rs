@@ -1,6 +1,6 @@
 //! Drive friction that differs between the two directions.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
 
 /// τ = −a·tanh²(k q̇): adds a to the Coulomb friction of the positive direction and takes it from the negative one.
 pub struct DriveCoulombAsymmetry;
@@ -36,14 +36,7 @@ impl Effect for DriveCoulombAsymmetry {
                 default: 0.5,
                 range: (-20.0, 20.0),
             },
-            Parameter {
-                name: "steepness",
-                unit: "s/rad",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 100.0,
-                range: (1.0, 1e4),
-            },
+            STEEPNESS_PARAMETER,
         ]
     }
 

@@ -1,6 +1,6 @@
 //! Coulomb and viscous friction of the drives (eq. 5–7).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
 
 /// τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive.
 pub struct DriveFriction;
@@ -45,14 +45,7 @@ impl Effect for DriveFriction {
                 default: 1.0,
                 range: (0.0, 50.0),
             },
-            Parameter {
-                name: "steepness",
-                unit: "s/rad",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 100.0,
-                range: (1.0, 1e4),
-            },
+            STEEPNESS_PARAMETER,
         ]
     }
 

@@ -1,6 +1,6 @@
 //! Stribeck friction of the drives: extra breakaway friction that decays with speed.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
 
 /// τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive.
 pub struct DriveStribeck;
@@ -45,14 +45,7 @@ impl Effect for DriveStribeck {
                 default: 0.1,
                 range: (0.02, 2.0),
             },
-            Parameter {
-                name: "steepness",
-                unit: "s/rad",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 100.0,
-                range: (1.0, 1e4),
-            },
+            STEEPNESS_PARAMETER,
         ]
     }
 

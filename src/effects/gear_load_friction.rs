@@ -1,6 +1,6 @@
 //! Gear friction that grows with the torque the gear transmits.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
 
 /// τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
 ///
@@ -39,14 +39,7 @@ impl Effect for GearLoadFriction {
                 default: 0.02,
                 range: (0.0, 0.5),
             },
-            Parameter {
-                name: "steepness",
-                unit: "s/rad",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 100.0,
-                range: (1.0, 1e4),
-            },
+            STEEPNESS_PARAMETER,
         ]
     }
 

@@ -1,6 +1,6 @@
 //! Friction of the telescope's two Hooke joints.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
 use crate::model::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
@@ -49,14 +49,7 @@ impl Effect for HookeFriction {
                 default: 0.02,
                 range: (0.0, 20.0),
             },
-            Parameter {
-                name: "steepness",
-                unit: "s/rad",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 100.0,
-                range: (1.0, 1e4),
-            },
+            STEEPNESS_PARAMETER,
         ]
     }
 

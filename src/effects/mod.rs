@@ -604,6 +604,16 @@ pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
     if speed < 1e-8 * epsilon { rate / epsilon } else { rate * ((speed / epsilon).tanh() / speed) }
 }
 
+/// Constant of the laws that use [`smooth_sign`].
+const STEEPNESS_PARAMETER: Parameter = Parameter {
+    name: "steepness",
+    unit: "s/rad",
+    count: Count::One,
+    role: Role::Fixed,
+    default: 100.0,
+    range: (1.0, 1e4),
+};
+
 /// Smooth sign: `tanh(rate·steepness)`; the paper's approximation of Coulomb friction (eq. 48 uses 100 s/rad).
 pub fn smooth_sign(rate: f64, steepness: f64) -> f64 {
     (rate * steepness).tanh()

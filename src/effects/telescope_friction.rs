@@ -1,6 +1,6 @@
 //! Coulomb and viscous friction of the telescope's prismatic joint (Table 4, column P-TB).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
 
 /// F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
 ///
@@ -48,14 +48,7 @@ impl Effect for TelescopeFriction {
                 default: 1.247,
                 range: (0.0, 100.0),
             },
-            Parameter {
-                name: "steepness",
-                unit: "s/m",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 100.0,
-                range: (1.0, 1e4),
-            },
+            Parameter { unit: "s/m", ..STEEPNESS_PARAMETER },
         ]
     }
 

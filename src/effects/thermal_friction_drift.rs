@@ -1,6 +1,6 @@
 //! Friction of cold drives that decays while they warm up.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
 
 /// τ = −x·(c_C·tanh(k q̇) + c_v·q̇) with the effect's own state ẋ = −x/T, x(0) = 1.
 ///
@@ -62,14 +62,7 @@ impl Effect for ThermalFrictionDrift {
                 default: 10.0,
                 range: (0.5, 1e4),
             },
-            Parameter {
-                name: "steepness",
-                unit: "s/rad",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 100.0,
-                range: (1.0, 1e4),
-            },
+            STEEPNESS_PARAMETER,
         ]
     }
 
