@@ -123,9 +123,9 @@ fn a_folder_is_read_back() {
 
 #[test]
 fn answers_are_graded_by_their_truth() {
-    let truth = |names: &[&str]| folder::Truth {
+    let truth = |names: &[&str]| judge::Truth {
         effects: names.iter().map(|n| n.to_string()).collect(),
-        ..folder::Truth::default()
+        ..judge::Truth::default()
     };
     let named = |name: &str, probability| judge::Named { name: name.into(), probability, ..Default::default() };
     let answer = |verdict: &str, effects: &[(&str, f64)], sets: &[&[&str]]| exam::Answer {

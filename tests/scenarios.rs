@@ -11,10 +11,12 @@ use deltatwin::identification::{Trace, swapped};
 use deltatwin::kinematics::JointState;
 use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
 use deltatwin::model::{Inertia, Model};
-use deltatwin::recording::Recording;
-use deltatwin::scenario::Scenario;
+use deltatwin::recording::{Payload, Recording, Setup};
+use deltatwin::scenario::{FourierMotion, MotionLimits, Scenario};
 use deltatwin::twin::{EventKind, Options, Report, Twin, simulate};
 use nalgebra::Vector3;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 /// Longest run, s.
@@ -180,5 +182,22 @@ fn momentum_is_conserved_when_the_gripper_closes() {
             println!("axis {}: brought {brought:+.6}, gained {gained:+.6} N·m·s", axis + 1);
             assert!((gained - brought).abs() < 1e-12 + 1e-9 * brought.abs(), "{gained} {brought}");
         }
+    }
+}
+
+/// A payload off the axis of the flange loads the arms when axis 4 swings it: it is axis 4 that has to slow down.
+#[test]
+fn a_swinging_payload_does_not_stop_the_platform() {
+    let model = common::model("irb360-6-1600");
+    let payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    let plant = Plant::new(&model, &Setup { payload, ..Setup::default() });
+    let limits = MotionLimits::of(&model, 0.45);
+    for seed in 0..30 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let motion = FourierMotion::random(&plant, &limits, 0.1, 10, &mut rng);
+        let reach = (0..200)
+            .map(|k| (motion.at(0.05 * f64::from(k)).position - motion.at(0.0).position).norm())
+            .fold(0.0, f64::max);
+        assert!(reach > 0.2, "seed {seed}: the platform moves {reach:.3} m");
     }
 }

@@ -11,7 +11,7 @@ use thiserror::Error;
 use crate::comparison::{Comparison, compare};
 use crate::diagnosis::{Diagnosis, DiagnosisError, diagnose};
 use crate::effects::Role;
-use crate::exam::folder::Truth;
+use crate::exam::judge::Truth;
 use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, campaign};
 use crate::identification::{Fit, FitError, Trace, fit};
 use crate::model::Model;

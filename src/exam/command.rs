@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
-use super::campaign::{Campaign, Case, campaign, hideable, quiet_campaign};
+use super::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
 use super::motion::MotionKind;
 use super::noise::Noise;
 use super::plan::{NOTHING, Plan, seed};
@@ -187,16 +187,24 @@ fn each<T: Sync, R: Send>(
     Ok(results?.into_iter().flatten().collect())
 }
 
-/// Makes the campaigns that are not there yet; their folders.
+/// Makes the campaigns that are not there yet; their folders. A robot that cannot move with what is hidden in it is left out.
 fn make(args: &Args, cases: &[(String, Case)], model: &Model) -> miette::Result<Vec<PathBuf>> {
-    each("make", cases, |(name, case)| {
+    let folders = each("make", cases, |(name, case)| {
         let folder = args.output.join(name);
-        if !folder.join(folder::TRUTH).is_file() {
-            let campaign = campaign(model, case, &|_, _| {}).map_err(|e| miette!("{name}: {e}"))?;
-            folder::write(&folder, &campaign).into_diagnostic()?;
+        if folder.join(folder::TRUTH).is_file() {
+            return Ok(Some(folder));
         }
-        Ok(folder)
-    })
+        match campaign(model, case, &|_, _| {}) {
+            Ok(campaign) => folder::write(&folder, &campaign).into_diagnostic()?,
+            Err(CampaignError::Simulation(e)) => {
+                warn(&[format!("{name}: left out, the robot cannot be simulated: {e}")]);
+                return Ok(None);
+            }
+            Err(e) => return Err(miette!("{name}: {e}")),
+        }
+        Ok(Some(folder))
+    })?;
+    Ok(folders.into_iter().flatten().collect())
 }
 
 /// Judges what has no answer yet.

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use thiserror::Error;
 
 use super::campaign::{Campaign, Case};
-use super::judge::Answer;
+use super::judge::{Answer, Truth};
 use super::size::Hidden;
 use crate::dynamics::Plant;
 use crate::effects::Role;
@@ -47,25 +47,6 @@ pub enum FolderError {
         /// What would be right.
         expected: &'static str,
     },
-}
-
-/// What is hidden in a campaign, as far as grading needs it.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Truth {
-    /// Names of the hidden effects.
-    pub effects: Vec<String>,
-    /// Values of their parameters, by `effect.parameter`, as far as they are stated under the names of the library.
-    pub values: Vec<(String, f64)>,
-    /// Part of the machine where what is outside the library acts, if stated.
-    pub place: Option<String>,
-    /// Size, if stated.
-    pub size: Option<String>,
-    /// Kind of noise, if stated.
-    pub noise: Option<String>,
-    /// Expected RMS residual over the noise on the channel that sized the first effect, if stated.
-    pub rise: Option<f64>,
-    /// Whether some effect could not be made as large as asked for.
-    pub limited: bool,
 }
 
 /// Writes a campaign; the truth comes last, so that a folder with it is complete.

@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::folder::Truth;
 use crate::diagnosis::{self, Diagnosis, diagnose};
 use crate::effects;
 use crate::identification::Trace;
@@ -16,6 +15,25 @@ use crate::recording::Recording;
 pub const LARGEST_SET: usize = 3;
 /// Claimed probability from which a wrong name is confidently wrong.
 pub const CONFIDENT: f64 = 0.9;
+
+/// What is hidden in a campaign, as far as grading needs it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Names of the hidden effects.
+    pub effects: Vec<String>,
+    /// Values of their parameters, by `effect.parameter`, as far as they are stated under the names of the library.
+    pub values: Vec<(String, f64)>,
+    /// Part of the machine where what is outside the library acts, if stated.
+    pub place: Option<String>,
+    /// Size, if stated.
+    pub size: Option<String>,
+    /// Kind of noise, if stated.
+    pub noise: Option<String>,
+    /// Expected RMS residual over the noise on the channel that sized the first effect, if stated.
+    pub rise: Option<f64>,
+    /// Whether some effect could not be made as large as asked for.
+    pub limited: bool,
+}
 
 /// What the diagnosis said.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

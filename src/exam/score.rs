@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use super::folder::Truth;
-use super::judge::{Answer, Grade, Question};
+use super::judge::{Answer, Grade, Question, Truth};
 
 /// A judged campaign.
 #[derive(Clone, Debug)]

@@ -8,9 +8,9 @@
 //! are Simpson's from ends and middle.
 
 use super::coefficients::{Machine, Reference};
+use super::grid::graded;
 use super::limits::Limits;
 use super::pass::relaxed;
-use super::plan::graded;
 use super::rows::Stations;
 use super::{Curve, PlanError, Profile};
 

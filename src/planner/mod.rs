@@ -10,6 +10,7 @@ pub mod coefficients;
 pub mod command;
 pub mod curve;
 mod figures;
+mod grid;
 pub mod jerk;
 pub mod limits;
 pub mod pass;

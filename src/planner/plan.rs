@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::certificate::Above;
 use super::coefficients::{Machine, Reference};
+use super::grid::{even, graded};
 use super::jerk::{self, Course, JerkRoom, Sequence};
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::pass::{self, Passes, Stuck};
@@ -74,8 +75,6 @@ const TIGHTEN: f64 = 1.0003;
 const CREEPING: f64 = 0.05;
 /// Intervals are doubled up to this many times those asked for where a limit cannot be kept.
 const FINEST: usize = 4;
-/// Least intervals over a piece of the path.
-const PER_PIECE: usize = 6;
 /// Rounds of holding limits tighter where the finer grid asks for it.
 const ROUNDS: usize = 12;
 /// Use from which a limit counts as active.
@@ -448,47 +447,4 @@ fn course(profile: &Profile, grid: &[f64]) -> Course {
 
 fn stuck(stuck: Stuck, stations: &Stations) -> PlanError {
     PlanError::Stuck { s: stations.list[stuck.station].point.s }
-}
-
-/// Grid of about `n` intervals evenly spread over the path, at least [`PER_PIECE`] over every piece of it.
-fn even(curve: &Curve, n: usize) -> Vec<f64> {
-    let knots: Vec<f64> = curve.knots().collect();
-    let mut grid = vec![0.0];
-    for piece in knots.windows(2) {
-        let length = piece[1] - piece[0];
-        let count = ((n as f64 * length / curve.end()).round() as usize).max(PER_PIECE);
-        grid.extend((1..=count).map(|k| piece[0] + length * k as f64 / count as f64));
-    }
-    grid
-}
-
-/// Grid of `n` intervals, evenly spread over the mean of time, path and number of its pieces.
-pub(super) fn graded(profile: &Profile, curve: &Curve, n: usize) -> Vec<f64> {
-    let m = profile.pieces.len();
-    let (time, length) = (profile.time(), curve.end());
-    let knots: Vec<f64> = curve.knots().collect();
-    let pieces = (knots.len() - 1) as f64;
-    let piece = |s: f64| {
-        let i = knots.partition_point(|&k| k <= s).clamp(1, knots.len() - 1) - 1;
-        (i as f64 + (s - knots[i]) / (knots[i + 1] - knots[i])) / pieces
-    };
-    let mut measure = vec![0.0];
-    for i in 0..m {
-        let (from, to) = (profile.s[i], profile.s[i + 1]);
-        let share = profile.duration(i) / time + (to - from) / length + piece(to) - piece(from);
-        measure.push(measure[i] + share / 3.0);
-    }
-    let mut i = 0;
-    let mut grid: Vec<f64> = (0..=n)
-        .map(|k| {
-            let wanted = measure[m] * k as f64 / n as f64;
-            while i + 1 < m && measure[i + 1] < wanted {
-                i += 1;
-            }
-            let part = ((wanted - measure[i]) / (measure[i + 1] - measure[i])).clamp(0.0, 1.0);
-            profile.s[i] + part * (profile.s[i + 1] - profile.s[i])
-        })
-        .collect();
-    (grid[0], grid[n]) = (profile.s[0], profile.s[m]);
-    grid
 }

@@ -95,13 +95,15 @@ impl FourierMotion {
                 motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
             }
         }
-        // Platform and axis 4 are scaled on their own: their limits have little to do with each other.
+        // Platform and axis 4 are scaled on their own: their limits have little to do with each other, but for a payload off
+        // the axis that axis 4 swings about.
         let mut tries = 0;
         while tries < 200 {
             match motion.within(plant, limits) {
                 Fit::Good => break,
                 Fit::Platform => motion.scale(0.93, 0..3),
                 Fit::Axis4 => motion.scale(0.93, 3..4),
+                Fit::Both => motion.scale(0.93, 0..4),
             }
             tries += 1;
         }
@@ -191,7 +193,16 @@ impl FourierMotion {
                     || out.tau[i].abs() > limits.torque[i]
             };
             if (0..ARMS).any(bad) {
-                return Fit::Platform;
+                let resting = PlatformState {
+                    position: Vector3::from_fn(|i, _| self.centre[i]),
+                    velocity: Vector3::zeros(),
+                    acceleration: Vector3::zeros(),
+                    ..platform
+                };
+                let motion = plant.geometry.inverse_motion(&resting).and_then(|joints| plant.motion(&joints));
+                let out = motion.and_then(|motion| inverse_dynamics(plant, 0.0, &motion, &states, false));
+                let swung = out.is_ok_and(|o| (0..ARMS).any(|i| o.tau[i].abs() > SWUNG * limits.torque[i]));
+                return if swung { Fit::Both } else { Fit::Platform };
             }
             if bad(3) {
                 return Fit::Axis4;
@@ -212,6 +223,8 @@ pub fn middle(plant: &Plant) -> f64 {
     g.forward(&[0.5 * (low + high); ARMS]).map_or(-g.arm_length, |p| p.z)
 }
 
+/// Share of an arm's torque from which axis 4 alone, swinging the payload, is too much.
+const SWUNG: f64 = 0.5;
 /// Instants per period at which limits are checked.
 const GRID: usize = 1000;
 
@@ -219,4 +232,5 @@ enum Fit {
     Good,
     Platform,
     Axis4,
+    Both,
 }
