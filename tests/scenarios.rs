@@ -192,7 +192,8 @@ fn a_swinging_payload_does_not_stop_the_platform() {
     let payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
     let plant = Plant::new(&model, &Setup { payload, ..Setup::default() });
     let limits = MotionLimits::of(&model, 0.45);
-    for seed in 0..30 {
+    // Six in a thousand draws ask for that; without it the platform stood still in these.
+    for seed in [554, 705, 774, 1027, 1039, 1112] {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let motion = FourierMotion::random(&plant, &limits, 0.1, 10, &mut rng);
         let reach = (0..200)
