@@ -337,6 +337,10 @@ mod testing {
         for k in 1..500 {
             let t = course.lap() * k as f64 / 500.0;
             let h = 1e-6 * course.lap();
+            // Where pieces meet the jerk jumps, which a difference across it takes for an error.
+            if course.joints().iter().any(|joint| (joint - t).abs() <= h) {
+                continue;
+            }
             let (before, now, after) = (course.at(t - h), course.at(t), course.at(t + h));
             for order in 0..2 {
                 let difference = (after[order] - before[order]) / (2.0 * h);
