@@ -19,15 +19,7 @@ use oracle::{Oracle, Programme};
 fn problems() -> Vec<(Curve, Setup, Limits)> {
     let model = common::model("irb360-6-1600");
     let task = Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).unwrap();
-    let points = vec![
-        [0.1, -0.3, -1.0, 0.0],
-        [0.0, -0.1, -0.9, 0.4],
-        [-0.1, 0.0, -0.95, 1.0],
-        [0.0, 0.2, -1.0, 0.5],
-        [0.2, 0.2, -1.05, 0.0],
-        [0.25, 0.0, -1.0, -0.5],
-        [0.1, -0.1, -0.95, 0.0],
-    ];
+    let points = common::WAYPOINTS.to_vec();
     let payload = Payload { mass: 2.5, com: [0.02, -0.01, -0.05].into(), inertia_zz: 0.01 };
     let setup = Setup { payload, ..Setup::default() };
     let limits = Limits { strut_upper: 120.0, strut_lower: 130.0, ..Limits::of(&model) };

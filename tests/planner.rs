@@ -25,15 +25,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 fn shapes() -> Vec<Shape> {
-    let points = vec![
-        [0.1, -0.3, -1.0, 0.0],
-        [0.0, -0.1, -0.9, 0.4],
-        [-0.1, 0.0, -0.95, 1.0],
-        [0.0, 0.2, -1.0, 0.5],
-        [0.2, 0.2, -1.05, 0.0],
-        [0.25, 0.0, -1.0, -0.5],
-        [0.1, -0.1, -0.95, 0.0],
-    ];
+    let points = common::WAYPOINTS.to_vec();
     vec![
         Shape::BSpline { points: points.clone(), degree: 4 },
         Shape::BSpline { points: points.clone(), degree: 5 },

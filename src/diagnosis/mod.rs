@@ -242,13 +242,14 @@ pub fn diagnose_holding(
         let mut without = Vec::new();
         if wrong.is_none() {
             for name in &names {
-                let reduced = if names.len() == 1 {
-                    start.clone()
+                let (own, judged) = if names.len() == 1 {
+                    (start.rms.clone(), rms_before.clone())
                 } else {
-                    fitting.fit(&without_effects(&end.model, &[name]))?
+                    let reduced = fitting.fit(&without_effects(&end.model, &[name]))?;
+                    let judged = channel_rms(&residuals(&reduced.model, judge)?);
+                    (reduced.rms, judged)
                 };
-                let judged = channel_rms(&residuals(&reduced.model, judge)?);
-                let gain = relative_energy(&reduced.rms, &noise) - relative_energy(&end.rms, &noise);
+                let gain = relative_energy(&own, &noise) - relative_energy(&end.rms, &noise);
                 let held_out = relative_energy(&judged, &noise_floor) - relative_energy(&rms_after, &noise_floor);
                 let most = relative_gains(&judged, &rms_after).fold(0.0, f64::max);
                 if held_out < HELD_OUT_SHARE * gain || most < MIN_RELEVANCE.powi(2) {

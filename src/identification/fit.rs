@@ -301,7 +301,12 @@ impl<'a> Regression<'a> {
             channels.iter().zip(sigma).enumerate().map(series).sum()
         };
         let data: f64 = residuals.iter().zip(&self.sigma).map(trace).sum();
-        0.5 * (data + self.information * (values - &self.prior).component_div(&self.size).norm_squared())
+        0.5 * data + self.prior_cost(values)
+    }
+
+    /// The prior's part of the cost.
+    fn prior_cost(&self, values: &DVector<f64>) -> f64 {
+        0.5 * self.information * (values - &self.prior).component_div(&self.size).norm_squared()
     }
 
     /// Gauss–Newton from the present parameters of `model` to those of least cost.
@@ -339,7 +344,9 @@ impl<'a> Regression<'a> {
                 let trial_cost = self.cost(&there, &trial, weight);
                 if trial_cost <= cost {
                     let step = &trial - &values;
-                    let promised = normal.score.dot(&step) - 0.5 * step.dot(&(&normal.information * &step));
+                    let promised = normal.score.dot(&step) - 0.5 * step.dot(&(&normal.information * &step))
+                        + self.prior_cost(&values)
+                        - self.prior_cost(&trial);
                     taken = Some((step, promised));
                     normal.residuals = there;
                     (*model, values, cost) = (next, trial, trial_cost);
@@ -352,7 +359,7 @@ impl<'a> Regression<'a> {
             }
             let Some((step, promised)) = taken else { break };
             let change = before - cost;
-            if (change - promised - self.relief(&values, &step)).abs() < PROGRESS {
+            if (change - promised).abs() < PROGRESS {
                 // The columns are as good as at the new place.
                 normal.advance(&step);
                 break;
@@ -364,12 +371,6 @@ impl<'a> Regression<'a> {
             }
         }
         Ok((normal, estimator))
-    }
-
-    /// By how much a step that ended at `values` lowered the prior's part of the cost.
-    fn relief(&self, values: &DVector<f64>, step: &DVector<f64>) -> f64 {
-        let part = |x: DVector<f64>| (x - &self.prior).component_div(&self.size).norm_squared();
-        0.5 * self.information * (part(values - step) - part(values.clone()))
     }
 
     /// Shape parameters at a bound that the step would cross.

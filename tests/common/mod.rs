@@ -80,3 +80,14 @@ fn waves(waves: &[[f64; 3]; 4], rate: [f64; 4], t: f64) -> JointState {
 pub fn payload() -> Setup {
     Setup { payload: Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 }, ..Setup::default() }
 }
+
+/// Waypoints (x, y, z in m, ψ in rad) of the planner's test paths.
+pub const WAYPOINTS: [[f64; 4]; 7] = [
+    [0.1, -0.3, -1.0, 0.0],
+    [0.0, -0.1, -0.9, 0.4],
+    [-0.1, 0.0, -0.95, 1.0],
+    [0.0, 0.2, -1.0, 0.5],
+    [0.2, 0.2, -1.05, 0.0],
+    [0.25, 0.0, -1.0, -0.5],
+    [0.1, -0.1, -0.95, 0.0],
+];

@@ -27,20 +27,20 @@ pub fn averaged_columns(
     candidates: &[ActiveEffect],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let motion = joints(plant, trace)?;
+    let joints = joints(plant, trace)?;
     let rigid = plant.rigid_bodies();
     let own: Vec<&ActiveEffect> = std::iter::once(&rigid).chain(&plant.effects).collect();
     let all: Vec<&ActiveEffect> = own.iter().copied().chain(candidates).collect();
     let moved: Vec<ActiveEffect> = own.iter().flat_map(|a| shaped(a)).collect();
     let along: Vec<&ActiveEffect> = all.iter().copied().chain(&moved).collect();
-    let mut linear = linear(plant, &along, trace, &motion, block)?;
+    let mut linear = linear(plant, &along, trace, &joints, block)?;
     let mut moved = linear.split_off(all.len()).into_iter();
     let middle = trace.averaged(block);
     let plain = predict(plant, &middle)?;
     let mut every: Option<[Channels; 2]> = None;
     let mut at_every_sample = || -> Result<[Channels; 2], KinematicsError> {
         if every.is_none() {
-            let unobserved = ideal(plant, trace, &motion)?;
+            let unobserved = ideal(plant, trace, &joints)?;
             let mut plain = unobserved.clone();
             observe(plant, trace, &mut plain);
             every = Some([unobserved, plain]);
