@@ -39,6 +39,7 @@ fn trace(samples: usize) -> Trace {
         measured: vec![vec![0.0; samples]; 4],
         segments: std::iter::once(0..samples).collect(),
         dt: DT,
+        readings: deltatwin::identification::EncoderReadings::default(),
         half_width: [10; 4],
     };
     trace.measured = predict(&Plant::new(&robot, &setup), &trace).expect("reachable");

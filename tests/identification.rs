@@ -31,6 +31,7 @@ fn trace(robot: &Model, setup: &Setup, samples: usize, dt: f64, motion: impl Fn(
         measured: vec![vec![0.0; samples]; 4],
         segments: std::iter::once(0..samples).collect(),
         dt,
+        readings: deltatwin::identification::EncoderReadings::default(),
         half_width: [10; 4],
     };
     trace.measured = predict(&Plant::new(robot, setup), &trace).expect("reachable");

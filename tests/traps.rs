@@ -53,6 +53,7 @@ fn measured(robot: &Model, course: &Course, payload: Payload, duration: f64, see
         measured: vec![vec![0.0; n]; 4],
         segments: std::iter::once(0..n).collect(),
         dt: PERIOD,
+        readings: deltatwin::identification::EncoderReadings::default(),
         half_width: [3; 4],
         joints,
     };

@@ -41,17 +41,22 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
     for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Fixed) {
         *value = effect.constant(&entry.parameter, model).unwrap_or(*value);
     }
-    let Some(shape) = entries.iter().position(|e| e.parameter.role == Role::Shape) else { return vec![base] };
-    let p = entries[shape].parameter;
-    effect
-        .shape_grid()
-        .iter()
-        .map(|factor| {
-            let mut variant = base.clone();
-            variant.values[shape] = (factor * p.default).clamp(p.range.0, p.range.1);
-            variant
-        })
-        .collect()
+    // What gears do depends on how much they give from the outset.
+    let role = if effect.gear_springs(&base.at_usual_size().values()).is_some() { Role::Linear } else { Role::Shape };
+    let moved: Vec<usize> = (0..entries.len()).filter(|&i| entries[i].parameter.role == role).collect();
+    let searched = &moved[..if role == Role::Shape { moved.len().min(1) } else { moved.len() }];
+    if searched.is_empty() {
+        return vec![base];
+    }
+    let variant = |factor: &f64| {
+        let mut variant = base.clone();
+        for &i in searched {
+            let p = entries[i].parameter;
+            variant.values[i] = (factor * p.default).clamp(p.range.0, p.range.1);
+        }
+        variant
+    };
+    effect.shape_grid().iter().map(variant).collect()
 }
 
 /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.

@@ -43,6 +43,14 @@ impl Channel {
         }
     }
 
+    /// The drive, or that of the strut's limb, from 0.
+    pub fn limb(self) -> usize {
+        match self {
+            Self::Torque(i) | Self::Force(i) => i,
+            Self::StrutUpper(s) | Self::StrutLower(s) => s / 2,
+        }
+    }
+
     /// Unit of the channel.
     pub fn unit(self) -> &'static str {
         if matches!(self, Self::Torque(_)) { "N·m" } else { "N" }

@@ -14,9 +14,8 @@ use crate::recording::Payload;
 /// the arm's side.
 ///
 /// The twin: `forces`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
-/// leaves a consistent body; only Θ_yy enters). Along a measured motion δ has no initial value worth knowing and rings:
-/// identification takes the quasi-static deflection c·(τ − J·θ̈) of the encoder angle θ instead, whose inverse is exact
-/// to first order in c below the ringing (see `identification::prediction`). The columns are those of that model.
+/// leaves a consistent body; only Θ_yy enters). Along a measured motion θ the same law gives the arms' motion behind the
+/// gears (see `identification::prediction`); the damping and J hardly change it and are not estimated.
 pub struct DriveElasticity;
 
 const COMPLIANCE: usize = 0;
@@ -142,6 +141,11 @@ impl Effect for DriveElasticity {
             *gear = GearSpring { compliance, damping: values.one(DAMPING), rotor_inertia: values.one(ROTOR_INERTIA) };
         }
         gears.iter().any(|g| g.compliance != 0.0).then_some(gears)
+    }
+
+    /// Of the compliance: within a factor of √2 of every gear in the range.
+    fn shape_grid(&self) -> &'static [f64] {
+        &[0.25, 0.5, 1.0, 2.0]
     }
 
     fn kind(&self) -> Kind {

@@ -155,8 +155,9 @@ pub trait Effect: Sync {
     /// What the motor-side encoders read beyond the joint angles: adds to `angles`, rad.
     fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut [f64; AXES]) {}
 
-    /// Elastic gears between encoder and joint. The effect's own states are then the three arms' deflections and their
-    /// rates, which the twin integrates; readers of a measured motion take the deflection as quasi-static.
+    /// Elastic gears between encoder and joint, whose compliances are the first parameters. The effect's own states are
+    /// then the three arms' deflections and their rates, which the twin integrates; readers of a measured motion find
+    /// them along it.
     fn gear_springs(&self, _values: &Values) -> Option<[GearSpring; AXES]> {
         None
     }
@@ -448,6 +449,17 @@ impl ActiveEffect {
             }
         }
         Self { host, effect, values, layout: Arc::new(layout) }
+    }
+
+    /// The same shape with the linear parameters at their usual values.
+    pub fn at_usual_size(&self) -> Self {
+        let mut usual = self.clone();
+        for (value, entry) in usual.values.iter_mut().zip(self.entries()) {
+            if entry.parameter.role == Role::Linear {
+                *value = entry.parameter.default;
+            }
+        }
+        usual
     }
 
     /// `effect` with one slice of values per parameter.

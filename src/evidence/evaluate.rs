@@ -8,7 +8,7 @@ use super::gram::{BlockGram, Blocks, cut, usable};
 use super::predict::{Contribution, Effect, effects, squares};
 use super::problem::{Chosen, Problem, Settings, Variant};
 use super::project::{Projected, pseudo_inverse};
-use super::ranking::Ranking;
+use super::ranking::{Assessment, Ranking};
 use super::score::{Remainder, Scores, block_grams, obvious};
 use super::{Error, flip};
 
@@ -33,6 +33,19 @@ pub fn evaluate_only(
     let places = tested.iter().flat_map(|&j| (0..problem.candidates[j].variants.len()).map(move |v| (j, v))).collect();
     let entries = base.assess(problem, places)?;
     base.rank(problem, &tested, entries, chosen, settings)
+}
+
+/// How many times as much of the explainable error a candidate must explain to lead before a likelier one.
+const PLAINLY_MORE: f64 = 2.0;
+
+/// The candidate that goes first: the likeliest, unless it leaves most of the error to another. Whitening weighs by
+/// rarity; where an error dwarfs the noise, a law of the wrong kind that mends its fast part would lead.
+fn leader(order: &[usize], candidates: &[Assessment], settings: &Settings) -> Option<usize> {
+    let passing = || order.iter().copied().filter(|&i| !candidates[i].generic && candidates[i].passes(settings));
+    let share = |i: usize| candidates[i].explained_share.unwrap_or(0.0);
+    let likeliest = passing().next()?;
+    let most = passing().max_by(|&a, &b| share(a).total_cmp(&share(b)))?;
+    Some(if share(most) > 0.5 && share(most) > PLAINLY_MORE * share(likeliest) { most } else { likeliest })
 }
 
 /// All variants with the quantities they share.
@@ -151,7 +164,10 @@ impl<'a> BaseFit<'a> {
             let (x, y) = (&candidates[a], &candidates[b]);
             x.log_evidence.total_cmp(&y.log_evidence).then(y.f_statistic.total_cmp(&x.f_statistic))
         });
-        let winner = order.iter().copied().find(|&i| !candidates[i].generic && candidates[i].passes(settings));
+        let winner = leader(&order, &candidates, settings);
+        if let Some(place) = winner.and_then(|w| order.iter().position(|&i| i == w)) {
+            order[..=place].rotate_right(1);
+        }
         if let Some(w) = winner {
             self.compare(problem, &present, &blockwise, w, &mut candidates);
         }

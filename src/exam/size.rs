@@ -135,6 +135,7 @@ impl<'a> Sizer<'a> {
             segments: std::iter::once(0..n).collect(),
             dt: SPACING,
             // As of angles with noise: nothing is trimmed.
+            readings: crate::identification::EncoderReadings::default(),
             half_width: [MIN_HALF_WIDTH + 1; AXES],
             t,
         };
@@ -162,9 +163,13 @@ impl<'a> Sizer<'a> {
         size: Size,
         rng: &mut ChaCha8Rng,
     ) -> Result<Hidden, FitError> {
-        let mut active = self.shaped(effect, rng);
+        let active = self.shaped(effect, rng);
         let mut direction = direction(&active, rng);
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
+        if active.effect.gear_springs(&active.at_usual_size().values()).is_some() {
+            // Gears that leave so little would be ten times as stiff as any: medium is their usual compliance.
+            return self.hidden(active, &direction, size.factor(), None);
+        }
         let left = self.left(&active, &direction)?;
         let mut most = self.most(&active, &direction);
         // Scale of the direction at which a channel's residual rises as wanted.
@@ -197,13 +202,26 @@ impl<'a> Sizer<'a> {
         let asked = size.factor() * medium;
         // What cannot be seen at any size keeps its usual one.
         let scale = if medium > most && left[channel] * most < SILENT { most.min(1.0) } else { asked.min(most) };
-        for (value, d) in active.values.iter_mut().zip(&direction).filter(|(_, d)| **d != 0.0) {
+        self.hidden(active, &direction, scale, Some((channel, scale < asked)))
+    }
+
+    /// The effect at `scale` times `direction`, sized by a channel (the one where it shows most if none is given) and limited
+    /// or not.
+    fn hidden(
+        &self,
+        mut active: ActiveEffect,
+        direction: &[f64],
+        scale: f64,
+        sized: Option<(usize, bool)>,
+    ) -> Result<Hidden, FitError> {
+        let left = self.left_exactly(&active, direction, scale)?;
+        for (value, d) in active.values.iter_mut().zip(direction).filter(|(_, d)| **d != 0.0) {
             *value = scale * d;
         }
-        let left = self.left_exactly(&active, &direction, scale)?;
+        let most = (0..left.len()).max_by(|&a, &b| left[a].total_cmp(&left[b])).unwrap_or(0);
+        let (channel, limited) = sized.unwrap_or((most, false));
         let ratios = self.trace.channels.iter().zip(&left).map(|(&c, l)| (c, l.hypot(1.0))).collect();
-        let rise = Rise { channel: self.trace.channels[channel], ratios, limited: scale < asked };
-        Ok(Hidden { active, rise })
+        Ok(Hidden { active, rise: Rise { channel: self.trace.channels[channel], ratios, limited } })
     }
 
     /// The effect without action, with the robot's constants and a drawn shape.

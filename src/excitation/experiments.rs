@@ -382,6 +382,7 @@ impl Bench<'_> {
             measured: vec![Vec::new(); self.channels.len()],
             segments: Vec::new(),
             dt,
+            readings: crate::identification::EncoderReadings::default(),
             half_width: [MIN_HALF_WIDTH; AXES],
         };
         for start in starts {

@@ -182,6 +182,7 @@ impl Machine {
             measured: vec![vec![0.0]; AXES],
             segments: std::iter::once(0..1).collect(),
             dt: 1.0,
+            readings: crate::identification::EncoderReadings::default(),
             half_width: [MIN_HALF_WIDTH; AXES],
         };
         let mut out = Vec::new();

@@ -35,6 +35,8 @@ const TURNING: f64 = 0.05;
 const NEARBY: f64 = 0.02;
 /// Shortest and longest time before and after the reversal in which q̈ may jump, s.
 const JUMPING: [f64; 2] = [1e-3, 1e-2];
+/// Elastic gears ring for so long after a reversal, s.
+const RINGING: f64 = 0.08;
 /// Samples left out at the ends of a stretch, in widths of the smoother: inside, standard errors are at most 1.7 times
 /// those far from the ends.
 const MARGIN: f64 = 2.0;
@@ -75,7 +77,9 @@ impl<'a> Angles<'a> {
         let axes: Vec<Vec<Smoothed>> = match method {
             Method::Paper => (0..AXES).map(|i| self.each(i, paper)).collect(),
             Method::Polynomial => (0..AXES).map(|i| self.each(i, |x| polynomial(x, half_widths[i]))).collect(),
-            Method::Smoother | Method::Reversals => self.smoothed(half_widths, method == Method::Reversals),
+            Method::Smoother | Method::Reversals => {
+                self.smoothed(half_widths, (method == Method::Reversals).then_some([JUMPING[1]; 2]))
+            }
         };
         let stretch = |(s, stretch): (usize, &Range<usize>)| {
             let margin = axes.iter().map(|axis| axis[s].margin).max().unwrap_or(0);
@@ -102,7 +106,23 @@ impl<'a> Angles<'a> {
         self.stretches.iter().map(|s| f(&self.angles(axis, s))).collect()
     }
 
-    fn smoothed(&self, half_widths: [usize; AXES], reversals: bool) -> Vec<Vec<Smoothed>> {
+    /// Joint states of all samples of the stretches, with what rings for some time after each reversal.
+    pub fn ringing(&self) -> Vec<JointState> {
+        let axes = self.smoothed(self.half_widths(), Some([JUMPING[1], RINGING]));
+        let state = |s: usize, k: usize| {
+            let of =
+                |d: usize| -> [f64; AXES] { std::array::from_fn(|i| axes[i][s].values[k][d] / self.dt.powi(d as i32)) };
+            JointState { q: of(0), qd: of(1), qdd: of(2) }
+        };
+        self.stretches
+            .iter()
+            .enumerate()
+            .flat_map(|(s, stretch)| (0..stretch.len()).map(move |k| (s, k)))
+            .map(|(s, k)| state(s, k))
+            .collect()
+    }
+
+    fn smoothed(&self, half_widths: [usize; AXES], jumping: Option<[f64; 2]>) -> Vec<Vec<Smoothed>> {
         let noisy: Vec<bool> = half_widths.iter().map(|m| *m > MIN_HALF_WIDTH).collect();
         let readings: Vec<Readings> = (0..AXES).into_par_iter().map(|i| Readings::new(self, i)).collect();
         let smoothed = |turns: &[Vec<bool>]| -> Vec<Vec<Smoothed>> {
@@ -113,10 +133,10 @@ impl<'a> Angles<'a> {
             (0..AXES).into_par_iter().map(axis).collect()
         };
         let mut turning: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
-        if reversals {
+        if let Some(longest) = jumping {
             let first = smoothed(&turning);
             let rates = |s: usize, i: usize| first[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
-            let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt);
+            let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt, longest);
             turning = (0..self.stretches.len()).map(of).collect();
         }
         smoothed(&turning)
@@ -145,10 +165,10 @@ fn polynomial(x: &[f64], m: usize) -> Smoothed {
 }
 
 /// Whether q̈ may jump in each step of a stretch: an axis turns around, by the rates of all axes, rad/s.
-fn turns(rates: &[Vec<f64>; AXES], dt: f64) -> Vec<bool> {
+fn turns(rates: &[Vec<f64>; AXES], dt: f64, longest: [f64; 2]) -> Vec<bool> {
     let mut turns = no_turns(rates[0].len());
     let steps = turns.len();
-    let [shortest, longest] = JUMPING.map(|t| (t / dt).ceil() as usize);
+    let [shortest, before_most, after_most] = [JUMPING[0], longest[0], longest[1]].map(|t| (t / dt).ceil() as usize);
     let nearby = (NEARBY / dt).ceil() as usize;
     for v in rates {
         for k in (0..steps).filter(|&k| (v[k] < 0.0) != (v[k + 1] < 0.0)) {
@@ -157,8 +177,9 @@ fn turns(rates: &[Vec<f64>; AXES], dt: f64) -> Vec<bool> {
                 continue;
             }
             let slow = |k: &usize| v[*k].abs() < TURNING;
-            let before = (k.saturating_sub(longest)..=k).rev().take_while(slow).count().max(shortest);
-            let after = (k + 1..steps.min(k + longest)).take_while(slow).count().max(shortest);
+            let before = (k.saturating_sub(before_most)..=k).rev().take_while(slow).count().max(shortest);
+            let slow_after = (k + 1..steps.min(k + before_most)).take_while(slow).count().max(shortest);
+            let after = if after_most > before_most { after_most } else { slow_after };
             turns[k.saturating_sub(before)..(k + after).min(steps)].fill(true);
         }
     }

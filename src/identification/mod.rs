@@ -26,4 +26,4 @@ pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use payload::{PayloadFit, identify_payload};
 pub use prediction::{averaged_columns, columns, predict};
 pub use swapped::swapped;
-pub use trace::Trace;
+pub use trace::{EncoderReadings, Trace};

@@ -1,15 +1,13 @@
 //! What a plant predicts for a trace, and how that changes with each parameter.
 //!
 //! A trace holds what the encoders read. What lies between encoder and joint ([`Kind::Encoder`]) is taken off first:
-//! constant offsets o, then the deflection of elastic gears. With θ the encoder angle less its offset, J the rotor's
-//! inertia and c the compliance, the exact inverse is q = θ − δ, δ = c·(τ − J·θ̈), τ = ID(q, q̇, q̈) + J·δ̈, ID the inverse
-//! dynamics with the rotor on the arm. δ is taken from τ = ID(θ, θ̇, θ̈) instead, smoothed and differentiated like the
-//! angles: exact to first order in c, and valid below the ringing of the gears, which a measured motion does not
-//! determine. Their damper, a shift of δ by c·d (under a millisecond), is of second order and left out.
+//! constant offsets, then the deflection of elastic gears ([`gears`]). With θ the encoder angle less its offset, q the
+//! joint's, J the rotor's inertia and ID the inverse dynamics with the rotor on the arm, τ = ID(q, q̇, q̈) + J·(θ̈ − q̈).
 //!
 //! Own states of force laws are integrated along the measured motion.
 
 mod averaged;
+mod gears;
 mod states;
 
 use std::borrow::Cow;
@@ -19,7 +17,6 @@ use rayon::prelude::*;
 
 use self::states::OwnStates;
 use super::Trace;
-use super::filtering::Kernel;
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
 use crate::effects::{ActiveEffect, Entry, GearSpring, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion};
@@ -36,6 +33,8 @@ pub type Channels = Vec<Vec<f64>>;
 struct Joints<'a> {
     plant: &'a Plant,
     states: Cow<'a, [JointState]>,
+    /// What the encoders read, less constant offsets; another motion where a gear gives way.
+    encoders: Cow<'a, [JointState]>,
 }
 
 impl Joints<'_> {
@@ -45,14 +44,16 @@ impl Joints<'_> {
     }
 }
 
-/// Whether a prediction at one sample needs only samples around it (see [`reach`]); own states need all before.
+/// Whether a prediction at one sample needs only samples around it (see [`reach`]); own states and elastic gears need
+/// all before.
 pub fn is_local(plant: &Plant) -> bool {
-    plant.effects.iter().all(|a| a.states() == 0 || a.effect.kind() == Kind::Encoder)
+    let at_rest = |a: &ActiveEffect| a.states() == 0 || a.effect.kind() == Kind::Encoder;
+    plant.effects.iter().all(at_rest) && gear_springs(plant).is_none()
 }
 
-/// Samples on either side that a local prediction needs: sensors shift by less, deflections are smoothed over less.
+/// Samples on either side that a local prediction needs: sensors shift by less.
 fn reach(plant: &Plant) -> usize {
-    if plant.observes() || gear_springs(plant).is_some() { 256 } else { 0 }
+    if plant.observes() { 256 } else { 0 }
 }
 
 /// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
@@ -85,6 +86,10 @@ pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError
 /// The samples that a local prediction in `range` needs, and where `range` starts in them.
 pub fn surroundings(plant: &Plant, trace: &Trace, range: &Range<usize>) -> (Trace, usize) {
     let reach = reach(plant);
+    if gear_springs(plant).is_some() {
+        // Once for all windows.
+        trace.ringing();
+    }
     let outer = range.start.saturating_sub(reach)..(range.end + reach).min(trace.len());
     let shift = range.start - outer.start;
     (trace.window(outer), shift)
@@ -101,56 +106,15 @@ fn joints<'a>(plant: &'a Plant, trace: &'a Trace) -> Result<Joints<'a>, Kinemati
         true => Cow::Borrowed(trace.joints.as_slice()),
         false => Cow::Owned(trace.joints.iter().map(joint).collect()),
     };
-    let rigid = Joints { plant, states };
+    let rigid = Joints { plant, encoders: states.clone(), states };
     match gear_springs(plant) {
-        Some(gears) => deflected(trace, &rigid, &gears),
+        Some(gears) => gears::deflected(trace, &rigid, &gears),
         None => Ok(rigid),
     }
 }
 
 fn gear_springs(plant: &Plant) -> Option<[GearSpring; AXES]> {
     plant.effects.iter().find_map(|a| a.effect.gear_springs(&a.values()))
-}
-
-/// Shortest half width over which deflections are smoothed, s: a third of the gears' period leaves the ringing out.
-const DEFLECTION_HALF_WIDTH: f64 = 4e-3;
-
-/// Joint motion behind elastic gears that is `rigid` at the encoders.
-fn deflected<'a>(trace: &Trace, rigid: &Joints<'a>, gears: &[GearSpring; AXES]) -> Result<Joints<'a>, KinematicsError> {
-    let plant = rigid.plant;
-    let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let own = OwnStates::along(plant, &effects, trace, rigid)?;
-    let torque: Vec<[f64; AXES]> = (0..trace.len())
-        .into_par_iter()
-        .map(|k| Ok(inverse_dynamics(plant, trace.t[k], &rigid.motion(k)?, &own.at(k), false)?.tau))
-        .collect::<Result<_, KinematicsError>>()?;
-    let mut joints = rigid.states.to_vec();
-    let least = (DEFLECTION_HALF_WIDTH / trace.dt).round() as usize;
-    for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.compliance != 0.0) {
-        let kernel = Kernel::new(trace.half_width[i].max(least));
-        for segment in &trace.segments {
-            let deflection: Vec<f64> = segment
-                .clone()
-                .map(|k| gear.compliance * (torque[k][i] - gear.rotor_inertia * rigid.states[k].qdd[i]))
-                .collect();
-            let padded = reflected(&deflection, kernel.half_width);
-            for (derivative, scale) in [(0, 1.0), (1, 1.0 / trace.dt), (2, 1.0 / (trace.dt * trace.dt))] {
-                for (joint, x) in joints[segment.clone()].iter_mut().zip(kernel.apply(derivative, &padded)) {
-                    let target = [&mut joint.q, &mut joint.qd, &mut joint.qdd];
-                    target[derivative][i] -= x * scale;
-                }
-            }
-        }
-    }
-    Ok(Joints { plant, states: Cow::Owned(joints) })
-}
-
-/// A series with `m` samples more at either end, turned about the end points: value and slope go on.
-fn reflected(x: &[f64], m: usize) -> Vec<f64> {
-    let Some(last) = x.len().checked_sub(1) else { return Vec::new() };
-    let before = (1..=m).rev().map(|k| 2.0 * x[0] - x[k.min(last)]);
-    let after = (1..=m).map(|k| 2.0 * x[last] - x[last.saturating_sub(k)]);
-    before.chain(x.iter().copied()).chain(after).collect()
 }
 
 fn predict_along(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, KinematicsError> {
@@ -171,24 +135,22 @@ fn ideal(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, Kine
             let mut out = inverse_dynamics(plant, trace.t[k], &joints.motion(k)?, &own.at(k), with_struts)?;
             for (i, gear) in gears.iter().enumerate() {
                 // The rotor moves with the encoder, not with the arm.
-                out.tau[i] += gear.rotor_inertia * (trace.joints[k].qdd[i] - joints.states[k].qdd[i]);
+                out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
             }
             Ok(out)
         })
         .collect::<Result<_, _>>()?;
-    let series: Channels = trace
-        .channels
-        .iter()
-        .map(|channel| {
-            let value = |o: &Output| match *channel {
-                Channel::Torque(axis) | Channel::Force(axis) => o.tau[axis],
-                Channel::StrutUpper(s) => o.reactions.upper[s],
-                Channel::StrutLower(s) => o.reactions.lower[s],
-            };
-            outputs.iter().map(value).collect()
-        })
-        .collect();
+    let series: Channels =
+        trace.channels.iter().map(|channel| outputs.iter().map(|o| channel_value(*channel, o)).collect()).collect();
     Ok(series)
+}
+
+fn channel_value(channel: Channel, output: &Output) -> f64 {
+    match channel {
+        Channel::Torque(axis) | Channel::Force(axis) => output.tau[axis],
+        Channel::StrutUpper(s) => output.reactions.upper[s],
+        Channel::StrutLower(s) => output.reactions.lower[s],
+    }
 }
 
 /// Passes the torque channels through the plant's sensor effects.
@@ -233,6 +195,9 @@ fn columns_along(
     candidate: Option<&ActiveEffect>,
     joints: &Joints,
 ) -> Result<Vec<Channels>, KinematicsError> {
+    if let Some(active) = candidate.filter(|a| has_gears(a)) {
+        return gear_columns(plant, trace, active, &predict(plant, trace)?);
+    }
     let rigid = plant.rigid_bodies();
     let effects: Vec<&ActiveEffect> = match candidate {
         Some(active) => vec![active],
@@ -248,8 +213,16 @@ fn columns_along(
     for active in &effects {
         let own: Vec<usize> = (at..at + active.values.len()).collect();
         let mut unmoved: Option<Channels> = None;
+        let whole = active.effect.kind().acts_on_the_whole();
+        if has_gears(active) {
+            at += active.values.len();
+            continue;
+        }
+        let mut moved_wholes = match active.effect.kind() {
+            Kind::Geometry | Kind::Encoder => moved_predictions(plant, trace, active, candidate.is_some())?,
+            _ => Vec::new(),
+        };
         for (k, entry) in active.entries().iter().enumerate() {
-            let whole = active.effect.kind().acts_on_the_whole();
             if entry.parameter.role != Role::Shape && !(whole && entry.parameter.role == Role::Linear) {
                 continue;
             }
@@ -270,7 +243,7 @@ fn columns_along(
                 }
                 seen(changed(Some((k, step))))
             } else if whole {
-                predict(&changed(Some((k, step))), trace)?
+                std::mem::take(&mut moved_wholes[k])
             } else {
                 let columns: Vec<Channels> = moved_shapes.drain(..active.values.len()).collect();
                 let mut values = active.values.clone();
@@ -290,7 +263,67 @@ fn columns_along(
         }
         at += active.values.len();
     }
+    if let Some(gears) = gear_springs(plant) {
+        let (mut bent, mut compliances, mut at) = (Vec::new(), 0..0, 0);
+        for active in &effects {
+            let own = at..at + active.values.len();
+            at = own.end;
+            if has_gears(active) {
+                // The compliances come first.
+                compliances = bent.len()..bent.len() + plant.mechanism.arms();
+                bent.extend(own.start..own.start + compliances.len());
+            } else if !active.effect.kind().acts_on_the_whole() {
+                bent.extend(own);
+            }
+        }
+        let mut columns: Vec<Channels> = bent.iter().map(|&i| std::mem::take(&mut out[i])).collect();
+        gears::through_gears(trace, joints, &gears, &mut columns, compliances)?;
+        bent.into_iter().zip(columns).for_each(|(i, column)| out[i] = column);
+    }
     Ok(out)
+}
+
+/// Whether an effect puts springs into gears, at its usual size if it is absent.
+fn has_gears(active: &ActiveEffect) -> bool {
+    active.effect.gear_springs(&active.at_usual_size().values()).is_some()
+}
+
+/// Columns of elastic gears that `plant`, which predicts `rigid`, does not have yet.
+///
+/// Gears that ring leave nothing of what infinitesimally elastic ones would do: the columns are secants, from rigid
+/// gears to those of `active` (of usual size if they are rigid, too). The change of a channel is put down to the gear of
+/// its own limb.
+fn gear_columns(
+    plant: &Plant,
+    trace: &Trace,
+    active: &ActiveEffect,
+    rigid: &Channels,
+) -> Result<Vec<Channels>, KinematicsError> {
+    let rigid_gears = active.effect.gear_springs(&active.values()).is_none();
+    let there = if rigid_gears { active.at_usual_size() } else { active.clone() };
+    let elastic = predict(&with(plant, &there, None, true), trace)?;
+    let column = |(arm, (entry, value)): (usize, (Entry, &f64))| -> Channels {
+        let of = |(c, (e, r)): (usize, (&Vec<f64>, &Vec<f64>))| {
+            let own = entry.parameter.role == Role::Linear && trace.channels[c].limb() == arm;
+            e.iter().zip(r).map(|(e, r)| if own { (e - r) / value } else { 0.0 }).collect()
+        };
+        elastic.iter().zip(rigid).enumerate().map(of).collect()
+    };
+    Ok(there.entries().into_iter().zip(&there.values).enumerate().map(column).collect())
+}
+
+/// Predictions with each estimated parameter of an effect moved by its step; nothing for fixed ones.
+fn moved_predictions(
+    plant: &Plant,
+    trace: &Trace,
+    active: &ActiveEffect,
+    is_candidate: bool,
+) -> Result<Vec<Channels>, KinematicsError> {
+    let moved = |(k, entry): (usize, &Entry)| match entry.parameter.role {
+        Role::Fixed => Ok(Channels::new()),
+        _ => predict(&with(plant, active, Some((k, difference(entry))), is_candidate), trace),
+    };
+    active.entries().par_iter().enumerate().map(moved).collect()
 }
 
 /// Step of a parameter for differences of predictions.

@@ -1,6 +1,7 @@
 //! [`Trace`]: a recording prepared for the dynamics.
 
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use super::derivatives::{Angles, Method};
 use super::filtering::MIN_HALF_WIDTH;
@@ -20,6 +21,8 @@ pub struct Trace {
     pub t: Vec<f64>,
     /// Joint motion at each sample.
     pub joints: Vec<JointState>,
+    /// What the encoders read, from which [`Self::ringing`] comes; nothing for a motion that is exact.
+    pub readings: EncoderReadings,
     /// Measured channels.
     pub channels: Vec<Channel>,
     /// Their values, one series per channel.
@@ -31,6 +34,21 @@ pub struct Trace {
     /// Half width per axis of local polynomials whose second derivative carries tolerable encoder noise, samples; the
     /// smallest, [`super::filtering::MIN_HALF_WIDTH`], where there is none.
     pub half_width: [usize; AXES],
+}
+
+/// Angles as encoders read them, and the motion with all that rings in them once it was asked for.
+#[derive(Clone, Debug, Default)]
+pub struct EncoderReadings {
+    angles: Vec<[f64; AXES]>,
+    ringing: OnceLock<Vec<JointState>>,
+}
+
+impl EncoderReadings {
+    fn window(&self, range: &Range<usize>) -> Self {
+        let angles = self.angles.get(range.clone()).map_or_else(Vec::new, <[_]>::to_vec);
+        let known = self.ringing.get().map(|all| all[range.clone()].to_vec());
+        Self { angles, ringing: known.map_or_else(OnceLock::new, OnceLock::from) }
+    }
 }
 
 impl Trace {
@@ -50,6 +68,7 @@ impl Trace {
             setup: recording.setup,
             t: Vec::new(),
             joints: Vec::new(),
+            readings: EncoderReadings::default(),
             measured: vec![Vec::new(); channels.len()],
             channels,
             segments: Vec::new(),
@@ -59,6 +78,7 @@ impl Trace {
         for (kept, joints) in angles.differentiate(method) {
             let first = trace.t.len();
             trace.t.extend(&signals.t[kept.clone()]);
+            trace.readings.angles.extend(&signals.q[kept.clone()]);
             if first == 0 {
                 trace.joints = joints;
             } else {
@@ -70,6 +90,15 @@ impl Trace {
             trace.segments.push(first..trace.t.len());
         }
         trace
+    }
+
+    /// Joint motion with what elastic gears let ring after reversals; [`Self::joints`] where the motion is exact.
+    pub fn ringing(&self) -> &[JointState] {
+        let EncoderReadings { angles, ringing } = &self.readings;
+        if angles.is_empty() {
+            return &self.joints;
+        }
+        ringing.get_or_init(|| Angles::new(angles, &self.segments, self.dt).ringing())
     }
 
     /// Number of samples.
@@ -89,6 +118,7 @@ impl Trace {
             setup: self.setup,
             t: Vec::new(),
             joints: Vec::new(),
+            readings: EncoderReadings::default(),
             channels: self.channels.clone(),
             measured: vec![Vec::new(); self.channels.len()],
             segments: Vec::new(),
@@ -108,6 +138,7 @@ impl Trace {
             setup: self.setup,
             t: self.t[range.clone()].to_vec(),
             joints: self.joints[range.clone()].to_vec(),
+            readings: self.readings.window(&range),
             channels: self.channels.clone(),
             measured: self.measured.iter().map(|m| m[range.clone()].to_vec()).collect(),
             segments: self.segments.iter().filter_map(clip).collect(),
@@ -142,6 +173,7 @@ impl Trace {
             setup: self.setup,
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
+            readings: EncoderReadings::default(),
             channels: self.channels.clone(),
             measured: self.measured.iter().map(|m| self.means(m, block)).collect(),
             segments: segments.collect(),

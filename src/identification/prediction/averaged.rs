@@ -9,7 +9,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{
-    Channels, Joints, OwnStates, difference, gear_springs, ideal, joints, observe, predict, shaped, weighted, with,
+    Channels, Joints, OwnStates, columns_along, difference, gear_columns, gear_springs, has_gears, ideal, joints,
+    observe, predict, shaped, weighted, with,
 };
 use crate::dynamics::{ChannelMap, Output, Plant, add_regressor, inverse_dynamics};
 use crate::effects::{ActiveEffect, Kind, Role};
@@ -50,6 +51,12 @@ pub fn averaged_columns(
     for (at, active) in all.iter().enumerate() {
         let is_candidate = at >= own.len();
         let kind = active.effect.kind();
+        if is_candidate && has_gears(active) {
+            let [_, rigid] = at_every_sample()?;
+            let mean = |column: Channels| -> Channels { column.iter().map(|x| trace.means(x, block)).collect() };
+            linear[at] = gear_columns(plant, trace, active, &rigid)?.into_iter().map(mean).collect();
+            continue;
+        }
         for (k, entry) in active.entries().iter().enumerate() {
             let step = difference(entry);
             let slope = |there: &Channels, here: &Channels| -> Channels {
@@ -65,10 +72,6 @@ pub fn averaged_columns(
                     observe(&changed(), trace, &mut seen);
                     slope(&seen, &here).iter().map(|x| trace.means(x, block)).collect()
                 }
-                (Kind::Encoder, _) if gear_springs(&changed()).is_some() => {
-                    let [_, here] = at_every_sample()?;
-                    slope(&predict(&changed(), trace)?, &here).iter().map(|x| trace.means(x, block)).collect()
-                }
                 (Kind::Geometry | Kind::Encoder, _) => slope(&predict(&changed(), &middle)?, &plain),
                 (Kind::Inertia | Kind::Force, Role::Linear) => continue,
                 (Kind::Inertia | Kind::Force, Role::Shape) => {
@@ -78,6 +81,16 @@ pub fn averaged_columns(
                     slope(&weighted(&columns, &values), &weighted(&linear[at], &active.values))
                 }
             };
+        }
+    }
+    if gear_springs(plant).is_some() {
+        // What the gears pass on depends on all samples before.
+        let mut exact = columns_along(plant, trace, None, &joints)?.into_iter();
+        for (active, columns) in own.iter().zip(&mut linear) {
+            for column in columns.iter_mut().take(active.values.len()) {
+                let all = exact.next().expect("one per parameter");
+                *column = all.iter().map(|x| trace.means(x, block)).collect();
+            }
         }
     }
     Ok(linear)
@@ -186,6 +199,7 @@ mod tests {
             measured: vec![(0..2003).map(f64::from).collect(); 5],
             segments: vec![0..1001, 1001..2003],
             dt: DT,
+            readings: crate::identification::EncoderReadings::default(),
             half_width: [10; 4],
         }
     }

@@ -1,0 +1,299 @@
+//! Joint motion behind elastic gears.
+//!
+//! The encoder angle θ drives the arm through spring and damper. With the deflection δ = θ − q, ID the inverse dynamics
+//! with the rotor on the arm, J the rotor's inertia and c the compliance,
+//!
+//! ID(q, q̇, q̈) − J·q̈ = δ/c + d·δ̇.
+//!
+//! The three arms together are integrated along the measured θ. What rings with the gears is in θ, too, at frequencies
+//! which the smoothing of rigid joints takes off ([`Trace::ringing`]).
+//!
+//! A parameter p that adds Y to the torques of a given joint motion moves that motion, too: with the sensitivity
+//! s = ∂δ/∂p and M, C the derivatives of ID by q̈ and q̇ (those by q are nothing beside 1/c),
+//! Y − M·s̈ − C·ṡ + J·s̈ = s/c + d·ṡ.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use super::states::OwnStates;
+use super::{Channels, Joints, channel_value};
+use crate::dynamics::{Plant, inverse_dynamics};
+use crate::effects::{ActiveEffect, GearSpring};
+use crate::identification::Trace;
+use crate::kinematics::{JointState, KinematicsError};
+use crate::model::{ARMS, AXES};
+
+/// Newmark's γ and β: the trapezoidal rule but for a little damping of what is faster than the sampling.
+const GAMMA: f64 = 0.55;
+const BETA: f64 = 0.25 * (0.5 + GAMMA) * (0.5 + GAMMA);
+/// Newton steps per sample at most; the Jacobian of the sample before serves for so many of them.
+const MOST_STEPS: usize = 12;
+const OLD_JACOBIAN: usize = 3;
+/// Deflection that no gear survives, rad.
+const RUN_AWAY: f64 = 0.1;
+/// Change of a deflection at which the steps end, and that for a column of the Jacobian, rad.
+const CONVERGED: f64 = 1e-10;
+const STEP: f64 = 1e-8;
+
+/// Joint motion behind the gears of encoders whose motion would be `rigid` without them.
+pub(super) fn deflected<'a>(
+    trace: &Trace,
+    rigid: &Joints<'a>,
+    gears: &[GearSpring; AXES],
+) -> Result<Joints<'a>, KinematicsError> {
+    let plant = rigid.plant;
+    let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let own = OwnStates::along(plant, &effects, trace, rigid)?;
+    let encoders = encoders(trace, rigid);
+    let mut states = encoders.clone();
+    let arms = Arms { plant, gears, trace, own: &own, encoders: &encoders };
+    for segment in &trace.segments {
+        arms.along(segment.clone(), &mut states)?;
+    }
+    Ok(Joints { plant, states: states.into(), encoders: encoders.into() })
+}
+
+/// Motion of the encoders, less their offsets: of the arms with what rings.
+fn encoders(trace: &Trace, rigid: &Joints) -> Vec<JointState> {
+    let mut out = rigid.states.to_vec();
+    for ((joint, ringing), smooth) in out.iter_mut().zip(trace.ringing()).zip(&trace.joints) {
+        for i in 0..ARMS {
+            joint.q[i] += ringing.q[i] - smooth.q[i];
+            joint.qd[i] = ringing.qd[i];
+            joint.qdd[i] = ringing.qdd[i];
+        }
+    }
+    out
+}
+
+/// Deflections of the arms' gears and their first two derivatives.
+#[derive(Clone, Copy)]
+struct Deflection {
+    angle: Vector3<f64>,
+    rate: Vector3<f64>,
+    acceleration: Vector3<f64>,
+}
+
+impl Deflection {
+    /// The deflection `h` later, when its acceleration will be `acceleration`.
+    fn after(&self, h: f64, acceleration: Vector3<f64>) -> Self {
+        let mean = (1.0 - 2.0 * BETA) * self.acceleration + 2.0 * BETA * acceleration;
+        Self {
+            angle: self.angle + h * self.rate + 0.5 * h * h * mean,
+            rate: self.rate + h * ((1.0 - GAMMA) * self.acceleration + GAMMA * acceleration),
+            acceleration,
+        }
+    }
+
+    /// The joint behind an encoder.
+    fn behind(&self, encoder: &JointState) -> JointState {
+        let mut joint = *encoder;
+        for i in 0..ARMS {
+            joint.q[i] -= self.angle[i];
+            joint.qd[i] -= self.rate[i];
+            joint.qdd[i] -= self.acceleration[i];
+        }
+        joint
+    }
+}
+
+struct Arms<'a> {
+    plant: &'a Plant,
+    gears: &'a [GearSpring; AXES],
+    trace: &'a Trace,
+    own: &'a OwnStates,
+    encoders: &'a [JointState],
+}
+
+impl Arms<'_> {
+    /// Joint motion along one segment, which begins with steady gears.
+    ///
+    /// With bodies that cannot be, which a fit may try, the arms run away: they begin anew then.
+    fn along(&self, segment: Range<usize>, joints: &mut [JointState]) -> Result<(), KinematicsError> {
+        let mut now = self.steady(segment.start)?;
+        let mut inverse = None;
+        for k in segment {
+            now = match self.next(k, &now, &mut inverse) {
+                Ok(next) if next.angle.amax() < RUN_AWAY => next,
+                _ => self.steady(k)?,
+            };
+            joints[k] = now.behind(&self.encoders[k]);
+        }
+        Ok(())
+    }
+
+    /// Deflection that does not change.
+    fn steady(&self, k: usize) -> Result<Deflection, KinematicsError> {
+        let none = Vector3::zeros();
+        let rigid = Deflection { angle: none, rate: none, acceleration: none };
+        Ok(Deflection { angle: self.excess(k, &rigid)?, ..rigid })
+    }
+
+    /// Deflection at sample `k` from that before; `inverse` is that of the Jacobian.
+    fn next(
+        &self,
+        k: usize,
+        before: &Deflection,
+        inverse: &mut Option<Matrix3<f64>>,
+    ) -> Result<Deflection, KinematicsError> {
+        let h = self.trace.dt;
+        let left = |a: &Vector3<f64>| self.excess(k, &before.after(h, *a));
+        let mut acceleration = before.acceleration;
+        for step in 0..MOST_STEPS {
+            let here = left(&acceleration)?;
+            if inverse.is_none() || step == OLD_JACOBIAN {
+                let mut jacobian = Matrix3::zeros();
+                for i in 0..ARMS {
+                    let mut moved = acceleration;
+                    moved[i] += STEP / (h * h);
+                    jacobian.set_column(i, &((left(&moved)? - here) * (h * h / STEP)));
+                }
+                *inverse = jacobian.try_inverse();
+            }
+            let Some(change) = inverse.map(|inverse| inverse * here) else { break };
+            acceleration -= change;
+            if change.amax() * h * h < CONVERGED {
+                break;
+            }
+        }
+        Ok(before.after(h, acceleration))
+    }
+
+    /// By how much the transmitted torques would deflect the gears further, rad: zero in balance.
+    fn excess(&self, k: usize, at: &Deflection) -> Result<Vector3<f64>, KinematicsError> {
+        let joint = at.behind(&self.encoders[k]);
+        let motion = self.plant.motion(&joint)?;
+        let tau = inverse_dynamics(self.plant, self.trace.t[k], &motion, &self.own.at(k), false)?.tau;
+        Ok(Vector3::from_fn(|i, _| {
+            let gear = &self.gears[i];
+            let transmitted = tau[i] - gear.rotor_inertia * joint.qdd[i];
+            gear.compliance * (transmitted - gear.damping * at.rate[i]) - at.angle[i]
+        }))
+    }
+}
+
+/// Makes of `columns`, the derivatives of the channels at given joint motions, those at the given motion of the encoders.
+/// The compliances' own columns, those of `compliances`, come from nothing.
+pub(super) fn through_gears(
+    trace: &Trace,
+    joints: &Joints,
+    gears: &[GearSpring; AXES],
+    columns: &mut [Channels],
+    compliances: Range<usize>,
+) -> Result<(), KinematicsError> {
+    let passage = Passage::new(trace, joints, gears)?;
+    columns.par_iter_mut().enumerate().for_each(|(p, column)| {
+        let own = compliances.contains(&p).then(|| p - compliances.start);
+        for segment in &trace.segments {
+            passage.turn(segment.clone(), column, own);
+        }
+    });
+    Ok(())
+}
+
+/// Steps of accelerations, rad/s², and rates, rad/s, for derivatives by them: of a rate so small that friction which
+/// jumps is seen to.
+const STEPS: [f64; 2] = [1.0, 1e-6];
+
+/// Arms whose torques are among the channels, with these.
+fn measured(drives: &[Option<usize>; ARMS]) -> impl Iterator<Item = (usize, usize)> + '_ {
+    drives.iter().enumerate().filter_map(|(i, c)| c.map(|c| (i, c)))
+}
+
+/// What elastic gears make of a torque, linearised along a motion.
+struct Passage<'a> {
+    trace: &'a Trace,
+    joints: &'a Joints<'a>,
+    gears: &'a [GearSpring; AXES],
+    /// Channels of the arms' torques; a gear whose torque was not measured counts as rigid.
+    drives: [Option<usize>; ARMS],
+    /// Derivatives of the channels by the arms' accelerations and rates, M and C, channel by channel for each sample.
+    slopes: Vec<[Vector3<f64>; 2]>,
+    /// Acceleration of s per unit by which the gears of still joints would deflect, for each sample.
+    inverse: Vec<Matrix3<f64>>,
+}
+
+impl<'a> Passage<'a> {
+    fn new(trace: &'a Trace, joints: &'a Joints<'a>, gears: &'a [GearSpring; AXES]) -> Result<Self, KinematicsError> {
+        let plant = joints.plant;
+        let drives = std::array::from_fn(|i| trace.channels.iter().position(|c| c.drive() == Some(i)));
+        let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+        let own = OwnStates::along(plant, &effects, trace, joints)?;
+        let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
+        let at = |k: usize| -> Result<Vec<[Vector3<f64>; 2]>, KinematicsError> {
+            let values = |joint: &JointState| -> Result<Vec<f64>, KinematicsError> {
+                let out = inverse_dynamics(plant, trace.t[k], &plant.motion(joint)?, &own.at(k), with_struts)?;
+                Ok(trace.channels.iter().map(|c| channel_value(*c, &out)).collect())
+            };
+            let here = values(&joints.states[k])?;
+            let mut slopes = vec![[Vector3::zeros(); 2]; here.len()];
+            for i in 0..ARMS {
+                for (derivative, step) in STEPS.iter().enumerate() {
+                    let mut moved = joints.states[k];
+                    [&mut moved.qdd, &mut moved.qd][derivative][i] += step;
+                    for ((slope, there), here) in slopes.iter_mut().zip(values(&moved)?).zip(&here) {
+                        slope[derivative][i] = (there - here) / step;
+                    }
+                }
+            }
+            Ok(slopes)
+        };
+        let slopes: Vec<Vec<[Vector3<f64>; 2]>> =
+            (0..trace.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+        let h = trace.dt;
+        let inverse = |slopes: &Vec<[Vector3<f64>; 2]>| {
+            let mut matrix = Matrix3::from_diagonal_element(BETA * h * h);
+            for (i, c) in measured(&drives) {
+                let (gear, [mass, friction]) = (&gears[i], slopes[c]);
+                for j in 0..ARMS {
+                    matrix[(i, j)] += gear.compliance * (mass[j] + GAMMA * h * friction[j]);
+                }
+                matrix[(i, i)] += gear.compliance * (GAMMA * h * gear.damping - gear.rotor_inertia);
+            }
+            matrix.try_inverse().unwrap_or_else(Matrix3::zeros)
+        };
+        let inverse = slopes.iter().map(inverse).collect();
+        Ok(Self { trace, joints, gears, drives, slopes: slopes.concat(), inverse })
+    }
+
+    /// Turns a column in one segment; `own` has its compliance as parameter, if any.
+    fn turn(&self, segment: Range<usize>, column: &mut Channels, own: Option<usize>) {
+        let (h, none) = (self.trace.dt, Vector3::zeros());
+        let mut s = Deflection { angle: self.source(column, segment.start, own), rate: none, acceleration: none };
+        for k in segment {
+            let slopes = &self.slopes[k * column.len()..(k + 1) * column.len()];
+            // Linear in the new acceleration: what is there without it, and what it adds.
+            let free = s.after(h, none);
+            let mut right = self.source(column, k, own) - free.angle;
+            for (i, c) in measured(&self.drives) {
+                let gear = &self.gears[i];
+                right[i] -= gear.compliance * (slopes[c][1].dot(&free.rate) + gear.damping * free.rate[i]);
+            }
+            s = s.after(h, self.inverse[k] * right);
+            for (c, series) in column.iter_mut().enumerate() {
+                let direct = if own.is_some() { 0.0 } else { series[k] };
+                series[k] = direct - slopes[c][0].dot(&s.acceleration) - slopes[c][1].dot(&s.rate);
+            }
+            for (i, c) in measured(&self.drives) {
+                column[c][k] += self.gears[i].rotor_inertia * s.acceleration[i];
+            }
+        }
+    }
+
+    /// By how much the parameter would deflect the gears of joints that stay where they are:
+    /// ∂/∂p of c·(ID − J·q̈ − d·δ̇).
+    fn source(&self, column: &Channels, k: usize, own: Option<usize>) -> Vector3<f64> {
+        Vector3::from_fn(|i, _| {
+            let compliance = self.gears[i].compliance;
+            match own {
+                Some(arm) if arm == i && compliance > 0.0 => {
+                    (self.joints.encoders[k].q[i] - self.joints.states[k].q[i]) / compliance
+                }
+                Some(_) => 0.0,
+                None => self.drives[i].map_or(0.0, |c| compliance * column[c][k]),
+            }
+        })
+    }
+}
