@@ -134,6 +134,8 @@ pub struct Diagnosis {
     pub parameters: [Vec<Estimate>; 2],
     /// What no known effect explains, for [`Verdict::Unknown`].
     pub unexplained: Option<Unexplained>,
+    /// By how much the torques come late, s, if it is less than half a sample: no effect, but part of the model.
+    pub sampling_lag: Option<f64>,
     /// The refitted model with the found effects, which its history tells of, and with a formula for what they do not explain.
     pub model: Model,
 }
@@ -205,7 +207,7 @@ pub fn diagnose_holding(
     let noise = floor(model, traces);
     let fitting = Fitting { traces, weights: vec![noise.clone(); traces.len()], held };
     progress("refit");
-    let start = fitting.fit(model)?;
+    let mut start = fitting.fit(model)?;
     let mounted = in_configuration(model, &traces[0].setup);
     let candidates = problem::absent(&mounted);
     let mut refused: Vec<&str> = Vec::new();
@@ -215,12 +217,13 @@ pub fn diagnose_holding(
     let mut settings =
         Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
     let judge = if held_out.is_empty() { traces } else { held_out };
-    let rms_before = channel_rms(&residuals(&start.model, judge)?);
+    let mut rms_before = channel_rms(&residuals(&start.model, judge)?);
     let noise_floor = floor(model, judge);
     // Stop at the noise floor: there is nothing to explain where no channel lies above it.
     if rms_before.iter().zip(&noise_floor).all(|(r, f)| r <= f) {
         settings.max_steps = 0;
     }
+    let mut sampling_lag = None;
     // All candidates are reported as they were before any was refused.
     let mut all: Option<Ranking> = None;
     let (outcome, end, mut rms_after, without) = loop {
@@ -234,6 +237,17 @@ pub fn diagnose_holding(
         let (outcome, end) = search(&start, &fitting, &candidates, &stated, &settings, progress)?;
         all.get_or_insert_with(|| outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking).clone());
         let names: Vec<&str> = outcome.found().into_iter().map(|i| candidates[i][0].effect.name()).collect();
+        if let Some((late, lag)) = lag_of_the_recorder(&end.model, &names, traces[0].dt) {
+            sampling_lag = Some(lag);
+            refused.push(late.effect.name());
+            let mut with_lag = start.model.clone();
+            with_lag.effects.push(late);
+            start = fitting.fit(&with_lag)?;
+            first = problem::problem(&start, traces, &noise, &candidates)?;
+            first.base.retain(|c| !fitting.holds(&c.name));
+            rms_before = channel_rms(&residuals(&start.model, judge)?);
+            continue;
+        }
         // A law with a definite sign must come out with it.
         let impossible = |name: &&str| end.impossible.iter().any(|p| p.split('.').next() == Some(*name));
         let mut wrong = names.iter().copied().find(impossible);
@@ -261,7 +275,7 @@ pub fn diagnose_holding(
         }
         match wrong {
             None => break (outcome, end, rms_after, without),
-            Some(name) if refused.len() < MAX_REFUSED => refused.push(name),
+            Some(name) if refused.len() < MAX_REFUSED + usize::from(sampling_lag.is_some()) => refused.push(name),
             // After so many refusals no name is worth trusting.
             Some(_) => settings.max_steps = 0,
         }
@@ -361,8 +375,16 @@ pub fn diagnose_holding(
         changes: budget::changes(&start, &end),
         parameters: [start.parameters, end.parameters],
         unexplained,
+        sampling_lag,
         model: found_model,
     })
+}
+
+/// A found delay by less than half a sample, which is a way of recording: a controller holds its torque from one sample to
+/// the next. With its value, s.
+fn lag_of_the_recorder(model: &Model, names: &[&str], dt: f64) -> Option<(ActiveEffect, f64)> {
+    let late = model.effects.iter().find(|a| a.effect.name() == "signal_delay" && names.contains(&"signal_delay"))?;
+    (late.values[0].abs() < 0.5 * dt).then(|| (late.clone(), late.values[0]))
 }
 
 impl Diagnosis {

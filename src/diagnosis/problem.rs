@@ -38,25 +38,33 @@ fn missing(model: &Model) -> impl Iterator<Item = &'static dyn effects::Effect> 
 fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEffect> {
     let mut base = ActiveEffect::absent_on(effect, model.host());
     let entries = base.entries();
-    for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Fixed) {
+    for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role != Role::Linear) {
         *value = effect.constant(&entry.parameter, model).unwrap_or(*value);
     }
-    // What gears do depends on how much they give from the outset.
-    let role = if effect.gear_springs(&base.at_usual_size().values()).is_some() { Role::Linear } else { Role::Shape };
-    let moved: Vec<usize> = (0..entries.len()).filter(|&i| entries[i].parameter.role == role).collect();
-    let searched = &moved[..if role == Role::Shape { moved.len().min(1) } else { moved.len() }];
+    let of_role = |role: Role| {
+        let own = entries.iter().enumerate().filter(move |(_, e)| e.parameter.role == role);
+        own.map(|(i, _)| i)
+    };
+    // Sets of values that are scaled together. What gears do depends on how much they give from the outset.
+    let searched: Vec<Vec<usize>> = if effect.gear_springs(&base.at_usual_size().values()).is_some() {
+        base = base.at_usual_size();
+        vec![of_role(Role::Linear).collect()]
+    } else {
+        of_role(Role::Shape).map(|i| vec![i]).collect()
+    };
     if searched.is_empty() {
         return vec![base];
     }
-    let variant = |factor: &f64| {
+    let variant = |(set, factor): (&Vec<usize>, &f64)| {
         let mut variant = base.clone();
-        for &i in searched {
-            let p = entries[i].parameter;
-            variant.values[i] = (factor * p.default).clamp(p.range.0, p.range.1);
+        for &i in set {
+            let (low, high) = entries[i].parameter.range;
+            variant.values[i] = (factor * base.values[i]).clamp(low, high);
         }
         variant
     };
-    effect.shape_grid().iter().map(variant).collect()
+    let grids = searched.iter().zip(effect.shape_grids());
+    grids.flat_map(|(set, grid)| grid.iter().map(move |f| (set, f))).map(variant).collect()
 }
 
 /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.

@@ -57,8 +57,8 @@ impl Effect for BacklashHysteresis {
     }
 
     /// From lost motion (minutes of arc) to elastic transmissions (degrees).
-    fn shape_grid(&self) -> &'static [f64] {
-        &[0.5, 2.0, 8.0, 30.0, 100.0]
+    fn shape_grids(&self) -> &'static [&'static [f64]] {
+        &[&[0.5, 2.0, 8.0, 30.0, 100.0]]
     }
 
     fn initial_state(&self, _values: &Values) -> Vec<f64> {

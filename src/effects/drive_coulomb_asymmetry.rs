@@ -36,8 +36,13 @@ impl Effect for DriveCoulombAsymmetry {
                 default: 0.5,
                 range: (-20.0, 20.0),
             },
-            STEEPNESS_PARAMETER,
+            // Nobody knows how the directions blend at standstill: if within less than a sample, nothing but a bias is left.
+            Parameter { role: Role::Shape, range: (20.0, 1e4), ..STEEPNESS_PARAMETER },
         ]
+    }
+
+    fn shape_grids(&self) -> &'static [&'static [f64]] {
+        &[&[1.0, 20.0]]
     }
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {

@@ -144,8 +144,8 @@ impl Effect for DriveElasticity {
     }
 
     /// Of the compliance: within a factor of √2 of every gear in the range.
-    fn shape_grid(&self) -> &'static [f64] {
-        &[0.25, 0.5, 1.0, 2.0]
+    fn shape_grids(&self) -> &'static [&'static [f64]] {
+        &[&[0.25, 0.5, 1.0, 2.0]]
     }
 
     fn kind(&self) -> Kind {

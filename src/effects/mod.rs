@@ -178,9 +178,10 @@ pub trait Effect: Sync {
         None
     }
 
-    /// Where a search for the shape parameter starts, as factors of its usual value.
-    fn shape_grid(&self) -> &'static [f64] {
-        &[0.3, 0.6, 1.0, 2.0, 4.0]
+    /// Where a search for shape parameters starts, as factors of their usual values: one grid for each of the leading ones,
+    /// searched one at a time. The others begin at their usual values.
+    fn shape_grids(&self) -> &'static [&'static [f64]] {
+        &[&[0.3, 0.6, 1.0, 2.0, 4.0]]
     }
 
     /// The terms of a formula, which stand in the model file beside its numbers.

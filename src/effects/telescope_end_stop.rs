@@ -17,7 +17,7 @@ const MIN: usize = 2;
 const MAX: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit: "m", count: Count::One, role: Role::Fixed, default, range: (0.0, 10.0) }
+    Parameter { name, unit: "m", count: Count::One, role: Role::Shape, default, range: (0.0, 10.0) }
 }
 
 const PARAMETERS: &[Parameter] = &[
@@ -49,6 +49,13 @@ impl Effect for TelescopeEndStop {
             "max" => Some(model.geometry.telescope_limits[1]),
             _ => None,
         }
+    }
+
+    /// Of the limits in the data sheet: what stops it earlier is something in the way.
+    fn shape_grids(&self) -> &'static [&'static [f64]] {
+        const NOTHING_SHORTER: &[f64] = &[1.0, 1.05, 1.1, 1.16, 1.22, 1.28, 1.35];
+        const NOTHING_LONGER: &[f64] = &[1.0, 0.97, 0.94, 0.91, 0.88, 0.85, 0.82, 0.79, 0.76];
+        &[NOTHING_SHORTER, NOTHING_LONGER]
     }
 
     fn about(&self) -> About {

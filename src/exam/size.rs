@@ -228,17 +228,26 @@ impl<'a> Sizer<'a> {
     fn shaped(&self, effect: &'static dyn crate::effects::Effect, rng: &mut ChaCha8Rng) -> ActiveEffect {
         let mut active = ActiveEffect::absent_on(effect, self.robot.host());
         let entries = active.entries();
+        let grids = effect.shape_grids();
+        // Of several that are searched only one departs from its usual value.
+        let chosen = rng.random_range(0..grids.len());
+        let mut shape = 0;
         for (value, entry) in active.values.iter_mut().zip(&entries) {
             let p = entry.parameter;
             match p.role {
                 Role::Fixed => *value = effect.constant(&p, self.robot).unwrap_or(*value),
                 Role::Shape => {
-                    // Between the inner starting points of a search for it.
-                    let grid = effect.shape_grid();
-                    let inner = |i: usize| grid.get(i).copied().unwrap_or(1.0);
-                    let (low, high) = (inner(1), inner(grid.len().saturating_sub(2)).max(1.01 * inner(1)));
-                    let factor = low * (high / low).powf(rng.random_range(0.0..1.0));
-                    *value = (factor * p.default).clamp(p.range.0, p.range.1);
+                    let usual = effect.constant(&p, self.robot).unwrap_or(p.default);
+                    *value = usual;
+                    if grids.len() == 1 || shape == chosen {
+                        // Between the inner starting points of a search for it.
+                        let grid = grids[chosen];
+                        let inner = |i: usize| grid.get(i).copied().unwrap_or(1.0);
+                        let (a, b) = (inner(1), inner(grid.len().saturating_sub(2)));
+                        let factor = a * (b / a).powf(rng.random_range(0.0..1.0));
+                        *value = (factor * usual).clamp(p.range.0, p.range.1);
+                    }
+                    shape += 1;
                 }
                 Role::Linear => {}
             }

@@ -157,8 +157,8 @@ pub struct Fit {
     pub structure: Structure,
     /// What the data do not determine, and why.
     pub unidentified: Vec<Unidentified>,
-    /// Parameters whose unconstrained estimate lies more than three standard errors outside the allowed range: the law is
-    /// not what the data show.
+    /// Parameters whose unconstrained estimate lies more than three standard errors outside the allowed range, and by more
+    /// than a fifth of the effect's largest: the law is not what the data show.
     pub impossible: Vec<String>,
     /// How the estimate became possible; `None` if it was.
     pub correction: Option<Correction>,
@@ -180,6 +180,8 @@ pub struct Correction {
     pub gap: f64,
 }
 
+/// Share of an effect's largest parameter that one of its others may lie outside its range.
+const NEARLY_NOTHING: f64 = 0.2;
 const MIN_SAMPLES: usize = 200;
 const MAX_ITERATIONS: usize = 8;
 /// Fall of the cost that still counts as progress: a parameter moved by its own standard error changes it by one.
@@ -416,9 +418,15 @@ impl<'a> Regression<'a> {
         let estimated: Vec<&PlantParameter> = self.free.iter().map(|&k| &all[k]).collect();
         let covariance = estimator.covariance(normal, self.white);
         let structure = Structure::new(&normal.rows, normal.stride, &self.size, self.information);
+        // Largest linear parameter of the effect: one of several that is nearly nothing has either sign.
+        let largest = |own: &PlantParameter| {
+            let same = |p: &&&PlantParameter| p.effect == own.effect && p.unit == own.unit && p.role == own.role;
+            estimated.iter().filter(same).map(|p| p.value.abs()).fold(0.0, f64::max)
+        };
         let outside = |&i: &usize| {
             let (p, margin) = (estimated[i], 3.0 * covariance[(i, i)].max(0.0).sqrt());
-            margin < 3.0 * self.size[i] && (p.value < p.range.0 - margin || p.value > p.range.1 + margin)
+            let beyond = (p.range.0 - p.value).max(p.value - p.range.1);
+            margin < 3.0 * self.size[i] && beyond > margin && beyond > NEARLY_NOTHING * largest(p)
         };
         let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].name.clone()).collect();
         let base = structure.base_parameters(&estimated, &self.size, &covariance);

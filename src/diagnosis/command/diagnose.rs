@@ -137,6 +137,7 @@ fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
     object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
     object.insert("indistinguishable".into(), json!(d.indistinguishable));
     object.insert("unseen".into(), json!(d.unseen));
+    object.insert("sampling_lag".into(), json!(d.sampling_lag));
     object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, |e| next(e, scenario)));
     object.insert("budget".into(), budget::json(&d.budget));
     object.insert("parameters_before".into(), estimates(&d.parameters[0]));
@@ -214,6 +215,12 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
     say(format!("\n{table}"))?;
     for set in &d.indistinguishable {
         say(format!("\n  These data cannot tell apart: {}", set.join(", ")))?;
+    }
+    if let Some(lag) = d.sampling_lag {
+        let late = 1e3 * lag;
+        say(format!(
+            "\n  The torques are recorded {late:.2} ms late, less than half a sample: no effect, but in the model"
+        ))?;
     }
     if !d.unseen.is_empty() {
         say(format!("\n  These data could not show: {}", d.unseen.join(", ")))?;

@@ -9,7 +9,7 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
-use super::Fitting;
+use super::{Fitting, MIN_RELEVANCE, relative_gains};
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
@@ -120,6 +120,11 @@ pub(super) fn explain(
     let fit = fitting.fit(&with_formula(base, &search.find, &best.terms))?;
     let judge = if held_out.is_empty() { fitting.traces } else { held_out };
     let rms = channel_rms(&residuals(&fit.model, judge)?);
+    // As of names: a trifle is what smoothing blurs.
+    let without = channel_rms(&residuals(end, judge)?);
+    if relative_gains(&without, &rms).fold(0.0, f64::max) < MIN_RELEVANCE.powi(2) {
+        return Ok(None);
+    }
     let shares = search.shares(best.gain());
     let place = strongest(&search.find, &best.terms);
     Ok(Some(Unexplained {
