@@ -435,7 +435,7 @@ fn elastic_drives_keep_account_of_their_energy() {
     // The drive pays for rotor, spring, damper and what reaches the arm, whatever the arm does.
     let plant = nominal_plant();
     let (c, d, rotor) = (4e-5, 20.0, 0.18);
-    let active = ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[c; 3], &[d], &[rotor]]);
+    let active = ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[c; 3], &[d], &[rotor], &[0.0]]);
     let arm = |t: f64| {
         let (s, k) = (40.0 * t).sin_cos();
         JointState { q: [0.1 * s; 4], qd: [4.0 * k; 4], qdd: [-160.0 * s; 4] }
@@ -483,7 +483,7 @@ fn elastic_drives_at_rest_in_themselves_are_rigid() {
     let rigid = nominal_plant();
     let mut elastic = model(NOMINAL);
     elastic.effects =
-        vec![ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5, 1e-4, 0.0], &[20.0], &[0.18]])];
+        vec![ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5, 1e-4, 0.0], &[20.0], &[0.18], &[0.0]])];
     let elastic = Plant::new(&elastic, &Setup::default());
     assert!((elastic.bodies[0].tensor[(1, 1)] - 0.078).abs() < 1e-12, "the rotor left the arm");
     let mut rng = rng(11);

@@ -76,7 +76,7 @@ fn errors(plant: &Plant, motion: fn(f64) -> JointState) -> Vec<[f64; 2]> {
 }
 
 fn cases(stop: f64) -> Vec<(&'static str, Vec<ActiveEffect>)> {
-    let drive = |c: f64| effect("drive_elasticity", &[&[c; 3], &[20.0], &[0.18]]);
+    let drive = |c: f64| effect("drive_elasticity", &[&[c; 3], &[20.0], &[0.18], &[0.0]]);
     let strut = |k: f64| effect("strut_elasticity", &[&[1.0 / k; 3], &[300.0]]);
     let arcmin = std::f64::consts::PI / 180.0 / 60.0;
     let backlash = |t: f64, angle: f64| effect("backlash_hysteresis", &[&[t; 3], &[angle * arcmin]]);
@@ -206,14 +206,14 @@ fn ringing(plant: &Plant, h: f64) -> [f64; 2] {
 
 #[test]
 fn ringing_dies_at_every_step() {
-    let drive = |c: f64| effect("drive_elasticity", &[&[c; 3], &[20.0], &[0.18]]);
+    let drive = |c: f64| effect("drive_elasticity", &[&[c; 3], &[20.0], &[0.18], &[0.0]]);
     let strut = |k: f64| effect("strut_elasticity", &[&[1.0 / k; 3], &[300.0]]);
     println!("joint acceleration in the first and the last 50 ms of a second at rest, rad/s²; without friction");
     for (name, effects) in [
         ("drive 2e-4", vec![drive(2e-4)]),
         ("drive 4e-5", vec![drive(4e-5)]),
         ("drive 1e-5", vec![drive(1e-5)]),
-        ("light rotor", vec![effect("drive_elasticity", &[&[4e-5; 3], &[20.0], &[1e-3]])]),
+        ("light rotor", vec![effect("drive_elasticity", &[&[4e-5; 3], &[20.0], &[1e-3], &[0.0]])]),
         ("drive 1.1e-6", vec![drive(1.1e-6)]),
         ("strut 5e5", vec![strut(5e5)]),
         ("strut 3.4e6", vec![strut(3.4e6)]),
@@ -240,7 +240,7 @@ fn a_broken_robot_with_elastic_drives_is_stable_and_accurate() {
     for (name, compliance, rotor) in
         [("4e-5", 4e-5, 0.18), ("4e-6", 4e-6, 0.18), ("1.1e-6", 1.1e-6, 0.18), ("light", 4e-5, 1e-3)]
     {
-        let plant = plant(vec![effect("drive_elasticity", &[&[compliance; 3], &[20.0], &[rotor]])]);
+        let plant = plant(vec![effect("drive_elasticity", &[&[compliance; 3], &[20.0], &[rotor], &[0.0]])]);
         let torque = Torque::constant([-8.0, -9.0, -7.0, 0.4]);
         let run = |h: f64| {
             let mut twin = Twin::new(plant.clone(), &plant.motion(&one_way(0.0)).unwrap()).unwrap();
@@ -268,7 +268,7 @@ fn a_broken_robot_with_elastic_drives_is_stable_and_accurate() {
 fn a_run_begins_in_balance() {
     let believed = Plant::new(&model("irb360-6-1600"), &Setup::default());
     let mut robot = model("irb360-6-1600");
-    robot.effects.push(effect("drive_elasticity", &[&[4e-5; 3], &[20.0], &[0.18]]));
+    robot.effects.push(effect("drive_elasticity", &[&[4e-5; 3], &[20.0], &[0.18], &[0.0]]));
     robot.effects.push(effect("joint_zero_offset", &[&[0.05, -0.03, 0.02, 0.04]]));
     let wanted = JointState { q: [0.2, 0.3, 0.1, 0.4], ..JointState::default() };
     let options = Options { duration: 0.1, ..Options::default() };

@@ -46,7 +46,8 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         own.map(|(i, _)| i)
     };
     // Sets of values that are scaled together. What gears do depends on how much they give from the outset.
-    let searched: Vec<Vec<usize>> = if effect.gear_springs(&base.at_usual_size().values()).is_some() {
+    let gears = effect.gear_springs(&base.at_usual_size().values()).is_some();
+    let searched: Vec<Vec<usize>> = if gears {
         base = base.at_usual_size();
         vec![of_role(Role::Linear).collect()]
     } else {
@@ -64,7 +65,19 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         variant
     };
     let grids = searched.iter().zip(effect.shape_grids());
-    grids.flat_map(|(set, grid)| grid.iter().map(move |f| (set, f))).map(variant).collect()
+    let variants = grids.flat_map(|(set, grid)| grid.iter().map(move |f| (set, f))).map(variant);
+    if !gears {
+        return variants.collect();
+    }
+    // Where a gear gives way, friction has two sides to act on.
+    let side = entries.iter().position(|e| e.parameter.name == "friction_at_motor");
+    variants
+        .flat_map(|variant| {
+            let mut other = variant.clone();
+            side.into_iter().for_each(|i| other.values[i] = 1.0 - other.values[i]);
+            [variant, other]
+        })
+        .collect()
 }
 
 /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.

@@ -10,8 +10,8 @@ use crate::recording::Payload;
 /// All at the gear output: δ in rad, motor side minus arm, positive when the motor leads; c in rad/(N·m); d in N·m·s/rad;
 /// rotor inertia J in kg·m², a part of the arm's Θ_yy that moves with the motor instead:
 /// J·(q̈ + δ̈) = τ − δ/c − d·δ̇. Own states δ₁…δ₃, δ̇₁…δ̇₃; a simulation begins in balance, δ = c·(τ − J·q̈). After a jump of the
-/// torque an arm rings at √(1/(c·J) + 1/(c·Θ)), 80 Hz, damped to a fifth, for some 50 ms. Friction of the drives acts on
-/// the arm's side.
+/// torque an arm rings at √(1/(c·J) + 1/(c·Θ)), 80 Hz, damped to a fifth, for some 50 ms. All that acts on the drives, their
+/// friction above all, acts on the arm, or with `friction_at_motor` = 1 on the rotor; the twin knows the arm's side only.
 ///
 /// The twin: `forces`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
 /// leaves a consistent body; only Θ_yy enters). Along a measured motion θ the same law gives the arms' motion behind the
@@ -21,6 +21,7 @@ pub struct DriveElasticity;
 const COMPLIANCE: usize = 0;
 const DAMPING: usize = 1;
 const ROTOR_INERTIA: usize = 2;
+const FRICTION_AT_MOTOR: usize = 3;
 
 /// Compliance times rotor inertia that counts as rigid, s²: a fortieth of the usual one would ring beyond 500 Hz.
 pub(super) const RIGID: f64 = 1.8e-7;
@@ -88,6 +89,15 @@ impl Effect for DriveElasticity {
                 default: 0.18,
                 range: (1e-4, 10.0),
             },
+            // 0 or 1.
+            Parameter {
+                name: "friction_at_motor",
+                unit: "1",
+                count: Count::One,
+                role: Role::Fixed,
+                default: 0.0,
+                range: (0.0, 1.0),
+            },
         ]
     }
 
@@ -138,7 +148,12 @@ impl Effect for DriveElasticity {
     fn gear_springs(&self, values: &Values) -> Option<[GearSpring; AXES]> {
         let mut gears = [GearSpring::default(); AXES];
         for (gear, &compliance) in gears.iter_mut().zip(values.block(COMPLIANCE)) {
-            *gear = GearSpring { compliance, damping: values.one(DAMPING), rotor_inertia: values.one(ROTOR_INERTIA) };
+            *gear = GearSpring {
+                compliance,
+                damping: values.one(DAMPING),
+                rotor_inertia: values.one(ROTOR_INERTIA),
+                friction_at_motor: values.one(FRICTION_AT_MOTOR) > 0.5,
+            };
         }
         gears.iter().any(|g| g.compliance != 0.0).then_some(gears)
     }
@@ -159,7 +174,7 @@ mod tests {
     use crate::effects::{ActiveEffect, testing};
 
     fn active() -> ActiveEffect {
-        ActiveEffect::new(&DriveElasticity, &[&[4e-5, 0.0, 0.0], &[20.0], &[0.2]])
+        ActiveEffect::new(&DriveElasticity, &[&[4e-5, 0.0, 0.0], &[20.0], &[0.2], &[0.0]])
     }
 
     #[test]
@@ -194,7 +209,7 @@ mod tests {
     #[test]
     fn rotor_leaves_the_arm_and_a_possible_arm_remains() {
         let mut arm = Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.1, 0.258, 0.258]);
-        let active = ActiveEffect::new(&DriveElasticity, &[&[4e-5; 3], &[20.0], &[0.18]]);
+        let active = ActiveEffect::new(&DriveElasticity, &[&[4e-5; 3], &[20.0], &[0.18], &[0.0]]);
         DriveElasticity.inertia(&active.values(), &Payload::default(), &mut |k, body, unit| {
             if body == ARM {
                 arm += unit * active.values[k];
@@ -206,7 +221,7 @@ mod tests {
 
     #[test]
     fn too_stiff_to_ring_is_rigid() {
-        let active = ActiveEffect::new(&DriveElasticity, &[&[0.99 * RIGID / 0.18, 0.0, 0.0], &[20.0], &[0.18]]);
+        let active = ActiveEffect::new(&DriveElasticity, &[&[0.99 * RIGID / 0.18, 0.0, 0.0], &[20.0], &[0.18], &[0.0]]);
         DriveElasticity.inertia(&active.values(), &Payload::default(), &mut |_, _, _| panic!("no inertia"));
         let mut rate = [0.0; 6];
         testing::at(&testing::still(), &[1.0; 6], |at| {

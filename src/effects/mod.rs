@@ -213,6 +213,8 @@ pub struct GearSpring {
     pub damping: f64,
     /// Inertia on the motor side, seen at the gear output, kg·m².
     pub rotor_inertia: f64,
+    /// Whether what acts on the drive acts on the motor's side.
+    pub friction_at_motor: bool,
 }
 
 impl GearSpring {

@@ -35,11 +35,21 @@ const TURNING: f64 = 0.05;
 const NEARBY: f64 = 0.02;
 /// Shortest and longest time before and after the reversal in which q̈ may jump, s.
 const JUMPING: [f64; 2] = [1e-3, 1e-2];
-/// Elastic gears ring for so long after a reversal, s.
+/// Elastic gears ring for so long after a reversal, s, at this frequency at most, Hz.
 const RINGING: f64 = 0.08;
+const FASTEST_RINGING: f64 = 250.0;
 /// Samples left out at the ends of a stretch, in widths of the smoother: inside, standard errors are at most 1.7 times
 /// those far from the ends.
 const MARGIN: f64 = 2.0;
+
+/// Where and how fast q̈ may change.
+#[derive(Clone, Copy)]
+struct Jumps {
+    /// For at least so long after a reversal, s.
+    ringing: f64,
+    /// Logarithm of the largest intensity of the noise in q⃛.
+    most: f64,
+}
 
 /// Angles at uniform times.
 pub struct Angles<'a> {
@@ -78,7 +88,8 @@ impl<'a> Angles<'a> {
             Method::Paper => (0..AXES).map(|i| self.each(i, paper)).collect(),
             Method::Polynomial => (0..AXES).map(|i| self.each(i, |x| polynomial(x, half_widths[i]))).collect(),
             Method::Smoother | Method::Reversals => {
-                self.smoothed(half_widths, (method == Method::Reversals).then_some([JUMPING[1]; 2]))
+                let jumps = Jumps { ringing: 0.0, most: JUMP[1] };
+                self.smoothed(half_widths, (method == Method::Reversals).then_some(jumps))
             }
         };
         let stretch = |(s, stretch): (usize, &Range<usize>)| {
@@ -108,7 +119,9 @@ impl<'a> Angles<'a> {
 
     /// Joint states of all samples of the stretches, with what rings for some time after each reversal.
     pub fn ringing(&self) -> Vec<JointState> {
-        let axes = self.smoothed(self.half_widths(), Some([JUMPING[1], RINGING]));
+        // Noise in q⃛ of intensity w is smoothed over about w^(−1/6) samples.
+        let fastest = 6.0 * (std::f64::consts::TAU * FASTEST_RINGING * self.dt).ln();
+        let axes = self.smoothed(self.half_widths(), Some(Jumps { ringing: RINGING, most: fastest.min(JUMP[1]) }));
         let state = |s: usize, k: usize| {
             let of =
                 |d: usize| -> [f64; AXES] { std::array::from_fn(|i| axes[i][s].values[k][d] / self.dt.powi(d as i32)) };
@@ -122,24 +135,25 @@ impl<'a> Angles<'a> {
             .collect()
     }
 
-    fn smoothed(&self, half_widths: [usize; AXES], jumping: Option<[f64; 2]>) -> Vec<Vec<Smoothed>> {
+    fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> Vec<Vec<Smoothed>> {
         let noisy: Vec<bool> = half_widths.iter().map(|m| *m > MIN_HALF_WIDTH).collect();
         let readings: Vec<Readings> = (0..AXES).into_par_iter().map(|i| Readings::new(self, i)).collect();
-        let smoothed = |turns: &[Vec<bool>]| -> Vec<Vec<Smoothed>> {
+        let smoothed = |apart: &[Vec<bool>], turns: &[Vec<bool>]| -> Vec<Vec<Smoothed>> {
             let axis = |i: usize| match noisy[i] {
-                true => readings[i].smoothed(turns),
+                true => readings[i].smoothed(apart, turns, jumps.map_or(JUMP[1], |j| j.most)),
                 false => self.each(i, |x| polynomial(x, half_widths[i])),
             };
             (0..AXES).into_par_iter().map(axis).collect()
         };
-        let mut turning: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
-        if let Some(longest) = jumping {
-            let first = smoothed(&turning);
-            let rates = |s: usize, i: usize| first[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
-            let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt, longest);
-            turning = (0..self.stretches.len()).map(of).collect();
-        }
-        smoothed(&turning)
+        let nowhere: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
+        let first = smoothed(&nowhere, &nowhere);
+        let Some(jumps) = jumps else { return first };
+        let rates = |s: usize, i: usize| first[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
+        let turning = |ringing: f64| -> Vec<Vec<bool>> {
+            let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt, ringing);
+            (0..self.stretches.len()).map(of).collect()
+        };
+        smoothed(&turning(0.0), &turning(jumps.ringing))
     }
 }
 
@@ -164,11 +178,12 @@ fn polynomial(x: &[f64], m: usize) -> Smoothed {
     Smoothed { values, margin: m }
 }
 
-/// Whether q̈ may jump in each step of a stretch: an axis turns around, by the rates of all axes, rad/s.
-fn turns(rates: &[Vec<f64>; AXES], dt: f64, longest: [f64; 2]) -> Vec<bool> {
+/// Whether q̈ may jump in each step of a stretch: an axis turns around, by the rates of all axes, rad/s, or did so less than
+/// `ringing` seconds ago.
+fn turns(rates: &[Vec<f64>; AXES], dt: f64, ringing: f64) -> Vec<bool> {
     let mut turns = no_turns(rates[0].len());
     let steps = turns.len();
-    let [shortest, before_most, after_most] = [JUMPING[0], longest[0], longest[1]].map(|t| (t / dt).ceil() as usize);
+    let [shortest, longest, ringing] = [JUMPING[0], JUMPING[1], ringing].map(|t| (t / dt).ceil() as usize);
     let nearby = (NEARBY / dt).ceil() as usize;
     for v in rates {
         for k in (0..steps).filter(|&k| (v[k] < 0.0) != (v[k + 1] < 0.0)) {
@@ -177,9 +192,8 @@ fn turns(rates: &[Vec<f64>; AXES], dt: f64, longest: [f64; 2]) -> Vec<bool> {
                 continue;
             }
             let slow = |k: &usize| v[*k].abs() < TURNING;
-            let before = (k.saturating_sub(before_most)..=k).rev().take_while(slow).count().max(shortest);
-            let slow_after = (k + 1..steps.min(k + before_most)).take_while(slow).count().max(shortest);
-            let after = if after_most > before_most { after_most } else { slow_after };
+            let before = (k.saturating_sub(longest)..=k).rev().take_while(slow).count().max(shortest);
+            let after = (k + 1..steps.min(k + longest)).take_while(slow).count().max(shortest).max(ringing);
             turns[k.saturating_sub(before)..(k + after).min(steps)].fill(true);
         }
     }
@@ -229,10 +243,11 @@ impl Readings {
         Self { stretches, origins, sigma, dt: angles.dt }
     }
 
-    /// Smooths with the most likely intensities.
-    fn smoothed(&self, turns: &[Vec<bool>]) -> Vec<Smoothed> {
-        let (snap, variance) = self.snap(turns);
-        let jump = self.jump(snap, variance, turns);
+    /// Smooths with the most likely intensities: of the noise in q⁗ apart from `apart`, and of that in q⃛, with the largest
+    /// logarithm `most`, in `turns`.
+    fn smoothed(&self, apart: &[Vec<bool>], turns: &[Vec<bool>], most: f64) -> Vec<Smoothed> {
+        let (snap, variance) = self.snap(apart);
+        let jump = self.jump(snap, variance, turns, most);
         let margin = (MARGIN * width(snap)).ceil() as usize;
         let stretch = |s: usize| {
             let mut values = smooth(&self.stretches[s], snap, &jerk(&turns[s], jump));
@@ -259,12 +274,12 @@ impl Readings {
     }
 
     /// Most likely intensity of the noise in q⃛ at reversals.
-    fn jump(&self, snap: f64, variance: f64, turns: &[Vec<bool>]) -> f64 {
+    fn jump(&self, snap: f64, variance: f64, turns: &[Vec<bool>], most: f64) -> f64 {
         let pieces = reversals(turns);
         if pieces.is_empty() {
             return 0.0;
         }
-        highest(JUMP, |ln| self.likelihood(&pieces, snap, turns, ln.exp()).ln(variance)).exp()
+        highest([JUMP[0], most], |ln| self.likelihood(&pieces, snap, turns, ln.exp()).ln(variance)).exp()
     }
 
     fn likelihood(&self, pieces: &[Piece], snap: f64, turns: &[Vec<bool>], jump: f64) -> Likelihood {

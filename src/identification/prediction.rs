@@ -42,6 +42,12 @@ impl Joints<'_> {
     fn motion(&self, k: usize) -> Result<Motion, KinematicsError> {
         self.plant.motion(&self.states[k])
     }
+
+    /// As if the encoders sat on the joints.
+    fn of_encoders(&self) -> Joints<'_> {
+        let encoders = || Cow::Borrowed(self.encoders.as_ref());
+        Joints { plant: self.plant, states: encoders(), encoders: encoders() }
+    }
 }
 
 /// Whether a prediction at one sample needs only samples around it (see [`reach`]); own states and elastic gears need
@@ -125,24 +131,50 @@ fn predict_along(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channe
 
 /// Predicted channels before the sensors change them.
 fn ideal(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, KinematicsError> {
-    let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let own = OwnStates::along(plant, &effects, trace, joints)?;
-    let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
     let gears = gear_springs(plant).unwrap_or_default();
-    let outputs: Vec<_> = (0..trace.len())
+    let behind = gears::behind(plant, &gears);
+    let effects: Vec<&ActiveEffect> = behind.effects.iter().collect();
+    let own = OwnStates::along(&behind, &effects, trace, joints)?;
+    let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
+    let mut outputs: Vec<Output> = (0..trace.len())
         .into_par_iter()
         .map(|k| {
-            let mut out = inverse_dynamics(plant, trace.t[k], &joints.motion(k)?, &own.at(k), with_struts)?;
+            let mut out = inverse_dynamics(&behind, trace.t[k], &joints.motion(k)?, &own.at(k), with_struts)?;
             for (i, gear) in gears.iter().enumerate() {
                 // The rotor moves with the encoder, not with the arm.
                 out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
             }
             Ok(out)
         })
-        .collect::<Result<_, _>>()?;
+        .collect::<Result<_, KinematicsError>>()?;
+    if gears.iter().any(|g| g.friction_at_motor) {
+        for (out, friction) in outputs.iter_mut().zip(at_motors(plant, &behind, &own, trace, joints)?) {
+            out.tau.iter_mut().zip(friction).for_each(|(tau, f)| *tau += f);
+        }
+    }
     let series: Channels =
         trace.channels.iter().map(|channel| outputs.iter().map(|o| channel_value(*channel, o)).collect()).collect();
     Ok(series)
+}
+
+/// Torques of what acts on the motors' side at every sample: the difference that it makes at the encoders' motion.
+fn at_motors(
+    plant: &Plant,
+    behind: &Plant,
+    own_behind: &OwnStates,
+    trace: &Trace,
+    joints: &Joints,
+) -> Result<Vec<[f64; AXES]>, KinematicsError> {
+    let encoders = joints.of_encoders();
+    let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let own = OwnStates::along(plant, &effects, trace, &encoders)?;
+    let difference = |k: usize| {
+        let motion = encoders.motion(k)?;
+        let with = inverse_dynamics(plant, trace.t[k], &motion, &own.at(k), false)?.tau;
+        let without = inverse_dynamics(behind, trace.t[k], &motion, &own_behind.at(k), false)?.tau;
+        Ok(std::array::from_fn(|i| with[i] - without[i]))
+    };
+    (0..trace.len()).into_par_iter().map(difference).collect()
 }
 
 fn channel_value(channel: Channel, output: &Output) -> f64 {
@@ -207,6 +239,18 @@ fn columns_along(
     let shaped: Vec<ActiveEffect> = effects.iter().flat_map(|active| shaped(active)).collect();
     let along: Vec<&ActiveEffect> = effects.iter().copied().chain(&shaped).collect();
     let mut out = linear_columns(plant, &along, trace, joints)?;
+    let at_motor = gear_springs(plant).is_some_and(|gears| gears.iter().any(|g| g.friction_at_motor));
+    if at_motor && along.iter().any(|a| gears::acts_on_motors(a)) {
+        let mut turned = linear_columns(plant, &along, trace, &joints.of_encoders())?;
+        let mut at = 0;
+        for active in &along {
+            let own = at..at + active.values.len();
+            at = own.end;
+            if gears::acts_on_motors(active) {
+                out[own.clone()].swap_with_slice(&mut turned[own]);
+            }
+        }
+    }
     let mut moved_shapes = out.split_off(effects.iter().map(|a| a.values.len()).sum());
     let mut at = 0;
     let mut unobserved: Option<Channels> = None;
@@ -272,7 +316,7 @@ fn columns_along(
                 // The compliances come first.
                 compliances = bent.len()..bent.len() + plant.mechanism.arms();
                 bent.extend(own.start..own.start + compliances.len());
-            } else if !active.effect.kind().acts_on_the_whole() {
+            } else if !active.effect.kind().acts_on_the_whole() && !(at_motor && gears::acts_on_motors(active)) {
                 bent.extend(own);
             }
         }

