@@ -121,9 +121,13 @@ fn a_tilt_of_the_base_and_constant_torques_are_alike_in_a_small_workspace() {
         let robot = robot(name, blocks);
         println!("-- {name}");
         let d = diagnosed(&[measured(&robot, &poses(0.02), Payload::default(), 4.0, 3)]);
-        let alike = if name == "drive_coulomb_asymmetry" { &[name][..] } else { &["torque_bias", "base_tilt"] };
+        if name == "drive_coulomb_asymmetry" {
+            // At rest it vanishes, which the others do not.
+            assert!(names(&d) == [name] || set_with(&d, &[name]), "{:?} {:?}", names(&d), d.indistinguishable);
+            continue;
+        }
         assert_eq!(d.verdict, Verdict::Ambiguous, "{name}: {:?}", names(&d));
-        assert!(set_with(&d, alike), "{name}: {:?}", d.indistinguishable);
+        assert!(set_with(&d, &["torque_bias", "base_tilt"]), "{name}: {:?}", d.indistinguishable);
     }
 }
 

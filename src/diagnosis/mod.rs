@@ -25,6 +25,7 @@ use crate::effects::{self, ActiveEffect};
 use crate::evidence::{self, Assessment, Outcome, Ranking, Settings, Visibility};
 use crate::identification::Trace;
 use crate::identification::fit::{Estimate, Fit, FitError, Options, channel_rms, fit_with, residuals};
+use crate::identification::prediction::Channels;
 use crate::identification::trace::noise_floor as floor;
 use crate::model::Model;
 pub use unknown::Unexplained;
@@ -256,14 +257,19 @@ pub fn diagnose_holding(
         let mut without = Vec::new();
         if wrong.is_none() {
             for name in &names {
-                let (own, judged) = if names.len() == 1 {
-                    (start.rms.clone(), rms_before.clone())
+                let fitted;
+                let (reduced, judged) = if names.len() == 1 {
+                    (&start, rms_before.clone())
                 } else {
-                    let reduced = fitting.fit(&without_effects(&end.model, &[name]))?;
-                    let judged = channel_rms(&residuals(&reduced.model, judge)?);
-                    (reduced.rms, judged)
+                    fitted = fitting.fit(&without_effects(&end.model, &[name]))?;
+                    let judged = channel_rms(&residuals(&fitted.model, judge)?);
+                    (&fitted, judged)
                 };
-                let gain = relative_energy(&own, &noise) - relative_energy(&end.rms, &noise);
+                if wanders(traces, &reduced.residuals, &end.residuals) {
+                    wrong = Some(name);
+                    break;
+                }
+                let gain = relative_energy(&reduced.rms, &noise) - relative_energy(&end.rms, &noise);
                 let held_out = relative_energy(&judged, &noise_floor) - relative_energy(&rms_after, &noise_floor);
                 let most = relative_gains(&judged, &rms_after).fold(0.0, f64::max);
                 if held_out < HELD_OUT_SHARE * gain || most < MIN_RELEVANCE.powi(2) {
@@ -378,6 +384,22 @@ pub fn diagnose_holding(
         sampling_lag,
         model: found_model,
     })
+}
+
+/// Energy, in units of the noise, below which an effect takes no more than what wanders.
+const NO_MORE: f64 = 25.0;
+
+/// Whether an effect takes no more from the residuals, `without` it and `with` it, than noise that drifts.
+fn wanders(traces: &[Trace], without: &[Channels], with: &[Channels]) -> bool {
+    let energy = |c: usize| -> f64 {
+        let one = |((trace, a), b): ((&Trace, &Channels), &Channels)| {
+            let (left, before) = (trace.means(&b[c], problem::BLOCK), trace.means(&a[c], problem::BLOCK));
+            let taken: Vec<f64> = before.iter().zip(&left).map(|(a, b)| a - b).collect();
+            evidence::drift::energy(&taken, &left, &trace.averaged(problem::BLOCK).segments)
+        };
+        traces.iter().zip(without).zip(with).map(one).sum()
+    };
+    (0..traces[0].channels.len()).map(energy).sum::<f64>() < NO_MORE
 }
 
 /// A found delay by less than half a sample, which is a way of recording: a controller holds its torque from one sample to

@@ -1,59 +1,40 @@
 //! Noise that wanders: a bias which walks at random, slower than anything the robot does.
 //!
 //! An autoregression of a few lags does not see it, and blocks of time are not independent under it: a constant that is
-//! none would be found in every drifting channel. In a segment of n samples with the orthonormal cosines φ_k, k = 0, 1, …, a
-//! random walk has coefficients of variance λ/k² beside the noise, and about λ·π²/3 at k = 0 if it began at zero. λ is
-//! found from the residual's slowest cosines, per channel; then x − Σ_k (1 − 1/√(1 + λ_k))·φ_k·(φ_k·x) has white noise there.
+//! none is found in every channel that drifts. In a segment of n samples with the orthonormal cosines φ_k, k = 0, 1, …, a
+//! random walk has coefficients of variance λ/k² beside the noise, and λ·π²/3 at k = 0 if it began at zero. λ is found
+//! from the slowest cosines of what is left with the effect in the model: an effect that is there leaves none.
 
-use std::borrow::Cow;
 use std::ops::Range;
 
-use super::Error;
-use super::base_fit::BaseFit;
-use super::gram::dot;
-use super::problem::{Candidate, Chosen, Column, Problem, Settings, Variant};
+use super::dot;
 
-/// Cosines, without the constant, that λ is found from; at 0.05 Hz and 20 s they are slower than motions.
+/// Cosines, without the constant, that λ is found from; at 0.13 Hz and 20 s they are hardly faster than motions.
 const COSINES: usize = 5;
 /// A few coefficients may understate λ: it is taken so many times as large.
 const CAUTION: f64 = 2.0;
-/// Largest λ; beyond, a cosine counts for nothing anyway.
-const LARGEST: f64 = 1e8;
-/// λ below which there is no drift.
-const NONE: f64 = 1e-2;
+/// Grid of λ.
+const LAMBDA: [f64; 2] = [1e-2, 1e8];
 
-/// `problem` with the drift of its noise whitened, as the residual of its base and the effects `chosen` shows it.
-pub fn whitened<'a>(problem: &'a Problem, chosen: &[Chosen], settings: &Settings) -> Result<Cow<'a, Problem>, Error> {
-    let fit = BaseFit::new(problem, chosen, settings)?;
-    let n = problem.samples;
-    let lambda: Vec<f64> = fit
-        .filters
-        .iter()
-        .enumerate()
-        .map(|(c, filter)| {
-            // The filter's gain at rest: noise of the slow cosines.
-            let slow = filter.sigma / (1.0 - filter.coefficients.iter().sum::<f64>()).abs().max(1e-6);
-            let series = &fit.residual[c * n..(c + 1) * n];
-            let scaled = |s: &Range<usize>| -> Vec<f64> {
-                (1..=COSINES).map(|k| dot(&cosine(s.len(), k), &series[s.clone()]) / slow).collect()
-            };
-            let segments = problem.segments.iter().filter(|s| s.len() > 4 * COSINES);
-            CAUTION * walk(&segments.map(scaled).collect::<Vec<_>>())
-        })
-        .collect();
-    if lambda.iter().all(|l| *l < NONE) {
-        return Ok(Cow::Borrowed(problem));
+/// Energy, in units of the noise, of what an effect takes from one channel, where what wanders counts for as much as it
+/// does in what is left. For a column that is noise, the expected value is its degrees of freedom.
+pub fn energy(taken: &[f64], left: &[f64], segments: &[Range<usize>]) -> f64 {
+    let n: usize = segments.iter().map(Range::len).sum();
+    let variance = segments.iter().map(|s| dot(&left[s.clone()], &left[s.clone()])).sum::<f64>() / n.max(1) as f64;
+    if variance.is_nan() || variance <= 0.0 {
+        return 0.0;
     }
-    let series = |x: &[f64]| whiten(x, &lambda, &problem.segments, n);
-    let column = |c: &Column| Column { values: series(&c.values), ..c.clone() };
-    let variant = |v: &Variant| Variant { columns: v.columns.iter().map(column).collect(), ..v.clone() };
-    let candidate = |c: &Candidate| Candidate { variants: c.variants.iter().map(variant).collect(), ..c.clone() };
-    Ok(Cow::Owned(Problem {
-        y: series(&problem.y),
-        base: problem.base.iter().map(column).collect(),
-        candidates: problem.candidates.iter().map(candidate).collect(),
-        ..problem.clone()
-    }))
+    let long: Vec<&Range<usize>> = segments.iter().filter(|s| s.len() > 4 * COSINES).collect();
+    let coefficient = |x: &[f64], s: &Range<usize>, k: usize| dot(&cosine(s.len(), k), &x[s.clone()]);
+    let slow = |s: &&Range<usize>| (1..=COSINES).map(|k| coefficient(left, s, k).powi(2) / variance).collect();
+    let lambda = CAUTION * walk(&long.iter().map(slow).collect::<Vec<Vec<f64>>>());
+    let all: f64 = segments.iter().map(|s| dot(&taken[s.clone()], &taken[s.clone()])).sum();
+    let wandering = long.iter().flat_map(|s| (0..=COSINES).map(move |k| (*s, k))).map(|(s, k)| {
+        let share = if k == 0 { std::f64::consts::PI.powi(2) / 3.0 } else { 1.0 / (k * k) as f64 };
+        let noise = 1.0 + lambda * share;
+        coefficient(taken, s, k).powi(2) * (1.0 - noise.recip())
+    });
+    (all - wandering.sum::<f64>()) / variance
 }
 
 /// The k-th cosine over n samples, of unit length.
@@ -63,33 +44,70 @@ fn cosine(n: usize, k: usize) -> Vec<f64> {
     (0..n).map(|t| scale * (step * (t as f64 + 0.5)).cos()).collect()
 }
 
-/// Most likely λ for coefficients of unit noise, segment by segment.
-fn walk(coefficients: &[Vec<f64>]) -> f64 {
-    let squares: Vec<(f64, f64)> = coefficients
-        .iter()
-        .flat_map(|s| s.iter().enumerate().map(|(i, z)| (((i + 1) as f64).powi(2), z * z)))
-        .collect();
+/// Most likely λ for the squares of coefficients 1, 2, … of unit noise, segment by segment.
+fn walk(squares: &[Vec<f64>]) -> f64 {
     let cost = |lambda: f64| -> f64 {
-        let variance = |k2: f64| 1.0 + lambda / k2;
-        squares.iter().map(|(k2, z2)| variance(*k2).ln() + z2 / variance(*k2)).sum()
+        let one = |(i, square): (usize, &f64)| {
+            let variance = 1.0 + lambda / ((i + 1) * (i + 1)) as f64;
+            variance.ln() + square / variance
+        };
+        squares.iter().flat_map(|s| s.iter().enumerate().map(one)).sum()
     };
-    let grid = (0..=100).map(|i| NONE * (LARGEST / NONE).powf(f64::from(i) / 100.0));
+    let [least, most] = LAMBDA;
+    let grid = (0..=100).map(|i| least * (most / least).powf(f64::from(i) / 100.0));
     std::iter::once(0.0).chain(grid).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap_or(0.0)
 }
 
-fn whiten(x: &[f64], lambda: &[f64], segments: &[Range<usize>], n: usize) -> Vec<f64> {
-    let mut out = x.to_vec();
-    for (c, lambda) in lambda.iter().enumerate().filter(|(_, l)| **l >= NONE) {
-        for s in segments {
-            let part = &mut out[c * n + s.start..c * n + s.end];
-            for k in 0..=COSINES {
-                let variance =
-                    if k == 0 { lambda * std::f64::consts::PI.powi(2) / 3.0 } else { lambda / (k * k) as f64 };
-                let phi = cosine(s.len(), k);
-                let change = (1.0 - (1.0 + variance).sqrt().recip()) * dot(&phi, part);
-                part.iter_mut().zip(&phi).for_each(|(x, p)| *x -= change * p);
-            }
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const N: usize = 10_000;
+
+    fn white(seed: u64) -> Vec<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        (0..N).map(|_| StandardNormal.sample(&mut rng)).collect()
     }
-    out
+
+    fn less_its_mean(x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        (vec![mean; x.len()], x.iter().map(|x| x - mean).collect())
+    }
+
+    /// The mean of a walk of 0.7 noise standard deviations over the series has an energy of some n·0.7²/3 = 1600.
+    #[test]
+    fn a_walk_is_no_bias_and_a_bias_is_no_walk() {
+        let mut alarms = 0;
+        for seed in 0..200 {
+            let steps = white(1000 + seed);
+            let mut at = 0.0;
+            let walk: Vec<f64> = steps
+                .iter()
+                .map(|s| {
+                    at += 0.7 * s / (N as f64).sqrt();
+                    at
+                })
+                .collect();
+            let series: Vec<f64> = white(seed).iter().zip(&walk).map(|(e, w)| e + w).collect();
+            let (taken, left) = less_its_mean(&series);
+            alarms += usize::from(energy(&taken, &left, &[0..N]) > 25.0);
+        }
+        assert!(alarms <= 6, "{alarms} of 200");
+        let biased: Vec<f64> = white(7).iter().map(|e| e + 0.1).collect();
+        let (taken, left) = less_its_mean(&biased);
+        let found = energy(&taken, &left, &[0..N]);
+        assert!(found > 25.0, "{found} of 100");
+    }
+
+    #[test]
+    fn what_is_faster_counts_in_full() {
+        let left: Vec<f64> = white(3);
+        let taken: Vec<f64> = (0..N).map(|t| 0.1 * (0.05 * t as f64).sin()).collect();
+        let found = energy(&taken, &left, &[0..N]);
+        assert!((found / 50.0 - 1.0).abs() < 0.05, "{found}");
+        assert_eq!(energy(&taken, &vec![0.0; N], &[0..N]), 0.0);
+    }
 }

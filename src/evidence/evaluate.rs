@@ -10,7 +10,7 @@ use super::problem::{Chosen, Problem, Settings, Variant};
 use super::project::{Projected, pseudo_inverse};
 use super::ranking::{Assessment, Ranking};
 use super::score::{Remainder, Scores, block_grams, obvious};
-use super::{Error, drift, flip};
+use super::{Error, flip};
 
 /// Assess every candidate that is not among `chosen`, whose columns join the base.
 pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Result<Ranking, Error> {
@@ -26,8 +26,6 @@ pub fn evaluate_only(
     settings: &Settings,
 ) -> Result<Ranking, Error> {
     problem.check()?;
-    let whitened = drift::whitened(problem, chosen, settings)?;
-    let problem: &Problem = &whitened;
     let tested: Vec<usize> = (0..problem.candidates.len())
         .filter(|i| only.contains(i) && chosen.iter().all(|c| c.candidate != *i))
         .collect();

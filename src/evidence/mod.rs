@@ -25,7 +25,7 @@ mod base_fit;
 mod compare;
 mod confusion;
 mod describe;
-mod drift;
+pub mod drift;
 pub mod error;
 mod evaluate;
 mod flip;

@@ -230,7 +230,7 @@ impl<'a> Sizer<'a> {
         let entries = active.entries();
         let grids = effect.shape_grids();
         // Of several that are searched only one departs from its usual value.
-        let chosen = rng.random_range(0..grids.len());
+        let chosen = if grids.len() > 1 { rng.random_range(0..grids.len()) } else { 0 };
         let mut shape = 0;
         for (value, entry) in active.values.iter_mut().zip(&entries) {
             let p = entry.parameter;

@@ -316,7 +316,10 @@ fn columns_along(
                 // The compliances come first.
                 compliances = bent.len()..bent.len() + plant.mechanism.arms();
                 bent.extend(own.start..own.start + compliances.len());
-            } else if !active.effect.kind().acts_on_the_whole() && !(at_motor && gears::acts_on_motors(active)) {
+                continue;
+            }
+            let untouched = active.effect.kind().acts_on_the_whole() || (at_motor && gears::acts_on_motors(active));
+            if !untouched {
                 bent.extend(own);
             }
         }

@@ -9,7 +9,7 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
-use super::{Fitting, MIN_RELEVANCE, relative_gains};
+use super::{Fitting, MIN_RELEVANCE, relative_gains, wanders};
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
@@ -119,10 +119,11 @@ pub(super) fn explain(
     progress("where it acts");
     let fit = fitting.fit(&with_formula(base, &search.find, &best.terms))?;
     let judge = if held_out.is_empty() { fitting.traces } else { held_out };
-    let rms = channel_rms(&residuals(&fit.model, judge)?);
-    // As of names: a trifle is what smoothing blurs.
-    let without = channel_rms(&residuals(end, judge)?);
-    if relative_gains(&without, &rms).fold(0.0, f64::max) < MIN_RELEVANCE.powi(2) {
+    let (without, with) = (residuals(end, judge)?, residuals(&fit.model, judge)?);
+    let rms = channel_rms(&with);
+    // As of names: a trifle is what smoothing blurs, and noise may drift.
+    let most = relative_gains(&channel_rms(&without), &rms).fold(0.0, f64::max);
+    if most < MIN_RELEVANCE.powi(2) || wanders(judge, &without, &with) {
         return Ok(None);
     }
     let shares = search.shares(best.gain());
