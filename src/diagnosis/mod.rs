@@ -238,8 +238,8 @@ pub fn diagnose_holding(
         let (outcome, end) = search(&start, &fitting, &candidates, &stated, &settings, progress)?;
         all.get_or_insert_with(|| outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking).clone());
         let names: Vec<&str> = outcome.found().into_iter().map(|i| candidates[i][0].effect.name()).collect();
-        if let Some((late, lag)) = lag_of_the_recorder(&end.model, &names, traces[0].dt) {
-            sampling_lag = Some(lag);
+        if let Some(late) = lag_of_the_recorder(&end.model, &names, traces[0].dt) {
+            sampling_lag = Some(late.values[0]);
             refused.push(late.effect.name());
             let mut with_lag = start.model.clone();
             with_lag.effects.push(late);
@@ -386,27 +386,30 @@ pub fn diagnose_holding(
     })
 }
 
-/// Energy, in units of the noise, below which an effect takes no more than what wanders.
+/// Energy, in units of the noise, below which an effect takes no more than what wanders: five standard deviations of one
+/// parameter.
 const NO_MORE: f64 = 25.0;
 
 /// Whether an effect takes no more from the residuals, `without` it and `with` it, than noise that drifts.
 fn wanders(traces: &[Trace], without: &[Channels], with: &[Channels]) -> bool {
-    let energy = |c: usize| -> f64 {
-        let one = |((trace, a), b): ((&Trace, &Channels), &Channels)| {
-            let (left, before) = (trace.means(&b[c], problem::BLOCK), trace.means(&a[c], problem::BLOCK));
+    let energy = |((trace, without), with): ((&Trace, &Channels), &Channels)| -> f64 {
+        let segments = trace.averaged(problem::BLOCK).segments;
+        let channel = |(without, with): (&Vec<f64>, &Vec<f64>)| {
+            let left = trace.means(with, problem::BLOCK);
+            let before = trace.means(without, problem::BLOCK);
             let taken: Vec<f64> = before.iter().zip(&left).map(|(a, b)| a - b).collect();
-            evidence::drift::energy(&taken, &left, &trace.averaged(problem::BLOCK).segments)
+            evidence::drift::energy(&taken, &left, &segments)
         };
-        traces.iter().zip(without).zip(with).map(one).sum()
+        without.iter().zip(with).map(channel).sum()
     };
-    (0..traces[0].channels.len()).map(energy).sum::<f64>() < NO_MORE
+    traces.iter().zip(without).zip(with).map(energy).sum::<f64>() < NO_MORE
 }
 
 /// A found delay by less than half a sample, which is a way of recording: a controller holds its torque from one sample to
-/// the next. With its value, s.
-fn lag_of_the_recorder(model: &Model, names: &[&str], dt: f64) -> Option<(ActiveEffect, f64)> {
+/// the next.
+fn lag_of_the_recorder(model: &Model, names: &[&str], dt: f64) -> Option<ActiveEffect> {
     let late = model.effects.iter().find(|a| a.effect.name() == "signal_delay" && names.contains(&"signal_delay"))?;
-    (late.values[0].abs() < 0.5 * dt).then(|| (late.clone(), late.values[0]))
+    (late.values[0].abs() < 0.5 * dt).then(|| late.clone())
 }
 
 impl Diagnosis {

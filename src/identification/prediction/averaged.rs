@@ -72,6 +72,8 @@ pub fn averaged_columns(
                     observe(&changed(), trace, &mut seen);
                     slope(&seen, &here).iter().map(|x| trace.means(x, block)).collect()
                 }
+                // Below, with all that passes through the gears.
+                (Kind::Encoder, _) if has_gears(active) => continue,
                 (Kind::Geometry | Kind::Encoder, _) => slope(&predict(&changed(), &middle)?, &plain),
                 (Kind::Inertia | Kind::Force, Role::Linear) => continue,
                 (Kind::Inertia | Kind::Force, Role::Shape) => {
