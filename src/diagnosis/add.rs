@@ -1,7 +1,8 @@
 //! An effect added to a model by hand: what it explains, and what it does to the other parameters.
 
 use super::budget::{self, Budget, Change};
-use super::{DiagnosisError, check, problem, relative_energy};
+use super::judge::relative_energy;
+use super::{DiagnosisError, check, problem};
 use crate::dynamics::in_configuration;
 use crate::effects::{self, ActiveEffect};
 use crate::identification::fit::{Estimate, Fit, channel_rms, residuals};

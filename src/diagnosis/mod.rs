@@ -8,6 +8,7 @@ pub mod budget;
 pub mod command;
 pub mod confidence;
 pub mod experiment;
+mod judge;
 mod problem;
 mod search;
 pub mod unknown;
@@ -17,15 +18,14 @@ use budget::{Budget, Change};
 use confidence::Confidence;
 pub use experiment::NextExperiment;
 use experiment::Open;
-use search::search;
+use judge::{Judge, Judged, relative_energy};
 use thiserror::Error;
 
 use crate::dynamics::{Channel, in_configuration};
 use crate::effects::{self, ActiveEffect};
-use crate::evidence::{self, Assessment, Outcome, Ranking, Settings, Visibility};
+use crate::evidence::{self, Assessment, Outcome, Problem, Visibility};
 use crate::identification::Trace;
-use crate::identification::fit::{Estimate, Fit, FitError, Options, channel_rms, fit_with, residuals};
-use crate::identification::prediction::Channels;
+use crate::identification::fit::{Estimate, Fit, FitError, Options, fit_with};
 use crate::identification::trace::noise_floor as floor;
 use crate::model::Model;
 pub use unknown::Unexplained;
@@ -171,20 +171,8 @@ pub struct CandidateReport {
     pub absorbed_by: Vec<String>,
 }
 
-/// Smallest share of the raw noise an effect must explain on some channel to be worth naming. In the data it is judged by
-/// it is a share of all that is left: what smoothing blurs at reversals is there in every recording, and beside a large error
-/// of the model a trifle is no explanation.
-const MIN_RELEVANCE: f64 = 0.1;
-
 /// Excess of the residual's RMS over the noise floor that no controller or filter explains.
 const UNEXPLAINED: f64 = 1.15;
-
-/// Share of what an effect takes from the residual it was found in that it must take from held-out data, too. A bias that
-/// walks takes nothing there.
-const HELD_OUT_SHARE: f64 = 0.3;
-
-/// Most names that are refused; when a further one is wrong, too, nothing is named.
-const MAX_REFUSED: usize = 5;
 
 /// Finds the missing effects; `progress` is told what is being done.
 pub fn diagnose(
@@ -205,87 +193,17 @@ pub fn diagnose_holding(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
     check(traces, held_out)?;
-    let noise = floor(model, traces);
-    let fitting = Fitting { traces, weights: vec![noise.clone(); traces.len()], held };
+    let fitting = Fitting { traces, noise: floor(model, traces), held };
+    let judge = Judge::new(&fitting, model, held_out);
+    let noise_floor = judge.floor.clone();
     progress("refit");
-    let mut start = fitting.fit(model)?;
+    let start = fitting.fit(model)?;
     let mounted = in_configuration(model, &traces[0].setup);
     let candidates = problem::absent(&mounted);
-    let mut refused: Vec<&str> = Vec::new();
-    progress("columns of the candidates");
-    let mut first = problem::problem(&start, traces, &noise, &candidates)?;
-    first.base.retain(|c| !fitting.holds(&c.name));
-    let mut settings =
-        Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
-    let judge = if held_out.is_empty() { traces } else { held_out };
-    let mut rms_before = channel_rms(&residuals(&start.model, judge)?);
-    let noise_floor = floor(model, judge);
-    // Stop at the noise floor: there is nothing to explain where no channel lies above it.
-    if rms_before.iter().zip(&noise_floor).all(|(r, f)| r <= f) {
-        settings.max_steps = 0;
-    }
-    let mut sampling_lag = None;
-    // All candidates are reported as they were before any was refused.
-    let mut all: Option<Ranking> = None;
-    let (outcome, end, mut rms_after, without) = loop {
-        let mut stated = first.clone();
-        for c in &mut stated.candidates {
-            if refused.contains(&c.name.as_str()) {
-                c.variants.clear();
-            }
-        }
-        progress("evidence");
-        let (outcome, end) = search(&start, &fitting, &candidates, &stated, &settings, progress)?;
-        all.get_or_insert_with(|| outcome.steps.first().map_or(&outcome.remaining, |s| &s.ranking).clone());
-        let names: Vec<&str> = outcome.found().into_iter().map(|i| candidates[i][0].effect.name()).collect();
-        if let Some(late) = lag_of_the_recorder(&end.model, &names, traces[0].dt) {
-            sampling_lag = Some(late.values[0]);
-            refused.push(late.effect.name());
-            let mut with_lag = start.model.clone();
-            with_lag.effects.push(late);
-            start = fitting.fit(&with_lag)?;
-            first = problem::problem(&start, traces, &noise, &candidates)?;
-            first.base.retain(|c| !fitting.holds(&c.name));
-            rms_before = channel_rms(&residuals(&start.model, judge)?);
-            continue;
-        }
-        // A law with a definite sign must come out with it.
-        let impossible = |name: &&str| end.impossible.iter().any(|p| p.split('.').next() == Some(*name));
-        let mut wrong = names.iter().copied().find(impossible);
-        progress("held-out data");
-        let rms_after = channel_rms(&residuals(&end.model, judge)?);
-        let mut without = Vec::new();
-        if wrong.is_none() {
-            for name in &names {
-                let fitted;
-                let (reduced, judged) = if names.len() == 1 {
-                    (&start, rms_before.clone())
-                } else {
-                    fitted = fitting.fit(&without_effects(&end.model, &[name]))?;
-                    let judged = channel_rms(&residuals(&fitted.model, judge)?);
-                    (&fitted, judged)
-                };
-                if wanders(traces, &reduced.residuals, &end.residuals) {
-                    wrong = Some(name);
-                    break;
-                }
-                let gain = relative_energy(&reduced.rms, &noise) - relative_energy(&end.rms, &noise);
-                let held_out = relative_energy(&judged, &noise_floor) - relative_energy(&rms_after, &noise_floor);
-                let most = relative_gains(&judged, &rms_after).fold(0.0, f64::max);
-                if held_out < HELD_OUT_SHARE * gain || most < MIN_RELEVANCE.powi(2) {
-                    wrong = Some(name);
-                    break;
-                }
-                without.push(judged);
-            }
-        }
-        match wrong {
-            None => break (outcome, end, rms_after, without),
-            Some(name) if refused.len() < MAX_REFUSED + usize::from(sampling_lag.is_some()) => refused.push(name),
-            // After so many refusals no name is worth trusting.
-            Some(_) => settings.max_steps = 0,
-        }
-    };
+    let search::Found { start, end, without, outcome, all, problem, settings, sampling_lag } =
+        search::find(start, &judge, &candidates, progress)?;
+    let Judged { fit: start, rms: rms_before, .. } = start;
+    let Judged { fit: end, rms: mut rms_after, .. } = end;
     progress("confidence");
     let found = outcome.found();
     let mut effects = Vec::new();
@@ -293,12 +211,11 @@ pub fn diagnose_holding(
         let name = candidates[finding.chosen.candidate][0].effect.name();
         effects.push(Named {
             name: name.into(),
-            confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&first), &settings)?,
+            confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&problem), &settings)?,
             explained: explained(&rms_before, without, &rms_after, &noise_floor),
             parameters: parameters_of(&end, name),
         });
     }
-    let ranking = all.as_ref().unwrap_or(&outcome.remaining);
     let probability = |name: &str| effects.first().map_or(0.0, |e: &Named| e.confidence.probability_of(name));
     let report = |a: &Assessment| CandidateReport {
         name: a.name.clone(),
@@ -308,9 +225,9 @@ pub fn diagnose_holding(
         visible: a.visibility == Visibility::Visible,
         absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
     };
-    let reports: Vec<CandidateReport> = ranking.order.iter().map(|&i| report(&ranking.candidates[i])).collect();
+    let reports: Vec<CandidateReport> = all.order.iter().map(|&i| report(&all.candidates[i])).collect();
     let beyond = problem::beyond(&mounted).into_iter().map(|e| e.name().into());
-    let unseen = ranking
+    let unseen = all
         .candidates
         .iter()
         .filter(|a| a.visibility != Visibility::Visible && !found.contains(&a.candidate))
@@ -329,8 +246,7 @@ pub fn diagnose_holding(
         .collect();
     let verdict = verdict(&outcome, &rms_before, &rms_after, &noise_floor, !indistinguishable.is_empty());
     progress("what is left");
-    let unexplained =
-        unknown::explain([&start.model, &end.model], effects.len(), &fitting, held_out, &noise, progress)?;
+    let unexplained = unknown::explain([&start.model, &end.model], effects.len(), &fitting, held_out, progress)?;
     let (verdict, end) = match &unexplained {
         None => (verdict, end),
         Some(found) => {
@@ -353,7 +269,7 @@ pub fn diagnose_holding(
             rms_after.clone()
         } else {
             let part = without_effects(&end.model, &added[i..]);
-            channel_rms(&residuals(&fitting.fit(&part)?.model, judge)?)
+            judge.of(fitting.fit(&part)?)?.rms
         };
         stages.push((added[i - 1].to_string(), rms));
     }
@@ -386,32 +302,6 @@ pub fn diagnose_holding(
     })
 }
 
-/// Energy, in units of the noise, below which an effect takes no more than what wanders: five standard deviations of one
-/// parameter.
-const NO_MORE: f64 = 25.0;
-
-/// Whether an effect takes no more from the residuals, `without` it and `with` it, than noise that drifts.
-fn wanders(traces: &[Trace], without: &[Channels], with: &[Channels]) -> bool {
-    let energy = |((trace, without), with): ((&Trace, &Channels), &Channels)| -> f64 {
-        let segments = trace.averaged(problem::BLOCK).segments;
-        let channel = |(without, with): (&Vec<f64>, &Vec<f64>)| {
-            let left = trace.means(with, problem::BLOCK);
-            let before = trace.means(without, problem::BLOCK);
-            let taken: Vec<f64> = before.iter().zip(&left).map(|(a, b)| a - b).collect();
-            evidence::drift::energy(&taken, &left, &segments)
-        };
-        without.iter().zip(with).map(channel).sum()
-    };
-    traces.iter().zip(without).zip(with).map(energy).sum::<f64>() < NO_MORE
-}
-
-/// A found delay by less than half a sample, which is a way of recording: a controller holds its torque from one sample to
-/// the next.
-fn lag_of_the_recorder(model: &Model, names: &[&str], dt: f64) -> Option<ActiveEffect> {
-    let late = model.effects.iter().find(|a| a.effect.name() == "signal_delay" && names.contains(&"signal_delay"))?;
-    (late.values[0].abs() < 0.5 * dt).then(|| late.clone())
-}
-
 impl Diagnosis {
     /// Share of the explainable error, on the data judged by, that goes with everything that was found.
     pub fn explained(&self) -> f64 {
@@ -429,14 +319,23 @@ fn without_effects(model: &Model, names: &[&str]) -> Model {
 /// How a model is fitted to the data.
 struct Fitting<'a> {
     traces: &'a [Trace],
-    weights: Vec<Vec<f64>>,
+    /// Noise of the channels.
+    noise: Vec<f64>,
     /// Effects that keep their parameters.
     held: &'a [String],
 }
 
 impl Fitting<'_> {
     fn fit(&self, model: &Model) -> Result<Fit, FitError> {
-        fit_with(model, self.traces, &self.weights, &Options { held: self.held, ..Options::default() })
+        let weights = vec![self.noise.clone(); self.traces.len()];
+        fit_with(model, self.traces, &weights, &Options { held: self.held, ..Options::default() })
+    }
+
+    /// The problem of a fit, without the parameters that are held.
+    fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
+        let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
+        problem.base.retain(|c| !self.holds(&c.name));
+        Ok(problem)
     }
 
     /// Whether a parameter, with its effect before its name, stays as it is.
@@ -460,16 +359,6 @@ pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
         .iter()
         .filter_map(|p| p.name.strip_prefix(&prefix).map(|name| Estimate { name: name.into(), ..p.clone() }))
         .collect()
-}
-
-/// Σ over channels of the variance in units of the noise.
-fn relative_energy(rms: &[f64], floor: &[f64]) -> f64 {
-    rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).sum()
-}
-
-/// By how much the variance of each channel falls, in units of what is left.
-fn relative_gains(without: &[f64], with: &[f64]) -> impl Iterator<Item = f64> {
-    without.iter().zip(with).map(|(without, with)| (without / with).powi(2) - 1.0)
 }
 
 /// Share of the explainable error that goes from `without` to `with`.

@@ -46,7 +46,7 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         own.map(|(i, _)| i)
     };
     // Sets of values that are scaled together. What gears do depends on how much they give from the outset.
-    let gears = effect.gear_springs(&base.at_usual_size().values()).is_some();
+    let gears = base.has_gears();
     let searched: Vec<Vec<usize>> = if gears {
         base = base.at_usual_size();
         vec![of_role(Role::Linear).collect()]

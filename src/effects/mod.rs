@@ -465,6 +465,11 @@ impl ActiveEffect {
         usual
     }
 
+    /// Whether the effect puts springs into gears, at its usual size if it is absent.
+    pub fn has_gears(&self) -> bool {
+        self.effect.gear_springs(&self.at_usual_size().values()).is_some()
+    }
+
     /// `effect` with one slice of values per parameter.
     ///
     /// # Panics

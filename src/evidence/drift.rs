@@ -3,7 +3,8 @@
 //! An autoregression of a few lags does not see it, and blocks of time are not independent under it: a constant that is
 //! none is found in every channel that drifts. In a segment of n samples with the orthonormal cosines φ_k, k = 0, 1, …, a
 //! random walk has coefficients of variance λ/k² beside the noise, and λ·π²/3 at k = 0 if it began at zero. λ is found
-//! from the slowest cosines of what is left with the effect in the model: an effect that is there leaves none.
+//! from the slowest cosines of what is left with the effect in the model: an effect that is there leaves none. What an
+//! effect gains is then weighed as generalised least squares would: cosine by cosine over the variance that walks there.
 
 use std::ops::Range;
 
@@ -13,28 +14,66 @@ use super::dot;
 const COSINES: usize = 5;
 /// A few coefficients may understate λ: it is taken so many times as large.
 const CAUTION: f64 = 2.0;
+/// Share of the noise below which a walk is forgotten, and cosines after which it is anyway.
+const LITTLE: f64 = 0.1;
+const MOST: usize = 100;
 /// Grid of λ.
 const LAMBDA: [f64; 2] = [1e-2, 1e8];
 
-/// Energy, in units of the noise, of what an effect takes from one channel, where what wanders counts for as much as it
-/// does in what is left. For a column that is noise, the expected value is its degrees of freedom.
-pub fn energy(taken: &[f64], left: &[f64], segments: &[Range<usize>]) -> f64 {
-    let n: usize = segments.iter().map(Range::len).sum();
-    let variance = segments.iter().map(|s| dot(&left[s.clone()], &left[s.clone()])).sum::<f64>() / n.max(1) as f64;
-    if variance.is_nan() || variance <= 0.0 {
-        return 0.0;
+/// One channel in units of its noise, segment by segment.
+pub struct Series<'a> {
+    values: &'a [f64],
+    segments: Vec<&'a Range<usize>>,
+    variance: f64,
+}
+
+impl<'a> Series<'a> {
+    /// What is left of a channel; its own variance is its noise.
+    pub fn new(values: &'a [f64], segments: &'a [Range<usize>]) -> Self {
+        let n: usize = segments.iter().map(Range::len).sum();
+        let squares: f64 = segments.iter().map(|s| dot(&values[s.clone()], &values[s.clone()])).sum();
+        Self { values, segments: segments.iter().collect(), variance: squares / n.max(1) as f64 }
     }
-    let long: Vec<&Range<usize>> = segments.iter().filter(|s| s.len() > 4 * COSINES).collect();
-    let coefficient = |x: &[f64], s: &Range<usize>, k: usize| dot(&cosine(s.len(), k), &x[s.clone()]);
-    let slow = |s: &&Range<usize>| (1..=COSINES).map(|k| coefficient(left, s, k).powi(2) / variance).collect();
-    let lambda = CAUTION * walk(&long.iter().map(slow).collect::<Vec<Vec<f64>>>());
-    let all: f64 = segments.iter().map(|s| dot(&taken[s.clone()], &taken[s.clone()])).sum();
-    let wandering = long.iter().flat_map(|s| (0..=COSINES).map(move |k| (*s, k))).map(|(s, k)| {
-        let share = if k == 0 { std::f64::consts::PI.powi(2) / 3.0 } else { 1.0 / (k * k) as f64 };
-        let noise = 1.0 + lambda * share;
-        coefficient(taken, s, k).powi(2) * (1.0 - noise.recip())
-    });
-    (all - wandering.sum::<f64>()) / variance
+
+    fn long(&self) -> impl Iterator<Item = &'a Range<usize>> + '_ {
+        self.segments.iter().copied().filter(|s| s.len() > 4 * COSINES)
+    }
+
+    /// Squares of the slowest coefficients but for the constants, which a fit may have taken, with their shares of λ.
+    fn slow(&self) -> Vec<[f64; 2]> {
+        let noisy = self.variance > 0.0;
+        let of = |s: &Range<usize>, k: usize| {
+            [share(k), dot(&cosine(s.len(), k), &self.values[s.clone()]).powi(2) / self.variance]
+        };
+        self.long().filter(|_| noisy).flat_map(|s| (1..=COSINES).map(move |k| of(s, k))).collect()
+    }
+
+    /// Fall of the energy from `before` to this, in units of the noise that walks with `lambda`. For a column that is noise,
+    /// the expected value is its degrees of freedom.
+    pub fn gain(&self, before: &[f64], lambda: f64) -> f64 {
+        if self.variance.is_nan() || self.variance <= 0.0 {
+            return 0.0;
+        }
+        let energy = |x: &[f64], s: &Range<usize>| dot(&x[s.clone()], &x[s.clone()]);
+        let all: f64 = self.segments.iter().map(|s| energy(before, s) - energy(self.values, s)).sum();
+        let last = ((lambda / LITTLE).sqrt() as usize).min(MOST);
+        let walking = self.long().flat_map(|s| (0..=last.min(s.len() / 4)).map(move |k| (s, k))).map(|(s, k)| {
+            let cosine = cosine(s.len(), k);
+            let square = |x: &[f64]| dot(&cosine, &x[s.clone()]).powi(2);
+            (square(before) - square(self.values)) * (1.0 - (1.0 + lambda * share(k)).recip())
+        });
+        (all - walking.sum::<f64>()) / self.variance
+    }
+}
+
+/// λ of a channel from what is left of it.
+pub fn walk(left: &[Series]) -> f64 {
+    CAUTION * likeliest(&left.iter().flat_map(Series::slow).collect::<Vec<_>>())
+}
+
+/// Share of λ in the variance of the k-th coefficient.
+fn share(k: usize) -> f64 {
+    if k == 0 { std::f64::consts::PI.powi(2) / 3.0 } else { 1.0 / (k * k) as f64 }
 }
 
 /// The k-th cosine over n samples, of unit length.
@@ -44,14 +83,14 @@ fn cosine(n: usize, k: usize) -> Vec<f64> {
     (0..n).map(|t| scale * (step * (t as f64 + 0.5)).cos()).collect()
 }
 
-/// Most likely λ for the squares of coefficients 1, 2, … of unit noise, segment by segment.
-fn walk(squares: &[Vec<f64>]) -> f64 {
+/// Most likely λ for coefficients of unit noise, given as shares of λ and squares.
+fn likeliest(coefficients: &[[f64; 2]]) -> f64 {
     let cost = |lambda: f64| -> f64 {
-        let one = |(i, square): (usize, &f64)| {
-            let variance = 1.0 + lambda / ((i + 1) * (i + 1)) as f64;
+        let one = |[share, square]: &[f64; 2]| {
+            let variance = 1.0 + lambda * share;
             variance.ln() + square / variance
         };
-        squares.iter().flat_map(|s| s.iter().enumerate().map(one)).sum()
+        coefficients.iter().map(one).sum()
     };
     let [least, most] = LAMBDA;
     let grid = (0..=100).map(|i| least * (most / least).powf(f64::from(i) / 100.0));
@@ -72,42 +111,57 @@ mod tests {
         (0..N).map(|_| StandardNormal.sample(&mut rng)).collect()
     }
 
-    fn less_its_mean(x: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let mean = x.iter().sum::<f64>() / x.len() as f64;
-        (vec![mean; x.len()], x.iter().map(|x| x - mean).collect())
+    /// A walk of `size` noise standard deviations over the series, and the noise.
+    fn walking(size: f64, seed: u64) -> Vec<f64> {
+        let mut at = 0.0;
+        let steps = white(1000 + seed);
+        let walk = steps.iter().map(|s| {
+            at += size * s / (N as f64).sqrt();
+            at
+        });
+        white(seed).iter().zip(walk).map(|(e, w)| e + w).collect()
+    }
+
+    fn gain_of_the_mean(series: &[f64]) -> f64 {
+        let mean = series.iter().sum::<f64>() / N as f64;
+        let less = |x: &[f64]| -> Vec<f64> { x.iter().map(|x| x - mean).collect() };
+        let (left, segments) = (less(series), [0..N]);
+        let lambda = walk(&[Series::new(&left, &segments)]);
+        Series::new(&left, &segments).gain(series, lambda)
     }
 
     /// The mean of a walk of 0.7 noise standard deviations over the series has an energy of some n·0.7²/3 = 1600.
     #[test]
     fn a_walk_is_no_bias_and_a_bias_is_no_walk() {
-        let mut alarms = 0;
-        for seed in 0..200 {
-            let steps = white(1000 + seed);
-            let mut at = 0.0;
-            let walk: Vec<f64> = steps
-                .iter()
-                .map(|s| {
-                    at += 0.7 * s / (N as f64).sqrt();
-                    at
-                })
-                .collect();
-            let series: Vec<f64> = white(seed).iter().zip(&walk).map(|(e, w)| e + w).collect();
-            let (taken, left) = less_its_mean(&series);
-            alarms += usize::from(energy(&taken, &left, &[0..N]) > 25.0);
-        }
+        let alarms = (0..200).filter(|s| gain_of_the_mean(&walking(0.7, *s)) > 25.0).count();
         assert!(alarms <= 6, "{alarms} of 200");
-        let biased: Vec<f64> = white(7).iter().map(|e| e + 0.1).collect();
-        let (taken, left) = less_its_mean(&biased);
-        let found = energy(&taken, &left, &[0..N]);
-        assert!(found > 25.0, "{found} of 100");
+        let biased = |seed: u64| -> Vec<f64> { white(seed).iter().map(|e| e + 0.1).collect() };
+        let found = gain_of_the_mean(&biased(7));
+        assert!(found > 50.0, "{found} of 100");
+    }
+
+    /// What would be gained from slow cosines alone, and is lost elsewhere, is no gain.
+    #[test]
+    fn what_imitates_a_walk_gains_nothing() {
+        let series = walking(0.7, 11);
+        let mean = series.iter().sum::<f64>() / N as f64;
+        let column = |t: usize| 1.0 + 0.7 * (0.05 * t as f64).sin();
+        let left: Vec<f64> = series.iter().enumerate().map(|(t, x)| x - 0.8 * mean * column(t)).collect();
+        let segments = [0..N];
+        let lambda = walk(&[Series::new(&left, &segments)]);
+        let found = Series::new(&left, &segments).gain(&series, lambda);
+        assert!(Series::new(&left, &segments).gain(&series, 0.0) > 100.0);
+        assert!(found < 0.0, "{found}");
     }
 
     #[test]
     fn what_is_faster_counts_in_full() {
         let left: Vec<f64> = white(3);
-        let taken: Vec<f64> = (0..N).map(|t| 0.1 * (0.05 * t as f64).sin()).collect();
-        let found = energy(&taken, &left, &[0..N]);
-        assert!((found / 50.0 - 1.0).abs() < 0.05, "{found}");
-        assert_eq!(energy(&taken, &vec![0.0; N], &[0..N]), 0.0);
+        let segments = [0..N];
+        let taken = |t: usize| 0.1 * (0.05 * t as f64).sin();
+        let before: Vec<f64> = left.iter().enumerate().map(|(t, x)| x + taken(t)).collect();
+        let found = Series::new(&left, &segments).gain(&before, 100.0);
+        assert!((found / 50.0 - 1.0).abs() < 0.3, "{found}");
+        assert_eq!(Series::new(&vec![0.0; N], &segments).gain(&before, 1.0), 0.0);
     }
 }

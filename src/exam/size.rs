@@ -166,7 +166,7 @@ impl<'a> Sizer<'a> {
         let active = self.shaped(effect, rng);
         let mut direction = direction(&active, rng);
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
-        if active.effect.gear_springs(&active.at_usual_size().values()).is_some() {
+        if active.has_gears() {
             // Gears that leave so little would be ten times as stiff as any: medium is their usual compliance.
             return self.hidden(active, &direction, size.factor(), None);
         }

@@ -227,7 +227,7 @@ fn columns_along(
     candidate: Option<&ActiveEffect>,
     joints: &Joints,
 ) -> Result<Vec<Channels>, KinematicsError> {
-    if let Some(active) = candidate.filter(|a| has_gears(a)) {
+    if let Some(active) = candidate.filter(|a| a.has_gears()) {
         return gear_columns(plant, trace, active, &predict(plant, trace)?);
     }
     let rigid = plant.rigid_bodies();
@@ -258,7 +258,7 @@ fn columns_along(
         let own: Vec<usize> = (at..at + active.values.len()).collect();
         let mut unmoved: Option<Channels> = None;
         let whole = active.effect.kind().acts_on_the_whole();
-        if has_gears(active) {
+        if active.has_gears() {
             at += active.values.len();
             continue;
         }
@@ -312,7 +312,7 @@ fn columns_along(
         for active in &effects {
             let own = at..at + active.values.len();
             at = own.end;
-            if has_gears(active) {
+            if active.has_gears() {
                 // The compliances come first.
                 compliances = bent.len()..bent.len() + plant.mechanism.arms();
                 bent.extend(own.start..own.start + compliances.len());
@@ -328,11 +328,6 @@ fn columns_along(
         bent.into_iter().zip(columns).for_each(|(i, column)| out[i] = column);
     }
     Ok(out)
-}
-
-/// Whether an effect puts springs into gears, at its usual size if it is absent.
-fn has_gears(active: &ActiveEffect) -> bool {
-    active.effect.gear_springs(&active.at_usual_size().values()).is_some()
 }
 
 /// Columns of elastic gears that `plant`, which predicts `rigid`, does not have yet.

@@ -9,7 +9,8 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
-use super::{Fitting, MIN_RELEVANCE, relative_gains, wanders};
+use super::Fitting;
+use super::judge::{is_relevant, wanders};
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
@@ -74,17 +75,16 @@ impl Unexplained {
 
 /// Looks for a law that explains clearly more than the effects in `end`, the model `start` with `named` effects added.
 ///
-/// `noise` is that of the channels along the traces; without `held_out` a part of them is kept back to judge by.
+/// Without `held_out` a part of the traces is kept back to judge by.
 pub(super) fn explain(
     [start, end]: [&Model; 2],
     named: usize,
     fitting: &Fitting,
     held_out: &[Trace],
-    noise: &[f64],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Option<Unexplained>, FitError> {
     progress("is it explained?");
-    let after = Search::new(end, fitting, held_out, noise)?;
+    let after = Search::new(end, fitting, held_out)?;
     let with_named = after.formula();
     if with_named.terms.is_empty() {
         return Ok(None);
@@ -93,7 +93,7 @@ pub(super) fn explain(
         (None, with_named.clone())
     } else {
         progress("is there a better explanation?");
-        let before = Search::new(start, fitting, held_out, noise)?;
+        let before = Search::new(start, fitting, held_out)?;
         let alone = before.formula();
         (Some(before), alone)
     };
@@ -122,8 +122,7 @@ pub(super) fn explain(
     let (without, with) = (residuals(end, judge)?, residuals(&fit.model, judge)?);
     let rms = channel_rms(&with);
     // As of names: a trifle is what smoothing blurs, and noise may drift.
-    let most = relative_gains(&channel_rms(&without), &rms).fold(0.0, f64::max);
-    if most < MIN_RELEVANCE.powi(2) || wanders(judge, &without, &with) {
+    if !is_relevant(&channel_rms(&without), &rms) || wanders(judge, &without, &with) {
         return Ok(None);
     }
     let shares = search.shares(best.gain());
@@ -158,8 +157,8 @@ struct Search {
 }
 
 impl Search {
-    fn new(model: &Model, fitting: &Fitting, held_out: &[Trace], noise: &[f64]) -> Result<Self, FitError> {
-        let sight = |traces| Sight::new(model, traces, noise, &|parameter| fitting.holds(parameter));
+    fn new(model: &Model, fitting: &Fitting, held_out: &[Trace]) -> Result<Self, FitError> {
+        let sight = |traces| Sight::new(model, traces, &fitting.noise, &|parameter| fitting.holds(parameter));
         let find = sight(fitting.traces)?;
         let judge = if held_out.is_empty() { None } else { Some(sight(held_out)?) };
         let (found, judged) = match &judge {

@@ -9,8 +9,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{
-    Channels, Joints, OwnStates, columns_along, difference, gear_columns, gear_springs, has_gears, ideal, joints,
-    observe, predict, shaped, weighted, with,
+    Channels, Joints, OwnStates, columns_along, difference, gear_columns, gear_springs, ideal, joints, observe,
+    predict, shaped, weighted, with,
 };
 use crate::dynamics::{ChannelMap, Output, Plant, add_regressor, inverse_dynamics};
 use crate::effects::{ActiveEffect, Kind, Role};
@@ -51,7 +51,7 @@ pub fn averaged_columns(
     for (at, active) in all.iter().enumerate() {
         let is_candidate = at >= own.len();
         let kind = active.effect.kind();
-        if is_candidate && has_gears(active) {
+        if is_candidate && active.has_gears() {
             let [_, rigid] = at_every_sample()?;
             let mean = |column: Channels| -> Channels { column.iter().map(|x| trace.means(x, block)).collect() };
             linear[at] = gear_columns(plant, trace, active, &rigid)?.into_iter().map(mean).collect();
@@ -73,7 +73,7 @@ pub fn averaged_columns(
                     slope(&seen, &here).iter().map(|x| trace.means(x, block)).collect()
                 }
                 // Below, with all that passes through the gears.
-                (Kind::Encoder, _) if has_gears(active) => continue,
+                (Kind::Encoder, _) if active.has_gears() => continue,
                 (Kind::Geometry | Kind::Encoder, _) => slope(&predict(&changed(), &middle)?, &plain),
                 (Kind::Inertia | Kind::Force, Role::Linear) => continue,
                 (Kind::Inertia | Kind::Force, Role::Shape) => {
