@@ -36,55 +36,23 @@ pub fn averaged_columns(
     let along: Vec<&ActiveEffect> = all.iter().copied().chain(&moved).collect();
     let mut linear = linear(plant, &along, trace, &joints, block)?;
     let mut moved = linear.split_off(all.len()).into_iter();
-    let middle = trace.averaged(block);
-    let plain = predict(plant, &middle)?;
-    let mut every: Option<[Channels; 2]> = None;
-    let mut at_every_sample = || -> Result<[Channels; 2], KinematicsError> {
-        if every.is_none() {
-            let unobserved = ideal(plant, trace, &joints)?;
-            let mut plain = unobserved.clone();
-            observe(plant, trace, &mut plain);
-            every = Some([unobserved, plain]);
-        }
-        Ok(every.clone().unwrap_or_default())
-    };
-    for (at, active) in all.iter().enumerate() {
-        let is_candidate = at >= own.len();
-        let kind = active.effect.kind();
-        if is_candidate && active.has_gears() {
-            let [_, rigid] = at_every_sample()?;
-            let mean = |column: Channels| -> Channels { column.iter().map(|x| trace.means(x, block)).collect() };
-            linear[at] = gear_columns(plant, trace, active, &rigid)?.into_iter().map(mean).collect();
-            continue;
-        }
-        for (k, entry) in active.entries().iter().enumerate() {
+    for (active, columns) in own.iter().zip(&mut linear).filter(|(a, _)| !a.effect.kind().acts_on_the_whole()) {
+        let unmoved = weighted(columns, &active.values);
+        for (k, entry) in active.entries().iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape) {
             let step = difference(entry);
-            let slope = |there: &Channels, here: &Channels| -> Channels {
-                let one = |(t, h): (&Vec<f64>, &Vec<f64>)| t.iter().zip(h).map(|(t, h)| (t - h) / step).collect();
-                there.iter().zip(here).map(one).collect()
-            };
-            let changed = || with(plant, active, Some((k, step)), is_candidate);
-            linear[at][k] = match (kind, entry.parameter.role) {
-                (_, Role::Fixed) => continue,
-                (_, Role::Shape) if is_candidate => continue,
-                (Kind::Sensor, _) => {
-                    let [mut seen, here] = at_every_sample()?;
-                    observe(&changed(), trace, &mut seen);
-                    slope(&seen, &here).iter().map(|x| trace.means(x, block)).collect()
-                }
-                // Below, with all that passes through the gears.
-                (Kind::Encoder, _) if active.has_gears() => continue,
-                (Kind::Geometry | Kind::Encoder, _) => slope(&predict(&changed(), &middle)?, &plain),
-                (Kind::Inertia | Kind::Force, Role::Linear) => continue,
-                (Kind::Inertia | Kind::Force, Role::Shape) => {
-                    let columns = moved.next().expect("one copy per shape parameter");
-                    let mut values = active.values.clone();
-                    values[k] += step;
-                    slope(&weighted(&columns, &values), &weighted(&linear[at], &active.values))
-                }
-            };
+            let mut values = active.values.clone();
+            values[k] += step;
+            let moved = moved.next().expect("one copy per shape parameter");
+            columns[k] = slope(&weighted(&moved, &values), &unmoved, step);
         }
     }
+    let wholes: Vec<usize> = (0..all.len()).filter(|&at| all[at].effect.kind().acts_on_the_whole()).collect();
+    let differences = Differences::new(plant, trace, &joints, block)?;
+    let found: Vec<Vec<Channels>> = wholes
+        .par_iter()
+        .map(|&at| differences.columns(all[at], at >= own.len(), &linear[at]))
+        .collect::<Result<_, KinematicsError>>()?;
+    wholes.into_iter().zip(found).for_each(|(at, columns)| linear[at] = columns);
     if gear_springs(plant).is_some() {
         // What the gears pass on depends on all samples before.
         let mut exact = columns_along(plant, trace, None, &joints)?.into_iter();
@@ -96,6 +64,77 @@ pub fn averaged_columns(
         }
     }
     Ok(linear)
+}
+
+/// Quotients of the difference of two predictions and the step between them.
+fn slope(there: &Channels, here: &Channels, step: f64) -> Channels {
+    let one = |(t, h): (&Vec<f64>, &Vec<f64>)| t.iter().zip(h).map(|(t, h)| (t - h) / step).collect();
+    there.iter().zip(here).map(one).collect()
+}
+
+/// Columns of what acts through a whole prediction.
+struct Differences<'a> {
+    plant: &'a Plant,
+    trace: &'a Trace,
+    block: usize,
+    /// The blocks' middle samples and the prediction there.
+    middle: Trace,
+    plain: Channels,
+    /// Prediction at every sample before and after the sensors.
+    unobserved: Channels,
+    observed: Channels,
+}
+
+impl<'a> Differences<'a> {
+    fn new(plant: &'a Plant, trace: &'a Trace, joints: &Joints, block: usize) -> Result<Self, KinematicsError> {
+        let middle = trace.averaged(block);
+        let plain = predict(plant, &middle)?;
+        let unobserved = ideal(plant, trace, joints)?;
+        let mut observed = unobserved.clone();
+        observe(plant, trace, &mut observed);
+        Ok(Self { plant, trace, block, middle, plain, unobserved, observed })
+    }
+
+    /// Columns of all parameters of an effect; those of fixed ones, and of a candidate's shape, are as in `none`.
+    fn columns(
+        &self,
+        active: &ActiveEffect,
+        is_candidate: bool,
+        none: &[Channels],
+    ) -> Result<Vec<Channels>, KinematicsError> {
+        let kind = active.effect.kind();
+        if active.has_gears() {
+            // Those the plant has pass on all the rest, too: they are handled with it.
+            return if is_candidate { self.of_gears(active) } else { Ok(none.to_vec()) };
+        }
+        let mut columns = none.to_vec();
+        for (k, entry) in active.entries().iter().enumerate() {
+            match entry.parameter.role {
+                Role::Fixed => continue,
+                Role::Shape if is_candidate => continue,
+                Role::Linear | Role::Shape => (),
+            }
+            let step = difference(entry);
+            let changed = with(self.plant, active, Some((k, step)), is_candidate);
+            columns[k] = if kind == Kind::Sensor {
+                let mut seen = self.unobserved.clone();
+                observe(&changed, self.trace, &mut seen);
+                self.means(&slope(&seen, &self.observed, step))
+            } else {
+                slope(&predict(&changed, &self.middle)?, &self.plain, step)
+            };
+        }
+        Ok(columns)
+    }
+
+    fn of_gears(&self, active: &ActiveEffect) -> Result<Vec<Channels>, KinematicsError> {
+        let columns = gear_columns(self.plant, self.trace, active, &self.observed)?;
+        Ok(columns.iter().map(|column| self.means(column)).collect())
+    }
+
+    fn means(&self, column: &Channels) -> Channels {
+        column.iter().map(|x| self.trace.means(x, self.block)).collect()
+    }
 }
 
 /// Columns of the linear parameters; zero for all others.
