@@ -1,9 +1,8 @@
 //! Whether an effect is worth its name, on data it was not found in.
 
-use std::ops::Range;
-
 use super::{Fitting, problem};
-use crate::evidence::drift::{self, Series};
+use crate::evidence::Problem;
+use crate::evidence::drift::Noise;
 use crate::identification::Trace;
 use crate::identification::fit::{Fit, FitError, channel_rms, residuals};
 use crate::identification::prediction::Channels;
@@ -19,9 +18,9 @@ pub(super) const MIN_RELEVANCE: f64 = 0.1;
 /// walks takes nothing there.
 const HELD_OUT_SHARE: f64 = 0.3;
 
-/// Gain, in units of the noise, below which an effect takes no more than what wanders: ten standard deviations of one
-/// parameter. How much wanders is known from a few slow cosines only, of which the fit has taken a part.
-const NO_MORE: f64 = 100.0;
+/// Gain, in units of the noise, below which an effect takes no more than what wanders: seven standard deviations of one
+/// parameter, as how much wanders is known from a few slow cosines only.
+const NO_MORE: f64 = 50.0;
 
 /// A fit with its RMS residuals on the data it is judged by.
 #[derive(Clone)]
@@ -56,30 +55,54 @@ impl<'a> Judge<'a> {
     }
 
     /// Whether what `with` has and `without` has not is worth a name.
-    pub fn confirms(&self, without: &Judged, with: &Judged) -> bool {
-        if wanders(self.fitting.traces, &without.fit.residuals, &with.fit.residuals) {
-            return false;
-        }
+    pub fn confirms(&self, without: &Judged, with: &Judged) -> Result<bool, FitError> {
         let gain = relative_energy(&without.fit.rms, &self.fitting.noise)
             - relative_energy(&with.fit.rms, &self.fitting.noise);
         let held_out = relative_energy(&without.rms, &self.floor) - relative_energy(&with.rms, &self.floor);
-        held_out >= HELD_OUT_SHARE * gain && is_relevant(&without.rms, &with.rms)
+        let stays = held_out >= HELD_OUT_SHARE * gain && is_relevant(&without.rms, &with.rms);
+        Ok(stays && !self.fitting.wanders(&without.fit, &with.fit)?)
     }
 }
 
-/// Whether an effect takes no more from the residuals, `without` it and `with` it, than noise that drifts.
-pub(super) fn wanders(traces: &[Trace], without: &[Channels], with: &[Channels]) -> bool {
-    let segments: Vec<Vec<Range<usize>>> = traces.iter().map(|t| t.averaged(problem::BLOCK).segments).collect();
-    let gain = |c: usize| -> f64 {
-        let means = |residuals: &[Channels]| -> Vec<Vec<f64>> {
-            traces.iter().zip(residuals).map(|(t, r)| t.means(&r[c], problem::BLOCK)).collect()
+impl Fitting<'_> {
+    /// Whether `with` takes no more from what it was fitted to than noise that drifts.
+    pub fn wanders(&self, without: &Fit, with: &Fit) -> Result<bool, FitError> {
+        Ok(self.gain(without, with)? < NO_MORE)
+    }
+
+    /// Fall of the energy from one fit to the other, in units of the noise, as far as noise that drifts does not explain it.
+    fn gain(&self, without: &Fit, with: &Fit) -> Result<f64, FitError> {
+        let traces = self.traces;
+        let (segments, samples) = problem::segments(traces);
+        let series = |fit: &Fit| problem::residual_series(traces, &fit.residuals);
+        let (before, mut left) = (series(without), series(with));
+        let mut noise = Noise::of(&left, samples, &segments, drives(traces));
+        if !noise.wanders() {
+            return Ok(noise.energy(&before) - noise.energy(&left));
+        }
+        let (problem, least) = (self.problem(without, &[])?, self.problem(with, &[])?);
+        let refitted = |problem: &Problem, noise: &Noise| {
+            let columns: Vec<&[f64]> = problem.base.iter().map(|c| &*c.values).collect();
+            noise.least_squares(&problem.y, &columns)
         };
-        let (before, left) = (means(without), means(with));
-        let left: Vec<Series> = left.iter().zip(&segments).map(|(x, s)| Series::new(x, s)).collect();
-        let lambda = drift::walk(&left);
-        left.iter().zip(&before).map(|(left, before)| left.gain(before, lambda)).sum()
-    };
-    (0..traces[0].channels.len()).map(gain).sum::<f64>() < NO_MORE
+        // Ordinary least squares hide a part of the walk in the parameters.
+        left = refitted(&least, &noise);
+        noise = Noise::of(&left, samples, &segments, drives(traces));
+        Ok(noise.energy(&refitted(&problem, &noise)) - noise.energy(&refitted(&least, &noise)))
+    }
+}
+
+/// Number of the drives' channels, which come first.
+fn drives(traces: &[Trace]) -> usize {
+    traces[0].channels.iter().filter(|c| c.drive().is_some()).count()
+}
+
+/// Whether an effect takes no more from residuals it was not fitted to, `without` it and `with` it, than noise that drifts.
+pub(super) fn wanders_in(traces: &[Trace], without: &[Channels], with: &[Channels]) -> bool {
+    let (segments, samples) = problem::segments(traces);
+    let left = problem::residual_series(traces, with);
+    let noise = Noise::of(&left, samples, &segments, drives(traces));
+    noise.energy(&problem::residual_series(traces, without)) - noise.energy(&left) < NO_MORE
 }
 
 /// Whether the variance of some channel falls by enough, in units of what is left.

@@ -107,7 +107,7 @@ pub fn problem(
             .collect(),
         samples,
         segments,
-        y: residual_series(traces, fit),
+        y: residual_series(traces, &fit.residuals),
         base: owned.into_iter().map(|o| o.column).collect(),
         candidates: candidates.iter().map(&mut candidate).collect(),
     })
@@ -183,7 +183,7 @@ fn stack<'a>(traces: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
 }
 
 /// Averaged segments of all traces one after another, and their total length.
-fn segments(traces: &[Trace]) -> (Vec<std::ops::Range<usize>>, usize) {
+pub fn segments(traces: &[Trace]) -> (Vec<std::ops::Range<usize>>, usize) {
     let mut out = Vec::new();
     let mut from = 0;
     for segment in traces.iter().flat_map(|t| &t.segments) {
@@ -196,11 +196,11 @@ fn segments(traces: &[Trace]) -> (Vec<std::ops::Range<usize>>, usize) {
     (out, from)
 }
 
-/// Residuals of a fit, stacked: channel by channel, trace by trace.
-pub fn residual_series(traces: &[Trace], fit: &Fit) -> Vec<f64> {
+/// Residuals of traces, stacked: channel by channel, trace by trace.
+pub fn residual_series(traces: &[Trace], residuals: &[Channels]) -> Vec<f64> {
     let mut out = Vec::new();
     for c in 0..traces[0].channels.len() {
-        for (trace, residuals) in traces.iter().zip(&fit.residuals) {
+        for (trace, residuals) in traces.iter().zip(residuals) {
             out.extend(trace.means(&residuals[c], BLOCK));
         }
     }

@@ -158,7 +158,9 @@ impl Search<'_> {
                     return Ok(Err(Selection::Lag(late)));
                 }
                 let before = last.as_ref().map_or(self.start, |(_, before)| before);
-                if let Some((_, name)) = gears.filter(|_| !self.judge.confirms(before, &fitted)) {
+                if let Some((_, name)) = gears
+                    && !self.judge.confirms(before, &fitted)?
+                {
                     return Ok(Err(Selection::Refused(name)));
                 }
                 let next = relinearised(&fitted.fit, self.judge.fitting, stated, chosen, &names)?;
@@ -209,7 +211,7 @@ impl Search<'_> {
                 1 => self.start.clone(),
                 _ => self.judge.fit(&without_effects(&end.fit.model, &[name]))?,
             };
-            if !self.judge.confirms(&without, end) {
+            if !self.judge.confirms(&without, end)? {
                 return Ok(Err(*name));
             }
             all.push(without.rms);
@@ -270,7 +272,8 @@ fn relinearised(
     names: &[&str],
 ) -> Result<Problem, FitError> {
     let traces = fitting.traces;
-    let mut next = Problem { y: problem::residual_series(traces, fitted), base: Vec::new(), ..stated.clone() };
+    let mut next =
+        Problem { y: problem::residual_series(traces, &fitted.residuals), base: Vec::new(), ..stated.clone() };
     for c in chosen {
         next.candidates[c.candidate].variants[c.variant].columns.clear();
     }

@@ -2,13 +2,19 @@
 //!
 //! An autoregression of a few lags does not see it, and blocks of time are not independent under it: a constant that is
 //! none is found in every channel that drifts. In a segment of n samples with the orthonormal cosines φ_k, k = 0, 1, …, a
-//! random walk has coefficients of variance λ/k² beside the noise, and λ·π²/3 at k = 0 if it began at zero. λ is found
-//! from the slowest cosines of what is left with the effect in the model: an effect that is there leaves none. What an
-//! effect gains is then weighed as generalised least squares would: cosine by cosine over the variance that walks there.
+//! random walk has coefficients of variance λ/k² beside noise of variance one, and λ·π²/3 at k = 0 if it began at zero.
+//! λ is found from the slowest cosines of what is left with the effect in the model (an effect that is there leaves none),
+//! the noise beside it from the cosines that follow. What an effect gains is then what generalised least squares gain by
+//! it, with all other parameters estimated anew: ordinary least squares follow the walk, and spoil what does not walk with
+//! parameters that do.
 
 use std::ops::Range;
 
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
 use super::dot;
+use super::project::pseudo_inverse;
 
 /// Cosines, without the constant, that λ is found from; at 0.13 Hz and 20 s they are hardly faster than motions.
 const COSINES: usize = 5;
@@ -20,55 +26,123 @@ const MOST: usize = 100;
 /// Grid of λ.
 const LAMBDA: [f64; 2] = [1e-2, 1e8];
 
-/// One channel in units of its noise, segment by segment.
-pub struct Series<'a> {
-    values: &'a [f64],
-    segments: Vec<&'a Range<usize>>,
-    variance: f64,
+/// Noise of stacked channels, segment by segment: what an autoregression describes, on a bias that walks.
+pub struct Noise<'a> {
+    segments: &'a [Range<usize>],
+    samples: usize,
+    channels: Vec<Walk>,
+    /// Cosines of each segment that is long enough to tell a walk from motion.
+    cosines: Vec<Vec<Vec<f64>>>,
 }
 
-impl<'a> Series<'a> {
-    /// What is left of a channel; its own variance is its noise.
-    pub fn new(values: &'a [f64], segments: &'a [Range<usize>]) -> Self {
+/// Noise of one channel.
+struct Walk {
+    /// Standard deviation of all.
+    sigma: f64,
+    /// In units of what is as slow and does not walk.
+    lambda: f64,
+}
+
+/// Median of the square of a standard normal variable.
+const MEDIAN_OF_SQUARES: f64 = 0.4549;
+
+impl Walk {
+    fn new(left: &[f64], segments: &[Range<usize>], cosines: &[Vec<Vec<f64>>]) -> Self {
         let n: usize = segments.iter().map(Range::len).sum();
-        let squares: f64 = segments.iter().map(|s| dot(&values[s.clone()], &values[s.clone()])).sum();
-        Self { values, segments: segments.iter().collect(), variance: squares / n.max(1) as f64 }
-    }
-
-    fn long(&self) -> impl Iterator<Item = &'a Range<usize>> + '_ {
-        self.segments.iter().copied().filter(|s| s.len() > 4 * COSINES)
-    }
-
-    /// Squares of the slowest coefficients but for the constants, which a fit may have taken, with their shares of λ.
-    fn slow(&self) -> Vec<[f64; 2]> {
-        let noisy = self.variance > 0.0;
-        let of = |s: &Range<usize>, k: usize| {
-            [share(k), dot(&cosine(s.len(), k), &self.values[s.clone()]).powi(2) / self.variance]
-        };
-        self.long().filter(|_| noisy).flat_map(|s| (1..=COSINES).map(move |k| of(s, k))).collect()
-    }
-
-    /// Fall of the energy from `before` to this, in units of the noise that walks with `lambda`. For a column that is noise,
-    /// the expected value is its degrees of freedom.
-    pub fn gain(&self, before: &[f64], lambda: f64) -> f64 {
-        if self.variance.is_nan() || self.variance <= 0.0 {
-            return 0.0;
+        let squares: f64 = segments.iter().map(|s| dot(&left[s.clone()], &left[s.clone()])).sum();
+        let mut slow = Vec::new();
+        let mut others = Vec::new();
+        for (segment, cosines) in segments.iter().zip(cosines) {
+            // Not the constant, which a fit may have taken.
+            for (k, cosine) in cosines.iter().enumerate().skip(1) {
+                let square = dot(cosine, &left[segment.clone()]).powi(2);
+                if k <= COSINES { slow.push([share(k), square]) } else { others.push(square) }
+            }
         }
-        let energy = |x: &[f64], s: &Range<usize>| dot(&x[s.clone()], &x[s.clone()]);
-        let all: f64 = self.segments.iter().map(|s| energy(before, s) - energy(self.values, s)).sum();
-        let last = ((lambda / LITTLE).sqrt() as usize).min(MOST);
-        let walking = self.long().flat_map(|s| (0..=last.min(s.len() / 4)).map(move |k| (s, k))).map(|(s, k)| {
-            let cosine = cosine(s.len(), k);
-            let square = |x: &[f64]| dot(&cosine, &x[s.clone()]).powi(2);
-            (square(before) - square(self.values)) * (1.0 - (1.0 + lambda * share(k)).recip())
-        });
-        (all - walking.sum::<f64>()) / self.variance
+        let level = median(&mut others) / MEDIAN_OF_SQUARES;
+        slow.iter_mut().for_each(|[_, square]| *square /= level);
+        let lambda = if level > 0.0 { CAUTION * likeliest(&slow) } else { 0.0 };
+        Self { sigma: (squares / n.max(1) as f64).sqrt(), lambda }
+    }
+
+    /// Cosines that walk with more than a little of the noise.
+    fn last(&self) -> usize {
+        ((self.lambda / LITTLE).sqrt() as usize).min(MOST)
     }
 }
 
-/// λ of a channel from what is left of it.
-pub fn walk(left: &[Series]) -> f64 {
-    CAUTION * likeliest(&left.iter().flat_map(Series::slow).collect::<Vec<_>>())
+impl<'a> Noise<'a> {
+    /// Of what is left of all channels, each of `samples`. The first `alike` of them walk at least as far as the middle one
+    /// of them does: a law that follows one walk hides it there only.
+    pub fn of(left: &[f64], samples: usize, segments: &'a [Range<usize>], alike: usize) -> Self {
+        let all = |s: &Range<usize>| -> Vec<Vec<f64>> {
+            let last = if s.len() > 4 * COSINES { MOST.min(s.len() / 4) + 1 } else { 0 };
+            (0..last).map(|k| cosine(s.len(), k)).collect()
+        };
+        let cosines: Vec<Vec<Vec<f64>>> = segments.par_iter().map(all).collect();
+        let mut channels: Vec<Walk> =
+            left.par_chunks(samples.max(1)).map(|c| Walk::new(c, segments, &cosines)).collect();
+        let alike = alike.min(channels.len());
+        let mut lambdas: Vec<f64> = channels[..alike].iter().map(|c| c.lambda).collect();
+        lambdas.sort_by(f64::total_cmp);
+        for channel in &mut channels[..alike] {
+            channel.lambda = channel.lambda.max(lambdas[(alike - 1) / 2]);
+        }
+        Self { segments, samples, channels, cosines }
+    }
+
+    /// Whether the slowest cosine walks at all.
+    pub fn wanders(&self) -> bool {
+        self.channels.iter().any(|c| c.last() > 0)
+    }
+
+    /// Makes a series with this noise white and of unit variance. A channel without noise says nothing.
+    pub fn whiten(&self, series: &[f64]) -> Vec<f64> {
+        let mut out = series.to_vec();
+        for (x, walk) in out.chunks_mut(self.samples.max(1)).zip(&self.channels) {
+            for (segment, cosines) in self.segments.iter().zip(&self.cosines).filter(|_| walk.last() > 0) {
+                let x = &mut x[segment.clone()];
+                for (k, cosine) in cosines.iter().enumerate().take(walk.last() + 1) {
+                    let excess = dot(cosine, x) * (1.0 - (1.0 + walk.lambda * share(k)).sqrt().recip());
+                    x.iter_mut().zip(cosine).for_each(|(x, c)| *x -= excess * c);
+                }
+            }
+            let weight = if walk.sigma > 0.0 { walk.sigma.recip() } else { 0.0 };
+            x.iter_mut().for_each(|x| *x *= weight);
+        }
+        out
+    }
+
+    /// Energy of a series in units of this noise.
+    pub fn energy(&self, series: &[f64]) -> f64 {
+        let white = self.whiten(series);
+        dot(&white, &white)
+    }
+
+    /// What generalised least squares leave of a series.
+    pub fn least_squares(&self, series: &[f64], columns: &[&[f64]]) -> Vec<f64> {
+        let white: Vec<Vec<f64>> = columns.par_iter().map(|c| self.whiten(c)).collect();
+        let target = self.whiten(series);
+        let rows: Vec<Vec<f64>> =
+            white.par_iter().map(|a| white.iter().map(|b| dot(a, b)).collect::<Vec<f64>>()).collect();
+        let gram = DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j]);
+        let products = DVector::from_iterator(white.len(), white.iter().map(|column| dot(column, &target)));
+        let coefficients = pseudo_inverse(&gram).0 * products;
+        let mut left = series.to_vec();
+        for (column, coefficient) in columns.iter().zip(&coefficients) {
+            left.iter_mut().zip(*column).for_each(|(l, x)| *l -= coefficient * x);
+        }
+        left
+    }
+}
+
+/// Median; zero of nothing.
+fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Share of λ in the variance of the k-th coefficient.
@@ -124,10 +198,10 @@ mod tests {
 
     fn gain_of_the_mean(series: &[f64]) -> f64 {
         let mean = series.iter().sum::<f64>() / N as f64;
-        let less = |x: &[f64]| -> Vec<f64> { x.iter().map(|x| x - mean).collect() };
-        let (left, segments) = (less(series), [0..N]);
-        let lambda = walk(&[Series::new(&left, &segments)]);
-        Series::new(&left, &segments).gain(series, lambda)
+        let left: Vec<f64> = series.iter().map(|x| x - mean).collect();
+        let segments = [0..N];
+        let noise = Noise::of(&left, N, &segments, 1);
+        noise.energy(series) - noise.energy(&left)
     }
 
     /// The mean of a walk of 0.7 noise standard deviations over the series has an energy of some n·0.7²/3 = 1600.
@@ -148,20 +222,75 @@ mod tests {
         let column = |t: usize| 1.0 + 0.7 * (0.05 * t as f64).sin();
         let left: Vec<f64> = series.iter().enumerate().map(|(t, x)| x - 0.8 * mean * column(t)).collect();
         let segments = [0..N];
-        let lambda = walk(&[Series::new(&left, &segments)]);
-        let found = Series::new(&left, &segments).gain(&series, lambda);
-        assert!(Series::new(&left, &segments).gain(&series, 0.0) > 100.0);
+        let noise = Noise::of(&left, N, &segments, 1);
+        assert!(dot(&series, &series) - dot(&left, &left) > 100.0);
+        let found = noise.energy(&series) - noise.energy(&left);
         assert!(found < 0.0, "{found}");
     }
 
     #[test]
     fn what_is_faster_counts_in_full() {
-        let left: Vec<f64> = white(3);
-        let segments = [0..N];
+        let (left, drift) = (white(3), walking(0.5, 3));
         let taken = |t: usize| 0.1 * (0.05 * t as f64).sin();
         let before: Vec<f64> = left.iter().enumerate().map(|(t, x)| x + taken(t)).collect();
-        let found = Series::new(&left, &segments).gain(&before, 100.0);
+        let segments = [0..N];
+        let noise = Noise::of(&drift, N, &segments, 1);
+        assert!(noise.wanders());
+        let found = noise.energy(&before) - noise.energy(&left);
         assert!((found / 50.0 - 1.0).abs() < 0.3, "{found}");
-        assert_eq!(Series::new(&vec![0.0; N], &segments).gain(&before, 1.0), 0.0);
+        assert_eq!(Noise::of(&vec![0.0; N], N, &segments, 1).energy(&before), 0.0);
+    }
+
+    /// A straight line takes a walk that happened to be one; two further channels that walk tell it from a law.
+    #[test]
+    fn channels_alike_walk_alike() {
+        let segments = [0..N];
+        let line = |t: usize| 0.5 * t as f64 / N as f64;
+        let left = [white(21), walking(0.5, 22), walking(0.5, 23)].concat();
+        let before: Vec<f64> = (0..3 * N).map(|t| left[t] + if t < N { line(t) } else { 0.0 }).collect();
+        let gain = |alike| {
+            let noise = Noise::of(&left, N, &segments, alike);
+            noise.energy(&before) - noise.energy(&left)
+        };
+        assert!(gain(0) > 200.0 && gain(3) < 50.0, "{} {}", gain(0), gain(3));
+    }
+
+    /// Noise with a memory of 50 ms at 2 ms per sample is as large at all slow cosines, and walks nowhere.
+    #[test]
+    fn a_memory_is_no_walk() {
+        let a = (-2.0f64 / 50.0).exp();
+        let walks = (0..50).filter(|seed| {
+            let mut now = 0.0;
+            let series: Vec<f64> = white(100 + seed)
+                .iter()
+                .map(|e| {
+                    now = a * now + e;
+                    now
+                })
+                .collect();
+            let segments = [0..N];
+            Noise::of(&series, N, &segments, 1).channels[0].lambda > 20.0
+        });
+        let walks = walks.count();
+        assert!(walks <= 5, "{walks} of 50");
+    }
+
+    /// Two channels share a parameter, the first one walks: ordinary least squares spoil the second by it.
+    #[test]
+    fn what_does_not_walk_decides() {
+        let segments = [0..N];
+        let column: Vec<f64> = (0..2 * N).map(|t| if t < N { 1.0 } else { (0.02 * t as f64).sin() }).collect();
+        let mut series = walking(2.0, 5);
+        series.extend(white(6).iter().zip(&column[N..]).map(|(e, x)| e + 0.3 * x));
+        let coefficient = |noise: &Noise| {
+            let left = noise.least_squares(&series, &[&column]);
+            (series[0] - left[0]) / column[0]
+        };
+        let ordinary = Noise::of(&[white(1), white(2)].concat(), N, &segments, 1);
+        let general = Noise::of(&series, N, &segments, 1);
+        let (ordinary, general) = (coefficient(&ordinary), coefficient(&general));
+        // Standard deviation by the second channel alone: √(2/N).
+        assert!((ordinary - 0.3).abs() > 0.1, "{ordinary}");
+        assert!((general - 0.3).abs() < 3.0 * (2.0 / N as f64).sqrt(), "{general}");
     }
 }

@@ -115,20 +115,34 @@ pub enum KinematicsError {
     },
 }
 
-/// Arm's direction to the elbow.
-pub(super) fn arm_x(limb: usize, angle: f64) -> Vector3<f64> {
-    Geometry::radial(limb) * angle.cos() - Vector3::z() * angle.sin()
+/// Axes of an arm's frame in the inertial frame.
+#[derive(Clone, Copy)]
+pub(super) struct ArmAxes {
+    /// To the elbow.
+    pub x: Vector3<f64>,
+    /// −dx/dφ.
+    pub z: Vector3<f64>,
 }
 
-/// Arm frame's z axis, −d(arm_x)/dφ.
-pub(super) fn arm_z(limb: usize, angle: f64) -> Vector3<f64> {
-    Geometry::radial(limb) * angle.sin() + Vector3::z() * angle.cos()
+impl ArmAxes {
+    pub fn new(limb: usize, angle: f64) -> Self {
+        let (u, (s, c)) = (Geometry::radial(limb), angle.sin_cos());
+        Self { x: u * c - Vector3::z() * s, z: u * s + Vector3::z() * c }
+    }
+
+    fn all(angles: &[f64]) -> [Self; ARMS] {
+        std::array::from_fn(|i| Self::new(i, angles[i]))
+    }
 }
 
 impl Geometry {
     /// Elbow (middle of the ball pair) of `limb`.
     pub fn elbow(&self, limb: usize, angle: f64) -> Vector3<f64> {
-        Geometry::radial(limb) * self.base_radius + arm_x(limb, angle) * self.arm_length
+        self.elbow_of(limb, &ArmAxes::new(limb, angle))
+    }
+
+    fn elbow_of(&self, limb: usize, arm: &ArmAxes) -> Vector3<f64> {
+        Geometry::radial(limb) * self.base_radius + arm.x * self.arm_length
     }
 
     /// Arm angles for a platform position, elbows outward; no limits applied.
@@ -152,8 +166,11 @@ impl Geometry {
 
     /// Platform position for arm angles: the lower intersection of three spheres; no limits applied.
     pub fn forward(&self, q: &[f64]) -> Result<Vector3<f64>, KinematicsError> {
-        let angles = [q[0], q[1], q[2]];
-        let centre = |i: usize| self.elbow(i, angles[i]) - Geometry::radial(i) * self.platform_radius;
+        self.forward_of([q[0], q[1], q[2]], &ArmAxes::all(q))
+    }
+
+    fn forward_of(&self, q: [f64; ARMS], arms: &[ArmAxes; ARMS]) -> Result<Vector3<f64>, KinematicsError> {
+        let centre = |i: usize| self.elbow_of(i, &arms[i]) - Geometry::radial(i) * self.platform_radius;
         let (c0, c1, c2) = (centre(0), centre(1), centre(2));
         let [r0, r1, r2] = self.strut_length;
         // Sphere 0 minus sphere i gives a plane: 2(cᵢ − c₀)·p = r₀² − rᵢ² + cᵢ² − c₀².
@@ -166,7 +183,7 @@ impl Geometry {
         let foot = (e2.cross(&n) * k1 + n.cross(&e1) * k2) / nn;
         let height2 = (r0 * r0 - foot.norm_squared()) / nn;
         if height2.is_nan() || height2 < 0.0 {
-            return Err(KinematicsError::NoClosure { q: angles });
+            return Err(KinematicsError::NoClosure { q });
         }
         let side = if n.z > 0.0 { -1.0 } else { 1.0 };
         Ok(c0 + foot + n * (side * height2.sqrt()))
@@ -174,7 +191,12 @@ impl Geometry {
 
     /// Strut vector of `limb`, upper to lower ball; its length is `strut_length` when the loop is closed.
     pub fn strut_vector(&self, limb: usize, angle: f64, position: &Vector3<f64>) -> Vector3<f64> {
-        position + Geometry::radial(limb) * self.platform_radius - self.elbow(limb, angle)
+        self.strut_vector_of(limb, &ArmAxes::new(limb, angle), position)
+    }
+
+    /// The same for the axes of the limb's arm.
+    pub(super) fn strut_vector_of(&self, limb: usize, arm: &ArmAxes, position: &Vector3<f64>) -> Vector3<f64> {
+        position + Geometry::radial(limb) * self.platform_radius - self.elbow_of(limb, arm)
     }
 
     /// Jacobian ∂ṗ/∂φ̇ (m/rad) at a closed pose.
@@ -182,10 +204,10 @@ impl Geometry {
         // l·ṗ = −l₁ (l·z_A) φ̇
         let mut parallel = Matrix3::zeros();
         let mut serial = Vector3::zeros();
-        for i in 0..ARMS {
-            let l = self.strut_vector(i, q[i], position);
+        for (i, arm) in ArmAxes::all(q).iter().enumerate() {
+            let l = self.strut_vector_of(i, arm, position);
             parallel.set_row(i, &l.transpose());
-            serial[i] = -self.arm_length * l.dot(&arm_z(i, q[i]));
+            serial[i] = -self.arm_length * l.dot(&arm.z);
         }
         let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
         Ok(inverse * Matrix3::from_diagonal(&serial))
@@ -194,23 +216,22 @@ impl Geometry {
     /// Platform motion for joint motion.
     pub fn forward_motion(&self, joints: &JointState) -> Result<PlatformState, KinematicsError> {
         let JointState { q, qd, qdd } = joints;
-        let position = self.forward(q)?;
+        let arms = ArmAxes::all(q);
+        let position = self.forward_of([q[0], q[1], q[2]], &arms)?;
+        let struts: [Vector3<f64>; ARMS] = std::array::from_fn(|i| self.strut_vector_of(i, &arms[i], &position));
         let mut parallel = Matrix3::zeros();
         let mut rate = Vector3::zeros();
-        for i in 0..ARMS {
-            let l = self.strut_vector(i, q[i], &position);
+        for (i, l) in struts.iter().enumerate() {
             parallel.set_row(i, &l.transpose());
-            rate[i] = -self.arm_length * l.dot(&arm_z(i, q[i])) * qd[i];
+            rate[i] = -self.arm_length * l.dot(&arms[i].z) * qd[i];
         }
         let inverse = parallel.try_inverse().ok_or(KinematicsError::Singular { q: [q[0], q[1], q[2]] })?;
         let velocity = inverse * rate;
         let mut rate = Vector3::zeros();
-        for i in 0..ARMS {
+        for (i, (l, arm)) in struts.iter().zip(&arms).enumerate() {
             // l·p̈ = −|l̇|² − l₁ (l·z_A) φ̈ − l₁ (l·x_A) φ̇²
-            let l = self.strut_vector(i, q[i], &position);
-            let ld = velocity + arm_z(i, q[i]) * (self.arm_length * qd[i]);
-            rate[i] = -ld.norm_squared()
-                - self.arm_length * (l.dot(&arm_z(i, q[i])) * qdd[i] + l.dot(&arm_x(i, q[i])) * qd[i] * qd[i]);
+            let ld = velocity + arm.z * (self.arm_length * qd[i]);
+            rate[i] = -ld.norm_squared() - self.arm_length * (l.dot(&arm.z) * qdd[i] + l.dot(&arm.x) * qd[i] * qd[i]);
         }
         Ok(PlatformState { position, velocity, acceleration: inverse * rate, psi: [q[3], qd[3], qdd[3]] })
     }
@@ -220,8 +241,9 @@ impl Geometry {
         let angles = self.inverse(&platform.position)?;
         let mut joints = JointState::default();
         for i in 0..ARMS {
-            let l = self.strut_vector(i, angles[i], &platform.position);
-            let (x, z) = (arm_x(i, angles[i]), arm_z(i, angles[i]));
+            let arm = ArmAxes::new(i, angles[i]);
+            let l = self.strut_vector_of(i, &arm, &platform.position);
+            let ArmAxes { x, z } = arm;
             let serial = -self.arm_length * l.dot(&z);
             if serial.abs() < 1e-9 {
                 return Err(KinematicsError::Singular { q: angles });
@@ -244,8 +266,9 @@ impl Geometry {
         std::array::from_fn(|i| {
             // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0, with dx_A/dφ = −z_A and dz_A/dφ = x_A.
             let (rate, acceleration) = (joints.qd[i], joints.qdd[i]);
-            let l = self.strut_vector(i, joints.q[i], &platform.position);
-            let (x, z) = (arm_x(i, joints.q[i]) * self.arm_length, arm_z(i, joints.q[i]) * self.arm_length);
+            let arm = ArmAxes::new(i, joints.q[i]);
+            let l = self.strut_vector_of(i, &arm, &platform.position);
+            let (x, z) = (arm.x * self.arm_length, arm.z * self.arm_length);
             let ld = platform.velocity + z * rate;
             let ldd = platform.acceleration + z * acceleration + x * (rate * rate);
             let rest = jerk + x * (3.0 * rate * acceleration) - z * rate.powi(3);

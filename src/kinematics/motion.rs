@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::delta::{self, JointState, KinematicsError, PlatformState};
+use super::delta::{ArmAxes, JointState, KinematicsError, PlatformState};
 use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
@@ -193,7 +193,7 @@ impl Motion {
         let [psi, psi_rate, psi_acceleration] = platform.psi;
         for strut in 0..STRUTS {
             let limb = strut / 2;
-            let (body, axis) = strut_motion(geometry, strut, &motion.bodies[ARM + limb], joints.q[limb], platform);
+            let (body, axis) = strut_motion(geometry, strut, &motion.bodies[ARM + limb], platform);
             motion.bodies[STRUT + strut] = body;
             motion.strut_axis[strut] = axis;
         }
@@ -255,8 +255,9 @@ fn rotation_z(angle: f64) -> Matrix3<f64> {
 
 fn arm_motion(geometry: &Geometry, limb: usize, joints: &JointState) -> BodyMotion {
     let v = Geometry::tangential(limb);
+    let arm = ArmAxes::new(limb, joints.q[limb]);
     BodyMotion {
-        rotation: Matrix3::from_columns(&[delta::arm_x(limb, joints.q[limb]), v, delta::arm_z(limb, joints.q[limb])]),
+        rotation: Matrix3::from_columns(&[arm.x, v, arm.z]),
         position: Geometry::radial(limb) * geometry.base_radius,
         angular_velocity: v * joints.qd[limb],
         angular_acceleration: v * joints.qdd[limb],
@@ -268,12 +269,12 @@ fn strut_motion(
     geometry: &Geometry,
     strut: usize,
     arm: &BodyMotion,
-    angle: f64,
     platform: &PlatformState,
 ) -> (BodyMotion, Vector3<f64>) {
     let limb = strut / 2;
     let length = geometry.strut_length[limb];
-    let axis = geometry.strut_vector(limb, angle, &platform.position) / length;
+    let axes = ArmAxes { x: arm.rotation.column(0).into(), z: arm.rotation.column(2).into() };
+    let axis = geometry.strut_vector_of(limb, &axes, &platform.position) / length;
     let v = Geometry::tangential(limb);
     // The ball pair is parallel to the motor axis, so only the arm's length is a lever.
     let lever = arm.rotation.column(0) * geometry.arm_length;

@@ -1,7 +1,5 @@
 //! Laws that may act somewhere on a machine: short expressions with inner numbers on grids.
 
-use rayon::prelude::*;
-
 use crate::effects::formula::{Expression, Place, Variable};
 
 /// A group of terms that enter together, such as sine and cosine.
@@ -188,40 +186,53 @@ const HUMS: usize = 3;
 /// Disturbances in time at the strongest lines of each drive's residual, whose channels are the first of the sight.
 pub fn hums(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
     let mut atoms = Vec::new();
-    let duration = t.last().zip(t.first()).map_or(0.0, |(last, first)| last - first);
-    if duration <= 0.0 {
+    let mut steps: Vec<f64> = t.windows(2).map(|t| t[1] - t[0]).collect();
+    if steps.is_empty() {
         return atoms;
     }
-    let stride = ((t.len() as f64 / duration / (3.0 * FASTEST_HUM)) as usize).max(1);
-    let line = 1.0 / duration;
+    let middle = steps.len() / 2;
+    let step = *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let duration = t[t.len() - 1] - t[0];
+    // Nothing is known to hum through gaps longer than all that was measured.
+    if step.is_nan() || step <= 0.0 || duration > 2.0 * step * t.len() as f64 {
+        return atoms;
+    }
     for (place, series) in places.iter().enumerate().filter_map(|(k, p)| match p {
         Place::Drive(i) => Some((k, residual.get(*i)?)),
         _ => None,
     }) {
-        let lines: Vec<f64> = (2..).map(|k| 0.5 * line * f64::from(k)).take_while(|f| *f < FASTEST_HUM).collect();
-        let power: Vec<f64> = lines
-            .par_iter()
-            .map(|f| {
-                let mut sum = (0.0, 0.0);
-                for (x, t) in series.iter().zip(t).step_by(stride) {
-                    let (s, c) = (std::f64::consts::TAU * f * t).sin_cos();
-                    sum = (sum.0 + x * s, sum.1 + x * c);
-                }
-                sum.0 * sum.0 + sum.1 * sum.1
-            })
-            .collect();
+        let power = power(series, t, step);
+        // The first two are the constant and half a line, slower than anything that hums.
+        let line = 0.5 / (step * power.len() as f64);
+        let lines: Vec<f64> = (2..power.len()).map(|k| line * k as f64).take_while(|f| *f < FASTEST_HUM).collect();
+        let power = &power[power.len().min(2)..];
         let mut order: Vec<usize> = (1..lines.len().saturating_sub(1))
             .filter(|&k| power[k] > power[k - 1] && power[k] >= power[k + 1])
             .collect();
         order.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
         for f in order.into_iter().take(HUMS).map(|k| lines[k]) {
             let turn = std::f64::consts::TAU;
-            let number = Number { value: turn * f, range: (turn * (f - 0.5 * line), turn * (f + 0.5 * line)) };
+            let number = Number { value: turn * f, range: (turn * (f - line), turn * (f + line)) };
             let laws = vec!["sin(#*t)".to_string(), "cos(#*t)".to_string()];
             atoms.push(Atom { place, laws, number: Some(number) });
         }
     }
     atoms
+}
+
+/// Power at multiples of half a line, of a series at instants `t` that are about whole `step`s apart; nothing in gaps.
+fn power(series: &[f64], t: &[f64], step: f64) -> Vec<f64> {
+    let place = |at: f64| ((at - t[0]) / step).round() as usize;
+    let n = t.last().map_or(0, |last| place(*last) + 1);
+    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(2 * n);
+    let (mut padded, mut spectrum) = (fft.make_input_vec(), fft.make_output_vec());
+    for (x, at) in series.iter().zip(t) {
+        padded[place(*at)] = *x;
+    }
+    match fft.process(&mut padded, &mut spectrum) {
+        Ok(()) => spectrum[..n].iter().map(|z| z.norm_sqr()).collect(),
+        Err(_) => Vec::new(),
+    }
 }
 
 struct Builder<'a> {

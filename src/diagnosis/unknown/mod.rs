@@ -10,7 +10,7 @@ pub use shape::Shape;
 pub use sight::Sight;
 
 use super::Fitting;
-use super::judge::{is_relevant, wanders};
+use super::judge::{is_relevant, wanders_in};
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
@@ -73,18 +73,18 @@ impl Unexplained {
     }
 }
 
-/// Looks for a law that explains clearly more than the effects in `end`, the model `start` with `named` effects added.
+/// Looks for a law that explains clearly more than the effects in `end`, the fit `start` with `named` effects added.
 ///
 /// Without `held_out` a part of the traces is kept back to judge by.
 pub(super) fn explain(
-    [start, end]: [&Model; 2],
+    [start, end]: [&Fit; 2],
     named: usize,
     fitting: &Fitting,
     held_out: &[Trace],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Option<Unexplained>, FitError> {
     progress("is it explained?");
-    let after = Search::new(end, fitting, held_out)?;
+    let after = Search::new(&end.model, fitting, held_out)?;
     let with_named = after.formula();
     if with_named.terms.is_empty() {
         return Ok(None);
@@ -93,7 +93,7 @@ pub(super) fn explain(
         (None, with_named.clone())
     } else {
         progress("is there a better explanation?");
-        let before = Search::new(start, fitting, held_out)?;
+        let before = Search::new(&start.model, fitting, held_out)?;
         let alone = before.formula();
         (Some(before), alone)
     };
@@ -101,9 +101,9 @@ pub(super) fn explain(
     let explainable = sum(&alone.before) - sum(&alone.after).min(sum(&with_named.after));
     let beside_named = sum(&alone.after) > sum(&with_named.after) + WORTH_NAMING * explainable;
     let (search, base, best) = if beside_named {
-        (&after, end, with_named.clone())
+        (&after, &end.model, with_named.clone())
     } else {
-        (before.as_ref().unwrap_or(&after), start, alone)
+        (before.as_ref().unwrap_or(&after), &start.model, alone)
     };
     let left = (sum(&with_named.before) - sum(&best.after)) / explainable.max(f64::MIN_POSITIVE);
     let at_one_place =
@@ -119,10 +119,10 @@ pub(super) fn explain(
     progress("where it acts");
     let fit = fitting.fit(&with_formula(base, &search.find, &best.terms))?;
     let judge = if held_out.is_empty() { fitting.traces } else { held_out };
-    let (without, with) = (residuals(end, judge)?, residuals(&fit.model, judge)?);
+    let (without, with) = (residuals(&end.model, judge)?, residuals(&fit.model, judge)?);
     let rms = channel_rms(&with);
     // As of names: a trifle is what smoothing blurs, and noise may drift.
-    if !is_relevant(&channel_rms(&without), &rms) || wanders(judge, &without, &with) {
+    if !is_relevant(&channel_rms(&without), &rms) || wanders_in(judge, &without, &with) || fitting.wanders(end, &fit)? {
         return Ok(None);
     }
     let shares = search.shares(best.gain());

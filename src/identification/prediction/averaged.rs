@@ -47,12 +47,12 @@ pub fn averaged_columns(
         }
     }
     let wholes: Vec<usize> = (0..all.len()).filter(|&at| all[at].effect.kind().acts_on_the_whole()).collect();
-    let differences = Differences::new(plant, trace, &joints, block)?;
-    let found: Vec<Vec<Channels>> = wholes
-        .par_iter()
-        .map(|&at| differences.columns(all[at], at >= own.len(), &linear[at]))
-        .collect::<Result<_, KinematicsError>>()?;
-    wholes.into_iter().zip(found).for_each(|(at, columns)| linear[at] = columns);
+    if !wholes.is_empty() {
+        let differences = Differences::new(plant, trace, &joints, block)?;
+        let of = |&at: &usize| differences.columns(all[at], at >= own.len(), &linear[at]);
+        let found: Vec<Vec<Channels>> = wholes.par_iter().map(of).collect::<Result<_, KinematicsError>>()?;
+        wholes.into_iter().zip(found).for_each(|(at, columns)| linear[at] = columns);
+    }
     if gear_springs(plant).is_some() {
         // What the gears pass on depends on all samples before.
         let mut exact = columns_along(plant, trace, None, &joints)?.into_iter();

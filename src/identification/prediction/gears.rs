@@ -32,13 +32,13 @@ use crate::model::{ARMS, AXES, Part};
 /// Newmark's γ and β: the trapezoidal rule but for a little damping of what is faster than the sampling.
 const GAMMA: f64 = 0.55;
 const BETA: f64 = 0.25 * (0.5 + GAMMA) * (0.5 + GAMMA);
-/// Newton steps per sample at most; the Jacobian of the sample before serves for so many of them.
+/// Quasi-Newton steps per sample at most, and those after which the Jacobian is taken anew.
 const MOST_STEPS: usize = 12;
 const OLD_JACOBIAN: usize = 3;
 /// Deflection that no gear survives, rad.
 const RUN_AWAY: f64 = 0.1;
 /// Change of a deflection at which the steps end, and that for a column of the Jacobian, rad.
-const CONVERGED: f64 = 1e-10;
+const CONVERGED: f64 = 1e-9;
 const STEP: f64 = 1e-8;
 
 /// The plant behind its gears: without what acts on the motors' side.
@@ -160,8 +160,12 @@ impl Arms<'_> {
         let h = self.trace.dt;
         let left = |a: &Vector3<f64>| self.excess(k, &before.after(h, *a));
         let mut acceleration = before.acceleration;
+        let mut last: Option<[Vector3<f64>; 2]> = None;
         for step in 0..MOST_STEPS {
             let here = left(&acceleration)?;
+            if let (Some(inverse), Some([change, there])) = (inverse.as_mut(), last) {
+                *inverse = broyden(inverse, &-change, &(here - there));
+            }
             if inverse.is_none() || step == OLD_JACOBIAN {
                 let mut jacobian = Matrix3::zeros();
                 for i in 0..ARMS {
@@ -173,6 +177,7 @@ impl Arms<'_> {
             }
             let Some(change) = inverse.map(|inverse| inverse * here) else { break };
             acceleration -= change;
+            last = Some([change, here]);
             if change.amax() * h * h < CONVERGED {
                 break;
             }
@@ -191,6 +196,17 @@ impl Arms<'_> {
             gear.compliance * (transmitted - gear.damping * at.rate[i]) - at.angle[i]
         }))
     }
+}
+
+/// Broyden's update of the inverse of a Jacobian: what the change `y` of the function over the step `s` says of it.
+fn broyden(inverse: &Matrix3<f64>, s: &Vector3<f64>, y: &Vector3<f64>) -> Matrix3<f64> {
+    let expected = inverse * y;
+    let along = s.dot(&expected);
+    // A step that is all rounding says nothing.
+    if along.abs() <= 0.1 * s.norm_squared() {
+        return *inverse;
+    }
+    inverse + (s - expected) * (s.transpose() * inverse) / along
 }
 
 /// Makes of `columns`, the derivatives of the channels at given joint motions, those at the given motion of the encoders.

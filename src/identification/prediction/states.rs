@@ -33,6 +33,9 @@ impl OwnStates {
         }
         let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
         let moving = |a: &ActiveEffect| a.states() > 0 && a.effect.kind() != Kind::Encoder;
+        if !effects.iter().any(|a| moving(a)) {
+            return Ok(Self { starts, values: now.concat().repeat(trace.len()) });
+        }
         let none = Reactions::default();
         let mut motions = [joints.motion(0)?; 2];
         let mut values = Vec::with_capacity(trace.len() * width);
