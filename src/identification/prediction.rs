@@ -6,7 +6,7 @@
 //!
 //! Own states of force laws are integrated along the measured motion.
 
-mod averaged;
+mod columns;
 mod gears;
 mod states;
 
@@ -17,13 +17,13 @@ use rayon::prelude::*;
 
 use self::states::OwnStates;
 use super::Trace;
-use crate::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
-use crate::effects::{ActiveEffect, Entry, GearSpring, Kind, Role};
+use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
+use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::model::AXES;
 use crate::recording::Signals;
 
-pub use averaged::averaged_columns;
+pub use columns::{averaged_columns, columns, prediction_and_columns};
 
 /// Series of every channel, in the order of the trace's channels.
 pub type Channels = Vec<Vec<f64>>;
@@ -62,12 +62,8 @@ fn reach(plant: &Plant) -> usize {
     if plant.observes() { 256 } else { 0 }
 }
 
-/// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
-pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels, Vec<Channels>), KinematicsError> {
-    let joints = joints(plant, trace)?;
-    let predicted = predict_along(plant, trace, &joints)?;
-    Ok((predicted, columns_along(plant, trace, None, &joints)?))
-}
+/// Samples predicted together.
+const CHUNK: usize = 1024;
 
 /// Predicted channels of a plant along a trace.
 pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
@@ -207,286 +203,6 @@ fn observe(plant: &Plant, trace: &Trace, series: &mut Channels) {
             }
         }
     }
-}
-
-/// Derivatives of the predicted channels by parameter: `[parameter][channel][sample]`.
-///
-/// With `candidate` None: all parameters of the plant, in the order of [`Plant::parameters`] (zero series for fixed
-/// ones). With a candidate effect: its parameters, as if it stood in the plant with the values it has.
-pub fn columns(
-    plant: &Plant,
-    trace: &Trace,
-    candidate: Option<&ActiveEffect>,
-) -> Result<Vec<Channels>, KinematicsError> {
-    columns_along(plant, trace, candidate, &joints(plant, trace)?)
-}
-
-fn columns_along(
-    plant: &Plant,
-    trace: &Trace,
-    candidate: Option<&ActiveEffect>,
-    joints: &Joints,
-) -> Result<Vec<Channels>, KinematicsError> {
-    if let Some(active) = candidate.filter(|a| a.has_gears()) {
-        return gear_columns(plant, trace, active, &predict(plant, trace)?);
-    }
-    let rigid = plant.rigid_bodies();
-    let effects: Vec<&ActiveEffect> = match candidate {
-        Some(active) => vec![active],
-        None => std::iter::once(&rigid).chain(&plant.effects).collect(),
-    };
-    // Force laws with a shape moved by a step go along: only their own contribution changes.
-    let shaped: Vec<ActiveEffect> = effects.iter().flat_map(|active| shaped(active)).collect();
-    let along: Vec<&ActiveEffect> = effects.iter().copied().chain(&shaped).collect();
-    let mut out = linear_columns(plant, &along, trace, joints)?;
-    let at_motor = gear_springs(plant).is_some_and(|gears| gears.iter().any(|g| g.friction_at_motor));
-    if at_motor && along.iter().any(|a| gears::acts_on_motors(a)) {
-        let mut turned = linear_columns(plant, &along, trace, &joints.of_encoders())?;
-        let mut at = 0;
-        for active in &along {
-            let own = at..at + active.values.len();
-            at = own.end;
-            if gears::acts_on_motors(active) {
-                out[own.clone()].swap_with_slice(&mut turned[own]);
-            }
-        }
-    }
-    let mut moved_shapes = out.split_off(effects.iter().map(|a| a.values.len()).sum());
-    let mut at = 0;
-    let mut unobserved: Option<Channels> = None;
-    for active in &effects {
-        let own: Vec<usize> = (at..at + active.values.len()).collect();
-        let mut unmoved: Option<Channels> = None;
-        let whole = active.effect.kind().acts_on_the_whole();
-        if active.has_gears() {
-            at += active.values.len();
-            continue;
-        }
-        let mut moved_wholes = match active.effect.kind() {
-            Kind::Geometry | Kind::Encoder => moved_predictions(plant, trace, active, candidate.is_some())?,
-            _ => Vec::new(),
-        };
-        for (k, entry) in active.entries().iter().enumerate() {
-            if entry.parameter.role != Role::Shape && !(whole && entry.parameter.role == Role::Linear) {
-                continue;
-            }
-            let step = difference(entry);
-            let changed = |step| with(plant, active, step, candidate.is_some());
-            let moved = if active.effect.kind() == Kind::Sensor {
-                // Sensors act on what the mechanism does anyway.
-                if unobserved.is_none() {
-                    unobserved = Some(ideal(plant, trace, joints)?);
-                }
-                let seen = |plant: Plant| {
-                    let mut series = unobserved.clone().unwrap_or_default();
-                    observe(&plant, trace, &mut series);
-                    series
-                };
-                if unmoved.is_none() {
-                    unmoved = Some(seen(changed(None)));
-                }
-                seen(changed(Some((k, step))))
-            } else if whole {
-                std::mem::take(&mut moved_wholes[k])
-            } else {
-                let columns: Vec<Channels> = moved_shapes.drain(..active.values.len()).collect();
-                let mut values = active.values.clone();
-                values[k] += step;
-                weighted(&columns, &values)
-            };
-            if unmoved.is_none() {
-                unmoved = Some(if whole {
-                    predict(&changed(None), trace)?
-                } else {
-                    weighted(&own.iter().map(|&i| &out[i]).collect::<Vec<_>>(), &active.values)
-                });
-            }
-            let reference = unmoved.as_ref().expect("set above");
-            let slope = |(m, r): (&f64, &f64)| (m - r) / step;
-            out[at + k] = moved.iter().zip(reference).map(|(m, r)| m.iter().zip(r).map(slope).collect()).collect();
-        }
-        at += active.values.len();
-    }
-    if let Some(gears) = gear_springs(plant) {
-        let (mut bent, mut compliances, mut at) = (Vec::new(), 0..0, 0);
-        for active in &effects {
-            let own = at..at + active.values.len();
-            at = own.end;
-            if active.has_gears() {
-                // The compliances come first.
-                compliances = bent.len()..bent.len() + plant.mechanism.arms();
-                bent.extend(own.start..own.start + compliances.len());
-                continue;
-            }
-            let untouched = active.effect.kind().acts_on_the_whole() || (at_motor && gears::acts_on_motors(active));
-            if !untouched {
-                bent.extend(own);
-            }
-        }
-        let mut columns: Vec<Channels> = bent.iter().map(|&i| std::mem::take(&mut out[i])).collect();
-        gears::through_gears(trace, joints, &gears, &mut columns, compliances)?;
-        bent.into_iter().zip(columns).for_each(|(i, column)| out[i] = column);
-    }
-    Ok(out)
-}
-
-/// Columns of elastic gears that `plant`, which predicts `rigid`, does not have yet.
-///
-/// Gears that ring leave nothing of what infinitesimally elastic ones would do: the columns are secants, from rigid
-/// gears to those of `active` (of usual size if they are rigid, too). The change of a channel is put down to the gear of
-/// its own limb.
-fn gear_columns(
-    plant: &Plant,
-    trace: &Trace,
-    active: &ActiveEffect,
-    rigid: &Channels,
-) -> Result<Vec<Channels>, KinematicsError> {
-    let rigid_gears = active.effect.gear_springs(&active.values()).is_none();
-    let there = if rigid_gears { active.at_usual_size() } else { active.clone() };
-    let elastic = predict(&with(plant, &there, None, true), trace)?;
-    let column = |(arm, (entry, value)): (usize, (Entry, &f64))| -> Channels {
-        let of = |(c, (e, r)): (usize, (&Vec<f64>, &Vec<f64>))| {
-            let own = entry.parameter.role == Role::Linear && trace.channels[c].limb() == arm;
-            e.iter().zip(r).map(|(e, r)| if own { (e - r) / value } else { 0.0 }).collect()
-        };
-        elastic.iter().zip(rigid).enumerate().map(of).collect()
-    };
-    Ok(there.entries().into_iter().zip(&there.values).enumerate().map(column).collect())
-}
-
-/// Predictions with each estimated parameter of an effect moved by its step; nothing for fixed ones.
-fn moved_predictions(
-    plant: &Plant,
-    trace: &Trace,
-    active: &ActiveEffect,
-    is_candidate: bool,
-) -> Result<Vec<Channels>, KinematicsError> {
-    let moved = |(k, entry): (usize, &Entry)| match entry.parameter.role {
-        Role::Fixed => Ok(Channels::new()),
-        _ => predict(&with(plant, active, Some((k, difference(entry))), is_candidate), trace),
-    };
-    active.entries().par_iter().enumerate().map(moved).collect()
-}
-
-/// Step of a parameter for differences of predictions.
-fn difference(entry: &Entry) -> f64 {
-    1e-4 * entry.parameter.default.abs().max(1e-6)
-}
-
-/// Copies of a force law, each with one shape parameter moved by a step.
-fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
-    if active.effect.kind().acts_on_the_whole() {
-        return Vec::new();
-    }
-    let shapes = active.entries().into_iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape);
-    shapes
-        .map(|(k, entry)| {
-            let mut copy = active.clone();
-            copy.values[k] += difference(&entry);
-            copy
-        })
-        .collect()
-}
-
-/// Σ valuesₖ·columnₖ.
-fn weighted<C: std::borrow::Borrow<Channels>>(columns: &[C], values: &[f64]) -> Channels {
-    let first = columns[0].borrow();
-    let mut sum: Channels = first.iter().map(|s| vec![0.0; s.len()]).collect();
-    for (column, value) in columns.iter().zip(values).filter(|(_, v)| **v != 0.0) {
-        for (total, series) in sum.iter_mut().zip(column.borrow()) {
-            for (t, x) in total.iter_mut().zip(series) {
-                *t += value * x;
-            }
-        }
-    }
-    sum
-}
-
-/// The plant with a candidate in place, or with one of its own effects changed by a step.
-fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_candidate: bool) -> Plant {
-    let mut changed = active.clone();
-    if let Some((k, step)) = step {
-        changed.values[k] += step;
-    }
-    let mut plant = plant.clone();
-    if active.effect.kind() == Kind::Geometry {
-        if !is_candidate {
-            // The plant's geometry already holds the present values: apply the difference only.
-            for (new, old) in changed.values.iter_mut().zip(&active.values) {
-                *new -= old;
-            }
-        }
-        changed.effect.geometry(&changed.values(), &mut plant.geometry);
-    } else if is_candidate {
-        plant.effects.push(changed);
-    } else if let Some(own) = plant.effects.iter_mut().find(|a| a.effect.name() == active.effect.name()) {
-        *own = changed;
-    }
-    if active.effect.kind() == Kind::Encoder {
-        plant.sum_inertia();
-    }
-    plant
-}
-
-/// Samples of which the columns are computed together.
-const CHUNK: usize = 1024;
-
-fn linear_columns(
-    plant: &Plant,
-    effects: &[&ActiveEffect],
-    trace: &Trace,
-    joints: &Joints,
-) -> Result<Vec<Channels>, KinematicsError> {
-    let own = OwnStates::along(plant, effects, trace, joints)?;
-    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let plant_own = OwnStates::along(plant, &plant_effects, trace, joints)?;
-    let reads_reactions = effects.iter().any(|a| a.effect.reads_reactions());
-    let reads = reads_reactions || effects.iter().any(|a| a.effect.reads_torque());
-    let total: usize = effects.iter().map(|a| a.values.len()).sum();
-    let channels = trace.channels.len();
-    let samples: Vec<usize> = (0..trace.len()).collect();
-    // Chunks keep the transposition from rows to series in the cache.
-    let mut chunks: Vec<Vec<Vec<f64>>> = samples
-        .par_chunks(CHUNK)
-        .map(|chunk| {
-            let mut series = vec![Vec::with_capacity(chunk.len()); total * channels];
-            for &k in chunk {
-                let motion = joints.motion(k)?;
-                let loads = if reads {
-                    inverse_dynamics(plant, trace.t[k], &motion, &plant_own.at(k), reads_reactions)?
-                } else {
-                    Output::default()
-                };
-                let rows = regressor(plant, effects, trace.t[k], &motion, &loads, &own.at(k), &trace.channels)?;
-                for p in 0..total {
-                    for c in 0..channels {
-                        series[p * channels + c].push(rows[(c, p)]);
-                    }
-                }
-            }
-            Ok(series)
-        })
-        .collect::<Result<_, KinematicsError>>()?;
-    let whole = |p: usize, c: usize| chunks.iter().flat_map(|chunk| &chunk[p * channels + c]).copied().collect();
-    let mut out: Vec<Channels> = if chunks.len() == 1 {
-        let mut only = chunks.remove(0).into_iter();
-        (0..total).map(|_| only.by_ref().take(channels).collect()).collect()
-    } else {
-        (0..total).into_par_iter().map(|p| (0..channels).map(|c| whole(p, c)).collect()).collect()
-    };
-    if plant.observes() {
-        let mut zero: Channels = vec![vec![0.0; trace.len()]; trace.channels.len()];
-        observe(plant, trace, &mut zero);
-        out.par_iter_mut().for_each(|column| {
-            observe(plant, trace, column);
-            for (series, zero) in column.iter_mut().zip(&zero) {
-                for (x, z) in series.iter_mut().zip(zero) {
-                    *x -= z;
-                }
-            }
-        });
-    }
-    Ok(out)
 }
 
 #[cfg(test)]

@@ -209,25 +209,6 @@ fn broyden(inverse: &Matrix3<f64>, s: &Vector3<f64>, y: &Vector3<f64>) -> Matrix
     inverse + (s - expected) * (s.transpose() * inverse) / along
 }
 
-/// Makes of `columns`, the derivatives of the channels at given joint motions, those at the given motion of the encoders.
-/// The compliances' own columns, those of `compliances`, come from nothing.
-pub(super) fn through_gears(
-    trace: &Trace,
-    joints: &Joints,
-    gears: &[GearSpring; AXES],
-    columns: &mut [Channels],
-    compliances: Range<usize>,
-) -> Result<(), KinematicsError> {
-    let passage = Passage::new(trace, joints, gears)?;
-    columns.par_iter_mut().enumerate().for_each(|(p, column)| {
-        let own = compliances.contains(&p).then(|| p - compliances.start);
-        for segment in &trace.segments {
-            passage.turn(segment.clone(), column, own);
-        }
-    });
-    Ok(())
-}
-
 /// Steps of accelerations, rad/s², and rates, rad/s, for derivatives by them: of a rate so small that friction which
 /// jumps is seen to.
 const STEPS: [f64; 2] = [1.0, 1e-6];
@@ -238,7 +219,7 @@ fn measured(drives: &[Option<usize>; ARMS]) -> impl Iterator<Item = (usize, usiz
 }
 
 /// What elastic gears make of a torque, linearised along a motion.
-struct Passage<'a> {
+pub(super) struct Passage<'a> {
     trace: &'a Trace,
     joints: &'a Joints<'a>,
     gears: &'a [GearSpring; AXES],
@@ -251,7 +232,11 @@ struct Passage<'a> {
 }
 
 impl<'a> Passage<'a> {
-    fn new(trace: &'a Trace, joints: &'a Joints<'a>, gears: &'a [GearSpring; AXES]) -> Result<Self, KinematicsError> {
+    pub fn new(
+        trace: &'a Trace,
+        joints: &'a Joints<'a>,
+        gears: &'a [GearSpring; AXES],
+    ) -> Result<Self, KinematicsError> {
         let plant = &*behind(joints.plant, gears);
         let drives = std::array::from_fn(|i| trace.channels.iter().position(|c| c.drive() == Some(i)));
         let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
@@ -291,6 +276,23 @@ impl<'a> Passage<'a> {
         };
         let inverse = slopes.iter().map(inverse).collect();
         Ok(Self { trace, joints, gears, drives, slopes: slopes.concat(), inverse })
+    }
+
+    /// Makes of an effect's columns, the derivatives of the channels at the given motion of the joints, those at the given
+    /// motion of the encoders. The compliances' own columns come from nothing.
+    pub fn pass(&self, active: &ActiveEffect, columns: &mut [Channels]) {
+        let gears = active.has_gears();
+        let at_motor = self.gears.iter().any(|g| g.friction_at_motor) && acts_on_motors(active);
+        if at_motor || (active.effect.kind().acts_on_the_whole() && !gears) {
+            return;
+        }
+        // The compliances come first.
+        let count = if gears { self.joints.plant.mechanism.arms() } else { columns.len() };
+        columns.par_iter_mut().take(count).enumerate().for_each(|(i, column)| {
+            for segment in &self.trace.segments {
+                self.turn(segment.clone(), column, gears.then_some(i));
+            }
+        });
     }
 
     /// Turns a column in one segment; `own` has its compliance as parameter, if any.

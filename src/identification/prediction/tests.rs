@@ -1,5 +1,6 @@
 use super::states::exponential_heun;
 use super::*;
+use crate::effects::Role;
 use crate::effects::find;
 use crate::recording::{Configuration, Setup};
 

@@ -1,0 +1,478 @@
+//! Derivatives of the predicted channels by parameters, for many effects in one pass over the motion, at every sample or
+//! averaged over short blocks.
+//!
+//! Force laws and inertia are evaluated at every sample, as friction jumps within a block; by their nonlinear parameters
+//! they are differenced. What acts through a whole prediction is differenced as a whole: at the blocks' middle samples
+//! where the difference is smooth (lengths, offsets), at every sample where it follows the jumps of friction (sensors,
+//! deflections of gears). Behind elastic gears all columns depend on all samples before: see [`gears`].
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::{Channels, Joints, OwnStates, gear_springs, gears, ideal, joints, observe, predict, predict_along};
+use crate::dynamics::{ChannelMap, Output, Plant, add_regressor, inverse_dynamics};
+use crate::effects::{ActiveEffect, Entry, Kind, Role};
+use crate::identification::Trace;
+use crate::kinematics::KinematicsError;
+
+/// Blocks handled together.
+const CHUNK: usize = 64;
+
+/// Effects whose columns at every sample are held at a time.
+const GROUP: usize = 8;
+
+/// An effect whose columns are wanted.
+#[derive(Clone, Copy)]
+struct Wanted<'a> {
+    active: &'a ActiveEffect,
+    /// Whether it is as if it stood in the plant, with the values it has.
+    is_candidate: bool,
+    /// Whether the columns of nonlinear parameters are wanted, too; they are zero otherwise.
+    shapes: bool,
+}
+
+impl<'a> Wanted<'a> {
+    /// All that a plant has; `rigid` are its rigid bodies.
+    fn own(plant: &'a Plant, rigid: &'a ActiveEffect) -> Vec<Self> {
+        let own = std::iter::once(rigid).chain(&plant.effects);
+        own.map(|active| Self { active, is_candidate: false, shapes: true }).collect()
+    }
+
+    fn has_column(&self, entry: &Entry) -> bool {
+        match entry.parameter.role {
+            Role::Fixed => false,
+            Role::Linear => true,
+            Role::Shape => self.shapes,
+        }
+    }
+
+    /// The plant with it, one of its values moved by a step.
+    fn moved(&self, plant: &Plant, step: Option<(usize, f64)>) -> Plant {
+        with(plant, self.active, step, self.is_candidate)
+    }
+}
+
+/// Derivatives of the predicted channels by parameter: `[parameter][channel][sample]`.
+///
+/// With `candidate` None: all parameters of the plant, in the order of [`Plant::parameters`] (zero series for fixed
+/// ones). With a candidate effect: its parameters, as if it stood in the plant with the values it has.
+pub fn columns(
+    plant: &Plant,
+    trace: &Trace,
+    candidate: Option<&ActiveEffect>,
+) -> Result<Vec<Channels>, KinematicsError> {
+    let rigid = plant.rigid_bodies();
+    let wanted = match candidate {
+        Some(active) => vec![Wanted { active, is_candidate: true, shapes: true }],
+        None => Wanted::own(plant, &rigid),
+    };
+    Ok(along(plant, trace, &joints(plant, trace)?, &wanted, 1)?.concat())
+}
+
+/// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
+pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels, Vec<Channels>), KinematicsError> {
+    let joints = joints(plant, trace)?;
+    let rigid = plant.rigid_bodies();
+    let columns = along(plant, trace, &joints, &Wanted::own(plant, &rigid), 1)?.concat();
+    Ok((predict_along(plant, trace, &joints)?, columns))
+}
+
+/// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over `block`
+/// samples. The plant's effects come first, `rigid_bodies` before all; shape parameters of candidates have zero columns.
+pub fn averaged_columns(
+    plant: &Plant,
+    trace: &Trace,
+    candidates: &[ActiveEffect],
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let rigid = plant.rigid_bodies();
+    let mut wanted = Wanted::own(plant, &rigid);
+    wanted.extend(candidates.iter().map(|active| Wanted { active, is_candidate: true, shapes: false }));
+    along(plant, trace, &joints(plant, trace)?, &wanted, block)
+}
+
+fn along(
+    plant: &Plant,
+    trace: &Trace,
+    joints: &Joints,
+    wanted: &[Wanted],
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let Some(springs) = gear_springs(plant) else { return at_joints(plant, trace, joints, wanted, block) };
+    let passage = gears::Passage::new(trace, joints, &springs)?;
+    let mut all = Vec::with_capacity(wanted.len());
+    for group in wanted.chunks(GROUP) {
+        let mut columns = at_joints(plant, trace, joints, group, 1)?;
+        for (wanted, columns) in group.iter().zip(&mut columns) {
+            passage.pass(wanted.active, columns);
+        }
+        all.extend(columns.into_iter().map(|columns| -> Vec<Channels> {
+            let mean = |column: Channels| if block == 1 { column } else { means(trace, &column, block) };
+            columns.into_iter().map(mean).collect()
+        }));
+    }
+    Ok(all)
+}
+
+/// Columns at the given motion of the joints, but those of what acts through a whole prediction: they are exact.
+fn at_joints(
+    plant: &Plant,
+    trace: &Trace,
+    joints: &Joints,
+    wanted: &[Wanted],
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let moved: Vec<ActiveEffect> = wanted.iter().filter(|w| w.shapes).flat_map(|w| shaped(w.active)).collect();
+    let effects: Vec<&ActiveEffect> = wanted.iter().map(|w| w.active).chain(&moved).collect();
+    let mut columns = linear(plant, &effects, trace, joints, block)?;
+    let on_motors: Vec<usize> = match gear_springs(plant) {
+        Some(gears) if gears.iter().any(|g| g.friction_at_motor) => {
+            (0..effects.len()).filter(|&i| gears::acts_on_motors(effects[i])).collect()
+        }
+        _ => Vec::new(),
+    };
+    if !on_motors.is_empty() {
+        let those: Vec<&ActiveEffect> = on_motors.iter().map(|&i| effects[i]).collect();
+        let turned = linear(plant, &those, trace, &joints.of_encoders(), block)?;
+        on_motors.into_iter().zip(turned).for_each(|(i, turned)| columns[i] = turned);
+    }
+    let mut moved = columns.split_off(wanted.len()).into_iter();
+    let is_whole = |w: &Wanted| w.active.effect.kind().acts_on_the_whole();
+    for (wanted, columns) in wanted.iter().zip(&mut columns).filter(|(w, _)| w.shapes && !is_whole(w)) {
+        if columns.is_empty() {
+            continue;
+        }
+        let unmoved = weighted(columns, &wanted.active.values);
+        for (k, entry) in wanted.active.entries().iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape) {
+            let step = difference(entry);
+            let mut values = wanted.active.values.clone();
+            values[k] += step;
+            let moved = moved.next().expect("one copy per shape parameter");
+            columns[k] = slope(&weighted(&moved, &values), &unmoved, step);
+        }
+    }
+    let wholes: Vec<usize> = (0..wanted.len()).filter(|&i| is_whole(&wanted[i])).collect();
+    if !wholes.is_empty() {
+        let differences = Differences::new(plant, trace, joints, block)?;
+        let of = |&i: &usize| differences.columns(&wanted[i], &columns[i]);
+        let found: Vec<Vec<Channels>> = wholes.par_iter().map(of).collect::<Result<_, KinematicsError>>()?;
+        wholes.into_iter().zip(found).for_each(|(i, found)| columns[i] = found);
+    }
+    Ok(columns)
+}
+
+/// Quotients of the difference of two predictions and the step between them.
+fn slope(there: &Channels, here: &Channels, step: f64) -> Channels {
+    let one = |(t, h): (&Vec<f64>, &Vec<f64>)| t.iter().zip(h).map(|(t, h)| (t - h) / step).collect();
+    there.iter().zip(here).map(one).collect()
+}
+
+fn means(trace: &Trace, column: &Channels, block: usize) -> Channels {
+    column.iter().map(|x| trace.means(x, block)).collect()
+}
+
+/// The middle samples of blocks.
+fn middle(trace: &Trace, block: usize) -> Cow<'_, Trace> {
+    if block == 1 { Cow::Borrowed(trace) } else { Cow::Owned(trace.averaged(block)) }
+}
+
+/// Columns of what acts through a whole prediction.
+struct Differences<'a> {
+    plant: &'a Plant,
+    trace: &'a Trace,
+    block: usize,
+    /// The blocks' middle samples and the prediction there.
+    middle: Cow<'a, Trace>,
+    plain: Channels,
+    /// Prediction at every sample before and after the sensors.
+    unobserved: Channels,
+    observed: Channels,
+}
+
+impl<'a> Differences<'a> {
+    fn new(plant: &'a Plant, trace: &'a Trace, joints: &Joints, block: usize) -> Result<Self, KinematicsError> {
+        let unobserved = ideal(plant, trace, joints)?;
+        let mut observed = unobserved.clone();
+        observe(plant, trace, &mut observed);
+        let middle = middle(trace, block);
+        let plain = if block == 1 { observed.clone() } else { predict(plant, &middle)? };
+        Ok(Self { plant, trace, block, middle, plain, unobserved, observed })
+    }
+
+    /// Columns of all parameters of an effect; those not wanted are as in `none`.
+    fn columns(&self, wanted: &Wanted, none: &[Channels]) -> Result<Vec<Channels>, KinematicsError> {
+        let active = wanted.active;
+        if active.has_gears() {
+            // Of those the plant has, the passage through them makes the columns.
+            return if wanted.is_candidate { self.of_gears(active) } else { Ok(none.to_vec()) };
+        }
+        let is_sensor = active.effect.kind() == Kind::Sensor;
+        let predicted = |step: Option<(usize, f64)>| -> Result<Channels, KinematicsError> {
+            let moved = wanted.moved(self.plant, step);
+            if !is_sensor {
+                return predict(&moved, &self.middle);
+            }
+            // Sensors act on what the mechanism does anyway.
+            let mut seen = self.unobserved.clone();
+            observe(&moved, self.trace, &mut seen);
+            Ok(seen)
+        };
+        let unmoved = match (wanted.is_candidate, is_sensor) {
+            (true, _) => Cow::Owned(predicted(None)?),
+            (false, true) => Cow::Borrowed(&self.observed),
+            (false, false) => Cow::Borrowed(&self.plain),
+        };
+        let column = |(k, entry): (usize, &Entry)| {
+            if !wanted.has_column(entry) {
+                return Ok(none[k].clone());
+            }
+            let step = difference(entry);
+            let slope = slope(&predicted(Some((k, step)))?, &unmoved, step);
+            Ok(if is_sensor { means(self.trace, &slope, self.block) } else { slope })
+        };
+        active.entries().par_iter().enumerate().map(column).collect()
+    }
+
+    /// Columns of elastic gears that the plant does not have yet.
+    ///
+    /// Gears that ring leave nothing of what infinitesimally elastic ones would do: the columns are secants, from rigid
+    /// gears to those of `active` (of usual size if they are rigid, too). The change of a channel is put down to the gear
+    /// of its own limb.
+    fn of_gears(&self, active: &ActiveEffect) -> Result<Vec<Channels>, KinematicsError> {
+        let is_rigid = active.effect.gear_springs(&active.values()).is_none();
+        let there = if is_rigid { active.at_usual_size() } else { active.clone() };
+        let elastic = predict(&with(self.plant, &there, None, true), self.trace)?;
+        let column = |(arm, (entry, value)): (usize, (Entry, &f64))| -> Channels {
+            let of = |(c, (e, r)): (usize, (&Vec<f64>, &Vec<f64>))| {
+                let own = entry.parameter.role == Role::Linear && self.trace.channels[c].limb() == arm;
+                e.iter().zip(r).map(|(e, r)| if own { (e - r) / value } else { 0.0 }).collect()
+            };
+            means(self.trace, &elastic.iter().zip(&self.observed).enumerate().map(of).collect(), self.block)
+        };
+        Ok(there.entries().into_iter().zip(&there.values).enumerate().map(column).collect())
+    }
+}
+
+/// Step of a parameter for differences of predictions.
+fn difference(entry: &Entry) -> f64 {
+    1e-4 * entry.parameter.default.abs().max(1e-6)
+}
+
+/// Copies of a force law, each with one shape parameter moved by a step.
+fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
+    if active.effect.kind().acts_on_the_whole() {
+        return Vec::new();
+    }
+    let shapes = active.entries().into_iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape);
+    shapes
+        .map(|(k, entry)| {
+            let mut copy = active.clone();
+            copy.values[k] += difference(&entry);
+            copy
+        })
+        .collect()
+}
+
+/// Σ valuesₖ·columnₖ.
+fn weighted<C: std::borrow::Borrow<Channels>>(columns: &[C], values: &[f64]) -> Channels {
+    let first = columns[0].borrow();
+    let mut sum: Channels = first.iter().map(|s| vec![0.0; s.len()]).collect();
+    for (column, value) in columns.iter().zip(values).filter(|(_, v)| **v != 0.0) {
+        for (total, series) in sum.iter_mut().zip(column.borrow()) {
+            for (t, x) in total.iter_mut().zip(series) {
+                *t += value * x;
+            }
+        }
+    }
+    sum
+}
+
+/// The plant with a candidate in place, or with one of its own effects changed by a step.
+fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_candidate: bool) -> Plant {
+    let mut changed = active.clone();
+    if let Some((k, step)) = step {
+        changed.values[k] += step;
+    }
+    let mut plant = plant.clone();
+    if active.effect.kind() == Kind::Geometry {
+        if !is_candidate {
+            // The plant's geometry already holds the present values: apply the difference only.
+            for (new, old) in changed.values.iter_mut().zip(&active.values) {
+                *new -= old;
+            }
+        }
+        changed.effect.geometry(&changed.values(), &mut plant.geometry);
+    } else if is_candidate {
+        plant.effects.push(changed);
+    } else if let Some(own) = plant.effects.iter_mut().find(|a| a.effect.name() == active.effect.name()) {
+        *own = changed;
+    }
+    if active.effect.kind() == Kind::Encoder {
+        plant.sum_inertia();
+    }
+    plant
+}
+
+/// Columns of the linear parameters at the given motion of the joints; zero for all others.
+fn linear(
+    plant: &Plant,
+    effects: &[&ActiveEffect],
+    trace: &Trace,
+    joints: &Joints,
+    block: usize,
+) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let states = OwnStates::along(plant, effects, trace, joints)?;
+    let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
+    let plant_states = OwnStates::along(plant, &plant_effects, trace, joints)?;
+    let reads_reactions = effects.iter().any(|a| a.effect.reads_reactions());
+    let reads = reads_reactions || effects.iter().any(|a| a.effect.reads_torque());
+    let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
+    let total: usize = widths.iter().sum();
+    let channels = trace.channels.len();
+    if total == 0 || channels == 0 {
+        return Ok(widths.iter().map(|width| vec![Channels::new(); *width]).collect());
+    }
+    let blocks: Vec<Range<usize>> = trace.blocks(block).collect();
+    let sum = |range: &Range<usize>, out: &mut [f64]| {
+        for k in range.clone() {
+            let motion = joints.motion(k)?;
+            let loads = if reads {
+                inverse_dynamics(plant, trace.t[k], &motion, &plant_states.at(k), reads_reactions)?
+            } else {
+                Output::default()
+            };
+            let map = ChannelMap::new(&plant.geometry, &motion, plant.assembled, &trace.channels)?;
+            let mut at = 0;
+            for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
+                let state = states.of(k, i);
+                let rows = &mut out[at * channels..(at + width) * channels];
+                add_regressor(plant, active, trace.t[k], &motion, &loads, state, &map, rows);
+                at += width;
+            }
+        }
+        Ok(())
+    };
+    // Chunks keep the transposition from rows to series in the cache.
+    let chunks: Vec<Vec<f64>> = blocks
+        .par_chunks(CHUNK)
+        .map(|chunk| {
+            let mut rows = vec![0.0; chunk.len() * total * channels];
+            for (range, row) in chunk.iter().zip(rows.chunks_exact_mut(total * channels)) {
+                sum(range, row)?;
+            }
+            Ok(rows)
+        })
+        .collect::<Result<_, KinematicsError>>()?;
+    let series = |column: usize, c: usize| -> Vec<f64> {
+        let mut out = Vec::with_capacity(blocks.len());
+        for rows in &chunks {
+            out.extend(rows.chunks_exact(total * channels).map(|row| row[column * channels + c] / block as f64));
+        }
+        out
+    };
+    let mut columns: Vec<Channels> =
+        (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
+    if plant.observes() {
+        let middle = middle(trace, block);
+        let mut zero: Channels = vec![vec![0.0; blocks.len()]; channels];
+        observe(plant, &middle, &mut zero);
+        columns.par_iter_mut().for_each(|column| {
+            observe(plant, &middle, column);
+            for (x, z) in column.iter_mut().flatten().zip(zero.iter().flatten()) {
+                *x -= z;
+            }
+        });
+    }
+    let mut columns = columns.into_iter();
+    Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::Channel;
+    use crate::effects::{REGISTRY, rigid_bodies};
+    use crate::kinematics::JointState;
+    use crate::recording::Setup;
+
+    const DT: f64 = 4e-4;
+    const BLOCK: usize = 5;
+
+    /// 0.8 s of all axes below 3 Hz, in two segments with odd ends.
+    fn trace() -> Trace {
+        let at = |k: usize| {
+            let t = k as f64 * DT;
+            let wave = |i: usize| (0.2 + 0.1 * i as f64, 11.0 + 3.0 * i as f64);
+            JointState {
+                q: std::array::from_fn(|i| wave(i).0 * (wave(i).1 * t).sin()),
+                qd: std::array::from_fn(|i| wave(i).0 * wave(i).1 * (wave(i).1 * t).cos()),
+                qdd: std::array::from_fn(|i| -wave(i).0 * wave(i).1.powi(2) * (wave(i).1 * t).sin()),
+            }
+        };
+        Trace {
+            name: "made".into(),
+            setup: Setup::default(),
+            t: (0..2003).map(|k| k as f64 * DT).collect(),
+            joints: (0..2003).map(at).collect(),
+            channels: Channel::TORQUES.into_iter().chain([Channel::StrutUpper(0)]).collect(),
+            measured: vec![(0..2003).map(f64::from).collect(); 5],
+            segments: vec![0..1001, 1001..2003],
+            dt: DT,
+            readings: crate::identification::EncoderReadings::default(),
+            half_width: [10; 4],
+        }
+    }
+
+    #[test]
+    fn blocks_keep_to_segments() {
+        let middle = trace().averaged(BLOCK);
+        assert_eq!(middle.segments, vec![0..200, 200..400]);
+        assert_eq!(middle.len(), 400);
+        assert_eq!(middle.measured[0][199..201], [997.0, 1003.0]);
+        approx::assert_relative_eq!(middle.t[200], 1003.0 * DT);
+        assert_eq!(middle.half_width, [3; 4]);
+    }
+
+    /// Force laws to rounding; differences at the middle differ from the mean over a block by c̈·(5·dt)²/24, and by
+    /// friction that jumps in between.
+    #[test]
+    fn averages_of_the_columns() {
+        let model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let trace = trace();
+        let plant = Plant::new(&model, &trace.setup);
+        let known = |e: &&&'static dyn crate::effects::Effect| {
+            e.name() != rigid_bodies::NAME
+                && e.identifiable()
+                && model.effects.iter().all(|a| a.effect.name() != e.name())
+        };
+        let candidates: Vec<ActiveEffect> =
+            REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(*e, model.host())).collect();
+        let all = averaged_columns(&plant, &trace, &candidates, BLOCK).unwrap();
+        let mut expected = vec![columns(&plant, &trace, None).unwrap()];
+        expected.extend(candidates.iter().map(|c| columns(&plant, &trace, Some(c)).unwrap()));
+        let own = all.len() - candidates.len();
+        let flat: Vec<&Channels> = all[..own].iter().flatten().collect();
+        assert_eq!(flat.len(), expected[0].len());
+        for (j, expected) in expected.iter().enumerate() {
+            let got: Vec<&Channels> = if j == 0 { flat.clone() } else { all[own + j - 1].iter().collect() };
+            let active = j.checked_sub(1).map(|j| &candidates[j]);
+            let smooth = active.is_some_and(|a| a.effect.kind().acts_on_the_whole());
+            let shape = |k: usize| active.is_some_and(|a| a.entries()[k].parameter.role == Role::Shape);
+            for (k, (got, expected)) in got.iter().zip(expected).enumerate().filter(|(k, _)| !shape(*k)) {
+                let (mut error, mut size) = (0.0, 0.0);
+                for (got, expected) in got.iter().zip(expected) {
+                    for (x, b) in got.iter().zip(trace.blocks(BLOCK)) {
+                        let mean = expected[b].iter().sum::<f64>() / BLOCK as f64;
+                        error += (x - mean) * (x - mean);
+                        size += mean * mean;
+                    }
+                }
+                let limit: f64 = if smooth { 0.05 } else { 1e-9 };
+                let name = active.map_or("own", |a| a.effect.name());
+                assert!(error <= limit * limit * size, "{name} {k}: {:.1e}", (error / size).sqrt());
+            }
+        }
+    }
+}
