@@ -1,13 +1,15 @@
 //! An effect added to a model by hand: what it explains, and what it does to the other parameters.
 
 use super::budget::{self, Budget, Change};
-use super::judge::relative_energy;
-use super::{DiagnosisError, check, problem};
+use super::judge::{Judge, Judged};
+use super::search::with_effects;
+use super::{DiagnosisError, Fitting, check, problem};
 use crate::dynamics::in_configuration;
-use crate::effects::{self, ActiveEffect};
-use crate::identification::fit::{Estimate, Fit, channel_rms, residuals};
+use crate::effects;
+use crate::evidence::{self, Chosen};
+use crate::identification::Trace;
+use crate::identification::fit::{Estimate, Fit};
 use crate::identification::trace::noise_floor as floor;
-use crate::identification::{Trace, fit};
 use crate::model::Model;
 
 /// An effect added to a model.
@@ -42,37 +44,30 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
         return Err(DiagnosisError::NoTerms);
     }
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
-    let shapes = shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
-    let noise = floor(model, traces);
-    let weights = vec![noise.clone(); traces.len()];
-    let before = fit(model, traces, &weights)?;
-    let mut best: Option<Fit> = None;
-    for shape in shapes {
-        let mut with = before.model.clone();
-        with.effects.push(shape);
-        sort_effects(&mut with);
-        let fitted = fit(&with, traces, &weights)?;
-        let energy = |f: &Fit| relative_energy(&f.rms, &noise);
-        if best.as_ref().is_none_or(|b| energy(&fitted) < energy(b)) {
-            best = Some(fitted);
-        }
-    }
-    let mut fit = best.expect("an effect has at least one shape");
-    let judge = if held_out.is_empty() { traces } else { held_out };
+    let candidates = [shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?];
+    let fitting = Fitting { traces, noise: floor(model, traces), held: &[] };
+    let judge = Judge::new(&fitting, model, held_out);
+    let before = judge.fit(model)?;
+    let problem = fitting.problem(&before.fit, &candidates)?;
+    let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
+    let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
+    let mut with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));
+    sort_effects(&mut with);
+    let Judged { mut fit, rms } = judge.fit(&with)?;
     let budget = Budget {
         channels: traces[0].channels.clone(),
-        rms_before: channel_rms(&residuals(&before.model, judge)?),
-        noise_floor: floor(model, judge),
-        effects: vec![(effect.into(), channel_rms(&residuals(&fit.model, judge)?))],
+        rms_before: before.rms,
+        noise_floor: judge.floor.clone(),
+        effects: vec![(effect.into(), rms)],
         held_out: !held_out.is_empty(),
     };
     fit.model.history.extend(budget.history());
-    let changes = budget::changes(&before, &fit);
-    Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.parameters, fit })
+    let changes = budget::changes(&before.fit, &fit);
+    Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.fit.parameters, fit })
 }
 
 /// Brings the effects of a model into the order of the registry.
 fn sort_effects(model: &mut Model) {
-    let place = |a: &ActiveEffect| effects::REGISTRY.iter().position(|e| e.name() == a.effect.name());
+    let place = |a: &effects::ActiveEffect| effects::REGISTRY.iter().position(|e| e.name() == a.effect.name());
     model.effects.sort_by_key(place);
 }

@@ -224,15 +224,7 @@ impl Search<'_> {
     }
 
     fn refit(&self, chosen: &[Chosen], ranking: Option<&Ranking>) -> Result<Judged, FitError> {
-        let mut model = self.start.fit.model.clone();
-        for c in chosen {
-            let mut active = self.shape(c).clone();
-            if let Some(assessed) = ranking.and_then(|r| r.of(c.candidate)) {
-                begin_at(&mut active, &assessed.coefficients);
-            }
-            model.effects.push(active);
-        }
-        self.judge.fit(&model)
+        self.judge.fit(&with_effects(&self.start.fit.model, self.candidates, chosen, ranking))
     }
 
     /// A delay among the effects found that is a way of recording.
@@ -240,6 +232,24 @@ impl Search<'_> {
         let late = delay(&fit.model).filter(|_| self.may_lag && names.contains(&DELAY))?;
         (late.values[0].abs() < 0.5 * self.judge.fitting.traces[0].dt).then(|| late.clone())
     }
+}
+
+/// A model with effects that were chosen; those that a ranking assesses begin at its estimates.
+pub(super) fn with_effects(
+    model: &Model,
+    candidates: &[Vec<ActiveEffect>],
+    chosen: &[Chosen],
+    ranking: Option<&Ranking>,
+) -> Model {
+    let mut model = model.clone();
+    for c in chosen {
+        let mut active = candidates[c.candidate][c.variant].clone();
+        if let Some(assessed) = ranking.and_then(|r| r.of(c.candidate)) {
+            begin_at(&mut active, &assessed.coefficients);
+        }
+        model.effects.push(active);
+    }
+    model
 }
 
 /// Whether a candidate may take enough from some channel, by its columns, to be confirmed after a fit.

@@ -217,9 +217,9 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
         say(format!("\n  These data cannot tell apart: {}", set.join(", ")))?;
     }
     if let Some(lag) = d.sampling_lag {
-        let late = 1e3 * lag;
+        let late = significant(1e3 * lag, 2);
         say(format!(
-            "\n  The torques are recorded {late:.2} ms late, less than half a sample: no effect, but in the model"
+            "\n  The torques are recorded {late} ms late, less than half a sample: no effect, but in the model"
         ))?;
     }
     if !d.unseen.is_empty() {
