@@ -22,6 +22,9 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// parameter, as how much wanders is known from a few slow cosines only.
 const NO_MORE: f64 = 50.0;
 
+/// Excess of the residual's RMS over the noise floor that no controller or filter explains.
+const UNEXPLAINED: f64 = 1.15;
+
 /// A fit with its RMS residuals on the data it is judged by.
 #[derive(Clone)]
 pub(super) struct Judged {
@@ -47,6 +50,17 @@ impl<'a> Judge<'a> {
     /// Refits a model.
     pub fn fit(&self, model: &Model) -> Result<Judged, FitError> {
         self.of(self.fitting.fit(model)?)
+    }
+
+    /// Whether more than noise is left away from reversals, both of what was fitted and of what was held out: a bias that
+    /// drifts differs from one recording to the next, and parameters follow it.
+    pub fn leaves_more(&self, judged: &Fit) -> Result<bool, FitError> {
+        let above = |traces: &[Trace], residuals: &[Channels], floor: &[f64]| {
+            let rms = rms_away_from_reversals(traces, residuals);
+            rms.iter().zip(floor).any(|(r, f)| *r > UNEXPLAINED * f)
+        };
+        Ok(above(self.fitting.traces, &judged.residuals, &self.fitting.noise)
+            && above(self.held_out, &residuals(&judged.model, self.held_out)?, &self.floor))
     }
 
     /// Judges a fit.
@@ -90,6 +104,32 @@ impl Fitting<'_> {
         noise = Noise::of(&left, samples, &segments, drives(traces));
         Ok(noise.energy(&refitted(&problem, &noise)) - noise.energy(&refitted(&least, &noise)))
     }
+}
+
+/// RMS residuals away from the drives' reversals, channel by channel: within their half width the derivatives blur what
+/// friction does there. All counts where nothing else is left.
+fn rms_away_from_reversals(traces: &[Trace], residuals: &[Channels]) -> Vec<f64> {
+    let kept: Vec<Vec<usize>> = traces.iter().map(away_from_reversals).collect();
+    if kept.iter().all(Vec::is_empty) {
+        return channel_rms(residuals);
+    }
+    let of = |(trace, kept): (&Channels, &Vec<usize>)| -> Channels {
+        trace.iter().map(|series| kept.iter().map(|&k| series[k]).collect()).collect()
+    };
+    channel_rms(&residuals.iter().zip(&kept).map(of).collect::<Vec<_>>())
+}
+
+/// Samples of a trace that lie farther from every reversal than the derivatives reach.
+fn away_from_reversals(trace: &Trace) -> Vec<usize> {
+    let mut is_away = vec![true; trace.len()];
+    for axis in 0..drives(std::slice::from_ref(trace)) {
+        let reach = trace.half_width[axis];
+        let reversals = trace.joints.windows(2).enumerate().filter(|(_, w)| w[0].qd[axis] * w[1].qd[axis] < 0.0);
+        for (k, _) in reversals {
+            is_away[k.saturating_sub(reach)..(k + reach + 2).min(trace.len())].fill(false);
+        }
+    }
+    (0..trace.len()).filter(|&k| is_away[k]).collect()
 }
 
 /// Number of the drives' channels, which come first.

@@ -171,9 +171,6 @@ pub struct CandidateReport {
     pub absorbed_by: Vec<String>,
 }
 
-/// Excess of the residual's RMS over the noise floor that no controller or filter explains.
-const UNEXPLAINED: f64 = 1.15;
-
 /// Finds the missing effects; `progress` is told what is being done.
 pub fn diagnose(
     model: &Model,
@@ -244,9 +241,9 @@ pub fn diagnose_holding(
         })
         .filter(|set| set.len() > 1)
         .collect();
-    let stays_above = above(&rms_after, &noise_floor) && above(&end.rms, &fitting.noise);
+    let leaves_more = judge.leaves_more(&end)?;
     let verdict =
-        verdict(&outcome, [&rms_before, &rms_after, &noise_floor], stays_above, !indistinguishable.is_empty());
+        verdict(&outcome, [&rms_before, &rms_after, &noise_floor], leaves_more, !indistinguishable.is_empty());
     progress("what is left");
     let unexplained = unknown::explain([&start, &end], effects.len(), &fitting, held_out, progress)?;
     let (verdict, end) = match &unexplained {
@@ -372,20 +369,13 @@ fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[f64]) -> f6
     ((relative_energy(without, floor) - relative_energy(with, floor)) / explainable).clamp(0.0, 1.0)
 }
 
-/// Whether more is left on some channel than noise.
-fn above(rms: &[f64], floor: &[f64]) -> bool {
-    rms.iter().zip(floor).any(|(r, f)| *r > UNEXPLAINED * f)
-}
-
-/// `stays_above`: more than noise is left both of what was fitted and of what was held out. A bias that drifts differs from
-/// one recording to the next, and parameters follow it.
-fn verdict(outcome: &Outcome, [before, after, floor]: [&[f64]; 3], stays_above: bool, ambiguous: bool) -> Verdict {
+fn verdict(outcome: &Outcome, [before, after, floor]: [&[f64]; 3], leaves_more: bool, ambiguous: bool) -> Verdict {
     let n = outcome.findings.len();
     // Named effects must explain most of what is there, else something else is the matter.
     let left = (relative_energy(after, floor) - floor.len() as f64)
         / (relative_energy(before, floor) - floor.len() as f64).max(f64::MIN_POSITIVE);
     match n {
-        _ if stays_above && (n == 0 || left > 0.5) => Verdict::Unknown,
+        _ if leaves_more && (n == 0 || left > 0.5) => Verdict::Unknown,
         _ if outcome.verdict == evidence::Verdict::Unknown => Verdict::Unknown,
         0 => Verdict::None,
         _ if ambiguous => Verdict::Ambiguous,

@@ -10,10 +10,12 @@ pub use shape::Shape;
 pub use sight::Sight;
 
 use super::Fitting;
-use super::judge::{is_relevant, wanders_in};
+use super::judge::{is_relevant, relative_energy, wanders_in};
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
+use crate::identification::prediction::Channels;
+use crate::identification::trace::noise_floor;
 use crate::identification::{Fit, Trace};
 use crate::model::Model;
 use library::{Atom, Cover, hums, library};
@@ -30,6 +32,8 @@ const LEFT_BESIDE: f64 = 0.25;
 const BETTER: f64 = 4.0;
 /// Share of the explainable error that named effects must add to a formula to stay beside it.
 const WORTH_NAMING: f64 = 0.05;
+/// Share of the error above the noise that a formula must take, held out.
+const WORTH_SHOWING: f64 = 0.1;
 /// Terms of the formulas that tell the places apart.
 const AT_ONE_PLACE: usize = 3;
 
@@ -121,6 +125,11 @@ pub(super) fn explain(
     let judge = if held_out.is_empty() { fitting.traces } else { held_out };
     let (without, with) = (residuals(&end.model, judge)?, residuals(&fit.model, judge)?);
     let rms = channel_rms(&with);
+    let floor = noise_floor(&end.model, judge);
+    let energy = |residuals: &[Channels]| relative_energy(&channel_rms(residuals), &floor);
+    if energy(&without) - energy(&with) < WORTH_SHOWING * (energy(&without) - floor.len() as f64) {
+        return Ok(None);
+    }
     // As of names: a trifle is what smoothing blurs, and noise may drift.
     if !is_relevant(&channel_rms(&without), &rms) || wanders_in(judge, &without, &with) || fitting.wanders(end, &fit)? {
         return Ok(None);
