@@ -53,10 +53,7 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
     } else {
         of_role(Role::Shape).map(|i| vec![i]).collect()
     };
-    if searched.is_empty() {
-        return vec![base];
-    }
-    let variant = |(set, factor): (&Vec<usize>, &f64)| {
+    let scaled = |(set, factor): (&Vec<usize>, &f64)| {
         let mut variant = base.clone();
         for &i in set {
             let (low, high) = entries[i].parameter.range;
@@ -65,19 +62,20 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         variant
     };
     let grids = searched.iter().zip(effect.shape_grids());
-    let variants = grids.flat_map(|(set, grid)| grid.iter().map(move |f| (set, f))).map(variant);
-    if !gears {
-        return variants.collect();
+    let mut variants: Vec<ActiveEffect> =
+        grids.flat_map(|(set, grid)| grid.iter().map(move |f| (set, f))).map(scaled).collect();
+    if variants.is_empty() {
+        variants.push(base);
     }
-    // Where a gear gives way, friction has two sides to act on.
-    let side = entries.iter().position(|e| e.parameter.name == "friction_at_motor");
+    for (i, _) in entries.iter().enumerate().filter(|(_, e)| effect.switches().contains(&e.parameter.name)) {
+        let switched = |v: ActiveEffect| {
+            let mut other = v.clone();
+            other.values[i] = 1.0 - other.values[i];
+            [v, other]
+        };
+        variants = variants.into_iter().flat_map(switched).collect();
+    }
     variants
-        .flat_map(|variant| {
-            let mut other = variant.clone();
-            side.into_iter().for_each(|i| other.values[i] = 1.0 - other.values[i]);
-            [variant, other]
-        })
-        .collect()
 }
 
 /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.

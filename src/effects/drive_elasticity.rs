@@ -163,6 +163,11 @@ impl Effect for DriveElasticity {
         &[&[0.25, 0.5, 1.0, 2.0]]
     }
 
+    /// Where a gear gives way, friction has two sides to act on.
+    fn switches(&self) -> &'static [&'static str] {
+        &["friction_at_motor"]
+    }
+
     fn kind(&self) -> Kind {
         Kind::Encoder
     }

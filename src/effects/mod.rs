@@ -6,16 +6,13 @@
 //!
 //! To add an effect: write `src/effects/<name>.rs` and add its `mod` and its registry line below.
 
-use std::sync::Arc;
-
 use nalgebra::Vector3;
 
-use crate::kinematics::{Motion, Reactions, SocketSet};
 pub use crate::model::Part;
-use crate::model::bodies::BODIES;
-use crate::model::{AXES, Bodies, Drive, Geometry, Inertia, Mechanism, Model, STRUTS};
+use crate::model::{AXES, Geometry, Inertia, Model, STRUTS};
 use crate::recording::{Payload, Signals};
 
+mod active;
 mod air_drag;
 mod axis4_friction;
 mod backlash_hysteresis;
@@ -36,6 +33,7 @@ mod hooke_friction;
 mod hose_spring;
 mod joint_zero_offset;
 mod limb_asymmetry;
+mod parameter;
 pub mod payload;
 mod payload_com_offset;
 mod payload_mass_error;
@@ -53,6 +51,11 @@ mod thermal_friction_drift;
 mod torque_bias;
 mod torque_gain_error;
 mod torque_ripple;
+mod wrenches;
+
+pub use active::{ActiveEffect, Entry, Host};
+pub use parameter::{Count, Layout, Parameter, Role, Values};
+pub use wrenches::{Instant, Wrenches};
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: &[&dyn Effect] = &[
@@ -184,6 +187,11 @@ pub trait Effect: Sync {
         &[&[0.3, 0.6, 1.0, 2.0, 4.0]]
     }
 
+    /// Constants of 0 or 1 that a search tries both ways.
+    fn switches(&self) -> &'static [&'static str] {
+        &[]
+    }
+
     /// The terms of a formula, which stand in the model file beside its numbers.
     fn formula(&self) -> Option<&formula::Formula> {
         None
@@ -258,363 +266,6 @@ pub struct About {
     pub shows: &'static str,
     /// Source of the law and its usual magnitude.
     pub source: &'static str,
-}
-
-/// How a parameter enters the law.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// Proportionally; zero switches the term off.
-    Linear,
-    /// Nonlinearly, estimated by an outer iteration.
-    Shape,
-    /// A constant of the law, taken from the model file.
-    Fixed,
-}
-
-/// How many values a parameter has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Count {
-    /// A single number.
-    One,
-    /// One per arm (array of 3).
-    PerArm,
-    /// One per drive (array of 3 or 4; three mean the arms).
-    PerDrive,
-    /// One per axis, the telescope's included.
-    PerAxis,
-    /// A fixed number of named values (array).
-    Named(&'static [&'static str]),
-}
-
-impl Count {
-    /// Number of values on a machine; of one that may have more, the least.
-    pub fn on(self, machine: Mechanism) -> usize {
-        match self {
-            Self::One => 1,
-            Self::PerArm | Self::PerDrive => machine.arms(),
-            Self::PerAxis => machine.axes(),
-            Self::Named(names) => names.len(),
-        }
-    }
-}
-
-/// A parameter of an effect.
-#[derive(Clone, Copy, Debug)]
-pub struct Parameter {
-    /// Key in the effect's table.
-    pub name: &'static str,
-    /// Unit, e.g. `N·m·s/rad`.
-    pub unit: &'static str,
-    /// How many values.
-    pub count: Count,
-    /// How it enters the law.
-    pub role: Role,
-    /// Usual magnitude; the starting value of shape parameters and the default of optional ones.
-    pub default: f64,
-    /// Allowed values.
-    pub range: (f64, f64),
-}
-
-/// Where each parameter's values stand in the flat list.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Layout {
-    starts: Vec<usize>,
-}
-
-impl Layout {
-    /// Layout for parameter blocks of the given lengths.
-    pub fn new(lengths: impl IntoIterator<Item = usize>) -> Self {
-        let mut starts = vec![0];
-        for n in lengths {
-            starts.push(starts[starts.len() - 1] + n);
-        }
-        Self { starts }
-    }
-
-    /// Total number of values.
-    pub fn len(&self) -> usize {
-        self.starts[self.starts.len() - 1]
-    }
-
-    /// Whether there are no values.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-}
-
-/// Values of an effect's parameters, addressed by parameter block.
-#[derive(Clone, Copy)]
-pub struct Values<'a> {
-    values: &'a [f64],
-    layout: &'a Layout,
-}
-
-impl<'a> Values<'a> {
-    /// All values of parameter `block`.
-    pub fn block(&self, block: usize) -> &'a [f64] {
-        &self.values[self.layout.starts[block]..self.layout.starts[block + 1]]
-    }
-
-    /// The value of the scalar parameter `block`.
-    pub fn one(&self, block: usize) -> f64 {
-        self.values[self.layout.starts[block]]
-    }
-
-    /// Number of values of parameter `block`.
-    pub fn len(&self, block: usize) -> usize {
-        self.block(block).len()
-    }
-
-    /// Flat index of value `i` of parameter `block`, as `forces` and `inertia` report it.
-    pub fn index(&self, block: usize, i: usize) -> usize {
-        self.layout.starts[block] + i
-    }
-}
-
-/// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their
-/// usual sizes, which are stated for an arm drive of the IRB 360.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Host {
-    /// Kind of machine.
-    pub mechanism: Mechanism,
-    /// Largest torque (or force) of its drives relative to the stated one.
-    torque: f64,
-    /// Largest speed, likewise.
-    speed: f64,
-}
-
-/// Arm drive for which sizes are stated: N·m and rad/s.
-const STATED: (f64, f64) = (132.0, 18.989);
-
-impl Default for Host {
-    fn default() -> Self {
-        Self { mechanism: Mechanism::default(), torque: 1.0, speed: 1.0 }
-    }
-}
-
-impl Host {
-    /// Of a machine with drives like `drive`; all delta robots count as the stated one.
-    pub fn new(mechanism: Mechanism, drive: &Drive) -> Self {
-        let (torque, speed) = match mechanism {
-            Mechanism::Delta { .. } => (1.0, 1.0),
-            Mechanism::Axis(_) => (drive.max_torque / STATED.0, drive.max_speed / STATED.1),
-        };
-        Self { mechanism, torque, speed }
-    }
-
-    /// `parameter` with unit, usual size and range on this machine.
-    pub fn parameter(&self, parameter: &Parameter) -> Parameter {
-        let (t, v) = (self.torque, self.speed);
-        let factor = match parameter.unit {
-            "N·m" => t,
-            "rad" | "rad/s" => v,
-            "s/rad" => 1.0 / v,
-            "N·m·s/rad" | "kg·m²" => t / v,
-            "rad/(N·m)" => v / t,
-            _ => 1.0,
-        };
-        let (low, high) = parameter.range;
-        Parameter {
-            unit: self.mechanism.unit(parameter.unit),
-            default: factor * parameter.default,
-            range: (factor * low, factor * high),
-            ..*parameter
-        }
-    }
-}
-
-/// An effect that is switched on, with its parameter values.
-#[derive(Clone)]
-pub struct ActiveEffect {
-    /// The machine it is on.
-    pub host: Host,
-    /// The law.
-    pub effect: &'static dyn Effect,
-    /// Flat parameter values.
-    pub values: Vec<f64>,
-    /// Where each parameter stands in `values`.
-    pub layout: Arc<Layout>,
-}
-
-impl ActiveEffect {
-    /// `effect` on the four-axis robot with its default shape and zero linear parameters: present, but without action.
-    pub fn absent(effect: &'static dyn Effect) -> Self {
-        Self::absent_on(effect, Host::default())
-    }
-
-    /// The same on another machine.
-    pub fn absent_on(effect: &'static dyn Effect, host: Host) -> Self {
-        let layout = Layout::new(effect.parameters().iter().map(|p| p.count.on(host.mechanism)));
-        let mut values = vec![0.0; layout.len()];
-        for (b, p) in effect.parameters().iter().enumerate() {
-            if p.role != Role::Linear {
-                values[layout.starts[b]..layout.starts[b + 1]].fill(host.parameter(p).default);
-            }
-        }
-        Self { host, effect, values, layout: Arc::new(layout) }
-    }
-
-    /// The same shape with the linear parameters at their usual values.
-    pub fn at_usual_size(&self) -> Self {
-        let mut usual = self.clone();
-        for (value, entry) in usual.values.iter_mut().zip(self.entries()) {
-            if entry.parameter.role == Role::Linear {
-                *value = entry.parameter.default;
-            }
-        }
-        usual
-    }
-
-    /// Whether the effect puts springs into gears, at its usual size if it is absent.
-    pub fn has_gears(&self) -> bool {
-        self.effect.gear_springs(&self.at_usual_size().values()).is_some()
-    }
-
-    /// `effect` with one slice of values per parameter.
-    ///
-    /// # Panics
-    /// If the number of blocks differs from the number of parameters.
-    pub fn new(effect: &'static dyn Effect, blocks: &[&[f64]]) -> Self {
-        assert_eq!(blocks.len(), effect.parameters().len(), "{}: one block per parameter", effect.name());
-        let layout = Layout::new(blocks.iter().map(|b| b.len()));
-        Self { host: Host::default(), effect, values: blocks.concat(), layout: Arc::new(layout) }
-    }
-
-    /// The values, by parameter.
-    pub fn values(&self) -> Values<'_> {
-        Values { values: &self.values, layout: &self.layout }
-    }
-
-    /// Number of the effect's own states.
-    pub fn states(&self) -> usize {
-        self.effect.initial_state(&self.values()).len()
-    }
-
-    /// Parameter, its number within the parameter and its printed name for each flat value.
-    pub fn entries(&self) -> Vec<Entry> {
-        let mut out = Vec::with_capacity(self.values.len());
-        for (b, p) in self.effect.parameters().iter().enumerate() {
-            let n = self.values().len(b);
-            for i in 0..n {
-                let name = match p.count {
-                    Count::One => p.name.to_string(),
-                    Count::PerArm | Count::PerDrive | Count::PerAxis => format!("{}_{}", p.name, i + 1),
-                    Count::Named(names) => format!("{}_{}", p.name, names[i]),
-                };
-                out.push(Entry { parameter: self.host.parameter(p), name });
-            }
-        }
-        out
-    }
-}
-
-/// One flat value of an effect.
-#[derive(Clone, Debug)]
-pub struct Entry {
-    /// Its parameter, as it is on the machine.
-    pub parameter: Parameter,
-    /// Printed name, e.g. `coulomb_2`.
-    pub name: String,
-}
-
-/// Everything a force law may read.
-#[derive(Clone, Copy)]
-pub struct Instant<'a> {
-    /// Time since the start of the run, s.
-    pub t: f64,
-    /// Motion of all bodies and joints; in the twin without accelerations, but for laws that say they read them.
-    pub motion: &'a Motion,
-    /// Total inertia of the bodies, with payload.
-    pub bodies: &'a Bodies,
-    /// Gravitational acceleration, m/s².
-    pub gravity: f64,
-    /// Reactions in the struts.
-    pub reactions: &'a Reactions,
-    /// The effect's own states.
-    pub state: &'a [f64],
-    /// Torques of the drives at the gear output, N·m. Where they are what is asked for, zero, unless the effect says that
-    /// it reads them.
-    pub torque: [f64; AXES],
-    /// Ball sockets that still hold.
-    pub closed: SocketSet,
-}
-
-/// Receives wrenches per unit of each parameter: force and moment about the body's origin, world axes.
-pub struct Wrenches<'a> {
-    sink: Sink<'a>,
-}
-
-enum Sink<'a> {
-    /// `(parameter, body, force, moment)` one by one.
-    Each(&'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)),
-    /// Times the parameters' values, summed over all laws, with their power.
-    Sum { values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); BODIES], power: f64 },
-}
-
-impl<'a> Wrenches<'a> {
-    /// Hands every wrench to a reader as `(parameter, body, force, moment)`.
-    pub fn new(sink: &'a mut dyn FnMut(usize, usize, Vector3<f64>, Vector3<f64>)) -> Self {
-        Self { sink: Sink::Each(sink) }
-    }
-
-    /// Adds every wrench times its parameter's value to `total`.
-    pub fn sum(values: &'a [f64], motion: &'a Motion, total: &'a mut [(Vector3<f64>, Vector3<f64>); BODIES]) -> Self {
-        Self { sink: Sink::Sum { values, motion, total, power: 0.0 } }
-    }
-
-    /// Power of the summed wrenches on the bodies, W.
-    pub fn power(&self) -> f64 {
-        if let Sink::Sum { power, .. } = &self.sink { *power } else { 0.0 }
-    }
-
-    /// Force and moment on `body` about its origin.
-    #[inline]
-    pub fn wrench(&mut self, k: usize, body: usize, force: Vector3<f64>, moment: Vector3<f64>) {
-        match &mut self.sink {
-            Sink::Each(read) => read(k, body, force, moment),
-            Sink::Sum { values, motion, total, power } => {
-                let force = force * values[k];
-                total[body].0 += force;
-                *power += force.dot(&motion.bodies[body].velocity);
-                self.moment(k, body, moment);
-            }
-        }
-    }
-
-    /// Moment on `body`.
-    #[inline]
-    pub fn moment(&mut self, k: usize, body: usize, moment: Vector3<f64>) {
-        match &mut self.sink {
-            Sink::Each(read) => read(k, body, Vector3::zeros(), moment),
-            Sink::Sum { values, motion, total, power } => {
-                let moment = moment * values[k];
-                total[body].1 += moment;
-                *power += moment.dot(&motion.bodies[body].angular_velocity);
-            }
-        }
-    }
-
-    /// Torque on drive `axis`, positive along its joint angle; the reaction goes to the base.
-    #[inline]
-    pub fn drive_torque(&mut self, k: usize, axis: usize, torque: f64) {
-        let (body, direction) = Motion::drive(axis);
-        self.moment(k, body, direction * torque);
-    }
-
-    /// Force along the telescope, positive when it pushes the two parts apart.
-    pub fn telescope_force(&mut self, k: usize, motion: &Motion, force: f64) {
-        use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
-        self.wrench(k, TELESCOPE_UPPER, motion.telescope.axis * force, Vector3::zeros());
-        self.wrench(k, TELESCOPE_LOWER, -motion.telescope.axis * force, Vector3::zeros());
-    }
-
-    /// Moment on the strut at `socket` with its reaction on the arm or the platform.
-    #[inline]
-    pub fn socket_moment(&mut self, k: usize, socket: usize, moment: Vector3<f64>) {
-        let (strut, partner) = Motion::socket_bodies(socket);
-        self.moment(k, strut, moment);
-        self.moment(k, partner, -moment);
-    }
 }
 
 /// Direction of a rate vector, regularised: tanh(|ω|/ε)·ω/|ω|, smooth through zero.

@@ -17,7 +17,9 @@ mod layout;
 pub mod loose;
 mod machine;
 mod mechanism;
+mod options;
 mod reactions;
+mod report;
 mod sensors;
 #[cfg(feature = "viewer")]
 mod show;
@@ -29,8 +31,10 @@ mod wrench;
 
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
+pub use options::Options;
 pub use reactions::JointReactions;
-pub use simulate::{Event, EventKind, Frame, Options, Report, SimulationError, simulate};
+pub use report::{Event, EventKind, Frame, Report, SimulationError};
+pub use simulate::simulate;
 pub use sockets::Clamps;
 pub use state::BodyState;
 pub use torque::Torque;

@@ -1,0 +1,152 @@
+//! Effects that are switched on, on a machine.
+
+use std::sync::Arc;
+
+use super::{Count, Effect, Layout, Parameter, Role, Values};
+use crate::model::{Drive, Mechanism};
+
+/// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their
+/// usual sizes, which are stated for an arm drive of the IRB 360.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Host {
+    /// Kind of machine.
+    pub mechanism: Mechanism,
+    /// Largest torque (or force) of its drives relative to the stated one.
+    torque: f64,
+    /// Largest speed, likewise.
+    speed: f64,
+}
+
+/// Arm drive for which sizes are stated: N·m and rad/s.
+const STATED: (f64, f64) = (132.0, 18.989);
+
+impl Default for Host {
+    fn default() -> Self {
+        Self { mechanism: Mechanism::default(), torque: 1.0, speed: 1.0 }
+    }
+}
+
+impl Host {
+    /// Of a machine with drives like `drive`; all delta robots count as the stated one.
+    pub fn new(mechanism: Mechanism, drive: &Drive) -> Self {
+        let (torque, speed) = match mechanism {
+            Mechanism::Delta { .. } => (1.0, 1.0),
+            Mechanism::Axis(_) => (drive.max_torque / STATED.0, drive.max_speed / STATED.1),
+        };
+        Self { mechanism, torque, speed }
+    }
+
+    /// `parameter` with unit, usual size and range on this machine.
+    pub fn parameter(&self, parameter: &Parameter) -> Parameter {
+        let (t, v) = (self.torque, self.speed);
+        let factor = match parameter.unit {
+            "N·m" => t,
+            "rad" | "rad/s" => v,
+            "s/rad" => 1.0 / v,
+            "N·m·s/rad" | "kg·m²" => t / v,
+            "rad/(N·m)" => v / t,
+            _ => 1.0,
+        };
+        let (low, high) = parameter.range;
+        Parameter {
+            unit: self.mechanism.unit(parameter.unit),
+            default: factor * parameter.default,
+            range: (factor * low, factor * high),
+            ..*parameter
+        }
+    }
+}
+
+/// An effect that is switched on, with its parameter values.
+#[derive(Clone)]
+pub struct ActiveEffect {
+    /// The machine it is on.
+    pub host: Host,
+    /// The law.
+    pub effect: &'static dyn Effect,
+    /// Flat parameter values.
+    pub values: Vec<f64>,
+    /// Where each parameter stands in `values`.
+    pub layout: Arc<Layout>,
+}
+
+impl ActiveEffect {
+    /// `effect` on the four-axis robot with its default shape and zero linear parameters: present, but without action.
+    pub fn absent(effect: &'static dyn Effect) -> Self {
+        Self::absent_on(effect, Host::default())
+    }
+
+    /// The same on another machine.
+    pub fn absent_on(effect: &'static dyn Effect, host: Host) -> Self {
+        let layout = Layout::new(effect.parameters().iter().map(|p| p.count.on(host.mechanism)));
+        let mut values = vec![0.0; layout.len()];
+        for (b, p) in effect.parameters().iter().enumerate() {
+            if p.role != Role::Linear {
+                values[layout.starts[b]..layout.starts[b + 1]].fill(host.parameter(p).default);
+            }
+        }
+        Self { host, effect, values, layout: Arc::new(layout) }
+    }
+
+    /// The same shape with the linear parameters at their usual values.
+    pub fn at_usual_size(&self) -> Self {
+        let mut usual = self.clone();
+        for (value, entry) in usual.values.iter_mut().zip(self.entries()) {
+            if entry.parameter.role == Role::Linear {
+                *value = entry.parameter.default;
+            }
+        }
+        usual
+    }
+
+    /// Whether the effect puts springs into gears, at its usual size if it is absent.
+    pub fn has_gears(&self) -> bool {
+        self.effect.gear_springs(&self.at_usual_size().values()).is_some()
+    }
+
+    /// `effect` with one slice of values per parameter.
+    ///
+    /// # Panics
+    /// If the number of blocks differs from the number of parameters.
+    pub fn new(effect: &'static dyn Effect, blocks: &[&[f64]]) -> Self {
+        assert_eq!(blocks.len(), effect.parameters().len(), "{}: one block per parameter", effect.name());
+        let layout = Layout::new(blocks.iter().map(|b| b.len()));
+        Self { host: Host::default(), effect, values: blocks.concat(), layout: Arc::new(layout) }
+    }
+
+    /// The values, by parameter.
+    pub fn values(&self) -> Values<'_> {
+        Values { values: &self.values, layout: &self.layout }
+    }
+
+    /// Number of the effect's own states.
+    pub fn states(&self) -> usize {
+        self.effect.initial_state(&self.values()).len()
+    }
+
+    /// Parameter, its number within the parameter and its printed name for each flat value.
+    pub fn entries(&self) -> Vec<Entry> {
+        let mut out = Vec::with_capacity(self.values.len());
+        for (b, p) in self.effect.parameters().iter().enumerate() {
+            let n = self.values().len(b);
+            for i in 0..n {
+                let name = match p.count {
+                    Count::One => p.name.to_string(),
+                    Count::PerArm | Count::PerDrive | Count::PerAxis => format!("{}_{}", p.name, i + 1),
+                    Count::Named(names) => format!("{}_{}", p.name, names[i]),
+                };
+                out.push(Entry { parameter: self.host.parameter(p), name });
+            }
+        }
+        out
+    }
+}
+
+/// One flat value of an effect.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Its parameter, as it is on the machine.
+    pub parameter: Parameter,
+    /// Printed name, e.g. `coulomb_2`.
+    pub name: String,
+}

@@ -1,0 +1,114 @@
+//! Parameters of effects and where their values stand.
+
+use crate::model::Mechanism;
+
+/// How a parameter enters the law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Proportionally; zero switches the term off.
+    Linear,
+    /// Nonlinearly, estimated by an outer iteration.
+    Shape,
+    /// A constant of the law, taken from the model file.
+    Fixed,
+}
+
+/// How many values a parameter has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Count {
+    /// A single number.
+    One,
+    /// One per arm (array of 3).
+    PerArm,
+    /// One per drive (array of 3 or 4; three mean the arms).
+    PerDrive,
+    /// One per axis, the telescope's included.
+    PerAxis,
+    /// A fixed number of named values (array).
+    Named(&'static [&'static str]),
+}
+
+impl Count {
+    /// Number of values on a machine; of one that may have more, the least.
+    pub fn on(self, machine: Mechanism) -> usize {
+        match self {
+            Self::One => 1,
+            Self::PerArm | Self::PerDrive => machine.arms(),
+            Self::PerAxis => machine.axes(),
+            Self::Named(names) => names.len(),
+        }
+    }
+}
+
+/// A parameter of an effect.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameter {
+    /// Key in the effect's table.
+    pub name: &'static str,
+    /// Unit, e.g. `N·m·s/rad`.
+    pub unit: &'static str,
+    /// How many values.
+    pub count: Count,
+    /// How it enters the law.
+    pub role: Role,
+    /// Usual magnitude; the starting value of shape parameters and the default of optional ones.
+    pub default: f64,
+    /// Allowed values.
+    pub range: (f64, f64),
+}
+
+/// Where each parameter's values stand in the flat list.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    pub(super) starts: Vec<usize>,
+}
+
+impl Layout {
+    /// Layout for parameter blocks of the given lengths.
+    pub fn new(lengths: impl IntoIterator<Item = usize>) -> Self {
+        let mut starts = vec![0];
+        for n in lengths {
+            starts.push(starts[starts.len() - 1] + n);
+        }
+        Self { starts }
+    }
+
+    /// Total number of values.
+    pub fn len(&self) -> usize {
+        self.starts[self.starts.len() - 1]
+    }
+
+    /// Whether there are no values.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// Values of an effect's parameters, addressed by parameter block.
+#[derive(Clone, Copy)]
+pub struct Values<'a> {
+    pub(super) values: &'a [f64],
+    pub(super) layout: &'a Layout,
+}
+
+impl<'a> Values<'a> {
+    /// All values of parameter `block`.
+    pub fn block(&self, block: usize) -> &'a [f64] {
+        &self.values[self.layout.starts[block]..self.layout.starts[block + 1]]
+    }
+
+    /// The value of the scalar parameter `block`.
+    pub fn one(&self, block: usize) -> f64 {
+        self.values[self.layout.starts[block]]
+    }
+
+    /// Number of values of parameter `block`.
+    pub fn len(&self, block: usize) -> usize {
+        self.block(block).len()
+    }
+
+    /// Flat index of value `i` of parameter `block`, as `forces` and `inertia` report it.
+    pub fn index(&self, block: usize, i: usize) -> usize {
+        self.layout.starts[block] + i
+    }
+}

@@ -1,0 +1,83 @@
+//! How a run of the twin is made.
+
+use super::{Clamps, Gains};
+use crate::cell::Object;
+use crate::model::Model;
+use crate::scenario::{self, Action, HoldTorque, PayloadShape, Scenario, Supervision};
+
+/// How a run is made.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Length of the run, s.
+    pub duration: f64,
+    /// Integration steps per sample time.
+    pub substeps: usize,
+    /// Sample times per control period.
+    pub control_period: usize,
+    /// Torque between two control instants.
+    pub hold_torque: HoldTorque,
+    /// Seed of the sensor noise; `None` switches noise and quantisation off.
+    pub noise_seed: Option<u64>,
+    /// What is recorded.
+    pub sensors: scenario::Sensors,
+    /// Controller gains.
+    pub gains: Gains,
+    /// Ball sockets; healthy and only watched without.
+    pub clamps: Option<Clamps>,
+    /// When the drives trip.
+    pub supervision: Supervision,
+    /// Things around the robot.
+    pub objects: Vec<Object>,
+    /// Shape of the payload.
+    pub payload_shape: Option<PayloadShape>,
+    /// What the gripper does, in order of time.
+    pub actions: Vec<Action>,
+    /// Keep the poses of all bodies and objects every so many seconds.
+    pub frames: Option<f64>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            duration: 20.0,
+            substeps: 1,
+            control_period: 1,
+            hold_torque: HoldTorque::Ramp,
+            noise_seed: Some(0),
+            sensors: scenario::Sensors::default(),
+            gains: Gains::default(),
+            clamps: None,
+            supervision: Supervision::default(),
+            objects: Vec::new(),
+            payload_shape: None,
+            actions: Vec::new(),
+            frames: None,
+        }
+    }
+}
+
+impl Options {
+    /// As `scenario` says, for a machine like `model`.
+    pub fn of(scenario: &Scenario, model: &Model) -> Self {
+        let gains = Gains::of(model);
+        Self {
+            duration: scenario.duration,
+            substeps: scenario.substeps,
+            control_period: scenario.control_period,
+            hold_torque: scenario.hold_torque,
+            noise_seed: scenario.noise.then_some(scenario.seed),
+            sensors: scenario.sensors,
+            gains: Gains {
+                proportional: scenario.gains.proportional.unwrap_or(gains.proportional),
+                derivative: scenario.gains.derivative.unwrap_or(gains.derivative),
+                cutoff: scenario.gains.cutoff.unwrap_or(gains.cutoff),
+            },
+            clamps: Some(Clamps { hold: scenario.socket_holds(model), armed: scenario.sockets.armed }),
+            supervision: scenario.supervision,
+            objects: scenario.objects.clone(),
+            payload_shape: scenario.payload_shape,
+            actions: scenario.actions.clone(),
+            frames: None,
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! What a run of the twin showed besides its recording, or why it ended early.
+
+use nalgebra::Isometry3;
+use thiserror::Error;
+
+use crate::cell::CellError;
+use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::{KinematicsError, SocketSet};
+use crate::model::bodies::BODIES;
+use crate::model::{AXES, STRUTS};
+
+/// Where everything was at one time.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Time, s.
+    pub t: f64,
+    /// Poses of the bodies' frames, world.
+    pub bodies: [Isometry3<f64>; BODIES],
+    /// Poses of the objects, in the order of [`super::Options::objects`].
+    pub objects: Vec<Isometry3<f64>>,
+    /// Sockets that held.
+    pub closed: SocketSet,
+    /// Axial force at the elbow end and at the platform end of each strut, tension positive, N.
+    pub strut_force: [[f64; STRUTS]; 2],
+    /// What each socket could still take, N; zero once open.
+    pub socket_margin: [f64; SOCKETS],
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// When, s.
+    pub t: f64,
+    /// What kind.
+    pub kind: EventKind,
+    /// What, in words.
+    pub what: String,
+}
+
+/// Kinds of events.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EventKind {
+    /// A ball socket left its ball.
+    Dislocation,
+    /// The drives tripped.
+    Trip,
+    /// The robot touched something.
+    Contact,
+    /// An object was picked up.
+    Pick,
+    /// An object was let go.
+    Release,
+    /// Everything has come to rest after a trip.
+    Rest,
+    /// The mechanism reached a pose from which the equations go no further.
+    Singular,
+}
+
+impl EventKind {
+    /// Name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dislocation => "dislocation",
+            Self::Trip => "trip",
+            Self::Contact => "contact",
+            Self::Pick => "pick",
+            Self::Release => "release",
+            Self::Rest => "rest",
+            Self::Singular => "singular",
+        }
+    }
+}
+
+/// What a run showed besides its recording.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Simulated time, s.
+    pub simulated: f64,
+    /// Integration steps.
+    pub steps: usize,
+    /// Largest violation of a position row of the joints that hold, m (or 1).
+    pub max_loop_gap: f64,
+    /// Largest violation of a velocity row, m/s (or 1/s).
+    pub max_loop_rate: f64,
+    /// Largest |energy − initial energy − work| relative to the work turned over.
+    pub energy_error: f64,
+    /// Largest axial strut force, N.
+    pub peak_strut_force: f64,
+    /// Smallest margin of every socket while it held, N.
+    pub min_margin: [f64; SOCKETS],
+    /// Largest distance between desired and actual joint angle until the drives trip, rad.
+    pub tracking_error: [f64; AXES],
+    /// What happened, in order.
+    pub events: Vec<Event>,
+    /// Poses, as far as [`super::Options::frames`] asks for them.
+    pub frames: Vec<Frame>,
+    /// Sockets that hold at the end.
+    pub closed: SocketSet,
+    /// Kinetic energy of robot and objects at the end, J.
+    pub kinetic_energy: f64,
+    /// Largest change in the last iteration over load-dependent friction that did not converge, N.
+    pub unconverged: f64,
+}
+
+/// Why a run ended early.
+#[derive(Debug, Error)]
+pub enum SimulationError {
+    /// The desired motion cannot be taken.
+    #[error("desired motion at t = {t:.4} s: {source}")]
+    Trajectory {
+        /// Time, s.
+        t: f64,
+        /// What is wrong with the pose.
+        source: KinematicsError,
+    },
+    /// The mechanism ran into a singular pose or beyond any number.
+    #[error("the mechanism lost rank at t = {t:.4} s")]
+    Singular {
+        /// Time, s.
+        t: f64,
+    },
+    /// Friction on the motors' side of elastic gears.
+    #[error(
+        "drive_elasticity.friction_at_motor = 1: the twin has the drives' friction on the arms' side of elastic gears; \
+         expected 0"
+    )]
+    FrictionAtMotor,
+    /// Payload and effects make a body that cannot be.
+    #[error("{body}: payload and effects leave it with an inertia that no body has")]
+    Body {
+        /// Its name.
+        body: String,
+    },
+    /// The run needs what the machine does not have.
+    #[error("{what} need struts and platform, which this machine does not have")]
+    Missing {
+        /// What needs them.
+        what: &'static str,
+    },
+    /// The objects around the robot are impossible, or the gripper cannot do what it is told.
+    #[error("t = {t:.4} s: {source}")]
+    Cell {
+        /// Time, s.
+        t: f64,
+        /// What is wrong.
+        source: CellError,
+    },
+}
