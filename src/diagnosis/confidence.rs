@@ -41,6 +41,11 @@ impl Confidence {
         Ok(Self { draws: c.runs, truths })
     }
 
+    /// Leaves `share` of the probabilities to the truths that were tried, the rest to what nobody knows.
+    pub fn doubt(&mut self, share: f64) {
+        self.truths.iter_mut().for_each(|truth| truth.probability *= share);
+    }
+
     /// Probability of the named effect.
     pub fn probability(&self) -> f64 {
         self.truths.first().map_or(0.0, |t| t.probability)
@@ -49,5 +54,19 @@ impl Confidence {
     /// Probability of the effect called `name`.
     pub fn probability_of(&self, name: &str) -> f64 {
         self.truths.iter().find(|t| t.name == name).map_or(0.0, |t| t.probability)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn doubt_leaves_room_for_what_nobody_knows() {
+        let truth = |name: &str, probability| Truth { name: name.into(), said: 1.0, probability };
+        let mut confidence = Confidence { draws: 200, truths: vec![truth("air_drag", 0.75), truth("none", 0.25)] };
+        confidence.doubt(0.4);
+        approx::assert_relative_eq!(confidence.probability(), 0.3);
+        approx::assert_relative_eq!(confidence.probability_of("none"), 0.1);
     }
 }

@@ -258,6 +258,10 @@ pub fn diagnose_holding(
             (Verdict::Unknown, found.fit.clone())
         }
     };
+    if verdict == Verdict::Unknown {
+        // Where something else is the matter, a name is worth what it explains.
+        effects.iter_mut().for_each(|e| e.confidence.doubt(e.explained));
+    }
     progress("next experiment");
     let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
