@@ -12,7 +12,6 @@ pub use crate::model::Part;
 use crate::model::{AXES, Geometry, Inertia, Model, STRUTS};
 use crate::recording::{Payload, Signals};
 
-mod active;
 mod air_drag;
 mod axis4_friction;
 mod backlash_hysteresis;
@@ -31,9 +30,9 @@ pub mod formula;
 mod gear_load_friction;
 mod hooke_friction;
 mod hose_spring;
+mod interface;
 mod joint_zero_offset;
 mod limb_asymmetry;
-mod parameter;
 pub mod payload;
 mod payload_com_offset;
 mod payload_mass_error;
@@ -51,11 +50,8 @@ mod thermal_friction_drift;
 mod torque_bias;
 mod torque_gain_error;
 mod torque_ripple;
-mod wrenches;
 
-pub use active::{ActiveEffect, Entry, Host};
-pub use parameter::{Count, Layout, Parameter, Role, Values};
-pub use wrenches::{Instant, Wrenches};
+pub use interface::{ActiveEffect, Count, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches};
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: &[&dyn Effect] = &[

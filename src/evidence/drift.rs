@@ -12,8 +12,10 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use statrs::statistics::{Data, OrderStatistics};
 
 use super::dot;
+use super::noise::NORMAL_QUARTILE;
 use super::project::pseudo_inverse;
 
 /// Cosines, without the constant, that λ is found from; at 0.13 Hz and 20 s they are hardly faster than motions.
@@ -43,9 +45,6 @@ struct Walk {
     lambda: f64,
 }
 
-/// Median of the square of a standard normal variable.
-const MEDIAN_OF_SQUARES: f64 = 0.4549;
-
 impl Walk {
     fn new(left: &[f64], segments: &[Range<usize>], cosines: &[Vec<Vec<f64>>]) -> Self {
         let n: usize = segments.iter().map(Range::len).sum();
@@ -59,7 +58,7 @@ impl Walk {
                 if k <= COSINES { slow.push([share(k), square]) } else { others.push(square) }
             }
         }
-        let level = median(&mut others) / MEDIAN_OF_SQUARES;
+        let level = Data::new(others).median() / NORMAL_QUARTILE.powi(2);
         slow.iter_mut().for_each(|[_, square]| *square /= level);
         let lambda = if level > 0.0 { CAUTION * likeliest(&slow) } else { 0.0 };
         Self { sigma: (squares / n.max(1) as f64).sqrt(), lambda }
@@ -96,7 +95,8 @@ impl<'a> Noise<'a> {
         self.channels.iter().any(|c| c.last() > 0)
     }
 
-    /// Makes a series with this noise white and of unit variance. A channel without noise says nothing.
+    /// Makes a series with this noise one of unit variance that does not walk; what is autocorrelated stays so. A channel
+    /// without noise says nothing.
     pub fn whiten(&self, series: &[f64]) -> Vec<f64> {
         let mut out = series.to_vec();
         for (x, walk) in out.chunks_mut(self.samples.max(1)).zip(&self.channels) {
@@ -134,15 +134,6 @@ impl<'a> Noise<'a> {
         }
         left
     }
-}
-
-/// Median; zero of nothing.
-fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Share of λ in the variance of the k-th coefficient.

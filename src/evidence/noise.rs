@@ -23,7 +23,7 @@ pub fn noise_floor(problem: &Problem) -> Vec<Option<f64>> {
 const STRETCH: usize = 500;
 
 /// Φ⁻¹(3/4): the median of the modulus of a standard normal variable.
-const NORMAL_QUARTILE: f64 = 0.674_489_750_196_081_7;
+pub const NORMAL_QUARTILE: f64 = 0.674_489_750_196_081_7;
 
 /// Standard deviation of white measurement noise on a smooth signal, from the median absolute difference of the given
 /// order; `None` when no segment is longer than the order. It is the RMS over short stretches, as noise may grow with

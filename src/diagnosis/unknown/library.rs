@@ -1,5 +1,7 @@
 //! Laws that may act somewhere on a machine: short expressions with inner numbers on grids.
 
+use statrs::statistics::{Data, OrderStatistics};
+
 use crate::effects::formula::{Expression, Place, Variable};
 
 /// A group of terms that enter together, such as sine and cosine.
@@ -186,13 +188,9 @@ const HUMS: usize = 3;
 /// Disturbances in time at the strongest lines of each drive's residual, whose channels are the first of the sight.
 pub fn hums(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
     let mut atoms = Vec::new();
-    let mut steps: Vec<f64> = t.windows(2).map(|t| t[1] - t[0]).collect();
-    if steps.is_empty() {
-        return atoms;
-    }
-    let middle = steps.len() / 2;
-    let step = *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let duration = t[t.len() - 1] - t[0];
+    let steps: Vec<f64> = t.windows(2).map(|t| t[1] - t[0]).collect();
+    let step = Data::new(steps).median();
+    let duration = t.last().zip(t.first()).map_or(0.0, |(last, first)| last - first);
     // Nothing is known to hum through gaps longer than all that was measured.
     if step.is_nan() || step <= 0.0 || duration > 2.0 * step * t.len() as f64 {
         return atoms;

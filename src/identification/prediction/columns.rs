@@ -47,11 +47,6 @@ impl<'a> Wanted<'a> {
             Role::Shape => self.shapes,
         }
     }
-
-    /// The plant with it, one of its values moved by a step.
-    fn moved(&self, plant: &Plant, step: Option<(usize, f64)>) -> Plant {
-        with(plant, self.active, step, self.is_candidate)
-    }
 }
 
 /// Derivatives of the predicted channels by parameter: `[parameter][channel][sample]`.
@@ -68,14 +63,14 @@ pub fn columns(
         Some(active) => vec![Wanted { active, is_candidate: true, shapes: true }],
         None => Wanted::own(plant, &rigid),
     };
-    Ok(along(plant, trace, &joints(plant, trace)?, &wanted, 1)?.concat())
+    Ok(along(trace, &joints(plant, trace)?, &wanted, 1)?.concat())
 }
 
 /// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
 pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels, Vec<Channels>), KinematicsError> {
     let joints = joints(plant, trace)?;
     let rigid = plant.rigid_bodies();
-    let columns = along(plant, trace, &joints, &Wanted::own(plant, &rigid), 1)?.concat();
+    let columns = along(trace, &joints, &Wanted::own(plant, &rigid), 1)?.concat();
     Ok((predict_along(plant, trace, &joints)?, columns))
 }
 
@@ -90,49 +85,43 @@ pub fn averaged_columns(
     let rigid = plant.rigid_bodies();
     let mut wanted = Wanted::own(plant, &rigid);
     wanted.extend(candidates.iter().map(|active| Wanted { active, is_candidate: true, shapes: false }));
-    along(plant, trace, &joints(plant, trace)?, &wanted, block)
+    along(trace, &joints(plant, trace)?, &wanted, block)
 }
 
+/// Columns of the plant of `joints`.
 fn along(
-    plant: &Plant,
     trace: &Trace,
     joints: &Joints,
     wanted: &[Wanted],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let Some(springs) = gear_springs(plant) else { return at_joints(plant, trace, joints, wanted, block) };
+    let Some(springs) = gear_springs(joints.plant) else { return at_joints(trace, joints, wanted, block) };
     let passage = gears::Passage::new(trace, joints, &springs)?;
     let mut all = Vec::with_capacity(wanted.len());
     for group in wanted.chunks(GROUP) {
-        let mut columns = at_joints(plant, trace, joints, group, 1)?;
+        let mut columns = at_joints(trace, joints, group, 1)?;
         for (wanted, columns) in group.iter().zip(&mut columns) {
             passage.pass(wanted.active, columns);
         }
-        all.extend(columns.into_iter().map(|columns| -> Vec<Channels> {
-            let mean = |column: Channels| if block == 1 { column } else { means(trace, &column, block) };
-            columns.into_iter().map(mean).collect()
-        }));
+        let averaged = |columns: Vec<Channels>| columns.into_iter().map(|c| means(trace, c, block)).collect();
+        all.extend(columns.into_iter().map(averaged));
     }
     Ok(all)
 }
 
 /// Columns at the given motion of the joints, but those of what acts through a whole prediction: they are exact.
 fn at_joints(
-    plant: &Plant,
     trace: &Trace,
     joints: &Joints,
     wanted: &[Wanted],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
+    let plant = joints.plant;
     let moved: Vec<ActiveEffect> = wanted.iter().filter(|w| w.shapes).flat_map(|w| shaped(w.active)).collect();
     let effects: Vec<&ActiveEffect> = wanted.iter().map(|w| w.active).chain(&moved).collect();
     let mut columns = linear(plant, &effects, trace, joints, block)?;
-    let on_motors: Vec<usize> = match gear_springs(plant) {
-        Some(gears) if gears.iter().any(|g| g.friction_at_motor) => {
-            (0..effects.len()).filter(|&i| gears::acts_on_motors(effects[i])).collect()
-        }
-        _ => Vec::new(),
-    };
+    let gears = gear_springs(plant).unwrap_or_default();
+    let on_motors: Vec<usize> = (0..effects.len()).filter(|&i| gears::acts_on_motors(effects[i], &gears)).collect();
     if !on_motors.is_empty() {
         let those: Vec<&ActiveEffect> = on_motors.iter().map(|&i| effects[i]).collect();
         let turned = linear(plant, &those, trace, &joints.of_encoders(), block)?;
@@ -141,9 +130,6 @@ fn at_joints(
     let mut moved = columns.split_off(wanted.len()).into_iter();
     let is_whole = |w: &Wanted| w.active.effect.kind().acts_on_the_whole();
     for (wanted, columns) in wanted.iter().zip(&mut columns).filter(|(w, _)| w.shapes && !is_whole(w)) {
-        if columns.is_empty() {
-            continue;
-        }
         let unmoved = weighted(columns, &wanted.active.values);
         for (k, entry) in wanted.active.entries().iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Shape) {
             let step = difference(entry);
@@ -169,8 +155,8 @@ fn slope(there: &Channels, here: &Channels, step: f64) -> Channels {
     there.iter().zip(here).map(one).collect()
 }
 
-fn means(trace: &Trace, column: &Channels, block: usize) -> Channels {
-    column.iter().map(|x| trace.means(x, block)).collect()
+fn means(trace: &Trace, column: Channels, block: usize) -> Channels {
+    if block == 1 { column } else { column.iter().map(|x| trace.means(x, block)).collect() }
 }
 
 /// The middle samples of blocks.
@@ -210,7 +196,7 @@ impl<'a> Differences<'a> {
         }
         let is_sensor = active.effect.kind() == Kind::Sensor;
         let predicted = |step: Option<(usize, f64)>| -> Result<Channels, KinematicsError> {
-            let moved = wanted.moved(self.plant, step);
+            let moved = with(self.plant, active, step, wanted.is_candidate);
             if !is_sensor {
                 return predict(&moved, &self.middle);
             }
@@ -230,7 +216,7 @@ impl<'a> Differences<'a> {
             }
             let step = difference(entry);
             let slope = slope(&predicted(Some((k, step)))?, &unmoved, step);
-            Ok(if is_sensor { means(self.trace, &slope, self.block) } else { slope })
+            Ok(if is_sensor { means(self.trace, slope, self.block) } else { slope })
         };
         active.entries().par_iter().enumerate().map(column).collect()
     }
@@ -249,7 +235,7 @@ impl<'a> Differences<'a> {
                 let own = entry.parameter.role == Role::Linear && self.trace.channels[c].limb() == arm;
                 e.iter().zip(r).map(|(e, r)| if own { (e - r) / value } else { 0.0 }).collect()
             };
-            means(self.trace, &elastic.iter().zip(&self.observed).enumerate().map(of).collect(), self.block)
+            means(self.trace, elastic.iter().zip(&self.observed).enumerate().map(of).collect(), self.block)
         };
         Ok(there.entries().into_iter().zip(&there.values).enumerate().map(column).collect())
     }
@@ -276,11 +262,11 @@ fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
 }
 
 /// Σ valuesₖ·columnₖ.
-fn weighted<C: std::borrow::Borrow<Channels>>(columns: &[C], values: &[f64]) -> Channels {
-    let first = columns[0].borrow();
+fn weighted(columns: &[Channels], values: &[f64]) -> Channels {
+    let Some(first) = columns.first() else { return Channels::new() };
     let mut sum: Channels = first.iter().map(|s| vec![0.0; s.len()]).collect();
     for (column, value) in columns.iter().zip(values).filter(|(_, v)| **v != 0.0) {
-        for (total, series) in sum.iter_mut().zip(column.borrow()) {
+        for (total, series) in sum.iter_mut().zip(column) {
             for (t, x) in total.iter_mut().zip(series) {
                 *t += value * x;
             }

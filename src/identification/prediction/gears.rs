@@ -43,17 +43,18 @@ const STEP: f64 = 1e-8;
 
 /// The plant behind its gears: without what acts on the motors' side.
 pub(super) fn behind<'a>(plant: &'a Plant, gears: &[GearSpring; AXES]) -> Cow<'a, Plant> {
-    if !gears.iter().any(|g| g.friction_at_motor) {
+    if !plant.effects.iter().any(|a| acts_on_motors(a, gears)) {
         return Cow::Borrowed(plant);
     }
     let mut behind = plant.clone();
-    behind.effects.retain(|a| !acts_on_motors(a));
+    behind.effects.retain(|a| !acts_on_motors(a, gears));
     Cow::Owned(behind)
 }
 
-/// Whether an effect acts on the rotors if friction does.
-pub(super) fn acts_on_motors(active: &ActiveEffect) -> bool {
-    active.effect.acts_on() == Part::Drives && active.effect.kind() == Kind::Force
+/// Whether an effect acts on the rotors: what acts on the drives does if friction does.
+pub(super) fn acts_on_motors(active: &ActiveEffect, gears: &[GearSpring; AXES]) -> bool {
+    let at_motor = gears.iter().any(|g| g.friction_at_motor);
+    at_motor && active.effect.acts_on() == Part::Drives && active.effect.kind() == Kind::Force
 }
 
 /// Joint motion behind the gears of encoders whose motion would be `rigid` without them.
@@ -282,8 +283,7 @@ impl<'a> Passage<'a> {
     /// motion of the encoders. The compliances' own columns come from nothing.
     pub fn pass(&self, active: &ActiveEffect, columns: &mut [Channels]) {
         let gears = active.has_gears();
-        let at_motor = self.gears.iter().any(|g| g.friction_at_motor) && acts_on_motors(active);
-        if at_motor || (active.effect.kind().acts_on_the_whole() && !gears) {
+        if acts_on_motors(active, self.gears) || (active.effect.kind().acts_on_the_whole() && !gears) {
             return;
         }
         // The compliances come first.

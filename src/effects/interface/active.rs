@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use super::{Count, Effect, Layout, Parameter, Role, Values};
+use super::{Count, Layout, Parameter, Role, Values};
+use crate::effects::Effect;
 use crate::model::{Drive, Mechanism};
 
 /// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their

@@ -1,0 +1,9 @@
+//! What every law shares: its parameters, what it reads and hands back, and how it stands in a model.
+
+mod active;
+mod parameter;
+mod wrenches;
+
+pub use active::{ActiveEffect, Entry, Host};
+pub use parameter::{Count, Layout, Parameter, Role, Values};
+pub use wrenches::{Instant, Wrenches};
