@@ -45,6 +45,8 @@ pub struct Model {
     pub geometry: Geometry,
     /// Inertia of every kind of body, without payload.
     pub bodies: Bodies,
+    /// Which numbers of the bodies are parameters; no part of the file.
+    pub link_parameters: LinkParameters,
     /// Drives 1–3 (arms) and 4 (telescope).
     pub drives: [Drive; AXES],
     /// Ball sockets.
@@ -68,6 +70,16 @@ impl Model {
     pub fn host(&self) -> Host {
         Host::new(self.mechanism, &self.drives[0])
     }
+}
+
+/// What is taken as alike and symmetric among the links of an assembled robot. The default are the paper's assumptions
+/// (section 2.3): limbs alike, no deviation moments, struts and telescope parts symmetric about their axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkParameters {
+    /// Every limb has arm and struts of its own.
+    pub each_limb: bool,
+    /// Arm, strut, platform and telescope parts have all ten inertial parameters.
+    pub complete: bool,
 }
 
 /// One drive, seen at the gear output.

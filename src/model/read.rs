@@ -15,7 +15,7 @@ use super::bodies::{self, BODIES, body_name};
 use super::check::{self, Culprit};
 use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
-use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, Mechanism, Model, Stops};
+use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Model, Stops};
 use crate::effects::{ActiveEffect, Effect, Host, Parameter, REGISTRY, Role};
 
 mod formula;
@@ -81,6 +81,7 @@ fn read_model(top: &Table) -> Result<Model> {
         assembled,
         geometry,
         bodies,
+        link_parameters: LinkParameters::default(),
         drives,
         sockets,
         stops,
