@@ -108,19 +108,20 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         [] => None,
         _ => Some(channel_rms(&residuals(&fitted.model, &data.held_out).into_diagnostic()?)),
     };
-    if let Some(output) = &args.output {
-        write(&fitted.model, output)?;
-    }
     let answer = Answer { fitted, channels: data.channels(), noise_floor, held_out_rms };
-    if args.json { say(answer.json(args)) } else { answer.print(args) }?;
+    if args.json { say(answer.json(args)) } else { answer.print() }?;
+    match &args.output {
+        Some(output) => write(&answer.fitted.model, output, args.json)?,
+        None if args.json => {}
+        None => say("  Nothing written; -o FILE keeps the model")?,
+    }
     Ok(DONE)
 }
 
-/// Writes a fitted model.
-pub(crate) fn write(model: &Model, output: &Path) -> miette::Result<()> {
-    model
-        .write(output)
-        .wrap_err_with(|| format!("{}: the data lead to a model that no machine can have", output.display()))
+/// Writes a fitted model, after its answer was printed; says so unless `quietly`.
+pub(crate) fn write(model: &Model, output: &Path, quietly: bool) -> miette::Result<()> {
+    model.write(output).wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
+    if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 
 /// Identifies the payload and writes the setup that states it.
@@ -195,7 +196,7 @@ impl Answer<'_> {
         Value::Object(object)
     }
 
-    fn print(&self, args: &Args) -> miette::Result<()> {
+    fn print(&self) -> miette::Result<()> {
         let fitted = &self.fitted;
         let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
         for p in fitted.parameters.iter().filter(|p| p.identified()) {
@@ -239,10 +240,7 @@ impl Answer<'_> {
                 c.gap
             ))?;
         }
-        match &args.output {
-            Some(output) => say(format!("  Wrote {}", output.display())),
-            None => say("  Nothing written; -o FILE keeps the model"),
-        }
+        Ok(())
     }
 }
 

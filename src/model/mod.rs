@@ -19,7 +19,7 @@ pub use mechanism::{Joint, Mechanism, Part};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::effects::{ActiveEffect, Host};
+use crate::effects::{Effects, Host};
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;
@@ -56,7 +56,7 @@ pub struct Model {
     /// Sampling and control period, s.
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
-    pub effects: Vec<ActiveEffect>,
+    pub effects: Effects,
     /// Effects that were added to it, in order, with the error before and after.
     pub history: Vec<Added>,
 }

@@ -46,13 +46,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let addition = add(&model, &args.effect, &data.traces, &data.held_out);
     progress.finish_and_clear();
     let addition = addition.into_diagnostic()?;
-    crate::identification::command::write(&addition.fit.model, &args.output)?;
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {
         say(json(&addition, &parameters, &data, args))?;
     } else {
-        print(&addition, &parameters, &data, args)?;
+        print(&addition, &parameters, &data)?;
     }
+    crate::identification::command::write(&addition.fit.model, &args.output, args.json)?;
     Ok(DONE)
 }
 
@@ -71,7 +71,7 @@ fn json(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> Valu
     Value::Object(object)
 }
 
-fn print(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> miette::Result<()> {
+fn print(a: &Addition, parameters: &[Estimate], data: &Data) -> miette::Result<()> {
     let mut table = Table::new(&[&a.effect, "value", "std", "unit"], &[3]);
     for p in parameters {
         table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
@@ -84,5 +84,5 @@ fn print(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> mie
     ];
     say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
     budget::print(&a.budget, &a.changes, &a.fit.model.history)?;
-    say(format!("\n  Wrote {}", args.output.display()))
+    say("")
 }

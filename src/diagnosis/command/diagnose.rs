@@ -65,19 +65,33 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     });
     progress.finish_and_clear();
     let answer = answer.into_diagnostic()?;
-    if let Some(output) = &args.output {
-        crate::identification::command::write(&answer.model, output)?;
-    }
-    if let (Some(path), Some(u)) = (&args.figure, &answer.unexplained) {
-        let figure = u.shape.figure(&format!("What acts on {}", u.location), u.unit);
-        write_figure(path, &figure)?;
-    }
-    let scenario = match (&answer.next_experiment, &args.next) {
-        (Some(next), Some(output)) => write_next(next, &model, &args.model, output)?,
-        _ => None,
-    };
-    if args.json { say(json(&answer, args, scenario)) } else { print(&answer, args, scenario) }?;
+    let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
+    let file = scenario.map(|(_, file)| file);
+    if args.json { say(json(&answer, args, file)) } else { print(&answer) }?;
+    write(&answer, args, &model, scenario)?;
     Ok(DONE)
+}
+
+/// Writes what was asked for, after the answer: a file that cannot be written loses no other.
+fn write(
+    answer: &Diagnosis,
+    args: &Args,
+    model: &Model,
+    scenario: Option<(&NextExperiment, &Path)>,
+) -> miette::Result<()> {
+    let figure = args
+        .figure
+        .as_deref()
+        .zip(answer.unexplained.as_ref())
+        .map(|(path, u)| write_figure(path, &u.shape.figure(&format!("What acts on {}", u.location), u.unit)));
+    let next = scenario.map(|(next, output)| {
+        let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
+        write_plan(&next.experiment, &comments, SEED, (model, &args.model), output)?;
+        if args.json { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
+    });
+    let model =
+        args.output.as_deref().map(|output| crate::identification::command::write(&answer.model, output, args.json));
+    [figure, next, model].into_iter().flatten().collect()
 }
 
 /// Refuses names of effects that the machine of the data does not have.
@@ -89,22 +103,15 @@ fn known(held: &[String], model: &Model, trace: &Trace) -> miette::Result<()> {
     }
 }
 
-/// Writes the scenario of a proposal; none if its motion is that of the data, or of the machine taken apart.
-fn write_next<'a>(
-    next: &NextExperiment,
-    model: &Model,
-    model_file: &Path,
-    output: &'a Path,
-) -> miette::Result<Option<&'a Path>> {
+/// Whether a proposal has a scenario: not if its motion is that of the data, or of the machine taken apart.
+fn writable(next: &NextExperiment, model: &Model) -> bool {
     let apart = next.experiment.trace.setup.configuration != Configuration::Assembled && model.assembled;
-    if next.experiment.course.is_none() || apart {
-        let what = if apart { "needs the model of the machine taken apart" } else { "repeats the motion of the data" };
-        warn(&[format!("{}: not written, the experiment {what}", output.display())]);
-        return Ok(None);
+    if apart {
+        warn(&["no scenario written: the next experiment needs the model of the machine taken apart".into()]);
+    } else if next.experiment.course.is_none() {
+        warn(&["no scenario written: the next experiment repeats the motion of the data".into()]);
     }
-    let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
-    write_plan(&next.experiment, &comments, SEED, (model, model_file), output)?;
-    Ok(Some(output))
+    !apart && next.experiment.course.is_some()
 }
 
 fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
@@ -171,7 +178,7 @@ fn confusion(c: &Confidence) -> Value {
     json!({ "draws": c.draws, "truths": c.truths.iter().map(truth).collect::<Vec<_>>() })
 }
 
-fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<()> {
+fn print(d: &Diagnosis) -> miette::Result<()> {
     say(match d.verdict {
         Verdict::None => "Nothing is missing that these data show.",
         Verdict::Effect => "One effect is missing.",
@@ -227,14 +234,8 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
     }
     if let Some(next) = &d.next_experiment {
         say(format!("\n  Next experiment, {}", next.what))?;
-        if let Some(scenario) = scenario {
-            say(format!("  Wrote {}", scenario.display()))?;
-        }
     }
-    match &args.output {
-        Some(output) => say(format!("\n  Wrote {}", output.display())),
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 /// Seed of the sensor noise when the twin runs a proposal.
