@@ -8,14 +8,14 @@ use serde_json::{Map, Value, json};
 use super::consistency::min_eigenvalue;
 use super::estimator::PRIOR_INFORMATION;
 use super::fit::{Consistency, Correction, Options, Weighing, channel_rms, residuals};
-use super::{BaseParameter, Data, DataArgs, Fit, fit_with, identify_payload};
+use super::{BaseParameter, Data, DataArgs, Estimate, Fit, fit_with, identify_payload};
 use crate::dynamics::{Channel, Plant};
 use crate::identification::trace::noise_floor as floor;
-use crate::model::Model;
 use crate::model::bodies::{Inertia, body_name};
+use crate::model::{Model, Provenance};
 use crate::recording::Setup;
 use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
+    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, today, warn,
 };
 
 /// Estimate the parameters of a model from recordings.
@@ -111,16 +111,26 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let answer = Answer { fitted, channels: data.channels(), noise_floor, held_out_rms };
     if args.json { say(answer.json(args)) } else { answer.print() }?;
     match &args.output {
-        Some(output) => write(&answer.fitted.model, output, args.json)?,
+        Some(output) => {
+            let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
+            write(&answer.fitted.model, output, &provenance, args.json)?;
+        }
         None if args.json => {}
         None => say("  Nothing written; -o FILE keeps the model")?,
     }
     Ok(DONE)
 }
 
+/// Where the numbers come from that a command fits today.
+pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]) -> Provenance {
+    Provenance::new(command, today(), data.data.iter().map(|f| f.display().to_string()).collect(), parameters)
+}
+
 /// Writes a fitted model, after its answer was printed; says so unless `quietly`.
-pub(crate) fn write(model: &Model, output: &Path, quietly: bool) -> miette::Result<()> {
-    model.write(output).wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
+pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
+    model
+        .write_fitted(output, provenance)
+        .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
     if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 
@@ -205,9 +215,9 @@ impl Answer<'_> {
         say(table)?;
         let together: Vec<&BaseParameter> = fitted.base.iter().filter(|b| !b.others.is_empty()).collect();
         if !together.is_empty() {
-            let mut table = Table::new(&["Only together", "value", "std", "unit"], &[3]);
+            let mut table = Table::new(&["Value", "std", "unit", "only together"], &[2, 3]);
             for b in together {
-                table.row([b.combination(), significant(b.value, 4), significant(b.std, 2), b.unit.into()]);
+                table.row([significant(b.value, 4), significant(b.std, 2), b.unit.into(), b.combination()]);
             }
             say(format!("\n{table}"))?;
         }

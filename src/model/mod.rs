@@ -7,6 +7,7 @@ pub mod check;
 pub mod geometry;
 pub mod history;
 pub mod mechanism;
+pub mod provenance;
 mod read;
 mod schema;
 pub mod write;
@@ -15,6 +16,7 @@ pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
 pub use history::Added;
 pub use mechanism::{Joint, Mechanism, Part};
+pub use provenance::Provenance;
 
 use std::path::PathBuf;
 use std::sync::Arc;
