@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Trace, swapped};
+use super::Trace;
 use crate::dynamics::Channel;
 use crate::model::Model;
-use crate::recording::{ReadError, Recording};
+use crate::recording::{Mapping, ReadError, Reading, Recording};
 
 /// What several commands take as data.
 #[derive(clap::Args, Clone, Debug)]
@@ -19,6 +19,10 @@ pub struct DataArgs {
     /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
+    /// Which column is which channel, such as "t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12"; may be given several times,
+    /// each working on what the one before has read.
+    #[arg(long, value_name = "MAP")]
+    pub map: Vec<Mapping>,
 }
 
 /// Traces to fit to and traces to judge by, all with the same channels.
@@ -39,12 +43,14 @@ impl Data {
 
     /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
     pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
-        Self::read_each(args, |file, warnings| trace_of(file, args.setup.as_deref(), model, warnings))
+        let how = Reading { setup: args.setup.as_deref(), machine: Some(model.mechanism), maps: &args.map };
+        Self::read_each(args, |file, warnings| trace_of(file, &how, model, warnings))
     }
 
     /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
     pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
-        Self::read_each(args, |file, warnings| trace(Recording::read(file, args.setup.as_deref())?, file, warnings))
+        let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
+        Self::read_each(args, |file, warnings| trace(Recording::read_as(file, &how)?, file, warnings))
     }
 
     fn read_each(
@@ -85,15 +91,12 @@ fn trace(
     Ok(trace)
 }
 
-fn trace_of(file: &Path, setup: Option<&Path>, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
-    let mut trace = trace(Recording::read_of(file, setup, model.mechanism)?, file, warnings)?;
+fn trace_of(file: &Path, how: &Reading, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
+    let mut trace = trace(Recording::read_as(file, how)?, file, warnings)?;
     let drives = Channel::of_drives(model.mechanism);
     if !model.assembled && trace.channels.len() > drives.len() {
         warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));
         trace.restrict(&drives);
-    }
-    if let Some(what) = swapped(&trace) {
-        warnings.push(format!("{}: {what}", file.display()));
     }
     Ok(trace)
 }
