@@ -10,6 +10,7 @@ use super::estimator::PRIOR_INFORMATION;
 use super::fit::{Consistency, Correction, Options, Weighing, channel_rms, residuals};
 use super::{BaseParameter, Data, DataArgs, Fit, fit_with, identify_payload};
 use crate::dynamics::{Channel, Plant};
+use crate::gate::command::{guard, much_is_left};
 use crate::identification::trace::noise_floor as floor;
 use crate::model::Model;
 use crate::model::bodies::{Inertia, body_name};
@@ -82,6 +83,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     let noise_floor = floor(&model, &data.traces);
     let prior = args.how.prior.as_deref().map(Model::read).transpose()?;
     for name in &args.how.hold {
@@ -104,6 +106,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let fitted = fit_with(&model, &data.traces, &vec![noise_floor.clone(); data.traces.len()], &options);
     progress.finish_and_clear();
     let fitted = fitted.into_diagnostic()?;
+    warn(&much_is_left(data.channels(), &fitted.rms, &noise_floor));
     let held_out_rms = match data.held_out[..] {
         [] => None,
         _ => Some(channel_rms(&residuals(&fitted.model, &data.held_out).into_diagnostic()?)),

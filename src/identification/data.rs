@@ -23,6 +23,19 @@ pub struct DataArgs {
     /// each working on what the one before has read.
     #[arg(long, value_name = "MAP")]
     pub map: Vec<Mapping>,
+    /// Mass of the payload in kg, instead of what the setup states.
+    #[arg(long, value_name = "KG", value_parser = mass)]
+    pub payload_mass: Option<f64>,
+    /// Go on even if signs, factors, order or zeros of the columns say that the recording does not fit the model.
+    #[arg(long)]
+    pub no_gate: bool,
+}
+
+fn mass(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (0.0..=100.0).contains(&x) => Ok(x),
+        _ => Err("expected a number from 0 to 100".into()),
+    }
 }
 
 /// Traces to fit to and traces to judge by, all with the same channels.
@@ -60,7 +73,11 @@ impl Data {
         let mut warnings = Vec::new();
         let mut traces = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            traces.push(read(file, &mut warnings)?);
+            let mut trace = read(file, &mut warnings)?;
+            if let Some(mass) = args.payload_mass {
+                trace.setup.payload.mass = mass;
+            }
+            traces.push(trace);
         }
         warnings.extend(keep_common_channels(&mut traces));
         let held_out = traces.split_off(args.data.len());

@@ -10,6 +10,7 @@ use crate::diagnosis::confidence::{Confidence, Truth};
 use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose_holding};
 use crate::dynamics::Plant;
 use crate::excitation::scenario::write_plan;
+use crate::gate::command::{guard, much_is_left};
 use crate::identification::{Data, DataArgs, Trace};
 use crate::model::Model;
 use crate::recording::Configuration;
@@ -58,6 +59,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     known(&args.hold, &model, &data.traces[0])?;
     let progress = spinner("diagnose");
     let answer = diagnose_holding(&model, &args.hold, &data.traces, &data.held_out, &mut |what| {
@@ -65,6 +67,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     });
     progress.finish_and_clear();
     let answer = answer.into_diagnostic()?;
+    warn(&much_is_left(&answer.channels, &answer.rms_after, &answer.noise_floor));
     if let Some(output) = &args.output {
         crate::identification::command::write(&answer.model, output)?;
     }
