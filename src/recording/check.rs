@@ -181,7 +181,12 @@ impl Table {
         let step = median_step(&self.t);
         if step > 0.05 {
             let problem = format!("steps of {step} s; looks like milliseconds");
-            return Err(self.value_error(1, "t", problem, "seconds, sampled at 20 Hz or more"));
+            return Err(self.value_error(
+                1,
+                "t",
+                problem,
+                "seconds, sampled at 20 Hz or more; --map \"t=t[ms]\" reads milliseconds",
+            ));
         }
         if step < 1e-6 {
             let problem = format!("steps of {step:e} s");
@@ -201,7 +206,11 @@ impl Table {
                 q[i],
                 if degrees { "; looks like degrees" } else { "" }
             );
-            return Err(self.value_error(i, name, problem, format!("{low} … {high} rad")));
+            let other = match degrees {
+                true => format!("; --map \"{name}={name}[deg]\" reads degrees, \"{name}={name}/33\" a motor's side"),
+                false => String::new(),
+            };
+            return Err(self.value_error(i, name, problem, format!("{low} … {high} rad{other}")));
         }
         for c in &self.columns {
             let (limit, unit, hint) = match c.name.as_str() {
@@ -611,7 +620,7 @@ fn span(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)))
 }
 
-fn median_step(t: &[f64]) -> f64 {
+pub(super) fn median_step(t: &[f64]) -> f64 {
     let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
     if steps.is_empty() {
         return 0.0;
