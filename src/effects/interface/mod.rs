@@ -1,6 +1,7 @@
 //! What every law shares: its parameters, what it reads and hands back, and how it stands in a model.
 
 mod active;
+mod fault;
 mod parameter;
 mod wrenches;
 
