@@ -26,12 +26,14 @@ mod show;
 mod simulate;
 pub mod sockets;
 mod state;
+#[cfg(feature = "viewer")]
+mod stream;
 mod torque;
 mod wrench;
 
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
-pub use options::Options;
+pub use options::{Options, Watcher};
 pub use reactions::JointReactions;
 pub use report::{Event, EventKind, Frame, Report, SimulationError};
 pub use simulate::simulate;
