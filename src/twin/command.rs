@@ -47,6 +47,9 @@ pub struct Args {
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "FILE")]
     pub rrd: Option<PathBuf>,
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    pub(super) viewer: super::stream::Args,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -100,7 +103,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(folder) = args.output.as_ref().filter(|_| args.scenarios.len() > 1) {
         std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
     }
-    let jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
+    #[cfg_attr(not(feature = "viewer"), expect(unused_mut))]
+    let mut jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
     let alone = |option: &str, given: bool| {
         if given && jobs.len() > 1 {
             return Err(miette!("{option} is for one scenario; {} were given", jobs.len()));
@@ -111,12 +115,19 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     #[cfg(feature = "viewer")]
     alone("--rrd", args.rrd.is_some())?;
     #[cfg(feature = "viewer")]
+    alone("--connect or --spawn", args.viewer.wanted())?;
+    #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
     }
     let earlier = |file: &Path| Recording::read_of(file, None, jobs[0].machine.mechanism).map(|(r, _)| r);
     let verify = args.verify.as_deref().map(earlier).transpose()?;
     catch_interrupt()?;
+    #[cfg(feature = "viewer")]
+    let stream = jobs.first_mut().and_then(|job| {
+        let plant = Plant::new(&job.machine, &job.scenario.setup);
+        args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
+    });
     let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
     let progress = bar("simulate", (total * 1e3) as u64);
     let done = AtomicU64::new(0);
@@ -133,6 +144,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         })
         .collect();
     progress.finish_and_clear();
+    #[cfg(feature = "viewer")]
+    if let Some(problem) = stream.and_then(super::stream::Stream::finish) {
+        eprintln!("warning: {problem}");
+    }
     let mut status = DONE;
     let mut runs = Vec::new();
     for (job, outcome) in jobs.iter().zip(outcomes) {
@@ -221,7 +236,7 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     recording.name.clone_from(&scenario.name);
     let step_error = if step_error && failure.is_none() {
         let again = |substeps: usize| {
-            let options = Options { noise_seed: None, substeps, frames: None, ..options.clone() };
+            let options = Options { noise_seed: None, substeps, frames: None, watcher: None, ..options.clone() };
             simulate(machine, &scenario.setup, &controller, &desired, &options, &mut |_| !interrupted())
         };
         let coarse = again(options.substeps)?.0;

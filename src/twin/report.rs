@@ -14,6 +14,10 @@ use crate::model::{AXES, STRUTS};
 pub struct Frame {
     /// Time, s.
     pub t: f64,
+    /// Joint positions, rad.
+    pub q: [f64; AXES],
+    /// Torques at the gear outputs, N·m.
+    pub tau: [f64; AXES],
     /// Poses of the bodies' frames, world.
     pub bodies: [Isometry3<f64>; BODIES],
     /// Poses of the objects, in the order of [`super::Options::objects`].
