@@ -10,12 +10,14 @@ pub(crate) mod links;
 pub mod object;
 #[cfg(test)]
 mod tests;
+mod urdf;
 mod world;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use thiserror::Error;
 
 pub use object::{Mobility, Object, Shape, Surface};
+pub use urdf::urdf;
 
 use crate::kinematics::{Motion, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};

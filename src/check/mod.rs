@@ -10,7 +10,7 @@ use toml::de::DeTable;
 use crate::identification::{Trace, swapped};
 use crate::model::{Model, check};
 use crate::planner::{Limits, Task};
-use crate::recording::{Configuration, Recording, Setup, mcap};
+use crate::recording::{Configuration, Recording, Setup, bag};
 use crate::scenario::Scenario;
 
 /// Kinds of files deltatwin reads.
@@ -69,7 +69,7 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
     if path.is_dir() {
         return Err(miette!("{}: is a folder; expected a file", path.display()));
     }
-    if mcap::is_mcap(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+    if bag::is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
         return Ok(Kind::Recording);
     }
     let text = std::fs::read_to_string(path)
