@@ -18,12 +18,14 @@ mod placement;
 mod robot;
 #[cfg(test)]
 mod tests;
+mod urdf;
 mod world;
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use thiserror::Error;
 
 pub use object::{Mobility, Object, Shape, Surface};
+pub use urdf::urdf;
 
 use crate::kinematics::{Motion, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};

@@ -553,6 +553,7 @@ impl Table {
             (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
         });
         Signals {
+            start: None,
             mechanism: self.machine,
             q: axes("q"),
             tau: axes("tau"),
