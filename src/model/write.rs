@@ -183,8 +183,8 @@ struct Section {
 struct Line {
     key: &'static str,
     numbers: Vec<f64>,
-    /// Name of the parameter that each number is, where it is one.
-    parameters: Vec<Option<String>>,
+    /// Names of the parameter that each number is, where it is one.
+    parameters: Vec<Vec<String>>,
     /// Numbers that a missing key means.
     default: Option<Vec<f64>>,
     shape: Shape,
@@ -209,6 +209,8 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     if matches!(mechanism, Mechanism::Delta { .. }) {
         let sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true, mechanism);
         all.push(Section { optional: !assembled, ..sockets });
+        let stops = section(&["stops"], schema::stops(mechanism), &model.stops, true, mechanism);
+        all.push(Section { optional: true, ..stops });
     }
     let noise = section(&["noise"], schema::noise(mechanism), &model.noise, true, mechanism);
     all.push(Section { optional: !assembled, ..noise });
@@ -225,7 +227,8 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
 fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled: bool, units: Mechanism) -> Section {
     let lines = fields.iter().map(|f| {
         let numbers = (f.get)(source);
-        let default = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
+        let unneeded = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
+        let default = f.default.map(|x| vec![x]).or(unneeded);
         let comment = comment(units.unit(f.unit), f.about);
         let parameters = Vec::new();
         Line { key: f.key, numbers, parameters, default, shape: f.shape, integer: f.bounds.integer, comment }
@@ -272,25 +275,29 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
 
 /// Names of the links' parameters with the number of the file that each is.
 struct Parameters {
-    links: &'static RigidBodies,
-    names: Vec<String>,
+    /// Of the machine as it is, and of one that was recorded taken apart.
+    tables: [(&'static RigidBodies, Vec<String>); 2],
 }
 
 impl Parameters {
     fn of(model: &Model) -> Self {
-        let links = RigidBodies::of(model.mechanism, model.assembled);
-        let entries = ActiveEffect::absent_on(links, model.host()).entries();
-        Self { links, names: entries.into_iter().map(|e| format!("{}.{}", rigid_bodies::NAME, e.name)).collect() }
+        let named = |assembled: bool| {
+            let links = RigidBodies::with(model.mechanism, assembled, model.link_parameters);
+            let entries = ActiveEffect::absent_on(links, model.host()).entries();
+            (links, entries.into_iter().map(|e| format!("{}.{}", rigid_bodies::NAME, e.name)).collect())
+        };
+        Self { tables: [named(model.assembled), named(false)] }
     }
 
     /// The section of body `b` with the names of its parameters.
     fn name(&self, b: usize, mut section: Section) -> Section {
-        for (k, name) in self.names.iter().enumerate() {
-            let Some((key, places)) = self.links.place(k, b) else { continue };
+        let all = self.tables.iter().flat_map(|(links, names)| names.iter().enumerate().map(move |(k, n)| (links, k, n)));
+        for (links, k, name) in all {
+            let Some((key, places)) = links.place(k, b) else { continue };
             for line in section.lines.iter_mut().filter(|line| key.is_none_or(|key| key == line.key)) {
-                line.parameters.resize(line.numbers.len(), None);
-                for &i in places {
-                    line.parameters[i] = Some(name.clone());
+                line.parameters.resize(line.numbers.len(), Vec::new());
+                for &i in places.iter().filter(|i| **i < line.numbers.len()) {
+                    line.parameters[i].push(name.clone());
                 }
             }
         }
@@ -299,13 +306,13 @@ impl Parameters {
 }
 
 fn effect_section(active: &ActiveEffect, host: Host) -> Section {
-    let mut names = active.entries().into_iter().map(|e| Some(format!("{}.{}", active.effect.name(), e.name)));
+    let mut names = active.entries().into_iter().map(|e| vec![format!("{}.{}", active.effect.name(), e.name)]);
     let mut line = |(b, p): (usize, &Parameter)| {
         let p = host.parameter(p);
         let numbers = active.values().block(b).to_vec();
         Line {
             key: p.name,
-            parameters: names.by_ref().take(numbers.len()).flatten().map(Some).collect(),
+            parameters: names.by_ref().take(numbers.len()).collect(),
             numbers,
             default: (p.role != Role::Linear).then(|| default_values(&p, host.mechanism)),
             shape: Shape::of(&p, host.mechanism),
@@ -355,7 +362,7 @@ impl Section {
                 None if assumed && !shown => {}
                 None => {
                     table.insert(line.key, Item::Value(line.value(true)));
-                    let fitted = provenance.filter(|p| line.parameters.iter().flatten().any(|n| p.error(n).is_some()));
+                    let fitted = provenance.filter(|p| line.parameters.iter().any(|names| p.error(names).is_some()));
                     let comment = match fitted {
                         Some(provenance) => source::sourced(line, &vec![true; line.numbers.len()], provenance),
                         None => line.comment.clone(),

@@ -24,6 +24,7 @@ pub fn diagnosis(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -
     object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
     object.insert("indistinguishable".into(), json!(d.indistinguishable));
     object.insert("unseen".into(), json!(d.unseen));
+    object.insert("unseen_parameters".into(), json!(d.unseen_parameters));
     object.insert("not_testable".into(), not_testable(d));
     object.insert("not_tried".into(), json!(d.not_tried));
     object.insert("sampling_lag".into(), json!(d.sampling_lag));

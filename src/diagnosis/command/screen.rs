@@ -120,7 +120,11 @@ fn not_testable(d: &Diagnosis) -> miette::Result<()> {
         return Ok(());
     }
     say("\n  Not testable with this recording")?;
-    groups.iter().try_for_each(|(why, names)| say(wrapped(&format!("{why}: {}", names.join(", ")), 4)))
+    groups.iter().try_for_each(|(why, names)| say(wrapped(&format!("{why}: {}", names.join(", ")), 4)))?;
+    match d.unseen_parameters.is_empty() {
+        true => Ok(()),
+        false => say(wrapped(&format!("no channel shows: {}", d.unseen_parameters.join(", ")), 4)),
+    }
 }
 
 /// The next experiment, and what to type.

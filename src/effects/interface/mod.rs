@@ -2,10 +2,12 @@
 
 mod acting;
 mod active;
+mod impact;
 mod parameter;
 mod wrenches;
 
 pub use acting::Effects;
 pub use active::{ActiveEffect, Entry, Host};
+pub use impact::hunt_crossley;
 pub use parameter::{Count, Layout, Parameter, Role, Values};
 pub use wrenches::{Instant, Wrenches};
