@@ -6,8 +6,8 @@ use std::path::Path;
 
 use common::model;
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
-use deltatwin::effects::{ActiveEffect, Effect, find};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
+use deltatwin::effects::{ActiveEffect, Effect, find};
 use deltatwin::exam::{Case, campaign_with};
 use deltatwin::identification::Trace;
 use deltatwin::model::Model;

@@ -129,10 +129,10 @@ pub struct Diagnosis {
     pub indistinguishable: Vec<Vec<String>>,
     /// Effects the data could not show at their usual size.
     pub unseen: Vec<String>,
-    /// Those of them that act in the twin only.
-    pub twin_only: Vec<String>,
     /// Parameters of the other candidates that no channel shows at all, such as the height of a payload without strut forces.
     pub unseen_parameters: Vec<String>,
+    /// Those of them that act in the twin only.
+    pub twin_only: Vec<String>,
     /// What to measure to tell the members of a set apart, or to see what these data cannot show.
     pub next_experiment: Option<NextExperiment>,
     /// What each found effect explains.
@@ -293,8 +293,8 @@ pub fn diagnose_holding(
         candidates: reports,
         indistinguishable,
         unseen,
-        twin_only,
         unseen_parameters,
+        twin_only,
         next_experiment,
         left,
         not_tried: Vec::new(),

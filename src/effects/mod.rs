@@ -202,7 +202,7 @@ pub trait Effect: Sync {
 }
 
 /// An elastic strut: T = stiffness · elongation + damping · its rate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StrutSpring {
     /// N/m.
     pub stiffness: f64,

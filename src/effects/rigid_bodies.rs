@@ -135,13 +135,6 @@ impl RigidBodies {
         }
     }
 
-    /// Key in the table of body `b` and places in its array of the numbers that parameter `k` is; no key where the table has
-    /// only one, none at all if the body does not have the parameter.
-    pub fn place(&self, k: usize, b: usize) -> Option<(Option<&'static str>, &'static [usize])> {
-        let (bodies, unit) = self.units.get(k)?;
-        bodies.contains(&b).then(|| unit.place())
-    }
-
     /// The parameters of a machine whose limbs and symmetries are taken as `links` says; they matter while it is assembled.
     pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> &'static Self {
         match machine {
@@ -150,6 +143,13 @@ impl RigidBodies {
             }
             _ => Self::of(machine, assembled),
         }
+    }
+
+    /// Key in the table of body `b` and places in its array of the numbers that parameter `k` is; no key where the table has
+    /// only one, none at all if the body does not have the parameter.
+    pub fn place(&self, k: usize, b: usize) -> Option<(Option<&'static str>, &'static [usize])> {
+        let (bodies, unit) = self.units.get(k)?;
+        bodies.contains(&b).then(|| unit.place())
     }
 
     /// Parameter values of the bodies; where several share one, that of the first.
@@ -216,8 +216,10 @@ enum Unit {
     Lone,
 }
 
-/// Places of x, y, z, and of xy, xz, yz behind xx, yy, zz.
-const PLACES: &[usize; 6] = &[0, 1, 2, 3, 4, 5];
+/// Places of x, y, z.
+const AXIS: &[usize; 3] = &[0, 1, 2];
+/// Places in the array of an inertia tensor.
+const INERTIA: &[usize; 6] = &[0, 1, 2, 3, 4, 5];
 
 impl Unit {
     fn inertia(&self) -> Inertia {
@@ -229,9 +231,10 @@ impl Unit {
     fn place(&self) -> (Option<&'static str>, &'static [usize]) {
         match self {
             Unit::Mass => (Some("mass"), &[0]),
-            Unit::Moment(axis) => (Some("first_moment"), &PLACES[*axis..*axis + 1]),
+            Unit::Moment(axis) => (Some("first_moment"), &AXIS[*axis..*axis + 1]),
             Unit::Tensor(axes) => (Some("inertia"), axes),
-            Unit::Product(a, b) => (Some("inertia"), &PLACES[a + b + 2..a + b + 3]),
+            // xx, yy, zz, then xy, xz, yz.
+            Unit::Product(i, j) => (Some("inertia"), &INERTIA[i + j + 2..i + j + 3]),
             Unit::Lone => (None, &[0]),
         }
     }

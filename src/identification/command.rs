@@ -13,6 +13,7 @@ use super::consistency::min_eigenvalue;
 use super::fit::{Moved, Unidentified, channel_rms, residuals};
 use super::{BaseParameter, Data, DataArgs, Estimate, Fit, fit_with};
 use crate::dynamics::{Channel, Plant};
+use crate::gate::command::{guard, much_is_left};
 use crate::identification::trace::noise_floor as floor;
 use crate::model::bodies::{Inertia, body_name};
 use crate::model::{Model, Provenance};
@@ -54,6 +55,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     model.link_parameters = args.how.links();
     let data = Data::read_with(&args.data, &model, args.how.method())?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     let noise_floor = floor(&model, &data.traces);
     let prior = args.how.prior(&model)?;
     for name in args.how.held() {
@@ -69,6 +71,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let fitted = fit_with(&model, &data.traces, &vec![noise_floor.clone(); data.traces.len()], &options);
     progress.finish_and_clear();
     let fitted = fitted.into_diagnostic()?;
+    warn(&much_is_left(data.channels(), &fitted.rms, &noise_floor));
     let held_out_rms = match data.held_out[..] {
         [] => None,
         _ => Some(channel_rms(&residuals(&fitted.model, &data.held_out).into_diagnostic()?)),

@@ -291,7 +291,8 @@ impl Parameters {
 
     /// The section of body `b` with the names of its parameters.
     fn name(&self, b: usize, mut section: Section) -> Section {
-        let all = self.tables.iter().flat_map(|(links, names)| names.iter().enumerate().map(move |(k, n)| (links, k, n)));
+        let all =
+            self.tables.iter().flat_map(|(links, names)| names.iter().enumerate().map(move |(k, n)| (links, k, n)));
         for (links, k, name) in all {
             let Some((key, places)) = links.place(k, b) else { continue };
             for line in section.lines.iter_mut().filter(|line| key.is_none_or(|key| key == line.key)) {

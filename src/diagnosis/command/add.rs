@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::budget;
 use crate::diagnosis::{Addition, add, parameters_of};
+use crate::gate::command::{guard, much_is_left};
 use crate::identification::command::provenance;
 use crate::identification::{Data, DataArgs, Estimate};
 use crate::model::Model;
@@ -47,10 +48,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     check_output(&args.output, &inputs, &["toml"])?;
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     let progress = spinner(&format!("add {}", args.effect));
     let addition = add(&model, &args.effect, &data.traces, &data.held_out);
     progress.finish_and_clear();
     let addition = addition.into_diagnostic()?;
+    warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {
         say(json(&addition, &parameters, &data, args))?;

@@ -8,6 +8,7 @@ use super::{details, json, screen};
 use crate::diagnosis::{Diagnosis, NextExperiment, diagnose_holding};
 use crate::dynamics::Plant;
 use crate::excitation::scenario::write_plan;
+use crate::gate::command::{guard, much_is_left};
 use crate::identification::command::provenance;
 use crate::identification::{Data, DataArgs, Trace};
 use crate::model::Model;
@@ -57,6 +58,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     known(&args.hold, &model, &data.traces[0])?;
     let progress = spinner("diagnose");
     let answer = diagnose_holding(&model, &args.hold, &data.traces, &data.held_out, &mut |what| {
@@ -64,6 +66,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     });
     progress.finish_and_clear();
     let answer = answer.into_diagnostic()?;
+    warn(&much_is_left(&answer.channels, &answer.rms_after, &answer.noise_floor));
     let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
     let file = scenario.map(|(_, file)| file);
     if args.json {

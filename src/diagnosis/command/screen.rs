@@ -116,14 +116,14 @@ fn not_testable(d: &Diagnosis) -> miette::Result<()> {
         own.chain(beyond).collect()
     };
     let groups: Vec<_> = Untestable::ALL.into_iter().map(|why| (why, of(why))).filter(|(_, n)| !n.is_empty()).collect();
-    if groups.is_empty() {
+    if groups.is_empty() && d.unseen_parameters.is_empty() {
         return Ok(());
     }
     say("\n  Not testable with this recording")?;
     groups.iter().try_for_each(|(why, names)| say(wrapped(&format!("{why}: {}", names.join(", ")), 4)))?;
     match d.unseen_parameters.is_empty() {
         true => Ok(()),
-        false => say(wrapped(&format!("no channel shows: {}", d.unseen_parameters.join(", ")), 4)),
+        false => say(wrapped(&format!("parameters that no channel shows: {}", d.unseen_parameters.join(", ")), 4)),
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod acting;
 mod active;
+mod fault;
 mod impact;
 mod parameter;
 mod wrenches;
