@@ -522,5 +522,8 @@ fn a_failed_write_loses_no_answer() {
         assert_eq!(out.status.code(), Some(2));
         let text = String::from_utf8_lossy(&out.stdout);
         assert!(text.contains("noise floor") && !text.contains("Wrote"), "{text}");
+        let wide = text.lines().find(|l| l.chars().count() > 100);
+        assert!(wide.is_none(), "{wide:?}");
+        assert_eq!(text.contains("\n  Next\n"), arguments[0] == "diagnose", "{text}");
     }
 }
