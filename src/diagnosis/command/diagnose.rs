@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use miette::{IntoDiagnostic, miette};
+use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Map, Value, json};
 
 use super::{budget, unexplained};
@@ -64,7 +64,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         progress.set_message(format!("diagnose: {what}"));
     });
     progress.finish_and_clear();
-    let answer = answer.into_diagnostic()?;
+    let names: Vec<&str> = data.traces.iter().map(|t| t.name.as_str()).collect();
+    let answer = answer.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
     if let Some(output) = &args.output {
         crate::identification::command::write(&answer.model, output)?;
     }
