@@ -117,7 +117,12 @@ fn draw(seed: u64) -> Random {
             actions.push(Action { t: rng.random_range(t..2.0 * duration), kind: ActionKind::Release });
         }
     }
-    let clamps = Clamps { hold: std::array::from_fn(|_| rng.random_range(60.0..300.0)), armed: rng.random_bool(0.7) };
+    let clamps = Clamps {
+        hold: std::array::from_fn(|_| rng.random_range(60.0..300.0)),
+        preload: [200.0; SOCKETS],
+        share: if rng.random_bool(0.2) { 1.0 } else { 0.0 },
+        armed: rng.random_bool(0.7),
+    };
     let supervision = Supervision {
         torque: rng.random_bool(0.5).then(|| rng.random_range(5.0..100.0)),
         tracking: rng.random_bool(0.5).then(|| rng.random_range(0.005..0.2)),
@@ -189,7 +194,7 @@ fn a_thousand_random_runs_end_cleanly() {
                         "error: singular".into()
                     }
                     SimulationError::Cell { .. } => "error: cell".into(),
-                    SimulationError::FrictionAtMotor => "error: friction at the motor".into(),
+                    SimulationError::Law { .. } => "error: law".into(),
                 }),
                 Ok(Ok((recording, report))) => {
                     tags.push("ended".into());
@@ -201,6 +206,7 @@ fn a_thousand_random_runs_end_cleanly() {
                         EventKind::Dislocation,
                         EventKind::Trip,
                         EventKind::Contact,
+                        EventKind::Stop,
                         EventKind::Pick,
                         EventKind::Release,
                         EventKind::Rest,

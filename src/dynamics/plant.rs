@@ -6,7 +6,7 @@ use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::model::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
-use crate::model::{Geometry, Inertia, LinkParameters, Mechanism, Model, Part};
+use crate::model::{Geometry, Inertia, LinkParameters, Mechanism, Model, Part, Stops};
 use crate::recording::{Configuration, Payload, Setup};
 
 /// A machine ready to compute with.
@@ -30,6 +30,8 @@ pub struct Plant {
     pub gravity: f64,
     /// Damping of the strut spins against the frame, N·m·s/rad.
     pub spin_damping: f64,
+    /// Hard stops.
+    pub stops: Stops,
     /// Whether struts, platform and telescope are mounted.
     pub assembled: bool,
     /// Effects beyond the rigid bodies, as far as the parts they act on are mounted.
@@ -72,6 +74,7 @@ impl Plant {
             payload: setup.payload,
             gravity: model.gravity,
             spin_damping: model.sockets.spin_damping,
+            stops: model.stops,
             assembled,
             effects: model
                 .effects

@@ -3,7 +3,7 @@
 use super::{Clamps, Gains};
 use crate::cell::Object;
 use crate::model::Model;
-use crate::scenario::{self, Action, HoldTorque, PayloadShape, Scenario, Supervision};
+use crate::scenario::{self, Action, Formulation, HoldTorque, PayloadShape, Scenario, Supervision};
 
 /// How a run is made.
 #[derive(Clone, Debug)]
@@ -16,6 +16,8 @@ pub struct Options {
     pub control_period: usize,
     /// Torque between two control instants.
     pub hold_torque: HoldTorque,
+    /// How the equations of motion are solved.
+    pub formulation: Formulation,
     /// Seed of the sensor noise; `None` switches noise and quantisation off.
     pub noise_seed: Option<u64>,
     /// What is recorded.
@@ -43,6 +45,7 @@ impl Default for Options {
             substeps: 1,
             control_period: 1,
             hold_torque: HoldTorque::Ramp,
+            formulation: Formulation::default(),
             noise_seed: Some(0),
             sensors: scenario::Sensors::default(),
             gains: Gains::default(),
@@ -65,6 +68,7 @@ impl Options {
             substeps: scenario.substeps,
             control_period: scenario.control_period,
             hold_torque: scenario.hold_torque,
+            formulation: scenario.formulation,
             noise_seed: scenario.noise.then_some(scenario.seed),
             sensors: scenario.sensors,
             gains: Gains {
@@ -72,7 +76,12 @@ impl Options {
                 derivative: scenario.gains.derivative.unwrap_or(gains.derivative),
                 cutoff: scenario.gains.cutoff.unwrap_or(gains.cutoff),
             },
-            clamps: Some(Clamps { hold: scenario.socket_holds(model), armed: scenario.sockets.armed }),
+            clamps: Some(Clamps {
+                hold: scenario.socket_holds(model),
+                preload: scenario.socket_preloads(model),
+                share: model.sockets.clamp_share,
+                armed: scenario.sockets.armed,
+            }),
             supervision: scenario.supervision,
             objects: scenario.objects.clone(),
             payload_shape: scenario.payload_shape,
