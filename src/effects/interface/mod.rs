@@ -2,9 +2,11 @@
 
 mod active;
 mod fault;
+mod impact;
 mod parameter;
 mod wrenches;
 
 pub use active::{ActiveEffect, Entry, Host};
+pub use impact::hunt_crossley;
 pub use parameter::{Count, Layout, Parameter, Role, Values};
 pub use wrenches::{Instant, Wrenches};
