@@ -22,7 +22,7 @@ const G: f64 = 9.81;
 /// Platform in the middle, 0.95 m below the shafts, with 2 kg on the axis; all its sockets open.
 fn dropped(plant: &Plant) -> (Twin, f64) {
     let mut plant = plant.clone();
-    let payload = Payload { mass: 2.0, com: [0.0, 0.0, -0.08].into(), inertia_zz: 0.01 };
+    let payload = Payload::new(2.0, [0.0, 0.0, -0.08], 0.01);
     plant.bodies[END_EFFECTOR] += payload.inertia();
     let q = plant.geometry.inverse(&Vector3::new(0.0, 0.0, -0.95)).unwrap();
     let joints = JointState { q: [q[0], q[1], q[2], 0.3], ..JointState::default() };
@@ -144,7 +144,7 @@ fn motion() -> FourierMotion {
 }
 
 fn setup() -> Setup {
-    let payload = Payload { mass: 2.5, com: [0.04, 0.0, -0.1].into(), inertia_zz: 0.012 };
+    let payload = Payload::new(2.5, [0.04, 0.0, -0.1], 0.012);
     Setup { payload, ..Setup::default() }
 }
 

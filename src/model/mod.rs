@@ -7,6 +7,7 @@ pub mod check;
 pub mod geometry;
 pub mod history;
 pub mod mechanism;
+pub mod provenance;
 mod read;
 mod schema;
 pub mod write;
@@ -15,11 +16,12 @@ pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
 pub use history::Added;
 pub use mechanism::{Joint, Mechanism, Part};
+pub use provenance::Provenance;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::effects::{ActiveEffect, Host};
+use crate::effects::{Effects, Host};
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;
@@ -45,6 +47,8 @@ pub struct Model {
     pub geometry: Geometry,
     /// Inertia of every kind of body, without payload.
     pub bodies: Bodies,
+    /// Which numbers of the bodies are parameters; no part of the file.
+    pub link_parameters: LinkParameters,
     /// Drives 1–3 (arms) and 4 (telescope).
     pub drives: [Drive; AXES],
     /// Ball sockets.
@@ -58,7 +62,7 @@ pub struct Model {
     /// Sampling and control period, s.
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
-    pub effects: Vec<ActiveEffect>,
+    pub effects: Effects,
     /// Effects that were added to it, in order, with the error before and after.
     pub history: Vec<Added>,
 }
@@ -68,6 +72,16 @@ impl Model {
     pub fn host(&self) -> Host {
         Host::new(self.mechanism, &self.drives[0])
     }
+}
+
+/// What is taken as alike and symmetric among the links of an assembled robot. The default are the paper's assumptions
+/// (section 2.3): limbs alike, no deviation moments, struts and telescope parts symmetric about their axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkParameters {
+    /// Every limb has arm and struts of its own.
+    pub each_limb: bool,
+    /// Arm, strut, platform and telescope parts have all ten inertial parameters.
+    pub complete: bool,
 }
 
 /// One drive, seen at the gear output.
