@@ -96,7 +96,7 @@ fn read_model(top: &Table) -> Result<Model> {
 
 /// Hard stops, which must leave the range of motion free; none without the table.
 fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Result<Stops> {
-    let mut stops = schema::NO_STOPS;
+    let mut stops = Stops::NONE;
     let delta = matches!(mechanism, Mechanism::Delta { .. });
     if !delta || top.entry("stops").is_none() {
         return Ok(stops);
