@@ -9,7 +9,7 @@ pub mod certificate;
 pub mod coefficients;
 pub mod command;
 pub mod curve;
-mod figures;
+pub mod figures;
 mod grid;
 pub mod jerk;
 pub mod limits;
@@ -18,6 +18,7 @@ pub mod plan;
 pub mod point;
 pub mod profile;
 pub mod read;
+pub mod refine;
 pub mod relaxation;
 pub mod rows;
 pub mod shape;
@@ -80,6 +81,15 @@ pub enum PlanError {
         /// Path parameter.
         s: f64,
     },
+    /// The paper's objective is no objective here.
+    #[error(
+        "∫ ṡ² ds, the objective \"speed\", grows towards a motion that rests at s = {s:.4}, because it does not count the time \
+         spent there; expected the objective \"time\" for this path"
+    )]
+    Rests {
+        /// Path parameter.
+        s: f64,
+    },
     /// The solver of the jerk-limited programme gave up.
     #[error("no motion within the jerk limits was found; fewer or more intervals may help")]
     Unsolved,
@@ -93,4 +103,19 @@ pub enum PlanError {
         /// Value over what may be used.
         ratio: f64,
     },
+}
+
+impl PlanError {
+    /// The same with the parameter of `curve` replaced by s.
+    fn along(mut self, curve: &Curve) -> Self {
+        match &mut self {
+            Self::Place { s, .. }
+            | Self::AtRest { s, .. }
+            | Self::Stuck { s }
+            | Self::Rests { s }
+            | Self::Violated { s, .. } => *s = curve.way(*s)[0],
+            Self::Unsolved => {}
+        }
+        self
+    }
 }

@@ -11,7 +11,7 @@ use super::limits::{Limit, Limits, QUANTITIES};
 use super::pass::{self, Passes, Stuck};
 use super::rows::{Room, Stations};
 use super::verify::{self, CHECKED, Use};
-use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, relaxation};
+use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, refine, relaxation};
 use crate::model::AXES;
 
 /// How to plan.
@@ -25,6 +25,8 @@ pub struct Options {
     pub certify: bool,
     /// Whether the bound with jerk limits is tightened until its gap is [`ENOUGH`] or no longer shrinks, which takes seconds.
     pub tighten: bool,
+    /// Whether intervals are split where no limit is reached, see [`refine`].
+    pub refine: bool,
 }
 
 /// Gap of the bound with jerk limits at which it is no further tightened.
@@ -32,26 +34,30 @@ pub const ENOUGH: f64 = 5e-3;
 
 impl Default for Options {
     fn default() -> Self {
-        Self { intervals: 200, objective: Objective::default(), certify: true, tighten: false }
+        Self { intervals: 200, objective: Objective::default(), certify: true, tighten: false, refine: true }
     }
 }
 
 /// A motion along a path that keeps its limits.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// z over s.
+    /// The path over the parameter of `profile`: s, or with jerk limits x, see [`Curve::eased`].
+    pub curve: Curve,
+    /// z over the parameter.
     pub profile: Profile,
     /// Time over the path, s.
     pub time: f64,
-    /// Lower bound on the time, s: without jerk limits of any motion; with them of all that the rows at the plan allow,
-    /// jerk limits replaced by their tangents.
+    /// No motion along the path is faster, jerk limits left aside, s; zero if not asked for.
     pub bound: f64,
-    /// With jerk limits: lower bound on the time of every motion whose s̈ is linear in s over the plan's intervals, s.
+    /// With jerk limits: no motion whose ẍ is linear over the plan's intervals is faster, s.
     pub outer_bound: Option<f64>,
+    /// With jerk limits: no motion that the last programme allows is faster, s. Jerk limits are their tangents at the plan
+    /// there, so this tells that the search has converged, not that its optimum is the best.
+    pub search_bound: Option<f64>,
+    /// With jerk limits: time on an ever finer grid, s, extrapolated: what is left to gain is about what the last split gained.
+    pub estimate: Option<f64>,
     /// Time without jerk limits, s.
     pub time_without_jerk: f64,
-    /// Lower bound on the time of any motion, jerk limits left aside, s; zero if not asked for.
-    pub bound_without_jerk: f64,
     /// Maximum velocity curve without jerk limits: s and largest z.
     pub mvc: Vec<[f64; 2]>,
     /// Use of the limits on a grid ten times finer or more.
@@ -79,6 +85,11 @@ const FINEST: usize = 4;
 const ROUNDS: usize = 12;
 /// Use from which a limit counts as active.
 const ACTIVE: f64 = 0.998;
+/// Part of the fastest motion's z below which a motion rests.
+const RESTING: f64 = 1e-3;
+/// Rounds of splitting intervals, and how many there may be in the end.
+const SPLITS: usize = 6;
+const MOST: usize = 1000;
 /// Change of the time, relative, at which programmes on a grid that is not the last have settled.
 const COARSELY: f64 = 2e-3;
 /// Intervals of the coarsest programme with jerk limits, and how much finer each next one is.
@@ -87,7 +98,16 @@ const REFINEMENT: usize = 4;
 
 /// The fastest motion along `curve` from rest to rest.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
-    let mut search = Search { machine, curve, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 };
+    let mut search = Search {
+        machine,
+        curve,
+        eased: curve.clone().eased(),
+        limits,
+        options,
+        solve_s: 0.0,
+        verify_s: 0.0,
+        iterations: 0,
+    };
     let end = curve.end();
     search.at_rest(&[0.0, end], 0.0, ALLOWED)?;
     let mut intervals = options.intervals;
@@ -106,9 +126,23 @@ pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options
 }
 
 impl Plan {
-    /// Gap between time and bound, relative to the time.
+    /// By how much the plan is slower than what may be possible along the path, relative to its time.
+    ///
+    /// Without jerk limits that is [`Plan::bound`]. With them it is an estimate: the lower one of [`Plan::outer_bound`], which
+    /// holds on the plan's intervals, and [`Plan::estimate`], what finer ones would give.
     pub fn optimality_gap(&self) -> f64 {
-        (self.time - self.bound) / self.time
+        let possible = match (self.outer_bound, self.estimate) {
+            (None, None) => self.bound,
+            (a, b) => a.unwrap_or(f64::INFINITY).min(b.unwrap_or(f64::INFINITY)),
+        };
+        1.0 - possible / self.time
+    }
+
+    /// z = ṡ² over s at a place of the check.
+    pub fn speed(&self, at: &Use) -> [f64; 2] {
+        let [s, g1, ..] = self.curve.way(at.s);
+        let x = at.s - self.profile.s[at.interval];
+        [s, self.profile.at(at.interval, x).z * g1 * g1]
     }
 
     /// Largest use of each limit.
@@ -138,14 +172,28 @@ impl Plan {
                 last = Some(i);
             }
         }
+        for stretch in out.iter_mut().flat_map(|(_, stretch)| stretch) {
+            *stretch = self.curve.way(*stretch)[0];
+        }
         out.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
         out
     }
 }
 
+/// What a search returns.
+struct Found {
+    profile: Profile,
+    uses: Vec<Use>,
+    outer_bound: Option<f64>,
+    search_bound: Option<f64>,
+    estimate: Option<f64>,
+}
+
 struct Search<'a> {
     machine: &'a Machine<'a>,
     curve: &'a Curve,
+    /// The same path over the parameter in which jerk-limited motions are sought.
+    eased: Curve,
     limits: &'a Limits,
     options: &'a Options,
     solve_s: f64,
@@ -164,19 +212,21 @@ impl Search<'_> {
             true => Some(certificate::above(self.machine, self.curve, self.limits, &profile)?),
             false => None,
         };
-        let bound_without_jerk = above.as_ref().map_or(0.0, |above| above.time);
-        let (profile, bounds, uses) = match uses {
-            Some(uses) => (profile, None, uses),
-            None => self.with_jerk(&profile, above.as_ref(), grid.len() - 1).map(|(p, b, u)| (p, Some(b), u))?,
+        let bound = above.as_ref().map_or(0.0, |above| above.time);
+        let found = match uses {
+            Some(uses) => Found { profile, uses, outer_bound: None, search_bound: None, estimate: None },
+            None => self.with_jerk(&profile, above.as_ref(), grid.len() - 1).map_err(|e| e.along(&self.eased))?,
         };
-        let [bound, outer] = bounds.unwrap_or([bound_without_jerk, f64::NEG_INFINITY]);
+        let Found { profile, uses, outer_bound, search_bound, estimate } = found;
         Ok(Plan {
             time: profile.time(),
+            curve: if has_jerk { self.eased.clone() } else { self.curve.clone() },
             profile,
             bound,
-            outer_bound: (outer > 0.0).then_some(outer),
+            outer_bound,
+            search_bound,
+            estimate,
             time_without_jerk,
-            bound_without_jerk,
             mvc,
             uses,
             solve_s: self.solve_s,
@@ -199,7 +249,7 @@ impl Search<'_> {
             if !check {
                 return Ok((profile, found, None));
             }
-            let uses = self.check(&profile, fine)?;
+            let uses = self.check(self.curve, &profile, fine)?;
             let enough = !tighten(&uses, &mut room, &mut jerk_room) || round == ROUNDS;
             if enough && fine {
                 return accept(uses).map(|uses| (profile, found, Some(uses)));
@@ -280,44 +330,29 @@ impl Search<'_> {
         worst.map_or(Ok(()), |w| Err(w.1))
     }
 
-    /// Programmes from coarse to fine, the finest repeated with less room until the check agrees.
-    fn with_jerk(
-        &mut self,
-        unlimited: &Profile,
-        above: Option<&Above>,
-        intervals: usize,
-    ) -> Result<(Profile, [f64; 2], Vec<Use>), PlanError> {
-        let mut sizes = vec![intervals];
-        while sizes[0] >= COARSEST * REFINEMENT {
-            sizes.insert(0, (sizes[0] / REFINEMENT).max(COARSEST));
+    /// Programmes from coarse to fine, the last one repeated with less room until the check agrees.
+    fn with_jerk(&mut self, unlimited: &Profile, above: Option<&Above>, intervals: usize) -> Result<Found, PlanError> {
+        let (mut programme, change) = self.refined(unlimited, intervals)?;
+        if self.options.objective == Objective::Speed {
+            let fastest = programme.at.z.clone();
+            let start = Instant::now();
+            self.programmes(&mut programme, Objective::Speed, true)?;
+            self.solve_s += start.elapsed().as_secs_f64();
+            let slower = |i: &usize| programme.at.z[*i] < RESTING * fastest[*i];
+            if let Some(i) = programme.stations.moving().find(slower) {
+                return Err(PlanError::Rests { s: programme.stations.list[i].point.s });
+            }
         }
-        let start = Instant::now();
-        let mut profile = unlimited.clone();
-        let mut last = None;
-        for (level, &size) in sizes.iter().enumerate() {
-            let grid = graded(&profile, self.curve, size);
-            let mut stations = Stations::new(self.machine, self.curve, self.limits, &grid)?;
-            let near = course(&profile, &grid);
-            stations.load(self.machine, self.limits, &course_references(&near))?;
-            let mut programme = match level {
-                0 => Sequence::begin(stations, self.limits, &near.z),
-                _ => Sequence::near(stations, self.limits, near),
-            };
-            self.programmes(&mut programme, level + 1 == sizes.len())?;
-            profile = programme.profile();
-            last = Some(programme);
-        }
-        self.solve_s += start.elapsed().as_secs_f64();
-        let Some(mut programme) = last else { return Err(PlanError::Unsolved) };
         let (mut round, mut fine) = (0, false);
         loop {
             let profile = programme.profile();
-            let uses = self.check(&profile, fine)?;
+            let uses = self.check(&self.eased.clone(), &profile, fine)?;
             let enough = !tighten(&uses, &mut programme.room, &mut programme.jerk_room) || round == ROUNDS;
             if enough && fine {
                 let uses = accept(uses)?;
-                let outer = above.map_or(f64::NEG_INFINITY, |above| self.outer_bound(&programme, above));
-                return Ok((profile, [self.bound(&programme), outer], uses));
+                let outer_bound = above.and_then(|above| self.outer_bound(&programme, above));
+                let estimate = change.map(|change| profile.time() * (1.0 - change));
+                return Ok(Found { profile, uses, outer_bound, search_bound: self.search_bound(&programme), estimate });
             }
             if enough {
                 fine = true;
@@ -326,7 +361,7 @@ impl Search<'_> {
             round += 1;
             let start = Instant::now();
             let last = (programme.at.clone(), programme.bound);
-            if self.programmes(&mut programme, true).is_err() {
+            if self.programmes(&mut programme, self.options.objective, true).is_err() {
                 (programme.at, programme.bound) = last;
                 (fine, round) = (true, ROUNDS);
             }
@@ -334,43 +369,104 @@ impl Search<'_> {
         }
     }
 
+    /// The fastest motion on a grid that is fine enough, and by how much the last split changed its time, relative.
+    fn refined(&mut self, unlimited: &Profile, intervals: usize) -> Result<(Sequence, Option<f64>), PlanError> {
+        let mut sizes = vec![intervals];
+        while sizes[0] >= COARSEST * REFINEMENT {
+            sizes.insert(0, (sizes[0] / REFINEMENT).max(COARSEST));
+        }
+        let mut programme = self.programme(unlimited, even(&self.eased, sizes[0]), true, sizes.len() == 1)?;
+        for (level, &size) in sizes.iter().enumerate().skip(1) {
+            let profile = programme.profile();
+            programme =
+                self.programme(&profile, graded(&profile, &self.eased, size), false, level + 1 == sizes.len())?;
+        }
+        let mut change = None;
+        for _ in 0..if self.options.refine { SPLITS } else { 0 } {
+            let profile = programme.profile();
+            let uses = self.check(&self.eased.clone(), &profile, false)?;
+            let idle = refine::idle(&profile, &uses);
+            let most = MOST.max(intervals).min(2 * idle.len());
+            let finer = self.programme(&profile, refine::split(&profile, &idle, most), false, true)?;
+            let time = finer.profile().time();
+            let gained = (profile.time() / time - 1.0).abs();
+            programme = finer;
+            change = Some(gained);
+            if gained < refine::SETTLED || most < 2 * idle.len() {
+                break;
+            }
+        }
+        Ok((programme, change))
+    }
+
+    /// Programmes on `grid` until they settle, begun near `profile`, or below it if that knows nothing of jerk limits.
+    fn programme(
+        &mut self,
+        profile: &Profile,
+        grid: Vec<f64>,
+        unlimited: bool,
+        finest: bool,
+    ) -> Result<Sequence, PlanError> {
+        let start = Instant::now();
+        let mut stations = Stations::new(self.machine, &self.eased, self.limits, &grid)?;
+        let near = match unlimited {
+            true => eased(profile, &self.eased, &grid),
+            false => course(profile, &grid),
+        };
+        stations.load(self.machine, self.limits, &course_references(&near))?;
+        let mut programme = match unlimited {
+            true => Sequence::begin(stations, self.limits, &near.z),
+            false => Sequence::near(stations, self.limits, near),
+        };
+        let done = self.programmes(&mut programme, Objective::Time, finest);
+        self.solve_s += start.elapsed().as_secs_f64();
+        done.map(|()| programme)
+    }
+
     /// Lower bound on the time of all that the programme's rows allow.
-    fn bound(&self, p: &Sequence) -> f64 {
+    fn search_bound(&self, p: &Sequence) -> Option<f64> {
         if self.options.objective == Objective::Time {
-            return p.bound;
+            return Some(p.bound);
         }
         jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &p.watch, &p.at, Objective::Time)
-            .map_or(0.0, |step| step.bound)
+            .map(|step| step.bound)
     }
 
     /// Lower bound on the time of all motions on the programme's grid.
-    fn outer_bound(&self, p: &Sequence, above: &Above) -> f64 {
-        let above: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
+    fn outer_bound(&self, p: &Sequence, above: &Above) -> Option<f64> {
+        let above: Vec<f64> = p
+            .stations
+            .list
+            .iter()
+            .map(|station| {
+                let [s, g1, ..] = self.eased.way(station.point.s);
+                above.at(s) / (g1 * g1)
+            })
+            .collect();
         let (stations, limits) = (&p.stations, self.limits);
-        let bound = match self.options.tighten {
+        match self.options.tighten {
             true => relaxation::tightened(stations, limits, &p.watch, &p.at, &above, ENOUGH),
             false => relaxation::bound(stations, limits, &p.watch, &p.at, &above),
-        };
-        bound.unwrap_or(f64::NEG_INFINITY)
+        }
     }
 
     /// Programmes until the time stays the same, force laws linearised at each one's result.
-    fn programmes(&mut self, p: &mut Sequence, finest: bool) -> Result<(), PlanError> {
+    fn programmes(&mut self, p: &mut Sequence, objective: Objective, finest: bool) -> Result<(), PlanError> {
         let settled = if finest { jerk::SETTLED } else { COARSELY };
         let reload =
             |stations: &mut Stations, at: &Course| stations.load(self.machine, self.limits, &course_references(at));
-        self.iterations += p.settle(self.limits, self.options.objective, settled, reload)?;
+        self.iterations += p.settle(self.limits, objective, settled, reload)?;
         Ok(())
     }
 
     /// Uses on the grid ten times finer, or `fine` on all places.
-    fn check(&mut self, profile: &Profile, fine: bool) -> Result<Vec<Use>, PlanError> {
+    fn check(&mut self, curve: &Curve, profile: &Profile, fine: bool) -> Result<Vec<Use>, PlanError> {
         if profile.stalls() {
             return Err(PlanError::Unsolved);
         }
         let start = Instant::now();
         let points = if fine { FINER.max(PLACES / profile.pieces.len()) } else { FINER };
-        let uses = verify::uses(self.machine, self.curve, self.limits, profile, points)?;
+        let uses = verify::uses(self.machine, curve, self.limits, profile, points)?;
         self.verify_s += start.elapsed().as_secs_f64();
         Ok(uses)
     }
@@ -443,6 +539,18 @@ fn course_references(course: &Course) -> Vec<Reference> {
 fn course(profile: &Profile, grid: &[f64]) -> Course {
     let paces: Vec<_> = grid.iter().map(|s| profile.pace(*s)).collect();
     Course { z: paces.iter().map(|p| p.z).collect(), acceleration: paces.iter().map(|p| p.acceleration).collect() }
+}
+
+/// z and acceleration of the parameter of `curve` at `grid` for a profile over s; z is infinite at rest.
+fn eased(profile: &Profile, curve: &Curve, grid: &[f64]) -> Course {
+    let at = |x: &f64| {
+        let [s, g1, g2, _] = curve.way(*x);
+        let pace = profile.pace(s);
+        let z = if g1 > 0.0 { pace.z / (g1 * g1) } else { f64::INFINITY };
+        if z.is_finite() { (z, (pace.acceleration - g2 * z) / g1) } else { (z, 0.0) }
+    };
+    let (z, acceleration) = grid.iter().map(at).unzip();
+    Course { z, acceleration }
 }
 
 fn stuck(stuck: Stuck, stations: &Stations) -> PlanError {
