@@ -75,8 +75,19 @@ const QUICK: Options =
 
 #[test]
 fn derivatives_of_paths_are_consistent_and_continuous() {
-    for shape in shapes() {
-        let curve = shape.curve();
+    let reversing = Shape::Lines {
+        points: vec![[0.0, -0.2, -1.0, 0.0], [0.0, 0.1, -1.0, 0.5], [0.0, -0.1, -1.0, 1.0 / 6.0]],
+        blend: 0.0,
+        turn_radius: 0.1,
+    };
+    let all =
+        shapes().into_iter().chain([reversing]).flat_map(|shape| [false, true].map(|eased| (shape.clone(), eased)));
+    for (shape, eased) in all {
+        let curve = if eased { shape.curve().eased() } else { shape.curve() };
+        if eased {
+            let ends = [0.0, 1.0].map(|x| curve.at(x));
+            assert!(ends.iter().all(|r| r[1].norm() + r[2].norm() < 1e-9 && r[3].norm() > 0.1), "{ends:?}");
+        }
         let h = 1e-6;
         for k in 1..200 {
             let s = f64::from(k) / 200.0 + 1e-4;

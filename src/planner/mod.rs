@@ -5,6 +5,7 @@
 //! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). What is found is a [`Profile`]; it is
 //! checked against the full model on a finer grid and refused if a limit does not hold ([`plan()`]).
 
+mod accept;
 pub mod certificate;
 pub mod coefficients;
 pub mod command;
@@ -21,6 +22,7 @@ pub mod read;
 pub mod refine;
 pub mod relaxation;
 pub mod rows;
+mod search;
 pub mod shape;
 pub mod trajectory;
 pub mod validation;
