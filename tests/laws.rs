@@ -26,7 +26,7 @@ fn rng(seed: u64) -> ChaCha8Rng {
 }
 
 fn payload() -> Setup {
-    Setup { payload: Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 }, ..Setup::default() }
+    Setup { payload: Payload::new(2.5, [0.03, -0.02, -0.08], 0.012), ..Setup::default() }
 }
 
 /// The effect with linear parameters drawn up to three times their usual size, shapes and constants at their defaults.

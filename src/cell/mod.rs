@@ -147,6 +147,8 @@ struct Grip {
 
 /// The cell with everything in it but the robot's dynamics.
 pub struct Cell {
+    /// Number of objects given; the robot's frame follows.
+    listed: usize,
     world: World,
     parts: Vec<Part>,
     grip: Option<Grip>,
@@ -186,6 +188,7 @@ impl Cell {
                 return Err(CellError::DuplicateName(object.name.clone()));
             }
         }
+        let all: Vec<Object> = objects.iter().cloned().chain(links::frame(geometry)).collect();
         let mut parts = links::parts(geometry);
         if let Some((shape, position)) = payload {
             object::check_shape("payload", &shape)?;
@@ -200,12 +203,13 @@ impl Cell {
             });
         }
         Ok(Self {
-            world: World::new(objects, gravity),
+            listed: objects.len(),
+            world: World::new(&all, gravity),
             parts,
             grip: None,
             wrenches: UNLOADED,
-            reactions: vec![(Vector3::zeros(), Vector3::zeros()); objects.len()],
-            earlier: vec![(Vector3::zeros(), Vector3::zeros()); objects.len()],
+            reactions: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
+            earlier: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
             fresh: false,
             pairs: Vec::new(),
             points: Vec::new(),
@@ -384,7 +388,7 @@ impl Cell {
 
     /// Objects in the order given, with pose and twist at their origins; a held one moves with the end effector of `motion`.
     pub fn objects<'a>(&'a self, motion: &'a Motion) -> impl Iterator<Item = (&'a Object, Isometry3<f64>, Twist)> {
-        self.world.objects.iter().enumerate().map(|(i, o)| {
+        self.world.objects[..self.listed].iter().enumerate().map(|(i, o)| {
             let at = self.grip.filter(|g| g.object == i).map_or(o.at, |g| g.placement(motion));
             let rotation = Rotation3::from_matrix_unchecked(at.rotation);
             let pose = Isometry3::from_parts(at.position.into(), rotation.into());

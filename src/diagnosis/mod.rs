@@ -125,6 +125,8 @@ pub struct Diagnosis {
     pub indistinguishable: Vec<Vec<String>>,
     /// Effects the data could not show at their usual size.
     pub unseen: Vec<String>,
+    /// Parameters of the other candidates that no channel shows at all, such as the height of a payload without strut forces.
+    pub unseen_parameters: Vec<String>,
     /// What to measure to tell the members of a set apart, or to see what these data cannot show.
     pub next_experiment: Option<NextExperiment>,
     /// What each found effect explains.
@@ -224,13 +226,14 @@ pub fn diagnose_holding(
     };
     let reports: Vec<CandidateReport> = all.order.iter().map(|&i| report(&all.candidates[i])).collect();
     let beyond = problem::beyond(&mounted).into_iter().map(|e| e.name().into());
-    let unseen = all
+    let unseen: Vec<String> = all
         .candidates
         .iter()
         .filter(|a| a.visibility != Visibility::Visible && !found.contains(&a.candidate))
         .map(|a| a.name.clone())
         .chain(beyond)
         .collect();
+    let unseen_parameters = problem::not_excited(&problem, &unseen);
     let mut indistinguishable: Vec<Vec<String>> = outcome
         .findings
         .iter()
@@ -295,6 +298,7 @@ pub fn diagnose_holding(
         candidates: reports,
         indistinguishable,
         unseen,
+        unseen_parameters,
         next_experiment,
         budget,
         changes: budget::changes(&start, &end),
@@ -334,10 +338,10 @@ impl Fitting<'_> {
         fit_with(model, self.traces, &weights, &Options { held: self.held, ..Options::default() })
     }
 
-    /// The problem of a fit, without the parameters that are held.
+    /// The problem of a fit, without the parameters that are held or that stand at the edge of the possible.
     fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
-        problem.base.retain(|c| !self.holds(&c.name));
+        problem.base.retain(|c| !self.holds(&c.name) && !fit.at_edge(&c.name));
         Ok(problem)
     }
 

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::Trace;
+use super::derivatives::Method;
 use crate::dynamics::Channel;
 use crate::model::Model;
 use crate::recording::{Mapping, ReadError, Reading, Recording};
@@ -56,14 +57,21 @@ impl Data {
 
     /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
     pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
+        Self::read_with(args, model, Method::Reversals)
+    }
+
+    /// Reads all recordings of a machine like `model` as [`Self::read`] does, angles differentiated by `method`.
+    pub fn read_with(args: &DataArgs, model: &Model, method: Method) -> Result<Self, ReadError> {
         let how = Reading { setup: args.setup.as_deref(), machine: Some(model.mechanism), maps: &args.map };
-        Self::read_each(args, |file, warnings| trace_of(file, &how, model, warnings))
+        Self::read_each(args, |file, warnings| trace_of(file, &how, model, method, warnings))
     }
 
     /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
     pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
         let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
-        Self::read_each(args, |file, warnings| trace(Recording::read_as(file, &how)?, file, warnings))
+        Self::read_each(args, |file, warnings| {
+            trace(Recording::read_as(file, &how)?, file, Method::Reversals, warnings)
+        })
     }
 
     fn read_each(
@@ -93,10 +101,11 @@ impl Data {
 fn trace(
     (recording, noticed): (Recording, Vec<String>),
     file: &Path,
+    method: Method,
     warnings: &mut Vec<String>,
 ) -> Result<Trace, ReadError> {
     warnings.extend(noticed);
-    let trace = Trace::new(&recording);
+    let trace = Trace::with(&recording, method);
     if trace.is_empty() {
         let samples = recording.signals.len();
         return Err(ReadError::Content {
@@ -108,8 +117,14 @@ fn trace(
     Ok(trace)
 }
 
-fn trace_of(file: &Path, how: &Reading, model: &Model, warnings: &mut Vec<String>) -> Result<Trace, ReadError> {
-    let mut trace = trace(Recording::read_as(file, how)?, file, warnings)?;
+fn trace_of(
+    file: &Path,
+    how: &Reading,
+    model: &Model,
+    method: Method,
+    warnings: &mut Vec<String>,
+) -> Result<Trace, ReadError> {
+    let mut trace = trace(Recording::read_as(file, how)?, file, method, warnings)?;
     let drives = Channel::of_drives(model.mechanism);
     if !model.assembled && trace.channels.len() > drives.len() {
         warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));

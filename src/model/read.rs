@@ -15,7 +15,7 @@ use super::bodies::{self, BODIES, body_name};
 use super::check::{self, Culprit};
 use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
-use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, Mechanism, Model};
+use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Model, Stops};
 use crate::effects::{ActiveEffect, Effect, Host, Parameter, REGISTRY, Role};
 
 mod formula;
@@ -67,6 +67,7 @@ fn read_model(top: &Table) -> Result<Model> {
     if delta {
         top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled, mechanism)?;
     }
+    let stops = read_stops(top, &geometry, mechanism)?;
     top.fill_table("noise", schema::noise(mechanism), &mut noise, assembled, mechanism)?;
     let effects = match top.optional_table("effects")? {
         Some(table) => read_effects(&table, Host::new(mechanism, &drives[0]))?,
@@ -80,14 +81,32 @@ fn read_model(top: &Table) -> Result<Model> {
         assembled,
         geometry,
         bodies,
+        link_parameters: LinkParameters::default(),
         drives,
         sockets,
+        stops,
         noise,
         gravity: numbers.gravity,
         sample_time: numbers.sample_time,
         effects,
         history: read_history(top)?,
     })
+}
+
+/// Hard stops, which must leave the range of motion free; none without the table.
+fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Result<Stops> {
+    let mut stops = schema::NO_STOPS;
+    let delta = matches!(mechanism, Mechanism::Delta { .. });
+    if !delta || top.entry("stops").is_none() {
+        return Ok(stops);
+    }
+    top.fill_table("stops", schema::stops(mechanism), &mut stops, true, mechanism)?;
+    let [low, high] = geometry.arm_limits;
+    if stops.arm[0] > low || stops.arm[1] < high {
+        let expected = format!("expected stops at or beyond geometry.arm_limits, {low} and {high} rad");
+        return Err(top.table("stops")?.refuse("arm", &expected));
+    }
+    Ok(stops)
 }
 
 /// What was added to the model so far, `[[history]]`.
@@ -126,7 +145,7 @@ fn read_mechanism(top: &Table) -> Result<Mechanism> {
     let (mechanism, own): (_, &[&str]) = match kind {
         "delta" => {
             let telescope = top.optional_boolean("telescope")?.unwrap_or(true);
-            (Mechanism::Delta { telescope }, &["telescope", "assembled", "sockets"])
+            (Mechanism::Delta { telescope }, &["telescope", "assembled", "sockets", "stops"])
         }
         "axis" => {
             let joint = match top.string("joint", "\"revolute\" or \"prismatic\"")? {
@@ -516,8 +535,13 @@ impl<'a> Table<'a> {
     /// Fills `target` from this table; keys that a disassembled robot does not need may be missing from it.
     fn fill<T: ?Sized>(&self, fields: &[Field<T>], target: &mut T, assembled: bool, units: Mechanism) -> Result<()> {
         for f in fields {
-            if assembled || f.always || self.entry(f.key).is_some() {
-                (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, units.unit(f.unit))?);
+            let given = self.entry(f.key).is_some();
+            match f.default {
+                Some(default) if !given => (f.set)(target, &[default]),
+                _ if given || assembled || f.always => {
+                    (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, units.unit(f.unit))?);
+                }
+                _ => {}
             }
         }
         Ok(())

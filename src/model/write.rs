@@ -170,6 +170,8 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     if matches!(mechanism, Mechanism::Delta { .. }) {
         let sockets = section(&["sockets"], schema::SOCKETS, &model.sockets, true, mechanism);
         all.push(Section { optional: !assembled, ..sockets });
+        let stops = section(&["stops"], schema::stops(mechanism), &model.stops, true, mechanism);
+        all.push(Section { optional: true, ..stops });
     }
     let noise = section(&["noise"], schema::noise(mechanism), &model.noise, true, mechanism);
     all.push(Section { optional: !assembled, ..noise });
@@ -186,7 +188,8 @@ fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
 fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled: bool, units: Mechanism) -> Section {
     let lines = fields.iter().map(|f| {
         let numbers = (f.get)(source);
-        let default = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
+        let unneeded = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
+        let default = f.default.map(|x| vec![x]).or(unneeded);
         let comment = comment(units.unit(f.unit), f.about);
         Line { key: f.key, numbers, default, shape: f.shape, integer: f.bounds.integer, comment }
     });

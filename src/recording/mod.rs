@@ -11,6 +11,7 @@ mod epoch;
 mod error;
 pub(crate) mod file;
 pub mod mcap;
+mod payload;
 #[cfg(feature = "viewer")]
 pub mod rerun;
 pub mod setup;
@@ -18,14 +19,13 @@ pub mod setup;
 pub use columns::Mapping;
 pub use difference::Difference;
 pub use error::{ReadError, WriteError};
+pub use payload::Payload;
 
 use std::ops::Range;
 use std::path::Path;
 
-use nalgebra::Vector3;
-
 use self::setup::Sidecar;
-use crate::model::{AXES, Inertia, Mechanism, STRUTS};
+use crate::model::{AXES, Mechanism, STRUTS};
 
 /// One run of the machine, sampled at increasing times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -193,25 +193,4 @@ pub enum Configuration {
     Assembled,
     /// Arms and motor 4 only, struts, platform and telescope dismounted.
     Disassembled,
-}
-
-/// Load at the flange; frame: origin at the flange centre, z up, turns with ψ.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Payload {
-    /// Mass, kg.
-    pub mass: f64,
-    /// Centre of mass, m.
-    pub com: Vector3<f64>,
-    /// Moment of inertia about the vertical axis through the centre of mass, kg·m².
-    pub inertia_zz: f64,
-}
-
-impl Payload {
-    /// Inertia about the flange centre. Only the vertical moment is known; the others are taken equal to it, which the
-    /// motion of an intact robot does not feel.
-    pub fn inertia(&self) -> Inertia {
-        let mut i = Inertia::point(self.mass, self.com);
-        i += Inertia::diagonal(0.0, [0.0; 3], [self.inertia_zz; 3]);
-        i
-    }
 }

@@ -46,7 +46,8 @@ enum State {
 struct Load {
     mass: Spanned<f64>,
     com: [Spanned<f64>; 3],
-    inertia_zz: Spanned<f64>,
+    inertia_zz: Option<Spanned<f64>>,
+    inertia: Option<Spanned<Vec<f64>>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -72,7 +73,7 @@ impl Default for Document {
 
 impl Default for Load {
     fn default() -> Self {
-        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: zero() }
+        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: None, inertia: None }
     }
 }
 
@@ -121,14 +122,17 @@ impl Sidecar {
             }
         };
         let load = &document.payload;
-        let mut payload = Payload {
-            mass: within("payload.mass", &load.mass, 0.0, 100.0, "kg")?,
-            inertia_zz: within("payload.inertia_zz", &load.inertia_zz, 0.0, 100.0, "kg·m²")?,
-            ..Payload::default()
-        };
-        for (i, c) in load.com.iter().enumerate() {
-            payload.com[i] = within("payload.com", c, -2.0, 2.0, "m")?;
+        let mass = within("payload.mass", &load.mass, 0.0, 100.0, "kg")?;
+        let vertical = load.inertia_zz.as_ref().map(|v| within("payload.inertia_zz", v, 0.0, 100.0, "kg·m²"));
+        let mut com = [0.0; 3];
+        for (own, c) in com.iter_mut().zip(&load.com) {
+            *own = within("payload.com", c, -2.0, 2.0, "m")?;
         }
+        let tensor = load.inertia.as_ref().map(|v| v.get_ref().as_slice());
+        let payload = Payload::stated(mass, com, vertical.transpose()?, tensor).map_err(|what| {
+            let span = load.inertia.as_ref().map_or(0..0, Spanned::span);
+            error(format!("`payload.inertia` {what}"), span)
+        })?;
         let mut torque_noise = None;
         if let Some(values) = &document.noise.torque {
             let mut sigma = [0.0; AXES];
@@ -162,12 +166,7 @@ impl Setup {
             Configuration::Assembled => "assembled",
             Configuration::Disassembled => "disassembled",
         };
-        let Payload { mass, com, inertia_zz } = self.payload;
-        let mut text = format!(
-            "configuration = \"{configuration}\"\n\n[payload]\nmass = {mass:?} # kg\n\
-             com = [{:?}, {:?}, {:?}] # m, from the flange centre\ninertia_zz = {inertia_zz:?} # kg·m², about the COM\n",
-            com.x, com.y, com.z
-        );
+        let mut text = format!("configuration = \"{configuration}\"\n\n{}", self.payload.to_toml());
         if let Some(sigma) = self.torque_noise {
             text += &format!("\n[noise]\ntorque = {sigma:?} # N·m, standard deviation\n");
         }
@@ -192,12 +191,26 @@ mod tests {
     fn round_trip() {
         let setup = Setup {
             configuration: Configuration::Disassembled,
-            payload: Payload { mass: 1.0 / 3.0, com: [1e-7, -0.02, 0.1].into(), inertia_zz: 0.004 },
+            payload: Payload::new(1.0 / 3.0, [1e-7, -0.02, 0.1], 0.004),
             torque_noise: Some([0.4, 0.4, 0.4, 0.05]),
         };
         assert_eq!(Setup::from_toml(&setup.to_toml(), "x").unwrap(), setup);
         assert_eq!(Setup::from_toml("", "x").unwrap(), Setup::default());
         assert_eq!(Setup::from_toml("[payload]\nmass = 2", "x").unwrap().payload.mass, 2.0);
+    }
+
+    #[test]
+    fn a_tensor_is_read_and_checked() {
+        let of = |keys: &str| Setup::from_toml(&format!("[payload]\nmass = 2\n{keys}"), "run.setup.toml");
+        let tensor = [0.02, 0.04, 0.03, 0.0, -0.01, 0.001];
+        let payload = of("inertia = [0.02, 0.04, 0.03, 0.0, -0.01, 0.001]").unwrap().payload;
+        assert_eq!(payload, Payload::with_tensor(2.0, [0.0; 3], tensor));
+        assert_eq!(of("inertia_zz = 0.03").unwrap().payload.moments(), [0.03, 0.03, 0.03, 0.0, 0.0, 0.0]);
+        let e = of("inertia_zz = 0.03\ninertia = [0.02, 0.04, 0.05]").unwrap_err().to_string();
+        assert!(e.starts_with("run.setup.toml:4:11: `payload.inertia` has zz = 0.05, but `inertia_zz` is 0.03"), "{e}");
+        let e = of("inertia = [0.01, 0.01, 0.05]").unwrap_err().to_string();
+        assert!(e.contains(":3:11: `payload.inertia` violates the triangle inequality"), "{e}");
+        assert!(of("inertia = [0.01, nan, 0.05]").is_err());
     }
 
     #[test]

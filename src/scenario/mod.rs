@@ -169,6 +169,11 @@ impl Scenario {
     pub fn socket_holds(&self, model: &Model) -> [f64; SOCKETS] {
         self.sockets.holds(model.sockets.dislocation_force, self.seed)
     }
+
+    /// Force that presses each cup of `model` on its ball, N, in the same order.
+    pub fn socket_preloads(&self, model: &Model) -> [f64; SOCKETS] {
+        self.sockets.preloads(model.sockets.preload)
+    }
 }
 
 #[cfg(test)]

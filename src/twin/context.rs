@@ -5,7 +5,8 @@ use nalgebra::Vector3;
 
 use super::SingularPose;
 use super::forces::{Damping, Forces, Scene, spin_restraint};
-use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
+use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STOPS, WORK_STRUTS};
+use super::stops::{self, Hit, STOPS};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
@@ -45,6 +46,10 @@ pub(super) struct Scratch {
     powers: Vec<f64>,
     /// Power of the spins' restraint and the brakes, W.
     restraint_power: f64,
+    /// Joints beyond their hard stops at the last evaluation.
+    pub hits: [Option<Hit>; STOPS],
+    /// Power of the hard stops, W.
+    stop_power: f64,
     slopes: Vec<f64>,
     fresh_slopes: Vec<f64>,
 }
@@ -59,6 +64,8 @@ impl Scratch {
             damping: Damping::default(),
             powers: vec![0.0; plant.effects.len()],
             restraint_power: 0.0,
+            hits: [None; STOPS],
+            stop_power: 0.0,
             slopes: vec![0.0; forces.states()],
             fresh_slopes: vec![0.0; forces.states()],
         }
@@ -92,6 +99,8 @@ impl Context {
         let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
         self.forces.add(&self.plant, &scene, motion, &scratch.answer.reactions, false, wrenches, powers);
         scratch.restraint_power = self.forces.add_brakes(motion, wrenches);
+        scratch.hits = stops::hits(&self.plant, motion);
+        scratch.stop_power = stops::add(&self.plant, motion, &scratch.hits, wrenches);
         for s in 0..STRUTS {
             let u = motion.strut_axis[s];
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
@@ -189,6 +198,7 @@ impl Context {
         work[WORK_RESTRAINTS] = scratch.restraint_power;
         work[WORK_CONTACT] = if self.external.is_none() { 0.0 } else { self.external.power(t, motion) };
         work[WORK_STRUTS] = struts;
+        work[WORK_STOPS] = scratch.stop_power;
         work[WORK_EFFECTS..].copy_from_slice(&scratch.powers);
     }
 }

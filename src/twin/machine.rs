@@ -12,6 +12,7 @@ use super::layout::Layout;
 use super::loose::{Loose, momentum};
 use super::mechanism::{Frame, Mechanism};
 use super::reactions::JointReactions;
+use super::stops::{Hit, STOPS};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, energy};
@@ -355,7 +356,8 @@ impl Twin {
         energy::total(&self.context.plant, motion) + stretch
     }
 
-    /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, each effect.
+    /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, hard stops, each
+    /// effect.
     pub fn work(&self) -> &[f64] {
         &self.y[self.context.layout.work()]
     }
@@ -368,6 +370,11 @@ impl Twin {
     /// The same at the present motion, which the caller has at hand.
     pub fn energy_balance_at(&self, motion: &Motion) -> f64 {
         self.energy_at(motion) - self.reference_energy - self.work().iter().sum::<f64>()
+    }
+
+    /// Joints beyond their hard stops at the last evaluation, which a step ends with.
+    pub fn hits(&self) -> &[Option<Hit>; STOPS] {
+        &self.context.scratch.hits
     }
 
     /// Largest change in the last iteration over laws that read forces or accelerations that did not converge, N.

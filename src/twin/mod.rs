@@ -26,6 +26,7 @@ mod show;
 mod simulate;
 pub mod sockets;
 mod state;
+pub mod stops;
 mod torque;
 mod wrench;
 

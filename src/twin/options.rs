@@ -72,7 +72,12 @@ impl Options {
                 derivative: scenario.gains.derivative.unwrap_or(gains.derivative),
                 cutoff: scenario.gains.cutoff.unwrap_or(gains.cutoff),
             },
-            clamps: Some(Clamps { hold: scenario.socket_holds(model), armed: scenario.sockets.armed }),
+            clamps: Some(Clamps {
+                hold: scenario.socket_holds(model),
+                preload: scenario.socket_preloads(model),
+                share: model.sockets.clamp_share,
+                armed: scenario.sockets.armed,
+            }),
             supervision: scenario.supervision,
             objects: scenario.objects.clone(),
             payload_shape: scenario.payload_shape,

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{KinematicsError, SocketSet};
+use crate::kinematics::{KinematicsError, Reactions, SocketSet};
 use crate::model::bodies::BODIES;
 use crate::model::{AXES, STRUTS};
 
@@ -46,6 +46,8 @@ pub enum EventKind {
     Trip,
     /// The robot touched something.
     Contact,
+    /// A joint ran into its hard stop.
+    Stop,
     /// An object was picked up.
     Pick,
     /// An object was let go.
@@ -63,6 +65,7 @@ impl EventKind {
             Self::Dislocation => "dislocation",
             Self::Trip => "trip",
             Self::Contact => "contact",
+            Self::Stop => "stop",
             Self::Pick => "pick",
             Self::Release => "release",
             Self::Rest => "rest",
@@ -84,7 +87,7 @@ pub struct Report {
     pub max_loop_rate: f64,
     /// Largest |energy − initial energy − work| relative to the work turned over.
     pub energy_error: f64,
-    /// Largest axial strut force, N.
+    /// Largest axial strut force at any sample or dislocation, N.
     pub peak_strut_force: f64,
     /// Smallest margin of every socket while it held, N.
     pub min_margin: [f64; SOCKETS],
@@ -100,6 +103,14 @@ pub struct Report {
     pub kinetic_energy: f64,
     /// Largest change in the last iteration over load-dependent friction that did not converge, N.
     pub unconverged: f64,
+}
+
+impl Report {
+    /// Raises the peak to the strut forces of one more instant: a sample, or a dislocation between two.
+    pub(super) fn see_strut_forces(&mut self, reactions: &Reactions) {
+        let forces = reactions.upper.iter().chain(&reactions.lower);
+        self.peak_strut_force = forces.fold(self.peak_strut_force, |peak, f| peak.max(f.abs()));
+    }
 }
 
 /// Why a run ended early.

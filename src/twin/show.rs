@@ -54,7 +54,7 @@ fn loose(frame: &Frame) -> [bool; STRUTS] {
 fn note(event: &Event) -> Note {
     let level = match event.kind {
         EventKind::Dislocation | EventKind::Singular => Level::Error,
-        EventKind::Trip | EventKind::Contact => Level::Warning,
+        EventKind::Trip | EventKind::Contact | EventKind::Stop => Level::Warning,
         EventKind::Pick | EventKind::Release | EventKind::Rest => Level::Info,
     };
     Note { t: event.t, level, text: format!("{:.6} s  {}: {}", event.t, event.kind.name(), event.what) }

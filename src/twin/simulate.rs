@@ -8,7 +8,7 @@ use super::sensors::Sensors;
 use super::sockets::{Clamps, socket_name};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
-use super::{Event, EventKind, Frame, Options, Report, SimulationError, SingularPose, constraints, energy};
+use super::{Event, EventKind, Frame, Options, Report, SimulationError, SingularPose, constraints, energy, stops};
 use crate::cell::{Cell, Held};
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
@@ -176,9 +176,9 @@ impl<'a> Run<'a> {
         let controller = Controller::new(controller_plant, model.drives, options.gains, step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
         let clamps = match options.clamps {
-            _ if !assembled => Clamps::watched(f64::INFINITY),
+            _ if !assembled => Clamps::none(),
             Some(clamps) => clamps,
-            None => Clamps::watched(model.sockets.dislocation_force),
+            None => Clamps::watched(&model.sockets),
         };
         Ok(Self {
             options,
@@ -288,8 +288,7 @@ impl<'a> Run<'a> {
                 report.tracking_error[i] = report.tracking_error[i].max(error);
             }
         }
-        let forces = snapshot.reactions.upper.iter().chain(&snapshot.reactions.lower);
-        report.peak_strut_force = forces.fold(report.peak_strut_force, |peak, f| peak.max(f.abs()));
+        report.see_strut_forces(&snapshot.reactions);
         for s in closed.iter() {
             report.min_margin[s] = report.min_margin[s].min(margins[s]);
         }
@@ -360,6 +359,7 @@ impl<'a> Run<'a> {
             if self.clamps.armed && self.weakest()? < 0.0 {
                 self.open_sockets(h)?;
             }
+            self.watch_stops();
             if let Some(cell) = &mut self.cell {
                 cell.advance(self.twin.time() - t, (self.twin.time() - t) / h);
                 self.contact = self.twin.external_now();
@@ -391,20 +391,36 @@ impl<'a> Run<'a> {
         self.twin.set_external(load);
         let touches = cell.touching();
         for touch in touches {
-            let what = format!("{} touches {}", touch.link, touch.other);
-            match self.touching.iter_mut().find(|(known, _)| *known == what) {
-                Some((_, last)) if t - *last < CONTACT_PAUSE => *last = t,
-                Some((_, last)) => {
-                    *last = t;
-                    self.event(t, EventKind::Contact, what);
-                }
-                None => {
-                    self.touching.push((what.clone(), t));
-                    self.event(t, EventKind::Contact, what);
-                }
-            }
+            self.meet(t, EventKind::Contact, format!("{} touches {}", touch.link, touch.other));
         }
         h
+    }
+
+    /// Notes joints that are in their hard stops.
+    fn watch_stops(&mut self) {
+        let (t, hits) = (self.twin.time(), *self.twin.hits());
+        for (k, hit) in hits.iter().enumerate() {
+            if let Some(hit) = hit {
+                self.meet(t, EventKind::Stop, stops::name(k, hit));
+            }
+        }
+    }
+
+    /// An event for what touches now, unless it has touched all along.
+    fn meet(&mut self, t: f64, kind: EventKind, what: String) {
+        match self.touching.iter_mut().find(|(known, _)| *known == what) {
+            Some((_, last)) => {
+                let anew = t - *last >= CONTACT_PAUSE;
+                *last = t;
+                if anew {
+                    self.event(t, kind, what);
+                }
+            }
+            None => {
+                self.touching.push((what.clone(), t));
+                self.event(t, kind, what);
+            }
+        }
     }
 
     /// Smallest margin of the sockets that hold.
@@ -434,13 +450,19 @@ impl<'a> Run<'a> {
             let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
             let worst = closed.iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b]));
             let Some(socket) = worst.filter(|&s| margins[s] < 0.0) else { return Ok(()) };
-            let force = (self.clamps.hold[socket] - margins[socket]).max(0.0);
-            let hold = self.clamps.hold[socket];
+            let load = self.clamps.load(&snapshot.motion, &snapshot.sockets[socket], socket);
+            let (hold, left) = (self.clamps.hold[socket], (margins[socket] + load.across).max(0.0));
+            self.report.see_strut_forces(&snapshot.reactions);
             self.report.min_margin[socket] = self.report.min_margin[socket].min(margins[socket]);
             self.event(
                 t,
                 EventKind::Dislocation,
-                format!("{}: {force:.3} N across the cup, hold {hold:.3} N", socket_name(socket)),
+                format!(
+                    "{}: {:.3} N across the cup, hold {left:.3} N of {hold:.3} N under {:.3} N along its opening",
+                    socket_name(socket),
+                    load.across,
+                    load.pull
+                ),
             );
             self.twin.open(socket)?;
             self.clamps.release(socket);

@@ -140,6 +140,7 @@ fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
     object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
     object.insert("indistinguishable".into(), json!(d.indistinguishable));
     object.insert("unseen".into(), json!(d.unseen));
+    object.insert("unseen_parameters".into(), json!(d.unseen_parameters));
     object.insert("sampling_lag".into(), json!(d.sampling_lag));
     object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, |e| next(e, scenario)));
     object.insert("budget".into(), budget::json(&d.budget));
@@ -227,6 +228,9 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
     }
     if !d.unseen.is_empty() {
         say(format!("\n  These data could not show: {}", d.unseen.join(", ")))?;
+    }
+    if !d.unseen_parameters.is_empty() {
+        say(format!("\n  No channel shows: {}", d.unseen_parameters.join(", ")))?;
     }
     if let Some(next) = &d.next_experiment {
         say(format!("\n  Next experiment, {}", next.what))?;

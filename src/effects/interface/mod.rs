@@ -1,9 +1,11 @@
 //! What every law shares: its parameters, what it reads and hands back, and how it stands in a model.
 
 mod active;
+mod impact;
 mod parameter;
 mod wrenches;
 
 pub use active::{ActiveEffect, Entry, Host};
+pub use impact::hunt_crossley;
 pub use parameter::{Count, Layout, Parameter, Role, Values};
 pub use wrenches::{Instant, Wrenches};

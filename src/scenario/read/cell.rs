@@ -15,6 +15,7 @@ pub(crate) struct LoadKeys {
     mass: Spanned<f64>,
     com: Option<Spanned<[f64; 3]>>,
     inertia_zz: Option<Spanned<f64>>,
+    inertia: Option<Spanned<Vec<f64>>>,
     shape: Option<Spanned<String>>,
     size: Option<Spanned<[f64; 3]>>,
     radius: Option<Spanned<f64>>,
@@ -54,11 +55,15 @@ pub(crate) fn payload(file: &File, keys: &LoadKeys) -> Result<(Payload, Option<P
     let vector = |key: &str, value: &Option<Spanned<[f64; 3]>>| -> Result<Option<[f64; 3]>> {
         value.as_ref().map(|v| file.numbers(key, v, -2.0, 2.0, "m")).transpose()
     };
-    let payload = Payload {
-        mass: file.within("payload.mass", &keys.mass, 0.0, 100.0, "kg")?,
-        com: vector("payload.com", &keys.com)?.unwrap_or_default().into(),
-        inertia_zz: file.optional("payload.inertia_zz", &keys.inertia_zz, 0.0, 0.0, 100.0, "kg·m²")?,
-    };
+    let mass = file.within("payload.mass", &keys.mass, 0.0, 100.0, "kg")?;
+    let com = vector("payload.com", &keys.com)?.unwrap_or_default();
+    let vertical =
+        keys.inertia_zz.as_ref().map(|v| file.within("payload.inertia_zz", v, 0.0, 100.0, "kg·m²")).transpose()?;
+    let tensor = keys.inertia.as_ref().map(|v| v.get_ref().as_slice());
+    let payload = Payload::stated(mass, com, vertical, tensor).map_err(|what| {
+        let span = keys.inertia.as_ref().map_or(0..0, Spanned::span);
+        file.problem(span, format!("`payload.inertia` {what}"))
+    })?;
     let measures = Measures { size: &keys.size, radius: &keys.radius, height: &keys.height };
     let Some(kind) = &keys.shape else {
         let without = "a payload without `shape`";

@@ -170,7 +170,8 @@ fn jacobian_and_velocity_products_are_derivatives_of_the_rows() {
 /// Plants of every kind: end effector without inertia, with a payload, with a full tensor; uneven links.
 fn plants() -> [Plant; 4] {
     let mut all = std::array::from_fn(|_| plant());
-    let payload = crate::recording::Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    let payload =
+        crate::recording::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
     all[1].bodies[END_EFFECTOR] += payload.inertia();
     all[2].bodies[END_EFFECTOR] += Inertia::point(1.5, Vector3::new(0.1, -0.05, -0.1));
     all[3].bodies[END_EFFECTOR] += Inertia::diagonal(0.8, [0.0; 3], [0.01, 0.02, 0.025]);
