@@ -209,7 +209,8 @@ fn viscous_friction_is_in_d_at_every_speed() {
     let friction = deltatwin::effects::find("drive_friction").unwrap();
     let sockets = deltatwin::effects::find("ball_socket_viscous").unwrap();
     model.effects =
-        vec![ActiveEffect::new(friction, &[&[0.0; 3], &viscous, &[100.0]]), ActiveEffect::new(sockets, &[&[0.3]])];
+        vec![ActiveEffect::new(friction, &[&[0.0; 3], &viscous, &[100.0]]), ActiveEffect::new(sockets, &[&[0.3]])]
+            .into();
     let plant = Plant::new(&model, &setup);
     let machine = Machine::new(&plant, Default::default());
     let curve = shapes()[1].curve();

@@ -194,7 +194,7 @@ fn a_thousand_random_runs_end_cleanly() {
                         "error: singular".into()
                     }
                     SimulationError::Cell { .. } => "error: cell".into(),
-                    SimulationError::FrictionAtMotor => "error: friction at the motor".into(),
+                    SimulationError::Law { .. } => "error: law".into(),
                 }),
                 Ok(Ok((recording, report))) => {
                     tags.push("ended".into());

@@ -163,7 +163,7 @@ pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::hull::Placement;
+    use crate::cell::placement::Placement;
     use crate::effects::testing;
     use crate::kinematics::Motion;
 

@@ -52,7 +52,7 @@ mod torque_gain_error;
 mod torque_ripple;
 
 pub use interface::{
-    ActiveEffect, Count, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches, hunt_crossley,
+    ActiveEffect, Count, Effects, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches, hunt_crossley,
 };
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
@@ -202,7 +202,7 @@ pub trait Effect: Sync {
 }
 
 /// An elastic strut: T = stiffness · elongation + damping · its rate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StrutSpring {
     /// N/m.
     pub stiffness: f64,

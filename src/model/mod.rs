@@ -7,6 +7,7 @@ pub mod check;
 pub mod geometry;
 pub mod history;
 pub mod mechanism;
+pub mod provenance;
 mod read;
 mod schema;
 pub mod write;
@@ -15,11 +16,12 @@ pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
 pub use history::Added;
 pub use mechanism::{Joint, Mechanism, Part};
+pub use provenance::Provenance;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::effects::{ActiveEffect, Host};
+use crate::effects::{Effects, Host};
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;
@@ -60,7 +62,7 @@ pub struct Model {
     /// Sampling and control period, s.
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
-    pub effects: Vec<ActiveEffect>,
+    pub effects: Effects,
     /// Effects that were added to it, in order, with the error before and after.
     pub history: Vec<Added>,
 }

@@ -39,8 +39,10 @@ impl Shape {
         let n = parameter.count.on(machine);
         match parameter.count {
             Count::One => Shape::One,
-            Count::PerDrive if machine.has_telescope() => Shape::Arrays(n, machine.axes()),
-            Count::PerArm | Count::PerDrive | Count::PerAxis if n == 1 => Shape::OneOrArray(1),
+            Count::PerDrive | Count::AllDrives if machine.has_telescope() => {
+                Shape::Arrays(machine.arms(), machine.axes())
+            }
+            Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives if n == 1 => Shape::OneOrArray(1),
             _ => Shape::Array(n),
         }
     }

@@ -2,8 +2,9 @@
 //!
 //! Required: `t`, and `q1…, tau1…` of every axis the machine has, one, three or four, in SI units; other names and units
 //! are understood as far as [`super::columns`] goes. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
-//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`. Comma,
-//! semicolon or tab between the cells.
+//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`,
+//! `link_q1…4`, `link_qd1…4` and the `lambda_…` of [`multiplier_names`](super::multiplier_names). Comma, semicolon or tab
+//! between the cells.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;

@@ -2,6 +2,7 @@
 //!
 //! Only `csv.rs`, `mcap.rs` and `rerun.rs` know file formats.
 
+mod channels;
 mod check;
 pub mod columns;
 pub mod command;
@@ -16,6 +17,7 @@ mod payload;
 pub mod rerun;
 pub mod setup;
 
+pub use channels::{ROWS, multiplier_names};
 pub use columns::Mapping;
 pub use difference::Difference;
 pub use error::{ReadError, WriteError};
@@ -121,7 +123,7 @@ pub struct Signals {
     pub mechanism: Mechanism,
     /// Time, s.
     pub t: Vec<f64>,
-    /// Joint angles q = (φ1, φ2, φ3, ψ), rad.
+    /// Joint angles q = (φ1, φ2, φ3, ψ) as the encoders see them, rad: of elastic gears on the motors' side.
     pub q: Vec<[f64; AXES]>,
     /// Drive torques at the gear output, N·m.
     pub tau: Vec<[f64; AXES]>,
@@ -131,12 +133,18 @@ pub struct Signals {
     pub strut_lower: [Option<Vec<f64>>; STRUTS],
     /// Platform ball plane's centre, m.
     pub ee: Option<Vec<[f64; 3]>>,
-    /// Joint rates, rad/s.
+    /// Rates of the same angles, rad/s.
     pub qd: Option<Vec<[f64; AXES]>>,
-    /// Joint accelerations, rad/s².
+    /// Accelerations of the same angles, rad/s².
     pub qdd: Option<Vec<[f64; AXES]>>,
     /// What each ball socket could still take (six at the elbows, six at the platform), zero once open, N.
     pub socket_margin: Option<Vec<[f64; 2 * STRUTS]>>,
+    /// Multipliers of all constraint rows, see [`multiplier_names`]; zero of joints that do not hold.
+    pub multipliers: Option<Vec<[f64; ROWS]>>,
+    /// Angles of the links, behind elastic gears, rad.
+    pub link_q: Option<Vec<[f64; AXES]>>,
+    /// Rates of the links, rad/s.
+    pub link_qd: Option<Vec<[f64; AXES]>>,
     /// Stretches of samples without a gap in time between them; filters work on one at a time.
     ///
     /// Empty means a single stretch; read [`Signals::stretches`].
