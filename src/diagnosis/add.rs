@@ -45,7 +45,7 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     }
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?];
-    let fitting = Fitting { traces, noise: floor(model, traces), held: &[] };
+    let fitting = Fitting { traces, noise: floor(model, traces), held: &[], clock: &|| 0.0 };
     let judge = Judge::new(&fitting, model, held_out);
     let before = judge.fit(model)?;
     let problem = fitting.problem(&before.fit, &candidates)?;

@@ -137,6 +137,8 @@ pub struct Diagnosis {
     pub unexplained: Option<Unexplained>,
     /// By how much the torques come late, s, if it is less than half a sample: no effect, but part of the model.
     pub sampling_lag: Option<f64>,
+    /// Effects and searches that the time did not allow to try.
+    pub not_tried: Vec<String>,
     /// The refitted model with the found effects, which its history tells of, and with a formula for what they do not explain.
     pub model: Model,
 }
@@ -171,6 +173,14 @@ pub struct CandidateReport {
     pub absorbed_by: Vec<String>,
 }
 
+/// Share of the time for a diagnosis that has passed: one and more once it is up.
+pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
+
+/// Shares of the time after which no further effect, no law outside the library and no experiment is looked for.
+const SEARCH: f64 = 0.6;
+const EXPLAIN: f64 = 0.75;
+const EXPERIMENT: f64 = 0.9;
+
 /// Finds the missing effects; `progress` is told what is being done.
 pub fn diagnose(
     model: &Model,
@@ -189,15 +199,27 @@ pub fn diagnose_holding(
     held_out: &[Trace],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
+    diagnose_within(&|| 0.0, model, held, traces, held_out, progress)
+}
+
+/// The same within a time: once `clock` says that it is up, the best answer so far, and what was not tried.
+pub fn diagnose_within(
+    clock: Clock,
+    model: &Model,
+    held: &[String],
+    traces: &[Trace],
+    held_out: &[Trace],
+    progress: &mut dyn FnMut(&str),
+) -> Result<Diagnosis, DiagnosisError> {
     check(traces, held_out)?;
-    let fitting = Fitting { traces, noise: floor(model, traces), held };
+    let fitting = Fitting { traces, noise: floor(model, traces), held, clock };
     let judge = Judge::new(&fitting, model, held_out);
     let noise_floor = judge.floor.clone();
     progress("refit");
     let start = fitting.fit(model)?;
     let mounted = in_configuration(model, &traces[0].setup);
     let candidates = problem::absent(&mounted);
-    let search::Found { start, end, without, outcome, all, problem, settings, sampling_lag } =
+    let search::Found { start, end, without, outcome, all, problem, settings, sampling_lag, mut not_tried } =
         search::find(start, &judge, &candidates, progress)?;
     let Judged { fit: start, rms: rms_before, .. } = start;
     let Judged { fit: end, rms: mut rms_after, .. } = end;
@@ -245,7 +267,12 @@ pub fn diagnose_holding(
     let verdict =
         verdict(&outcome, [&rms_before, &rms_after, &noise_floor], leaves_more, !indistinguishable.is_empty());
     progress("what is left");
-    let unexplained = unknown::explain([&start, &end], effects.len(), &fitting, held_out, progress)?;
+    let unexplained = if clock() < EXPLAIN {
+        unknown::explain([&start, &end], effects.len(), &fitting, held_out, progress)?
+    } else {
+        not_tried.push("a law outside the library".into());
+        None
+    };
     let (verdict, end) = match &unexplained {
         None => (verdict, end),
         Some(found) => {
@@ -263,7 +290,12 @@ pub fn diagnose_holding(
         effects.iter_mut().for_each(|e| e.confidence.doubt(e.explained));
     }
     progress("next experiment");
-    let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
+    let next_experiment = if clock() < EXPERIMENT {
+        next_experiment(verdict, &outcome, &candidates, &end, &fitting)
+    } else {
+        not_tried.push("the next experiment".into());
+        None
+    };
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
     let mut added: Vec<&str> = effects.iter().map(|e| e.name.as_str()).collect();
     added.extend(unexplained.as_ref().map(|_| effects::formula::NAME));
@@ -301,6 +333,7 @@ pub fn diagnose_holding(
         parameters: [start.parameters, end.parameters],
         unexplained,
         sampling_lag,
+        not_tried,
         model: found_model,
     })
 }
@@ -326,12 +359,20 @@ struct Fitting<'a> {
     noise: Vec<f64>,
     /// Effects that keep their parameters.
     held: &'a [String],
+    /// Share of the time that has passed.
+    clock: Clock<'a>,
 }
 
 impl Fitting<'_> {
     fn fit(&self, model: &Model) -> Result<Fit, FitError> {
         let weights = vec![self.noise.clone(); self.traces.len()];
-        fit_with(model, self.traces, &weights, &Options { held: self.held, ..Options::default() })
+        let stop = || self.is_late();
+        fit_with(model, self.traces, &weights, &Options { held: self.held, stop: Some(&stop), ..Options::default() })
+    }
+
+    /// Whether it is too late to look for another effect.
+    fn is_late(&self) -> bool {
+        (self.clock)() >= SEARCH
     }
 
     /// The problem of a fit, without the parameters that are held.

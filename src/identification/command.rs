@@ -96,6 +96,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         prior: prior.as_ref(),
         prior_information: Some(args.how.regularisation),
         held: &args.how.hold,
+        stop: None,
     };
     if args.payload {
         return payload(args, &model, &data, &noise_floor, &options);

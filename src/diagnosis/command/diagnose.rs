@@ -1,21 +1,22 @@
 //! `deltatwin diagnose`.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use miette::{IntoDiagnostic, miette};
 use serde_json::{Map, Value, json};
 
 use super::{budget, unexplained};
 use crate::diagnosis::confidence::{Confidence, Truth};
-use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose_holding};
+use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose_within};
 use crate::dynamics::Plant;
 use crate::excitation::scenario::write_plan;
 use crate::identification::{Data, DataArgs, Trace};
 use crate::model::Model;
 use crate::recording::Configuration;
 use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
-    write_figure,
+    DONE, Table, catch_interrupt, channel_names, check_output, estimates, insert_channels, interrupted, path, say,
+    significant, spinner, warn, write_figure,
 };
 
 /// Find the physical effect that a model lacks.
@@ -38,9 +39,24 @@ pub struct Args {
     /// Figure to write: what acts where no known effect explains it.
     #[arg(long, value_name = "SVG")]
     pub figure: Option<PathBuf>,
+    /// Time after which the best answer so far is given, with what was not tried; by default 15 s for every 50 000 samples of
+    /// all recordings, and not less than 30 s. Ctrl-C ends it, too.
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub time_limit: Option<f64>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Default time limit: s per sample, and at least, s.
+const TIME_PER_SAMPLE: f64 = 3e-4;
+const LEAST_TIME: f64 = 30.0;
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a number of seconds above 0".into()),
+    }
 }
 
 /// Runs the command.
@@ -60,7 +76,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&data.warnings);
     known(&args.hold, &model, &data.traces[0])?;
     let progress = spinner("diagnose");
-    let answer = diagnose_holding(&model, &args.hold, &data.traces, &data.held_out, &mut |what| {
+    let samples: usize = data.traces.iter().chain(&data.held_out).map(Trace::len).sum();
+    let limit = args.time_limit.unwrap_or_else(|| (TIME_PER_SAMPLE * samples as f64).max(LEAST_TIME));
+    let begun = Instant::now();
+    catch_interrupt()?;
+    let clock = || if interrupted() { f64::INFINITY } else { begun.elapsed().as_secs_f64() / limit };
+    let answer = diagnose_within(&clock, &model, &args.hold, &data.traces, &data.held_out, &mut |what| {
         progress.set_message(format!("diagnose: {what}"));
     });
     progress.finish_and_clear();
@@ -137,6 +158,7 @@ fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
     object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
     object.insert("indistinguishable".into(), json!(d.indistinguishable));
     object.insert("unseen".into(), json!(d.unseen));
+    object.insert("not_tried".into(), json!(d.not_tried));
     object.insert("sampling_lag".into(), json!(d.sampling_lag));
     object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, |e| next(e, scenario)));
     object.insert("budget".into(), budget::json(&d.budget));
@@ -224,6 +246,10 @@ fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<
     }
     if !d.unseen.is_empty() {
         say(format!("\n  These data could not show: {}", d.unseen.join(", ")))?;
+    }
+    if !d.not_tried.is_empty() {
+        let names = d.not_tried.join(", ");
+        say(format!("\n  The time was up (--time-limit); not tried: {names}"))?;
     }
     if let Some(next) = &d.next_experiment {
         say(format!("\n  Next experiment, {}", next.what))?;
