@@ -13,6 +13,8 @@ mod problem;
 mod search;
 pub mod unknown;
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 pub use add::{Addition, add};
 use budget::{Budget, Change};
 use confidence::Confidence;
@@ -178,6 +180,8 @@ pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
 /// Shares of the time after which no further effect, no law outside the library and no experiment is looked for.
 const SEARCH: f64 = 0.6;
+/// The same for the first effect: on a slow computer it is tried all the same.
+const FIRST: f64 = 2.0;
 const EXPLAIN: f64 = 0.75;
 const EXPERIMENT: f64 = 0.9;
 
@@ -212,7 +216,7 @@ pub fn diagnose_within(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
     check(traces, held_out)?;
-    let fitting = Fitting { traces, noise: floor(model, traces), held, clock };
+    let fitting = Fitting { traces, noise: floor(model, traces), held, clock, tried: AtomicBool::new(false) };
     let judge = Judge::new(&fitting, model, held_out);
     let noise_floor = judge.floor.clone();
     progress("refit");
@@ -361,6 +365,8 @@ struct Fitting<'a> {
     held: &'a [String],
     /// Share of the time that has passed.
     clock: Clock<'a>,
+    /// Whether an effect was tried.
+    tried: AtomicBool,
 }
 
 impl Fitting<'_> {
@@ -372,7 +378,12 @@ impl Fitting<'_> {
 
     /// Whether it is too late to look for another effect.
     fn is_late(&self) -> bool {
-        (self.clock)() >= SEARCH
+        (self.clock)() >= if self.tried.load(Ordering::Relaxed) { SEARCH } else { FIRST }
+    }
+
+    /// From now on the time is as long as it is.
+    fn has_tried(&self) {
+        self.tried.store(true, Ordering::Relaxed);
     }
 
     /// The problem of a fit, without the parameters that are held.

@@ -229,6 +229,7 @@ impl Search<'_> {
             let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
             let is_lag = self.may_lag && names.last() == Some(&DELAY);
             if !is_lag && !chosen.iter().any(|c| is_nonlinear(self.shape(c))) {
+                fitting.has_tried();
                 return Ok(Refit::Same);
             }
             let newest = chosen.last().map(|c| (c, self.shape(c)));
@@ -252,8 +253,10 @@ impl Search<'_> {
                 last = Some((chosen.to_vec(), fitted));
                 Ok(Ok(next))
             };
+            let made = step();
+            fitting.has_tried();
             // Where the data lead to a machine that cannot be, the newest effect is not what they show.
-            let selection = match step() {
+            let selection = match made {
                 Ok(Ok(next)) => return Ok(Refit::New(Box::new(next))),
                 Ok(Err(selection)) => selection,
                 Err(_) => Selection::Refused(refused),

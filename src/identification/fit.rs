@@ -412,14 +412,14 @@ impl<'a> Regression<'a> {
         (0..values.len()).filter(crosses).collect()
     }
 
-    /// Values after a damped step; shape parameters move by half their value at most, those of either sign by half their
+    /// Values after a damped step; shape parameters move by half their value at most, those that may be zero by half their
     /// usual size if that is more, and stay in range.
     fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
         DVector::from_fn(values.len(), |i, _| {
             let p = &self.parameters[i];
             let d = damping * step[i];
             if p.role == Role::Shape {
-                let least = if p.range.0 < 0.0 { p.usual } else { 0.0 };
+                let least = if p.range.0 <= 0.0 { p.usual } else { 0.0 };
                 let most = 0.5 * values[i].abs().max(least);
                 (values[i] + d.clamp(-most, most)).clamp(p.range.0, p.range.1)
             } else {
