@@ -62,7 +62,7 @@ fn identification(c: &mut Criterion) {
             one.install(|| {
                 let normal = NormalEquations::new(&model, &trace, &noise, &free, ALIKE).expect("a regular motion");
                 let size = DVector::from_element(parameters, 1.0);
-                let estimator = Estimator::new(&normal, &size, PRIOR_INFORMATION).expect("finite");
+                let estimator = Estimator::new(&normal, &size, &size.map(|_| PRIOR_INFORMATION)).expect("finite");
                 estimator.step(&normal, &DVector::zeros(parameters), &[])
             })
         })

@@ -20,6 +20,8 @@ pub mod evidence;
 
 pub mod identification;
 
+pub mod gate;
+
 pub mod excitation;
 
 pub mod constraint_forces;

@@ -440,3 +440,31 @@ fn run_status(arguments: &[&str]) -> String {
     assert_eq!(out.status.code(), Some(1), "{arguments:?}");
     String::from_utf8(out.stderr).unwrap()
 }
+
+/// An answer that took a while is not lost because a file cannot be written: it stands on stdout, the error after it.
+#[test]
+fn a_failed_write_loses_no_answer() {
+    let folder = TempDir::new().unwrap();
+    let csv = path(&folder, "axis.csv");
+    done(&["simulate", "scenarios/servo-axis.toml", "-o", &csv]);
+    // a folder stands where the file should go
+    let taken = path(&folder, "taken.toml");
+    std::fs::create_dir(&taken).unwrap();
+    const AXIS: &str = "models/servo-axis.toml";
+    for arguments in [
+        &["identify", AXIS, &csv, "-o", &taken][..],
+        &["diagnose", AXIS, &csv, "-o", &taken],
+        &["add", AXIS, "drive_stribeck", &csv, "-o", &taken],
+    ] {
+        let out = run(&[arguments, &["--json"]].concat());
+        let text = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}: {text}");
+        assert!(text.contains("taken.toml"), "{text}");
+        let answer: Value = serde_json::from_slice(&out.stdout).expect("the answer");
+        assert_eq!(answer["noise_floor"].as_array().unwrap().len(), 1, "{answer}");
+        let out = run(arguments);
+        assert_eq!(out.status.code(), Some(2));
+        let text = String::from_utf8_lossy(&out.stdout);
+        assert!(text.contains("noise floor") && !text.contains("Wrote"), "{text}");
+    }
+}

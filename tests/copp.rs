@@ -20,7 +20,7 @@ fn problems() -> Vec<(Curve, Setup, Limits)> {
     let model = common::model("irb360-6-1600");
     let task = Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).unwrap();
     let points = common::WAYPOINTS.to_vec();
-    let payload = Payload { mass: 2.5, com: [0.02, -0.01, -0.05].into(), inertia_zz: 0.01 };
+    let payload = Payload::new(2.5, [0.02, -0.01, -0.05], 0.01);
     let setup = Setup { payload, ..Setup::default() };
     let limits = Limits { strut_upper: 120.0, strut_lower: 130.0, ..Limits::of(&model) };
     vec![

@@ -24,7 +24,7 @@ fn disassembled() -> Setup {
 
 /// A payload beside the centre line.
 fn payload() -> Setup {
-    Setup { payload: Payload { mass: 1.5, com: [0.05, -0.02, -0.05].into(), inertia_zz: 0.01 }, ..Setup::default() }
+    Setup { payload: Payload::new(1.5, [0.05, -0.02, -0.05], 0.01), ..Setup::default() }
 }
 
 /// The shipped slide with another joint.

@@ -468,6 +468,21 @@ fn effects_are_added_and_removed() {
 }
 
 #[test]
+fn effects_found_in_any_order_are_written() {
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    for (name, blocks) in [
+        ("base_tilt", &[&[0.011, -0.02][..]][..]),
+        ("ball_socket_coulomb", &[&[0.287], &[0.05]]),
+        ("ball_socket_viscous", &[&[0.31]]),
+    ] {
+        m.effects.push(ActiveEffect::new(effects::find(name).unwrap(), blocks));
+    }
+    assert_same(&parse(&updated_text(&text, &m).unwrap()).unwrap(), &m);
+    assert_same(&parse(&full_text(&m).unwrap()).unwrap(), &m);
+}
+
+#[test]
 fn effects_are_added_to_a_file_without_any() {
     let text = nominal();
     let text = text[..text.find("# Coulomb and viscous").unwrap()].to_string();

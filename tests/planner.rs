@@ -37,7 +37,7 @@ fn shapes() -> Vec<Shape> {
 }
 
 fn loaded(name: &str) -> (Model, Setup) {
-    let payload = Payload { mass: 2.5, com: [0.02, -0.01, -0.05].into(), inertia_zz: 0.01 };
+    let payload = Payload::new(2.5, [0.02, -0.01, -0.05], 0.01);
     (common::model(name), Setup { payload, ..Setup::default() })
 }
 
@@ -209,7 +209,8 @@ fn viscous_friction_is_in_d_at_every_speed() {
     let friction = deltatwin::effects::find("drive_friction").unwrap();
     let sockets = deltatwin::effects::find("ball_socket_viscous").unwrap();
     model.effects =
-        vec![ActiveEffect::new(friction, &[&[0.0; 3], &viscous, &[100.0]]), ActiveEffect::new(sockets, &[&[0.3]])];
+        vec![ActiveEffect::new(friction, &[&[0.0; 3], &viscous, &[100.0]]), ActiveEffect::new(sockets, &[&[0.3]])]
+            .into();
     let plant = Plant::new(&model, &setup);
     let machine = Machine::new(&plant, Default::default());
     let curve = shapes()[1].curve();
@@ -504,7 +505,7 @@ fn strut_forces_are_executed_as_planned_if_the_sockets_are_known() {
 #[test]
 fn limited_strut_forces_keep_the_sockets_closed() {
     let truth = common::model("irb360-6-1600-truth");
-    let payload = Payload { mass: 4.0, com: [0.0, 0.0, -0.15].into(), inertia_zz: 0.02 };
+    let payload = Payload::new(4.0, [0.0, 0.0, -0.15], 0.02);
     let setup = Setup { payload, ..Setup::default() };
     let free = Limits {
         strut_upper: f64::INFINITY,
@@ -578,11 +579,9 @@ enum Answer {
 fn answer(seed: u64, model: &Model) -> Answer {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let curve = random_shape(&mut rng).curve();
-    let payload = Payload {
-        mass: rng.random_range(0.0..8.0),
-        com: [rng.random_range(-0.1..0.1), rng.random_range(-0.1..0.1), rng.random_range(-0.2..0.0)].into(),
-        inertia_zz: rng.random_range(0.0..0.05),
-    };
+    let mass = rng.random_range(0.0..8.0);
+    let com = [rng.random_range(-0.1..0.1), rng.random_range(-0.1..0.1), rng.random_range(-0.2..0.0)];
+    let payload = Payload::new(mass, com, rng.random_range(0.0..0.05));
     let plant = Plant::new(model, &Setup { payload, ..Setup::default() });
     let mut limits = Limits::of(model);
     if rng.random_bool(0.7) {

@@ -15,7 +15,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::{Payload, Recording, Setup};
 use deltatwin::scenario::{Action, ActionKind, FourierMotion, HoldTorque, PayloadShape, Supervision, Trip};
 use deltatwin::twin::{Clamps, EventKind, Options, Report, SimulationError, simulate};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -92,7 +92,7 @@ fn draw(seed: u64) -> Random {
     if rng.random_bool(0.7) {
         payload.mass = rng.random_range(0.01..8.0);
         payload.com = Vector3::from_fn(|_, _| rng.random_range(-0.1..0.1));
-        payload.inertia_zz = rng.random_range(0.0..0.1);
+        payload.tensor = Matrix3::identity() * rng.random_range(0.0..0.1);
     }
     let setup = Setup { payload, ..Setup::default() };
     // Between standing still and far beyond what the drives can do; sometimes out of reach.
@@ -117,7 +117,12 @@ fn draw(seed: u64) -> Random {
             actions.push(Action { t: rng.random_range(t..2.0 * duration), kind: ActionKind::Release });
         }
     }
-    let clamps = Clamps { hold: std::array::from_fn(|_| rng.random_range(60.0..300.0)), armed: rng.random_bool(0.7) };
+    let clamps = Clamps {
+        hold: std::array::from_fn(|_| rng.random_range(60.0..300.0)),
+        preload: [200.0; SOCKETS],
+        share: if rng.random_bool(0.2) { 1.0 } else { 0.0 },
+        armed: rng.random_bool(0.7),
+    };
     let supervision = Supervision {
         torque: rng.random_bool(0.5).then(|| rng.random_range(5.0..100.0)),
         tracking: rng.random_bool(0.5).then(|| rng.random_range(0.005..0.2)),
@@ -189,7 +194,7 @@ fn a_thousand_random_runs_end_cleanly() {
                         "error: singular".into()
                     }
                     SimulationError::Cell { .. } => "error: cell".into(),
-                    SimulationError::FrictionAtMotor => "error: friction at the motor".into(),
+                    SimulationError::Law { .. } => "error: law".into(),
                 }),
                 Ok(Ok((recording, report))) => {
                     tags.push("ended".into());
@@ -201,6 +206,7 @@ fn a_thousand_random_runs_end_cleanly() {
                         EventKind::Dislocation,
                         EventKind::Trip,
                         EventKind::Contact,
+                        EventKind::Stop,
                         EventKind::Pick,
                         EventKind::Release,
                         EventKind::Rest,

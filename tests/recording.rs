@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use deltatwin::model::{Joint, Mechanism};
-use deltatwin::recording::{Configuration, Recording, Setup, Signals};
+use deltatwin::recording::{Configuration, Payload, Recording, Setup, Signals};
 use tempfile::TempDir;
 
 const STEP: f64 = 4e-4;
@@ -39,9 +39,8 @@ fn run(n: usize) -> Recording {
     signals.strut_upper[0] = Some(t.iter().map(|t| 30.0 * (5.0 * t).sin()).collect());
     signals.strut_lower[5] = Some(t.iter().map(|t| 1e-7 - t).collect());
     let mut setup = Setup { configuration: Configuration::Assembled, ..Setup::default() };
-    setup.payload.mass = 1.1;
-    setup.payload.com = [0.01, -0.02, -1.0 / 30.0].into();
-    setup.payload.inertia_zz = 0.002;
+    let tensor = [0.003, 0.004, 0.002, 1e-4 / 3.0, -2e-4, 1e-5];
+    setup.payload = Payload::with_tensor(1.1, [0.01, -0.02, -1.0 / 30.0], tensor);
     setup.torque_noise = Some([0.4, 0.4, 0.4, 0.05]);
     Recording { name: "run".into(), signals, setup }
 }

@@ -111,7 +111,7 @@ fn rigid_bodies_agree() {
 #[test]
 fn payload_agrees() {
     let mut plant = common::nominal_plant();
-    plant.payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    plant.payload = Payload::new(2.5, [0.03, -0.02, -0.08], 0.012);
     plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
     compare_forces("rigid_payload", &plant);
 }

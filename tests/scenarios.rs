@@ -189,7 +189,7 @@ fn momentum_is_conserved_when_the_gripper_closes() {
 #[test]
 fn a_swinging_payload_does_not_stop_the_platform() {
     let model = common::model("irb360-6-1600");
-    let payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    let payload = Payload::new(2.5, [0.03, -0.02, -0.08], 0.012);
     let plant = Plant::new(&model, &Setup { payload, ..Setup::default() });
     let limits = MotionLimits::of(&model, 0.45);
     // Six in a thousand draws ask for that; without it the platform stood still in these.

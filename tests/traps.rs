@@ -176,7 +176,7 @@ fn coulomb_friction_of_the_sockets_looks_viscous_until_the_speed_changes() {
 
 #[test]
 fn a_wrong_payload_hides_in_the_platform_until_it_is_taken_off() {
-    let stated = Payload { mass: 2.5, com: [0.0, 0.0, -0.05].into(), inertia_zz: 0.01 };
+    let stated = Payload::new(2.5, [0.0, 0.0, -0.05], 0.01);
     let robot = robot("payload_mass_error", &[&[0.25]]);
     let with = measured(&robot, &excitation(8, 0.3), stated, 4.0, 8);
     let d = diagnosed(std::slice::from_ref(&with));
@@ -204,7 +204,7 @@ fn friction_by_load_is_found_or_left_open_near_self_locking() {
     for friction in [0.3, 1.5] {
         println!("-- {friction}");
         let robot = robot("ball_socket_load_dependent", &[&[friction], &[0.0095], &[0.05]]);
-        let payload = Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+        let payload = Payload::new(2.5, [0.03, -0.02, -0.08], 0.012);
         let d = diagnosed(&[measured(&robot, &excitation(12, 0.5), payload, 3.0, 12)]);
         assert!(not_misled(&d, "ball_socket_load_dependent"), "{:?} {:?}", names(&d), d.indistinguishable);
     }

@@ -27,7 +27,11 @@ fn random_joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
 
 fn loaded_plant() -> Plant {
     let mut plant = common::nominal_plant();
-    plant.payload = deltatwin::recording::Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    plant.payload = deltatwin::recording::Payload::with_tensor(
+        2.5,
+        [0.03, -0.02, -0.08],
+        [0.02, 0.03, 0.025, 0.004, -0.005, 0.003],
+    );
     plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
     let plant = common::with_effect(plant, "drive_friction", &[&[4.2, 4.1, 5.8], &[0.28, 0.42, 0.45], &[100.0]]);
     common::with_effect(plant, "axis4_friction", &[&[0.5272], &[0.6672], &[8.5919]])

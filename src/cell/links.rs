@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::hull::Hull;
+use super::object::{Mobility, Object, Shape, Surface};
 use crate::kinematics::SocketSet;
 use crate::kinematics::motion::SOCKETS;
 use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
@@ -34,6 +35,8 @@ pub(crate) const ROD_CLEARANCE: f64 = 0.052;
 pub(crate) const TUBE_RADIUS: f64 = 0.01375;
 /// The tube ends this far before the upper Hooke joint when the telescope is shortest, m; CAD, 812 − 776.5 mm.
 pub(crate) const TUBE_CLEARANCE: f64 = 0.0355;
+/// Underside of the frame's plate above the shaft plane, m, so that raised arms clear it; estimate from pictures.
+const FRAME_BOTTOM: f64 = 0.1;
 /// Corners of the plate and of the flange's rim.
 const CORNERS: usize = 6;
 
@@ -110,6 +113,23 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
     parts
 }
 
+/// The robot's frame: the base plate with the motors on it, a cylinder under the mounting plane. None where there is no
+/// room for it above the shafts.
+///
+/// An intact robot stays clear of it. The gears' housings, in which the arms' hubs turn, are left out.
+pub fn frame(geometry: &Geometry) -> Option<Object> {
+    let bottom = FRAME_BOTTOM.max(geometry.upper_hooke_height + TUBE_RADIUS);
+    let height = geometry.mounting_height - bottom;
+    (height > 0.0).then(|| Object {
+        name: "frame".into(),
+        shape: Shape::Cylinder { radius: geometry.base_radius, height },
+        mobility: Mobility::Fixed,
+        position: Vector3::z() * (bottom + 0.5 * height),
+        yaw: 0.0,
+        surface: Surface::default(),
+    })
+}
+
 /// Regular polygon of `CORNERS` corners about z.
 fn polygon(radius: f64, z: f64) -> Vec<Vector3<f64>> {
     (0..CORNERS)
@@ -137,5 +157,51 @@ pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
         (_, PLATFORM | END_EFFECTOR) if is_strut(a) => !closed.contains(a - STRUT + SOCKETS - STRUTS),
         (_, TELESCOPE_UPPER | TELESCOPE_LOWER) => is_strut(a),
         _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::placement::Placement;
+    use crate::effects::testing;
+    use crate::kinematics::Motion;
+
+    fn solid(frame: &Object) -> (Hull, Placement) {
+        let at = Placement {
+            rotation: Matrix3::identity(),
+            position: frame.position,
+            velocity: Vector3::zeros(),
+            angular_velocity: Vector3::zeros(),
+        };
+        (Hull::solid(&frame.shape), at)
+    }
+
+    #[test]
+    fn a_raised_arm_clears_the_frame_and_a_loose_strut_does_not() {
+        let geometry = testing::geometry();
+        let frame = frame(&geometry).unwrap();
+        let (hull, at) = solid(&frame);
+        let all = parts(&geometry);
+        // From the lower hard stop of the arms to the upper one.
+        for k in 0..=50 {
+            let q = -0.805 + 2.652 * f64::from(k) / 50.0;
+            let joints = crate::kinematics::JointState { q: [q, q, q, 0.0], ..Default::default() };
+            let motion = Motion::disassembled(&geometry, &joints);
+            for part in all.iter().filter(|p| p.body < STRUT) {
+                let there = Placement::from(&motion.bodies[part.body]).offset(&part.rotation, &part.position);
+                assert!(!part.hull.within(&there, &hull, &at, 0.01), "arm {} at {q:.3} rad", part.body + 1);
+            }
+        }
+        // A strut that points up beside the telescope, its end 30 mm inside the plate.
+        let strut = all.iter().find(|p| p.body == STRUT && p.meets_links).unwrap();
+        let mut motion = testing::still();
+        let body = &mut motion.bodies[STRUT];
+        let length = geometry.strut_length[0];
+        body.position = Vector3::new(0.1, 0.0, 0.13 - length);
+        body.rotation = Matrix3::from_columns(&[Vector3::z(), Vector3::y(), -Vector3::x()]);
+        let mut points = Vec::new();
+        strut.hull.contacts(&Placement::from(&*body), &hull, &at, &mut points);
+        assert!(points.iter().any(|p| p.depth > 0.0 && p.normal.z < -0.9), "{} points", points.len());
     }
 }

@@ -73,12 +73,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let progress = spinner("forces");
     let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-    let one = |(t, joints): (&f64, &JointState)| {
+    let one = |(k, (t, joints)): (usize, (&f64, &JointState))| {
         let pose = plant.motion(joints)?;
-        Ok(constraint_forces(&plant, *t, &pose, &states, args.loads)?.to_array())
+        Ok(constraint_forces(&plant, *t, &pose, &states, args.loads).map_err(|e| e.at_sample(k))?.to_array())
     };
     let forces: Result<Vec<_>, crate::kinematics::KinematicsError> =
-        motion.t.par_iter().zip(&motion.joints).map(one).collect();
+        motion.t.par_iter().zip(&motion.joints).enumerate().map(one).collect();
     progress.finish_and_clear();
     let forces = forces.into_diagnostic().wrap_err_with(|| args.motion.display().to_string())?;
     if let Some(output) = &args.output {

@@ -131,14 +131,14 @@ pub fn constraint_forces(
 ) -> Result<Multipliers, KinematicsError> {
     let statics = Statics::of(motion, detail)?;
     let mut fixed = rigid_loads(plant, motion, detail);
-    add_effects(plant, t, motion, states, None, &mut fixed);
+    add_effects(plant, t, motion, states, None, &mut fixed)?;
     let solve = |wrenches: &[Twist; BODIES]| statics.solve(&Loads::new(motion, wrenches, detail));
     let mut forces = solve(&fixed);
     if plant.effects.iter().any(reads_loads) {
         // Friction moments are small against the loads they follow: the iteration contracts fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut wrenches = fixed;
-            add_effects(plant, t, motion, states, Some(&forces.output()), &mut wrenches);
+            add_effects(plant, t, motion, states, Some(&forces.output()), &mut wrenches)?;
             let next = solve(&wrenches);
             let change = next.to_array().iter().zip(forces.to_array()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             forces = next;

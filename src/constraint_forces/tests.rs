@@ -16,7 +16,7 @@ use crate::recording::{Payload, Setup};
 use crate::twin::{Torque, Twin};
 
 fn setup() -> Setup {
-    let payload = Payload { mass: 2.5, com: Vector3::new(0.03, -0.02, -0.08), inertia_zz: 0.012 };
+    let payload = Payload::new(2.5, Vector3::new(0.03, -0.02, -0.08), 0.012);
     Setup { payload, ..Setup::default() }
 }
 

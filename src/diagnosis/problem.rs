@@ -187,6 +187,18 @@ fn linearised(
     Ok((owned, columns))
 }
 
+/// Parameters that no channel shows, of candidates beside those of `unseen` effects.
+pub fn not_excited(problem: &Problem, unseen: &[String]) -> Vec<String> {
+    let silent = |c: &&Column| c.values.iter().all(|v| (v * c.magnitude).abs() <= NOT_EXCITED);
+    let candidates = problem.candidates.iter().filter(|c| !unseen.contains(&c.name));
+    candidates
+        .flat_map(|c| c.variants.first())
+        .flat_map(|v| &v.columns)
+        .filter(silent)
+        .map(|c| c.name.clone())
+        .collect()
+}
+
 /// Channel by channel, trace by trace.
 fn stack<'a>(traces: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
     let traces: Vec<&Channels> = traces.collect();

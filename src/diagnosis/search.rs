@@ -357,7 +357,7 @@ impl Search<'_> {
             next.candidates[c.candidate].variants[c.variant].columns.clear();
         }
         for owned in self.fits.columns(chosen, fitted, fitting)?.iter() {
-            if fitting.holds(&owned.column.name) {
+            if fitting.holds(&owned.column.name) || fitted.at_edge(&owned.column.name) {
                 continue;
             }
             let Some(i) = names.iter().position(|n| *n == owned.effect) else {

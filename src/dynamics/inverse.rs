@@ -43,14 +43,14 @@ pub fn inverse_dynamics(
         Output { tau, reactions: Reactions { upper, lower } }
     };
     let mut fixed = rigid_wrenches(plant, motion);
-    add_effects(plant, t, motion, states, None, &mut fixed);
+    add_effects(plant, t, motion, states, None, &mut fixed)?;
     let mut loads = output(&fixed);
     if plant.effects.iter().any(reads_loads) {
         // Friction moments are a few thousandths of the lever times the reactions, gear friction a few hundredths of the
         // torque: the iteration contracts fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut next = fixed;
-            add_effects(plant, t, motion, states, Some(&loads), &mut next);
+            add_effects(plant, t, motion, states, Some(&loads), &mut next)?;
             let next = output(&next);
             let change = next.change(&loads);
             loads = next;
@@ -79,6 +79,9 @@ pub(crate) fn reads_loads(active: &ActiveEffect) -> bool {
 }
 
 /// Adds the wrenches of the plant's effects to `sum`: of those that read no loads, or with `loads` of those that do.
+///
+/// # Errors
+/// If a law gives no finite number.
 pub(crate) fn add_effects(
     plant: &Plant,
     t: f64,
@@ -86,12 +89,19 @@ pub(crate) fn add_effects(
     states: &[&[f64]],
     loads: Option<&Output>,
     sum: &mut [Twist; BODIES],
-) {
+) -> Result<(), KinematicsError> {
     let none = Output::default();
     for (active, state) in plant.effects.iter().zip(states).filter(|(a, _)| reads_loads(a) == loads.is_some()) {
         let at = instant(plant, active, t, motion, loads.unwrap_or(&none), state);
-        active.effect.forces_along(&active.values(), &at, &mut Wrenches::sum(&active.values, motion, sum));
+        let mut out = Wrenches::sum(&active.values, motion, sum);
+        active.effect.forces_along(&active.values(), &at, &mut out);
+        if !out.power().is_finite()
+            && let Some(fault) = active.fault(&at, true)
+        {
+            return Err(fault);
+        }
     }
+    Ok(())
 }
 
 /// What a force law reads along a given motion.
@@ -138,13 +148,16 @@ pub fn regressor(
     let mut rest = rows.as_mut_slice();
     for (active, state) in effects.iter().zip(states) {
         let (own, others) = rest.split_at_mut(active.values.len() * channels.len());
-        add_regressor(plant, active, t, motion, loads, state, &map, own);
+        add_regressor(plant, active, t, motion, loads, state, &map, own)?;
         rest = others;
     }
     Ok(rows)
 }
 
 /// Adds the columns of one effect, column by column, to `rows`.
+///
+/// # Errors
+/// If the law gives no finite number.
 pub(crate) fn add_regressor(
     plant: &Plant,
     active: &ActiveEffect,
@@ -154,7 +167,7 @@ pub(crate) fn add_regressor(
     state: &[f64],
     map: &ChannelMap,
     rows: &mut [f64],
-) {
+) -> Result<(), KinematicsError> {
     let channels = map.channels.len();
     let mut add = |k: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>, sign: f64| {
         for (c, row) in rows[k * channels..(k + 1) * channels].iter_mut().enumerate() {
@@ -174,4 +187,10 @@ pub(crate) fn add_regressor(
         &at,
         &mut Wrenches::new(&mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),
     );
+    if rows.iter().all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    // A term with a coefficient of zero is asked for, too.
+    let unit = ActiveEffect { values: vec![1.0; active.values.len()], ..active.clone() };
+    active.fault(&at, true).or_else(|| unit.fault(&at, true)).map_or(Ok(()), Err)
 }

@@ -6,7 +6,7 @@ use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::model::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
-use crate::model::{Geometry, Inertia, Mechanism, Model, Part};
+use crate::model::{Geometry, Inertia, LinkParameters, Mechanism, Model, Part, Stops};
 use crate::recording::{Configuration, Payload, Setup};
 
 /// A machine ready to compute with.
@@ -22,12 +22,16 @@ pub struct Plant {
     pub bodies: Bodies,
     /// Inertia of the links alone, the `rigid_bodies` parameters.
     pub links: Bodies,
+    /// Which numbers of the links are parameters.
+    pub link_parameters: LinkParameters,
     /// Load at the flange.
     pub payload: Payload,
     /// Gravitational acceleration, m/s².
     pub gravity: f64,
     /// Damping of the strut spins against the frame, N·m·s/rad.
     pub spin_damping: f64,
+    /// Hard stops.
+    pub stops: Stops,
     /// Whether struts, platform and telescope are mounted.
     pub assembled: bool,
     /// Effects beyond the rigid bodies, as far as the parts they act on are mounted.
@@ -66,9 +70,11 @@ impl Plant {
             geometry: model.geometry,
             bodies: model.bodies.clone(),
             links: model.bodies.clone(),
+            link_parameters: model.link_parameters,
             payload: setup.payload,
             gravity: model.gravity,
             spin_damping: model.sockets.spin_damping,
+            stops: model.stops,
             assembled,
             effects: model
                 .effects
@@ -119,7 +125,7 @@ impl Plant {
 
     /// The inertia of the links as an effect.
     pub fn rigid_bodies(&self) -> ActiveEffect {
-        let links = RigidBodies::of(self.mechanism, self.assembled);
+        let links = RigidBodies::with(self.mechanism, self.assembled, self.link_parameters);
         let mut rigid = ActiveEffect::absent_on(links, self.host);
         rigid.values = links.values(&self.links);
         rigid
@@ -170,7 +176,7 @@ impl Plant {
 /// For recordings of an assembled robot taken apart, `model` must be [`in_configuration`] of them.
 pub fn set_parameters(model: &mut Model, values: &[f64]) {
     let (mechanism, assembled) = (model.mechanism, model.assembled);
-    let links = RigidBodies::of(mechanism, assembled);
+    let links = RigidBodies::with(mechanism, assembled, model.link_parameters);
     let (own, mut rest) = values.split_at(links.values(&model.bodies).len());
     links.set_values(&mut model.bodies, own);
     for active in model.effects.iter_mut().filter(|a| mechanism.has(a.effect.acts_on(), assembled)) {

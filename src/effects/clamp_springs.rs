@@ -3,8 +3,9 @@
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
-use crate::model::bodies::STRUT;
-use crate::model::{ARMS, STRUTS};
+use crate::kinematics::Motion;
+use crate::model::bodies::{ARM, PLATFORM, STRUT};
+use crate::model::{ARMS, Model, STRUTS};
 
 /// A clamp unit at each end of a pair: two tension springs between the struts, F = ½·(P + k·(d − d₀)) each.
 ///
@@ -15,8 +16,14 @@ use crate::model::{ARMS, STRUTS};
 /// Anchored on the struts' axes (`offset` 0) the springs of a parallel pair keep their length and direction and do no
 /// work; with an offset they resist the pair's shear. A strut that spins by θ against the other one twists them: per
 /// unit the moment about its axis is −(k·spread²·2 + P·offset)·θ for opposite spins and −P·offset·(1 + 2·offset/d₀)·θ
-/// for spins alike, which friction in the sockets has to hold where the offset is zero. The force on a ball has a
-/// component P·(u·v) along the strut where the pair is sheared (u the strut's axis, v the pair's direction).
+/// for spins alike, which friction in the sockets has to hold where the offset is zero.
+///
+/// The springs prestress the sockets. A force f at x along a strut of length L is balanced by −f·(1 − x/L) of the upper
+/// and −f·x/L of the lower ball, and each ball passes its part on to the other strut's ball through arm or platform. These
+/// parts do no work and move nothing while the cups sit on their balls, so they are put on the bodies together with the
+/// springs' pull: what the joints transmit besides, the reactions, is the load's alone. They are *net* of the clamps, as
+/// the dislocation force of the model file is. (The springs' own part of the force on a ball is P along the pair v; where
+/// the pair is sheared P·(u·v) of it stands along the strut u.)
 /// A unit is gone once one of its two sockets has left its ball.
 pub struct ClampSprings;
 
@@ -66,6 +73,10 @@ impl Effect for ClampSprings {
         false
     }
 
+    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+        (parameter.name == "preload" && model.sockets.preload > 0.0).then_some(model.sockets.preload)
+    }
+
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (position, offset) = (values.one(POSITION), values.one(OFFSET));
         let (spread, gap) = (values.one(SPREAD), values.one(GAP));
@@ -88,13 +99,28 @@ impl Effect for ClampSprings {
                     let distance = line.norm();
                     let pull = line / distance;
                     for (parameter, size) in [(PRELOAD, 0.5), (RATE, 0.5 * (distance - gap))] {
-                        let (parameter, force) = (values.index(parameter, 0), pull * size);
-                        out.wrench(parameter, STRUT + pair[0], force, anchors[0].cross(&force));
-                        out.wrench(parameter, STRUT + pair[1], -force, -anchors[1].cross(&force));
+                        let parameter = values.index(parameter, 0);
+                        prestress(parameter, pair[0], &anchors[0], &(pull * size), at.motion, out);
+                        prestress(parameter, pair[1], &anchors[1], &(pull * -size), at.motion, out);
                     }
                 }
             }
         }
+    }
+}
+
+/// Force on a strut at `anchor` (from its origin, m) and what its two balls make of it: on the strut the moment of the part
+/// beside the line of the balls is left, on arm and platform the force shared out by the lever.
+fn prestress(k: usize, strut: usize, anchor: &Vector3<f64>, force: &Vector3<f64>, motion: &Motion, out: &mut Wrenches) {
+    let (axis, length) = (motion.strut_axis[strut], motion.strut_length[strut]);
+    let along = anchor.dot(&axis);
+    out.moment(k, STRUT + strut, (anchor - axis * along).cross(force));
+    let start = motion.bodies[STRUT + strut].position;
+    for (body, ball, share) in
+        [(ARM + strut / 2, start, 1.0 - along / length), (PLATFORM, start + axis * length, along / length)]
+    {
+        let part = force * share;
+        out.wrench(k, body, part, (ball - motion.bodies[body].position).cross(&part));
     }
 }
 
@@ -110,6 +136,7 @@ mod tests {
             let strut = &mut motion.bodies[STRUT + k];
             strut.position = Vector3::new(0.0, y, 0.0);
             strut.rotation = *nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), roll[k]).matrix();
+            motion.strut_axis[k] = Vector3::x();
         }
         // The other pairs far away, so that nothing divides by zero.
         for s in 2..STRUTS {
@@ -122,12 +149,30 @@ mod tests {
     }
 
     #[test]
-    fn clamps_bend_the_struts_but_do_not_twist_them() {
-        // Two units of 200 N, 30 mm from either ball of a strut of 1 m: −y on the first strut, moment about z
-        // −200·(0.03 + 0.97) = −200 N·m, none about x.
-        let [first, second] = moments([0.0, 0.0]);
-        approx::assert_relative_eq!(first, Vector3::new(0.0, 0.0, -200.0), epsilon = 1e-9);
-        approx::assert_relative_eq!(second, Vector3::new(0.0, 0.0, 200.0), epsilon = 1e-9);
+    fn clamps_of_a_parallel_pair_leave_the_bodies_alone() {
+        for moment in moments([0.0, 0.0]) {
+            approx::assert_relative_eq!(moment, Vector3::zeros(), epsilon = 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_pull_near_one_ball_is_shared_out_by_the_lever() {
+        // 200 N across a strut of 1 m, 30 mm from its upper ball and 10 mm beside its axis: 194 N at the upper ball, 6 N at
+        // the lower one, and the moment of the 10 mm about the strut: 0.01·ŷ × 200·ẑ = 2 N·m about x.
+        let mut motion = testing::still();
+        motion.strut_axis[0] = Vector3::x();
+        let mut total = [(Vector3::zeros(), Vector3::zeros()); crate::model::bodies::BODIES];
+        let mut out = Wrenches::sum(&[1.0], &motion, &mut total);
+        let (anchor, force) = (Vector3::new(0.03, 0.01, 0.0), Vector3::new(0.0, 0.0, 200.0));
+        prestress(0, 0, &anchor, &force, &motion, &mut out);
+        let z = Vector3::z;
+        approx::assert_relative_eq!(total[ARM].0, z() * 194.0, epsilon = 1e-12);
+        approx::assert_relative_eq!(total[PLATFORM].0, z() * 6.0, epsilon = 1e-12);
+        assert_eq!(total[STRUT].0, Vector3::zeros());
+        approx::assert_relative_eq!(total[STRUT].1, Vector3::x() * 2.0, epsilon = 1e-12);
+        // Nothing is lost: together it is the force where it pulls.
+        let moment = total[ARM].1 + total[PLATFORM].1 + total[STRUT].1;
+        approx::assert_relative_eq!(moment, anchor.cross(&force), epsilon = 1e-12);
     }
 
     #[test]

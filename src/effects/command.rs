@@ -61,7 +61,7 @@ fn count(p: &Parameter) -> String {
         Count::One => "one".into(),
         Count::PerArm => "one per arm".into(),
         Count::PerDrive => "one per drive".into(),
-        Count::PerAxis => "one per axis".into(),
+        Count::PerAxis | Count::AllDrives => "one per axis".into(),
         Count::Named(names) => names.join(", "),
     }
 }

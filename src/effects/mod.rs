@@ -51,7 +51,9 @@ mod torque_bias;
 mod torque_gain_error;
 mod torque_ripple;
 
-pub use interface::{ActiveEffect, Count, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches};
+pub use interface::{
+    ActiveEffect, Count, Effects, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches, hunt_crossley,
+};
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: &[&dyn Effect] = &[
@@ -208,7 +210,7 @@ pub trait Effect: Sync {
 pub struct Start(pub [Option<(usize, &'static [f64])>; 3]);
 
 /// An elastic strut: T = stiffness · elongation + damping · its rate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StrutSpring {
     /// N/m.
     pub stiffness: f64,

@@ -9,11 +9,13 @@ use crate::model::bodies::END_EFFECTOR;
 /// Name of the effect.
 pub const NAME: &str = "payload";
 
-/// Mass m, first moment h = m·c and moment Θ_zz of the payload, all in the end-effector frame (origin at the flange centre,
-/// z up, turning with ψ).
+/// The ten inertial parameters of the payload: m, h = m·c and Θ about the flange centre, all in the end-effector frame (origin at
+/// the flange centre, z up, turning with ψ); Θ_xy = −∫xy dm and so on (eq. 4).
 ///
-/// The end effector translates with the platform and turns about z, so nothing else of its inertia enters the drive torques; h_z
-/// tilts the platform and shows in strut forces alone (Gnad et al. section 2.3.1).
+/// The end effector translates with the platform and turns about z, so of a known a and ψ̇ its load on the flange is the force
+/// m(a − g) + ψ̈ z×h − ψ̇² h_⊥ and the moment h×(a − g) + (Θ_xz ψ̈ − Θ_yz ψ̇², Θ_yz ψ̈ + Θ_xz ψ̇², Θ_zz ψ̈). The drives feel m, h_x, h_y
+/// and Θ_zz (Gnad et al. section 2.3.1); h_z, Θ_xz and Θ_yz tilt the platform and show in strut forces alone; Θ_xx, Θ_yy and Θ_xy
+/// show nowhere while the robot is intact.
 pub struct Payload;
 
 const fn parameter(name: &'static str, unit: &'static str, count: Count, default: f64) -> Parameter {
@@ -32,8 +34,8 @@ impl Effect for Payload {
     fn about(&self) -> About {
         About {
             summary: "inertia and weight of the payload",
-            law: "Newton–Euler equations of the end effector, linear in m, m·c and Θ_zz",
-            shows: "arm torques in phase with acceleration and weight; torque of axis 4 with lateral acceleration",
+            law: "Newton–Euler equations of the end effector, linear in m, m·c and Θ",
+            shows: "arm torques in phase with acceleration and weight; torque of axis 4 with lateral acceleration; height and Θ_xz, Θ_yz in strut forces",
             source: "Gnad et al. section 2.3.1, End-effector",
         }
     }
@@ -42,7 +44,7 @@ impl Effect for Payload {
         const PARAMETERS: &[Parameter] = &[
             parameter("mass", "kg", Count::One, 1.0),
             parameter("first_moment", "kg·m", Count::Named(&["x", "y", "z"]), 0.05),
-            parameter("inertia_zz", "kg·m²", Count::One, 0.01),
+            parameter("inertia", "kg·m²", Count::Named(&["xx", "yy", "zz", "xy", "xz", "yz"]), 0.01),
         ];
         PARAMETERS
     }
@@ -53,7 +55,12 @@ impl Effect for Payload {
             let unit = Inertia { first_moment: Vector3::ith(axis, 1.0), ..Inertia::ZERO };
             out(values.index(1, axis), END_EFFECTOR, unit);
         }
-        out(values.index(2, 0), END_EFFECTOR, Inertia::diagonal(0.0, [0.0; 3], [0.0, 0.0, 1.0]));
+        for entry in 0..6 {
+            let mut moments = [0.0; 6];
+            moments[entry] = 1.0;
+            let tensor = crate::recording::Payload::with_tensor(0.0, [0.0; 3], moments).tensor;
+            out(values.index(2, entry), END_EFFECTOR, Inertia { tensor, ..Inertia::ZERO });
+        }
     }
 
     fn kind(&self) -> Kind {
@@ -68,12 +75,12 @@ mod tests {
 
     #[test]
     fn a_kilogram_at_ten_centimetres() {
-        // 1 kg at (0.1, 0, −0.2) m: h = (0.1, 0, −0.2) kg·m, Θ_zz = 0.1² = 0.01 kg·m².
-        let active = ActiveEffect::new(&Payload, &[&[1.0], &[0.1, 0.0, -0.2], &[0.01]]);
+        // 1 kg at (0.1, 0, −0.2) m: h = (0.1, 0, −0.2) kg·m, Θ_xx = 0.04, Θ_yy = 0.05, Θ_zz = 0.01, Θ_xz = 0.02 kg·m².
+        let active = ActiveEffect::new(&Payload, &[&[1.0], &[0.1, 0.0, -0.2], &[0.04, 0.05, 0.01, 0.0, 0.02, 0.0]]);
         let mut sum = Inertia::ZERO;
         Payload.inertia(&active.values(), &Default::default(), &mut |k, _, unit| sum += unit * active.values[k]);
         let point = Inertia::point(1.0, [0.1, 0.0, -0.2].into());
         assert_eq!((sum.mass, sum.first_moment), (point.mass, point.first_moment));
-        approx::assert_relative_eq!(sum.tensor[(2, 2)], point.tensor[(2, 2)], epsilon = 1e-15);
+        approx::assert_relative_eq!(sum.tensor, point.tensor, epsilon = 1e-15);
     }
 }

@@ -7,9 +7,9 @@ use crate::model::Inertia;
 use crate::model::bodies::END_EFFECTOR;
 use crate::recording::Payload;
 
-/// Lateral first moment h = m·Δc of the end effector, beyond the stated payload.
+/// First moment h = m·Δc of the end effector, beyond the stated payload.
 ///
-/// h_x, h_y in kg·m along the end effector's axes, which turn with ψ, either sign. A payload of mass m at c moved by Δc:
+/// h in kg·m along the end effector's axes, which turn with ψ, either sign. h_z tilts the platform: strut forces alone show it. A payload of mass m at c moved by Δc:
 /// first moment + h, tensor about the flange − [c]×[h]× − [h]×[c]×, exact up to m·Δc² (1 kg, 10 mm: 1e-4 kg·m²).
 pub struct PayloadComOffset;
 
@@ -25,8 +25,8 @@ impl Effect for PayloadComOffset {
     fn about(&self) -> About {
         About {
             summary: "the payload's centre of mass lies beside the stated one",
-            law: "first moment (h_x, h_y) = m·Δc added in the end-effector frame, tensor to first order",
-            shows: "torque of axis 4 in proportion to the platform's lateral acceleration, turning with ψ",
+            law: "first moment h = m·Δc added in the end-effector frame, tensor to first order",
+            shows: "torque of axis 4 in proportion to the platform's lateral acceleration, turning with ψ; the height in strut forces alone",
             source: "10 mm typical, 50 mm at worst (estimate)",
         }
     }
@@ -35,7 +35,7 @@ impl Effect for PayloadComOffset {
         &[Parameter {
             name: "first_moment",
             unit: "kg·m",
-            count: Count::Named(&["x", "y"]),
+            count: Count::Named(&["x", "y", "z"]),
             role: Role::Linear,
             default: 0.02,
             range: (-1.0, 1.0),
@@ -65,8 +65,8 @@ mod tests {
     fn two_kilograms_moved_by_a_tenth_of_a_millimetre() {
         // A point of 2 kg from (30, 0, −100) mm to (30.1, 0, −100) mm: h = 2e-4 kg·m;
         // Θ_zz grows by 2·(0.0301² − 0.03²) = 1.202e-5, Θ_xz by 2·0.1·1e-4 = 2e-5 kg·m².
-        let payload = Payload { mass: 2.0, com: [0.03, 0.0, -0.1].into(), inertia_zz: 0.0 };
-        let active = ActiveEffect::new(&PayloadComOffset, &[&[2e-4, 0.0]]);
+        let payload = Payload::new(2.0, [0.03, 0.0, -0.1], 0.0);
+        let active = ActiveEffect::new(&PayloadComOffset, &[&[2e-4, 0.0, 0.0]]);
         let mut sum = Inertia::point(2.0, payload.com);
         PayloadComOffset.inertia(&active.values(), &payload, &mut |k, body, unit| {
             assert_eq!(body, END_EFFECTOR);
@@ -77,5 +77,18 @@ mod tests {
         approx::assert_relative_eq!(sum.tensor, moved.tensor, epsilon = 2.1e-8); // m·Δc² = 2e-8
         approx::assert_relative_eq!(sum.tensor[(2, 2)] - 2.0 * 0.03f64.powi(2), 1.2e-5, epsilon = 1e-15);
         approx::assert_relative_eq!(sum.tensor[(0, 2)], 2.0 * 0.1 * 0.03 + 2e-5, epsilon = 1e-15);
+    }
+
+    #[test]
+    fn a_load_that_hangs_lower_than_stated() {
+        // A point of 2.5 kg stated at (40, 0, −150) mm hangs at (40, 0, −250) mm: h_z = −0.25 kg·m,
+        // Θ_xz grows from 0.015 by 2.5·0.04·0.1 = 0.01 to 2.5·0.04·0.25 = 0.025 kg·m².
+        let payload = Payload::new(2.5, [0.04, 0.0, -0.15], 0.0);
+        let active = ActiveEffect::new(&PayloadComOffset, &[&[0.0, 0.0, -0.25]]);
+        let mut sum = payload.inertia();
+        PayloadComOffset.inertia(&active.values(), &payload, &mut |k, _, unit| sum += unit * active.values[k]);
+        approx::assert_relative_eq!(sum.first_moment.z, -0.625, epsilon = 1e-15);
+        approx::assert_relative_eq!(sum.tensor[(0, 2)], 0.025, epsilon = 1e-15);
+        approx::assert_relative_eq!(sum.tensor[(2, 2)], 2.5 * 0.04 * 0.04, epsilon = 1e-15);
     }
 }

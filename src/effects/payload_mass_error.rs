@@ -40,7 +40,7 @@ impl Effect for PayloadMassError {
     fn inertia(&self, values: &Values, payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
         let mut unit = Inertia::point(1.0, payload.com);
         if payload.mass > 0.0 {
-            unit += Inertia::diagonal(0.0, [0.0; 3], [payload.inertia_zz / payload.mass; 3]);
+            unit.tensor += payload.tensor / payload.mass;
         }
         out(values.index(0, 0), END_EFFECTOR, unit);
     }
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn unit_mass_sits_at_the_centre_of_mass() {
-        let payload = Payload { mass: 2.0, com: [0.03, 0.0, -0.1].into(), inertia_zz: 0.01 };
+        let payload = Payload::new(2.0, [0.03, 0.0, -0.1], 0.01);
         let active = ActiveEffect::absent(&PayloadMassError);
         let mut seen = Vec::new();
         PayloadMassError.inertia(&active.values(), &payload, &mut |_, body, unit| seen.push((body, unit)));

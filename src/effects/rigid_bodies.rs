@@ -1,15 +1,18 @@
 //! Inertia and weight of the links, always present; its parameters are the numbers of `[bodies]`.
 //!
-//! Which numbers they are depends on the machine and its state, [`RigidBodies::of`]. Those of the assembled robot follow
+//! Which numbers they are depends on the machine and its state, [`RigidBodies::of`], and on what is taken as alike and symmetric,
+//! [`RigidBodies::with`]. Those of the assembled robot follow
 //! the paper's assumptions (section 2.3): limbs alike, struts and telescope parts symmetric about their axis, no deviation
 //! moments, platform in pure translation. On the disassembled robot every arm has its own (eq. 46–47). What does not enter
 //! the motion equations (e.g. the platform's inertia tensor) is not a parameter.
+
+mod tables;
 
 use std::ops::Range;
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
 use crate::model::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{Joint, Mechanism};
+use crate::model::{Joint, LinkParameters, Mechanism};
 use crate::recording::Payload;
 
 /// Name of the effect.
@@ -132,6 +135,23 @@ impl RigidBodies {
         }
     }
 
+    /// The parameters of a machine whose limbs and symmetries are taken as `links` says; they matter while it is assembled.
+    pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> &'static Self {
+        match machine {
+            Mechanism::Delta { telescope } if assembled && links != LinkParameters::default() => {
+                tables::table(telescope, links)
+            }
+            _ => Self::of(machine, assembled),
+        }
+    }
+
+    /// Key in the table of body `b` and places in its array of the numbers that parameter `k` is; no key where the table has
+    /// only one, none at all if the body does not have the parameter.
+    pub fn place(&self, k: usize, b: usize) -> Option<(Option<&'static str>, &'static [usize])> {
+        let (bodies, unit) = self.units.get(k)?;
+        bodies.contains(&b).then(|| unit.place())
+    }
+
     /// Parameter values of the bodies; where several share one, that of the first.
     pub fn values(&self, bodies: &Bodies) -> Vec<f64> {
         self.units.iter().map(|(b, unit)| unit.value(&bodies[b.start])).collect()
@@ -185,13 +205,21 @@ impl Effect for RigidBodies {
 }
 
 /// Unit inertia of one parameter.
+#[derive(Clone, Copy)]
 enum Unit {
     Mass,
     Moment(usize),
     Tensor(&'static [usize]),
+    /// Deviation moment Θ_ij.
+    Product(usize, usize),
     /// A lone axis: of all it has only the inertia about the axis enters.
     Lone,
 }
+
+/// Places of x, y, z.
+const AXIS: &[usize; 3] = &[0, 1, 2];
+/// Places in the array of an inertia tensor.
+const INERTIA: &[usize; 6] = &[0, 1, 2, 3, 4, 5];
 
 impl Unit {
     fn inertia(&self) -> Inertia {
@@ -200,11 +228,23 @@ impl Unit {
         i
     }
 
+    fn place(&self) -> (Option<&'static str>, &'static [usize]) {
+        match self {
+            Unit::Mass => (Some("mass"), &[0]),
+            Unit::Moment(axis) => (Some("first_moment"), &AXIS[*axis..*axis + 1]),
+            Unit::Tensor(axes) => (Some("inertia"), axes),
+            // xx, yy, zz, then xy, xz, yz.
+            Unit::Product(i, j) => (Some("inertia"), &INERTIA[i + j + 2..i + j + 3]),
+            Unit::Lone => (None, &[0]),
+        }
+    }
+
     fn value(&self, i: &Inertia) -> f64 {
         match self {
             Unit::Mass => i.mass,
             Unit::Moment(axis) => i.first_moment[*axis],
             Unit::Tensor(axes) => i.tensor[(axes[0], axes[0])],
+            Unit::Product(a, b) => i.tensor[(*a, *b)],
             Unit::Lone => i.tensor[(1, 1)],
         }
     }
@@ -214,6 +254,7 @@ impl Unit {
             Unit::Mass => i.mass = value,
             Unit::Moment(axis) => i.first_moment[*axis] = value,
             Unit::Tensor(axes) => axes.iter().for_each(|&a| i.tensor[(a, a)] = value),
+            Unit::Product(a, b) => (i.tensor[(*a, *b)], i.tensor[(*b, *a)]) = (value, value),
             Unit::Lone => *i = Inertia::lone(value),
         }
     }

@@ -1,12 +1,12 @@
 //! The telescope runs into its ends.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, hunt_crossley};
 use crate::model::Model;
 
 /// Unilateral spring and damper beyond the shortest and the longest Hooke distance L:
 /// F = k·x·max(0, 1 + χ·ẋ), x the depth beyond the limit (Hunt and Crossley).
 ///
-/// F in N along the bar, pushing the parts apart below `min` and pulling them together above `max`; k in N/m, χ in s/m;
+/// The law is [`hunt_crossley`]. F in N along the bar, pushing the parts apart below `min` and pulling them together above `max`; k in N/m, χ in s/m;
 /// ẋ positive while going deeper. Continuous at the stop because of the factor x, and never negative: no sticking.
 /// Against the spring k·x alone it takes k·x·χ·ẋ² (all of the spring's power where it lets go), never gives.
 pub struct TelescopeEndStop;
@@ -81,7 +81,7 @@ impl Effect for TelescopeEndStop {
         } else {
             return;
         };
-        let push = depth * (1.0 + values.one(DAMPING) * rate).max(0.0);
+        let push = hunt_crossley(depth, rate, values.one(DAMPING));
         out.telescope_force(values.index(STIFFNESS, 0), at.motion, apart * push);
     }
 }

@@ -117,7 +117,7 @@ impl Case {
 
     fn setup(&self) -> Setup {
         let (mass, com, inertia_zz) = PAYLOAD;
-        let payload = if self.payload { Payload { mass, com: com.into(), inertia_zz } } else { Payload::default() };
+        let payload = if self.payload { Payload::new(mass, com, inertia_zz) } else { Payload::default() };
         Setup { payload, torque_noise: Some(TORQUE_NOISE), ..Setup::default() }
     }
 }

@@ -171,7 +171,7 @@ impl Bench<'_> {
             all.extend(planned.map(|e| Experiment { alone, ..e }));
         };
         let (mass, com, inertia_zz) = KNOWN;
-        let known = Payload { mass, com: com.into(), inertia_zz };
+        let known = Payload::new(mass, com, inertia_zz);
         if self.setup.payload == Payload::default() {
             let what = format!("the same motion with a payload that was weighed, {mass} kg beside the axis");
             same(Kind::Payload, &what, Setup { payload: known, ..self.setup }, &self.channels, false);

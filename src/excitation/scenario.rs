@@ -98,13 +98,7 @@ pub fn write_plan(
     );
     let Setup { payload, .. } = plan.trace.setup;
     if payload != Payload::default() {
-        let Payload { mass, com, inertia_zz } = payload;
-        let _ = write!(
-            text,
-            "\n[payload]\nmass = {mass:?} # kg\ncom = {:?} # m, from the flange centre\n\
-             inertia_zz = {inertia_zz:?} # kg·m², about the centre of mass\n",
-            [com.x, com.y, com.z]
-        );
+        let _ = write!(text, "\n{}", payload.to_toml());
     }
     let struts = |end: fn(&Channel) -> Option<usize>| plan.trace.channels.iter().filter_map(end).collect::<Vec<_>>();
     let upper = struts(|c| if let Channel::StrutUpper(i) = c { Some(i + 1) } else { None });

@@ -1,21 +1,24 @@
 //! `deltatwin identify`.
 
+mod how;
+mod payload;
+
 use std::path::{Path, PathBuf};
 
 use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Map, Value, json};
 
+use self::how::How;
 use super::consistency::min_eigenvalue;
-use super::estimator::PRIOR_INFORMATION;
-use super::fit::{Consistency, Correction, Options, Weighing, channel_rms, residuals};
-use super::{BaseParameter, Data, DataArgs, Fit, fit_with, identify_payload};
+use super::fit::{Moved, Unidentified, channel_rms, residuals};
+use super::{BaseParameter, Data, DataArgs, Estimate, Fit, fit_with};
 use crate::dynamics::{Channel, Plant};
+use crate::gate::command::{guard, much_is_left};
 use crate::identification::trace::noise_floor as floor;
-use crate::model::Model;
 use crate::model::bodies::{Inertia, body_name};
-use crate::recording::Setup;
+use crate::model::{Model, Provenance};
 use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
+    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, today, warn,
 };
 
 /// Estimate the parameters of a model from recordings.
@@ -41,125 +44,62 @@ pub struct Args {
     pub json: bool,
 }
 
-/// How to fit.
-#[derive(clap::Args, Clone, Debug)]
-pub struct How {
-    /// What the rows of the regression are weighed with.
-    #[arg(long, value_enum, default_value_t = Weighing::Noise)]
-    weighing: Weighing,
-    /// Let outliers count less (Huber's loss).
-    #[arg(long)]
-    robust: bool,
-    /// Way to physically consistent parameters; both lead to the same ones, and each checks the other.
-    #[arg(long, value_enum, default_value_t = Consistency::LogCholesky)]
-    method: Consistency,
-    /// Model whose parameters are the regularisation values, instead of MODEL itself.
-    #[arg(long, value_name = "MODEL")]
-    prior: Option<PathBuf>,
-    /// Weight of the regularisation: information per parameter, in units of its own size; 1 trusts the prior as much as a
-    /// measurement of the parameter with 100 % error.
-    #[arg(long, value_name = "GAMMA", default_value_t = PRIOR_INFORMATION, value_parser = positive)]
-    regularisation: f64,
-    /// Effect whose parameters stay as they are (`rigid_bodies` for the links); may be given several times.
-    #[arg(long, value_name = "EFFECT")]
-    hold: Vec<String>,
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
-        _ => Err("expected a number above 0".into()),
-    }
-}
-
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::read(&args.model)?;
+    let mut model = Model::read(&args.model)?;
     if let Some(output) = &args.output {
         let mut inputs = Data::inputs(&args.data);
         inputs.push(&args.model);
         check_output(output, &inputs, &["toml"])?;
     }
-    let data = Data::read(&args.data, &model)?;
+    model.link_parameters = args.how.links();
+    let data = Data::read_with(&args.data, &model, args.how.method())?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     let noise_floor = floor(&model, &data.traces);
-    let prior = args.how.prior.as_deref().map(Model::read).transpose()?;
-    for name in &args.how.hold {
+    let prior = args.how.prior(&model)?;
+    for name in args.how.held() {
         if !Plant::new(&model, &data.traces[0].setup).parameters().iter().any(|p| p.effect == name) {
             return Err(miette!("--hold {name}: the model has no such effect"));
         }
     }
-    let options = Options {
-        weighing: args.how.weighing,
-        robust: args.how.robust,
-        consistency: args.how.method,
-        prior: prior.as_ref(),
-        prior_information: Some(args.how.regularisation),
-        held: &args.how.hold,
-        stop: None,
-    };
+    let options = args.how.options(prior.as_ref());
     if args.payload {
-        return payload(args, &model, &data, &noise_floor, &options);
+        return payload::run(args, &model, &data, &noise_floor, &options);
     }
     let progress = spinner("fit");
     let fitted = fit_with(&model, &data.traces, &vec![noise_floor.clone(); data.traces.len()], &options);
     progress.finish_and_clear();
     let fitted = fitted.into_diagnostic()?;
+    warn(&much_is_left(data.channels(), &fitted.rms, &noise_floor));
     let held_out_rms = match data.held_out[..] {
         [] => None,
         _ => Some(channel_rms(&residuals(&fitted.model, &data.held_out).into_diagnostic()?)),
     };
-    if let Some(output) = &args.output {
-        write(&fitted.model, output)?;
-    }
     let answer = Answer { fitted, channels: data.channels(), noise_floor, held_out_rms };
-    if args.json { say(answer.json(args)) } else { answer.print(args) }?;
-    Ok(DONE)
-}
-
-/// Writes a fitted model.
-pub(crate) fn write(model: &Model, output: &Path) -> miette::Result<()> {
-    model
-        .write(output)
-        .wrap_err_with(|| format!("{}: the data lead to a model that no machine can have", output.display()))
-}
-
-/// Identifies the payload and writes the setup that states it.
-fn payload(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {
-    let weights = vec![noise_floor.to_vec(); data.traces.len()];
-    let progress = spinner("fit");
-    let found = identify_payload(model, &data.traces, &weights, options);
-    progress.finish_and_clear();
-    let found = found.into_diagnostic()?;
-    let setup = Setup { payload: found.payload, ..data.traces[0].setup };
-    if let Some(output) = &args.output {
-        setup.write(output).into_diagnostic()?;
-    }
-    let p = &found.payload;
-    if args.json {
-        let mut object = Map::new();
-        object.insert("parameters".into(), estimates(&found.parameters));
-        let payload = json!({"mass": p.mass, "com": p.com.as_slice(), "inertia_zz": p.inertia_zz});
-        object.insert("payload".into(), payload);
-        insert_channels(&mut object, "rms", data.channels(), &found.fit.rms);
-        insert_channels(&mut object, "noise_floor", data.channels(), noise_floor);
-        object.insert("setup".into(), args.output.as_deref().map_or(Value::Null, path));
-        say(Value::Object(object))?;
-        return Ok(DONE);
-    }
-    let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
-    for p in found.parameters.iter().filter(|p| p.identified()) {
-        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
-    }
-    say(table)?;
-    let series = [("fitted", Some(&found.fit.rms[..])), ("noise floor", Some(noise_floor))];
-    say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
-    say(format!("\n{}", setup.to_toml()))?;
+    if args.json { say(answer.json(args)) } else { answer.print() }?;
     match &args.output {
-        Some(output) => say(format!("  Wrote {}", output.display()))?,
-        None => say("  Nothing written; -o FILE keeps the setup")?,
+        Some(output) => {
+            let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
+            write(&answer.fitted.model, output, &provenance, args.json)?;
+        }
+        None if args.json => {}
+        None => say("  Nothing written; -o FILE keeps the model")?,
     }
     Ok(DONE)
+}
+
+/// Where the numbers come from that a command fits today.
+pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]) -> Provenance {
+    Provenance::new(command, today(), data.data.iter().map(|f| f.display().to_string()).collect(), parameters)
+}
+
+/// Writes a fitted model, after its answer was printed; says so unless `quietly`.
+pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
+    model
+        .write_fitted(output, provenance)
+        .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
+    if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 
 struct Answer<'a> {
@@ -178,10 +118,7 @@ impl Answer<'_> {
         object.insert("rank".into(), json!(structure.rank));
         object.insert("condition".into(), json!(structure.condition()));
         object.insert("singular_values".into(), json!(structure.singular_values.as_slice()));
-        let unidentified = self.fitted.unidentified.iter();
-        let unidentified: Vec<Value> =
-            unidentified.map(|u| json!({"name": u.name, "reason": u.reason.to_string()})).collect();
-        object.insert("unidentified".into(), json!(unidentified));
+        object.insert("unidentified".into(), unidentified(&self.fitted));
         object.insert("channels".into(), channel_names(self.channels));
         insert_channels(&mut object, "rms", self.channels, &self.fitted.rms);
         match &self.held_out_rms {
@@ -191,12 +128,12 @@ impl Answer<'_> {
         insert_channels(&mut object, "noise_floor", self.channels, &self.noise_floor);
         object.insert("min_pseudo_inertia_eigenvalue".into(), json!(min_eigenvalue(&self.fitted.model.bodies)));
         object.insert("pseudo_inertia_eigenvalues".into(), eigenvalues(&self.fitted.model));
-        object.insert("consistency".into(), self.fitted.correction.map_or(Value::Null, |c| correction(&c)));
+        object.insert("consistency".into(), correction(&self.fitted));
         object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
         Value::Object(object)
     }
 
-    fn print(&self, args: &Args) -> miette::Result<()> {
+    fn print(&self) -> miette::Result<()> {
         let fitted = &self.fitted;
         let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
         for p in fitted.parameters.iter().filter(|p| p.identified()) {
@@ -205,19 +142,13 @@ impl Answer<'_> {
         say(table)?;
         let together: Vec<&BaseParameter> = fitted.base.iter().filter(|b| !b.others.is_empty()).collect();
         if !together.is_empty() {
-            let mut table = Table::new(&["Only together", "value", "std", "unit"], &[3]);
+            let mut table = Table::new(&["Value", "std", "unit", "only together"], &[2, 3]);
             for b in together {
-                table.row([b.combination(), significant(b.value, 4), significant(b.std, 2), b.unit.into()]);
+                table.row([significant(b.value, 4), significant(b.std, 2), b.unit.into(), b.combination()]);
             }
             say(format!("\n{table}"))?;
         }
-        if !fitted.unidentified.is_empty() {
-            let mut table = Table::new(&["Not identified", "because"], &[1]);
-            for u in &fitted.unidentified {
-                table.row([u.name.clone(), u.reason.to_string()]);
-            }
-            say(format!("\n{table}"))?;
-        }
+        print_unidentified(fitted)?;
         let series = [
             ("fitted", Some(&fitted.rms[..])),
             ("held out", self.held_out_rms.as_deref()),
@@ -231,19 +162,7 @@ impl Answer<'_> {
             significant(structure.condition(), 3)
         ))?;
         say(format!("  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&fitted.model.bodies)))?;
-        if let Some(c) = fitted.correction {
-            say(format!(
-                "  The free estimate was no possible machine: consistency costs {} in ½Σr²/σ²; log-Cholesky and convex \
-                 programme agree to {:.1e} of that, proven to {:.1e}",
-                significant(c.cost, 3),
-                c.disagreement.abs(),
-                c.gap
-            ))?;
-        }
-        match &args.output {
-            Some(output) => say(format!("  Wrote {}", output.display())),
-            None => say("  Nothing written; -o FILE keeps the model"),
-        }
+        print_correction(fitted)
     }
 }
 
@@ -253,8 +172,49 @@ fn eigenvalues(model: &Model) -> Value {
     Value::Object(real.map(|(b, inertia)| (body_name(b), json!(inertia.min_eigenvalue()))).collect())
 }
 
-fn correction(c: &Correction) -> Value {
-    json!({"cost": c.cost, "disagreement": c.disagreement, "duality_gap": c.gap})
+/// How the estimate became possible, and what that moved; null if it was.
+fn correction(fitted: &Fit) -> Value {
+    let Some(c) = fitted.correction else { return Value::Null };
+    let one = |m: &Moved| json!({"name": m.name, "free": m.free, "value": m.value, "std": m.std, "unit": m.unit});
+    let moved: Vec<Value> = fitted.moved.iter().map(one).collect();
+    json!({"cost": c.cost, "disagreement": c.disagreement, "duality_gap": c.gap, "moved": moved})
+}
+
+/// What the data do not determine, and why.
+fn unidentified(fitted: &Fit) -> Value {
+    let one = |u: &Unidentified| json!({"name": u.name, "reason": u.reason.to_string()});
+    fitted.unidentified.iter().map(one).collect()
+}
+
+fn print_unidentified(fitted: &Fit) -> miette::Result<()> {
+    if fitted.unidentified.is_empty() {
+        return Ok(());
+    }
+    let mut table = Table::new(&["Not identified", "because"], &[1]);
+    for u in &fitted.unidentified {
+        table.row([u.name.clone(), u.reason.to_string()]);
+    }
+    say(format!("\n{table}"))
+}
+
+fn print_correction(fitted: &Fit) -> miette::Result<()> {
+    let Some(c) = fitted.correction else { return Ok(()) };
+    say(format!(
+        "  The free estimate was no possible machine: consistency costs {} in ½Σr²/σ²;\n  log-Cholesky and convex \
+         programme agree to {:.1e} of that, proven to {:.1e}",
+        significant(c.cost, 3),
+        c.disagreement.abs(),
+        c.gap
+    ))?;
+    if fitted.moved.is_empty() {
+        return say("  It moved no identified parameter by more than its standard error");
+    }
+    let mut table = Table::new(&["Moved to be possible", "from", "to", "standard errors", "unit"], &[4]);
+    for m in &fitted.moved {
+        let by = significant((m.value - m.free).abs() / m.std, 3);
+        table.row([m.name.clone(), significant(m.free, 4), significant(m.value, 4), by, m.unit.into()]);
+    }
+    say(format!("\n{table}"))
 }
 
 fn base(parameters: &[BaseParameter]) -> Value {

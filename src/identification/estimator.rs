@@ -20,23 +20,23 @@ pub struct Estimator {
     /// YᵀWY.
     data: DMatrix<f64>,
     /// Prior information of each parameter.
-    prior: f64,
+    prior: DVector<f64>,
     inverse: DMatrix<f64>,
 }
 
 impl Estimator {
-    /// Estimator with a prior of information `prior` per own size squared of each parameter; `None` if the numbers ran away.
-    pub fn new(normal: &NormalEquations, size: &DVector<f64>, prior: f64) -> Option<Self> {
+    /// Estimator with a prior of information `prior`, per own size squared, of each parameter; `None` if the numbers ran away.
+    pub fn new(normal: &NormalEquations, size: &DVector<f64>, prior: &DVector<f64>) -> Option<Self> {
         let n = size.len();
         let data = DMatrix::from_fn(n, n, |i, j| normal.information[(i, j)] * size[i] * size[j]);
-        let inverse = (&data + DMatrix::identity(n, n) * prior).cholesky()?.inverse();
+        let inverse = (&data + DMatrix::from_diagonal(prior)).cholesky()?.inverse();
         let finite = inverse.iter().all(|x| x.is_finite());
-        finite.then(|| Self { size: size.clone(), data, prior, inverse })
+        finite.then(|| Self { size: size.clone(), data, prior: prior.clone(), inverse })
     }
 
     /// Gauss–Newton step from parameters that lie `offset` from their prior; those in `held` do not move.
     pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, held: &[usize]) -> DVector<f64> {
-        let pull = offset.component_div(&self.size) * self.prior;
+        let pull = offset.component_div(&self.size).component_mul(&self.prior);
         let gradient = normal.score.component_mul(&self.size) - pull;
         let mut step = &self.inverse * gradient;
         // The step of least cost among those that leave the held ones where they are: s − P_h·P_hh⁻¹·s_h, P the inverse.
@@ -54,7 +54,7 @@ impl Estimator {
     pub fn curvature(&self) -> DMatrix<f64> {
         let n = self.size.len();
         DMatrix::from_fn(n, n, |i, j| {
-            let prior = if i == j { self.prior } else { 0.0 };
+            let prior = if i == j { self.prior[i] } else { 0.0 };
             (self.data[(i, j)] + prior) / (self.size[i] * self.size[j])
         })
     }
@@ -73,7 +73,7 @@ impl Estimator {
         let l = root.l();
         let runs: Vec<Vec<(DMatrix<f64>, DVector<f64>)>> =
             normal.blocks.iter().map(|run| run.iter().map(|b| self.whitened(b, &l)).collect()).collect();
-        let mut meat = l.tr_mul(&l) * self.prior;
+        let mut meat = l.tr_mul(&(DMatrix::from_diagonal(&self.prior) * &l));
         for run in &runs {
             let length = run.len().div_ceil(STRETCHES);
             // Every block counts as often as every other, also at the ends.

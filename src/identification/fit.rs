@@ -13,6 +13,7 @@ use super::estimator::{Estimator, PRIOR_INFORMATION};
 use super::filtering::MIN_HALF_WIDTH;
 use super::normal_equations::{ALIKE, NormalEquations, Weight};
 use super::prediction::{Channels, predict};
+use super::regularisation::{self, GroupWeight};
 use super::{BaseParameter, Trace};
 use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::{Role, payload};
@@ -52,6 +53,28 @@ pub enum FitError {
         samples: usize,
         /// Samples needed.
         needed: usize,
+    },
+    /// Every parameter is held.
+    #[error("every parameter of the model is held; expected at least one to estimate")]
+    NothingToEstimate,
+    /// There is nothing a payload could hang at.
+    #[error(
+        "recording {recording} is of a machine without a flange (a lone axis, or a robot that is taken apart), which carries no \
+         payload; expected an assembled delta robot"
+    )]
+    NoFlange {
+        /// Name of the recording.
+        recording: String,
+    },
+    /// A weight γ of something that is not there.
+    #[error(
+        "no parameter to estimate belongs to {group:?}; expected torque, bodies, friction, a kind of body or an effect: {known}"
+    )]
+    NoSuchGroup {
+        /// What was asked for.
+        group: String,
+        /// What there is.
+        known: String,
     },
     /// The numbers ran away.
     #[error("the least-squares problem has no finite solution")]
@@ -141,6 +164,8 @@ pub struct Options<'a> {
     pub prior: Option<&'a Model>,
     /// γ: information of the prior, per own size of a parameter squared; see [`PRIOR_INFORMATION`] for none given.
     pub prior_information: Option<f64>,
+    /// Weights γ of eq. 10 that depart from `prior_information`.
+    pub weights: &'a [GroupWeight],
     /// Effects whose parameters stay as they are.
     pub held: &'a [String],
     /// When to end with the best parameters so far; one step is always made.
@@ -165,10 +190,36 @@ pub struct Fit {
     pub impossible: Vec<String>,
     /// How the estimate became possible; `None` if it was.
     pub correction: Option<Correction>,
+    /// Identified parameters that this moved by more than their standard error.
+    pub moved: Vec<Moved>,
     /// Residual (measured − predicted) per recording and channel.
     pub residuals: Vec<Channels>,
     /// Root mean square residual per channel, over all recordings.
     pub rms: Vec<f64>,
+}
+
+impl Fit {
+    /// Whether the edge of the possible holds a parameter: it cannot take up what else is missing.
+    pub fn at_edge(&self, name: &str) -> bool {
+        /// Standard errors between the unconstrained estimate and the edge.
+        const HELD: f64 = 5.0;
+        self.moved.iter().any(|m| m.name == name && (m.value - m.free).abs() > HELD * m.std)
+    }
+}
+
+/// A parameter that had to leave its unconstrained estimate.
+#[derive(Clone, Debug)]
+pub struct Moved {
+    /// Printed name.
+    pub name: String,
+    /// Unit.
+    pub unit: &'static str,
+    /// Estimate that no possible machine has.
+    pub free: f64,
+    /// Value it has now.
+    pub value: f64,
+    /// Standard error of the estimate.
+    pub std: f64,
 }
 
 /// The price of possible parameters.
@@ -221,7 +272,7 @@ pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &O
     }
     let assembled = model.assembled;
     let mut model = in_configuration(model, &traces[0].setup);
-    let problem = Regression::new(&model, traces, noise, options);
+    let problem = Regression::new(&model, traces, noise, options)?;
     let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE)?;
     // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
     let clean = traces.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
@@ -259,36 +310,46 @@ struct Regression<'a> {
     /// Its estimated parameters, in the order of `free`.
     parameters: Vec<PlantParameter>,
     information: f64,
+    /// γ of each estimated parameter.
+    weights: DVector<f64>,
     consistency: Consistency,
     stop: Stop<'a>,
 }
 
 impl<'a> Regression<'a> {
-    fn new(model: &Model, traces: &'a [Trace], noise: &[Vec<f64>], options: &Options<'a>) -> Self {
+    fn new(model: &Model, traces: &'a [Trace], noise: &[Vec<f64>], options: &Options<'a>) -> Result<Self, FitError> {
         let setup = &traces[0].setup;
         let plant = Plant::new(model, setup);
         let parameters = plant.parameters();
         let regularised = options.prior.map_or_else(|| parameters.clone(), |p| Plant::new(p, setup).parameters());
         let estimated = |p: &PlantParameter| p.role != Role::Fixed && !options.held.iter().any(|h| h == p.effect);
         let free: Vec<usize> = (0..parameters.len()).filter(|&k| estimated(&parameters[k])).collect();
+        if free.is_empty() {
+            return Err(FitError::NothingToEstimate);
+        }
+        let own: Vec<PlantParameter> = free.iter().map(|&k| parameters[k].clone()).collect();
+        let information = options.prior_information.unwrap_or(PRIOR_INFORMATION);
+        let samples = traces.iter().map(Trace::len).sum();
+        let weights = regularisation::weights(&own, information, options.weights, samples)?;
         let known = |k: usize| regularised.iter().find(|p| p.name == parameters[k].name).unwrap_or(&parameters[k]);
         let sigma = match options.weighing {
             Weighing::Noise => noise.to_vec(),
             Weighing::Maximum => largest(traces, noise),
         };
-        Self {
+        Ok(Self {
             traces,
             sigma,
             white: options.weighing == Weighing::Noise,
             size: DVector::from_iterator(free.len(), free.iter().map(|&k| own_size(known(k)))),
             prior: DVector::from_iterator(free.len(), free.iter().map(|&k| known(k).value)),
-            parameters: free.iter().map(|&k| parameters[k].clone()).collect(),
+            parameters: own,
             before: plant,
             free,
-            information: options.prior_information.unwrap_or(PRIOR_INFORMATION),
+            information,
+            weights: DVector::from_vec(weights),
             consistency: options.consistency,
             stop: options.stop.unwrap_or(NEVER),
-        }
+        })
     }
 
     fn values(&self, model: &Model) -> DVector<f64> {
@@ -317,14 +378,15 @@ impl<'a> Regression<'a> {
 
     /// The prior's part of the cost.
     fn prior_cost(&self, values: &DVector<f64>) -> f64 {
-        0.5 * self.information * (values - &self.prior).component_div(&self.size).norm_squared()
+        let apart = (values - &self.prior).component_div(&self.size);
+        0.5 * apart.component_mul(&apart).dot(&self.weights)
     }
 
     /// Gauss–Newton from the present parameters of `model` to those of least cost.
     fn least_squares(&self, model: &mut Model, weight: Weight) -> Result<(NormalEquations, Estimator), FitError> {
         let pass = |model: &Model| NormalEquations::new(model, self.traces, &self.sigma, &self.free, weight);
         let solve =
-            |normal: &NormalEquations| Estimator::new(normal, &self.size, self.information).ok_or(FitError::NotFinite);
+            |normal: &NormalEquations| Estimator::new(normal, &self.size, &self.weights).ok_or(FitError::NotFinite);
         let mut normal = pass(model)?;
         let mut values = self.values(model);
         let mut estimator = solve(&normal)?;
@@ -460,19 +522,22 @@ impl<'a> Regression<'a> {
         let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].name.clone()).collect();
         let base = structure.base_parameters(&estimated, &self.size, &covariance);
         let (values, classes, correction) = self.possible(&estimated, &estimator.curvature());
-        let moved = correction.is_some();
+        let corrected = correction.is_some();
         self.set(&mut model, &values.rows(0, self.free.len()).into_owned());
         // The payload is no part of the machine.
         let links: Vec<_> = classes.into_iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).collect();
         consistency::complete(&links, &values, &mut model.bodies);
-        let residuals = if moved { residuals(&model, self.traces)? } else { normal.residuals.clone() };
+        let residuals = if corrected { residuals(&model, self.traces)? } else { normal.residuals.clone() };
         let mut parameters = Vec::new();
         let mut unidentified = Vec::new();
+        let mut moved = Vec::new();
         for (i, p) in estimated.iter().enumerate() {
             let std = covariance[(i, i)].max(0.0).sqrt();
             let known = std < self.size[i];
             if !known {
                 unidentified.push(Unidentified { name: p.name.clone(), reason: self.reason(normal, &base, p, i, std) });
+            } else if (values[i] - p.value).abs() > std {
+                moved.push(Moved { name: p.name.clone(), unit: p.unit, free: p.value, value: values[i], std });
             }
             parameters.push(Estimate {
                 name: p.name.clone(),
@@ -482,7 +547,7 @@ impl<'a> Regression<'a> {
             });
         }
         let rms = channel_rms(&residuals);
-        Ok(Fit { model, parameters, base, structure, unidentified, impossible, correction, residuals, rms })
+        Ok(Fit { model, parameters, base, structure, unidentified, impossible, correction, moved, residuals, rms })
     }
 
     fn reason(

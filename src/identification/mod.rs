@@ -15,6 +15,7 @@ pub mod noise;
 pub mod normal_equations;
 pub mod payload;
 pub mod prediction;
+pub mod regularisation;
 pub mod smoother;
 mod swapped;
 pub mod trace;

@@ -1,15 +1,16 @@
 //! Identification of the payload with a known robot (paper section 2.3.1, End-effector).
 //!
-//! Everything but the payload's mass, first moment and Θ_zz stays as the model has it, so an error of the model is an error of the
-//! payload: identify the empty robot first.
+//! Everything but the payload stays as the model has it, so an error of the model is an error of the payload: identify the empty
+//! robot first. All ten parameters of the payload are estimated. Everyday knowledge of it, the stated setup, speaks of its centre of
+//! mass and of its tensor about that; what the data do not show is taken from there, at the mass and the centre that they do show.
 
 use nalgebra::Vector3;
 
 use super::fit::{Fit, FitError, Options, fit_with};
 use super::{Estimate, Trace};
 use crate::dynamics::Plant;
-use crate::effects::{ActiveEffect, payload};
-use crate::model::Model;
+use crate::effects::{ActiveEffect, Part, payload};
+use crate::model::{Inertia, Model};
 use crate::recording::{Payload, Setup};
 
 /// A payload with standard errors.
@@ -17,33 +18,90 @@ use crate::recording::{Payload, Setup};
 pub struct PayloadFit {
     /// What was found, as a setup states it; what the data do not determine is as in the recording's setup.
     pub payload: Payload,
-    /// Mass, first moments and Θ_zz about the flange's axis.
+    /// Mass, first moments and tensor about the flange centre.
     pub parameters: Vec<Estimate>,
     /// The fit they come from.
     pub fit: Fit,
 }
 
+/// Places of the parameters.
+const MASS: usize = 0;
+const FIRST: usize = 1;
+const TENSOR: usize = 4;
+const XX: usize = TENSOR;
+const ZZ: usize = TENSOR + 2;
+const XZ: usize = TENSOR + 4;
+const YZ: usize = TENSOR + 5;
+
 /// Finds the payload all `traces` were recorded with; their stated payload is the regularisation value.
+///
+/// # Errors
+/// If a machine has no flange, and as [`fit_with`].
 pub fn identify_payload(
     model: &Model,
     traces: &[Trace],
     noise: &[Vec<f64>],
     options: &Options,
 ) -> Result<PayloadFit, FitError> {
+    if let Some(trace) = traces.iter().find(|t| !Plant::new(model, &t.setup).has(Part::Linkage)) {
+        return Err(FitError::NoFlange { recording: trace.name.clone() });
+    }
     let stated = traces.first().map_or_else(Payload::default, |t| t.setup.payload);
-    let inertia = stated.inertia();
-    let mut with = model.clone();
-    let first = inertia.first_moment.as_slice().to_vec();
-    with.effects.push(ActiveEffect::new(&payload::Payload, &[&[inertia.mass], &first, &[inertia.tensor[(2, 2)]]]));
     let empty = |t: &Trace| Trace { setup: Setup { payload: Payload::default(), ..t.setup }, ..t.clone() };
     let traces: Vec<Trace> = traces.iter().map(empty).collect();
-    let others: Vec<String> =
+    let mut others: Vec<String> =
         Plant::new(model, &traces[0].setup).parameters().iter().map(|p| p.effect.into()).collect();
-    let fit = fit_with(&with, &traces, noise, &Options { held: &others, ..*options })?;
-    let value = |i: usize| fit.parameters[i].value;
-    let mass = value(0);
-    let com = Vector3::new(value(1), value(2), value(3)) / mass;
-    let inertia_zz = value(4) - mass * (com.x * com.x + com.y * com.y);
-    let payload = Payload { mass, com, inertia_zz: inertia_zz.max(0.0) };
-    Ok(PayloadFit { payload, parameters: fit.parameters.clone(), fit })
+    others.dedup();
+    let around = |prior: &Payload| {
+        let with = loaded(model, prior);
+        fit_with(&with, &traces, noise, &Options { held: &others, prior: Some(&with), ..*options })
+    };
+    let first = around(&stated)?;
+    let fit = around(&completed(&stated, &first.parameters))?;
+    Ok(PayloadFit { payload: found(&fit.parameters), parameters: fit.parameters.clone(), fit })
+}
+
+/// The model with a payload as one of its effects.
+fn loaded(model: &Model, load: &Payload) -> Model {
+    let inertia = load.inertia();
+    let moments = Payload { tensor: inertia.tensor, ..Payload::default() }.moments();
+    let mut with = model.clone();
+    let values: [&[f64]; 3] = [&[inertia.mass], inertia.first_moment.as_slice(), &moments];
+    with.effects.push(ActiveEffect::new(&payload::Payload, &values));
+    with
+}
+
+/// What is known of a payload after a first estimate: centre of mass and tensor as stated where the data do not show them.
+fn completed(stated: &Payload, estimates: &[Estimate]) -> Payload {
+    let seen = |i: usize| estimates[i].identified();
+    let first = found(estimates);
+    if first.mass <= 0.0 {
+        return *stated;
+    }
+    let com = Vector3::from_fn(|k, _| if seen(FIRST + k) { first.com[k] } else { stated.com[k] });
+    let own = found_at(estimates, com);
+    let zz = if seen(ZZ) { own.inertia_zz().max(0.0) } else { stated.inertia_zz() };
+    // A tensor of which only the vertical moment was stated grows as a whole.
+    let only_zz = *stated == Payload::new(stated.mass, stated.com, stated.inertia_zz());
+    let mut completed = Payload { mass: first.mass, com, ..if only_zz { Payload::new(0.0, com, zz) } else { *stated } };
+    completed.tensor[(2, 2)] = zz;
+    for (place, (i, j)) in [(XZ, (0, 2)), (YZ, (1, 2))] {
+        if seen(place) {
+            (completed.tensor[(i, j)], completed.tensor[(j, i)]) = (own.tensor[(i, j)], own.tensor[(i, j)]);
+        }
+    }
+    completed
+}
+
+/// The payload that the parameters describe.
+fn found(estimates: &[Estimate]) -> Payload {
+    let com = |k: usize| estimates[FIRST + k].value / estimates[MASS].value;
+    found_at(estimates, Vector3::new(com(0), com(1), com(2)))
+}
+
+/// Their payload with the centre of mass elsewhere.
+fn found_at(estimates: &[Estimate], com: Vector3<f64>) -> Payload {
+    let mass = estimates[MASS].value;
+    let about_flange = Payload::with_tensor(0.0, [0.0; 3], std::array::from_fn(|k| estimates[XX + k].value)).tensor;
+    Payload { mass, com, tensor: about_flange - Inertia::point(mass, com).tensor }
 }

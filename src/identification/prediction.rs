@@ -76,11 +76,14 @@ pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError
         .map(|start| {
             let range = start..(start + CHUNK).min(trace.len());
             let (around, shift) = surroundings(plant, trace, &range);
-            let mut piece = predict_along(plant, &around, &joints(plant, &around)?)?;
+            let piece = predict_along(plant, &around, &joints(plant, &around)?);
+            let mut piece = piece.map_err(|e| e.later(range.start - shift))?;
             piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
             Ok(piece)
         })
-        .collect::<Result<_, KinematicsError>>()?;
+        .collect::<Vec<Result<_, KinematicsError>>>()
+        .into_iter()
+        .collect::<Result<_, _>>()?;
     let whole = |c: usize| pieces.iter().flat_map(|p| &p[c]).copied().collect();
     Ok((0..trace.channels.len()).map(whole).collect())
 }
@@ -135,14 +138,18 @@ fn ideal(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, Kine
     let mut outputs: Vec<Output> = (0..trace.len())
         .into_par_iter()
         .map(|k| {
-            let mut out = inverse_dynamics(&behind, trace.t[k], &joints.motion(k)?, &own.at(k), with_struts)?;
+            let out = inverse_dynamics(&behind, trace.t[k], &joints.motion(k)?, &own.at(k), with_struts);
+            let mut out = out.map_err(|e| e.at_sample(k))?;
             for (i, gear) in gears.iter().enumerate() {
                 // The rotor moves with the encoder, not with the arm.
                 out.tau[i] += gear.rotor_inertia * (joints.encoders[k].qdd[i] - joints.states[k].qdd[i]);
             }
             Ok(out)
         })
-        .collect::<Result<_, KinematicsError>>()?;
+        // The first sample that fails is named, whichever thread meets one first.
+        .collect::<Vec<Result<_, KinematicsError>>>()
+        .into_iter()
+        .collect::<Result<_, _>>()?;
     if gears.iter().any(|g| g.friction_at_motor) {
         for (out, friction) in outputs.iter_mut().zip(at_motors(plant, &behind, &own, trace, joints)?) {
             out.tau.iter_mut().zip(friction).for_each(|(tau, f)| *tau += f);

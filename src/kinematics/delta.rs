@@ -103,6 +103,28 @@ pub enum KinematicsError {
         /// Upper limit, rad.
         max: f64,
     },
+    /// A force law gives no number.
+    #[error(
+        "effect `{effect}`, term `{term}`: the law gives {value}{} at t = {t:.6} s, q = ({}), dq/dt = ({}); expected a \
+         finite number",
+        .sample.map_or_else(String::new, |k| format!(" at sample {}", k + 1)), listed(.q), listed(.qd)
+    )]
+    Law {
+        /// Name of the effect.
+        effect: &'static str,
+        /// Name of the term, its coefficient's.
+        term: &'static str,
+        /// What it gives per unit of its coefficient.
+        value: f64,
+        /// Sample, from 0, where the motion is sampled.
+        sample: Option<usize>,
+        /// Time, s.
+        t: f64,
+        /// Joint angles, rad (m on a slide).
+        q: [f64; AXES],
+        /// Joint rates, rad/s (m/s on a slide).
+        qd: [f64; AXES],
+    },
     /// The telescope is too short or too long.
     #[error("telescope length {length:.4} m is outside {min:.4}..{max:.4} m")]
     TelescopeLimit {
@@ -113,6 +135,30 @@ pub enum KinematicsError {
         /// Upper limit, m.
         max: f64,
     },
+}
+
+impl KinematicsError {
+    /// The same error, of sample `k` (from 0).
+    pub fn at_sample(self, k: usize) -> Self {
+        match self {
+            Self::Law { effect, term, value, t, q, qd, .. } => {
+                Self::Law { effect, term, value, sample: Some(k), t, q, qd }
+            }
+            other => other,
+        }
+    }
+
+    /// The same error, of a sample `by` later.
+    pub fn later(self, by: usize) -> Self {
+        match self {
+            Self::Law { sample: Some(k), .. } => self.at_sample(k + by),
+            other => other,
+        }
+    }
+}
+
+fn listed(values: &[f64; AXES]) -> String {
+    values.map(|x| format!("{x:.4}")).join(", ")
 }
 
 /// Axes of an arm's frame in the inertial frame.

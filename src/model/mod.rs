@@ -7,6 +7,7 @@ pub mod check;
 pub mod geometry;
 pub mod history;
 pub mod mechanism;
+pub mod provenance;
 mod read;
 mod schema;
 pub mod write;
@@ -15,11 +16,12 @@ pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
 pub use history::Added;
 pub use mechanism::{Joint, Mechanism, Part};
+pub use provenance::Provenance;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::effects::{ActiveEffect, Host};
+use crate::effects::{Effects, Host};
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;
@@ -45,10 +47,14 @@ pub struct Model {
     pub geometry: Geometry,
     /// Inertia of every kind of body, without payload.
     pub bodies: Bodies,
+    /// Which numbers of the bodies are parameters; no part of the file.
+    pub link_parameters: LinkParameters,
     /// Drives 1–3 (arms) and 4 (telescope).
     pub drives: [Drive; AXES],
     /// Ball sockets.
     pub sockets: Sockets,
+    /// Hard stops.
+    pub stops: Stops,
     /// Sensor noise of the machine.
     pub noise: Noise,
     /// Gravitational acceleration along −z, m/s².
@@ -56,7 +62,7 @@ pub struct Model {
     /// Sampling and control period, s.
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
-    pub effects: Vec<ActiveEffect>,
+    pub effects: Effects,
     /// Effects that were added to it, in order, with the error before and after.
     pub history: Vec<Added>,
 }
@@ -66,6 +72,16 @@ impl Model {
     pub fn host(&self) -> Host {
         Host::new(self.mechanism, &self.drives[0])
     }
+}
+
+/// What is taken as alike and symmetric among the links of an assembled robot. The default are the paper's assumptions
+/// (section 2.3): limbs alike, no deviation moments, struts and telescope parts symmetric about their axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkParameters {
+    /// Every limb has arm and struts of its own.
+    pub each_limb: bool,
+    /// Arm, strut, platform and telescope parts have all ten inertial parameters.
+    pub complete: bool,
 }
 
 /// One drive, seen at the gear output.
@@ -99,12 +115,40 @@ pub struct Sockets {
     pub ball_radius: f64,
     /// Force of the clamp spring that presses the cup on the ball, N.
     pub preload: f64,
-    /// Reaction at which a healthy socket leaves its ball, N.
+    /// Force across the cup at which a healthy socket leaves its ball while nothing pulls along its opening, N.
     pub dislocation_force: f64,
+    /// Share of the clamp springs' own pull across the cup that counts against `dislocation_force`, 0 to 1.
+    ///
+    /// Where a pair is sheared, the springs pull along the pair and not along the cup: P·(u·v) of it acts along the strut.
+    /// With 0 the dislocation force is net, the load's reaction alone counts; with 1 the springs' part counts in full.
+    pub clamp_share: f64,
     /// Damping of the strut's spin about its own axis against the frame, N·m·s/rad.
     ///
     /// Stands for the clamp springs, which keep the strut from spinning.
     pub spin_damping: f64,
+}
+
+/// Hard stops: buffers at the ends of what the joints can do. Those of the telescope stand at its limits in [`Geometry`].
+///
+/// A stiffness of zero is no stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stops {
+    /// Arm angles at which the stops are first touched, rad.
+    pub arm: [f64; 2],
+    /// N·m/rad.
+    pub arm_stiffness: f64,
+    /// Hunt and Crossley's damping χ, s/rad.
+    pub arm_damping: f64,
+    /// Angle between the axes of a Hooke joint's parts at which it is stopped, rad.
+    pub hooke: f64,
+    /// N·m/rad.
+    pub hooke_stiffness: f64,
+    /// s/rad.
+    pub hooke_damping: f64,
+    /// Of both ends of the telescope, N/m.
+    pub telescope_stiffness: f64,
+    /// s/m.
+    pub telescope_damping: f64,
 }
 
 /// Standard deviations of the sensors.

@@ -15,8 +15,8 @@ use super::bodies::{self, BODIES, body_name};
 use super::check::{self, Culprit};
 use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
-use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, Mechanism, Model};
-use crate::effects::{ActiveEffect, Effect, Host, Parameter, REGISTRY, Role};
+use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Model, Stops};
+use crate::effects::{ActiveEffect, Effect, Effects, Host, Parameter, REGISTRY, Role};
 
 mod formula;
 
@@ -67,10 +67,11 @@ fn read_model(top: &Table) -> Result<Model> {
     if delta {
         top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled, mechanism)?;
     }
+    let stops = read_stops(top, &geometry, mechanism)?;
     top.fill_table("noise", schema::noise(mechanism), &mut noise, assembled, mechanism)?;
     let effects = match top.optional_table("effects")? {
         Some(table) => read_effects(&table, Host::new(mechanism, &drives[0]))?,
-        None => Vec::new(),
+        None => Effects::default(),
     };
     Ok(Model {
         name,
@@ -80,14 +81,32 @@ fn read_model(top: &Table) -> Result<Model> {
         assembled,
         geometry,
         bodies,
+        link_parameters: LinkParameters::default(),
         drives,
         sockets,
+        stops,
         noise,
         gravity: numbers.gravity,
         sample_time: numbers.sample_time,
         effects,
         history: read_history(top)?,
     })
+}
+
+/// Hard stops, which must leave the range of motion free; none without the table.
+fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Result<Stops> {
+    let mut stops = schema::NO_STOPS;
+    let delta = matches!(mechanism, Mechanism::Delta { .. });
+    if !delta || top.entry("stops").is_none() {
+        return Ok(stops);
+    }
+    top.fill_table("stops", schema::stops(mechanism), &mut stops, true, mechanism)?;
+    let [low, high] = geometry.arm_limits;
+    if stops.arm[0] > low || stops.arm[1] < high {
+        let expected = format!("expected stops at or beyond geometry.arm_limits, {low} and {high} rad");
+        return Err(top.table("stops")?.refuse("arm", &expected));
+    }
+    Ok(stops)
 }
 
 /// What was added to the model so far, `[[history]]`.
@@ -126,7 +145,7 @@ fn read_mechanism(top: &Table) -> Result<Mechanism> {
     let (mechanism, own): (_, &[&str]) = match kind {
         "delta" => {
             let telescope = top.optional_boolean("telescope")?.unwrap_or(true);
-            (Mechanism::Delta { telescope }, &["telescope", "assembled", "sockets"])
+            (Mechanism::Delta { telescope }, &["telescope", "assembled", "sockets", "stops"])
         }
         "axis" => {
             let joint = match top.string("joint", "\"revolute\" or \"prismatic\"")? {
@@ -283,7 +302,7 @@ pub(super) fn drive_shape(n: usize) -> Shape {
     if n == 1 { Shape::One } else { Shape::OneOrArray(n) }
 }
 
-fn read_effects(table: &Table, host: Host) -> Result<Vec<ActiveEffect>> {
+fn read_effects(table: &Table, host: Host) -> Result<Effects> {
     let names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).filter(|n| *n != ALWAYS_PRESENT).collect();
     if table.entry(ALWAYS_PRESENT).is_some() {
         return Err(table.refuse_key(
@@ -296,7 +315,7 @@ fn read_effects(table: &Table, host: Host) -> Result<Vec<ActiveEffect>> {
         let message = format!("unknown effect; expected one of {}", names.join(", "));
         return Err(table.refuse_key(key, &message, suggestion(key, &names)));
     }
-    let mut active = Vec::new();
+    let mut active = Effects::default();
     for effect in REGISTRY {
         if let Some(own) = table.optional_table(effect.name())? {
             // An effect on what is only dismounted may stay.
@@ -516,8 +535,13 @@ impl<'a> Table<'a> {
     /// Fills `target` from this table; keys that a disassembled robot does not need may be missing from it.
     fn fill<T: ?Sized>(&self, fields: &[Field<T>], target: &mut T, assembled: bool, units: Mechanism) -> Result<()> {
         for f in fields {
-            if assembled || f.always || self.entry(f.key).is_some() {
-                (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, units.unit(f.unit))?);
+            let given = self.entry(f.key).is_some();
+            match f.default {
+                Some(default) if !given => (f.set)(target, &[default]),
+                _ if given || assembled || f.always => {
+                    (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, units.unit(f.unit))?);
+                }
+                _ => {}
             }
         }
         Ok(())

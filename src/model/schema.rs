@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets};
+use super::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops};
 use crate::effects::{Count, Parameter};
 
 /// A key with one number or an array of numbers, stored in a `T`.
@@ -14,8 +14,10 @@ pub(super) struct Field<T: ?Sized + 'static> {
     pub about: &'static str,
     pub shape: Shape,
     pub bounds: Bounds,
-    /// Whether a disassembled robot needs it; an assembled one needs every key.
+    /// Whether a disassembled robot needs it; an assembled one needs every key without `default`.
     pub always: bool,
+    /// What a missing key means, for one that nobody needs.
+    pub default: Option<f64>,
     pub get: fn(&T) -> Vec<f64>,
     pub set: fn(&mut T, &[f64]),
 }
@@ -37,8 +39,10 @@ impl Shape {
         let n = parameter.count.on(machine);
         match parameter.count {
             Count::One => Shape::One,
-            Count::PerDrive if machine.has_telescope() => Shape::Arrays(n, machine.axes()),
-            Count::PerArm | Count::PerDrive | Count::PerAxis if n == 1 => Shape::OneOrArray(1),
+            Count::PerDrive | Count::AllDrives if machine.has_telescope() => {
+                Shape::Arrays(machine.arms(), machine.axes())
+            }
+            Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives if n == 1 => Shape::OneOrArray(1),
             _ => Shape::Array(n),
         }
     }
@@ -122,6 +126,9 @@ const ANGLE: Bounds = Bounds::between(-std::f64::consts::PI, std::f64::consts::P
 
 macro_rules! number {
     ($key:ident, $unit:expr, $about:expr, $bounds:expr, $always:expr) => {
+        number!($key, $unit, $about, $bounds, $always, None)
+    };
+    ($key:ident, $unit:expr, $about:expr, $bounds:expr, $always:expr, $default:expr) => {
         Field {
             key: stringify!($key),
             unit: $unit,
@@ -129,6 +136,7 @@ macro_rules! number {
             shape: Shape::One,
             bounds: $bounds,
             always: $always,
+            default: $default,
             get: |t| vec![t.$key],
             set: |t, v| t.$key = v[0],
         }
@@ -144,6 +152,7 @@ macro_rules! array {
             shape: Shape::Array($n),
             bounds: $bounds,
             always: $always,
+            default: None,
             get: |t| t.$key.to_vec(),
             set: |t, v| t.$key.copy_from_slice(v),
         }
@@ -173,6 +182,7 @@ const GEOMETRY: &[Field<Geometry>] = &[
         shape: Shape::OneOrArray(ARMS),
         bounds: LENGTH,
         always: false,
+        default: None,
         get: |g| g.strut_length.to_vec(),
         set: |g, v| g.strut_length.copy_from_slice(v),
     },
@@ -195,6 +205,7 @@ const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
     shape: Shape::Array(2),
     bounds: Bounds::between(-1e4, 1e4),
     always: true,
+    default: None,
     get: |g| g.arm_limits.to_vec(),
     set: |g, v| g.arm_limits.copy_from_slice(v),
 }];
@@ -221,6 +232,7 @@ const INERTIA: &[Field<Inertia>] = &[
         shape: Shape::Array(3),
         bounds: Bounds::between(-1000.0, 1000.0),
         always: true,
+        default: None,
         get: |i| i.first_moment.as_slice().to_vec(),
         set: |i, v| i.first_moment = Vector3::from_column_slice(v),
     },
@@ -231,6 +243,7 @@ const INERTIA: &[Field<Inertia>] = &[
         shape: Shape::Arrays(3, 6),
         bounds: Bounds::between(-1000.0, 1000.0),
         always: true,
+        default: None,
         get: |i| {
             let t = &i.tensor;
             let mut v = vec![t[(0, 0)], t[(1, 1)], t[(2, 2)]];
@@ -256,6 +269,7 @@ const fn lone(key: &'static str, about: &'static str) -> Field<Inertia> {
         shape: Shape::One,
         bounds: Bounds::positive(1e6),
         always: true,
+        default: None,
         get: |i| vec![i.tensor[(1, 1)]],
         set: |i, v| *i = Inertia::lone(v[0]),
     }
@@ -281,6 +295,7 @@ macro_rules! drive {
             shape: Shape::OneOrArray(ARMS),
             bounds: $bounds,
             always: true,
+            default: None,
             get: |d| d.iter().map(|d| f64::from(d.$key)).collect(),
             set: |d, v| d.iter_mut().zip(v).for_each(|(d, &v)| d.$key = v as _),
         }
@@ -304,10 +319,63 @@ pub(super) const DRIVE: &[Field<[Drive]>] = &[
 
 pub(super) const SOCKETS: &[Field<Sockets>] = &[
     number!(ball_radius, "m", "radius of the ball", Bounds::positive(1.0), true),
-    number!(preload, "N", "force of the clamp spring on the ball", Bounds::between(0.0, 1e5), true),
-    number!(dislocation_force, "N", "reaction at which a healthy socket leaves its ball", Bounds::positive(1e6), true),
+    number!(preload, "N", "force of the clamp spring on the ball", Bounds::positive(1e5), true),
+    number!(
+        dislocation_force,
+        "N",
+        "force across the cup at which a healthy socket leaves its ball",
+        Bounds::positive(1e6),
+        true
+    ),
+    number!(
+        clamp_share,
+        "",
+        "share of the clamp springs' own pull across the cup that counts against the hold, 0: net",
+        Bounds::between(0.0, 1.0),
+        false,
+        Some(0.0)
+    ),
     number!(spin_damping, "N·m·s/rad", "damping of a strut's spin about its own axis", Bounds::between(0.0, 1e6), true),
 ];
+
+const STIFFNESS: Bounds = Bounds::positive(1e9);
+const DAMPING: Bounds = Bounds::between(0.0, 100.0);
+
+const STOPS: &[Field<Stops>] = &[
+    array!(arm, 2, "rad", "arm angles of the lower and the upper stop", ANGLE, true),
+    number!(arm_stiffness, "N·m/rad", "of the arms' stops", STIFFNESS, true),
+    number!(arm_damping, "s/rad", "Hunt and Crossley's, of the arms' stops", DAMPING, true),
+    number!(telescope_stiffness, "N/m", "of both ends of the telescope", STIFFNESS, true),
+    number!(telescope_damping, "s/m", "Hunt and Crossley's, of both ends of the telescope", DAMPING, true),
+    number!(
+        hooke,
+        "rad",
+        "largest angle between the parts of a Hooke joint",
+        Bounds::positive(std::f64::consts::PI),
+        true
+    ),
+    number!(hooke_stiffness, "N·m/rad", "of the Hooke joints' stops", STIFFNESS, true),
+    number!(hooke_damping, "s/rad", "Hunt and Crossley's, of the Hooke joints' stops", DAMPING, true),
+];
+/// The first of them, those of the arms.
+const OF_ARMS: usize = 3;
+
+/// Keys of `[stops]`, which may be left out.
+pub(super) fn stops(machine: Mechanism) -> &'static [Field<Stops>] {
+    if machine.has_telescope() { STOPS } else { STOPS.split_at(OF_ARMS).0 }
+}
+
+/// A machine without stops.
+pub(super) const NO_STOPS: Stops = Stops {
+    arm: [0.0; 2],
+    arm_stiffness: 0.0,
+    arm_damping: 0.0,
+    hooke: 0.0,
+    hooke_stiffness: 0.0,
+    hooke_damping: 0.0,
+    telescope_stiffness: 0.0,
+    telescope_damping: 0.0,
+};
 
 macro_rules! torque_noise {
     ($n:expr, $shape:expr) => {
@@ -318,6 +386,7 @@ macro_rules! torque_noise {
             shape: $shape,
             bounds: Bounds::between(0.0, 1e6),
             always: true,
+            default: None,
             get: |n| n.torque[..$n].to_vec(),
             set: |n, v| n.torque[..$n].copy_from_slice(v),
         }
@@ -365,6 +434,6 @@ pub(super) const GEOMETRY_ZERO: Geometry = Geometry {
 };
 
 pub(super) const SOCKETS_ZERO: Sockets =
-    Sockets { ball_radius: 0.0, preload: 0.0, dislocation_force: 0.0, spin_damping: 0.0 };
+    Sockets { ball_radius: 0.0, preload: 0.0, dislocation_force: 0.0, clamp_share: 0.0, spin_damping: 0.0 };
 
 pub(super) const NOISE_ZERO: Noise = Noise { torque: [0.0; AXES], strut_force: 0.0 };

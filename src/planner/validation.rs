@@ -46,7 +46,7 @@ pub fn execute(machine: &Model, planning: &Plant, planned: &Recording) -> Result
         substeps: 2,
         noise_seed: None,
         sensors: Sensors { strut_upper: all, strut_lower: all, ..Sensors::default() },
-        clamps: Some(Clamps { armed: true, ..Clamps::watched(machine.sockets.dislocation_force) }),
+        clamps: Some(Clamps { armed: true, ..Clamps::watched(&machine.sockets) }),
         ..Options::default()
     };
     let (recording, report) = simulate(machine, &planned.setup, planning, &|t| motion.at(t), &options, &mut |_| true)?;

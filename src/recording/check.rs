@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
+use super::channels::multiplier_names;
 use super::{ReadError, Signals};
 use crate::model::{AXES, Joint, Mechanism, STRUTS};
 
@@ -68,11 +69,12 @@ pub(super) fn known(name: &str) -> bool {
             .is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=STRUTS).contains(&k)))
     };
     matches!(name, "t" | "ee_x" | "ee_y" | "ee_z")
-        || ["q", "tau", "qd", "qdd"].iter().any(|stem| numbered(stem, AXES))
+        || ["q", "tau", "qd", "qdd", "link_q", "link_qd"].iter().any(|stem| numbered(stem, AXES))
         || strut("strut", "_upper")
         || strut("strut", "_lower")
         || strut("margin", "_upper")
         || strut("margin", "_lower")
+        || (name.starts_with("lambda_") && multiplier_names().iter().any(|n| n == name))
 }
 
 /// Columns of the socket margins: six upper, then six lower.
@@ -181,7 +183,12 @@ impl Table {
         let step = median_step(&self.t);
         if step > 0.05 {
             let problem = format!("steps of {step} s; looks like milliseconds");
-            return Err(self.value_error(1, "t", problem, "seconds, sampled at 20 Hz or more"));
+            return Err(self.value_error(
+                1,
+                "t",
+                problem,
+                "seconds, sampled at 20 Hz or more; --map \"t=t[ms]\" reads milliseconds",
+            ));
         }
         if step < 1e-6 {
             let problem = format!("steps of {step:e} s");
@@ -201,7 +208,11 @@ impl Table {
                 q[i],
                 if degrees { "; looks like degrees" } else { "" }
             );
-            return Err(self.value_error(i, name, problem, format!("{low} … {high} rad")));
+            let other = match degrees {
+                true => format!("; --map \"{name}={name}[deg]\" reads degrees, \"{name}={name}/33\" a motor's side"),
+                false => String::new(),
+            };
+            return Err(self.value_error(i, name, problem, format!("{low} … {high} rad{other}")));
         }
         for c in &self.columns {
             let (limit, unit, hint) = match c.name.as_str() {
@@ -247,8 +258,9 @@ impl Table {
                 return Err(self.value_error(0, &name, problem, "a channel that changes"));
             }
         }
-        // A margin is no sensor's: that of a socket open from the start is always zero.
-        let sensor = |c: &&Column| !is_axis(&c.name) && !c.name.starts_with("margin");
+        // Margins, multipliers and links are no sensor's: a socket open from the start always has zero.
+        let computed = |name: &str| ["margin", "lambda_", "link_"].iter().any(|stem| name.starts_with(stem));
+        let sensor = |c: &&Column| !is_axis(&c.name) && !computed(&c.name);
         for c in self.columns.iter().filter(sensor).filter(|c| is_constant(&c.values)) {
             warnings.push(format!("`{}` is always {}: is the sensor connected?", c.name, c.values[0]));
         }
@@ -524,6 +536,9 @@ impl Table {
         let has_ee = optional(&ee_names.map(String::from));
         let margin_names = margin_names();
         let has_margins = optional(&margin_names);
+        let lambda_names = multiplier_names();
+        let has_multipliers = optional(&lambda_names);
+        let (has_link_q, has_link_qd) = (optional(&of_axes("link_q")), optional(&of_axes("link_qd")));
         let strut = |s: usize, end: &str| self.column(&format!("strut{}_{end}", s + 1)).map(<[f64]>::to_vec);
         let ee = has_ee.then(|| {
             let all = ee_names.map(|name| self.column(name));
@@ -531,6 +546,10 @@ impl Table {
         });
         let margins = has_margins.then(|| {
             let all = margin_names.each_ref().map(|name| self.column(name));
+            (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
+        });
+        let multipliers = has_multipliers.then(|| {
+            let all = lambda_names.each_ref().map(|name| self.column(name));
             (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
         });
         Signals {
@@ -543,6 +562,9 @@ impl Table {
             qd: has_qd.then(|| axes("qd")),
             qdd: has_qdd.then(|| axes("qdd")),
             socket_margin: margins,
+            multipliers,
+            link_q: has_link_q.then(|| axes("link_q")),
+            link_qd: has_link_qd.then(|| axes("link_qd")),
             segments,
             t: self.t.clone(),
         }
@@ -557,6 +579,8 @@ pub(super) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
         ("tau", Some(&signals.tau)),
         ("qd", signals.qd.as_ref()),
         ("qdd", signals.qdd.as_ref()),
+        ("link_q", signals.link_q.as_ref()),
+        ("link_qd", signals.link_qd.as_ref()),
     ] {
         for k in 0..signals.mechanism.axes() {
             if let Some(values) = values {
@@ -581,6 +605,11 @@ pub(super) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
     for (s, name) in margin_names().into_iter().enumerate() {
         if let Some(margins) = &signals.socket_margin {
             columns.push(Column { name, values: margins.iter().map(|m| m[s]).collect() });
+        }
+    }
+    for (row, name) in multiplier_names().into_iter().enumerate() {
+        if let Some(multipliers) = &signals.multipliers {
+            columns.push(Column { name, values: multipliers.iter().map(|m| m[row]).collect() });
         }
     }
     for c in &columns {
@@ -611,7 +640,7 @@ fn span(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)))
 }
 
-fn median_step(t: &[f64]) -> f64 {
+pub(super) fn median_step(t: &[f64]) -> f64 {
     let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
     if steps.is_empty() {
         return 0.0;

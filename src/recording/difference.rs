@@ -91,6 +91,8 @@ fn channels(signals: &Signals) -> Vec<Channel<'_>> {
         ("tau", "N·m", Some(&signals.tau)),
         ("qd", "rad/s", signals.qd.as_ref()),
         ("qdd", "rad/s²", signals.qdd.as_ref()),
+        ("link_q", "rad", signals.link_q.as_ref()),
+        ("link_qd", "rad/s", signals.link_qd.as_ref()),
     ];
     for (family, unit, values) in axes {
         for k in 0..signals.mechanism.axes() {
@@ -117,6 +119,15 @@ fn channels(signals: &Signals) -> Vec<Channel<'_>> {
         for s in 0..12 {
             let end = if s < 6 { "upper" } else { "lower" };
             add(&mut out, "socket margin", format!("margin{}_{end}", s % 6 + 1), "N", move |i| margins[i][s]);
+        }
+    }
+    if let Some(multipliers) = &signals.multipliers {
+        for (forces, family, unit) in [(true, "multiplier (force)", "N"), (false, "multiplier (moment)", "N·m")] {
+            for (row, name) in super::multiplier_names().into_iter().enumerate() {
+                if super::channels::is_force(row) == forces {
+                    add(&mut out, family, name, unit, move |i| multipliers[i][row]);
+                }
+            }
         }
     }
     out

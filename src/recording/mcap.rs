@@ -11,6 +11,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::{Deserialize, Serialize};
 
 use super::check::{self, Column, Table};
+use super::columns::{self, Mapping};
 use super::{ReadError, Recording, Setup, Signals, WriteError, file};
 use crate::model::{Joint, Mechanism, STRUTS};
 
@@ -195,7 +196,11 @@ fn mechanism_name(mechanism: Mechanism) -> &'static str {
 /// Reads and checks the signals of a machine, or of whatever machine the file tells, and the setup if it holds one.
 ///
 /// A file that was cut short is read up to its last complete chunk. Also returns what was noticed and repaired.
-pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
+pub fn read(
+    path: &Path,
+    machine: Option<Mechanism>,
+    maps: &[Mapping],
+) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
     let content = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
     if content.is_empty() {
         return Err(ReadError::content(path, "is empty", EXPECTED));
@@ -210,9 +215,9 @@ pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Option<
         None => None,
     };
     let machine = machine.unwrap_or_else(|| messages.machine());
-    let table = joints(path, &messages, machine, &mut warnings)?;
+    let (table, mapped) = columns::remap(joints(path, &messages, machine, &mut warnings)?, maps)?;
     let (signals, noticed) = check::signals(table)?;
-    warnings.extend(noticed);
+    warnings.extend(mapped.into_iter().chain(noticed));
     Ok((signals, setup, warnings))
 }
 

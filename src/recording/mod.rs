@@ -2,26 +2,32 @@
 //!
 //! Only `csv.rs`, `mcap.rs` and `rerun.rs` know file formats.
 
+mod channels;
 mod check;
+pub mod columns;
 pub mod command;
 pub mod csv;
 mod difference;
+mod epoch;
 mod error;
 pub(crate) mod file;
 pub mod mcap;
+mod payload;
 #[cfg(feature = "viewer")]
 pub mod rerun;
 pub mod setup;
 
+pub use channels::{ROWS, multiplier_names};
+pub use columns::Mapping;
 pub use difference::Difference;
 pub use error::{ReadError, WriteError};
+pub use payload::Payload;
 
 use std::ops::Range;
 use std::path::Path;
 
-use nalgebra::Vector3;
-
-use crate::model::{AXES, Inertia, Mechanism, STRUTS};
+use self::setup::Sidecar;
+use crate::model::{AXES, Mechanism, STRUTS};
 
 /// One run of the machine, sampled at increasing times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,42 +40,57 @@ pub struct Recording {
     pub setup: Setup,
 }
 
+/// How a file is read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reading<'a> {
+    /// Setup instead of the sidecar.
+    pub setup: Option<&'a Path>,
+    /// Machine whose axes must be there; by the columns if none is given.
+    pub machine: Option<Mechanism>,
+    /// Which column is which channel, one after the other.
+    pub maps: &'a [Mapping],
+}
+
 impl Recording {
     /// Reads a `.csv` or `.mcap` recording of whatever machine it is by its axes: one, three or four.
     pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Self, Vec<String>), ReadError> {
-        Self::read_any(path, setup, None)
+        Self::read_as(path, &Reading { setup, ..Reading::default() })
     }
 
     /// Reads a recording of a `machine`: its axes must be there, others are left out with a warning.
     ///
-    /// See [`Recording::read`] for the rest.
+    /// See [`Recording::read_as`] for the rest.
     pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<(Self, Vec<String>), ReadError> {
-        Self::read_any(path, setup, Some(machine))
+        Self::read_as(path, &Reading { setup, machine: Some(machine), ..Reading::default() })
     }
 
-    /// Content decides on the format. The setup is that of the file `setup`, else of the sidecar `<stem>.setup.toml`,
-    /// else of the MCAP file's metadata, else the default. Also returns what was noticed and repaired.
-    fn read_any(
-        path: &Path,
-        setup: Option<&Path>,
-        machine: Option<Mechanism>,
-    ) -> Result<(Self, Vec<String>), ReadError> {
+    /// Reads a recording, its format known by its content. Also returns what was noticed and repaired.
+    ///
+    /// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP file's metadata, else
+    /// the default. The sidecar's `[columns]` come before `how.maps`.
+    ///
+    /// # Errors
+    /// What cannot be read or repaired, with file, row and column.
+    pub fn read_as(path: &Path, how: &Reading) -> Result<(Self, Vec<String>), ReadError> {
         let beside = setup::sidecar(path);
-        let outside = match setup {
-            Some(file) => Some(Setup::read(file)?),
-            None if beside.is_file() => Some(Setup::read(&beside)?),
+        let outside = match how.setup {
+            Some(file) => Some(Sidecar::read(file)?),
+            None if beside.is_file() => Some(Sidecar::read(&beside)?),
             None => None,
         };
+        let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
+        let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
+        let outside = outside.map(|s| s.setup);
         let (signals, inside, mut warnings) = if mcap::is_mcap(path) {
-            mcap::read(path, machine)?
+            mcap::read(path, how.machine, &maps)?
         } else {
-            let (signals, warnings) = csv::read(path, machine)?;
+            let (signals, warnings) = csv::read(path, how.machine, &maps)?;
             (signals, None, warnings)
         };
         if let (Some(a), Some(b)) = (outside, inside)
             && a != b
         {
-            let used = setup.unwrap_or(&beside).display();
+            let used = how.setup.unwrap_or(&beside).display();
             warnings.push(format!("setup inside the file differs from {used}, which is used"));
         }
         let recording = Self {
@@ -102,7 +123,7 @@ pub struct Signals {
     pub mechanism: Mechanism,
     /// Time, s.
     pub t: Vec<f64>,
-    /// Joint angles q = (φ1, φ2, φ3, ψ), rad.
+    /// Joint angles q = (φ1, φ2, φ3, ψ) as the encoders see them, rad: of elastic gears on the motors' side.
     pub q: Vec<[f64; AXES]>,
     /// Drive torques at the gear output, N·m.
     pub tau: Vec<[f64; AXES]>,
@@ -112,12 +133,18 @@ pub struct Signals {
     pub strut_lower: [Option<Vec<f64>>; STRUTS],
     /// Platform ball plane's centre, m.
     pub ee: Option<Vec<[f64; 3]>>,
-    /// Joint rates, rad/s.
+    /// Rates of the same angles, rad/s.
     pub qd: Option<Vec<[f64; AXES]>>,
-    /// Joint accelerations, rad/s².
+    /// Accelerations of the same angles, rad/s².
     pub qdd: Option<Vec<[f64; AXES]>>,
     /// What each ball socket could still take (six at the elbows, six at the platform), zero once open, N.
     pub socket_margin: Option<Vec<[f64; 2 * STRUTS]>>,
+    /// Multipliers of all constraint rows, see [`multiplier_names`]; zero of joints that do not hold.
+    pub multipliers: Option<Vec<[f64; ROWS]>>,
+    /// Angles of the links, behind elastic gears, rad.
+    pub link_q: Option<Vec<[f64; AXES]>>,
+    /// Rates of the links, rad/s.
+    pub link_qd: Option<Vec<[f64; AXES]>>,
     /// Stretches of samples without a gap in time between them; filters work on one at a time.
     ///
     /// Empty means a single stretch; read [`Signals::stretches`].
@@ -174,25 +201,4 @@ pub enum Configuration {
     Assembled,
     /// Arms and motor 4 only, struts, platform and telescope dismounted.
     Disassembled,
-}
-
-/// Load at the flange; frame: origin at the flange centre, z up, turns with ψ.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Payload {
-    /// Mass, kg.
-    pub mass: f64,
-    /// Centre of mass, m.
-    pub com: Vector3<f64>,
-    /// Moment of inertia about the vertical axis through the centre of mass, kg·m².
-    pub inertia_zz: f64,
-}
-
-impl Payload {
-    /// Inertia about the flange centre. Only the vertical moment is known; the others are taken equal to it, which the
-    /// motion of an intact robot does not feel.
-    pub fn inertia(&self) -> Inertia {
-        let mut i = Inertia::point(self.mass, self.com);
-        i += Inertia::diagonal(0.0, [0.0; 3], [self.inertia_zz; 3]);
-        i
-    }
 }

@@ -1,5 +1,6 @@
 //! Setup of a run as TOML: the sidecar `<stem>.setup.toml` of a recording.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -7,7 +8,7 @@ use miette::NamedSource;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Configuration, Payload, ReadError, Setup, WriteError, file};
+use super::{Configuration, Mapping, Payload, ReadError, Setup, WriteError, file};
 use crate::model::AXES;
 
 /// Where the setup of the recording `path` is kept.
@@ -21,6 +22,16 @@ struct Document {
     configuration: State,
     payload: Load,
     noise: Noise,
+    columns: BTreeMap<String, Spanned<String>>,
+}
+
+/// A sidecar: what is known about a run, and which column of its file is which channel.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sidecar {
+    /// What is known about the run.
+    pub setup: Setup,
+    /// `[columns]`: channel = "column[unit]".
+    pub columns: Mapping,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -35,7 +46,8 @@ enum State {
 struct Load {
     mass: Spanned<f64>,
     com: [Spanned<f64>; 3],
-    inertia_zz: Spanned<f64>,
+    inertia_zz: Option<Spanned<f64>>,
+    inertia: Option<Spanned<Vec<f64>>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -50,25 +62,42 @@ fn zero() -> Spanned<f64> {
 
 impl Default for Document {
     fn default() -> Self {
-        Self { configuration: State::Assembled, payload: Load::default(), noise: Noise::default() }
+        Self {
+            configuration: State::Assembled,
+            payload: Load::default(),
+            noise: Noise::default(),
+            columns: BTreeMap::new(),
+        }
     }
 }
 
 impl Default for Load {
     fn default() -> Self {
-        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: zero() }
+        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: None, inertia: None }
     }
 }
 
 impl Setup {
     /// Reads a setup file.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
+        Ok(Sidecar::read(path)?.setup)
+    }
+
+    /// Reads a setup from TOML; `name` stands for the text in errors.
+    pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
+        Ok(Sidecar::from_toml(text, name)?.setup)
+    }
+}
+
+impl Sidecar {
+    /// Reads a setup file with its columns.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
         let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
         let text = String::from_utf8(bytes).map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
         Self::from_toml(&text, &path.display().to_string())
     }
 
-    /// Reads a setup from TOML; `name` stands for the text in errors.
+    /// Reads a setup with its columns from TOML; `name` stands for the text in errors.
     pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
         let error = |message: String, span: std::ops::Range<usize>| {
             let before = text.get(..span.start).unwrap_or(text);
@@ -93,14 +122,17 @@ impl Setup {
             }
         };
         let load = &document.payload;
-        let mut payload = Payload {
-            mass: within("payload.mass", &load.mass, 0.0, 100.0, "kg")?,
-            inertia_zz: within("payload.inertia_zz", &load.inertia_zz, 0.0, 100.0, "kg·m²")?,
-            ..Payload::default()
-        };
-        for (i, c) in load.com.iter().enumerate() {
-            payload.com[i] = within("payload.com", c, -2.0, 2.0, "m")?;
+        let mass = within("payload.mass", &load.mass, 0.0, 100.0, "kg")?;
+        let vertical = load.inertia_zz.as_ref().map(|v| within("payload.inertia_zz", v, 0.0, 100.0, "kg·m²"));
+        let mut com = [0.0; 3];
+        for (own, c) in com.iter_mut().zip(&load.com) {
+            *own = within("payload.com", c, -2.0, 2.0, "m")?;
         }
+        let tensor = load.inertia.as_ref().map(|v| v.get_ref().as_slice());
+        let payload = Payload::stated(mass, com, vertical.transpose()?, tensor).map_err(|what| {
+            let span = load.inertia.as_ref().map_or(0..0, Spanned::span);
+            error(format!("`payload.inertia` {what}"), span)
+        })?;
         let mut torque_noise = None;
         if let Some(values) = &document.noise.torque {
             let mut sigma = [0.0; AXES];
@@ -118,21 +150,23 @@ impl Setup {
             State::Assembled => Configuration::Assembled,
             State::Disassembled => Configuration::Disassembled,
         };
-        Ok(Self { configuration, payload, torque_noise })
+        let mut columns = Mapping::default();
+        for (channel, source) in &document.columns {
+            let refused = |e: String| error(format!("`columns.{channel}`: {e}"), source.span());
+            columns.assign(channel, source.get_ref()).map_err(refused)?;
+        }
+        Ok(Self { setup: Setup { configuration, payload, torque_noise }, columns })
     }
+}
 
+impl Setup {
     /// The setup as TOML, read back without loss by [`Setup::from_toml`].
     pub fn to_toml(&self) -> String {
         let configuration = match self.configuration {
             Configuration::Assembled => "assembled",
             Configuration::Disassembled => "disassembled",
         };
-        let Payload { mass, com, inertia_zz } = self.payload;
-        let mut text = format!(
-            "configuration = \"{configuration}\"\n\n[payload]\nmass = {mass:?} # kg\n\
-             com = [{:?}, {:?}, {:?}] # m, from the flange centre\ninertia_zz = {inertia_zz:?} # kg·m², about the COM\n",
-            com.x, com.y, com.z
-        );
+        let mut text = format!("configuration = \"{configuration}\"\n\n{}", self.payload.to_toml());
         if let Some(sigma) = self.torque_noise {
             text += &format!("\n[noise]\ntorque = {sigma:?} # N·m, standard deviation\n");
         }
@@ -157,12 +191,26 @@ mod tests {
     fn round_trip() {
         let setup = Setup {
             configuration: Configuration::Disassembled,
-            payload: Payload { mass: 1.0 / 3.0, com: [1e-7, -0.02, 0.1].into(), inertia_zz: 0.004 },
+            payload: Payload::new(1.0 / 3.0, [1e-7, -0.02, 0.1], 0.004),
             torque_noise: Some([0.4, 0.4, 0.4, 0.05]),
         };
         assert_eq!(Setup::from_toml(&setup.to_toml(), "x").unwrap(), setup);
         assert_eq!(Setup::from_toml("", "x").unwrap(), Setup::default());
         assert_eq!(Setup::from_toml("[payload]\nmass = 2", "x").unwrap().payload.mass, 2.0);
+    }
+
+    #[test]
+    fn a_tensor_is_read_and_checked() {
+        let of = |keys: &str| Setup::from_toml(&format!("[payload]\nmass = 2\n{keys}"), "run.setup.toml");
+        let tensor = [0.02, 0.04, 0.03, 0.0, -0.01, 0.001];
+        let payload = of("inertia = [0.02, 0.04, 0.03, 0.0, -0.01, 0.001]").unwrap().payload;
+        assert_eq!(payload, Payload::with_tensor(2.0, [0.0; 3], tensor));
+        assert_eq!(of("inertia_zz = 0.03").unwrap().payload.moments(), [0.03, 0.03, 0.03, 0.0, 0.0, 0.0]);
+        let e = of("inertia_zz = 0.03\ninertia = [0.02, 0.04, 0.05]").unwrap_err().to_string();
+        assert!(e.starts_with("run.setup.toml:4:11: `payload.inertia` has zz = 0.05, but `inertia_zz` is 0.03"), "{e}");
+        let e = of("inertia = [0.01, 0.01, 0.05]").unwrap_err().to_string();
+        assert!(e.contains(":3:11: `payload.inertia` violates the triangle inequality"), "{e}");
+        assert!(of("inertia = [0.01, nan, 0.05]").is_err());
     }
 
     #[test]
@@ -175,5 +223,7 @@ mod tests {
         assert!(refused("[noise]\ntorque = [1.0, 2.0]").contains(":2:"), "{}", refused("[noise]\ntorque = [1.0, 2.0]"));
         assert!(refused("configuration = \"asembled\"").contains("assembled"));
         assert!(refused("configuration = ").contains(":1:"));
+        let e = refused("[columns]\nt = \"Time[ms]\"\nq1 = \"Pos[furlong]\"\n");
+        assert!(e.starts_with("run.setup.toml:3:6: `columns.q1`") && e.contains("furlong"), "{e}");
     }
 }

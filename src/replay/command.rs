@@ -1,6 +1,6 @@
 //! `deltatwin replay`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
@@ -17,19 +17,27 @@ pub struct Args {
     /// Rerun file to write; without it, beside the recording.
     #[arg(short, long, value_name = "RRD")]
     pub output: Option<PathBuf>,
-    /// Model file to compare with.
-    #[arg(long, value_name = "M", default_value = "models/irb360-6-1600.toml")]
-    pub model: PathBuf,
+    /// Model file to compare with; the shipped `irb360-6-1600.toml` without it.
+    #[arg(long, value_name = "M")]
+    pub model: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
 }
 
+/// Model that a recording is compared with unless another is named.
+const SHIPPED: &str = include_str!("../../models/irb360-6-1600.toml");
+
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let output = args.output.clone().unwrap_or_else(|| args.recording.with_extension("rrd"));
-    check_output(&output, &[&args.recording, &args.model], &["rrd"])?;
-    let model = Model::read(&args.model)?;
+    let inputs: Vec<&Path> = std::iter::once(&args.recording).chain(&args.model).map(PathBuf::as_path).collect();
+    check_output(&output, &inputs, &["rrd"])?;
+    // The program carries the shipped model: there is no file to find from any folder.
+    let model = match &args.model {
+        Some(file) => Model::read(file)?,
+        None => Model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,
+    };
     let (recording, warnings) = Recording::read_of(&args.recording, None, model.mechanism)?;
     warn(&warnings);
     let progress = spinner("replay");

@@ -7,7 +7,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
 use super::runs::Campaign;
-use super::{markdown, sections};
+use super::{inputs, markdown, sections};
 use crate::model::write::replace_file;
 use crate::terminal::{DONE, INTERRUPTED, bar, catch_interrupt, interrupted, path, say, spinner};
 
@@ -23,9 +23,9 @@ pub struct Args {
     /// Draws the sensor noise.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Folder of the scenarios.
-    #[arg(long, default_value = "scenarios/reproduce", value_name = "DIR")]
-    pub scenarios: PathBuf,
+    /// Folder of other scenarios than the shipped ones, which the program carries and writes to `inputs` in the output folder.
+    #[arg(long, value_name = "DIR")]
+    pub scenarios: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -38,11 +38,20 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     std::fs::create_dir_all(folder)
         .into_diagnostic()
         .wrap_err_with(|| format!("cannot create {}", folder.display()))?;
+    let scenarios = match &args.scenarios {
+        Some(folder) => folder.clone(),
+        None => {
+            let inputs = folder.join("inputs");
+            inputs::unpack(&inputs)
+                .into_diagnostic()
+                .wrap_err_with(|| format!("cannot write the scenarios to {}", inputs.display()))?
+        }
+    };
     catch_interrupt()?;
     const STEPS: f64 = 1e4;
     let progress = bar("measure", STEPS as u64);
     let done = std::sync::Mutex::new(0.0);
-    let campaign = Campaign::run(&args.scenarios, args.seed, &|share| {
+    let campaign = Campaign::run(&scenarios, args.seed, &|share| {
         if let Ok(mut done) = done.lock() {
             *done += share * STEPS;
             progress.set_position(*done as u64);

@@ -8,6 +8,7 @@ pub mod assembled;
 pub mod command;
 mod figures;
 pub mod friction_curve;
+mod inputs;
 pub mod least_squares;
 pub mod page;
 pub mod paper;

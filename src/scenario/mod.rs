@@ -42,6 +42,8 @@ pub struct Scenario {
     pub control_period: usize,
     /// Torque between two control instants.
     pub hold_torque: HoldTorque,
+    /// How the equations of motion are solved.
+    pub formulation: Formulation,
     /// Controller gains that differ from the default.
     pub gains: Gains,
     /// Desired motion.
@@ -72,6 +74,35 @@ pub enum HoldTorque {
     Hold,
 }
 
+/// How the twin solves the equations of motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Formulation {
+    /// The rows of the joints are eliminated in closed form, as long as all sockets hold.
+    #[default]
+    Eliminated,
+    /// Absolute coordinates: all bodies with six velocities each, all joints as rows with their multipliers.
+    Absolute,
+}
+
+impl Formulation {
+    /// All of them by name.
+    pub const NAMES: [(&str, Self); 2] = [("eliminated", Self::Eliminated), ("absolute", Self::Absolute)];
+
+    /// Name in scenario files and on the command line.
+    pub fn name(self) -> &'static str {
+        Self::NAMES[usize::from(self == Self::Absolute)].0
+    }
+}
+
+impl std::str::FromStr for Formulation {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        let found = Self::NAMES.iter().find(|(name, _)| *name == word);
+        found.map(|(_, formulation)| *formulation).ok_or_else(|| "expected \"eliminated\" or \"absolute\"".into())
+    }
+}
+
 /// Controller gains; what is `None` keeps its default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gains {
@@ -84,7 +115,7 @@ pub struct Gains {
 }
 
 /// Shape of the payload.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PayloadShape {
     /// Shape with its axes along those of the flange.
     pub shape: Shape,
@@ -149,13 +180,26 @@ pub struct Sensors {
     pub acceleration: bool,
     /// Margins of all sockets.
     pub sockets: bool,
+    /// Multipliers of all constraint rows.
+    pub multipliers: bool,
+    /// Angles and rates of the links behind elastic gears.
+    pub links: bool,
 }
 
 impl Default for Sensors {
     /// Only the platform's position.
     fn default() -> Self {
         let none = [false; STRUTS];
-        Self { strut_upper: none, strut_lower: none, ee: true, velocity: false, acceleration: false, sockets: false }
+        Self {
+            strut_upper: none,
+            strut_lower: none,
+            ee: true,
+            velocity: false,
+            acceleration: false,
+            sockets: false,
+            multipliers: false,
+            links: false,
+        }
     }
 }
 
@@ -168,6 +212,11 @@ impl Scenario {
     /// Force at which each ball socket of `model` leaves its ball, N; 0..6 at the elbows, 6..12 at the platform.
     pub fn socket_holds(&self, model: &Model) -> [f64; SOCKETS] {
         self.sockets.holds(model.sockets.dislocation_force, self.seed)
+    }
+
+    /// Force that presses each cup of `model` on its ball, N, in the same order.
+    pub fn socket_preloads(&self, model: &Model) -> [f64; SOCKETS] {
+        self.sockets.preloads(model.sockets.preload)
     }
 }
 

@@ -30,7 +30,8 @@ pub struct SocketSetup {
 impl SocketSetup {
     /// Force at which each socket leaves its ball, N; `healthy` is the model's and `seed` the scenario's.
     ///
-    /// Never negative. It is proportional to the clamp force: a unit that has lost one of its two springs holds half.
+    /// Across the cup while nothing pulls along its opening; never negative. It is proportional to the clamp force: a unit
+    /// that has lost one of its two springs holds half. Wear of the cup's rim and scatter leave the clamp force as it is.
     pub fn holds(&self, healthy: f64, seed: u64) -> [f64; SOCKETS] {
         let mut holds = self.hold.unwrap_or([healthy; SOCKETS]);
         if let Some(normal) = self.sigma.and_then(|sigma| Normal::new(0.0, sigma).ok()) {
@@ -40,10 +41,17 @@ impl SocketSetup {
                 *hold += normal.sample(&mut rng);
             }
         }
-        std::array::from_fn(|s| {
-            let springs = 1.0 - 0.5 * f64::from(self.missing[spring(s)].min(2));
-            (holds[s] * springs * (1.0 - self.wear[s])).max(0.0)
-        })
+        std::array::from_fn(|s| (holds[s] * self.springs(s) * (1.0 - self.wear[s])).max(0.0))
+    }
+
+    /// Force that presses each cup on its ball, N; `healthy` is the model's.
+    pub fn preloads(&self, healthy: f64) -> [f64; SOCKETS] {
+        std::array::from_fn(|s| healthy * self.springs(s))
+    }
+
+    /// Share of the springs that are left at a socket.
+    fn springs(&self, socket: usize) -> f64 {
+        1.0 - 0.5 * f64::from(self.missing[spring(socket)].min(2))
     }
 }
 
@@ -77,6 +85,9 @@ mod tests {
         (expected[8], expected[9]) = (100.0, 100.0);
         (expected[10], expected[11]) = (0.0, 0.0);
         assert_eq!(sockets.holds(200.0, 7), expected);
+        // Worn cups are pressed on as before.
+        expected[3] = 200.0;
+        assert_eq!(sockets.preloads(200.0), expected);
         assert_eq!(spring_name(4), "limb2_lower");
         // Both sockets of a unit are on the same limb and end.
         for s in 0..SOCKETS {

@@ -1,94 +1,297 @@
-//! The mechanism in absolute coordinates as a system of differential equations: any sockets may be open.
+//! The machine in absolute coordinates as a system of differential equations: fourteen bodies, 84 velocities, every joint
+//! that holds as constraint rows.
 //!
-//! Runs from the first dislocation on. Struts are rigid here, whatever their elasticity before.
+//! Runs whole when it is asked for, and from the first dislocation on. Poses and velocities of all bodies are integrated,
+//! orientations as rotations exp(θ) of the orientation at the start of the step (Runge–Kutta–Munthe-Kaas: θ̇ = dexp⁻¹(ω)); after
+//! each step all are projected back on the rows. A robot that is taken apart has its bearings' rows only. Elastic struts
+//! have one more velocity each, the rate of their elongation.
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::SingularPose;
+use super::constraints::ROWS;
 use super::context::{Answer, Context};
+use super::forces::spin_restraint;
 use super::integrator::System;
-use super::loose::Loose;
+use super::loose::{Bearings, Loose, Solution as Constrained, Stretch, Stretches};
+use super::rod::{self, Rod};
 use super::state::BodyState;
 use super::wrench::Twist;
 use crate::dynamics::Plant;
-use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
+use crate::effects::StrutSpring;
+use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, SocketSet, Telescope};
 use crate::model::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
 use crate::model::{ARMS, AXES, Geometry, STRUTS};
 
-/// Per body: position, quaternion, velocity, angular velocity (world axes); then the rotor's angle with all its turns.
-const BODY: usize = 13;
-const PSI: usize = BODY * BODIES;
+/// Per body: position, quaternion at the start of the step, rotation θ since, velocity, angular velocity (world axes).
+const BODY: usize = 16;
+const TURN: usize = 7;
+const VELOCITY: usize = 10;
+const OMEGA: usize = 13;
+/// Angles of the axes with all their turns; the bodies' orientations tell them but for whole turns.
+const ANGLES: usize = BODY * BODIES;
+/// Elongations of the struts, then their rates.
+const STRETCH: usize = ANGLES + AXES;
+const STRETCH_RATE: usize = STRETCH + STRUTS;
 /// Length of positions and velocities.
-pub(super) const LENGTH: usize = PSI + 1;
+pub(super) const LENGTH: usize = STRETCH_RATE + STRUTS;
 
-/// Right-hand side for one step.
-pub(super) struct Absolute<'a> {
-    pub context: &'a mut Context,
-    pub loose: &'a mut Loose,
+/// The joints of a machine in absolute coordinates.
+pub(super) struct Joints {
+    solver: Solver,
+    rods: [Rod; STRUTS],
+    /// Elastic struts; rigid without.
+    springs: Option<[StrutSpring; STRUTS]>,
 }
 
-pub(super) fn store(y: &mut [f64], motion: &Motion) {
-    for (b, m) in motion.bodies.iter().enumerate() {
-        let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m.rotation));
-        let at = &mut y[BODY * b..BODY * (b + 1)];
-        at[..3].copy_from_slice(m.position.as_slice());
-        at[3..7].copy_from_slice(&[q.w, q.i, q.j, q.k]);
-        at[7..10].copy_from_slice(m.velocity.as_slice());
-        at[10..].copy_from_slice(m.angular_velocity.as_slice());
+enum Solver {
+    /// All joints of an assembled robot, but for open sockets.
+    Loops(Loose),
+    /// Arms and rotor in their bearings.
+    Bearings(Bearings),
+}
+
+impl Joints {
+    /// Of a machine as it is mounted.
+    pub fn new(plant: &Plant) -> Self {
+        Self {
+            solver: if plant.assembled { Solver::Loops(Loose::new()) } else { Solver::Bearings(Bearings::new()) },
+            rods: Rod::all(plant),
+            springs: plant.effects.iter().find_map(|a| a.effect.strut_spring(&a.values())),
+        }
     }
-    y[PSI] = motion.q[3];
+
+    /// Energy of a state's elongations beyond that of rigid struts, J, without that of the springs.
+    pub fn stretch_energy(&self, plant: &Plant, motion: &Motion, y: &[f64]) -> f64 {
+        let rates = std::array::from_fn(|s| y[STRETCH_RATE + s]);
+        self.springs.map_or(0.0, |_| rod::stretch_energy(&self.rods, plant, motion, &rates))
+    }
+
+    /// Elastic struts at a state, without implicit terms.
+    fn stretches(&self, y: &[f64]) -> Option<Stretches> {
+        self.springs.map(|springs| {
+            std::array::from_fn(|s| {
+                let (elongation, rate) = (y[STRETCH + s], y[STRETCH_RATE + s]);
+                let force = -springs[s].stiffness * elongation - springs[s].damping * rate;
+                Stretch { rod: self.rods[s], elongation, rate, force, added: 0.0 }
+            })
+        })
+    }
+
+    /// Power of the elastic struts on the bodies, W.
+    fn spring_power(&self, y: &[f64]) -> f64 {
+        self.stretches(y).iter().flatten().map(|s| s.force * s.rate).sum()
+    }
+
+    fn solve(
+        &mut self,
+        plant: &Plant,
+        motion: &Motion,
+        closed: SocketSet,
+        wrenches: &[Twist; BODIES],
+        damping: Option<&[Matrix3<f64>; BODIES]>,
+        stretches: Option<&Stretches>,
+    ) -> Result<Solution, SingularPose> {
+        let bodies = &motion.bodies;
+        let solution = |found: &Constrained| Solution {
+            bodies: found.bodies,
+            stretches: found.stretches,
+            multipliers: found.multipliers,
+            reactions: Reactions::default(),
+            socket_force: [Vector3::zeros(); 2 * STRUTS],
+        };
+        match &mut self.solver {
+            Solver::Loops(loose) => {
+                let out = solution(loose.solve_elastic(plant, bodies, closed, wrenches, damping, stretches)?);
+                Ok(Solution { reactions: loose.axial_forces(bodies), socket_force: loose.socket_forces(), ..out })
+            }
+            Solver::Bearings(bearings) => Ok(solution(bearings.solve(plant, bodies, wrenches, damping)?)),
+        }
+    }
+
+    /// Puts a state back on the rows of the joints that hold.
+    pub fn close(&mut self, plant: &Plant, y: &mut [f64], closed: SocketSet) -> Result<(), SingularPose> {
+        let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| body_state(&y[BODY * b..BODY * (b + 1)]));
+        let mut stretches = self.stretches(y);
+        match &mut self.solver {
+            Solver::Loops(loose) => loose.project_elastic(plant, &mut bodies, closed, stretches.as_mut())?,
+            Solver::Bearings(bearings) => bearings.project(plant, &mut bodies)?,
+        }
+        for (b, body) in bodies.iter().enumerate() {
+            let orientation = UnitQuaternion::new_normalize(body.orientation);
+            store_body(
+                &mut y[BODY * b..BODY * (b + 1)],
+                &body.position,
+                &orientation,
+                &body.velocity,
+                &(orientation * body.angular_velocity),
+            );
+        }
+        for (s, stretch) in stretches.iter().flatten().enumerate() {
+            (y[STRETCH + s], y[STRETCH_RATE + s]) = (stretch.elongation, stretch.rate);
+        }
+        let q = motion(plant, y).q;
+        y[ANGLES..STRETCH].copy_from_slice(&q);
+        Ok(())
+    }
+
+    /// λ of all rows for a motion whose accelerations these `wrenches` (drives included) bring about.
+    pub fn multipliers(
+        &mut self,
+        plant: &Plant,
+        motion: &Motion,
+        closed: SocketSet,
+        wrenches: &[Twist; BODIES],
+    ) -> Result<[f64; ROWS], SingularPose> {
+        let mut y = vec![0.0; LENGTH];
+        if self.springs.is_some() {
+            store_stretches(&mut y, plant, motion);
+        }
+        let stretches = self.stretches(&y);
+        Ok(self.solve(plant, motion, closed, wrenches, None, stretches.as_ref())?.multipliers)
+    }
+}
+
+/// Writes the poses and velocities of a motion, with the elongations of its struts.
+pub(super) fn store(y: &mut [f64], plant: &Plant, motion: &Motion) {
+    for (b, m) in motion.bodies.iter().enumerate() {
+        let orientation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m.rotation));
+        store_body(&mut y[BODY * b..BODY * (b + 1)], &m.position, &orientation, &m.velocity, &m.angular_velocity);
+    }
+    y[ANGLES..STRETCH].copy_from_slice(&motion.q);
+    if plant.assembled {
+        store_stretches(y, plant, motion);
+    }
+}
+
+/// Writes the velocities of a motion at the present poses; free ends of struts keep the rates of their elongations.
+pub(super) fn store_velocities(y: &mut [f64], plant: &Plant, motion: &Motion, closed: SocketSet) {
+    for (b, m) in motion.bodies.iter().enumerate() {
+        let at = &mut y[BODY * b..BODY * (b + 1)];
+        at[VELOCITY..OMEGA].copy_from_slice(m.velocity.as_slice());
+        at[OMEGA..].copy_from_slice(m.angular_velocity.as_slice());
+    }
+    let rates = rod::length_rates(plant, motion);
+    for s in (0..STRUTS).filter(|&s| closed.contains(s) && closed.contains(STRUTS + s)) {
+        y[STRETCH_RATE + s] = rates[s];
+    }
+}
+
+fn store_stretches(y: &mut [f64], plant: &Plant, motion: &Motion) {
+    let rates = rod::length_rates(plant, motion);
+    for s in 0..STRUTS {
+        y[STRETCH + s] = motion.strut_length[s] - plant.geometry.strut_length[s / 2];
+        y[STRETCH_RATE + s] = rates[s];
+    }
+}
+
+fn store_body(
+    at: &mut [f64],
+    position: &Vector3<f64>,
+    orientation: &UnitQuaternion<f64>,
+    velocity: &Vector3<f64>,
+    omega: &Vector3<f64>,
+) {
+    at[..3].copy_from_slice(position.as_slice());
+    at[3..TURN].copy_from_slice(&[orientation.w, orientation.i, orientation.j, orientation.k]);
+    at[TURN..VELOCITY].fill(0.0);
+    at[VELOCITY..OMEGA].copy_from_slice(velocity.as_slice());
+    at[OMEGA..].copy_from_slice(omega.as_slice());
 }
 
 fn vector(y: &[f64]) -> Vector3<f64> {
     Vector3::new(y[0], y[1], y[2])
 }
 
-fn quaternion(y: &[f64]) -> Quaternion<f64> {
-    Quaternion::new(y[0], y[1], y[2], y[3])
+/// Orientation now: that at the start of the step, turned by θ.
+fn orientation(at: &[f64]) -> UnitQuaternion<f64> {
+    let start = UnitQuaternion::new_normalize(Quaternion::new(at[3], at[4], at[5], at[6]));
+    UnitQuaternion::from_scaled_axis(vector(&at[TURN..])) * start
+}
+
+fn body_state(at: &[f64]) -> BodyState {
+    let orientation = orientation(at);
+    BodyState {
+        position: vector(at),
+        orientation: *orientation,
+        velocity: vector(&at[VELOCITY..]),
+        angular_velocity: orientation.inverse() * vector(&at[OMEGA..]),
+    }
+}
+
+/// θ̇ of R = exp(θ)·R₀ for the angular velocity ω (world axes), to the third power of θ: dexp⁻¹(ω) = ω − ½·θ×ω + 1/12·θ×(θ×ω).
+fn turn_rate(turn: &Vector3<f64>, omega: &Vector3<f64>) -> Vector3<f64> {
+    let once = turn.cross(omega);
+    omega - once * 0.5 + turn.cross(&once) / 12.0
+}
+
+/// `angle` with the whole turns of `near`.
+fn with_turns(angle: f64, near: f64) -> f64 {
+    angle + std::f64::consts::TAU * ((near - angle) / std::f64::consts::TAU).round()
+}
+
+/// Angles of the axes with all their turns, rad.
+pub(super) fn angles(y: &[f64]) -> [f64; AXES] {
+    std::array::from_fn(|i| y[ANGLES + i])
 }
 
 /// Motion of all bodies at a state.
-pub(super) fn motion(geometry: &Geometry, y: &[f64]) -> Motion {
-    let bodies: [BodyMotion; BODIES] = std::array::from_fn(|b| {
+pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
+    let geometry = &plant.geometry;
+    let mut out = Motion::disassembled(geometry, &JointState { q: angles(y), ..JointState::default() });
+    let mounted = |b: usize| plant.assembled || b == ROTOR || (ARM..ARM + ARMS).contains(&b);
+    for b in (0..BODIES).filter(|&b| mounted(b)) {
         let at = &y[BODY * b..BODY * (b + 1)];
-        BodyMotion {
-            rotation: UnitQuaternion::new_normalize(quaternion(&at[3..7])).to_rotation_matrix().into_inner(),
-            position: vector(&at[..3]),
-            velocity: vector(&at[7..10]),
-            angular_velocity: vector(&at[10..]),
+        out.bodies[b] = BodyMotion {
+            rotation: orientation(at).to_rotation_matrix().into_inner(),
+            position: vector(at),
+            velocity: vector(&at[VELOCITY..]),
+            angular_velocity: vector(&at[OMEGA..]),
             ..BodyMotion::REST
-        }
-    });
-    let mut q = [0.0, 0.0, 0.0, y[PSI]];
-    let mut qd = [0.0, 0.0, 0.0, bodies[ROTOR].angular_velocity.z];
+        };
+    }
     for i in 0..ARMS {
-        let x = bodies[ARM + i].rotation.column(0);
-        q[i] = (-x.z).atan2(x.dot(&Geometry::radial(i)));
-        qd[i] = bodies[ARM + i].angular_velocity.dot(&Geometry::tangential(i));
+        let (arm, x) = (&out.bodies[ARM + i], out.bodies[ARM + i].rotation.column(0));
+        out.q[i] = with_turns((-x.z).atan2(x.dot(&Geometry::radial(i))), out.q[i]);
+        out.qd[i] = arm.angular_velocity.dot(&Geometry::tangential(i));
     }
-    let bar = geometry.upper_hooke() - bodies[TELESCOPE_LOWER].position;
-    let length = bar.norm();
-    let axis = bar / length;
-    Motion {
-        q,
-        qd,
-        qdd: [0.0; AXES],
-        strut_axis: std::array::from_fn(|s| bodies[STRUT + s].rotation.column(0).into_owned()),
-        strut_length: std::array::from_fn(|s| geometry.strut_length[s / 2]),
-        telescope: Telescope { axis, length, rate: -axis.dot(&bodies[TELESCOPE_LOWER].velocity) },
-        bodies,
+    let rotor = &out.bodies[ROTOR];
+    out.q[3] = with_turns(rotor.rotation[(1, 0)].atan2(rotor.rotation[(0, 0)]), out.q[3]);
+    out.qd[3] = rotor.angular_velocity.z;
+    if plant.assembled {
+        for s in 0..STRUTS {
+            out.strut_axis[s] = out.bodies[STRUT + s].rotation.column(0).into_owned();
+            out.strut_length[s] = geometry.strut_length[s / 2] + y[STRETCH + s];
+        }
+        let lower = &out.bodies[TELESCOPE_LOWER];
+        let bar = geometry.upper_hooke() - lower.position;
+        let length = bar.norm();
+        let axis = bar / length;
+        out.telescope = Telescope { axis, length, rate: -axis.dot(&lower.velocity) };
     }
+    out
 }
 
-/// Accelerations of all bodies and the forces in the sockets.
+/// Accelerations of all bodies and the forces of the joints.
 pub(super) struct Solution {
     pub bodies: [Twist; BODIES],
+    /// Rates of the elongations' rates, m/s².
+    stretches: [f64; STRUTS],
+    /// λ of every row, N or N·m.
+    pub multipliers: [f64; ROWS],
     pub reactions: Reactions,
     pub socket_force: [Vector3<f64>; 2 * STRUTS],
 }
 
+/// Right-hand side for one step.
+pub(super) struct Absolute<'a> {
+    pub context: &'a mut Context,
+    pub joints: &'a mut Joints,
+}
+
 impl Absolute<'_> {
-    /// Solves for accelerations and reactions at a motion; `implicit` are the stage's sum and hγ.
+    /// Solves for accelerations and reactions at a motion; `implicit` are the stage's sum and hγ, which is zero where the
+    /// method is explicit.
     fn solve(
         &mut self,
         t: f64,
@@ -97,55 +300,81 @@ impl Absolute<'_> {
         implicit: Option<(&[f64], f64)>,
     ) -> Result<Solution, SingularPose> {
         self.context.prepare(t, y, motion);
-        let Context { forces, layout, torque, closed, scratch, .. } = &*self.context;
+        if let Some((sum, _)) = implicit {
+            self.context.scratch.motors.sums = std::array::from_fn(|i| {
+                let (body, direction) = Motion::drive(i);
+                vector(&sum[BODY * body + OMEGA..]).dot(&direction)
+            });
+        }
+        let Context { plant, forces, layout, torque, closed, scratch, .. } = &*self.context;
         let (torque, closed) = (torque.at(t), *closed);
         // Drives, and a Rosenbrock stage's implicit terms: moments and what they add to the inertia.
         let mut moments = [Vector3::zeros(); BODIES];
-        let mut damping = implicit.map(|_| [Matrix3::zeros(); BODIES]);
         for (axis, torque) in torque.into_iter().enumerate() {
             let (body, direction) = Motion::drive(axis);
             moments[body] += direction * torque;
         }
-        if let (Some((sum, g)), Some(blocks)) = (implicit, &mut damping) {
-            let damped = &scratch.damping;
-            let mut restrain = |body: usize, axis: Vector3<f64>, d: f64| {
-                let rate = vector(&sum[BODY * body + 10..]).dot(&axis);
-                moments[body] -= axis * (d * rate);
-                blocks[body] += axis * axis.transpose() * (g * d);
-            };
-            for axis in 0..AXES {
-                let (body, direction) = Motion::drive(axis);
-                restrain(body, direction, damped.drives[axis]);
+        let mut stretches = self.joints.stretches(y);
+        let mut damping = None;
+        match implicit {
+            Some((sum, g)) if g > 0.0 => {
+                let blocks = damping.insert([Matrix3::zeros(); BODIES]);
+                let damped = &scratch.damping;
+                let mut restrain = |body: usize, axis: Vector3<f64>, d: f64| {
+                    let rate = vector(&sum[BODY * body + OMEGA..]).dot(&axis);
+                    moments[body] -= axis * (d * rate);
+                    blocks[body] += axis * axis.transpose() * (g * d);
+                };
+                for axis in 0..AXES {
+                    let (body, direction) = Motion::drive(axis);
+                    restrain(body, direction, damped.drives[axis]);
+                }
+                for s in 0..STRUTS {
+                    restrain(STRUT + s, motion.strut_axis[s], damped.spins[s]);
+                }
+                let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
+                for (arm, inertia, torque) in forces.gear_terms(&torque, &scratch.motors, own, moved, g) {
+                    let (body, direction) = Motion::drive(arm);
+                    moments[body] += direction * torque;
+                    blocks[body] += direction * direction.transpose() * inertia;
+                }
+                for (s, stretch) in stretches.iter_mut().flatten().enumerate() {
+                    let spring = &self.joints.springs.unwrap_or_default()[s];
+                    let (moved, changed) = (sum[STRETCH + s], sum[STRETCH_RATE + s]);
+                    stretch.force -=
+                        spring.damping * changed + spring.stiffness * (moved + g * (stretch.rate + changed));
+                    stretch.added = g * spring.damping + g * g * spring.stiffness;
+                }
             }
-            for s in 0..STRUTS {
-                restrain(STRUT + s, motion.strut_axis[s], damped.spins[s]);
+            Some(_) => {
+                // Nothing turns the struts where the method is explicit, and their restraint would be steep: they rest.
+                for s in 0..STRUTS {
+                    let u = motion.strut_axis[s];
+                    let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
+                    moments[STRUT + s] += u * (spin_restraint(plant, closed, s) * spin);
+                }
             }
-            for (arm, inertia, torque) in forces.gear_terms(&torque, &y[layout.own()], &sum[layout.own()], g) {
-                let (body, direction) = Motion::drive(arm);
-                moments[body] += direction * torque;
-                blocks[body] += direction * direction.transpose() * inertia;
-            }
+            None => {}
         }
-        let loose = &mut *self.loose;
+        let joints = &mut *self.joints;
         self.context.solve(t, y, motion, |plant, wrenches| {
             let mut all = *wrenches;
             for (wrench, moment) in all.iter_mut().zip(&moments) {
                 wrench.1 += moment;
             }
-            let bodies = loose.solve(plant, &motion.bodies, closed, &all, damping.as_ref())?.bodies;
-            let reactions = loose.axial_forces(&motion.bodies);
+            let solution = joints.solve(plant, motion, closed, &all, damping.as_ref(), stretches.as_ref())?;
             let drives = std::array::from_fn(|axis| {
                 let (body, direction) = Motion::drive(axis);
-                bodies[body].1.dot(&direction)
+                solution.bodies[body].1.dot(&direction)
             });
-            let answer = Answer { reactions, drives, platform: bodies[PLATFORM].0 };
-            Ok((Solution { bodies, reactions, socket_force: loose.socket_forces() }, answer))
+            let answer = Answer { reactions: solution.reactions, drives, platform: solution.bodies[PLATFORM].0 };
+            Ok((solution, answer))
         })
     }
 
     /// Accelerations and forces at a state.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, Solution), SingularPose> {
-        let mut motion = motion(&self.context.plant.geometry, y);
+        let mut motion = motion(&self.context.plant, y);
         let solution = self.solve(t, y, &motion, None)?;
         for (body, (linear, angular)) in motion.bodies.iter_mut().zip(solution.bodies) {
             (body.acceleration, body.angular_acceleration) = (linear, angular);
@@ -164,54 +393,45 @@ impl System for Absolute<'_> {
         first: bool,
         k: &mut [f64],
     ) -> Result<(), SingularPose> {
-        let mut motion = motion(&self.context.plant.geometry, y);
-        if first {
+        let mut motion = motion(&self.context.plant, y);
+        if first && g > 0.0 {
             self.context.measure_damping(t, y, &mut motion);
         }
         let solution = self.solve(t, y, &motion, Some((sum, g)))?;
+        // Poses change with the velocities, and where struts are elastic (their stiffness is implicit) with those one step ahead.
+        let ahead = self.joints.springs.is_some() && g > 0.0;
+        let rate = |now: Vector3<f64>, at: usize, slope: Vector3<f64>| {
+            if ahead { now + vector(&sum[at..]) + slope * g } else { now }
+        };
         for b in 0..BODIES {
+            let (m, (linear, angular)) = (&motion.bodies[b], solution.bodies[b]);
+            let velocity = rate(m.velocity, BODY * b + VELOCITY, linear);
+            let omega = rate(m.angular_velocity, BODY * b + OMEGA, angular);
+            let turning = turn_rate(&vector(&y[BODY * b + TURN..]), &omega);
             let at = &mut k[BODY * b..BODY * (b + 1)];
-            let m = &motion.bodies[b];
-            at[..3].copy_from_slice(m.velocity.as_slice());
-            let turning = Quaternion::from_imag(m.angular_velocity) * quaternion(&y[BODY * b + 3..]) * 0.5;
-            at[3..7].copy_from_slice(&[turning.w, turning.i, turning.j, turning.k]);
-            at[7..10].copy_from_slice(solution.bodies[b].0.as_slice());
-            at[10..].copy_from_slice(solution.bodies[b].1.as_slice());
+            at[..3].copy_from_slice(velocity.as_slice());
+            at[3..TURN].fill(0.0);
+            at[TURN..VELOCITY].copy_from_slice(turning.as_slice());
+            at[VELOCITY..OMEGA].copy_from_slice(linear.as_slice());
+            at[OMEGA..].copy_from_slice(angular.as_slice());
         }
-        k[PSI] = motion.qd[3];
-        for i in 0..ARMS {
-            motion.qdd[i] = solution.bodies[ARM + i].1.dot(&Geometry::tangential(i));
+        k[ANGLES..STRETCH].copy_from_slice(&motion.qd);
+        for s in 0..STRUTS {
+            let slope = solution.stretches[s];
+            let ahead = if ahead { sum[STRETCH_RATE + s] + g * slope } else { 0.0 };
+            k[STRETCH + s] = y[STRETCH_RATE + s] + ahead;
+            k[STRETCH_RATE + s] = slope;
         }
-        motion.qdd[3] = solution.bodies[ROTOR].1.z;
-        self.context.rest_of_stage(t, y, &motion, 0.0, (sum, g, first), k);
+        for axis in 0..AXES {
+            let (body, direction) = Motion::drive(axis);
+            motion.qdd[axis] = solution.bodies[body].1.dot(&direction);
+        }
+        let struts = self.joints.spring_power(y);
+        self.context.rest_of_stage(t, y, &motion, struts, (sum, g, first), k);
         Ok(())
     }
 
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
-        close(self.loose, &self.context.plant, y, self.context.closed)
+        self.joints.close(&self.context.plant, y, self.context.closed)
     }
-}
-
-/// Puts a state back on the rows of the joints that hold.
-pub(super) fn close(loose: &mut Loose, plant: &Plant, y: &mut [f64], closed: SocketSet) -> Result<(), SingularPose> {
-    let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| {
-        let at = &y[BODY * b..BODY * (b + 1)];
-        let orientation = UnitQuaternion::new_normalize(quaternion(&at[3..7]));
-        BodyState {
-            position: vector(&at[..3]),
-            orientation: *orientation,
-            velocity: vector(&at[7..10]),
-            angular_velocity: orientation.inverse() * vector(&at[10..]),
-        }
-    });
-    loose.project(plant, &mut bodies, closed)?;
-    for (b, body) in bodies.iter().enumerate() {
-        let orientation = UnitQuaternion::new_normalize(body.orientation);
-        let at = &mut y[BODY * b..BODY * (b + 1)];
-        at[..3].copy_from_slice(body.position.as_slice());
-        at[3..7].copy_from_slice(&[orientation.w, orientation.i, orientation.j, orientation.k]);
-        at[7..10].copy_from_slice(body.velocity.as_slice());
-        at[10..].copy_from_slice((orientation * body.angular_velocity).as_slice());
-    }
-    Ok(())
 }

@@ -68,6 +68,14 @@ pub(super) fn store(y: &mut [f64], pose: &Pose, nu: &OpenVector, spin: &[f64; ST
     y[SPIN..LENGTH].copy_from_slice(spin);
 }
 
+/// Motion of all bodies at a state, without accelerations.
+pub(super) fn motion(mechanism: &Mechanism, y: &[f64]) -> Motion {
+    let (pose, nu, spin) = pose(y);
+    let mut frame = Frame::empty();
+    mechanism.frame(&pose, &nu, &spin, &mut frame);
+    frame.motion
+}
+
 impl Assembled<'_> {
     /// Runs `what` on the frame at a state, with the wrenches that do not read reactions in place.
     ///
@@ -109,14 +117,16 @@ impl Assembled<'_> {
     }
 
     /// Implicit terms of a stage.
-    fn implicit(&self, t: f64, y: &[f64], frame: &Frame, sum: &[f64], g: f64, base: &OpenVector) -> Implicit {
+    fn implicit(&mut self, t: f64, y: &[f64], frame: &Frame, sum: &[f64], g: f64, base: &OpenVector) -> Implicit {
+        self.context.scratch.motors.sums = std::array::from_fn(|i| sum[NU + i]);
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
+        let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
         let mut out = Implicit::default();
         for a in 0..AXES {
             out.drives[a] = g * scratch.damping.drives[a];
             out.drive_torque[a] = -scratch.damping.drives[a] * sum[NU + a];
         }
-        for (arm, inertia, torque) in forces.gear_terms(&torque.at(t), &y[layout.own()], &sum[layout.own()], g) {
+        for (arm, inertia, torque) in forces.gear_terms(&torque.at(t), &scratch.motors, own, moved, g) {
             out.drives[arm] += inertia;
             out.drive_torque[arm] += torque;
         }

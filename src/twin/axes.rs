@@ -65,11 +65,13 @@ impl Axes<'_> {
         Ok(motion(&self.context.plant, y, qdd))
     }
 
-    fn implicit(&self, t: f64, y: &[f64], sum: &[f64], g: f64) -> Implicit {
+    fn implicit(&mut self, t: f64, y: &[f64], sum: &[f64], g: f64) -> Implicit {
+        self.context.scratch.motors.sums = std::array::from_fn(|i| sum[AXES + i]);
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
         let damping = scratch.damping.drives;
         let mut out: Implicit = std::array::from_fn(|a| (g * damping[a], -damping[a] * sum[AXES + a]));
-        for (arm, inertia, torque) in forces.gear_terms(&torque.at(t), &y[layout.own()], &sum[layout.own()], g) {
+        let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
+        for (arm, inertia, torque) in forces.gear_terms(&torque.at(t), &scratch.motors, own, moved, g) {
             out[arm].0 += inertia;
             out[arm].1 += torque;
         }

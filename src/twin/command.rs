@@ -9,12 +9,12 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::sockets::socket_name;
-use super::{Options, Report, SimulationError, simulate};
+use super::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::model::Model;
 use crate::recording::{Difference, Recording};
-use crate::scenario::{DesiredMotion, Scenario};
+use crate::scenario::{DesiredMotion, Formulation, Scenario};
 use crate::terminal::{BAD_ANSWER, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say};
 
 /// Run the twin.
@@ -33,6 +33,10 @@ pub struct Args {
     /// Model file of the machine, instead of the scenario's; the controller keeps its own.
     #[arg(long, value_name = "M")]
     pub model: Option<PathBuf>,
+    /// Solve the equations of motion with the rows of the joints `eliminated` in closed form, or in `absolute` coordinates,
+    /// instead of as the scenario says.
+    #[arg(long, value_name = "F")]
+    pub formulation: Option<Formulation>,
     /// Run again at 1/16 of the step, without noise, and report how far the two are apart.
     #[arg(long)]
     pub step_error: bool,
@@ -43,6 +47,9 @@ pub struct Args {
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "FILE")]
     pub rrd: Option<PathBuf>,
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    pub(super) viewer: super::stream::Args,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -70,6 +77,25 @@ struct Outcome {
     report: Report,
     wall: f64,
     step_error: Option<Vec<Difference>>,
+    /// Why the run ended early, if it failed.
+    failure: Option<SimulationError>,
+}
+
+impl Outcome {
+    /// What is wrong with the run as a whole.
+    fn complaint(&self) -> Option<String> {
+        if let Some(failure) = &self.failure {
+            return Some(failure.to_string());
+        }
+        (!self.report.energy_closes()).then(|| {
+            format!(
+                "the energy balance does not close: {:.2} % of the work turned over is unaccounted for, expected at most {} %; \
+                 the step is too long for the motion (shorten `sample_time` or raise `substeps`)",
+                1e2 * self.report.energy_error,
+                1e2 * LARGEST_ENERGY_ERROR
+            )
+        })
+    }
 }
 
 /// Runs the command.
@@ -77,7 +103,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(folder) = args.output.as_ref().filter(|_| args.scenarios.len() > 1) {
         std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
     }
-    let jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
+    #[cfg_attr(not(feature = "viewer"), expect(unused_mut))]
+    let mut jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
     let alone = |option: &str, given: bool| {
         if given && jobs.len() > 1 {
             return Err(miette!("{option} is for one scenario; {} were given", jobs.len()));
@@ -88,12 +115,19 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     #[cfg(feature = "viewer")]
     alone("--rrd", args.rrd.is_some())?;
     #[cfg(feature = "viewer")]
+    alone("--connect or --spawn", args.viewer.wanted())?;
+    #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
     }
     let earlier = |file: &Path| Recording::read_of(file, None, jobs[0].machine.mechanism).map(|(r, _)| r);
     let verify = args.verify.as_deref().map(earlier).transpose()?;
     catch_interrupt()?;
+    #[cfg(feature = "viewer")]
+    let stream = jobs.first_mut().and_then(|job| {
+        let plant = Plant::new(&job.machine, &job.scenario.setup);
+        args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
+    });
     let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
     let progress = bar("simulate", (total * 1e3) as u64);
     let done = AtomicU64::new(0);
@@ -110,6 +144,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         })
         .collect();
     progress.finish_and_clear();
+    #[cfg(feature = "viewer")]
+    if let Some(problem) = stream.and_then(super::stream::Stream::finish) {
+        eprintln!("warning: {problem}");
+    }
     let mut status = DONE;
     let mut runs = Vec::new();
     for (job, outcome) in jobs.iter().zip(outcomes) {
@@ -122,7 +160,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             }
             Err(error) => return Err(error).into_diagnostic().wrap_err_with(|| job.scenario.name.clone()),
         };
-        if let Some(output) = &job.output {
+        if let Some(complaint) = outcome.complaint() {
+            eprintln!("error: {}: {complaint}", job.scenario.name);
+            status = BAD_ANSWER;
+        }
+        if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
             outcome.recording.write(output).into_diagnostic()?;
         }
         #[cfg(feature = "viewer")]
@@ -172,8 +214,10 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
         ));
     }
     let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
-    #[cfg_attr(not(feature = "viewer"), expect(unused_mut))]
     let mut options = Options::of(&scenario, &machine);
+    if let Some(formulation) = args.formulation {
+        options.formulation = formulation;
+    }
     #[cfg(feature = "viewer")]
     if args.rrd.is_some() {
         options.frames = Some(FRAME);
@@ -186,12 +230,13 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     let controller = Plant::new(planning, &scenario.setup);
     let desired = |t: f64| motion.at(t);
     let start = Instant::now();
-    let (mut recording, report) = simulate(machine, &scenario.setup, &controller, &desired, options, progress)?;
+    let (mut recording, report, failure) =
+        simulate_until_failure(machine, &scenario.setup, &controller, &desired, options, progress)?;
     let wall = start.elapsed().as_secs_f64();
     recording.name.clone_from(&scenario.name);
-    let step_error = if step_error {
+    let step_error = if step_error && failure.is_none() {
         let again = |substeps: usize| {
-            let options = Options { noise_seed: None, substeps, frames: None, ..options.clone() };
+            let options = Options { noise_seed: None, substeps, frames: None, watcher: None, ..options.clone() };
             simulate(machine, &scenario.setup, &controller, &desired, &options, &mut |_| !interrupted())
         };
         let coarse = again(options.substeps)?.0;
@@ -200,7 +245,7 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     } else {
         None
     };
-    Ok(Outcome { recording, report, wall, step_error })
+    Ok(Outcome { recording, report, wall, step_error, failure })
 }
 
 /// The socket that came closest to leaving, or left first by the most, and its margin, N.
@@ -209,7 +254,7 @@ fn weakest(report: &Report) -> (usize, f64) {
 }
 
 fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -> Value {
-    let Outcome { report, wall, step_error, .. } = outcome;
+    let Outcome { report, wall, step_error, failure, .. } = outcome;
     let differences = |all: &[Difference]| {
         all.iter().map(|d| (d.channel.clone(), json!(d.size))).collect::<serde_json::Map<String, Value>>()
     };
@@ -223,6 +268,9 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -
         "max_loop_gap": report.max_loop_gap,
         "max_loop_rate": report.max_loop_rate,
         "energy_error": report.energy_error,
+        "energy_closes": report.energy_closes(),
+        "failure": failure.as_ref().map(ToString::to_string),
+        "formulation": job.options.formulation.name(),
         "tracking_error": report.tracking_error[..job.machine.mechanism.axes()],
         "events": events,
         "peak_strut_force": report.peak_strut_force,
@@ -244,8 +292,12 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -
 }
 
 fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, args: &Args) -> miette::Result<()> {
-    let Outcome { recording, report, wall, step_error } = outcome;
-    let ended = if interrupted() { ", interrupted" } else { "" };
+    let Outcome { recording, report, wall, step_error, failure } = outcome;
+    let ended = match failure {
+        _ if interrupted() => ", interrupted",
+        Some(_) => ", failed there",
+        None => "",
+    };
     let name = &job.scenario.name;
     say(format!("{name}: simulated {:.4} s in {wall:.2} s, {} steps{ended}", report.simulated, report.steps))?;
     let assembled = Plant::new(&job.machine, &job.scenario.setup).assembled;
@@ -291,6 +343,7 @@ fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, 
         }
     }
     match &job.output {
+        Some(_) if recording.signals.is_empty() => say("  Nothing written: the run failed at its first sample")?,
         Some(output) => say(format!("  Wrote {}: {} samples", output.display(), recording.signals.len()))?,
         None => say("  Nothing written; -o FILE keeps the recording")?,
     }

@@ -10,7 +10,7 @@ use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_
 use crate::model::{ARMS, Geometry, STRUTS};
 
 /// Number of constraint rows.
-pub const ROWS: usize = 74;
+pub const ROWS: usize = crate::recording::ROWS;
 
 /// The ball socket that a row belongs to.
 pub fn socket(row: usize) -> Option<usize> {

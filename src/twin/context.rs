@@ -4,14 +4,15 @@
 use nalgebra::Vector3;
 
 use super::SingularPose;
-use super::forces::{Damping, Forces, Scene, spin_restraint};
-use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STRUTS};
+use super::forces::{Damping, Forces, Motors, Scene, spin_restraint};
+use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STOPS, WORK_STRUTS};
+use super::stops::{self, Hit, STOPS};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
-use crate::kinematics::{Motion, Reactions, SocketSet};
+use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
-use crate::model::{AXES, STRUTS};
+use crate::model::{ARMS, AXES, STRUTS};
 
 /// Change of the answer at which the iteration over laws that read it stops, N, rad/s² or m/s².
 const TOLERANCE: f64 = 1e-9;
@@ -41,10 +42,19 @@ pub(super) struct Scratch {
     pub total: [Twist; BODIES],
     /// W of the present step.
     pub damping: Damping,
+    /// What acts on the rotors of elastic gears; of laws that do not read the answer in `resting`.
+    pub motors: Motors,
+    resting: [f64; ARMS],
+    /// The first law that gave no number.
+    pub fault: Option<KinematicsError>,
     /// Power of each effect, W.
     powers: Vec<f64>,
     /// Power of the spins' restraint and the brakes, W.
     restraint_power: f64,
+    /// Joints beyond their hard stops at the last evaluation.
+    pub hits: [Option<Hit>; STOPS],
+    /// Power of the hard stops, W.
+    stop_power: f64,
     slopes: Vec<f64>,
     fresh_slopes: Vec<f64>,
 }
@@ -57,8 +67,13 @@ impl Scratch {
             wrenches: [STILL; BODIES],
             total: [STILL; BODIES],
             damping: Damping::default(),
+            motors: Motors::default(),
+            resting: [0.0; ARMS],
+            fault: None,
             powers: vec![0.0; plant.effects.len()],
             restraint_power: 0.0,
+            hits: [None; STOPS],
+            stop_power: 0.0,
             slopes: vec![0.0; forces.states()],
             fresh_slopes: vec![0.0; forces.states()],
         }
@@ -90,8 +105,14 @@ impl Context {
         let scratch = &mut self.scratch;
         scratch.wrenches = if self.external.is_none() { [STILL; BODIES] } else { self.external.at(t) };
         let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
-        self.forces.add(&self.plant, &scene, motion, &scratch.answer.reactions, false, wrenches, powers);
+        let reactions = &scratch.answer.reactions;
+        scratch.resting = [0.0; ARMS];
+        self.forces.add(&self.plant, &scene, motion, reactions, false, wrenches, &mut scratch.resting, powers);
+        scratch.fault = scratch.fault.or_else(|| self.forces.fault(&self.plant, &scene, motion, reactions, powers));
+        scratch.motors.torque = scratch.resting;
         scratch.restraint_power = self.forces.add_brakes(motion, wrenches);
+        scratch.hits = stops::hits(&self.plant, motion);
+        scratch.stop_power = stops::add(&self.plant, motion, &scratch.hits, wrenches);
         for s in 0..STRUTS {
             let u = motion.strut_axis[s];
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
@@ -131,7 +152,11 @@ impl Context {
                     moving.bodies[PLATFORM].acceleration = answer.platform;
                 }
                 let motion = moving.as_ref().unwrap_or(motion);
-                self.forces.add(&self.plant, &scene, motion, &answer.reactions, true, total, powers);
+                let (reactions, motors) = (&answer.reactions, &mut scratch.motors.torque);
+                *motors = scratch.resting;
+                self.forces.add(&self.plant, &scene, motion, reactions, true, total, motors, powers);
+                let fault = || self.forces.fault(&self.plant, &scene, motion, reactions, powers);
+                scratch.fault = scratch.fault.or_else(fault);
             }
             let (solution, answer) = equations(&self.plant, &scratch.total)?;
             let change = change(&answer, &scratch.answer);
@@ -147,11 +172,18 @@ impl Context {
         }
     }
 
+    /// Rates and accelerations of the axes as the motors' encoders see them, for a motion with accelerations.
+    pub fn of_motors(&self, t: f64, y: &[f64], motion: &Motion) -> [[f64; AXES]; 2] {
+        let seen = self.forces.of_motors(&self.scene(t, y), motion, &self.scratch.motors.torque);
+        [seen.qd, seen.qdd]
+    }
+
     /// Chooses the damping in W for the coming step; `motion` is as before when it returns.
     pub fn measure_damping(&mut self, t: f64, y: &[f64], motion: &mut Motion) {
         let scene = self.scene(t, y);
         let scratch = &mut self.scratch;
         self.forces.measure_damping(&self.plant, &scene, motion, &scratch.answer.reactions, &mut scratch.damping);
+        scratch.motors.damping = scratch.damping.motors;
     }
 
     /// Derivatives of what is not mechanics, with the stage's `sum` and `g` = hγ: the effects' own states,
@@ -171,12 +203,14 @@ impl Context {
         let scratch = &mut self.scratch;
         if !own.is_empty() {
             let (rates, slopes) = (&mut k[own.clone()], &mut scratch.fresh_slopes);
-            self.forces.state_rates(&self.plant, &scene, motion, &scratch.answer.reactions, rates, slopes);
+            let motors = &scratch.motors;
+            let reactions = &scratch.answer.reactions;
+            self.forces.state_rates(&self.plant, &scene, motion, reactions, &motors.torque, rates, slopes);
             if first {
                 scratch.slopes.copy_from_slice(&scratch.fresh_slopes);
             }
             if g > 0.0 {
-                self.forces.gear_rates(scene.own, &sum[own.clone()], g, rates);
+                self.forces.gear_rates(motors, &motion.qdd, scene.own, &sum[own.clone()], g, rates);
                 for (slope, i) in scratch.slopes.iter().zip(own) {
                     k[i] = (k[i] + slope * sum[i]) / (1.0 - g * slope);
                 }
@@ -189,6 +223,7 @@ impl Context {
         work[WORK_RESTRAINTS] = scratch.restraint_power;
         work[WORK_CONTACT] = if self.external.is_none() { 0.0 } else { self.external.power(t, motion) };
         work[WORK_STRUTS] = struts;
+        work[WORK_STOPS] = scratch.stop_power;
         work[WORK_EFFECTS..].copy_from_slice(&scratch.powers);
     }
 }

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
-use crate::effects::{GearSpring, Instant, Wrenches};
-use crate::kinematics::{JointState, Motion, Reactions, SocketSet};
+use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
+use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, STRUT};
 use crate::model::{ARMS, AXES, STRUTS};
 
@@ -30,6 +30,8 @@ pub(super) struct Forces {
     damps: [Vec<usize>; 2],
     /// Elastic gears, and where their deflections stand among the own states; the rates follow.
     gears: Option<(usize, [GearSpring; ARMS])>,
+    /// Which effects act on the rotors of elastic gears instead of the arms.
+    at_motors: Vec<bool>,
     /// Brakes on all drives, N·m.
     pub brake: f64,
 }
@@ -47,8 +49,17 @@ impl Forces {
         let reads =
             plant.effects.iter().map(|a| a.effect.reads_reactions() || a.effect.reads_accelerations()).collect();
         let accelerations = plant.effects.iter().any(|a| a.effect.reads_accelerations());
-        let mut forces = Self { starts, reads, accelerations, damps: [all.clone(), all], gears: None, brake: 0.0 };
+        let mut forces = Self {
+            starts,
+            reads,
+            accelerations,
+            damps: [all.clone(), all],
+            gears: None,
+            at_motors: vec![],
+            brake: 0.0,
+        };
         forces.gears = forces.elastic_gears(plant);
+        forces.at_motors = forces.motor_effects(plant);
         forces.damps = forces.damping_effects(plant);
         forces
     }
@@ -65,39 +76,75 @@ impl Forces {
         })
     }
 
+    /// Effects that act on the rotors: what acts on the drives, where the gears say so.
+    fn motor_effects(&self, plant: &Plant) -> Vec<bool> {
+        let say_so = self.gears.iter().flat_map(|(_, gears)| gears).any(|g| g.is_elastic() && g.friction_at_motor);
+        let on_drives = |a: &ActiveEffect| a.effect.acts_on() == Part::Drives && a.effect.kind() == Kind::Force;
+        plant.effects.iter().map(|a| say_so && on_drives(a)).collect()
+    }
+
+    /// Arms with elastic gears: number, gear, deflection (rad) and its rate (rad/s).
+    fn elastic<'a>(&'a self, own: &'a [f64]) -> impl Iterator<Item = (usize, &'a GearSpring, f64, f64)> + 'a {
+        self.gears.iter().flat_map(move |(start, gears)| {
+            let all = gears.iter().enumerate().filter(|(_, gear)| gear.is_elastic());
+            all.map(move |(i, gear)| (i, gear, own[start + i], own[start + ARMS + i]))
+        })
+    }
+
+    /// The motion with angles and rates of the arms' axes as their motors have them, and accelerations under the drives'
+    /// torques and what else acts on the rotors, `motors`: J·q̈_m = τ + F − δ/c − d·δ̇.
+    pub fn of_motors(&self, scene: &Scene, motion: &Motion, motors: &[f64; ARMS]) -> Motion {
+        let mut out = *motion;
+        for (i, gear, deflection, rate) in self.elastic(scene.own) {
+            out.q[i] += deflection;
+            out.qd[i] += rate;
+            let transmitted = deflection / gear.compliance + gear.damping * rate;
+            out.qdd[i] = (scene.torque[i] + motors[i] - transmitted) / gear.rotor_inertia;
+        }
+        out
+    }
+
     /// Whether gears ring too fast for an explicit step; `g` is hγ.
     pub fn are_gears_steep(&self, g: f64) -> bool {
-        self.gears.iter().flat_map(|(_, gears)| gears).any(|gear| is_steep(gear, g))
+        self.gears.iter().flat_map(|(_, gears)| gears).any(|gear| is_steep(gear, 0.0, g))
     }
 
     /// Implicit terms of a stage for elastic gears that are steep: arm, inertia (kg·m²) and torque (N·m) to add to it.
     ///
-    /// With P the gear's torque one step ahead but for the unknown k of the rotor's rate, and κ = h²γ²/c + hγ·d, rotor
-    /// and arm have J·(k + q̈) = τ − P − κ·k and Θ·q̈ = … + P + κ·k; the rotor's row leaves k.
+    /// With P the gear's torque one step ahead but for the unknown k of the rotor's rate, κ = h²γ²/c + hγ·d, F what else acts
+    /// on the rotor, D its damping and J′ = J + hγ·D, rotor and arm have J′·(k + q̈) = τ + F − D·s − P − κ·k and
+    /// Θ·q̈ = … + P + κ·k, s the stage's sum of the rotor's rates; the rotor's row leaves k. Laws at the motors that read
+    /// accelerations or reactions enter F as they were at the last evaluation.
     pub fn gear_terms<'a>(
         &'a self,
         torque: &'a [f64; AXES],
+        motors: &'a Motors,
         own: &'a [f64],
         sum: &'a [f64],
         g: f64,
     ) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
         self.gears.iter().flat_map(move |(start, gears)| {
-            gears.iter().enumerate().filter(move |(_, gear)| is_steep(gear, g)).map(move |(i, gear)| {
+            let steep = move |(i, gear): &(usize, &GearSpring)| is_steep(gear, motors.damping[*i], g);
+            gears.iter().enumerate().filter(steep).map(move |(i, gear)| {
                 let (now, ahead, kappa) = gear_torques(gear, &own[start + i..], &sum[start + i..], g);
-                let share = kappa / (gear.rotor_inertia + kappa);
-                (i, gear.rotor_inertia * share, ahead - now + share * (torque[i] - ahead))
+                let inertia = gear.rotor_inertia + g * motors.damping[i];
+                let share = kappa / (inertia + kappa);
+                let resisted = motors.damping[i] * (motors.sums[i] + sum[start + ARMS + i]);
+                let driving = torque[i] + motors.torque[i] - resisted;
+                (i, inertia * share, ahead - now + share * (driving - ahead))
             })
         })
     }
 
-    /// Stage derivatives of steep gears' states from their rates `k`.
-    pub fn gear_rates(&self, own: &[f64], sum: &[f64], g: f64, k: &mut [f64]) {
+    /// Stage derivatives of steep gears' states from their rates `k`; `drives` are the accelerations of the arms.
+    pub fn gear_rates(&self, motors: &Motors, drives: &[f64; AXES], own: &[f64], sum: &[f64], g: f64, k: &mut [f64]) {
         let Some((start, gears)) = &self.gears else { return };
-        for (i, gear) in gears.iter().enumerate().filter(|(_, gear)| is_steep(gear, g)) {
+        for (i, gear) in gears.iter().enumerate().filter(|(i, gear)| is_steep(gear, motors.damping[*i], g)) {
             let (deflection, rate) = (start + i, start + ARMS + i);
             let (now, ahead, kappa) = gear_torques(gear, &own[deflection..], &sum[deflection..], g);
-            let j = gear.rotor_inertia;
-            k[rate] = (j * k[rate] + now - ahead) / (j + kappa);
+            let (j, d) = (gear.rotor_inertia, motors.damping[i]);
+            let resisted = d * (motors.sums[i] + sum[rate] + g * drives[i]);
+            k[rate] = (j * k[rate] + now - ahead - resisted) / (j + g * d + kappa);
             k[deflection] = own[rate] + sum[rate] + g * k[rate];
         }
     }
@@ -133,7 +180,7 @@ impl Forces {
     }
 
     /// Adds the wrenches of the effects that read the equations' answer (`reading`) or of those that do not, and stores their
-    /// powers, W.
+    /// powers on the bodies, W. What acts on the rotors of elastic gears goes to `motors`, N·m, and does no work on a body.
     pub fn add(
         &self,
         plant: &Plant,
@@ -142,10 +189,31 @@ impl Forces {
         reactions: &Reactions,
         reading: bool,
         wrenches: &mut [Twist; BODIES],
+        motors: &mut [f64; ARMS],
         powers: &mut [f64],
     ) {
+        let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, motors));
         for (k, active) in plant.effects.iter().enumerate() {
             if self.reads[k] != reading {
+                continue;
+            }
+            if let (true, Some(moved)) = (self.at_motors[k], &moved) {
+                let mut own = [STILL; BODIES];
+                let mut out = Wrenches::sum(&active.values, motion, &mut own);
+                let instant = self.instant(plant, k, scene, moved, reactions);
+                active.effect.forces(&active.values(), &instant, &mut out);
+                powers[k] = out.power();
+                for (i, ..) in self.elastic(scene.own) {
+                    let (body, direction) = Motion::drive(i);
+                    let torque = own[body].1.dot(&direction);
+                    own[body].1 -= direction * torque;
+                    powers[k] -= torque * motion.bodies[body].angular_velocity.dot(&direction);
+                    motors[i] += torque;
+                }
+                for (sum, own) in wrenches.iter_mut().zip(own) {
+                    sum.0 += own.0;
+                    sum.1 += own.1;
+                }
                 continue;
             }
             let instant = self.instant(plant, k, scene, motion, reactions);
@@ -169,20 +237,40 @@ impl Forces {
         power
     }
 
-    /// Rates of all own states and their slopes; `motion` holds the accelerations of this instant.
+    /// The law that gave no number at the last [`Forces::add`], by its powers.
+    pub fn fault(
+        &self,
+        plant: &Plant,
+        scene: &Scene,
+        motion: &Motion,
+        reactions: &Reactions,
+        powers: &[f64],
+    ) -> Option<KinematicsError> {
+        let k = powers.iter().position(|p| !p.is_finite())?;
+        plant.effects[k].fault(&self.instant(plant, k, scene, motion, reactions), false)
+    }
+
+    /// Rates of all own states and their slopes; `motion` holds the accelerations of this instant, `motors` what acts on the
+    /// rotors of elastic gears, N·m.
     pub fn state_rates(
         &self,
         plant: &Plant,
         scene: &Scene,
         motion: &Motion,
         reactions: &Reactions,
+        motors: &[f64; ARMS],
         rates: &mut [f64],
         slopes: &mut [f64],
     ) {
+        let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, motors));
         for (k, active) in plant.effects.iter().enumerate() {
             let own = self.starts[k]..self.starts[k + 1];
             if !own.is_empty() {
-                let instant = self.instant(plant, k, scene, motion, reactions);
+                let motion = moved.as_ref().filter(|_| self.at_motors[k]).unwrap_or(motion);
+                let mut instant = self.instant(plant, k, scene, motion, reactions);
+                if self.gears.as_ref().is_some_and(|(start, _)| *start == own.start) {
+                    instant.torque.iter_mut().zip(motors).for_each(|(torque, f)| *torque += f);
+                }
                 slopes[own.clone()].fill(0.0);
                 active.effect.state_rate(&active.values(), &instant, &mut rates[own.clone()], &mut slopes[own.clone()]);
             }
@@ -203,8 +291,20 @@ impl Forces {
 /// that resolve the ringing are more accurate without.
 const STEEP: f64 = 0.25;
 
-fn is_steep(gear: &GearSpring, g: f64) -> bool {
-    gear.is_elastic() && g * (g / gear.compliance + gear.damping) > STEEP * gear.rotor_inertia
+/// Whether gear or `friction` of the rotor (its damping, N·m·s/rad) is steep for a step with hγ = `g`.
+fn is_steep(gear: &GearSpring, friction: f64, g: f64) -> bool {
+    gear.is_elastic() && g * (g / gear.compliance + gear.damping + friction) > STEEP * gear.rotor_inertia
+}
+
+/// What acts on the rotors of elastic gears besides the drives.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Motors {
+    /// N·m.
+    pub torque: [f64; ARMS],
+    /// Its damping, N·m·s/rad, as measured for the present step.
+    pub damping: [f64; ARMS],
+    /// The stage's sums of the arms' rates, rad/s.
+    pub sums: [f64; ARMS],
 }
 
 /// Torque of a gear now and one step ahead but for the rotor's own change of rate, and κ of that; states and sums from
@@ -221,6 +321,8 @@ fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f6
 pub(super) struct Damping {
     /// Arms and rotor.
     pub drives: [f64; AXES],
+    /// Rotors of elastic gears.
+    pub motors: [f64; ARMS],
     /// Struts about their own axes, with their restraint.
     pub spins: [f64; STRUTS],
     /// Steps for which the damping of the spins may be kept.
@@ -244,8 +346,7 @@ enum Freedom {
 }
 
 impl Forces {
-    /// Wrenches of the effects that damp a freedom (only of effect `only`, if given), and with that freedom's rates a
-    /// little higher. `motion` is as before when it returns.
+    /// Wrenches of `effects`, and with a freedom's rates a little higher. `motion` is as before when it returns.
     fn probe(
         &self,
         plant: &Plant,
@@ -253,7 +354,7 @@ impl Forces {
         motion: &mut Motion,
         reactions: &Reactions,
         freedom: Freedom,
-        only: Option<usize>,
+        effects: &[usize],
     ) -> [[Twist; BODIES]; 2] {
         let (qd, bodies) =
             (motion.qd, std::array::from_fn::<_, STRUTS, _>(|s| motion.bodies[STRUT + s].angular_velocity));
@@ -267,13 +368,13 @@ impl Forces {
                 }
             }
             let mut out = [STILL; BODIES];
-            for &e in &self.damps[freedom as usize] {
-                if only.is_none_or(|k| k == e) {
-                    let instant = self.instant(plant, e, scene, motion, reactions);
-                    let active = &plant.effects[e];
-                    let mut sum = Wrenches::sum(&active.values, motion, &mut out);
-                    active.effect.forces(&active.values(), &instant, &mut sum);
-                }
+            let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, &[0.0; ARMS]));
+            for &e in effects {
+                let motion = moved.as_ref().filter(|_| self.at_motors[e]).unwrap_or(motion);
+                let instant = self.instant(plant, e, scene, motion, reactions);
+                let active = &plant.effects[e];
+                let mut sum = Wrenches::sum(&active.values, motion, &mut out);
+                active.effect.forces(&active.values(), &instant, &mut sum);
             }
             motion.qd = qd;
             for (s, omega) in bodies.iter().enumerate() {
@@ -298,7 +399,7 @@ impl Forces {
         [Freedom::Drives, Freedom::Spins].map(|freedom| {
             (0..plant.effects.len())
                 .filter(|&k| {
-                    let [base, moved] = self.probe(plant, &scene, &mut motion, &reactions, freedom, Some(k));
+                    let [base, moved] = self.probe(plant, &scene, &mut motion, &reactions, freedom, &[k]);
                     base != moved
                 })
                 .collect()
@@ -317,12 +418,21 @@ impl Forces {
         let slope = |[base, moved]: &[[Twist; BODIES]; 2], body: usize, axis: &Vector3<f64>| {
             ((base[body].1 - moved[body].1).dot(axis) / RATE).max(0.0)
         };
-        damping.drives = [0.0; AXES];
-        if !self.damps[Freedom::Drives as usize].is_empty() {
-            let probe = self.probe(plant, scene, motion, reactions, Freedom::Drives, None);
+        (damping.drives, damping.motors) = ([0.0; AXES], [0.0; ARMS]);
+        let (at_motors, at_joints): (Vec<usize>, Vec<usize>) =
+            self.damps[Freedom::Drives as usize].iter().partition(|&&e| self.at_motors[e]);
+        for (effects, on_rotors) in [(at_joints, false), (at_motors, true)] {
+            if effects.is_empty() {
+                continue;
+            }
+            let probe = self.probe(plant, scene, motion, reactions, Freedom::Drives, &effects);
             for a in 0..AXES {
                 let (body, axis) = Motion::drive(a);
-                damping.drives[a] = slope(&probe, body, &axis);
+                let slope = slope(&probe, body, &axis);
+                match damping.motors.get_mut(a) {
+                    Some(motor) if on_rotors && self.elastic(scene.own).any(|(i, ..)| i == a) => *motor += slope,
+                    _ => damping.drives[a] += slope,
+                }
             }
         }
         if self.brake > 0.0 {
@@ -336,7 +446,8 @@ impl Forces {
         }
         damping.spins = std::array::from_fn(|s| spin_restraint(plant, scene.closed, s));
         if !self.damps[Freedom::Spins as usize].is_empty() {
-            let probe = self.probe(plant, scene, motion, reactions, Freedom::Spins, None);
+            let spins = &self.damps[Freedom::Spins as usize];
+            let probe = self.probe(plant, scene, motion, reactions, Freedom::Spins, spins);
             let mut worst = 0f64;
             for s in 0..STRUTS {
                 let slope = slope(&probe, STRUT + s, &motion.strut_axis[s]);

@@ -8,8 +8,10 @@ pub(super) const WORK_RESTRAINTS: usize = 4;
 pub(super) const WORK_CONTACT: usize = 5;
 /// Elastic struts.
 pub(super) const WORK_STRUTS: usize = 6;
+/// Hard stops.
+pub(super) const WORK_STOPS: usize = 7;
 /// Then one per effect.
-pub(super) const WORK_EFFECTS: usize = 7;
+pub(super) const WORK_EFFECTS: usize = 8;
 
 /// Layout of a flat state.
 #[derive(Clone, Copy, Debug)]

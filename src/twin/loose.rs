@@ -16,7 +16,9 @@
 //! many. What cannot be refined to 1e-9 of the terms of either equation is a [`SingularPose`], as is an inertia that no
 //! body can have.
 
+mod bearings;
 mod factor;
+mod flexible;
 mod rows;
 mod schur;
 #[cfg(test)]
@@ -24,7 +26,10 @@ mod tests;
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+pub(super) use self::bearings::Bearings;
 use self::factor::{Root, Six, add, dot};
+use self::flexible::Eliminated;
+pub(super) use self::flexible::{Stretch, Stretches};
 use self::rows::*;
 use self::schur::Schur;
 use super::SingularPose;
@@ -34,7 +39,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
-use crate::model::{Bodies, Geometry, Inertia, STRUTS};
+use crate::model::{Bodies, Inertia, STRUTS};
 
 /// Two world vectors at a body's origin: velocity and angular velocity, their rates, or force and moment.
 pub type Pair = (Vector3<f64>, Vector3<f64>);
@@ -46,6 +51,15 @@ pub struct Solution {
     pub bodies: [Pair; BODIES],
     /// λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets. Joints act with −Gᵀ·λ.
     pub multipliers: [f64; ROWS],
+    /// ë of elastic struts, m/s², or changes of what [`Loose::solve`] does not ask for; zero of rigid ones.
+    pub(super) stretches: [f64; STRUTS],
+}
+
+impl Solution {
+    const NONE: Self = {
+        const NOTHING: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+        Self { bodies: [NOTHING; BODIES], multipliers: [0.0; ROWS], stretches: [0.0; STRUTS] }
+    };
 }
 
 /// Workspace of the solver; nothing is allocated after [`Loose::new`].
@@ -65,6 +79,8 @@ struct Workspace {
     /// M or S was regularised: refine until the equations hold.
     regularised: bool,
     accelerations: [Six; BODIES],
+    struts: [Eliminated; STRUTS],
+    closed: SocketSet,
     solution: Solution,
 }
 
@@ -114,7 +130,6 @@ impl Default for Loose {
 impl Loose {
     /// An empty workspace.
     pub fn new() -> Self {
-        const NONE: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
         Self(Box::new(Workspace {
             rows: Rows::new(),
             mass: [[[0.0; 6]; 6]; BODIES],
@@ -125,7 +140,9 @@ impl Loose {
             shifts: [0.0; SHIFTS.len()],
             regularised: false,
             accelerations: [[0.0; 6]; BODIES],
-            solution: Solution { bodies: [NONE; BODIES], multipliers: [0.0; ROWS] },
+            struts: [Eliminated::RIGID; STRUTS],
+            closed: SocketSet::ALL,
+            solution: Solution::NONE,
         }))
     }
 
@@ -142,14 +159,33 @@ impl Loose {
         wrenches: &[Pair; BODIES],
         damping: Option<&[Matrix3<f64>; BODIES]>,
     ) -> Result<&Solution, SingularPose> {
+        self.solve_elastic(plant, bodies, closed, wrenches, damping, None)
+    }
+
+    /// The same with struts that give way, rigid without `stretches`.
+    pub(super) fn solve_elastic(
+        &mut self,
+        plant: &Plant,
+        bodies: &[BodyMotion; BODIES],
+        closed: SocketSet,
+        wrenches: &[Pair; BODIES],
+        damping: Option<&[Matrix3<f64>; BODIES]>,
+        stretches: Option<&Stretches>,
+    ) -> Result<&Solution, SingularPose> {
         let gravity = plant.gravity_vector();
-        self.0.prepare(&plant.geometry, &plant.bodies, bodies, closed, damping)?;
-        let loads = std::array::from_fn(|b| {
-            let (force, moment) = velocity_products(&plant.bodies[b], &bodies[b], &gravity);
+        self.0.prepare(plant, bodies, closed, damping, stretches)?;
+        let mut loads = std::array::from_fn(|b| {
+            let (force, moment) = velocity_products(&inertia(plant, b, stretches), &bodies[b], &gravity);
             six(&(wrenches[b].0 - force, wrenches[b].1 - moment))
         });
+        let mut demand = [0.0; STRUTS];
+        for (s, stretch) in stretches.into_iter().flatten().enumerate() {
+            let b = &bodies[STRUT + s];
+            add(&mut loads[STRUT + s], -1.0, &six(&stretch.coriolis(b)));
+            demand[s] = stretch.demand(b, &gravity);
+        }
         let gamma = self.0.rows.gamma;
-        self.0.equations(&loads, &gamma)
+        self.0.equations(&loads, &gamma, &demand)
     }
 
     /// Velocities after an impulsive load or a change of inertia, with all rows fulfilled: `solution.bodies` are twists
@@ -165,12 +201,12 @@ impl Loose {
         closed: SocketSet,
         impulses: &[Pair; BODIES],
     ) -> Result<&Solution, SingularPose> {
-        self.0.prepare(&plant.geometry, &plant.bodies, bodies, closed, None)?;
+        self.0.prepare(plant, bodies, closed, None, None)?;
         let loads = std::array::from_fn(|b| {
             let (p, l) = momentum(&before[b], &bodies[b]);
             six(&(impulses[b].0 + p, impulses[b].1 + l))
         });
-        self.0.equations(&loads, &[0.0; ROWS])
+        self.0.equations(&loads, &[0.0; ROWS], &[0.0; STRUTS])
     }
 
     /// Makes the rows of all joints hold: poses to 1e-13 m (or 1), velocities to rounding.
@@ -183,25 +219,49 @@ impl Loose {
         bodies: &mut [BodyState; BODIES],
         closed: SocketSet,
     ) -> Result<(), SingularPose> {
+        self.project_elastic(plant, bodies, closed, None)
+    }
+
+    /// The same with struts that give way: elongations and their rates take part.
+    pub(super) fn project_elastic(
+        &mut self,
+        plant: &Plant,
+        bodies: &mut [BodyState; BODIES],
+        closed: SocketSet,
+        mut stretches: Option<&mut Stretches>,
+    ) -> Result<(), SingularPose> {
         let work = &mut *self.0;
         for _ in 0..MAX_PROJECTIONS {
             let motion = motions(bodies);
-            work.prepare(&plant.geometry, &plant.bodies, &motion, closed, None)?;
+            let now = stretches.as_deref();
+            work.prepare(plant, &motion, closed, None, now)?;
             if work.rows.values.iter().all(|c| c.abs() < CLOSED) {
-                let loads = std::array::from_fn(|b| six(&momentum(&plant.bodies[b], &motion[b])));
-                let solution = work.equations(&loads, &[0.0; ROWS])?;
+                let mut loads = std::array::from_fn(|b| six(&momentum(&inertia(plant, b, now), &motion[b])));
+                let mut demand = [0.0; STRUTS];
+                for (s, stretch) in now.into_iter().flatten().enumerate() {
+                    let b = &motion[STRUT + s];
+                    add(&mut loads[STRUT + s], 1.0, &six(&(stretch.carried(b), Vector3::zeros())));
+                    demand[s] = stretch.momentum(b);
+                }
+                let solution = work.equations(&loads, &[0.0; ROWS], &demand)?;
                 for (b, body) in bodies.iter_mut().enumerate() {
                     body.velocity = solution.bodies[b].0;
                     body.angular_velocity = motion[b].rotation.tr_mul(&solution.bodies[b].1);
                 }
+                for (s, stretch) in stretches.into_iter().flatten().enumerate() {
+                    stretch.rate = solution.stretches[s];
+                }
                 return Ok(());
             }
             let back = work.rows.values.map(|c| -c);
-            let solution = work.equations(&[[0.0; 6]; BODIES], &back)?;
+            let solution = work.equations(&[[0.0; 6]; BODIES], &back, &[0.0; STRUTS])?;
             for (body, (shift, turn)) in bodies.iter_mut().zip(&solution.bodies) {
                 body.position += shift;
                 let old = UnitQuaternion::new_normalize(body.orientation);
                 body.orientation = *(UnitQuaternion::from_scaled_axis(*turn) * old);
+            }
+            for (s, stretch) in stretches.iter_mut().flat_map(|all| all.iter_mut()).enumerate() {
+                stretch.elongation += solution.stretches[s];
             }
         }
         Err(SingularPose)
@@ -214,7 +274,8 @@ impl Loose {
 
     /// Force on the strut at each socket, N, world axes, from the last solution; zero where open.
     pub fn socket_forces(&self) -> [Vector3<f64>; SOCKETS] {
-        std::array::from_fn(|k| self.wrench(socket_block(k), 3).0)
+        let lambda = &self.0.solution.multipliers;
+        std::array::from_fn(|k| -Vector3::from_fn(|i, _| lambda[socket(k) + i]))
     }
 
     /// Axial forces of the struts, tension positive, N, from the last solution; `bodies` as given to it.
@@ -225,6 +286,7 @@ impl Loose {
     }
 
     /// −Gᵀ·λ of one joint on one body.
+    #[cfg(test)]
     fn wrench(&self, block: usize, n: usize) -> Pair {
         let mut sum = [0.0; 6];
         for k in block..block + n {
@@ -234,26 +296,36 @@ impl Loose {
     }
 }
 
-fn socket_block(k: usize) -> usize {
-    if k < STRUTS { elbow_on_strut(k) } else { ball_on_strut(k - STRUTS) }
+/// Inertia of body `b`, of an elastic strut at its present length.
+fn inertia(plant: &Plant, b: usize, stretches: Option<&Stretches>) -> Inertia {
+    match stretches {
+        Some(all) if (STRUT..PLATFORM).contains(&b) => all[b - STRUT].inertia(),
+        _ => plant.bodies[b],
+    }
 }
 
 impl Workspace {
     /// Rows, masses and factors at a pose.
     fn prepare(
         &mut self,
-        geometry: &Geometry,
-        inertia: &Bodies,
+        plant: &Plant,
         bodies: &[BodyMotion; BODIES],
         closed: SocketSet,
         damping: Option<&[Matrix3<f64>; BODIES]>,
+        stretches: Option<&Stretches>,
     ) -> Result<(), SingularPose> {
-        self.rows.fill(geometry, bodies, closed);
+        let rigid = &plant.geometry.strut_length;
+        let lengths = std::array::from_fn(|s| stretches.map_or(rigid[s / 2], |all| all[s].length()));
+        self.rows.fill(&plant.geometry, &lengths, bodies, closed);
         self.regularised = false;
-        let total: f64 = inertia.0.iter().map(|i| i.mass).sum();
+        self.closed = closed;
+        let total: f64 = plant.bodies.0.iter().map(|i| i.mass).sum();
         for b in 0..BODIES {
-            self.mass[b] = spatial(&inertia[b], &bodies[b].rotation, damping.map(|d| &d[b]));
+            self.mass[b] = spatial(&inertia(plant, b, stretches), &bodies[b].rotation, damping.map(|d| &d[b]));
         }
+        self.struts = stretches.map_or([Eliminated::RIGID; STRUTS], |all| {
+            flexible::eliminate(all, bodies, closed, &mut self.mass, &mut self.rows)
+        });
         for b in 0..BODIES {
             if b != END_EFFECTOR {
                 self.root(b, total)?;
@@ -272,9 +344,9 @@ impl Workspace {
                 }
             }
         }
-        if !self.schur.factor(&self.y_columns, closed, 0.0) {
+        if !self.schur.factor(&self.y_columns, closed, &self.struts, 0.0) {
             self.regularised = true;
-            if !self.schur.factor(&self.y_columns, closed, TIKHONOV) {
+            if !self.schur.factor(&self.y_columns, closed, &self.struts, TIKHONOV) {
                 return Err(SingularPose);
             }
         }
@@ -311,9 +383,16 @@ impl Workspace {
         }
     }
 
-    /// Solves the equations for given W and γ with the factors at hand.
-    fn equations(&mut self, loads: &[Six; BODIES], gamma: &[f64; ROWS]) -> Result<&Solution, SingularPose> {
-        let mut w = *loads;
+    /// Solves the equations for given W, γ and forces on the stretches with the factors at hand.
+    fn equations(
+        &mut self,
+        loads: &[Six; BODIES],
+        gamma: &[f64; ROWS],
+        demand: &[f64; STRUTS],
+    ) -> Result<&Solution, SingularPose> {
+        let (mut w, mut gamma) = (*loads, *gamma);
+        flexible::load(&self.struts, demand, self.closed, &mut w, &mut gamma);
+        let gamma = &gamma;
         for (s, r) in SHIFTS.iter().zip(&self.shifts) {
             add(&mut w[s.donor], -r * gamma[ROW[s.from]], &self.rows.blocks[s.from]);
         }
@@ -341,6 +420,8 @@ impl Workspace {
             let along = dot(&self.rows.blocks[s.to], &self.accelerations[END_EFFECTOR]);
             self.solution.multipliers[ROW[s.to]] += r * along;
         }
+        self.solution.stretches =
+            flexible::rates(&self.struts, demand, &self.accelerations, &self.solution.multipliers);
         for (out, a) in self.solution.bodies.iter_mut().zip(&self.accelerations) {
             *out = pair(a);
         }
@@ -388,6 +469,7 @@ impl Workspace {
                 add(&mut loads[b], -self.solution.multipliers[ROW[k]], &self.rows.blocks[k]);
             }
         }
+        flexible::give(&self.struts, &self.solution.multipliers, &mut rows);
         for load in &loads {
             for k in 0..6 {
                 sizes[k / 3] = worst(sizes[k / 3], load[k]);

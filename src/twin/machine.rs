@@ -2,36 +2,45 @@
 
 use nalgebra::Vector3;
 
-use super::absolute::{self, Absolute};
+use super::absolute::{self, Absolute, Joints};
 use super::assembled::{self, Assembled, FrameCache};
 use super::axes::{self, Axes};
+use super::constraints::ROWS;
 use super::context::{Answer, Context, Scratch};
 use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
 use super::loose::{Loose, momentum};
-use super::mechanism::{Frame, Mechanism};
+use super::mechanism::Mechanism;
 use super::reactions::JointReactions;
+use super::stops::{Hit, STOPS};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use super::{SingularPose, energy};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet};
+use crate::kinematics::{BodyMotion, KinematicsError, Motion, Reactions, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR};
 use crate::model::{ARMS, AXES, Inertia};
+use crate::scenario::Formulation;
 
 /// What the equations of motion yield at one instant.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// Motion of all bodies with accelerations.
+    /// Motion of all bodies with accelerations; of elastic gears the links'.
     pub motion: Motion,
+    /// Rates of the axes as the motors' encoders see them, rad/s.
+    pub encoder_rate: [f64; AXES],
+    /// Accelerations likewise, rad/s².
+    pub encoder_acceleration: [f64; AXES],
     /// Axial strut forces.
     pub reactions: Reactions,
     /// Force on each strut at its sockets (six upper, six lower), N, world.
     pub sockets: [Vector3<f64>; SOCKETS],
     /// Applied wrenches on all bodies with the drives' torques.
     wrenches: [Twist; BODIES],
+    /// λ of every row where the rows are not eliminated.
+    multipliers: Option<[f64; ROWS]>,
 }
 
 impl Snapshot {
@@ -56,9 +65,12 @@ pub struct Twin {
 
 /// How the equations are solved.
 enum Form {
+    /// Rows of the assembled robot eliminated in closed form.
     Assembled(Box<Mechanism>, FrameCache),
-    Loose(Loose),
+    /// Each axis by itself: what elimination leaves of bearings alone.
     Axes,
+    /// All bodies, all rows.
+    Absolute(Box<Joints>),
 }
 
 /// A state to return to, as long as no socket opens in between.
@@ -71,8 +83,27 @@ pub struct Mark {
 }
 
 impl Twin {
-    /// The machine at a motion at time 0; loops are closed exactly.
+    /// The machine at a motion at time 0, its rows eliminated; loops are closed exactly.
+    ///
+    /// # Errors
+    /// If the loops cannot be closed there.
     pub fn new(plant: Plant, motion: &Motion) -> Result<Self, SingularPose> {
+        Self::formulated(plant, motion, Formulation::Eliminated)
+    }
+
+    /// The machine at a motion at time 0 in either formulation; loops are closed exactly.
+    ///
+    /// # Errors
+    /// If the loops cannot be closed there.
+    pub fn formulated(plant: Plant, motion: &Motion, formulation: Formulation) -> Result<Self, SingularPose> {
+        let mut twin = Self::eliminated(plant, motion)?;
+        if formulation == Formulation::Absolute {
+            twin.to_absolute()?;
+        }
+        Ok(twin)
+    }
+
+    fn eliminated(plant: Plant, motion: &Motion) -> Result<Self, SingularPose> {
         let forces = Forces::new(&plant);
         let length = if plant.assembled { assembled::LENGTH } else { axes::LENGTH };
         let layout = Layout::new(length, forces.states(), plant.effects.len());
@@ -135,13 +166,15 @@ impl Twin {
         let Self { context, form, stepper, y, t, smooth, .. } = self;
         context.torque = *torque;
         let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
-        let tableau: &Tableau = if *smooth && context.external.is_none() && !steep { &RK4 } else { &ROS34PW2 };
+        // Struts that have left a socket may spin, and their restraint is steep.
+        let calm = *smooth && context.external.is_none() && context.closed == SocketSet::ALL;
+        let tableau: &Tableau = if calm && !steep { &RK4 } else { &ROS34PW2 };
         match form {
             Form::Assembled(mechanism, cache) => {
                 stepper.step(tableau, &mut Assembled { context, mechanism, cache }, *t, y, h)?;
             }
             Form::Axes => stepper.step(tableau, &mut Axes { context }, *t, y, h)?,
-            Form::Loose(loose) => stepper.step(&ROS34PW2, &mut Absolute { context, loose }, *t, y, h)?,
+            Form::Absolute(joints) => stepper.step(tableau, &mut Absolute { context, joints }, *t, y, h)?,
         }
         self.t += h;
         self.forget();
@@ -159,13 +192,15 @@ impl Twin {
     fn snapshot(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
         let Self { context, form, y, t, .. } = self;
         context.torque = *torque;
+        let mut multipliers = None;
         let (mut motion, reactions, sockets) = match form {
             Form::Assembled(mechanism, cache) => {
                 let (motion, solution) = Assembled { context, mechanism, cache }.evaluate(*t, y)?;
                 (motion, solution.reactions, solution.socket_force)
             }
-            Form::Loose(loose) => {
-                let (motion, solution) = Absolute { context, loose }.evaluate(*t, y)?;
+            Form::Absolute(joints) => {
+                let (motion, solution) = Absolute { context, joints }.evaluate(*t, y)?;
+                multipliers = Some(solution.multipliers);
                 (motion, solution.reactions, solution.socket_force)
             }
             Form::Axes => (Axes { context }.evaluate(*t, y)?, Reactions::default(), [Vector3::zeros(); SOCKETS]),
@@ -176,7 +211,8 @@ impl Twin {
             motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
             wrenches[body].1 += direction * torque;
         }
-        Ok(Snapshot { motion, reactions, sockets, wrenches })
+        let [encoder_rate, encoder_acceleration] = self.context.of_motors(self.t, &self.y, &motion);
+        Ok(Snapshot { motion, encoder_rate, encoder_acceleration, reactions, sockets, wrenches, multipliers })
     }
 
     /// What was evaluated last no longer holds.
@@ -189,42 +225,60 @@ impl Twin {
     /// Motion of all bodies now, without accelerations.
     pub fn motion(&self) -> Motion {
         match &self.form {
-            Form::Assembled(mechanism, _) => {
-                let (pose, nu, spin) = assembled::pose(&self.y);
-                let mut frame = Frame::empty();
-                mechanism.frame(&pose, &nu, &spin, &mut frame);
-                frame.motion
-            }
-            Form::Loose(_) => absolute::motion(&self.context.plant.geometry, &self.y),
+            Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
+            Form::Absolute(_) => absolute::motion(&self.context.plant, &self.y),
             Form::Axes => axes::motion(&self.context.plant, &self.y, [0.0; AXES]),
         }
     }
 
-    /// Opens a ball socket: its rows drop out. With the first one elastic struts become rigid, and what they store is lost.
+    /// Opens a ball socket: its rows drop out, the other joints' are no longer eliminated.
+    ///
+    /// # Errors
+    /// If the present pose is singular.
     pub fn open(&mut self, socket: usize) -> Result<(), SingularPose> {
-        if let Form::Assembled(mechanism, _) = &self.form {
-            let elastic = mechanism.springs.is_some();
-            let balance = self.energy_balance();
-            let motion = self.motion();
-            let layout = Layout::new(absolute::LENGTH, self.context.forces.states(), self.context.plant.effects.len());
-            let mut y = vec![0.0; layout.len()];
-            absolute::store(&mut y, &motion);
-            y[layout.own().start..].copy_from_slice(&self.y[self.context.layout.own().start..]);
-            let mut loose = Loose::new();
-            if elastic {
-                absolute::close(&mut loose, &self.context.plant, &mut y, self.context.closed)?;
-            }
-            self.stepper = Stepper::new(layout.len());
-            (self.y, self.context.layout) = (y, layout);
-            self.form = Form::Loose(loose);
-            self.context.scratch.damping = Damping::default();
-            if elastic {
-                self.reference_energy += self.energy_balance() - balance;
-            }
+        if matches!(self.form, Form::Assembled(..)) {
+            self.to_absolute()?;
         }
         self.forget();
         self.context.closed = self.context.closed.without(socket);
         Ok(())
+    }
+
+    /// Goes on in absolute coordinates.
+    fn to_absolute(&mut self) -> Result<(), SingularPose> {
+        let balance = self.energy_balance();
+        let context = &mut self.context;
+        let motion = match &self.form {
+            Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
+            Form::Axes => axes::motion(&context.plant, &self.y, [0.0; AXES]),
+            Form::Absolute(_) => return Ok(()),
+        };
+        let layout = Layout::new(absolute::LENGTH, context.forces.states(), context.plant.effects.len());
+        let mut y = vec![0.0; layout.len()];
+        absolute::store(&mut y, &context.plant, &motion);
+        y[layout.own().start..].copy_from_slice(&self.y[context.layout.own().start..]);
+        let mut joints = Joints::new(&context.plant);
+        joints.close(&context.plant, &mut y, context.closed)?;
+        context.layout = layout;
+        context.scratch.damping = Damping::default();
+        self.stepper = Stepper::new(layout.len());
+        self.y = y;
+        self.form = Form::Absolute(Box::new(joints));
+        self.reference_energy += self.energy_balance() - balance;
+        Ok(())
+    }
+
+    /// λ of all rows at the instant of `snapshot`, which was evaluated last: N or N·m, in the order of
+    /// [`constraints::rows`](super::constraints::rows), zero of open sockets. Where the rows are eliminated, they are put back for this.
+    ///
+    /// # Errors
+    /// If the pose is singular.
+    pub fn multipliers(&self, snapshot: &Snapshot) -> Result<[f64; ROWS], SingularPose> {
+        let plant = &self.context.plant;
+        match snapshot.multipliers {
+            Some(known) => Ok(known),
+            None => Joints::new(plant).multipliers(plant, &snapshot.motion, self.context.closed, &snapshot.wrenches),
+        }
     }
 
     /// Sockets that hold.
@@ -285,9 +339,11 @@ impl Twin {
                     assembled::store(&mut self.y, &pose, &nu, &spin);
                 }
             }
-            Form::Loose(_) => {
+            Form::Absolute(joints) => {
+                **joints = Joints::new(&self.context.plant);
                 if let Some(motion) = moved {
-                    absolute::store(&mut self.y, motion);
+                    absolute::store_velocities(&mut self.y, &self.context.plant, motion, self.context.closed);
+                    joints.close(&self.context.plant, &mut self.y, self.context.closed)?;
                 }
             }
             // What hangs on the platform does not move the axes.
@@ -336,9 +392,14 @@ impl Twin {
     pub fn encoders(&self) -> [f64; AXES] {
         let q = match &self.form {
             Form::Assembled(..) | Form::Axes => [self.y[0], self.y[1], self.y[2], self.y[3]],
-            Form::Loose(_) => self.motion().q,
+            Form::Absolute(_) => absolute::angles(&self.y),
         };
         self.context.forces.encoders(&self.context.plant, &self.y[self.context.layout.own()], &q)
+    }
+
+    /// The first law that gave no number, if one did.
+    pub fn fault(&self) -> Option<KinematicsError> {
+        self.context.scratch.fault
     }
 
     /// Kinetic plus potential energy of the bodies, J.
@@ -350,12 +411,14 @@ impl Twin {
     fn energy_at(&self, motion: &Motion) -> f64 {
         let stretch = match &self.form {
             Form::Assembled(mechanism, _) => mechanism.stretch_energy(&self.context.plant, motion),
-            Form::Loose(_) | Form::Axes => 0.0,
+            Form::Absolute(joints) => joints.stretch_energy(&self.context.plant, motion, &self.y),
+            Form::Axes => 0.0,
         };
         energy::total(&self.context.plant, motion) + stretch
     }
 
-    /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, each effect.
+    /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, hard stops, each
+    /// effect.
     pub fn work(&self) -> &[f64] {
         &self.y[self.context.layout.work()]
     }
@@ -368,6 +431,11 @@ impl Twin {
     /// The same at the present motion, which the caller has at hand.
     pub fn energy_balance_at(&self, motion: &Motion) -> f64 {
         self.energy_at(motion) - self.reference_energy - self.work().iter().sum::<f64>()
+    }
+
+    /// Joints beyond their hard stops at the last evaluation, which a step ends with.
+    pub fn hits(&self) -> &[Option<Hit>; STOPS] {
+        &self.context.scratch.hits
     }
 
     /// Largest change in the last iteration over laws that read forces or accelerations that did not converge, N.

@@ -15,6 +15,7 @@ use nalgebra::{Matrix3, Matrix4, Quaternion, SMatrix, SVector, UnitQuaternion, V
 
 use super::SingularPose;
 use super::context::Answer;
+use super::rod::{self, Rod, platform_ball};
 use super::wrench::{STILL, Twist};
 use crate::dynamics::{Plant, inertial_wrench};
 use crate::effects::StrutSpring;
@@ -47,34 +48,6 @@ pub(super) struct Pose {
     pub orientation: Quaternion<f64>,
     /// Roll of each strut about its axis from where its y faces along its pair, rad.
     pub roll: [f64; STRUTS],
-}
-
-/// A strut as a rod between its balls.
-#[derive(Clone, Copy)]
-struct Rod {
-    length: f64,
-    aa: f64,
-    ab: f64,
-    bb: f64,
-    /// Inertia about its own axis, kg·m².
-    axial: f64,
-    /// Shares of the mass whose weight the two ends carry, kg.
-    weight: [f64; 2],
-}
-
-impl Rod {
-    /// Of a body that is symmetric about its x axis, in the frame at its upper ball.
-    fn new(inertia: &Inertia, length: f64) -> Self {
-        let (h, i) = (inertia.first_moment.x / length, inertia.tensor[(1, 1)] / (length * length));
-        Self {
-            length,
-            aa: inertia.mass - 2.0 * h + i,
-            ab: h - i,
-            bb: i,
-            axial: inertia.tensor[(0, 0)],
-            weight: [inertia.mass - h, h],
-        }
-    }
 }
 
 /// What does not change during a run.
@@ -168,8 +141,7 @@ impl Solution {
 impl Mechanism {
     pub fn new(plant: &Plant) -> Self {
         let geometry = plant.geometry;
-        let rods: [Rod; STRUTS] =
-            std::array::from_fn(|s| Rod::new(&plant.bodies[STRUT + s], geometry.strut_length[s / 2]));
+        let rods = Rod::all(plant);
         let mut laden_platform = plant.bodies[PLATFORM];
         for (s, rod) in rods.iter().enumerate() {
             laden_platform += Inertia::point(rod.bb, platform_ball(&geometry, s));
@@ -624,11 +596,6 @@ impl Mechanism {
 const CLOSURE_TOLERANCE: f64 = 1e-14;
 const MAX_CLOSURE_ITERATIONS: usize = 12;
 
-/// Ball of strut `s` in the platform's frame.
-fn platform_ball(g: &Geometry, s: usize) -> Vector3<f64> {
-    Geometry::radial(s / 2) * g.platform_radius + Geometry::tangential(s / 2) * g.pair_offset(s)
-}
-
 fn join(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector6 {
     Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z)
 }
@@ -833,19 +800,7 @@ impl Mechanism {
         if self.springs.is_none() {
             return 0.0;
         }
-        let platform = &motion.bodies[PLATFORM];
-        (0..STRUTS)
-            .map(|s| {
-                let (rod, u, length) = (&self.rods[s], motion.strut_axis[s], motion.strut_length[s]);
-                let upper = &motion.bodies[STRUT + s];
-                let ball = upper.position + u * length - platform.position;
-                let stretch = platform.velocity + platform.angular_velocity.cross(&ball) - upper.velocity;
-                let rigid = (stretch - u * u.dot(&stretch)) * (rod.length / length);
-                let kinetic = upper.velocity.dot(&(stretch - rigid)) * (rod.ab + rod.bb)
-                    + 0.5 * rod.bb * (stretch.norm_squared() - rigid.norm_squared());
-                kinetic - rod.weight[1] * plant.gravity_vector().dot(&u) * (length - rod.length)
-            })
-            .sum()
+        rod::stretch_energy(&self.rods, plant, motion, &rod::length_rates(plant, motion))
     }
 
     /// Power of the elastic struts on the bodies, W.

@@ -1,7 +1,9 @@
-//! The machine in absolute coordinates: fourteen bodies, 84 velocities, 74 constraint rows.
+//! The machine in motion: fourteen bodies, 84 velocities, 74 constraint rows.
 //!
-//! While all sockets hold, `mechanism` solves the equations in closed form; from the first dislocation on `loose`
-//! solves them for whatever joints are left; `axes` those of a robot taken apart or a lone axis. `integrator` steps each.
+//! Two formulations of the same equations. `absolute` integrates all bodies with all rows, which `loose` solves for whatever
+//! joints hold. `assembled` integrates what is left when the rows are eliminated, which `mechanism` does in closed form while
+//! all sockets hold; `axes` is that for a robot taken apart or a lone axis. `integrator` steps each. The eliminated form is the
+//! default, being the faster one; from the first dislocation on every run is in absolute coordinates.
 
 mod absolute;
 mod assembled;
@@ -20,21 +22,25 @@ mod mechanism;
 mod options;
 mod reactions;
 mod report;
+mod rod;
 mod sensors;
 #[cfg(feature = "viewer")]
 mod show;
 mod simulate;
 pub mod sockets;
 mod state;
+pub mod stops;
+#[cfg(feature = "viewer")]
+mod stream;
 mod torque;
 mod wrench;
 
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
-pub use options::Options;
+pub use options::{Options, Watcher};
 pub use reactions::JointReactions;
-pub use report::{Event, EventKind, Frame, Report, SimulationError};
-pub use simulate::simulate;
+pub use report::{Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Pose, Report, SimulationError};
+pub use simulate::{simulate, simulate_until_failure};
 pub use sockets::Clamps;
 pub use state::BodyState;
 pub use torque::Torque;

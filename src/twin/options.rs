@@ -1,9 +1,11 @@
 //! How a run of the twin is made.
 
-use super::{Clamps, Gains};
+use std::sync::Arc;
+
+use super::{Clamps, Event, Frame, Gains};
 use crate::cell::Object;
 use crate::model::Model;
-use crate::scenario::{self, Action, HoldTorque, PayloadShape, Scenario, Supervision};
+use crate::scenario::{self, Action, Formulation, HoldTorque, PayloadShape, Scenario, Supervision};
 
 /// How a run is made.
 #[derive(Clone, Debug)]
@@ -16,6 +18,8 @@ pub struct Options {
     pub control_period: usize,
     /// Torque between two control instants.
     pub hold_torque: HoldTorque,
+    /// How the equations of motion are solved.
+    pub formulation: Formulation,
     /// Seed of the sensor noise; `None` switches noise and quantisation off.
     pub noise_seed: Option<u64>,
     /// What is recorded.
@@ -34,6 +38,37 @@ pub struct Options {
     pub actions: Vec<Action>,
     /// Keep the poses of all bodies and objects every so many seconds.
     pub frames: Option<f64>,
+    /// Who looks on.
+    pub watcher: Option<Watcher>,
+}
+
+type See = dyn Fn(Option<&Frame>, &[Event]) + Send + Sync;
+
+/// Sees a run while it goes on.
+#[derive(Clone)]
+pub struct Watcher {
+    /// Time between frames, s; [`Options::frames`] comes before it.
+    pub spacing: f64,
+    see: Arc<See>,
+}
+
+impl Watcher {
+    /// Calls `see` with a frame every `spacing` s and the events since the call before; the run waits for it. The last
+    /// call has no frame.
+    pub fn new(spacing: f64, see: impl Fn(Option<&Frame>, &[Event]) + Send + Sync + 'static) -> Self {
+        Self { spacing, see: Arc::new(see) }
+    }
+
+    /// Shows it a frame and events.
+    pub fn see(&self, frame: Option<&Frame>, events: &[Event]) {
+        (self.see)(frame, events);
+    }
+}
+
+impl std::fmt::Debug for Watcher {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Watcher").field("spacing", &self.spacing).finish_non_exhaustive()
+    }
 }
 
 impl Default for Options {
@@ -43,6 +78,7 @@ impl Default for Options {
             substeps: 1,
             control_period: 1,
             hold_torque: HoldTorque::Ramp,
+            formulation: Formulation::default(),
             noise_seed: Some(0),
             sensors: scenario::Sensors::default(),
             gains: Gains::default(),
@@ -52,6 +88,7 @@ impl Default for Options {
             payload_shape: None,
             actions: Vec::new(),
             frames: None,
+            watcher: None,
         }
     }
 }
@@ -65,6 +102,7 @@ impl Options {
             substeps: scenario.substeps,
             control_period: scenario.control_period,
             hold_torque: scenario.hold_torque,
+            formulation: scenario.formulation,
             noise_seed: scenario.noise.then_some(scenario.seed),
             sensors: scenario.sensors,
             gains: Gains {
@@ -72,12 +110,18 @@ impl Options {
                 derivative: scenario.gains.derivative.unwrap_or(gains.derivative),
                 cutoff: scenario.gains.cutoff.unwrap_or(gains.cutoff),
             },
-            clamps: Some(Clamps { hold: scenario.socket_holds(model), armed: scenario.sockets.armed }),
+            clamps: Some(Clamps {
+                hold: scenario.socket_holds(model),
+                preload: scenario.socket_preloads(model),
+                share: model.sockets.clamp_share,
+                armed: scenario.sockets.armed,
+            }),
             supervision: scenario.supervision,
             objects: scenario.objects.clone(),
-            payload_shape: scenario.payload_shape,
+            payload_shape: scenario.payload_shape.clone(),
             actions: scenario.actions.clone(),
             frames: None,
+            watcher: None,
         }
     }
 }

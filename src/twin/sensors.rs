@@ -5,6 +5,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Normal};
 
 use super::Snapshot;
+use super::constraints::ROWS;
 use super::controller::quantised;
 use crate::kinematics::motion::SOCKETS;
 use crate::model::bodies::PLATFORM;
@@ -57,6 +58,9 @@ impl<'a> Sensors<'a> {
         signals.qd = fitted.velocity.then(|| Vec::with_capacity(samples));
         signals.qdd = fitted.acceleration.then(|| Vec::with_capacity(samples));
         signals.socket_margin = fitted.sockets.then(|| Vec::with_capacity(samples));
+        signals.multipliers = fitted.multipliers.then(|| Vec::with_capacity(samples));
+        signals.link_q = fitted.links.then(|| Vec::with_capacity(samples));
+        signals.link_qd = fitted.links.then(|| Vec::with_capacity(samples));
     }
 
     /// Appends one sample, still without noise.
@@ -68,6 +72,7 @@ impl<'a> Sensors<'a> {
         tau: &[f64; AXES],
         snapshot: &Snapshot,
         margins: &[f64; SOCKETS],
+        multipliers: Option<[f64; ROWS]>,
     ) {
         let motion = &snapshot.motion;
         signals.t.push(t);
@@ -85,13 +90,20 @@ impl<'a> Sensors<'a> {
             ee.push(motion.bodies[PLATFORM].position.into());
         }
         if let Some(qd) = &mut signals.qd {
-            qd.push(motion.qd);
+            qd.push(snapshot.encoder_rate);
         }
         if let Some(qdd) = &mut signals.qdd {
-            qdd.push(motion.qdd);
+            qdd.push(snapshot.encoder_acceleration);
         }
         if let Some(margin) = &mut signals.socket_margin {
             margin.push(*margins);
+        }
+        if let (Some(channel), Some(lambda)) = (&mut signals.multipliers, multipliers) {
+            channel.push(lambda);
+        }
+        if let (Some(angles), Some(rates)) = (&mut signals.link_q, &mut signals.link_qd) {
+            angles.push(motion.q);
+            rates.push(motion.qd);
         }
     }
 

@@ -8,12 +8,15 @@ use super::sensors::Sensors;
 use super::sockets::{Clamps, socket_name};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
-use super::{Event, EventKind, Frame, Options, Report, SimulationError, SingularPose, constraints, energy};
+use super::{
+    Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Options, Pose, Report, SimulationError, SingularPose,
+    constraints, energy, stops,
+};
 use crate::cell::{Cell, Held};
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
-use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
+use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
 use crate::model::{ARMS, AXES, Inertia, Mechanism, Model, STRUTS};
 use crate::recording::{Configuration, Recording, Setup, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
@@ -32,7 +35,7 @@ const IMPOSSIBLE: f64 = 1e-9;
 /// Slack of time comparisons, s.
 const INSTANT: f64 = 1e-12;
 
-/// Runs `model` under `setup` along `desired`, controlled by `controller_plant`'s feed-forward.
+/// Recording and report of a run of `model` under `setup` along `desired`, controlled by `controller_plant`'s feed-forward.
 ///
 /// With [`HoldTorque::Ramp`] the drives ramp the torque linearly over each period, so a recorded torque is the one that
 /// acts at its time stamp. `desired` says where platform or joints are to be; those of a machine without platform must be
@@ -46,21 +49,46 @@ pub fn simulate<T: Into<Target>>(
     options: &Options,
     progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(Recording, Report), SimulationError> {
+    let (recording, report, failure) =
+        simulate_until_failure(model, setup, controller_plant, desired, options, progress)?;
+    failure.map_or(Ok((recording, report)), Err)
+}
+
+/// The same, with what was recorded until the run failed, if it did: a failure under way is handed back beside the
+/// recording.
+///
+/// # Errors
+/// If the run cannot begin.
+pub fn simulate_until_failure<T: Into<Target>>(
+    model: &Model,
+    setup: &Setup,
+    controller_plant: &Plant,
+    desired: &dyn Fn(f64) -> T,
+    options: &Options,
+    progress: &mut dyn FnMut(f64) -> bool,
+) -> Result<(Recording, Report, Option<SimulationError>), SimulationError> {
     let desired = |t: f64| desired(t).into();
     let mut run = Run::new(model, setup, controller_plant, &desired, options)?;
     let period = model.sample_time;
     let samples = (options.duration / period).round() as usize;
     run.sensors.reserve(&mut run.signals, samples);
+    let mut failure = None;
     for k in 0..samples {
-        if !run.sample(k)? {
-            break;
+        match run.sample(k) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(error) => {
+                failure = Some(error);
+                break;
+            }
         }
         run.report.simulated = (k + 1) as f64 * period;
         if !progress(run.report.simulated) {
             break;
         }
     }
-    Ok(run.finish(model, setup))
+    let (recording, report) = run.finish(model, setup);
+    Ok((recording, report, failure))
 }
 
 /// Refuses what only a platform or its struts can do.
@@ -104,6 +132,9 @@ struct Run<'a> {
     rested: bool,
     work: Vec<f64>,
     turned_over: f64,
+    /// Frames so far, and events that the watcher has seen.
+    frames: usize,
+    watched: usize,
     signals: Signals,
     report: Report,
 }
@@ -142,10 +173,6 @@ impl<'a> Run<'a> {
         options: &'a Options,
     ) -> Result<Self, SimulationError> {
         let plant = Plant::new(model, setup);
-        let gears = plant.effects.iter().filter_map(|a| a.effect.gear_springs(&a.values())).flatten();
-        if gears.into_iter().any(|g| g.friction_at_motor) {
-            return Err(SimulationError::FrictionAtMotor);
-        }
         let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
         if !plant.assembled {
             possible_without_platform(options)?;
@@ -162,7 +189,7 @@ impl<'a> Run<'a> {
         let cell = if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
             None
         } else {
-            let payload = options.payload_shape.map(|p| (p.shape, p.centre));
+            let payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
             let refused = |source| SimulationError::Cell { t: 0.0, source };
             let mut cell =
                 Cell::new(&options.objects, &plant.geometry, payload, plant.gravity_vector()).map_err(refused)?;
@@ -170,15 +197,16 @@ impl<'a> Run<'a> {
             Some(cell)
         };
         let assembled = plant.assembled;
-        let mut twin = Twin::new(plant, &motion).map_err(|_| SimulationError::Singular { t: 0.0 })?;
+        let mut twin =
+            Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
         twin.deflect_gears(&deflection);
         let step = model.sample_time * options.control_period as f64;
         let controller = Controller::new(controller_plant, model.drives, options.gains, step);
         let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
         let clamps = match options.clamps {
-            _ if !assembled => Clamps::watched(f64::INFINITY),
+            _ if !assembled => Clamps::none(),
             Some(clamps) => clamps,
-            None => Clamps::watched(model.sockets.dislocation_force),
+            None => Clamps::watched(&model.sockets),
         };
         Ok(Self {
             options,
@@ -201,6 +229,8 @@ impl<'a> Run<'a> {
             rested: false,
             work: Vec::new(),
             turned_over: 0.0,
+            frames: 0,
+            watched: 0,
             signals: Signals { mechanism: model.mechanism, ..Signals::default() },
             report: Report {
                 simulated: 0.0,
@@ -229,11 +259,10 @@ impl<'a> Run<'a> {
         let t = k as f64 * self.period;
         self.twin.set_time(t);
         self.act(t)?;
-        let singular = SimulationError::Singular { t };
-        let Ok(snapshot) = self.twin.evaluate(&self.torque) else { return self.stuck(t, singular) };
+        let Ok(snapshot) = self.twin.evaluate(&self.torque) else { return self.stuck(t) };
         let balance = self.twin.energy_balance_at(&snapshot.motion);
         if !balance.is_finite() {
-            return self.stuck(t, singular);
+            return self.stuck(t);
         }
         self.report.energy_error = self.report.energy_error.max(balance.abs());
         let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, self.twin.closed());
@@ -241,12 +270,18 @@ impl<'a> Run<'a> {
         self.keep_frame(t, &snapshot, &margins);
         let tau = self.torque.at(t);
         let encoders = self.sensors.angles(&self.twin.encoders());
-        self.sensors.record(&mut self.signals, t, &encoders, &tau, &snapshot, &margins);
+        let multipliers = if self.options.sensors.multipliers {
+            let Ok(multipliers) = self.twin.multipliers(&snapshot) else { return self.stuck(t) };
+            Some(multipliers)
+        } else {
+            None
+        };
+        self.sensors.record(&mut self.signals, t, &encoders, &tau, &snapshot, &margins, multipliers);
         if k.is_multiple_of(self.options.control_period) {
             self.control(t, &encoders, &tau)?;
         }
         if self.advance(t + self.period).is_err() {
-            return self.stuck(t, singular);
+            return self.stuck(t);
         }
         self.work.resize(self.twin.work().len(), 0.0);
         for (before, after) in self.work.iter_mut().zip(self.twin.work()) {
@@ -260,12 +295,27 @@ impl<'a> Run<'a> {
     }
 
     /// An intact robot must not get stuck; a broken one may lie where the equations end.
-    fn stuck(&mut self, t: f64, error: SimulationError) -> Result<bool, SimulationError> {
-        if self.twin.closed() == SocketSet::ALL {
-            return Err(error);
+    fn stuck(&mut self, t: f64) -> Result<bool, SimulationError> {
+        let failure = self.failure(t);
+        if self.twin.closed() == SocketSet::ALL
+            || !matches!(failure, SimulationError::Singular { cause: Cause::Rank, .. })
+        {
+            return Err(failure);
         }
         self.event(t, EventKind::Singular, "the broken mechanism reached a pose without a unique motion");
         Ok(false)
+    }
+
+    /// Why the twin goes no further: a law without a number, numbers that left the equations, or a singular pose.
+    fn failure(&self, t: f64) -> SimulationError {
+        if let Some(source) = self.twin.fault() {
+            return SimulationError::Law { source };
+        }
+        let motion = self.twin.motion();
+        let gap = self.twin.energy_balance_at(&motion).abs();
+        let closes = gap <= LARGEST_ENERGY_ERROR * self.turned_over.max(LEAST_WORK);
+        let cause = if closes { Cause::Rank } else { Cause::Diverged };
+        SimulationError::Singular { t, pose: pose(&motion, self.twin.plant().assembled), cause }
     }
 
     fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
@@ -288,8 +338,7 @@ impl<'a> Run<'a> {
                 report.tracking_error[i] = report.tracking_error[i].max(error);
             }
         }
-        let forces = snapshot.reactions.upper.iter().chain(&snapshot.reactions.lower);
-        report.peak_strut_force = forces.fold(report.peak_strut_force, |peak, f| peak.max(f.abs()));
+        report.see_strut_forces(&snapshot.reactions);
         for s in closed.iter() {
             report.min_margin[s] = report.min_margin[s].min(margins[s]);
         }
@@ -360,6 +409,7 @@ impl<'a> Run<'a> {
             if self.clamps.armed && self.weakest()? < 0.0 {
                 self.open_sockets(h)?;
             }
+            self.watch_stops();
             if let Some(cell) = &mut self.cell {
                 cell.advance(self.twin.time() - t, (self.twin.time() - t) / h);
                 self.contact = self.twin.external_now();
@@ -391,20 +441,36 @@ impl<'a> Run<'a> {
         self.twin.set_external(load);
         let touches = cell.touching();
         for touch in touches {
-            let what = format!("{} touches {}", touch.link, touch.other);
-            match self.touching.iter_mut().find(|(known, _)| *known == what) {
-                Some((_, last)) if t - *last < CONTACT_PAUSE => *last = t,
-                Some((_, last)) => {
-                    *last = t;
-                    self.event(t, EventKind::Contact, what);
-                }
-                None => {
-                    self.touching.push((what.clone(), t));
-                    self.event(t, EventKind::Contact, what);
-                }
-            }
+            self.meet(t, EventKind::Contact, format!("{} touches {}", touch.link, touch.other));
         }
         h
+    }
+
+    /// Notes joints that are in their hard stops.
+    fn watch_stops(&mut self) {
+        let (t, hits) = (self.twin.time(), *self.twin.hits());
+        for (k, hit) in hits.iter().enumerate() {
+            if let Some(hit) = hit {
+                self.meet(t, EventKind::Stop, stops::name(k, hit));
+            }
+        }
+    }
+
+    /// An event for what touches now, unless it has touched all along.
+    fn meet(&mut self, t: f64, kind: EventKind, what: String) {
+        match self.touching.iter_mut().find(|(known, _)| *known == what) {
+            Some((_, last)) => {
+                let anew = t - *last >= CONTACT_PAUSE;
+                *last = t;
+                if anew {
+                    self.event(t, kind, what);
+                }
+            }
+            None => {
+                self.touching.push((what.clone(), t));
+                self.event(t, kind, what);
+            }
+        }
     }
 
     /// Smallest margin of the sockets that hold.
@@ -434,13 +500,19 @@ impl<'a> Run<'a> {
             let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
             let worst = closed.iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b]));
             let Some(socket) = worst.filter(|&s| margins[s] < 0.0) else { return Ok(()) };
-            let force = (self.clamps.hold[socket] - margins[socket]).max(0.0);
-            let hold = self.clamps.hold[socket];
+            let load = self.clamps.load(&snapshot.motion, &snapshot.sockets[socket], socket);
+            let (hold, left) = (self.clamps.hold[socket], (margins[socket] + load.across).max(0.0));
+            self.report.see_strut_forces(&snapshot.reactions);
             self.report.min_margin[socket] = self.report.min_margin[socket].min(margins[socket]);
             self.event(
                 t,
                 EventKind::Dislocation,
-                format!("{}: {force:.3} N across the cup, hold {hold:.3} N", socket_name(socket)),
+                format!(
+                    "{}: {:.3} N across the cup, hold {left:.3} N of {hold:.3} N under {:.3} N along its opening",
+                    socket_name(socket),
+                    load.across,
+                    load.pull
+                ),
             );
             self.twin.open(socket)?;
             self.clamps.release(socket);
@@ -453,8 +525,8 @@ impl<'a> Run<'a> {
             self.next_action += 1;
             let Some(cell) = &mut self.cell else { continue };
             let failed = |source| SimulationError::Cell { t, source };
-            let singular = |_| SimulationError::Singular { t };
             let motion = self.twin.motion();
+            let singular = SimulationError::Singular { t, pose: pose(&motion, true), cause: Cause::Rank };
             match action.kind {
                 ActionKind::Pick(object) => {
                     let name = self.options.objects[object].name.clone();
@@ -462,14 +534,14 @@ impl<'a> Run<'a> {
                     // Its material point at the end effector's origin.
                     let lever = motion.bodies[END_EFFECTOR].position - position;
                     let velocity = twist.velocity + twist.angular_velocity.cross(&lever);
-                    self.twin.attach(&inertia, &(velocity, twist.angular_velocity)).map_err(singular)?;
+                    self.twin.attach(&inertia, &(velocity, twist.angular_velocity)).map_err(|_| singular)?;
                     self.held = Some(inertia);
                     self.event(t, EventKind::Pick, name);
                 }
                 ActionKind::Release => {
                     let name = cell.release(&motion).map_err(failed)?;
                     if let Some(inertia) = self.held.take() {
-                        self.twin.detach(&inertia).map_err(singular)?;
+                        self.twin.detach(&inertia).map_err(|_| singular)?;
                     }
                     self.event(t, EventKind::Release, name);
                 }
@@ -479,20 +551,31 @@ impl<'a> Run<'a> {
     }
 
     fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
-        let Some(spacing) = self.options.frames else { return };
-        if t + INSTANT < self.report.frames.len() as f64 * spacing {
+        let watcher = self.options.watcher.as_ref();
+        let Some(spacing) = self.options.frames.or(watcher.map(|w| w.spacing)) else { return };
+        if t + INSTANT < self.frames as f64 * spacing {
             return;
         }
+        self.frames += 1;
         let motion = &snapshot.motion;
         let objects = self.cell.as_ref().map_or_else(Vec::new, |c| c.objects(motion).map(|(_, at, _)| at).collect());
-        self.report.frames.push(Frame {
+        let frame = Frame {
             t,
+            q: motion.q,
+            tau: self.torque.at(t),
             bodies: motion.shown(self.twin.plant().mechanism),
             objects,
             closed: self.twin.closed(),
             strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
             socket_margin: *margins,
-        });
+        };
+        if let Some(watcher) = watcher {
+            watcher.see(Some(&frame), &self.report.events[self.watched..]);
+            self.watched = self.report.events.len();
+        }
+        if self.options.frames.is_some() {
+            self.report.frames.push(frame);
+        }
     }
 
     fn kinetic_energy(&self) -> f64 {
@@ -511,6 +594,9 @@ impl<'a> Run<'a> {
     }
 
     fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
+        if let Some(watcher) = &self.options.watcher {
+            watcher.see(None, &self.report.events[self.watched..]);
+        }
         let mut setup = *setup;
         if matches!(model.mechanism, Mechanism::Delta { .. }) && !self.twin.plant().assembled {
             setup.configuration = Configuration::Disassembled;
@@ -526,6 +612,15 @@ impl<'a> Run<'a> {
         self.sensors.add_noise(&mut self.signals);
         (Recording { name: model.name.clone(), signals: self.signals, setup }, self.report)
     }
+}
+
+/// The pose of a motion in words.
+fn pose(motion: &Motion, assembled: bool) -> Pose {
+    Pose { q: motion.q, platform: assembled.then(|| motion.bodies[PLATFORM].position.into()) }
+}
+
+fn singular_start(motion: &Motion, assembled: bool) -> SimulationError {
+    SimulationError::Singular { t: 0.0, pose: pose(motion, assembled), cause: Cause::Rank }
 }
 
 /// Poses `h` seconds ahead at the present twists.

@@ -1,46 +1,121 @@
 //! When ball sockets leave their balls.
+//!
+//! A cup is a spherical shell pressed on its ball by the clamp unit, which pulls it towards the other strut of the pair
+//! with the preload P. Let n be the unit vector along the cup's opening, perpendicular to the strut and towards the other
+//! one, and F the force of the ball on the cup that the load needs. The clamp needs −P·d besides (d its direction), so
+//! the cup and the ball transmit
+//!
+//! C = F − P·d, N, on the cup.
+//!
+//! The ball can only push, from its centre towards the shell. The shell covers the ball up to an angle α from −n, and
+//! every direction of C within that cone has shell behind it; beyond, the rim slides over the ball. The socket holds while
+//!
+//! |C⊥| ≤ tan α·(−C·n), C⊥ = C − (C·n)·n.
+//!
+//! With d = n that is |F⊥| ≤ tan α·(P − Q) with the pull Q = F·n along the opening: Q lowers the hold and opens the cup
+//! alone once it reaches the preload, and a force the other way (Q < 0) seats the cup more firmly. Across the cup, Q = 0,
+//! the hold is tan α·P. It is the dislocation force of the model file; friction at the rim is contained in α.
 
 use nalgebra::Vector3;
 
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{Motion, SocketSet};
-use crate::model::STRUTS;
+use crate::model::bodies::STRUT;
+use crate::model::{STRUTS, Sockets};
 
-/// What holds the cups on the balls.
+/// What holds the cups on the balls; 0..6 at the elbows, 6..12 at the platform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clamps {
-    /// Force across the cup at which each socket leaves its ball, N; 0..6 at the elbows, 6..12 at the platform.
+    /// Force across the cup at which each socket leaves its ball while nothing pulls along the opening, N: tan α·P.
     pub hold: [f64; SOCKETS],
+    /// Force P that presses each cup on its ball, N.
+    pub preload: [f64; SOCKETS],
+    /// Share of the clamp's own pull across the cup that counts against the hold, see [`Sockets::clamp_share`].
+    pub share: f64,
     /// Whether they leave; else margins are only reported.
     pub armed: bool,
 }
 
+/// Parts of the force of the ball on a cup, clamp included, N.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CupLoad {
+    /// |C⊥|, across the cup.
+    pub across: f64,
+    /// Pull along the opening beyond what the clamp alone does, N; negative: seats the cup.
+    pub pull: f64,
+}
+
 impl Clamps {
-    /// Healthy clamps that are only watched.
-    pub fn watched(hold: f64) -> Self {
-        Self { hold: [hold; SOCKETS], armed: false }
+    /// Healthy clamps of a machine that are only watched.
+    pub fn watched(sockets: &Sockets) -> Self {
+        Self {
+            hold: [sockets.dislocation_force; SOCKETS],
+            preload: [sockets.preload; SOCKETS],
+            share: sockets.clamp_share,
+            armed: false,
+        }
     }
 
-    /// What each socket could still take, N: hold − |F⊥|, F⊥ the reaction's part across the cup. Zero once open.
+    /// Nothing to hold: a machine without struts.
+    pub fn none() -> Self {
+        Self { hold: [f64::INFINITY; SOCKETS], preload: [f64::INFINITY; SOCKETS], share: 0.0, armed: false }
+    }
+
+    /// What each socket could still take across its cup, N: tan α·(−C·n) − |C⊥|. Zero once open.
     ///
-    /// The cup opens along the strut's y, towards the other strut of the pair; the clamp springs pull along y and every
-    /// force across it, tension or compression, pushes the cup off the ball.
+    /// `force` is that of the ball on the strut's cup without the clamps' own, world axes, N.
     pub fn margins(&self, motion: &Motion, force: &[Vector3<f64>; SOCKETS], closed: SocketSet) -> [f64; SOCKETS] {
         std::array::from_fn(|s| {
             if !closed.contains(s) {
                 return 0.0;
             }
-            let y = motion.bodies[Motion::socket_bodies(s).0].rotation.column(1);
-            let across = force[s] - y * force[s].dot(&y);
-            self.hold[s] - across.norm()
+            let load = self.load(motion, &force[s], s);
+            if self.preload[s] > 0.0 {
+                self.hold[s] * (1.0 - load.pull / self.preload[s]) - load.across
+            } else {
+                // Nothing presses the cup on: whatever does not seat it pushes it off.
+                -load.across - load.pull.max(0.0)
+            }
         })
+    }
+
+    /// What pushes the cup of socket `s` off its ball under the force of the ball on the strut, N, world axes.
+    ///
+    /// The clamp pulls along the pair, from ball to ball, of which `share` counts and the rest is taken along n.
+    pub fn load(&self, motion: &Motion, force: &Vector3<f64>, s: usize) -> CupLoad {
+        let opening = opening(motion, s);
+        let across = |f: &Vector3<f64>| f - opening * f.dot(&opening);
+        let (mut off, mut pull) = (across(force), force.dot(&opening));
+        if self.share > 0.0 {
+            let pair = ball(motion, partner(s)) - ball(motion, s);
+            let clamp = pair * (self.share * self.preload[s] / pair.norm());
+            off -= across(&clamp);
+            pull += self.share * self.preload[s] - clamp.dot(&opening);
+        }
+        CupLoad { across: off.norm(), pull }
     }
 
     /// A socket has left: its clamp spring falls off, and the other strut of the pair is no longer held at this end.
     pub fn release(&mut self, socket: usize) {
-        self.hold[socket] = 0.0;
-        self.hold[partner(socket)] = 0.0;
+        for s in [socket, partner(socket)] {
+            (self.hold[s], self.preload[s]) = (0.0, 0.0);
+        }
     }
+}
+
+/// Unit vector along the opening of a cup, world: ∓y of the strut, towards the other strut of the pair.
+///
+/// The first strut of a pair stands at +v, so its cups open along −y.
+fn opening(motion: &Motion, socket: usize) -> Vector3<f64> {
+    let strut = socket % STRUTS;
+    motion.bodies[STRUT + strut].rotation.column(1) * if strut.is_multiple_of(2) { -1.0 } else { 1.0 }
+}
+
+/// Centre of the ball that a socket holds, m, world.
+fn ball(motion: &Motion, socket: usize) -> Vector3<f64> {
+    let strut = socket % STRUTS;
+    let along = if socket < STRUTS { 0.0 } else { motion.strut_length[strut] };
+    motion.bodies[STRUT + strut].position + motion.strut_axis[strut] * along
 }
 
 /// The socket that shares the clamp spring of `socket`: the other strut of the pair at the same end.
@@ -58,24 +133,81 @@ pub fn socket_name(socket: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::testing;
+
+    const SOCKETS_OF_A_MODEL: Sockets =
+        Sockets { ball_radius: 0.0095, preload: 100.0, dislocation_force: 200.0, clamp_share: 0.0, spin_damping: 0.0 };
+
+    fn margin(clamps: &Clamps, motion: &Motion, socket: usize, force: [f64; 3]) -> f64 {
+        let mut all = [Vector3::zeros(); SOCKETS];
+        all[socket] = force.into();
+        clamps.margins(motion, &all, SocketSet::ALL)[socket]
+    }
 
     #[test]
-    fn force_along_the_clamp_does_not_count() {
-        let clamps = Clamps::watched(200.0);
-        let motion = crate::effects::testing::still();
-        let mut force = [Vector3::zeros(); SOCKETS];
-        // y is the cup's axis: 3-4-5 across it.
-        force[2] = Vector3::new(30.0, 500.0, -40.0);
-        let margins = clamps.margins(&motion, &force, SocketSet::ALL.without(5));
-        approx::assert_relative_eq!(margins[2], 150.0, epsilon = 1e-12);
+    fn a_pull_along_the_opening_lowers_the_hold_and_opens_the_cup_above_the_preload() {
+        let clamps = Clamps::watched(&SOCKETS_OF_A_MODEL);
+        let motion = testing::still();
+        // tan α = 200/100 = 2; 3-4-5 across the cup: 50 N. Strut 3 is the first of its pair, its cup opens along −y.
+        let off = |y: f64| margin(&clamps, &motion, 2, [30.0, y, -40.0]);
+        approx::assert_relative_eq!(off(0.0), 150.0, epsilon = 1e-12);
+        // Of 100 N of preload a pull of 60 N leaves 40: 2·40 − 50 = 30; pressed on with 60 N: 2·160 − 50 = 270.
+        approx::assert_relative_eq!(off(-60.0), 30.0, epsilon = 1e-12);
+        approx::assert_relative_eq!(off(60.0), 270.0, epsilon = 1e-12);
+        // The pull alone: 99.9 N holds, 100.1 N opens the cup.
+        let alone = |y: f64| margin(&clamps, &motion, 2, [0.0, y, 0.0]);
+        assert!(alone(-99.9) > 0.0 && alone(-100.1) < 0.0 && alone(1e4) > 0.0);
+        // The other strut of the pair, and the lower end of it, open along +y.
+        for socket in [3, 9] {
+            approx::assert_relative_eq!(margin(&clamps, &motion, socket, [0.0, 60.0, 50.0]), 30.0, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn an_open_socket_has_no_margin() {
+        let clamps = Clamps::watched(&SOCKETS_OF_A_MODEL);
+        let margins = clamps.margins(&testing::still(), &[Vector3::zeros(); SOCKETS], SocketSet::ALL.without(5));
         assert_eq!((margins[0], margins[5]), (200.0, 0.0));
     }
 
     #[test]
+    fn a_sheared_pair_spends_a_part_of_its_clamps_on_the_struts_length() {
+        // A pair sheared by 30°: balls 100 mm apart along v, struts at 60° to v. Per newton of clamp force cos 30° press
+        // the cup on its ball and sin 30° push along the strut.
+        let mut motion = testing::still();
+        let (sin, cos) = 30f64.to_radians().sin_cos();
+        for (s, side) in [(0, 0.05), (1, -0.05)] {
+            let x = Vector3::new(cos, sin, 0.0);
+            let y = Vector3::new(-sin, cos, 0.0);
+            let strut = &mut motion.bodies[STRUT + s];
+            strut.position = Vector3::new(0.0, side, 0.0);
+            strut.rotation = nalgebra::Matrix3::from_columns(&[x, y, Vector3::z()]);
+            (motion.strut_axis[s], motion.strut_length[s]) = (x, 1.106);
+        }
+        let gross = Clamps { share: 1.0, ..Clamps::watched(&SOCKETS_OF_A_MODEL) };
+        for socket in [0, 1, 6, 7] {
+            // 2·100·cos 30° − 100·sin 30° = 173.205 − 50 N.
+            approx::assert_relative_eq!(margin(&gross, &motion, socket, [0.0; 3]), 123.205_080_757, epsilon = 1e-8);
+            let net = Clamps { share: 0.0, ..gross };
+            approx::assert_relative_eq!(margin(&net, &motion, socket, [0.0; 3]), 200.0, epsilon = 1e-9);
+        }
+        // The clamp needs 50 N along +x at the first strut's cup and along −x at the second's; 20 N of tension pull the
+        // upper end of a strut along −x: 173.205 − 30 and 173.205 − 70 N.
+        let tension = Vector3::new(cos, sin, 0.0) * -20.0;
+        for (socket, expected) in [(0, 143.205_080_757), (1, 103.205_080_757)] {
+            approx::assert_relative_eq!(margin(&gross, &motion, socket, tension.into()), expected, epsilon = 1e-8);
+        }
+    }
+
+    #[test]
     fn partner_loses_its_hold() {
-        let mut clamps = Clamps::watched(200.0);
+        let mut clamps = Clamps::watched(&SOCKETS_OF_A_MODEL);
         clamps.release(7);
-        let held: Vec<usize> = (0..SOCKETS).filter(|&s| clamps.hold[s] > 0.0).collect();
+        let held: Vec<usize> = (0..SOCKETS).filter(|&s| clamps.hold[s] > 0.0 && clamps.preload[s] > 0.0).collect();
         assert_eq!(held, [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]);
+        // A cup that nothing clamps leaves under any load that does not seat it.
+        let motion = testing::still();
+        assert!(margin(&clamps, &motion, 6, [0.0, -1e-3, 0.0]) < 0.0);
+        assert!(margin(&clamps, &motion, 6, [1e-3, 1.0, 0.0]) < 0.0);
     }
 }

@@ -78,7 +78,7 @@ fn waves(waves: &[[f64; 3]; 4], rate: [f64; 4], t: f64) -> JointState {
 
 /// A payload off the axis.
 pub fn payload() -> Setup {
-    Setup { payload: Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 }, ..Setup::default() }
+    Setup { payload: Payload::new(2.5, [0.03, -0.02, -0.08], 0.012), ..Setup::default() }
 }
 
 /// Waypoints (x, y, z in m, ψ in rad) of the planner's test paths.

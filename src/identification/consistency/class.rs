@@ -8,15 +8,34 @@ use crate::model::bodies::Inertia;
 use crate::recording::Payload;
 
 use super::MARGIN;
+use super::full::Full;
 
-/// Bodies with the same parameters, and how these fill D, h and m.
-///
-/// Entries without a parameter of their own follow those that have one, so that they never stand in the way: a body that only
-/// turns about one axis keeps the split of its moment, one that only translates its shape.
+/// Bodies with the same parameters.
 #[derive(Clone, Debug)]
 pub struct BodyClass {
     /// The bodies.
     pub bodies: Vec<usize>,
+    /// Entries of the shipped body, the measure of the margin.
+    pub reference: Reference,
+    /// How the parameters fill the pseudo-inertia.
+    pub shape: Shape,
+}
+
+/// What a body may be.
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// Without deviation moments of its own.
+    Arrow(Arrow),
+    /// All ten parameters are variables.
+    Full(Full),
+}
+
+/// How parameters fill D, h and m of a body without deviation moments.
+///
+/// Entries without a parameter of their own follow those that have one, so that they never stand in the way: a body that only
+/// turns about one axis keeps the split of its moment, one that only translates its shape.
+#[derive(Clone, Debug)]
+pub struct Arrow {
     /// Where the positive sizes come from: Σ factor·variable.
     pub sizes: Vec<Vec<(usize, f64)>>,
     /// The other way round, variables from sizes: Σ factor·size.
@@ -27,8 +46,6 @@ pub struct BodyClass {
     pub first: [First; 3],
     /// Variable that holds the mass.
     pub mass: usize,
-    /// Entries of the shipped body, the measure of the margin.
-    pub reference: Reference,
 }
 
 /// What an entry of D is proportional to.
@@ -65,17 +82,13 @@ pub struct Reference {
 impl BodyClass {
     /// All variables of the class.
     pub fn variables(&self) -> Vec<usize> {
-        let own = self.first.iter().filter_map(|f| if let First::Own(i) = f { Some(*i) } else { None });
-        let mut all: Vec<usize> =
-            self.sizes.iter().flatten().map(|(i, _)| *i).chain(own).chain(std::iter::once(self.mass)).collect();
+        let mut all = match &self.shape {
+            Shape::Arrow(arrow) => arrow.variables(),
+            Shape::Full(full) => full.0.to_vec(),
+        };
         all.sort_unstable();
         all.dedup();
         all
-    }
-
-    /// Value of size `g`.
-    pub fn size(&self, g: usize, x: &DVector<f64>) -> f64 {
-        self.sizes[g].iter().map(|(i, factor)| factor * x[*i]).sum()
     }
 
     /// Smallest size that counts as possible.
@@ -86,6 +99,38 @@ impl BodyClass {
     /// Smallest rest m − Σ hₖ²/Dₖ that counts as possible.
     pub fn least_rest(&self) -> f64 {
         MARGIN * self.reference.mass
+    }
+
+    /// How far inside the possible the body lies, in units of the margin: 1 on its edge.
+    pub fn slack(&self, x: &DVector<f64>) -> f64 {
+        let least = (self.least_size(), self.least_rest());
+        match &self.shape {
+            Shape::Arrow(arrow) => arrow.slack(x, least),
+            Shape::Full(full) => full.slack(x, least),
+        }
+    }
+
+    /// The body that `x` describes.
+    pub fn inertia(&self, x: &DVector<f64>) -> Inertia {
+        match &self.shape {
+            Shape::Arrow(arrow) => {
+                let d = arrow.second(x);
+                Inertia::diagonal(x[arrow.mass], arrow.first(x), [d[1] + d[2], d[0] + d[2], d[0] + d[1]])
+            }
+            Shape::Full(full) => full.inertia(x),
+        }
+    }
+}
+
+impl Arrow {
+    fn variables(&self) -> Vec<usize> {
+        let own = self.first.iter().filter_map(|f| if let First::Own(i) = f { Some(*i) } else { None });
+        self.sizes.iter().flatten().map(|(i, _)| *i).chain(own).chain(std::iter::once(self.mass)).collect()
+    }
+
+    /// Value of size `g`.
+    pub fn size(&self, g: usize, x: &DVector<f64>) -> f64 {
+        self.sizes[g].iter().map(|(i, factor)| factor * x[*i]).sum()
     }
 
     /// Diagonal of D.
@@ -106,21 +151,14 @@ impl BodyClass {
         })
     }
 
-    /// How far inside the possible the body lies, in units of the margin: 1 on its edge.
-    pub fn slack(&self, x: &DVector<f64>) -> f64 {
+    fn slack(&self, x: &DVector<f64>, (least_size, least_rest): (f64, f64)) -> f64 {
         let (second, first) = (self.second(x), self.first(x));
-        let sizes = (0..self.sizes.len()).map(|g| self.size(g, x) / self.least_size()).fold(f64::INFINITY, f64::min);
+        let sizes = (0..self.sizes.len()).map(|g| self.size(g, x) / least_size).fold(f64::INFINITY, f64::min);
         if sizes <= 0.0 {
             return sizes;
         }
         let load: f64 = (0..3).filter(|&k| first[k] != 0.0).map(|k| first[k] * first[k] / second[k]).sum();
-        sizes.min((x[self.mass] - load) / self.least_rest())
-    }
-
-    /// The body that `x` describes.
-    pub fn inertia(&self, x: &DVector<f64>) -> Inertia {
-        let d = self.second(x);
-        Inertia::diagonal(x[self.mass], self.first(x), [d[1] + d[2], d[0] + d[2], d[0] + d[1]])
+        sizes.min((x[self.mass] - load) / least_rest)
     }
 }
 
@@ -131,7 +169,9 @@ pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
         let found = class.inertia(x);
         let mut change = found;
         let mut first = bodies[class.bodies[0]];
-        first.tensor = Matrix3::from_diagonal(&first.tensor.diagonal());
+        if matches!(class.shape, Shape::Arrow(_)) {
+            first.tensor = Matrix3::from_diagonal(&first.tensor.diagonal());
+        }
         change += first * -1.0;
         for &b in &class.bodies {
             let mut own = bodies[b];
@@ -178,6 +218,13 @@ pub fn classes(bodies: &Bodies, owners: &[(usize, &ActiveEffect)], free: &[usize
 fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl FnOnce() -> usize) -> BodyClass {
     let pseudo = now.pseudo_inertia();
     let d = [pseudo[(0, 0)], pseudo[(1, 1)], pseudo[(2, 2)]];
+    if let Some(full) = Full::of(units) {
+        // A payload of which nothing is stated yet has the measures of a small one.
+        let least = if *now == Inertia::ZERO { SMALL } else { Reference { second: 1e-9, mass: 1e-3 } };
+        let second = d.iter().fold(least.second, |a: f64, b| a.max(*b));
+        let reference = Reference { second, mass: now.mass.max(least.mass) };
+        return BodyClass { bodies: vec![body], reference, shape: Shape::Full(full) };
+    }
     let own_mass = units.iter().find(|(_, u)| u.mass != 0.0).map(|(v, _)| *v);
     let mass = own_mass.unwrap_or_else(new_mass);
     let own_first: [Option<usize>; 3] =
@@ -218,8 +265,11 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
         _ => First::Constant(now.first_moment[k]),
     });
     let reference = Reference { second: d.iter().fold(1e-9, |a: f64, b| a.max(*b)), mass: now.mass.max(1e-3) };
-    BodyClass { bodies: vec![body], sizes, moments, second, first, mass, reference }
+    let shape = Shape::Arrow(Arrow { sizes, moments, second, first, mass });
+    BodyClass { bodies: vec![body], reference, shape }
 }
 
 /// Second moment, per kilogram, of a body that has none yet, m².
 const SHAPELESS: f64 = 1e-2;
+/// Measures of a small payload.
+const SMALL: Reference = Reference { second: 1e-4, mass: 0.1 };

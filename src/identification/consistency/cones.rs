@@ -1,14 +1,15 @@
 //! The possible bodies of least cost as a convex programme.
 //!
 //! An arrow matrix is positive semidefinite exactly if D ≥ 0 and there are t with tₖDₖ ≥ hₖ² and Σtₖ ≤ m: rotated
-//! second-order cones, no semidefinite one.
+//! second-order cones, no semidefinite one. Bodies with deviation moments have none of that: [`barrier`] finds those.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use nalgebra::{DMatrix, DVector};
 
 use super::Cost;
-use super::class::{BodyClass, First, Source};
+use super::barrier;
+use super::class::{Arrow, BodyClass, First, Shape, Source};
 use super::log_cholesky::possible;
 
 /// Solution with its certificate.
@@ -22,10 +23,15 @@ pub struct Certified {
 
 /// Parameters of least cost among the possible ones; `None` if the solver finds no solution.
 pub fn minimise(cost: &Cost) -> Option<Certified> {
+    if cost.classes.iter().any(|c| matches!(c.shape, Shape::Full(_))) {
+        return barrier::minimise(cost);
+    }
     let n = cost.centre.len();
     let mut problem = Cones { variables: n, linear: Vec::new(), second_order: Vec::new() };
     for class in &cost.classes {
-        problem.body(class, &cost.size);
+        if let Shape::Arrow(arrow) = &class.shape {
+            problem.body(class, arrow, &cost.size);
+        }
     }
     for i in cost.free_of_bodies() {
         problem.within(i, cost.size[i], cost.range[i]);
@@ -110,10 +116,10 @@ impl Cones {
     }
 
     /// Keeps a body possible, all entries in units of its reference.
-    fn body(&mut self, class: &BodyClass, size: &DVector<f64>) {
+    fn body(&mut self, class: &BodyClass, arrow: &Arrow, size: &DVector<f64>) {
         let (second, mass) = (class.reference.second, class.reference.mass);
         let first = (second * mass).sqrt();
-        let sizes: Vec<Affine> = class
+        let sizes: Vec<Affine> = arrow
             .sizes
             .iter()
             .map(|terms| Affine {
@@ -124,16 +130,16 @@ impl Cones {
         for s in &sizes {
             self.linear.push(Affine::sum(&[(1.0, s), (-1.0, &Affine::constant(super::MARGIN))]));
         }
-        let m = Affine::variable(class.mass, size[class.mass] / mass);
+        let m = Affine::variable(arrow.mass, size[arrow.mass] / mass);
         let mut rest = Affine::sum(&[(1.0, &m), (-1.0, &Affine::constant(super::MARGIN))]);
         for k in 0..3 {
-            let (source, share) = class.second[k];
+            let (source, share) = arrow.second[k];
             let d = match source {
                 Source::Size(g) => Affine::sum(&[(share, &sizes[g])]),
                 Source::Mass => Affine::sum(&[(share * mass / second, &m)]),
                 Source::Constant => Affine::constant(share / second),
             };
-            let h = match class.first[k] {
+            let h = match arrow.first[k] {
                 First::Own(i) => Affine::variable(i, size[i] / first),
                 First::Mass(arm) => Affine::sum(&[(arm * mass / first, &m)]),
                 First::Constant(h) => Affine::constant(h / first),

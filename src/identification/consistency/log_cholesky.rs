@@ -1,13 +1,14 @@
 //! Possible bodies by construction: the log-Cholesky parametrisation [Rucker & Wensing 2022], for arrow matrices.
 //!
 //! With D = diag(e^{2d}), h = l·√D and m = Σ l² + e^{2μ} every (d, l, μ) is a possible body, and every possible body has
-//! one. The paper's 18 variables for the links of the robot: four for the arm, the strut and either part of the telescope, one for
+//! one; bodies with deviation moments have [`Full`](super::full) matrices. The paper's 18 variables for the links of the robot: four for the arm, the strut and either part of the telescope, one for
 //! the platform and the rotor. Newton's method on the quadratic cost, with dx/dπ and d²x/dπ² in closed form.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::Cost;
-use super::class::{BodyClass, First, Source};
+use super::class::{Arrow, First, Shape, Source};
+use super::full::TEN;
 
 const MAX_ITERATIONS: usize = 1000;
 /// Relative fall of the cost that no longer counts, and how often in a row.
@@ -32,9 +33,19 @@ impl<'a> Chart<'a> {
         for class in &cost.classes {
             starts.push(bounds.len());
             let above = |least: f64| (0.5 * least.ln(), f64::INFINITY);
-            bounds.extend(class.sizes.iter().map(|_| above(class.least_size())));
-            bounds.extend(own_moments(class).map(|_| (f64::NEG_INFINITY, f64::INFINITY)));
-            bounds.push(above(class.least_rest()));
+            const ANY: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+            match &class.shape {
+                Shape::Arrow(arrow) => {
+                    bounds.extend(arrow.sizes.iter().map(|_| above(class.least_size())));
+                    bounds.extend(own_moments(arrow).map(|_| ANY));
+                    bounds.push(above(class.least_rest()));
+                }
+                Shape::Full(_) => {
+                    bounds.extend([above(class.least_size()); 3]);
+                    bounds.push(above(class.least_rest()));
+                    bounds.extend([ANY; TEN - 4]);
+                }
+            }
         }
         let others: Vec<usize> = cost.free_of_bodies().collect();
         bounds.extend(others.iter().map(|&i| cost.range[i]));
@@ -49,15 +60,23 @@ impl<'a> Chart<'a> {
     fn variables(&self, x: &DVector<f64>) -> DVector<f64> {
         let mut pi = DVector::zeros(self.bounds.len());
         for (class, &start) in self.cost.classes.iter().zip(&self.starts) {
+            let arrow = match &class.shape {
+                Shape::Arrow(arrow) => arrow,
+                Shape::Full(full) => {
+                    let own = full.coordinates(x, (class.least_size(), class.least_rest()));
+                    pi.rows_mut(start, TEN).copy_from_slice(&own);
+                    continue;
+                }
+            };
             let mut at = start;
-            for g in 0..class.sizes.len() {
-                pi[at] = 0.5 * class.size(g, x).max(class.least_size()).ln();
+            for g in 0..arrow.sizes.len() {
+                pi[at] = 0.5 * arrow.size(g, x).max(class.least_size()).ln();
                 at += 1;
             }
-            let second = second(class, &pi, start, x[class.mass]);
-            let mut rest = x[class.mass] * (1.0 - tied(class));
+            let second = second(arrow, &pi, start, x[arrow.mass]);
+            let mut rest = x[arrow.mass] * (1.0 - tied(arrow));
             for k in 0..3 {
-                match class.first[k] {
+                match arrow.first[k] {
                     First::Own(v) => {
                         pi[at] = x[v] / second[k].sqrt();
                         rest -= pi[at] * pi[at];
@@ -80,6 +99,13 @@ impl<'a> Chart<'a> {
     fn bend(&self, pi: &DVector<f64>, g: &DVector<f64>) -> DMatrix<f64> {
         let mut bend = DMatrix::zeros(pi.len(), pi.len());
         for (class, &start) in self.cost.classes.iter().zip(&self.starts) {
+            let class = match &class.shape {
+                Shape::Arrow(arrow) => arrow,
+                Shape::Full(full) => {
+                    full.bend(pi, start, g, &mut bend);
+                    continue;
+                }
+            };
             for (v, factors) in &class.moments {
                 for (size, factor) in factors.iter().enumerate() {
                     let i = start + size;
@@ -119,6 +145,13 @@ impl<'a> Chart<'a> {
         let mut x = DVector::zeros(self.cost.centre.len());
         let mut slope = DMatrix::zeros(x.len(), pi.len());
         for (class, &start) in self.cost.classes.iter().zip(&self.starts) {
+            let class = match &class.shape {
+                Shape::Arrow(arrow) => arrow,
+                Shape::Full(full) => {
+                    full.parameters(pi, start, &mut x, &mut slope);
+                    continue;
+                }
+            };
             let sizes: Vec<f64> = (0..class.sizes.len()).map(|g| (2.0 * pi[start + g]).exp()).collect();
             for (v, factors) in &class.moments {
                 for (g, factor) in factors.iter().enumerate() {
@@ -165,12 +198,12 @@ impl<'a> Chart<'a> {
     }
 }
 
-fn own_moments(class: &BodyClass) -> impl Iterator<Item = usize> + '_ {
+fn own_moments(class: &Arrow) -> impl Iterator<Item = usize> + '_ {
     class.first.iter().filter_map(|f| if let First::Own(v) = f { Some(*v) } else { None })
 }
 
 /// Diagonal of D for the sizes in π and a mass.
-fn second(class: &BodyClass, pi: &DVector<f64>, start: usize, mass: f64) -> [f64; 3] {
+fn second(class: &Arrow, pi: &DVector<f64>, start: usize, mass: f64) -> [f64; 3] {
     class.second.map(|(source, share)| match source {
         Source::Size(g) => share * (2.0 * pi[start + g]).exp(),
         Source::Mass => share * mass,
@@ -179,7 +212,7 @@ fn second(class: &BodyClass, pi: &DVector<f64>, start: usize, mass: f64) -> [f64
 }
 
 /// Share of the mass that moments proportional to the mass use up: Σ r²/(D/m).
-fn tied(class: &BodyClass) -> f64 {
+fn tied(class: &Arrow) -> f64 {
     (0..3)
         .filter_map(|k| match (class.first[k], class.second[k]) {
             (First::Mass(arm), (Source::Mass, share)) => Some(arm * arm / share),

@@ -325,7 +325,8 @@ fn linear(
         for k in range.clone() {
             let motion = joints.motion(k)?;
             let loads = if reads {
-                inverse_dynamics(plant, trace.t[k], &motion, &plant_states.at(k), reads_reactions)?
+                inverse_dynamics(plant, trace.t[k], &motion, &plant_states.at(k), reads_reactions)
+                    .map_err(|e| e.at_sample(k))?
             } else {
                 Output::default()
             };
@@ -334,7 +335,8 @@ fn linear(
             for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
                 let state = states.of(k, i);
                 let rows = &mut out[at * channels..(at + width) * channels];
-                add_regressor(plant, active, trace.t[k], &motion, &loads, state, &map, rows);
+                add_regressor(plant, active, trace.t[k], &motion, &loads, state, &map, rows)
+                    .map_err(|e| e.at_sample(k))?;
                 at += width;
             }
         }

@@ -115,13 +115,14 @@ pub(super) fn sensors(file: &File, keys: &SensorKeys) -> Result<Sensors> {
         ..Sensors::default()
     };
     let Some(record) = &keys.record else { return Ok(out) };
-    let mut kept = [false; 4];
+    let mut kept = [false; 6];
     for name in record {
-        let choices = [("ee", 0), ("velocity", 1), ("acceleration", 2), ("sockets", 3)];
+        let choices =
+            [("ee", 0), ("velocity", 1), ("acceleration", 2), ("sockets", 3), ("multipliers", 4), ("links", 5)];
         let i = file.choice("sensors.record", name, &choices)?;
         once(file, "sensors.record", &mut kept[i], name, "channel")?;
     }
-    [out.ee, out.velocity, out.acceleration, out.sockets] = kept;
+    [out.ee, out.velocity, out.acceleration, out.sockets, out.multipliers, out.links] = kept;
     Ok(out)
 }
 

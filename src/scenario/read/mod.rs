@@ -14,7 +14,7 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
 
-use super::{Course, HoldTorque, Scenario};
+use super::{Course, Formulation, HoldTorque, Scenario};
 use crate::recording::Setup;
 use file::File;
 
@@ -59,6 +59,7 @@ struct Document {
     substeps: Option<Spanned<i64>>,
     control_period: Option<Spanned<i64>>,
     hold_torque: Option<Spanned<String>>,
+    formulation: Option<Spanned<String>>,
     gains: Option<machine::GainKeys>,
     payload: Option<cell::LoadKeys>,
     #[serde(default)]
@@ -126,6 +127,10 @@ impl Scenario {
                     file.choice("hold_torque", word, &choices)?
                 }
                 None => HoldTorque::default(),
+            },
+            formulation: match &document.formulation {
+                Some(word) => file.choice("formulation", word, &Formulation::NAMES)?,
+                None => Formulation::default(),
             },
             gains: document.gains.as_ref().map_or(Ok(Default::default()), |keys| machine::gains(&file, keys))?,
             motion,
@@ -199,6 +204,9 @@ mod tests {
         assert_eq!(s.hold_torque, HoldTorque::Ramp);
         let s = parse(&format!("control_period = 5\nhold_torque = \"hold\"\n{GOOD}")).unwrap();
         assert_eq!((s.control_period, s.hold_torque), (5, HoldTorque::Hold));
+        assert_eq!(s.formulation, Formulation::Eliminated);
+        let s = parse(&format!("formulation = \"absolute\"\n{GOOD}")).unwrap();
+        assert_eq!(s.formulation, Formulation::Absolute);
     }
 
     #[test]
@@ -210,6 +218,7 @@ mod tests {
             ("frequency = 0.5", "frequency = 0.5\nshare = 0.5", "test.toml:6:1: [motion]: unknown field `share`"),
             ("irb360-6-1600.toml", "nothing.toml", "test.toml:1:9: `model` is \"../models/nothing.toml\""),
             ("duration = 1.0", "duration = 1.0\nhold_torque = \"step\"", "test.toml:3:15: `hold_torque` is \"step\""),
+            ("duration = 1.0", "duration = 1.0\nformulation = \"full\"", "test.toml:3:15: `formulation` is \"full\""),
             ("duration = 1.0", "duration = 1.0\ncontrol_period = 0", "test.toml:3:18: `control_period` is 0"),
             ("duration = 1.0", "duration = 1.0\nduratoin = 1.0", "test.toml:3:1: unknown field `duratoin`"),
             ("duration = 1.0", "duration = ", "test.toml:2:"),

@@ -109,8 +109,8 @@ impl Rows {
         Self { values: [0.0; ROWS], gamma: [0.0; ROWS], blocks: [[0.0; 6]; BLOCK_ROWS] }
     }
 
-    /// Writes the rows of all joints with the sockets in `closed`.
-    pub fn fill(&mut self, geometry: &Geometry, b: &[BodyMotion; BODIES], closed: SocketSet) {
+    /// Writes the rows of all joints with the sockets in `closed`; `lengths` are those of the struts, m.
+    pub fn fill(&mut self, geometry: &Geometry, lengths: &[f64; STRUTS], b: &[BodyMotion; BODIES], closed: SocketSet) {
         for i in 0..ARMS {
             let (row, block, arm) = (bearing(i), bearing_block(i), &b[ARM + i]);
             let shaft = Point::fixed(Geometry::radial(i) * geometry.base_radius);
@@ -127,7 +127,7 @@ impl Rows {
             let (strut, pair) = (&b[STRUT + s], geometry.pair_offset(s));
             let on_arm = Vector3::new(geometry.arm_length, pair, 0.0);
             let on_platform = Geometry::radial(s / 2) * geometry.platform_radius + Geometry::tangential(s / 2) * pair;
-            let along = Vector3::new(geometry.strut_length[s / 2], 0.0, 0.0);
+            let along = Vector3::new(lengths[s], 0.0, 0.0);
             let elbow = [(elbow_on_strut(s), strut, Vector3::zeros()), (elbow_on_arm(s), &b[ARM + s / 2], on_arm)];
             let ball = [(ball_on_strut(s), strut, along), (ball_on_platform(s), &b[PLATFORM], on_platform)];
             for (k, [on_strut, on_partner]) in [(s, elbow), (STRUTS + s, ball)] {

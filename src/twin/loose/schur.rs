@@ -1,6 +1,7 @@
 //! S = G·M⁻¹·Gᵀ of all 74 rows, assembled in fronts and factored.
 
 use super::factor::{Columns, Front};
+use super::flexible::Eliminated;
 use super::rows::*;
 use crate::kinematics::SocketSet;
 use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
@@ -37,8 +38,9 @@ impl Schur {
         }
     }
 
-    /// Factors S + `tikhonov`·diag S from the blocks of L⁻¹·Gᵀ (M = L·Lᵀ); false when rank is lost.
-    pub fn factor(&mut self, y: &Columns, closed: SocketSet, tikhonov: f64) -> bool {
+    /// Factors S + E + `tikhonov`·diag from the blocks of L⁻¹·Gᵀ (M = L·Lᵀ), E of the stretches of `struts`; false when rank
+    /// is lost.
+    pub fn factor(&mut self, y: &Columns, closed: SocketSet, struts: &[Eliminated; STRUTS], tikhonov: f64) -> bool {
         self.hub.clear();
         self.hub.gram(y, BODY[PLATFORM], HUB, 0);
         let mut hub_diagonal = self.hub.diagonal();
@@ -56,6 +58,14 @@ impl Schur {
                 front.gram(y, elbow, 3, ELBOW[side]);
                 front.cross(y, [ball, elbow], [BALL[side], ELBOW[side]]);
                 front.gram(y, ball, 3, BALL[side]);
+                if closed.contains(STRUTS + s) {
+                    let (at, Eliminated { u, inverse, .. }) = (BALL[side], &struts[s]);
+                    for j in 0..3 {
+                        for i in j..3 {
+                            front.columns[at + j][at + i] += inverse * u[i] * u[j];
+                        }
+                    }
+                }
                 if !closed.contains(s) {
                     for k in ELBOW[side]..ELBOW[side] + 3 {
                         front.columns[k][k] = 1.0;

@@ -10,7 +10,7 @@ use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
 use crate::model::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
-use crate::model::{ARMS, Model};
+use crate::model::{ARMS, Geometry, Model};
 use crate::recording::Setup;
 use crate::twin::constraints::rows;
 use crate::twin::{Torque, Twin, absolute, energy};
@@ -32,17 +32,22 @@ impl State {
         Self { bodies }
     }
 
-    fn motion(&self, geometry: &Geometry) -> Motion {
-        let mut y = [0.0; absolute::LENGTH];
+    fn motion(&self, plant: &Plant) -> Motion {
+        let mut motion = Motion::disassembled(&plant.geometry, &JointState::default());
         for (b, body) in self.bodies.iter().enumerate() {
-            let (q, omega) = (&body.orientation, rotation(&body.orientation) * body.angular_velocity);
-            let at = &mut y[13 * b..13 * (b + 1)];
-            at[..3].copy_from_slice(body.position.as_slice());
-            at[3..7].copy_from_slice(&[q.w, q.i, q.j, q.k]);
-            at[7..10].copy_from_slice(body.velocity.as_slice());
-            at[10..].copy_from_slice(omega.as_slice());
+            let turned = rotation(&body.orientation);
+            motion.bodies[b] = BodyMotion {
+                rotation: turned,
+                position: body.position,
+                velocity: body.velocity,
+                angular_velocity: turned * body.angular_velocity,
+                ..BodyMotion::REST
+            };
         }
-        absolute::motion(geometry, &y)
+        let mut y = [0.0; absolute::LENGTH];
+        absolute::store(&mut y, plant, &motion);
+        y[absolute::LENGTH - 2 * STRUTS..].fill(0.0);
+        absolute::motion(plant, &y)
     }
 }
 
@@ -101,6 +106,10 @@ fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
     }
 }
 
+fn lengths(plant: &Plant) -> [f64; STRUTS] {
+    std::array::from_fn(|s| plant.geometry.strut_length[s / 2])
+}
+
 fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| rng.random_range(-size..size))
 }
@@ -151,7 +160,7 @@ fn jacobian_and_velocity_products_are_derivatives_of_the_rows() {
     for _ in 0..20 {
         let motion = disturbed(&plant, &mut rng, 0.2);
         let mut analytic = Rows::new();
-        analytic.fill(&plant.geometry, &motion.bodies, SocketSet::ALL);
+        analytic.fill(&plant.geometry, &lengths(&plant), &motion.bodies, SocketSet::ALL);
         let a: [Pair; BODIES] = std::array::from_fn(|_| (vector(&mut rng, 50.0), vector(&mut rng, 50.0)));
         let h = 1e-5;
         let [before, now, after] = [-h, 0.0, h].map(|h| rows(&plant.geometry, &moved(&motion, &a, h)));
@@ -170,7 +179,8 @@ fn jacobian_and_velocity_products_are_derivatives_of_the_rows() {
 /// Plants of every kind: end effector without inertia, with a payload, with a full tensor; uneven links.
 fn plants() -> [Plant; 4] {
     let mut all = std::array::from_fn(|_| plant());
-    let payload = crate::recording::Payload { mass: 2.5, com: [0.03, -0.02, -0.08].into(), inertia_zz: 0.012 };
+    let payload =
+        crate::recording::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
     all[1].bodies[END_EFFECTOR] += payload.inertia();
     all[2].bodies[END_EFFECTOR] += Inertia::point(1.5, Vector3::new(0.1, -0.05, -0.1));
     all[3].bodies[END_EFFECTOR] += Inertia::diagonal(0.8, [0.0; 3], [0.01, 0.02, 0.025]);
@@ -281,7 +291,7 @@ fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
         for _ in 0..20 {
             let mut state = State::new(&disturbed(&plant, &mut rng, 0.1));
             loose.project(&plant, &mut state.bodies, closed).unwrap();
-            let motion = state.motion(&plant.geometry);
+            let motion = state.motion(&plant);
             let tau = [3.0, -2.0, 1.0, 0.5];
             let solution = loose.solve(&plant, &motion.bodies, closed, &torques(&tau), None).unwrap().clone();
             let bodies = with_accelerations(&motion, &solution);
@@ -332,7 +342,7 @@ fn socket_forces_balance_each_strut_whatever_is_open() {
         for _ in 0..10 {
             let mut state = State::new(&disturbed(&plant, &mut rng, 0.01));
             loose.project(&plant, &mut state.bodies, closed).unwrap();
-            let motion = state.motion(&plant.geometry);
+            let motion = state.motion(&plant);
             let mut wrenches = [STILL; BODIES];
             for w in &mut wrenches {
                 *w = (vector(&mut rng, 5.0), vector(&mut rng, 0.02));
@@ -360,7 +370,7 @@ fn step(plant: &Plant, loose: &mut Loose, state: &mut State, closed: SocketSet, 
     let mut sum = start;
     let mut stage = state.clone();
     for (ahead, weight) in &mut stages {
-        let motion = stage.motion(&plant.geometry);
+        let motion = stage.motion(&plant);
         let a = loose.solve(plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap();
         for b in 0..BODIES {
             let s = stage.bodies[b];
@@ -397,11 +407,11 @@ fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
     loose.project(&plant, &mut state.bodies, closed).unwrap();
     let inertia = plant.bodies[STRUT];
     let frequency = (inertia.first_moment.x * plant.gravity / inertia.tensor[(1, 1)]).sqrt();
-    let start = energy::total(&plant, &state.motion(&plant.geometry));
+    let start = energy::total(&plant, &state.motion(&plant));
     let (mut worst, mut drift, mut gap, h) = (0f64, 0f64, 0f64, 1e-4);
     for k in 1..=10_000 {
         step(&plant, &mut loose, &mut state, closed, h);
-        let motion = state.motion(&plant.geometry);
+        let motion = state.motion(&plant);
         let swing = motion.strut_axis[0].x / angle;
         worst = worst.max((swing - (frequency * k as f64 * h).cos()).abs());
         drift = drift.max((energy::total(&plant, &motion) - start).abs());
@@ -411,7 +421,7 @@ fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
             }
         }
     }
-    let kinetic = energy::total(&Plant { gravity: 0.0, ..plant.clone() }, &state.motion(&plant.geometry));
+    let kinetic = energy::total(&Plant { gravity: 0.0, ..plant.clone() }, &state.motion(&plant));
     println!("frequency {frequency:.4} rad/s, swing off by {worst:.1e}, energy drift {drift:.1e} J of {kinetic:.2} J");
     println!("rows {gap:.1e}");
     assert!(worst < 1e-5 && drift < 1e-6 && gap < 1e-11, "{worst:e} {drift:e} {gap:e}");
@@ -424,13 +434,13 @@ fn a_whole_fall_keeps_its_energy() {
     let closed = without(&[6, 7]);
     let joints = JointState { q: [0.2, 0.3, 0.1, 0.5], qd: [3.0, -2.0, 1.0, 5.0], qdd: [0.0; 4] };
     let mut state = State::new(&plant.motion(&joints).unwrap());
-    let start = energy::total(&plant, &state.motion(&plant.geometry));
+    let start = energy::total(&plant, &state.motion(&plant));
     let mut drift = 0f64;
     for _ in 0..2000 {
         step(&plant, &mut loose, &mut state, closed, 1e-4);
-        drift = drift.max((energy::total(&plant, &state.motion(&plant.geometry)) - start).abs());
+        drift = drift.max((energy::total(&plant, &state.motion(&plant)) - start).abs());
     }
-    let tilt = state.motion(&plant.geometry).bodies[PLATFORM].rotation[(2, 2)].acos();
+    let tilt = state.motion(&plant).bodies[PLATFORM].rotation[(2, 2)].acos();
     println!("energy drift {drift:.1e} J, platform tilted by {tilt:.2} rad");
     assert!(drift < 1e-6 && tilt > 0.03, "{drift:e} {tilt}");
 }
@@ -445,9 +455,9 @@ fn projection_restores_poses_and_velocities() {
             for _ in 0..10 {
                 let mut state = State::new(&disturbed(&plant, &mut rng, 0.02));
                 loose.project(&plant, &mut state.bodies, closed).unwrap();
-                let motion = state.motion(&plant.geometry);
+                let motion = state.motion(&plant);
                 let mut all = Rows::new();
-                all.fill(&plant.geometry, &motion.bodies, closed);
+                all.fill(&plant.geometry, &lengths(&plant), &motion.bodies, closed);
                 worst.0 = all.values.iter().fold(worst.0, |w, c| w.max(c.abs()));
                 worst.1 = times(&all, &velocities(&motion)).iter().fold(worst.1, |w, c| w.max(c.abs()));
                 let before = state.clone();
@@ -495,7 +505,7 @@ fn impulses_conserve_momentum() {
         }
         assert!(sum.norm() < 1e-11, "{sum}");
         let mut all = Rows::new();
-        all.fill(&plant.geometry, &motion.bodies, closed);
+        all.fill(&plant.geometry, &lengths(&plant), &motion.bodies, closed);
         let rate = times(&all, &velocities(&then)).iter().fold(0f64, |w, c| w.max(c.abs()));
         assert!(rate < 1e-11, "{rate:e}");
     }

@@ -1,0 +1,94 @@
+//! Parameters of the links without the paper's assumptions: limbs that differ, bodies without symmetry.
+//!
+//! Complete bodies have ten parameters each: arm, strut, platform and both parts of the telescope with the rotor's moment are the
+//! paper's 51 (section 6.3.3).
+
+use std::ops::Range;
+use std::sync::LazyLock;
+
+use super::{ARMS, PARAMETERS, RigidBodies, STRUTS, UNITS, Unit, body, one};
+use crate::effects::{Count, Parameter};
+use crate::model::bodies::{ARM, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::{ARMS as LIMBS, LinkParameters};
+
+/// Without and with telescope; alike limbs and each its own; the paper's parameters and all ten.
+static TABLES: LazyLock<[[[RigidBodies; 2]; 2]; 2]> = LazyLock::new(|| {
+    [false, true].map(|telescope| {
+        [false, true]
+            .map(|each_limb| [false, true].map(|complete| build(telescope, LinkParameters { each_limb, complete })))
+    })
+});
+
+/// The parameters of the links of an assembled robot.
+pub(super) fn table(telescope: bool, links: LinkParameters) -> &'static RigidBodies {
+    &TABLES[usize::from(telescope)][usize::from(links.each_limb)][usize::from(links.complete)]
+}
+
+/// One number of one kind of body.
+struct Entry {
+    parameter: Parameter,
+    bodies: Range<usize>,
+    unit: Unit,
+}
+
+fn build(telescope: bool, links: LinkParameters) -> RigidBodies {
+    let entries = if links.complete { complete() } else { symmetric() };
+    let known = |e: &Entry| telescope || e.bodies.end <= PLATFORM + 1;
+    let (mut parameters, mut units) = (Vec::new(), Vec::new());
+    for entry in entries.into_iter().filter(known) {
+        let limb = entry.bodies == ARMS || entry.bodies == STRUTS;
+        if links.each_limb && limb {
+            parameters.push(Parameter { count: Count::PerArm, ..entry.parameter });
+            let per_limb = entry.bodies.len() / LIMBS;
+            let first = |i: usize| entry.bodies.start + i * per_limb;
+            units.extend((0..LIMBS).map(|i| (first(i)..first(i) + per_limb, entry.unit)));
+        } else {
+            parameters.push(entry.parameter);
+            units.push((entry.bodies, entry.unit));
+        }
+    }
+    RigidBodies { parameters: parameters.leak(), units: units.leak() }
+}
+
+/// The paper's parameters.
+fn symmetric() -> Vec<Entry> {
+    let entry = |(p, (bodies, unit)): (&Parameter, &(Range<usize>, Unit))| Entry {
+        parameter: Parameter { ..*p },
+        bodies: bodies.clone(),
+        unit: *unit,
+    };
+    PARAMETERS.iter().zip(UNITS).map(entry).collect()
+}
+
+/// All ten of every kind of body, and the rotor's moment.
+fn complete() -> Vec<Entry> {
+    /// Name, unit, usual magnitude where the paper has none, place.
+    const TEN: [(&str, &str, f64, Unit); 10] = [
+        ("mass", "kg", 1.0, Unit::Mass),
+        ("first_moment_x", "kg·m", 0.01, Unit::Moment(0)),
+        ("first_moment_y", "kg·m", 0.01, Unit::Moment(1)),
+        ("first_moment_z", "kg·m", 0.01, Unit::Moment(2)),
+        ("inertia_xx", "kg·m²", 0.05, Unit::Tensor(&[0])),
+        ("inertia_yy", "kg·m²", 0.05, Unit::Tensor(&[1])),
+        ("inertia_zz", "kg·m²", 0.05, Unit::Tensor(&[2])),
+        ("inertia_xy", "kg·m²", 0.005, Unit::Product(0, 1)),
+        ("inertia_xz", "kg·m²", 0.005, Unit::Product(0, 2)),
+        ("inertia_yz", "kg·m²", 0.005, Unit::Product(1, 2)),
+    ];
+    let kinds = [
+        ("arm", ARM..STRUT),
+        ("strut", STRUT..PLATFORM),
+        ("platform", body(PLATFORM)),
+        ("telescope_upper", body(TELESCOPE_UPPER)),
+        ("telescope_lower", body(TELESCOPE_LOWER)),
+    ];
+    let ten = |(kind, bodies): (&str, Range<usize>)| {
+        TEN.map(|(suffix, unit, usual, place)| {
+            let name: &'static str = format!("{kind}_{suffix}").leak();
+            let paper = PARAMETERS.iter().find(|p| p.name == name).map_or(usual, |p| p.default);
+            Entry { parameter: one(name, unit, paper), bodies: bodies.clone(), unit: place }
+        })
+    };
+    let rotor = symmetric().pop();
+    kinds.into_iter().flat_map(ten).chain(rotor).collect()
+}

@@ -1,0 +1,172 @@
+//! Struts that give way along their axis: one more velocity each, eliminated strut by strut.
+//!
+//! A strut is a [`Rod`] from ball a (elbow) to ball b (platform): v_b = v + ω × ℓu + ė·u, u its axis and ℓ its present length.
+//! With s = m_ab + m_bb its stretch has the equation
+//!
+//! m·ë + s·u·a + u·λ_b = f, f = m_bb·ℓ·|ω⊥|² + s·u·g − T, m = m_bb (and what an implicit stage adds),
+//!
+//! and acts with s·u·ë on the force equation, with u·ë in ball b's rows. Inserting ë leaves the equations of a rigid body:
+//!
+//! M − s²/m·u·uᵀ for M, (1 − s/m·u·uᵀ) for the rows' block of the strut, W − s/m·f·u and γ − f/m·u on the right, and
+//! G·a − E·λ = γ with E = u·uᵀ/m at ball b. A rigid strut is the limit 1/m → 0.
+
+use nalgebra::Vector3;
+
+use super::factor::{Six, add};
+use super::rows::*;
+use crate::kinematics::motion::SOCKETS;
+use crate::kinematics::{BodyMotion, SocketSet};
+use crate::model::bodies::{BODIES, STRUT};
+use crate::model::{Inertia, STRUTS};
+use crate::twin::constraints::ROWS;
+use crate::twin::rod::Rod;
+
+/// An elastic strut at one instant.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::twin) struct Stretch {
+    pub rod: Rod,
+    /// Elongation e, m.
+    pub elongation: f64,
+    /// Its rate ė, m/s.
+    pub rate: f64,
+    /// What drives it, −T with a stage's implicit terms, N.
+    pub force: f64,
+    /// What an implicit stage adds to m_bb: h·γ·damping + h²γ²·stiffness, kg.
+    pub added: f64,
+}
+
+pub(in crate::twin) type Stretches = [Stretch; STRUTS];
+
+impl Stretch {
+    /// Present length, m.
+    pub fn length(&self) -> f64 {
+        self.rod.length + self.elongation
+    }
+
+    /// Inertia of the strut at its present length.
+    pub fn inertia(&self) -> Inertia {
+        self.rod.stretched(self.length())
+    }
+
+    /// s, kg.
+    fn first(&self) -> f64 {
+        self.rod.ab + self.rod.bb
+    }
+
+    /// f of the equations of motion, N.
+    pub(super) fn demand(&self, b: &BodyMotion, gravity: &Vector3<f64>) -> f64 {
+        let u = b.rotation.column(0);
+        let swing = b.angular_velocity.norm_squared() - b.angular_velocity.dot(&u).powi(2);
+        self.rod.bb * self.length() * swing + self.first() * u.dot(gravity) + self.force
+    }
+
+    /// Momentum of the stretch, s·u·v + m_bb·ė, N·s.
+    pub(super) fn momentum(&self, b: &BodyMotion) -> f64 {
+        self.first() * b.rotation.column(0).dot(&b.velocity) + self.rod.bb * self.rate
+    }
+
+    /// What ė adds to the strut's momentum: s·u·ė, N·s.
+    pub(super) fn carried(&self, b: &BodyMotion) -> Vector3<f64> {
+        b.rotation.column(0) * (self.first() * self.rate)
+    }
+
+    /// What ė adds to the velocity products of a rigid strut of this length, force and moment: the Coriolis acceleration 2·ė·ω × u of ball b.
+    pub(super) fn coriolis(&self, b: &BodyMotion) -> (Vector3<f64>, Vector3<f64>) {
+        let u = b.rotation.column(0);
+        let a = b.angular_velocity.cross(&u) * (2.0 * self.rate);
+        (a * self.first(), u.cross(&a) * (self.length() * self.rod.bb))
+    }
+}
+
+/// What elimination of a strut's stretch leaves in the equations.
+#[derive(Clone, Copy)]
+pub(super) struct Eliminated {
+    pub u: Vector3<f64>,
+    /// s, kg.
+    first: f64,
+    /// 1/m, 1/kg; zero of a rigid strut.
+    pub inverse: f64,
+}
+
+impl Eliminated {
+    pub const RIGID: Self = Self { u: Vector3::new(0.0, 0.0, 0.0), first: 0.0, inverse: 0.0 };
+
+    fn of(stretch: &Stretch, b: &BodyMotion) -> Self {
+        let inverse = 1.0 / (stretch.rod.bb + stretch.added);
+        Self { u: b.rotation.column(0).into_owned(), first: stretch.first(), inverse }
+    }
+}
+
+/// Eliminates the stretches from masses and rows.
+pub(super) fn eliminate(
+    stretches: &Stretches,
+    bodies: &[BodyMotion; BODIES],
+    closed: SocketSet,
+    mass: &mut [[Six; 6]; BODIES],
+    rows: &mut Rows,
+) -> [Eliminated; STRUTS] {
+    std::array::from_fn(|s| {
+        let (stretch, b) = (&stretches[s], &bodies[STRUT + s]);
+        let out = Eliminated::of(stretch, b);
+        let linear = [out.u.x, out.u.y, out.u.z, 0.0, 0.0, 0.0];
+        for (k, row) in mass[STRUT + s].iter_mut().take(3).enumerate() {
+            add(row, -out.first * out.first * out.inverse * out.u[k], &linear);
+        }
+        if closed.contains(STRUTS + s) {
+            let coriolis = b.angular_velocity.cross(&out.u) * (2.0 * stretch.rate);
+            for k in 0..3 {
+                add(&mut rows.blocks[ball_on_strut(s) + k], -out.first * out.inverse * out.u[k], &linear);
+                rows.gamma[socket(STRUTS + s) + k] -= coriolis[k];
+            }
+        }
+        out
+    })
+}
+
+/// Inserts ë = f/m + … into the right-hand sides.
+pub(super) fn load(
+    eliminated: &[Eliminated; STRUTS],
+    f: &[f64; STRUTS],
+    closed: SocketSet,
+    w: &mut [Six; BODIES],
+    gamma: &mut [f64; ROWS],
+) {
+    for (s, strut) in eliminated.iter().enumerate() {
+        let rate = f[s] * strut.inverse;
+        for k in 0..3 {
+            w[STRUT + s][k] -= strut.first * rate * strut.u[k];
+            if closed.contains(STRUTS + s) {
+                gamma[socket(STRUTS + s) + k] -= rate * strut.u[k];
+            }
+        }
+    }
+}
+
+/// Adds E·λ to the rows' residual.
+pub(super) fn give(eliminated: &[Eliminated; STRUTS], lambda: &[f64; ROWS], rows: &mut [f64; ROWS]) {
+    for (s, strut) in eliminated.iter().enumerate() {
+        let along = strut.inverse * strut.u.dot(&at_ball(lambda, s));
+        for k in 0..3 {
+            rows[socket(STRUTS + s) + k] += strut.u[k] * along;
+        }
+    }
+}
+
+/// ë of every strut, m/s²; zero of rigid ones.
+pub(super) fn rates(
+    eliminated: &[Eliminated; STRUTS],
+    f: &[f64; STRUTS],
+    accelerations: &[Six; BODIES],
+    lambda: &[f64; ROWS],
+) -> [f64; STRUTS] {
+    std::array::from_fn(|s| {
+        let (strut, a) = (&eliminated[s], &accelerations[STRUT + s]);
+        let moved = strut.u.dot(&Vector3::new(a[0], a[1], a[2]));
+        strut.inverse * (f[s] - strut.first * moved - strut.u.dot(&at_ball(lambda, s)))
+    })
+}
+
+fn at_ball(lambda: &[f64; ROWS], s: usize) -> Vector3<f64> {
+    const { assert!(SOCKETS == 2 * STRUTS) };
+    Vector3::from_fn(|k, _| lambda[socket(STRUTS + s) + k])
+}

@@ -1,0 +1,87 @@
+//! A strut as a rod between its balls: the masses that both formulations of an elastic strut share.
+
+use nalgebra::Vector3;
+
+use crate::dynamics::Plant;
+use crate::kinematics::Motion;
+use crate::model::bodies::{PLATFORM, STRUT};
+use crate::model::{Geometry, Inertia, STRUTS};
+
+/// Masses of a rod whose velocity is linear from the upper ball a to the lower ball b:
+/// T = ½·m_aa·v_a² + m_ab·v_a·v_b + ½·m_bb·v_b², the integrals of (1 − ξ)², ξ·(1 − ξ) and ξ² over its mass.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rod {
+    /// Length without load, m.
+    pub length: f64,
+    /// m_aa, kg.
+    pub aa: f64,
+    /// m_ab, kg.
+    pub ab: f64,
+    /// m_bb, kg.
+    pub bb: f64,
+    /// Inertia about its own axis, kg·m².
+    pub axial: f64,
+    /// Shares of the mass whose weight the two ends carry, kg.
+    pub weight: [f64; 2],
+}
+
+impl Rod {
+    /// Of a body that is symmetric about its x axis, in the frame at its upper ball.
+    pub fn new(inertia: &Inertia, length: f64) -> Self {
+        let (h, i) = (inertia.first_moment.x / length, inertia.tensor[(1, 1)] / (length * length));
+        Self {
+            length,
+            aa: inertia.mass - 2.0 * h + i,
+            ab: h - i,
+            bb: i,
+            axial: inertia.tensor[(0, 0)],
+            weight: [inertia.mass - h, h],
+        }
+    }
+
+    /// All six of a machine.
+    pub fn all(plant: &Plant) -> [Self; STRUTS] {
+        std::array::from_fn(|s| Self::new(&plant.bodies[STRUT + s], plant.geometry.strut_length[s / 2]))
+    }
+
+    /// Inertia about the upper ball at another length, in the strut's frame.
+    pub fn stretched(&self, length: f64) -> Inertia {
+        let lateral = self.bb * length * length;
+        Inertia::diagonal(
+            self.weight[0] + self.weight[1],
+            [self.weight[1] * length, 0.0, 0.0],
+            [self.axial, lateral, lateral],
+        )
+    }
+}
+
+/// What stretched rods have beyond the energy of rigid ones with the same motion of the bodies, J; `rates` are those of their
+/// lengths, m/s.
+pub(super) fn stretch_energy(rods: &[Rod; STRUTS], plant: &Plant, motion: &Motion, rates: &[f64; STRUTS]) -> f64 {
+    let of_rod = |s: usize| {
+        let (rod, u, length) = (&rods[s], motion.strut_axis[s], motion.strut_length[s]);
+        let upper = &motion.bodies[STRUT + s];
+        // Velocity of ball b relative to ball a.
+        let swing = upper.angular_velocity.cross(&u);
+        let (stretch, rigid) = (swing * length + u * rates[s], swing * rod.length);
+        let kinetic = upper.velocity.dot(&(stretch - rigid)) * (rod.ab + rod.bb)
+            + 0.5 * rod.bb * (stretch.norm_squared() - rigid.norm_squared());
+        kinetic - rod.weight[1] * plant.gravity_vector().dot(&u) * (length - rod.length)
+    };
+    (0..STRUTS).map(of_rod).sum()
+}
+
+/// Rates of the struts' lengths while both their balls are held, m/s.
+pub(super) fn length_rates(plant: &Plant, motion: &Motion) -> [f64; STRUTS] {
+    let platform = &motion.bodies[PLATFORM];
+    std::array::from_fn(|s| {
+        let (u, upper) = (motion.strut_axis[s], &motion.bodies[STRUT + s]);
+        let ball = platform.rotation * platform_ball(&plant.geometry, s);
+        u.dot(&(platform.velocity + platform.angular_velocity.cross(&ball) - upper.velocity))
+    })
+}
+
+/// Ball of strut `s` in the platform's frame.
+pub(super) fn platform_ball(g: &Geometry, s: usize) -> Vector3<f64> {
+    Geometry::radial(s / 2) * g.platform_radius + Geometry::tangential(s / 2) * g.pair_offset(s)
+}

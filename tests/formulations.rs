@@ -1,0 +1,263 @@
+//! Every run in absolute coordinates beside the same run with its rows eliminated in closed form.
+//!
+//! Both integrate the same equations with the same method over different coordinates. They agree where the step resolves
+//! the motion: each scenario runs for a short time at a step at which the method's own error is below what is asked for.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::defaults;
+use deltatwin::check;
+use deltatwin::dynamics::Plant;
+use deltatwin::effects::{ActiveEffect, REGISTRY, find};
+use deltatwin::kinematics::JointState;
+use deltatwin::model::Model;
+use deltatwin::recording::{Recording, Setup, Signals};
+use deltatwin::scenario::{Formulation, Scenario};
+use deltatwin::twin::{Options, Report, Torque, Twin, simulate};
+use rayon::prelude::*;
+
+/// Largest difference of a channel, relative to the largest magnitude of its kind.
+const AGREEMENT: f64 = 1e-9;
+
+fn files() -> Vec<PathBuf> {
+    let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
+    let is_run = |p: &PathBuf| matches!(check::kind(p), Ok(check::Kind::Scenario));
+    let mut files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_run(p)).collect();
+    files.sort();
+    assert!(files.len() >= 12, "{files:?}");
+    files
+}
+
+fn name(file: &Path) -> &str {
+    file.file_stem().unwrap().to_str().unwrap()
+}
+
+fn play(file: &Path, change: &dyn Fn(&mut Model, &mut Options)) -> (Recording, Report) {
+    let scenario = Scenario::read(file).unwrap();
+    let mut machine = Model::read(&scenario.model).unwrap();
+    let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
+    let motion = scenario.motion(&planning).unwrap();
+    let believed = Plant::new(&planning, &scenario.setup);
+    let mut options = Options::of(&scenario, &machine);
+    options.noise_seed = None;
+    options.sensors.velocity = true;
+    options.sensors.acceleration = true;
+    options.sensors.multipliers = true;
+    if machine.assembled && machine.mechanism.arms() == 3 {
+        options.sensors.strut_upper = [true; 6];
+        options.sensors.strut_lower = [true; 6];
+        options.sensors.sockets = true;
+    }
+    change(&mut machine, &mut options);
+    simulate(&machine, &scenario.setup, &believed, &|t| motion.at(t), &options, &mut |_| true)
+        .unwrap_or_else(|e| panic!("{}: {e}", scenario.name))
+}
+
+/// Families of channels that both have: largest difference, and largest magnitude.
+fn differences(a: &Recording, b: &Recording) -> Vec<(String, f64, f64)> {
+    let mut still = b.clone();
+    still.signals = Signals { t: b.signals.t.clone(), ..zero(&b.signals) };
+    let sizes = b.differences(&still);
+    let size = |channel: &str| sizes.iter().find(|d| d.channel == channel).map_or(0.0, |d| d.size);
+    a.differences(b)
+        .into_iter()
+        .filter(|d| d.channel != "t")
+        .map(|d| (d.channel.clone(), d.size, size(&d.channel)))
+        .collect()
+}
+
+/// The same channels, all zero.
+fn zero(s: &Signals) -> Signals {
+    let n = s.len();
+    let four = |c: &Option<Vec<[f64; 4]>>| c.as_ref().map(|_| vec![[0.0; 4]; n]);
+    Signals {
+        mechanism: s.mechanism,
+        t: s.t.clone(),
+        q: vec![[0.0; 4]; n],
+        tau: vec![[0.0; 4]; n],
+        strut_upper: std::array::from_fn(|k| s.strut_upper[k].as_ref().map(|_| vec![0.0; n])),
+        strut_lower: std::array::from_fn(|k| s.strut_lower[k].as_ref().map(|_| vec![0.0; n])),
+        ee: s.ee.as_ref().map(|_| vec![[0.0; 3]; n]),
+        qd: four(&s.qd),
+        qdd: four(&s.qdd),
+        socket_margin: s.socket_margin.as_ref().map(|_| vec![[0.0; 12]; n]),
+        multipliers: s.multipliers.as_ref().map(|_| vec![[0.0; 74]; n]),
+        ..Signals::default()
+    }
+}
+
+/// Runs both ways with `change`, prints the worst channel and returns its relative difference.
+fn apart(label: &str, file: &Path, change: &(dyn Fn(&mut Model, &mut Options) + Sync)) -> f64 {
+    let run = |formulation| {
+        play(file, &|model, options| {
+            options.formulation = formulation;
+            change(model, options);
+        })
+    };
+    let ((a, ra), (b, rb)) = (run(Formulation::Eliminated), run(Formulation::Absolute));
+    assert_eq!(ra.events, rb.events, "{label}");
+    assert!(rb.max_loop_gap < 1e-12 && rb.energy_error < 1e-4, "{label}: {:e} {:e}", rb.max_loop_gap, rb.energy_error);
+    let all = differences(&a, &b);
+    let relative = |d: &(String, f64, f64)| d.1 / d.2.max(1e-3);
+    let worst = all.iter().max_by(|x, y| relative(x).total_cmp(&relative(y))).unwrap();
+    println!("{label:<34} {:.1e} of {:.1e} in {}, gap {:.0e}", worst.1, worst.2, worst.0, rb.max_loop_gap);
+    if std::env::var("ALL_CHANNELS").is_ok() {
+        for d in &all {
+            println!("    {:<22} {:.1e} of {:.1e}: {:.1e}", d.0, d.1, d.2, relative(d));
+        }
+    }
+    relative(worst)
+}
+
+fn setting(key: &str, default: f64) -> f64 {
+    std::env::var(key).map_or(default, |v| v.parse().unwrap())
+}
+
+#[test]
+fn every_shipped_scenario_runs_both_ways() {
+    let (duration, refine) = (setting("D", 0.02), setting("N", 16.0) as usize);
+    let worst: Vec<(String, f64)> = files()
+        .par_iter()
+        .map(|file| {
+            let change = |_: &mut Model, options: &mut Options| {
+                options.duration = duration;
+                options.substeps *= refine;
+            };
+            (name(file).to_string(), apart(name(file), file, &change))
+        })
+        .collect();
+    let bad: Vec<_> = worst.iter().filter(|(_, d)| *d >= AGREEMENT).collect();
+    assert!(bad.is_empty(), "{bad:?}");
+}
+
+#[test]
+fn every_effect_runs_both_ways() {
+    let (duration, refine) = (setting("D", 0.02), setting("N", 16.0) as usize);
+    let smoke = Path::new("scenarios/smoke.toml");
+    let effects: Vec<&str> =
+        REGISTRY.iter().map(|e| e.name()).filter(|n| !["rigid_bodies", "formula"].contains(n)).collect();
+    let worst: Vec<(String, f64)> = effects
+        .par_iter()
+        .map(|effect| {
+            let change = |model: &mut Model, options: &mut Options| {
+                *model = common::model("irb360-6-1600");
+                model.effects.retain(|a| a.effect.name() != *effect);
+                model.effects.push(defaults(effect));
+                options.duration = duration;
+                options.substeps *= refine;
+            };
+            (effect.to_string(), apart(effect, smoke, &change))
+        })
+        .collect();
+    let bad: Vec<_> = worst.iter().filter(|(_, d)| *d >= AGREEMENT).collect();
+    assert!(bad.is_empty(), "{bad:?}");
+}
+
+/// Compliances as of a gear of 2.5e4 N·m/rad, damping 20 N·m·s/rad, rotor 0.18 kg·m², friction on the motors' side or not.
+fn gears(at_motor: f64) -> ActiveEffect {
+    ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5; 3], &[20.0], &[0.18], &[at_motor]])
+}
+
+#[test]
+fn friction_at_the_motors_of_elastic_gears_runs_both_ways() {
+    let (duration, refine) = (setting("D", 0.02), setting("N", 16.0) as usize);
+    for file in ["smoke", "disassembled"] {
+        let change = |model: &mut Model, options: &mut Options| {
+            model.effects.push(gears(1.0));
+            options.duration = duration;
+            options.substeps *= refine;
+        };
+        let d =
+            apart(&format!("{file}, friction at the motors"), Path::new(&format!("scenarios/{file}.toml")), &change);
+        assert!(d < AGREEMENT, "{file}: {d:e}");
+    }
+}
+
+#[test]
+fn the_smaller_irb360_runs_both_ways() {
+    let change = |model: &mut Model, options: &mut Options| {
+        *model = common::model("irb360-1-1130");
+        options.duration = setting("D", 0.02);
+        options.substeps *= setting("N", 16.0) as usize;
+    };
+    let scenario = tempfile::tempdir().unwrap();
+    let file = scenario.path().join("small.toml");
+    let model = std::fs::canonicalize("models/irb360-1-1130.toml").unwrap();
+    std::fs::write(
+        &file,
+        format!(
+            "model = {:?}\nduration = 0.5\n[motion]\nkind = \"fourier\"\nfrequency = 1.0\ncentre = [0.0, 0.0, -0.8, 0.0]\n\
+             sine = [[0.1, 0.05, 0.03, 1.0]]\n",
+            model.display()
+        ),
+    )
+    .unwrap();
+    let d = apart("irb360-1-1130", &file, &change);
+    assert!(d < AGREEMENT, "{d:e}");
+}
+
+/// Angle, deflection of the gear and their rates of an arm between a motor with friction and gravity: J·(q̈ + δ̈) =
+/// τ − c·tanh(100·ω) − d·ω − T with ω = q̇ + δ̇, Θ·q̈ = T + g·(h_x·cos q + h_z·sin q), T = δ/C + D·δ̇.
+struct TwoMasses {
+    theta: f64,
+    h: [f64; 2],
+    friction: [f64; 2],
+}
+
+impl TwoMasses {
+    fn rates(&self, [q, delta, qd, deltad]: [f64; 4], torque: f64) -> [f64; 4] {
+        let (rate, transmitted) = (qd + deltad, delta / 4e-5 + 20.0 * deltad);
+        let friction = self.friction[0] * (100.0 * rate).tanh() + self.friction[1] * rate;
+        let arm = (transmitted + 9.81 * (self.h[0] * q.cos() + self.h[1] * q.sin())) / self.theta;
+        [qd, deltad, arm, (torque - friction - transmitted) / 0.18 - arm]
+    }
+
+    /// Classical Runge–Kutta at 2 µs to `t`.
+    fn run(&self, mut y: [f64; 4], torque: f64, t: f64) -> [f64; 4] {
+        let h = 2e-6;
+        let ahead = |y: &[f64; 4], k: &[f64; 4], h: f64| std::array::from_fn(|i| y[i] + h * k[i]);
+        for _ in 0..(t / h).round() as usize {
+            let a = self.rates(y, torque);
+            let b = self.rates(ahead(&y, &a, 0.5 * h), torque);
+            let c = self.rates(ahead(&y, &b, 0.5 * h), torque);
+            let d = self.rates(ahead(&y, &c, h), torque);
+            y = std::array::from_fn(|i| y[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+        }
+        y
+    }
+}
+
+#[test]
+fn friction_at_the_motor_is_that_of_two_masses_with_a_spring() {
+    let mut model = common::model("irb360-6-1600-disassembled");
+    model.effects.push(gears(1.0));
+    let plant = Plant::new(&model, &Setup::default());
+    let body = &plant.bodies[0];
+    let friction = model.effects.iter().find(|a| a.effect.name() == "drive_friction").unwrap();
+    let masses = TwoMasses {
+        theta: body.tensor[(1, 1)],
+        h: [body.first_moment.x, body.first_moment.z],
+        friction: [friction.values[0], friction.values[4]],
+    };
+    let joints = JointState { q: [0.2; 4], qd: [-0.5; 4], ..JointState::default() };
+    for formulation in [Formulation::Eliminated, Formulation::Absolute] {
+        for (step, allowed) in [(2e-4, 2e-5), (2.5e-5, 5e-7)] {
+            let mut twin = Twin::formulated(plant.clone(), &plant.motion(&joints).unwrap(), formulation).unwrap();
+            let mut worst = 0f64;
+            for k in 1..=50 {
+                for _ in 0..(2e-3_f64 / step).round() as usize {
+                    twin.step(step, &Torque::constant([12.0, 0.0, 0.0, 0.0])).unwrap();
+                }
+                let expected = masses.run([0.2, 0.0, -0.5, 0.0], 12.0, 2e-3 * f64::from(k));
+                let seen = twin.evaluate(&Torque::constant([12.0, 0.0, 0.0, 0.0])).unwrap();
+                worst = worst.max((twin.encoders()[0] - expected[0] - expected[1]).abs());
+                worst = worst.max((seen.motion.q[0] - expected[0]).abs());
+                worst = worst.max((seen.encoder_rate[0] - expected[2] - expected[3]).abs() / 100.0);
+            }
+            println!("{formulation:?}, {:.0} µs: {worst:.1e} rad", 1e6 * step);
+            assert!(worst < allowed, "{formulation:?} {step}: {worst:e}");
+        }
+    }
+}

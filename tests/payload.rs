@@ -1,0 +1,218 @@
+//! A payload with all ten inertial parameters: what it loads, and what recordings say about it.
+
+mod common;
+
+use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
+use deltatwin::identification::fit::{FitError, Options};
+use deltatwin::identification::{EncoderReadings, PayloadFit, Trace, identify_payload, predict};
+use deltatwin::kinematics::JointState;
+use deltatwin::model::{Geometry, Model, STRUTS};
+use deltatwin::recording::{Payload, Setup};
+use deltatwin::scenario::{FourierMotion, MotionLimits};
+use nalgebra::{Rotation3, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
+
+const TORQUE_NOISE: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
+const FORCE_NOISE: f64 = 0.5;
+
+/// Strut forces and torques of a robot that stands on its centre line and turns axis 4, without and with a payload.
+fn turning(payload: Payload, joints: &JointState) -> [deltatwin::dynamics::Output; 2] {
+    let model = common::model("irb360-6-1600");
+    [Payload::default(), payload].map(|payload| {
+        let plant = Plant::new(&model, &Setup { payload, ..Setup::default() });
+        let motion = plant.motion(joints).expect("reachable");
+        inverse_dynamics(&plant, 0.0, &motion, &vec![&[][..]; plant.effects.len()], true).expect("regular")
+    })
+}
+
+/// By hand: the payload's centre is on the axis at rest, so it needs the moment M = Θα + ω × Θω and its weight's reaction alone. On
+/// the centre line all struts of a limb point along e = e_r·u + e_z·z, and a pair of tensions ±f at ±d/2 along v = z × u turns the
+/// platform with d·f·(v × −e) = d·f·(e_r·z − e_z·u). Three pairs give M_x, M_y for f_i = 2/3·(M·u_i)/(−e_z·d): Σ f_i = 0 leaves M_z to
+/// the drive.
+#[test]
+fn a_product_of_inertia_that_turns_loads_the_struts() {
+    let (xz, yz, zz) = (0.03, -0.02, 0.05);
+    let payload = Payload::with_tensor(2.0, [0.0, 0.0, -0.1], [0.06, 0.06, zz, 0.01, xz, yz]);
+    let (psi, rate, acceleration) = (0.7, 14.0, 90.0);
+    let joints = JointState { q: [0.4, 0.4, 0.4, psi], qd: [0.0, 0.0, 0.0, rate], qdd: [0.0, 0.0, 0.0, acceleration] };
+    let [without, with] = turning(payload, &joints);
+    // A point of the same mass at the same place: what is left is the tensor alone.
+    let [_, point] = turning(Payload::new(2.0, [0.0, 0.0, -0.1], 0.0), &joints);
+
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), psi);
+    let moment = turn * Vector3::new(xz * acceleration - yz * rate * rate, yz * acceleration + xz * rate * rate, 0.0);
+    // Lengths of the data sheet: base 0.2, arm 0.5, platform 0.048, strut 1.106, pair 0.1 m.
+    let level = (0.2 + 0.5 * 0.4f64.cos() - 0.048) / 1.106;
+    let down = (1.0 - level * level).sqrt();
+    for limb in 0..3 {
+        let expected = 2.0 / 3.0 * moment.dot(&Geometry::radial(limb)) / (down * 0.1);
+        for (strut, sign) in [(2 * limb, 1.0), (2 * limb + 1, -1.0)] {
+            let force = with.reactions.lower[strut] - point.reactions.lower[strut];
+            assert!((force - sign * expected).abs() < 1e-9, "strut {}: {force} {expected}", strut + 1);
+            let upper = with.reactions.upper[strut] - point.reactions.upper[strut];
+            assert!((upper - force).abs() < 1e-9, "a strut has no part in it: {upper} {force}");
+        }
+    }
+    let drive = with.tau[3] - without.tau[3];
+    assert!((drive - zz * acceleration).abs() < 1e-9, "{drive}");
+    for arm in 0..3 {
+        assert!((with.tau[arm] - point.tau[arm]).abs() < 1e-9, "arms do not feel it");
+    }
+}
+
+/// What else the tensor has shows in no drive and no strut.
+#[test]
+fn lateral_moments_show_nowhere() {
+    let with = |moments| Payload::with_tensor(2.0, [0.03, -0.02, -0.1], moments);
+    let joints = JointState { q: [0.3, 0.5, 0.2, 0.7], qd: [1.0, -2.0, 1.5, 9.0], qdd: [20.0, 10.0, -30.0, 80.0] };
+    let [_, one] = turning(with([0.05, 0.05, 0.05, 0.0, 0.01, 0.02]), &joints);
+    let [_, other] = turning(with([0.09, 0.06, 0.05, 0.01, 0.01, 0.02]), &joints);
+    let all = |o: &deltatwin::dynamics::Output| [&o.tau[..], &o.reactions.lower, &o.reactions.upper].concat();
+    for (a, b) in all(&one).iter().zip(all(&other)) {
+        assert!((a - b).abs() < 1e-10, "{a} {b}");
+    }
+}
+
+/// A recording of ten seconds, with or without rotation and strut forces, with white noise.
+fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed: u64) -> Trace {
+    const SAMPLES: usize = 2500;
+    const STEP: f64 = 4e-3;
+    let believed = Plant::new(model, &Setup::default());
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let motion = FourierMotion::random(&believed, &MotionLimits::of(model, 0.45), 0.1, 10, &mut rng);
+    let joints = |t: f64| {
+        let mut joints = believed.geometry.inverse_motion(&motion.at(t)).expect("within the workspace");
+        if !rotation {
+            (joints.q[3], joints.qd[3], joints.qdd[3]) = (0.3, 0.0, 0.0);
+        }
+        joints
+    };
+    let mut channels = Channel::TORQUES.to_vec();
+    if struts {
+        channels.extend((0..STRUTS).flat_map(|s| [Channel::StrutUpper(s), Channel::StrutLower(s)]));
+    }
+    let mut trace = Trace {
+        name: "made".into(),
+        setup: Setup { payload, ..Setup::default() },
+        t: (0..SAMPLES).map(|k| k as f64 * STEP).collect(),
+        joints: (0..SAMPLES).map(|k| joints(k as f64 * STEP)).collect(),
+        measured: vec![vec![0.0; SAMPLES]; channels.len()],
+        channels,
+        segments: std::iter::once(0..SAMPLES).collect(),
+        dt: STEP,
+        readings: EncoderReadings::default(),
+        half_width: [10; 4],
+    };
+    trace.measured = predict(&Plant::new(model, &trace.setup), &trace).expect("reachable");
+    for (series, sigma) in trace.measured.iter_mut().zip(noise(struts)) {
+        series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
+    }
+    trace
+}
+
+fn noise(struts: bool) -> Vec<f64> {
+    let forces = if struts { 2 * STRUTS } else { 0 };
+    TORQUE_NOISE.into_iter().chain(std::iter::repeat_n(FORCE_NOISE, forces)).collect()
+}
+
+fn identified(model: &Model, trace: Trace, stated: Payload) -> PayloadFit {
+    let struts = trace.channels.len() > 4;
+    let trace = Trace { setup: Setup { payload: stated, ..trace.setup }, ..trace };
+    identify_payload(model, &[trace], &[noise(struts)], &Options::default()).expect("a fit")
+}
+
+/// The ten parameters of a payload about the flange.
+fn ten(payload: &Payload) -> Vec<f64> {
+    let inertia = payload.inertia();
+    let tensor = Payload { tensor: inertia.tensor, ..Payload::default() }.moments();
+    [&[inertia.mass][..], inertia.first_moment.as_slice(), &tensor].concat()
+}
+
+#[test]
+fn every_estimate_lies_within_four_standard_errors() {
+    let model = common::model("irb360-6-1600");
+    let truths = [
+        // A point that hangs low, as a bulky load in a long gripper.
+        Payload::new(2.5, [0.0, 0.0, -0.25], 0.0),
+        Payload::new(2.5, [0.0, 0.0, -0.25], 0.02),
+        Payload::with_tensor(2.5, [0.03, -0.02, -0.25], [0.03, 0.04, 0.02, 0.004, -0.008, 0.006]),
+    ];
+    for (number, truth) in truths.iter().enumerate() {
+        for (rotation, struts) in [(true, true), (false, true), (true, false), (false, false)] {
+            let trace = recording(&model, *truth, rotation, struts, 3 + number as u64);
+            for stated in [Payload::default(), Payload::new(2.0, [0.0, 0.0, -0.1], 0.01)] {
+                let found = identified(&model, trace.clone(), stated);
+                let what = format!("payload {number}, rotation {rotation}, struts {struts}, stated {} kg", stated.mass);
+                for (p, truth) in found.parameters.iter().zip(ten(truth)) {
+                    let known = p.identified();
+                    let unseen = found.fit.unidentified.iter().any(|u| u.name == p.name);
+                    assert_ne!(known, unseen, "{what}: {} is named or has a standard error", p.name);
+                    assert!(!known || (p.value - truth).abs() < 4.0 * p.std, "{what}: {p:?}, truth {truth}");
+                }
+                let known: Vec<bool> = found.parameters.iter().map(|p| p.identified()).collect();
+                // m, h_x, h_y, h_z, Θ_xx, Θ_yy, Θ_zz, Θ_xy, Θ_xz, Θ_yz.
+                let expected = [
+                    true,
+                    struts || rotation,
+                    struts || rotation,
+                    struts,
+                    false,
+                    false,
+                    rotation,
+                    false,
+                    struts && rotation,
+                    struts && rotation,
+                ];
+                if rotation {
+                    assert_eq!(known, expected, "{what}");
+                }
+                assert!(known[0] && known[3] == struts, "{what}: {known:?}");
+                // The whole is at the noise and possible: it can be stated.
+                for (rms, sigma) in found.fit.rms.iter().zip(noise(struts)) {
+                    assert!(*rms < 1.05 * sigma, "{what}: {rms} of {sigma}");
+                }
+                let setup = Setup { payload: found.payload, ..Setup::default() };
+                assert_eq!(Setup::from_toml(&setup.to_toml(), "found").expect("a possible payload"), setup, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_impossible_estimate_is_moved_and_says_by_how_much() {
+    let model = common::model("irb360-6-1600");
+    // Axis 4 with less inertia than the model believes: about the flange's axis the payload would have less than m·c_x².
+    let truth = Payload::new(2.5, [0.08, 0.0, -0.25], 0.001);
+    let mut trace = recording(&model, truth, true, true, 5);
+    for (tau, joints) in trace.measured[3].iter_mut().zip(&trace.joints) {
+        *tau -= 0.008 * joints.qdd[3];
+    }
+    let found = identified(&model, trace, Payload::default());
+    let moved = &found.fit.moved;
+    assert!(moved.iter().any(|m| m.name == "payload.inertia_zz" && m.value > m.free + 3.0 * m.std), "{moved:?}");
+    let correction = found.fit.correction.expect("a correction");
+    assert!(correction.disagreement.abs() < 1e-4 && correction.gap < 1e-4, "{correction:?}");
+    // The step is weighed by what the data know: mass and height stay.
+    for k in [0, 3] {
+        let (p, truth) = (&found.parameters[k], ten(&truth)[k]);
+        assert!((p.value - truth).abs() < 0.02 * truth.abs(), "{p:?}, truth {truth}");
+    }
+    assert!(found.payload.inertia_zz() >= 0.0);
+}
+
+#[test]
+fn a_machine_without_a_flange_carries_no_payload() {
+    let model = common::model("irb360-6-1600");
+    let trace = recording(&model, Payload::default(), true, false, 3);
+    let apart = common::model("irb360-6-1600-disassembled");
+    let error = identify_payload(&apart, &[trace.clone()], &[noise(false)], &Options::default()).map(drop).unwrap_err();
+    assert!(matches!(&error, FitError::NoFlange { recording } if recording == "made"), "{error}");
+    let effects: Vec<String> = model.effects.iter().map(|a| a.effect.name().into()).collect();
+    let held = [effects, vec!["rigid_bodies".into()]].concat();
+    let options = Options { held: &held, ..Options::default() };
+    let error = deltatwin::identification::fit_with(&model, &[trace], &[noise(false)], &options).map(drop).unwrap_err();
+    assert!(matches!(error, FitError::NothingToEstimate), "{error}");
+}
