@@ -67,9 +67,14 @@ pub fn spinner(what: &str) -> ProgressBar {
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// From now on Ctrl-C only sets the flag that [`interrupted`] reads.
+/// From now on Ctrl-C sets the flag that [`interrupted`] reads; pressed again it ends the process, whatever it waits for.
 pub fn catch_interrupt() -> miette::Result<()> {
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).into_diagnostic()
+    let stop = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+    };
+    ctrlc::set_handler(stop).into_diagnostic()
 }
 
 /// Whether Ctrl-C was pressed.

@@ -347,10 +347,11 @@ impl Fitting<'_> {
         fit_with(model, self.traces, &weights, &Options { held: self.held, ..Options::default() })
     }
 
-    /// The problem of a fit, without the parameters that are held or that stand at the edge of the possible.
+    /// The problem of a fit, without the parameters that are held or what the edge of the possible holds.
     fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
-        problem.base.retain(|c| !self.holds(&c.name) && !fit.at_edge(&c.name));
+        problem.base.retain(|c| !self.holds(&c.name));
+        problem::along_edge(&mut problem.base, fit);
         Ok(problem)
     }
 

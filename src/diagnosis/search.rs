@@ -288,7 +288,7 @@ fn relinearised(
         next.candidates[c.candidate].variants[c.variant].columns.clear();
     }
     for owned in problem::owned_columns(&fitted.model, traces)? {
-        if fitting.holds(&owned.column.name) || fitted.at_edge(&owned.column.name) {
+        if fitting.holds(&owned.column.name) {
             continue;
         }
         let Some(i) = names.iter().position(|n| *n == owned.effect) else {
@@ -302,5 +302,6 @@ fn relinearised(
         }
         next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column);
     }
+    problem::along_edge(&mut next.base, fitted);
     Ok(next)
 }
