@@ -66,9 +66,14 @@ pub fn spinner(what: &str) -> ProgressBar {
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// From now on Ctrl-C only sets the flag that [`interrupted`] reads.
+/// From now on Ctrl-C sets the flag that [`interrupted`] reads; pressed again it ends the process, whatever it waits for.
 pub fn catch_interrupt() -> miette::Result<()> {
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).into_diagnostic()
+    let stop = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+    };
+    ctrlc::set_handler(stop).into_diagnostic()
 }
 
 /// Whether Ctrl-C was pressed.
@@ -206,6 +211,9 @@ impl Table {
     }
 }
 
+/// Columns that text at the end of a table's row needs to run on below itself.
+const SHORTEST: usize = 20;
+
 impl std::fmt::Display for Table {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -217,7 +225,8 @@ impl std::fmt::Display for Table {
                 let w = widths[c];
                 // The last column may be text that runs on below itself.
                 let start = line.chars().count() + 2;
-                if c > 0 && c + 1 == row.len() && self.left.contains(&c) && start < WIDTH * 3 / 4 {
+                let is_long = start + cell.chars().count() > WIDTH && start + SHORTEST <= WIDTH;
+                if c > 0 && c + 1 == row.len() && self.left.contains(&c) && is_long {
                     line = hanging(cell, &format!("{line}  "), &" ".repeat(start));
                     continue;
                 }

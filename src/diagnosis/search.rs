@@ -11,7 +11,7 @@ use crate::model::Model;
 const MAX_REFUSED: usize = 5;
 
 /// The effect that sampling looks like.
-const DELAY: &str = "signal_delay";
+pub(super) const DELAY: &str = "signal_delay";
 
 /// What the search ends with.
 pub(super) struct Found {

@@ -163,6 +163,20 @@ pub struct Stops {
     pub telescope_damping: f64,
 }
 
+impl Stops {
+    /// A machine without stops.
+    pub const NONE: Self = Self {
+        arm: [0.0; 2],
+        arm_stiffness: 0.0,
+        arm_damping: 0.0,
+        hooke: 0.0,
+        hooke_stiffness: 0.0,
+        hooke_damping: 0.0,
+        telescope_stiffness: 0.0,
+        telescope_damping: 0.0,
+    };
+}
+
 /// Standard deviations of the sensors.
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
