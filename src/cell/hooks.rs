@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 use rapier3d::dynamics::{RigidBody, RigidBodySet};
-use rapier3d::prelude::{ContactModificationContext, PhysicsHooks, RigidBodyHandle, Vector};
+use rapier3d::prelude::{
+    ContactModificationContext, PairFilterContext, PhysicsHooks, RigidBodyHandle, SolverFlags, Vector,
+};
 use rapier3d::utils::AngularInertiaOps;
 
 /// Surface velocity of the conveyors, m/s, by body.
@@ -17,6 +19,11 @@ impl Surfaces {
 }
 
 impl PhysicsHooks for Surfaces {
+    /// Leaves the contacts of the robot's parts, which alone ask, to our law.
+    fn filter_contact_pair(&self, _: &PairFilterContext) -> Option<SolverFlags> {
+        None
+    }
+
     /// Sets the velocity that friction is to bring to zero at every point.
     ///
     /// Rapier cuts the impulse −K⁻¹u that would stop the sliding u at once down to μ times the normal one. K, the inverse

@@ -168,12 +168,7 @@ mod tests {
     use crate::kinematics::Motion;
 
     fn solid(frame: &Object) -> (Hull, Placement) {
-        let at = Placement {
-            rotation: Matrix3::identity(),
-            position: frame.position,
-            velocity: Vector3::zeros(),
-            angular_velocity: Vector3::zeros(),
-        };
+        let at = Placement::at_rest(Matrix3::identity(), frame.position);
         (Hull::solid(&frame.shape), at)
     }
 

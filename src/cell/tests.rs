@@ -553,10 +553,12 @@ fn what_is_held_may_touch_and_lies_still_once_it_is_put_down() {
     cell.pick("part", &motion).unwrap();
     motion.bodies[END_EFFECTOR].position.z += 0.02;
     assert_eq!(cell.contact(&motion, SocketSet::ALL)[END_EFFECTOR].0, Vector3::zeros());
-    // 10 µm into the table: four corners of 2e5 N/m.
+    // Four corners of 2e5 N/m, 10 µm deeper than Rapier left them.
     motion.bodies[END_EFFECTOR].position.z -= 0.02 + 1e-5;
+    let depth = start[2] - cell.objects(&motion).nth(1).unwrap().1.translation.z;
     let force = cell.contact(&motion, SocketSet::ALL)[END_EFFECTOR].0;
-    assert_relative_eq!(force, Vector3::z() * 8.0, epsilon = 0.1);
+    assert_relative_eq!(force, Vector3::z() * (8e5 * depth), epsilon = 0.1);
+    assert!((1e-5..2e-5).contains(&depth), "{depth}");
     cell.release(&motion).unwrap();
     motion.bodies[END_EFFECTOR].position.z += 1.0;
     (0..2000).for_each(|_| cell.advance(5e-4, 1.0));

@@ -1,10 +1,11 @@
 //! All collision bodies as bodies of Rapier: objects, and the robot's links as kinematic bodies that follow the twin.
 
 use nalgebra::{Isometry3, Rotation3, Vector3};
+use parry3d::query;
 use rapier3d::dynamics::{FrictionModel, RigidBodyType, SpringCoefficients};
 use rapier3d::prelude::{
     ActiveCollisionTypes, ActiveHooks, ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode,
-    PhysicsWorld, RigidBodyBuilder, RigidBodyHandle, Vector,
+    PhysicsWorld, Pose, RigidBodyBuilder, RigidBodyHandle, Vector,
 };
 
 use super::hooks::Surfaces;
@@ -176,8 +177,9 @@ impl World {
             .density(0.0)
             .user_data(Collider::Part(index).encode())
             .collision_groups(robot_groups(part.meets_links, false))
-            // Our law acts on what the robot touches.
+            // Our law acts on what the robot touches, and finds the points itself.
             .solver_groups(InteractionGroups::none())
+            .active_hooks(ActiveHooks::FILTER_CONTACT_PAIRS)
             .active_collision_types(ActiveCollisionTypes::all());
         self.parts.push(self.rapier.insert_collider(collider, Some(self.links[part.body])));
     }
@@ -266,35 +268,39 @@ impl World {
         let moved = self.links.iter().zip(bodies).map(|(h, at)| (*h, *at));
         for (handle, at) in moved.chain(held.map(|(i, at)| (self.objects[i].handle, at))) {
             if let Some(body) = self.rapier.bodies.get_mut(handle).filter(|_| at.is_finite()) {
-                body.set_position(at.isometry().into(), false);
+                let pose: Pose = at.isometry().into();
+                // Pairs are looked for anew where a pose was changed, and a pose that is the same is no change.
+                body.set_next_kinematic_position(Pose::from_translation(pose.translation + Vector::X));
+                body.set_position(pose, false);
             }
         }
         for (handle, part) in self.parts.iter().zip(parts) {
             let Some(collider) = self.rapier.colliders.get_mut(*handle) else { continue };
             collider.set_enabled(part.bared_by.is_none_or(|socket| !closed.contains(socket)));
             collider.set_collision_groups(robot_groups(part.meets_links, broken));
-            look_again(collider);
         }
         if let Some(collider) = held.and_then(|(i, _)| self.rapier.colliders.get_mut(self.objects[i].collider)) {
             collider.set_collision_groups(robot_groups(true, broken));
-            look_again(collider);
         }
     }
 
     /// Pairs of colliders closer to each other than `distance`, m; of those without the robot only what Rapier knows already.
     pub fn pairs(&mut self, distance: f64) -> impl Iterator<Item = (Collider, Collider)> {
-        // A step of no length moves nothing and looks for contacts.
+        // A step of no length moves nothing and looks for pairs. Each side's box grows by half of the prediction, but those
+        // of objects may be older.
         let parameters = &mut self.rapier.integration_parameters;
         parameters.dt = 0.0;
-        // Each side's box grows by half of it, but those of objects have not been touched.
         parameters.normalized_prediction_distance = 2.0 * distance / LENGTH_UNIT;
         self.rapier.step_with_events(&self.surfaces, &());
         self.rapier.integration_parameters.normalized_prediction_distance = PREDICTION / LENGTH_UNIT;
-        let near = move |p: &&rapier3d::prelude::ContactPair| {
-            p.manifolds().iter().flat_map(|m| &m.points).any(|point| point.dist <= distance)
-        };
-        let whose = |h: ColliderHandle| self.rapier.colliders.get(h).map(|c| Collider::decode(c.user_data));
-        self.rapier.contact_pairs().filter(near).filter_map(move |p| whose(p.collider1).zip(whose(p.collider2)))
+        let colliders = &self.rapier.colliders;
+        self.rapier.contact_pairs().filter_map(move |pair| {
+            let (a, b) = (colliders.get(pair.collider1)?, colliders.get(pair.collider2)?);
+            let gap = query::distance(a.position(), a.shape(), b.position(), b.shape());
+            // Shapes whose distance is not to be had are near.
+            let near = gap.map_or(true, |gap| gap.distance <= distance);
+            near.then(|| (Collider::decode(a.user_data), Collider::decode(b.user_data)))
+        })
     }
 
     /// Moves the free objects on by `h` s under `loads`: force, and moment about its origin, on each object.
@@ -328,13 +334,6 @@ impl World {
             };
             object.bounds = object.hull.bounds(&object.at);
         }
-    }
-}
-
-/// Has Rapier find the collider's pairs anew although it may not have moved.
-fn look_again(collider: &mut rapier3d::prelude::Collider) {
-    if let Some(pose) = collider.position_wrt_parent().copied() {
-        collider.set_position_wrt_parent(pose);
     }
 }
 
