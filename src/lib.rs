@@ -1,5 +1,7 @@
 //! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect its model lacks.
 
+pub mod spelling;
+
 pub mod model;
 
 pub mod recording;

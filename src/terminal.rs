@@ -211,6 +211,9 @@ impl Table {
     }
 }
 
+/// Columns that text at the end of a table's row needs to run on below itself.
+const SHORTEST: usize = 20;
+
 impl std::fmt::Display for Table {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -222,7 +225,8 @@ impl std::fmt::Display for Table {
                 let w = widths[c];
                 // The last column may be text that runs on below itself.
                 let start = line.chars().count() + 2;
-                if c > 0 && c + 1 == row.len() && self.left.contains(&c) && start < WIDTH * 3 / 4 {
+                let is_long = start + cell.chars().count() > WIDTH && start + SHORTEST <= WIDTH;
+                if c > 0 && c + 1 == row.len() && self.left.contains(&c) && is_long {
                     line = hanging(cell, &format!("{line}  "), &" ".repeat(start));
                     continue;
                 }

@@ -94,6 +94,8 @@ fn every_command_explains_itself_with_an_example() {
         "forces",
         "plan",
         "check",
+        "completions",
+        "man",
     ] {
         assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
         let help = done(&[command, "--help"]);
@@ -352,6 +354,60 @@ fn misspelt_keys_are_named_with_their_line() {
 }
 
 /// Ctrl-C ends a run early, and what is there is a valid recording.
+/// Programs that ask for JSON get it in every case.
+#[test]
+fn errors_are_json_too() {
+    let error = |arguments: &[&str]| {
+        let out = run(arguments);
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}");
+        assert!(!out.stderr.is_empty());
+        let value: Value = serde_json::from_slice(&out.stdout).unwrap();
+        value["error"]["message"].as_str().unwrap().to_string()
+    };
+    assert!(error(&["check", "nothing.toml", "--json"]).contains("nothing.toml"));
+    assert!(error(&["compare", MODEL, "nothing.csv", "--json"]).contains("nothing.csv"));
+    assert!(error(&["compare", "--json"]).contains("required"));
+    assert!(error(&["effects", "air_darg", "--json"]).contains("did you mean `air_drag`?"));
+    assert!(!error(&["effects", "quantum_foam", "--json"]).contains("did you mean"));
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let script = done(&["completions", "bash"]);
+    assert!(script.contains("diagnose") && script.contains("--held-out"));
+    let folder = TempDir::new().unwrap();
+    done(&["man", "-o", &path(&folder, "man")]);
+    let page = std::fs::read_to_string(folder.path().join("man/deltatwin-diagnose.1")).unwrap();
+    assert!(page.contains("held\\-out"), "{page}");
+}
+
+/// Recordings of several scenarios never overwrite each other.
+#[test]
+fn runs_have_names_of_their_own() {
+    let folder = TempDir::new().unwrap();
+    let text =
+        std::fs::read_to_string(SMOKE).unwrap().replace("../models", &format!("{}/models", env!("CARGO_MANIFEST_DIR")));
+    let (a, b) = (path(&folder, "run.v1.toml"), path(&folder, "run.v2.toml"));
+    std::fs::write(&a, &text).unwrap();
+    std::fs::write(&b, &text).unwrap();
+    let out = path(&folder, "runs");
+    done(&["simulate", &a, &b, "-o", &out]);
+    let mut names: Vec<_> = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["run.v1.mcap", "run.v2.mcap"]);
+    std::fs::create_dir(folder.path().join("other")).unwrap();
+    let c = path(&folder, "other/run.v1.toml");
+    std::fs::write(&c, &text).unwrap();
+    let message = refused(&["simulate", &a, &c, "-o", &out]);
+    assert!(message.contains("would both be written to") && message.contains("run.v1.mcap"), "{message}");
+    // A recording that cannot be written takes no other with it.
+    std::fs::create_dir_all(folder.path().join("mixed/run.v1.mcap")).unwrap();
+    let out = run(&["simulate", &a, &b, "-o", &path(&folder, "mixed")]);
+    assert_eq!(out.status.code(), Some(2));
+    assert!(folder.path().join("mixed/run.v2.mcap").is_file());
+    assert!(String::from_utf8_lossy(&out.stderr).contains("run.v1.mcap: cannot be written"));
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_is_kept() {
@@ -466,5 +522,8 @@ fn a_failed_write_loses_no_answer() {
         assert_eq!(out.status.code(), Some(2));
         let text = String::from_utf8_lossy(&out.stdout);
         assert!(text.contains("noise floor") && !text.contains("Wrote"), "{text}");
+        let wide = text.lines().find(|l| l.chars().count() > 100);
+        assert!(wide.is_none(), "{wide:?}");
+        assert_eq!(text.contains("\n  Next\n"), arguments[0] == "diagnose", "{text}");
     }
 }

@@ -136,6 +136,13 @@ fn signs_are_named_and_mended() {
         })
     });
     assert_eq!(problems(&found), [(Some(2), Problem::AxisSign)]);
+    let found = found_and_mended(|s| {
+        each(s, |q, tau| {
+            (0..3).for_each(|i| q[i] = -q[i]);
+            (0..3).for_each(|i| tau[i] = -tau[i]);
+        })
+    });
+    assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::AxisSign)));
 }
 
 #[test]
@@ -168,6 +175,9 @@ fn zeros_are_named_and_mended() {
     let found = found_and_mended(|s| each(s, |q, _| (0..3).for_each(|i| q[i] += FRAC_PI_2)));
     assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::Zero)));
     assert_eq!(found[0].remedy.to_string(), "--map \"q1=q1-1.5708\"");
+    let found = found_and_mended(|s| each(s, |q, _| (0..3).for_each(|i| q[i] -= 0.5)));
+    assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::Zero)));
+    assert!((found[0].evidence.value.unwrap().0 - 0.5).abs() < 0.05, "{found:?}");
     // Counted from the vertical, upward.
     let found = found_and_mended(|s| {
         each(s, |q, tau| {
@@ -261,6 +271,7 @@ fn other_names_and_units_are_the_same_recording() {
         s.tau[k].iter().for_each(|tau| text += &format!(";{:?}", 1e3 * tau));
     }
     fs::write(&file, text).unwrap();
+    // No word for time that is known, no unit.
     fs::write(folder.path().join("log.setup.toml"), "[columns]\nt = \"Zeit\"\n").unwrap();
     let (back, warnings) = Recording::read(&file, None).unwrap();
     assert!(warnings.iter().any(|w| w.contains("ns since 1970")), "{warnings:?}");

@@ -18,12 +18,14 @@ mod placement;
 mod robot;
 #[cfg(test)]
 mod tests;
+mod urdf;
 mod world;
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use thiserror::Error;
 
 pub use object::{Mobility, Object, Shape, Surface};
+pub use urdf::urdf;
 
 use crate::kinematics::{Motion, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
@@ -171,13 +173,33 @@ impl Cell {
         payload: Option<(Shape, Vector3<f64>)>,
         gravity: Vector3<f64>,
     ) -> Result<Self, CellError> {
+        Self::around(objects, None, geometry, payload, gravity)
+    }
+
+    /// The same with the robot's own frame, which loose parts can hit.
+    pub fn with_frame(
+        objects: &[Object],
+        geometry: &Geometry,
+        payload: Option<(Shape, Vector3<f64>)>,
+        gravity: Vector3<f64>,
+    ) -> Result<Self, CellError> {
+        Self::around(objects, links::frame(geometry), geometry, payload, gravity)
+    }
+
+    fn around(
+        objects: &[Object],
+        frame: Option<Object>,
+        geometry: &Geometry,
+        payload: Option<(Shape, Vector3<f64>)>,
+        gravity: Vector3<f64>,
+    ) -> Result<Self, CellError> {
         for (i, object) in objects.iter().enumerate() {
             object.check(i)?;
             if objects[..i].iter().any(|o| o.name == object.name) {
                 return Err(CellError::DuplicateName(object.name.clone()));
             }
         }
-        let all: Vec<Object> = objects.iter().cloned().chain(links::frame(geometry)).collect();
+        let all: Vec<Object> = objects.iter().cloned().chain(frame).collect();
         let mut parts = links::parts(geometry);
         if let Some((shape, position)) = payload {
             object::check_shape("payload", &shape)?;

@@ -11,7 +11,7 @@ use crate::gate::{Finding, examine};
 use crate::identification::{Trace, swapped};
 use crate::model::{Model, check};
 use crate::planner::{Limits, Task};
-use crate::recording::{Configuration, Reading, Recording, Setup, mcap};
+use crate::recording::{Configuration, Reading, Recording, Setup, bag};
 use crate::scenario::Scenario;
 
 /// Kinds of files deltatwin reads.
@@ -84,7 +84,7 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
     if path.is_dir() {
         return Err(miette!("{}: is a folder; expected a file", path.display()));
     }
-    if mcap::is_mcap(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+    if bag::is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
         return Ok(Kind::Recording);
     }
     let text = std::fs::read_to_string(path)

@@ -94,5 +94,25 @@ fn print(c: &Comparison) -> miette::Result<()> {
         return say("\n  Nothing stands out.");
     }
     say("")?;
-    c.findings.iter().try_for_each(|f| say(format!("  {}", f.sentence)))
+    c.findings.iter().try_for_each(|f| say(format!("  {}", wrapped(&f.sentence))))
+}
+
+/// A sentence in lines that fit the screen, further ones set in.
+fn wrapped(sentence: &str) -> String {
+    const WIDTH: usize = 94;
+    let mut text = String::new();
+    let mut width = 0;
+    for word in sentence.split(' ') {
+        let length = word.chars().count();
+        if width > 0 && width + 1 + length > WIDTH {
+            text.push_str("\n    ");
+            width = 2;
+        } else if width > 0 {
+            text.push(' ');
+            width += 1;
+        }
+        text.push_str(word);
+        width += length;
+    }
+    text
 }

@@ -12,7 +12,7 @@ use super::{DURATION, Findings, MODEL, describe, figures, hidden, investigate, m
 use crate::dynamics::Channel;
 use crate::exam::Campaign;
 use crate::model::{Model, Provenance};
-use crate::terminal::today;
+use crate::terminal::{today, wrapped};
 
 /// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
 #[derive(clap::Args, Debug, Clone)]
@@ -134,7 +134,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
         println!("  these data cannot tell apart: {}", set.join(", "));
     }
     if let Some(next) = &d.next_experiment {
-        println!("  next experiment, {}", next.what);
+        println!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
     }
     let [delivered, identified, added] = figures::stage_rms(findings);
     println!("\nRMS error on the held-out motion");

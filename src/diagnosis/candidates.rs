@@ -33,6 +33,8 @@ pub enum Standing {
     Rival,
     /// It was found, but a formula explains more.
     Doubted,
+    /// The model has it, as the way in which the torques were recorded.
+    InModel,
     /// It was found, but does not stand on the data judged by.
     Refused,
     /// It is significant, but too small to matter.
@@ -48,7 +50,8 @@ impl std::fmt::Display for Standing {
         f.pad(match self {
             Self::Found => "found",
             Self::Rival => "cannot be told apart",
-            Self::Doubted => "a formula explains more",
+            Self::Doubted => "formula explains more",
+            Self::InModel => "in the model as a lag",
             Self::Refused => "does not stand",
             Self::Trifle => "too small to matter",
             Self::NotNeeded => "not needed",
@@ -99,13 +102,15 @@ fn untestable(a: &Assessment) -> Option<Untestable> {
     }
 }
 
-/// Reports of all candidates, those that are named first. `all` assesses them before anything was found.
+/// Reports of all candidates, those that are named first. `all` assesses them before anything was found; `lag` is what the
+/// model was given before the search because the torques are recorded late.
 pub(super) fn reports(
     all: &Ranking,
     outcome: &Outcome,
     settings: &Settings,
     effects: &[Named],
     sets: &[Vec<String>],
+    lag: Option<&str>,
 ) -> Vec<CandidateReport> {
     let report = |alone: &Assessment| {
         let name = &alone.name;
@@ -121,6 +126,7 @@ pub(super) fn reports(
             _ if named.is_some() => Standing::Found,
             _ if sets.iter().any(|set| set.contains(name)) => Standing::Rival,
             _ if own.is_some() => Standing::Doubted,
+            _ if lag == Some(name.as_str()) => Standing::InModel,
             _ if reason.is_some() => Standing::Untestable,
             None => Standing::Refused,
             Some(a) if a.p_adjusted < settings.alpha => Standing::Trifle,

@@ -206,7 +206,7 @@ pub fn diagnose_holding(
             name: name.into(),
             confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&problem), &settings)?,
             explained: explained(&rms_before, without, &rms_after, &noise_floor),
-            parameters: parameters_of(&end, name),
+            parameters: Vec::new(),
         });
     }
     let twin_only: Vec<String> = problem::beyond(&mounted).into_iter().map(|e| e.name().into()).collect();
@@ -251,12 +251,15 @@ pub fn diagnose_holding(
         // Where something else is the matter, a name is worth what it explains.
         effects.iter_mut().for_each(|e| e.confidence.doubt(e.explained));
     }
+    // As they are in the model, beside a formula if it has one.
+    effects.iter_mut().for_each(|e| e.parameters = parameters_of(&end, &e.name));
     let is_explained = unexplained.as_ref().is_some_and(|u| u.replaces);
     left = Left::new(&rms_after, &noise_floor, !effects.is_empty(), verdict);
     if left.is_more_than_noise() && unexplained.is_none() {
         left.look(&end, &fitting, held_out)?;
     }
-    let reports = candidates::reports(&all, &outcome, &settings, &effects, &indistinguishable);
+    let lag = sampling_lag.map(|_| search::DELAY);
+    let reports = candidates::reports(&all, &outcome, &settings, &effects, &indistinguishable, lag);
     progress("next experiment");
     let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
@@ -344,10 +347,11 @@ impl Fitting<'_> {
         fit_with(model, self.traces, &weights, &Options { held: self.held, ..Options::default() })
     }
 
-    /// The problem of a fit, without the parameters that are held or that stand at the edge of the possible.
+    /// The problem of a fit, without the parameters that are held or what the edge of the possible holds.
     fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
-        problem.base.retain(|c| !self.holds(&c.name) && !fit.at_edge(&c.name));
+        problem.base.retain(|c| !self.holds(&c.name));
+        problem::along_edge(&mut problem.base, fit);
         Ok(problem)
     }
 

@@ -1,7 +1,7 @@
 //! [`Arrangement`]: how the columns of a recording may stand to the axes of the model: order, sense of rotation, zero.
 //!
-//! Each arrangement is judged by how well the torques follow those that the model predicts for it. A wrong factor or sign of
-//! a torque does not lower a correlation, so these are read off afterwards.
+//! Each arrangement is judged by how well multiples of the torques that the model predicts for it explain the measured ones,
+//! so a wrong factor or sign of a torque costs little and is read off afterwards.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -28,8 +28,10 @@ pub struct Arrangement {
 const ZERO_STEP: f64 = FRAC_PI_2 / 6.0;
 /// Share of poses that must be possible.
 const POSSIBLE: f64 = 0.98;
-/// What a correlation cannot come nearer to one, so that noise decides nothing.
+/// Unexplained share below which noise would decide.
 const FLOOR: f64 = 1e-3;
+/// Every so many instants are enough to choose by.
+const THINNED: usize = 4;
 /// What a torque of the wrong sign, or of the wrong size by a factor e, costs.
 const WRONG: f64 = 0.3;
 /// What each departure from the file's own arrangement costs.
@@ -109,7 +111,7 @@ pub struct Judgement {
     pub arrangement: Arrangement,
     /// Line of each channel's measured values over the predicted ones; none where nothing varies.
     pub lines: Vec<Option<Line>>,
-    /// Sum over the channels of ln(1 − ρ²), and what speaks against it; lower is better.
+    /// Sum over the channels of ln(unexplained share), and what speaks against it; lower is better.
     pub cost: f64,
 }
 
@@ -128,19 +130,20 @@ pub fn judge(plant: &Plant, instants: &Instants, arrangement: Arrangement) -> Op
     };
     let lines: Vec<Option<Line>> = (0..trace.channels.len()).map(line).collect();
     let wrong = |l: &Line| WRONG * (f64::from(l.slope < 0.0) + l.slope.abs().max(1e-9).ln().powi(2));
-    let cost = |l: &Line| (1.0 - l.correlation.powi(2) + FLOOR).ln() + wrong(l);
+    let cost = |l: &Line| (l.unexplained + FLOOR).ln() + wrong(l);
     let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
     Some(Judgement { arrangement, lines, cost })
 }
 
 /// The best of all arrangements.
 pub fn best(plant: &Plant, instants: &Instants) -> Option<Judgement> {
-    let few = instants.thinned(instants.at.len().div_ceil(20));
+    let some = instants.thinned(THINNED);
+    let few = some.thinned(some.at.len().div_ceil(20));
     let all = Arrangement::candidates(plant.mechanism);
     let all = all.into_iter().filter(|a| judge(plant, &few, *a).is_some());
-    let judged = all.filter_map(|a| judge(plant, instants, a));
+    let judged = all.filter_map(|a| judge(plant, &some, a));
     let best = judged.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    Some(refined(plant, instants, best))
+    judge(plant, instants, refined(plant, &some, best).arrangement)
 }
 
 /// The zeros of an arrangement brought to the best ones nearby; those next to a quarter turn stay there.

@@ -53,6 +53,8 @@ pub struct Line {
     pub offset: f64,
     /// Correlation coefficient.
     pub correlation: f64,
+    /// Share of the measured mean square that no multiple of the predicted series explains, constants included.
+    pub unexplained: f64,
 }
 
 impl Line {
@@ -62,12 +64,15 @@ impl Line {
         let fit = least_squares(&[&ones, x], y)?;
         let [sx, sy] = [x, y].map(deviation);
         let (slope, correlation) = (fit.beta[1], fit.beta[1] * sx / sy);
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let unexplained = 1.0 - dot(x, y).powi(2) / (dot(x, x) * dot(y, y)).max(f64::MIN_POSITIVE);
         let moves = sx > 1e-9 * rms(x) && sy > 1e-9 * rms(y);
         (moves && correlation.is_finite()).then(|| Self {
             slope,
             slope_std: fit.std[1],
             offset: fit.beta[0],
             correlation: correlation.clamp(-1.0, 1.0),
+            unexplained: unexplained.clamp(0.0, 1.0),
         })
     }
 }
@@ -93,6 +98,8 @@ mod tests {
         let line = Line::of(&[0.0, 1.0, 2.0, 3.0], &[1.0, 3.0, 2.0, 4.0]).unwrap();
         assert!((line.slope - 0.8).abs() < 1e-12 && (line.offset - 1.3).abs() < 1e-12, "{line:?}");
         assert!((line.correlation - 0.8).abs() < 1e-12, "{line:?}");
+        // 1 − (Σxy)²/(Σx²·Σy²) = 1 − 19²/(14·30)
+        assert!((line.unexplained - (1.0 - 361.0 / 420.0)).abs() < 1e-12, "{line:?}");
         // s² = 1.8/2, over Σ(x − 1.5)² = 5
         assert!((line.slope_std - (0.9f64 / 5.0).sqrt()).abs() < 1e-12, "{line:?}");
         assert_eq!(Line::of(&[1.0; 8], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]), None);

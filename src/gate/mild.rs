@@ -4,6 +4,7 @@ use super::instants::{Instants, Predicted, heavier};
 use super::line::{LeastSquares, least_squares, rms};
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::kinematics::JointState;
 use crate::model::Model;
 
 /// Steepness of the friction feature, s/rad (eq. 48).
@@ -14,40 +15,47 @@ const LAG_GAIN: f64 = 0.4;
 const PAYLOAD: f64 = 0.25;
 /// Share of the residual's variance that a payload must explain, and spread of its estimates by arm.
 const PAYLOAD_SHARE: (f64, f64) = (0.6, 0.25);
+/// What a payload may leave of the residual.
+const CARRIED: f64 = 0.7;
 /// Noise that a constant must exceed, and share of the residual's mean square that it must take away.
 const OFFSET: (f64, f64) = (2.0, 0.5);
 
 /// Findings about lag, payload and constants, on a recording without anything severe.
 pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
-    let trace = instants.trace;
-    let joints = instants.joints(|j| *j);
-    let t = trace.t.first().copied().unwrap_or(0.0);
-    let predicted = Predicted::new(plant, &trace.channels, t, &joints);
-    if predicted.possible.iter().any(|p| !p) {
-        return Vec::new();
-    }
-    let drives = plant.mechanism.axes().min(predicted.series.len());
-    let friction = |i: usize| {
-        let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
-        let signs = rates.iter().map(|r| (STEEPNESS * r).tanh()).collect();
-        [rates, signs]
-    };
-    let friction = (0..drives).map(friction).collect();
-    let mut context =
-        Context { plant, instants, predicted, friction, noise: trace.noise(model), ones: vec![1.0; joints.len()] };
+    let Some(mut context) = Context::new(model, plant, instants) else { return Vec::new() };
     let lag = context.lag();
     if lag.is_some() {
         // Payload and constants would be read off what the lag leaves.
         return lag.into_iter().collect();
     }
-    let payload = context.payload(&joints);
-    if let Some((mass, column)) = &payload {
-        for (series, z) in context.predicted.series.iter_mut().zip(column) {
-            series.iter_mut().zip(z).for_each(|(p, z)| *p += mass * z);
+    let load = context.load();
+    if let Some(load) = &load {
+        for (series, z) in context.predicted.series.iter_mut().zip(&load.torques) {
+            series.iter_mut().zip(z).for_each(|(p, z)| *p += load.mass * z);
         }
     }
-    let loaded = payload.and_then(|(mass, column)| context.payload_finding(mass, &column));
+    let drives = context.friction.len();
+    let loaded = load.and_then(|load| context.payload(&load));
     loaded.into_iter().chain((0..drives).filter_map(|i| context.offset(i))).collect()
+}
+
+/// The load that a recording shows and its setup does not state; none if there is no clear one.
+pub fn load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Load> {
+    Context::new(model, plant, instants)?.load()
+}
+
+/// A mass at the flange beyond what the setup states.
+pub struct Load {
+    /// kg.
+    pub mass: f64,
+    /// Its standard error for independent residuals, kg.
+    pub std: f64,
+    /// Torques of one kilogram by channel, N·m.
+    torques: Vec<Vec<f64>>,
+    /// RMS residual of the arms without and with the load, N·m.
+    pub before: f64,
+    /// The same with the load.
+    pub after: f64,
 }
 
 struct Context<'a> {
@@ -56,11 +64,29 @@ struct Context<'a> {
     predicted: Predicted,
     /// Rate and its smooth sign, by axis.
     friction: Vec<[Vec<f64>; 2]>,
+    joints: Vec<JointState>,
     noise: Vec<f64>,
     ones: Vec<f64>,
 }
 
-impl Context<'_> {
+impl<'a> Context<'a> {
+    /// None where a pose is impossible.
+    fn new(model: &Model, plant: &'a Plant, instants: &'a Instants<'a>) -> Option<Self> {
+        let trace = instants.trace;
+        let joints = instants.joints(|j| *j);
+        let predicted = Predicted::new(plant, &trace.channels, trace.t.first().copied().unwrap_or(0.0), &joints);
+        let drives = plant.mechanism.axes().min(predicted.series.len());
+        let friction = |i: usize| {
+            let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
+            let signs = rates.iter().map(|r| (STEEPNESS * r).tanh()).collect();
+            [rates, signs]
+        };
+        let friction = (0..drives).map(friction).collect();
+        let possible = predicted.possible.iter().all(|p| *p);
+        let ones = vec![1.0; joints.len()];
+        possible.then(|| Self { plant, instants, predicted, friction, joints, noise: trace.noise(model), ones })
+    }
+
     fn residual(&self, axis: usize, lag: isize) -> Vec<f64> {
         let measured = self.instants.measured(axis, lag);
         measured.iter().zip(&self.predicted.series[axis]).map(|(m, p)| m - p).collect()
@@ -110,31 +136,35 @@ impl Context<'_> {
         })
     }
 
-    /// The mass at the flange that the arms carry beyond what the setup states, kg, and the torques of one kilogram.
-    fn payload(&self, joints: &[crate::kinematics::JointState]) -> Option<(f64, Vec<Vec<f64>>)> {
+    /// Torques of one kilogram more at the flange, by channel.
+    fn kilogram(&self) -> Option<Vec<Vec<f64>>> {
+        let channels = &self.instants.trace.channels;
+        let [heavy, plain] = [&heavier(self.plant), self.plant].map(|p| Predicted::new(p, channels, 0.0, &self.joints));
+        let possible = [&heavy, &plain].iter().all(|p| p.possible.iter().all(|p| *p));
+        let difference = |(h, p): (&Vec<f64>, &Vec<f64>)| h.iter().zip(p).map(|(h, p)| h - p).collect();
+        possible.then(|| heavy.series.iter().zip(&plain.series).map(difference).collect())
+    }
+
+    /// What constants and friction leave of a series of one axis.
+    fn beyond_friction(&self, axis: usize, y: &[f64]) -> Option<Vec<f64>> {
+        let [rate, sign] = &self.friction[axis];
+        let features = [&self.ones[..], rate, sign];
+        let fit = least_squares(&features, y)?;
+        Some((0..y.len()).map(|k| y[k] - (0..3).map(|a| fit.beta[a] * features[a][k]).sum::<f64>()).collect())
+    }
+
+    /// The mass at the flange that all arms agree on beyond what the setup states.
+    fn load(&self) -> Option<Load> {
         if !self.plant.assembled {
             return None;
         }
-        let heavy = Predicted::new(&heavier(self.plant), &self.instants.trace.channels, 0.0, joints);
-        let plain = Predicted::new(self.plant, &self.instants.trace.channels, 0.0, joints);
-        if heavy.possible.iter().any(|p| !p) {
-            return None;
-        }
-        let difference = |(h, p): (&Vec<f64>, &Vec<f64>)| h.iter().zip(p).map(|(h, p)| h - p).collect::<Vec<f64>>();
-        let column: Vec<Vec<f64>> = heavy.series.iter().zip(&plain.series).map(difference).collect();
+        let torques = self.kilogram()?;
         let arms = self.plant.mechanism.arms();
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let (mut product, mut square, mut whole) = (0.0, 0.0, 0.0);
         let mut each = Vec::new();
         for i in 0..arms {
-            let [rate, sign] = &self.friction[i];
-            let nuisance = [&self.ones[..], rate, sign];
-            let rest = |y: &[f64]| -> Option<Vec<f64>> {
-                let fit = least_squares(&nuisance, y)?;
-                let of = |k: usize| y[k] - (0..3).map(|a| fit.beta[a] * nuisance[a][k]).sum::<f64>();
-                Some((0..y.len()).map(of).collect())
-            };
-            let (r, z) = (rest(&self.residual(i, 0))?, rest(&column[i])?);
-            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            let (r, z) = (self.beyond_friction(i, &self.residual(i, 0))?, self.beyond_friction(i, &torques[i])?);
             each.push(dot(&r, &z) / dot(&z, &z).max(f64::MIN_POSITIVE));
             product += dot(&r, &z);
             square += dot(&z, &z);
@@ -143,18 +173,21 @@ impl Context<'_> {
         let mass = product / square.max(f64::MIN_POSITIVE);
         let share = product * mass / whole.max(f64::MIN_POSITIVE);
         let alike = each.iter().all(|m| (m - mass).abs() < PAYLOAD_SHARE.1 * mass.abs());
-        (mass.abs() > PAYLOAD && share > PAYLOAD_SHARE.0 && alike).then_some((mass, column))
+        let samples = (arms * self.ones.len()) as f64;
+        let std = ((1.0 - share).max(0.0) * whole / samples / square.max(f64::MIN_POSITIVE)).sqrt();
+        let arms = |loaded: f64| {
+            let rest =
+                |i: usize| self.residual(i, 0).into_iter().zip(torques[i].clone()).map(move |(r, z)| r - loaded * z);
+            rms(&(0..arms).flat_map(rest).collect::<Vec<_>>())
+        };
+        let (before, after) = (arms(0.0), arms(mass));
+        let clear = mass.abs() > PAYLOAD && share > PAYLOAD_SHARE.0 && alike && after < CARRIED * before;
+        clear.then_some(Load { mass, std, torques, before, after })
     }
 
-    /// In words; the predictions hold the payload already.
-    fn payload_finding(&self, mass: f64, column: &[Vec<f64>]) -> Option<Finding> {
-        let arms = 0..self.plant.mechanism.arms();
-        let after: Vec<f64> = arms.clone().flat_map(|i| self.residual(i, 0)).collect();
-        let loads: Vec<f64> = arms.flat_map(|i| column[i].clone()).collect();
-        let before: Vec<f64> = after.iter().zip(&loads).map(|(r, z)| r + mass * z).collect();
-        let fit = least_squares(&[&loads], &before)?;
+    fn payload(&self, load: &Load) -> Option<Finding> {
         let stated = self.plant.payload.mass;
-        let total = stated + mass;
+        let total = stated + load.mass;
         if total <= 0.0 {
             return None;
         }
@@ -165,9 +198,9 @@ impl Context<'_> {
             problem: Problem::Payload,
             severe: false,
             evidence: Evidence {
-                value: Some((total, fit.std[0])),
-                rms_before: Some(rms(&before)),
-                rms_after: Some(rms(&after)),
+                value: Some((total, load.std)),
+                rms_before: Some(load.before),
+                rms_after: Some(load.after),
                 ..Evidence::default()
             },
             sentence: format!("the arms carry about {} kg at the flange, the setup {said}", rounded(total, 2)),

@@ -3,6 +3,7 @@
 use super::arrangement::{Arrangement, Judgement, best, judge};
 use super::instants::{Instants, Predicted};
 use super::line::{Line, least_squares, rms};
+use super::mild::load;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
@@ -10,14 +11,19 @@ use crate::model::{AXES, Mechanism, Model};
 
 /// Slopes of measured over predicted torque that a missing effect may leave.
 const SLOPE: (f64, f64) = (0.45, 2.2);
-/// Correlation below which an axis makes one ask for another arrangement.
+/// Correlation below which a torque hardly follows.
 const CORRELATED: f64 = 0.8;
+/// Unexplained share of an arm's torque, and of the telescope's, which friction governs, from which other arrangements are
+/// tried.
+const ODD: (f64, f64) = (0.03, 0.2);
+/// What a payload may leave of the residual so that nothing else is looked for.
+const CARRIED: f64 = 0.3;
 /// Correlation of an axis from which its slope is read as a factor.
 const CERTAIN: f64 = 0.8;
 /// Correlation from which a negative one is a sign.
 const SIGN: f64 = 0.6;
 /// Fall of the cost that makes another arrangement believable, and correlation of every arm in it.
-const BETTER: (f64, f64) = (2.0, 0.9);
+const BETTER: (f64, f64) = (4.0, 0.9);
 /// Ratio of the slopes over weight and over inertia that no factor explains.
 const UNLIKE: f64 = 1.3;
 /// RMS of measured − predicted, relative to that of the measured torque, beyond which a model says nothing.
@@ -26,10 +32,17 @@ const WORTHLESS: f64 = 2.0;
 /// Findings about signs, factors, order and zeros; the machine as a whole where nothing else explains them.
 pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     let plain = judge(plant, instants, Arrangement::PLAIN);
-    if plain.as_ref().is_some_and(|p| p.lines.iter().flatten().all(usual)) {
+    let drives = |p: &Judgement| p.lines.iter().copied().take(plant.mechanism.axes()).collect::<Vec<_>>();
+    let all = plain.as_ref().map_or_else(Vec::new, drives);
+    let arms = plant.mechanism.arms();
+    let odd = |(i, l): (usize, &Option<Line>)| l.is_some_and(|l| l.unexplained > if i < arms { ODD.0 } else { ODD.1 });
+    let strange = plain.is_none() || all.iter().enumerate().any(odd);
+    if !strange && all.iter().flatten().all(usual) {
         return Vec::new();
     }
-    let other = best(plant, instants).filter(|b| believable(b, plain.as_ref(), plant));
+    let carried = || load(model, plant, instants).is_some_and(|l| l.after < CARRIED * l.before);
+    let other = if strange && !carried() { best(plant, instants) } else { None };
+    let other = other.filter(|b| believable(b, plain.as_ref(), plant));
     let Some(judged) = other.as_ref().or(plain.as_ref()) else {
         return vec![impossible(plant, instants)];
     };

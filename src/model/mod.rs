@@ -80,8 +80,20 @@ impl Model {
 pub struct LinkParameters {
     /// Every limb has arm and struts of its own.
     pub each_limb: bool,
-    /// Arm, strut, platform and telescope parts have all ten inertial parameters.
-    pub complete: bool,
+    /// How many of its ten inertial parameters a body has.
+    pub bodies: BodyParameters,
+}
+
+/// How many of its ten inertial parameters a link has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BodyParameters {
+    /// What the paper leaves of them: symmetry, no deviation moments, nothing that does not enter.
+    #[default]
+    Symmetric,
+    /// Mass, first moments and moments of inertia: the joint frames are principal ones.
+    Aligned,
+    /// All ten.
+    Complete,
 }
 
 /// One drive, seen at the gear output.
@@ -149,6 +161,20 @@ pub struct Stops {
     pub telescope_stiffness: f64,
     /// s/m.
     pub telescope_damping: f64,
+}
+
+impl Stops {
+    /// A machine without stops.
+    pub const NONE: Self = Self {
+        arm: [0.0; 2],
+        arm_stiffness: 0.0,
+        arm_damping: 0.0,
+        hooke: 0.0,
+        hooke_stiffness: 0.0,
+        hooke_damping: 0.0,
+        telescope_stiffness: 0.0,
+        telescope_damping: 0.0,
+    };
 }
 
 /// Standard deviations of the sensors.

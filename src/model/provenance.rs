@@ -32,9 +32,9 @@ impl Provenance {
         }
     }
 
-    /// Standard error of a parameter, if it was fitted.
-    pub fn error(&self, parameter: &str) -> Option<f64> {
-        self.errors.get(parameter).copied()
+    /// Standard error of a parameter that has one of some names, if it was fitted.
+    pub fn error(&self, names: &[String]) -> Option<f64> {
+        names.iter().find_map(|name| self.errors.get(name).copied())
     }
 
     /// Recordings, day and program in words.

@@ -17,6 +17,7 @@ use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
 use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Model, Stops};
 use crate::effects::{ActiveEffect, Effect, Effects, Host, Parameter, REGISTRY, Role};
+use crate::spelling::nearest;
 
 mod formula;
 
@@ -95,7 +96,7 @@ fn read_model(top: &Table) -> Result<Model> {
 
 /// Hard stops, which must leave the range of motion free; none without the table.
 fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Result<Stops> {
-    let mut stops = schema::NO_STOPS;
+    let mut stops = Stops::NONE;
     let delta = matches!(mechanism, Mechanism::Delta { .. });
     if !delta || top.entry("stops").is_none() {
         return Ok(stops);
@@ -364,10 +365,7 @@ fn keys<T: ?Sized>(fields: &[Field<T>]) -> Vec<&'static str> {
 
 /// The known name nearest to a misspelt one.
 fn suggestion(wrong: &str, known: &[&str]) -> Option<String> {
-    let (distance, name) =
-        known.iter().map(|name| (strsim::damerau_levenshtein(wrong, name), *name)).min_by_key(|(d, _)| *d)?;
-    let near = distance <= name.len().div_ceil(3).max(2) || name.contains(wrong) || wrong.contains(name);
-    near.then(|| format!("did you mean `{name}`?"))
+    nearest(wrong, known.iter().copied()).map(|name| format!("did you mean `{name}`?"))
 }
 
 /// A model file as text.

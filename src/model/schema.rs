@@ -365,18 +365,6 @@ pub(super) fn stops(machine: Mechanism) -> &'static [Field<Stops>] {
     if machine.has_telescope() { STOPS } else { STOPS.split_at(OF_ARMS).0 }
 }
 
-/// A machine without stops.
-pub(super) const NO_STOPS: Stops = Stops {
-    arm: [0.0; 2],
-    arm_stiffness: 0.0,
-    arm_damping: 0.0,
-    hooke: 0.0,
-    hooke_stiffness: 0.0,
-    hooke_damping: 0.0,
-    telescope_stiffness: 0.0,
-    telescope_damping: 0.0,
-};
-
 macro_rules! torque_noise {
     ($n:expr, $shape:expr) => {
         Field {

@@ -183,8 +183,8 @@ struct Section {
 struct Line {
     key: &'static str,
     numbers: Vec<f64>,
-    /// Name of the parameter that each number is, where it is one.
-    parameters: Vec<Option<String>>,
+    /// Names of the parameter that each number is, where it is one.
+    parameters: Vec<Vec<String>>,
     /// Numbers that a missing key means.
     default: Option<Vec<f64>>,
     shape: Shape,
@@ -275,25 +275,30 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
 
 /// Names of the links' parameters with the number of the file that each is.
 struct Parameters {
-    links: &'static RigidBodies,
-    names: Vec<String>,
+    /// Of the machine as it is, and of one that was recorded taken apart.
+    tables: [(&'static RigidBodies, Vec<String>); 2],
 }
 
 impl Parameters {
     fn of(model: &Model) -> Self {
-        let links = RigidBodies::of(model.mechanism, model.assembled);
-        let entries = ActiveEffect::absent_on(links, model.host()).entries();
-        Self { links, names: entries.into_iter().map(|e| format!("{}.{}", rigid_bodies::NAME, e.name)).collect() }
+        let named = |assembled: bool| {
+            let links = RigidBodies::with(model.mechanism, assembled, model.link_parameters);
+            let entries = ActiveEffect::absent_on(links, model.host()).entries();
+            (links, entries.into_iter().map(|e| format!("{}.{}", rigid_bodies::NAME, e.name)).collect())
+        };
+        Self { tables: [named(model.assembled), named(false)] }
     }
 
     /// The section of body `b` with the names of its parameters.
     fn name(&self, b: usize, mut section: Section) -> Section {
-        for (k, name) in self.names.iter().enumerate() {
-            let Some((key, places)) = self.links.place(k, b) else { continue };
+        let all =
+            self.tables.iter().flat_map(|(links, names)| names.iter().enumerate().map(move |(k, n)| (links, k, n)));
+        for (links, k, name) in all {
+            let Some((key, places)) = links.place(k, b) else { continue };
             for line in section.lines.iter_mut().filter(|line| key.is_none_or(|key| key == line.key)) {
-                line.parameters.resize(line.numbers.len(), None);
-                for &i in places {
-                    line.parameters[i] = Some(name.clone());
+                line.parameters.resize(line.numbers.len(), Vec::new());
+                for &i in places.iter().filter(|i| **i < line.numbers.len()) {
+                    line.parameters[i].push(name.clone());
                 }
             }
         }
@@ -302,13 +307,13 @@ impl Parameters {
 }
 
 fn effect_section(active: &ActiveEffect, host: Host) -> Section {
-    let mut names = active.entries().into_iter().map(|e| Some(format!("{}.{}", active.effect.name(), e.name)));
+    let mut names = active.entries().into_iter().map(|e| vec![format!("{}.{}", active.effect.name(), e.name)]);
     let mut line = |(b, p): (usize, &Parameter)| {
         let p = host.parameter(p);
         let numbers = active.values().block(b).to_vec();
         Line {
             key: p.name,
-            parameters: names.by_ref().take(numbers.len()).flatten().map(Some).collect(),
+            parameters: names.by_ref().take(numbers.len()).collect(),
             numbers,
             default: (p.role != Role::Linear).then(|| default_values(&p, host.mechanism)),
             shape: Shape::of(&p, host.mechanism),
@@ -358,7 +363,7 @@ impl Section {
                 None if assumed && !shown => {}
                 None => {
                     table.insert(line.key, Item::Value(line.value(true)));
-                    let fitted = provenance.filter(|p| line.parameters.iter().flatten().any(|n| p.error(n).is_some()));
+                    let fitted = provenance.filter(|p| line.parameters.iter().any(|names| p.error(names).is_some()));
                     let comment = match fitted {
                         Some(provenance) => source::sourced(line, &vec![true; line.numbers.len()], provenance),
                         None => line.comment.clone(),

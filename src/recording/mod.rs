@@ -1,7 +1,8 @@
 //! What was measured or simulated: joint angles, drive torques and optional channels over time.
 //!
-//! Only `csv.rs`, `mcap.rs` and `rerun.rs` know file formats.
+//! Only `csv.rs`, `bag/` and `rerun/` know file formats.
 
+pub mod bag;
 mod channels;
 mod check;
 pub mod columns;
@@ -11,12 +12,12 @@ mod difference;
 mod epoch;
 mod error;
 pub(crate) mod file;
-pub mod mcap;
 mod payload;
 #[cfg(feature = "viewer")]
 pub mod rerun;
 pub mod setup;
 
+pub use bag::Context;
 pub use channels::{ROWS, multiplier_names};
 pub use columns::Mapping;
 pub use difference::Difference;
@@ -52,7 +53,7 @@ pub struct Reading<'a> {
 }
 
 impl Recording {
-    /// Reads a `.csv` or `.mcap` recording of whatever machine it is by its axes: one, three or four.
+    /// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, a bag's folder) of whatever machine it is by its axes: one, three or four.
     pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Self, Vec<String>), ReadError> {
         Self::read_as(path, &Reading { setup, ..Reading::default() })
     }
@@ -81,8 +82,8 @@ impl Recording {
         let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
         let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
         let outside = outside.map(|s| s.setup);
-        let (signals, inside, mut warnings) = if mcap::is_mcap(path) {
-            mcap::read(path, how.machine, &maps)?
+        let (signals, inside, mut warnings) = if bag::is_bag(path) {
+            bag::read(path, how.machine, &maps)?
         } else {
             let (signals, warnings) = csv::read(path, how.machine, &maps)?;
             (signals, None, warnings)
@@ -103,13 +104,24 @@ impl Recording {
     }
 
     /// Writes `.csv` with its sidecar, or `.mcap`. A file that is there is replaced as a whole.
+    ///
+    /// # Errors
+    /// Names with another ending, signals that no machine has, and whatever the system says.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        self.write_with(path, &Context::default())
+    }
+
+    /// The same with origin and pictures of the run, as far as the format keeps them: MCAP does, CSV does not.
+    ///
+    /// # Errors
+    /// See [`Recording::write`].
+    pub fn write_with(&self, path: &Path, context: &Context) -> Result<(), WriteError> {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         if extension == "csv" {
             csv::write(path, &self.signals)?;
             self.setup.write(&setup::sidecar(path))
         } else if extension == "mcap" {
-            mcap::write(path, self)
+            bag::write(path, self, context)
         } else {
             Err(WriteError::invalid(path, "unknown format; expected a name ending in .csv or .mcap"))
         }
@@ -121,6 +133,8 @@ impl Recording {
 pub struct Signals {
     /// Kind of machine: only its axes are measured, the others are zero.
     pub mechanism: Mechanism,
+    /// When t = 0 was, ns since 1970-01-01 UTC; `None` where it is not known, as of simulated runs.
+    pub start: Option<i64>,
     /// Time, s.
     pub t: Vec<f64>,
     /// Joint angles q = (φ1, φ2, φ3, ψ) as the encoders see them, rad: of elastic gears on the motors' side.

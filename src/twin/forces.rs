@@ -26,8 +26,10 @@ pub(super) struct Forces {
     reads: Vec<bool>,
     /// Whether one of them reads accelerations.
     accelerations: bool,
-    /// Effects that damp drives and struts' spins.
+    /// Effects that damp drives and struts' spins, at the links.
     damps: [Vec<usize>; 2],
+    /// Effects that damp the rotors of elastic gears.
+    motor_damps: Vec<usize>,
     /// Elastic gears, and where their deflections stand among the own states; the rates follow.
     gears: Option<(usize, [GearSpring; ARMS])>,
     /// Which effects act on the rotors of elastic gears instead of the arms.
@@ -56,11 +58,14 @@ impl Forces {
             damps: [all.clone(), all],
             gears: None,
             at_motors: vec![],
+            motor_damps: vec![],
             brake: 0.0,
         };
         forces.gears = forces.elastic_gears(plant);
         forces.at_motors = forces.motor_effects(plant);
         forces.damps = forces.damping_effects(plant);
+        let drives = &mut forces.damps[Freedom::Drives as usize];
+        forces.motor_damps = drives.extract_if(.., |e| forces.at_motors[*e]).collect();
         forces
     }
 
@@ -247,6 +252,11 @@ impl Forces {
         powers: &[f64],
     ) -> Option<KinematicsError> {
         let k = powers.iter().position(|p| !p.is_finite())?;
+        // Of a motion that is no number itself no law is at fault.
+        let speed: f64 = motion.bodies.iter().map(|b| b.velocity.sum() + b.angular_velocity.sum()).sum();
+        if !(speed + motion.q.iter().sum::<f64>()).is_finite() {
+            return None;
+        }
         plant.effects[k].fault(&self.instant(plant, k, scene, motion, reactions), false)
     }
 
@@ -419,13 +429,11 @@ impl Forces {
             ((base[body].1 - moved[body].1).dot(axis) / RATE).max(0.0)
         };
         (damping.drives, damping.motors) = ([0.0; AXES], [0.0; ARMS]);
-        let (at_motors, at_joints): (Vec<usize>, Vec<usize>) =
-            self.damps[Freedom::Drives as usize].iter().partition(|&&e| self.at_motors[e]);
-        for (effects, on_rotors) in [(at_joints, false), (at_motors, true)] {
+        for (effects, on_rotors) in [(&self.damps[Freedom::Drives as usize], false), (&self.motor_damps, true)] {
             if effects.is_empty() {
                 continue;
             }
-            let probe = self.probe(plant, scene, motion, reactions, Freedom::Drives, &effects);
+            let probe = self.probe(plant, scene, motion, reactions, Freedom::Drives, effects);
             for a in 0..AXES {
                 let (body, axis) = Motion::drive(a);
                 let slope = slope(&probe, body, &axis);

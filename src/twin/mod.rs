@@ -20,6 +20,7 @@ pub mod loose;
 mod machine;
 mod mechanism;
 mod options;
+mod origin;
 mod reactions;
 mod report;
 mod rod;

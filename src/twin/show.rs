@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use super::{Event, EventKind, Frame, Options, Report};
+use super::origin::note;
+use super::{Frame, Options, Report};
 use crate::dynamics::Plant;
 use crate::model::{Part, STRUTS};
-use crate::recording::rerun::{Level, Note, Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
+use crate::recording::rerun::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
 use crate::recording::{Recording, Signals, WriteError};
 
 /// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
@@ -59,15 +60,6 @@ pub(super) fn loads(plant: &Plant, frames: &[Frame], signals: &Signals) -> Vec<S
 /// Struts with an open socket.
 fn loose(frame: &Frame) -> [bool; STRUTS] {
     std::array::from_fn(|s| !(frame.closed.contains(s) && frame.closed.contains(STRUTS + s)))
-}
-
-fn note(event: &Event) -> Note {
-    let level = match event.kind {
-        EventKind::Dislocation | EventKind::Singular => Level::Error,
-        EventKind::Trip | EventKind::Contact | EventKind::Stop => Level::Warning,
-        EventKind::Pick | EventKind::Release | EventKind::Rest => Level::Info,
-    };
-    Note { t: event.t, level, text: format!("{:.6} s  {}: {}", event.t, event.kind.name(), event.what) }
 }
 
 #[cfg(test)]

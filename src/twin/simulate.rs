@@ -191,8 +191,8 @@ impl<'a> Run<'a> {
         } else {
             let payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
             let refused = |source| SimulationError::Cell { t: 0.0, source };
-            let mut cell =
-                Cell::new(&options.objects, &plant.geometry, payload, plant.gravity_vector()).map_err(refused)?;
+            let mut cell = Cell::with_frame(&options.objects, &plant.geometry, payload, plant.gravity_vector())
+                .map_err(refused)?;
             cell.check_start(&motion).map_err(refused)?;
             Some(cell)
         };
@@ -508,7 +508,7 @@ impl<'a> Run<'a> {
                 t,
                 EventKind::Dislocation,
                 format!(
-                    "{}: {:.3} N across the cup, hold {left:.3} N of {hold:.3} N under {:.3} N along its opening",
+                    "{}: {:.3} N across, hold {left:.3} of {hold:.1} N, pull {:.1} N",
                     socket_name(socket),
                     load.across,
                     load.pull

@@ -14,7 +14,7 @@ pub fn print(d: &Diagnosis) -> miette::Result<()> {
         say(format!("\n{table}"))?;
     }
     budget::print(&d.budget, &d.changes, &d.model.history)?;
-    let mut table = Table::new(&["All candidates", "probability", "alone", "p", "outcome", "imitated by"], &[4, 5]);
+    let mut table = Table::new(&["All candidates", "prob.", "alone", "p", "outcome", "imitated by"], &[4, 5]);
     for c in &d.candidates {
         let numbers = [
             format!("{:.2}", c.probability),

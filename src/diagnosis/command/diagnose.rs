@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use miette::{IntoDiagnostic, miette};
+use miette::{IntoDiagnostic, WrapErr, miette};
 
 use super::{details, json, screen};
 use crate::diagnosis::{Diagnosis, NextExperiment, diagnose_holding};
@@ -65,7 +65,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         progress.set_message(format!("diagnose: {what}"));
     });
     progress.finish_and_clear();
-    let answer = answer.into_diagnostic()?;
+    let names: Vec<&str> = data.traces.iter().map(|t| t.name.as_str()).collect();
+    let answer = answer.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
     warn(&much_is_left(&answer.channels, &answer.rms_after, &answer.noise_floor));
     let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
     let file = scenario.map(|(_, file)| file);

@@ -41,7 +41,7 @@ pub(super) fn edit(root: &mut Table, model: &Model, provenance: Option<&Provenan
     // Unit, source and standard error of a coefficient.
     let fitted = |i: usize| {
         let name = format!("{NAME}.{}", formula.terms[i].name);
-        provenance.map(|p| format!("{}; {}: {}", unit(i), p.source(), source::error(p.error(&name))))
+        provenance.map(|p| format!("{}; {}: {}", unit(i), p.source(), source::error(p.error(&[name]))))
     };
     let comment = match formula.empirical {
         true => "an empirical fit, no physical finding: the sum of its terms acts on the machine",

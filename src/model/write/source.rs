@@ -102,10 +102,10 @@ impl Before {
 
 /// Unit and meaning of a line with the source and standard errors of its numbers that moved.
 pub(super) fn sourced(line: &Line, moved: &[bool], provenance: &Provenance) -> String {
-    let error = |(i, moved): (usize, &bool)| match line.parameters.get(i).and_then(Option::as_deref) {
-        _ if !moved => STAYED.to_string(),
-        Some(name) => error(provenance.error(name)),
-        None => error(None),
+    let error = |(i, moved): (usize, &bool)| match line.parameters.get(i) {
+        Some(names) if *moved => error(provenance.error(names)),
+        None if *moved => error(None),
+        _ => STAYED.to_string(),
     };
     let errors: Vec<String> = moved.iter().enumerate().map(error).collect();
     let unit = if line.comment.is_empty() { String::new() } else { format!("{}; ", line.comment) };

@@ -176,7 +176,8 @@ fn note(channel: &str, s: &Source, headers: &[Header]) -> Option<String> {
         return None;
     }
     let mut text = format!("{channel} = ");
-    if s.factor != 1.0 {
+    let stated = header.unit.as_deref().and_then(Unit::find).map_or(1.0, |u| u.factor);
+    if s.factor != stated {
         text += &format!("{} × ", s.factor);
     }
     text += &format!("`{}`", header.text);

@@ -7,6 +7,7 @@ use crate::cell::{Object, Shape};
 use crate::model::bodies::BODIES;
 use crate::model::{AXES, Geometry, Mechanism, STRUTS};
 use crate::recording::Recording;
+pub use crate::recording::bag::{Level, Note};
 
 /// A moving robot, the things around it, and curves.
 pub struct Scene<'a> {
@@ -41,27 +42,6 @@ pub struct Thing<'a> {
     pub object: &'a Object,
     /// Poses, one per frame.
     pub poses: Vec<Isometry3<f64>>,
-}
-
-/// A line in the log.
-pub struct Note {
-    /// When, s.
-    pub t: f64,
-    /// How bad.
-    pub level: Level,
-    /// What, in words.
-    pub text: String,
-}
-
-/// How bad an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// All is well.
-    Info,
-    /// Not meant to happen.
-    Warning,
-    /// Something broke.
-    Error,
 }
 
 /// A curve over time.
