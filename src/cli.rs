@@ -6,6 +6,8 @@ use deltatwin::{
     recording, reproduce, twin,
 };
 
+use crate::shell;
+
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
 #[derive(Parser)]
 #[command(version, after_help = "Without a command, deltatwin runs the demo. Example: deltatwin demo --seed 7")]
@@ -35,4 +37,6 @@ pub enum Command {
     #[cfg(feature = "viewer")]
     Replay(deltatwin::replay::command::Args),
     Check(check::command::Args),
+    Completions(shell::Completions),
+    Man(shell::Man),
 }

@@ -1,5 +1,7 @@
 //! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect its model lacks.
 
+pub mod spelling;
+
 pub mod model;
 
 pub mod recording;
@@ -19,6 +21,8 @@ pub mod twin;
 pub mod evidence;
 
 pub mod identification;
+
+pub mod gate;
 
 pub mod excitation;
 

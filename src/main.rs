@@ -1,6 +1,7 @@
 //! The `deltatwin` command line.
 
 mod cli;
+mod shell;
 
 use std::process::ExitCode;
 
@@ -16,13 +17,35 @@ fn main() -> ExitCode {
     // Paths and lines of an error stay whole for whoever searches in them.
     miette::set_hook(Box::new(|_| Box::new(MietteHandlerOpts::new().wrap_lines(false).build())))
         .expect("no other handler is installed");
-    match run(Cli::parse().command.unwrap_or_else(|| Command::Demo(demo::command::Args::default()))) {
+    // The command line may be what is wrong, so its parser cannot be asked.
+    let as_json = std::env::args_os().any(|a| a == "--json");
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(usage) => {
+            if as_json && usage.use_stderr() {
+                print_json_error(&usage.render().to_string(), &[], None);
+            }
+            usage.exit()
+        }
+    };
+    match run(cli.command.unwrap_or_else(|| Command::Demo(demo::command::Args::default()))) {
         Ok(status) => ExitCode::from(status),
         Err(report) => {
             eprintln!("{report:?}");
+            if as_json {
+                let causes: Vec<String> = report.chain().skip(1).map(ToString::to_string).collect();
+                print_json_error(&report.to_string(), &causes, report.help().map(|h| h.to_string()));
+            }
             ExitCode::from(terminal::BAD_INPUT)
         }
     }
+}
+
+/// Prints `{"error": {"message", "causes", "help"}}` on stdout, for programs that asked for JSON.
+fn print_json_error(message: &str, causes: &[String], help: Option<String>) {
+    let error = serde_json::json!({ "error": { "message": message.trim(), "causes": causes, "help": help } });
+    // Nothing is left to do if stdout is gone, too: the error stands on stderr.
+    let _ = terminal::say(error);
 }
 
 fn run(command: Command) -> miette::Result<u8> {
@@ -45,5 +68,7 @@ fn run(command: Command) -> miette::Result<u8> {
         #[cfg(feature = "viewer")]
         Command::Replay(args) => deltatwin::replay::command::run(args),
         Command::Check(args) => check::command::run(args),
+        Command::Completions(args) => shell::completions(args),
+        Command::Man(args) => shell::man(args),
     }
 }

@@ -15,6 +15,12 @@ use crate::model::{Mechanism, Model};
 use crate::recording::file;
 use crate::report::Figure;
 
+mod bars;
+mod text;
+
+pub use bars::error_bars;
+pub use text::{WIDTH, command, grouped, hanging, wrapped};
+
 /// Exit status: done.
 pub const DONE: u8 = 0;
 /// Exit status: the answer is bad.
@@ -60,9 +66,14 @@ pub fn spinner(what: &str) -> ProgressBar {
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// From now on Ctrl-C only sets the flag that [`interrupted`] reads.
+/// From now on Ctrl-C sets the flag that [`interrupted`] reads; pressed again it ends the process, whatever it waits for.
 pub fn catch_interrupt() -> miette::Result<()> {
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).into_diagnostic()
+    let stop = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+    };
+    ctrlc::set_handler(stop).into_diagnostic()
 }
 
 /// Whether Ctrl-C was pressed.
@@ -103,6 +114,11 @@ pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
 /// Writes an SVG file.
 pub fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
     file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
+}
+
+/// Today's date, `2026-11-22` (UTC).
+pub fn today() -> String {
+    jiff::Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
 /// A path for JSON.
@@ -195,6 +211,9 @@ impl Table {
     }
 }
 
+/// Columns that text at the end of a table's row needs to run on below itself.
+const SHORTEST: usize = 20;
+
 impl std::fmt::Display for Table {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -204,6 +223,13 @@ impl std::fmt::Display for Table {
             let mut line = String::new();
             for (c, cell) in row.iter().enumerate() {
                 let w = widths[c];
+                // The last column may be text that runs on below itself.
+                let start = line.chars().count() + 2;
+                let is_long = start + cell.chars().count() > WIDTH && start + SHORTEST <= WIDTH;
+                if c > 0 && c + 1 == row.len() && self.left.contains(&c) && is_long {
+                    line = hanging(cell, &format!("{line}  "), &" ".repeat(start));
+                    continue;
+                }
                 line += &match c == 0 || self.left.contains(&c) {
                     true => format!("  {cell:<w$}"),
                     false => format!("  {cell:>w$}"),
@@ -236,5 +262,15 @@ mod tests {
         table.row(["µ".into(), "1".into(), "N".into()]);
         table.row(["longer".into(), "10".into(), "N·m".into()]);
         assert_eq!(table.to_string(), "  name     x  unit\n  µ        1  N\n  longer  10  N·m");
+    }
+
+    #[test]
+    fn a_long_last_column_runs_on_below_itself() {
+        let mut table = Table::new(&["name", "because"], &[1]);
+        table.row(["a".into(), "too many words for one line ".repeat(6)]);
+        table.row(["b".into(), "few".into()]);
+        let text = table.to_string();
+        assert!(text.lines().count() > 3 && text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
+        assert!(text.lines().nth(2).unwrap().starts_with("        "), "{text}");
     }
 }

@@ -94,6 +94,8 @@ fn every_command_explains_itself_with_an_example() {
         "forces",
         "plan",
         "check",
+        "completions",
+        "man",
     ] {
         assert!(top.contains(&format!("  {command} ")), "{command} is missing in\n{top}");
         let help = done(&[command, "--help"]);
@@ -352,6 +354,60 @@ fn misspelt_keys_are_named_with_their_line() {
 }
 
 /// Ctrl-C ends a run early, and what is there is a valid recording.
+/// Programs that ask for JSON get it in every case.
+#[test]
+fn errors_are_json_too() {
+    let error = |arguments: &[&str]| {
+        let out = run(arguments);
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}");
+        assert!(!out.stderr.is_empty());
+        let value: Value = serde_json::from_slice(&out.stdout).unwrap();
+        value["error"]["message"].as_str().unwrap().to_string()
+    };
+    assert!(error(&["check", "nothing.toml", "--json"]).contains("nothing.toml"));
+    assert!(error(&["compare", MODEL, "nothing.csv", "--json"]).contains("nothing.csv"));
+    assert!(error(&["compare", "--json"]).contains("required"));
+    assert!(error(&["effects", "air_darg", "--json"]).contains("did you mean `air_drag`?"));
+    assert!(!error(&["effects", "quantum_foam", "--json"]).contains("did you mean"));
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let script = done(&["completions", "bash"]);
+    assert!(script.contains("diagnose") && script.contains("--held-out"));
+    let folder = TempDir::new().unwrap();
+    done(&["man", "-o", &path(&folder, "man")]);
+    let page = std::fs::read_to_string(folder.path().join("man/deltatwin-diagnose.1")).unwrap();
+    assert!(page.contains("held\\-out"), "{page}");
+}
+
+/// Recordings of several scenarios never overwrite each other.
+#[test]
+fn runs_have_names_of_their_own() {
+    let folder = TempDir::new().unwrap();
+    let text =
+        std::fs::read_to_string(SMOKE).unwrap().replace("../models", &format!("{}/models", env!("CARGO_MANIFEST_DIR")));
+    let (a, b) = (path(&folder, "run.v1.toml"), path(&folder, "run.v2.toml"));
+    std::fs::write(&a, &text).unwrap();
+    std::fs::write(&b, &text).unwrap();
+    let out = path(&folder, "runs");
+    done(&["simulate", &a, &b, "-o", &out]);
+    let mut names: Vec<_> = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["run.v1.mcap", "run.v2.mcap"]);
+    std::fs::create_dir(folder.path().join("other")).unwrap();
+    let c = path(&folder, "other/run.v1.toml");
+    std::fs::write(&c, &text).unwrap();
+    let message = refused(&["simulate", &a, &c, "-o", &out]);
+    assert!(message.contains("would both be written to") && message.contains("run.v1.mcap"), "{message}");
+    // A recording that cannot be written takes no other with it.
+    std::fs::create_dir_all(folder.path().join("mixed/run.v1.mcap")).unwrap();
+    let out = run(&["simulate", &a, &b, "-o", &path(&folder, "mixed")]);
+    assert_eq!(out.status.code(), Some(2));
+    assert!(folder.path().join("mixed/run.v2.mcap").is_file());
+    assert!(String::from_utf8_lossy(&out.stderr).contains("run.v1.mcap: cannot be written"));
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_is_kept() {
@@ -439,4 +495,35 @@ fn run_status(arguments: &[&str]) -> String {
     let out = run(arguments);
     assert_eq!(out.status.code(), Some(1), "{arguments:?}");
     String::from_utf8(out.stderr).unwrap()
+}
+
+/// An answer that took a while is not lost because a file cannot be written: it stands on stdout, the error after it.
+#[test]
+fn a_failed_write_loses_no_answer() {
+    let folder = TempDir::new().unwrap();
+    let csv = path(&folder, "axis.csv");
+    done(&["simulate", "scenarios/servo-axis.toml", "-o", &csv]);
+    // a folder stands where the file should go
+    let taken = path(&folder, "taken.toml");
+    std::fs::create_dir(&taken).unwrap();
+    const AXIS: &str = "models/servo-axis.toml";
+    for arguments in [
+        &["identify", AXIS, &csv, "-o", &taken][..],
+        &["diagnose", AXIS, &csv, "-o", &taken],
+        &["add", AXIS, "drive_stribeck", &csv, "-o", &taken],
+    ] {
+        let out = run(&[arguments, &["--json"]].concat());
+        let text = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}: {text}");
+        assert!(text.contains("taken.toml"), "{text}");
+        let answer: Value = serde_json::from_slice(&out.stdout).expect("the answer");
+        assert_eq!(answer["noise_floor"].as_array().unwrap().len(), 1, "{answer}");
+        let out = run(arguments);
+        assert_eq!(out.status.code(), Some(2));
+        let text = String::from_utf8_lossy(&out.stdout);
+        assert!(text.contains("noise floor") && !text.contains("Wrote"), "{text}");
+        let wide = text.lines().find(|l| l.chars().count() > 100);
+        assert!(wide.is_none(), "{wide:?}");
+        assert_eq!(text.contains("\n  Next\n"), arguments[0] == "diagnose", "{text}");
+    }
 }

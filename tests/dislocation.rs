@@ -9,7 +9,7 @@ use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, Motion, PlatformState};
 use deltatwin::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
-use deltatwin::model::{Geometry, Model};
+use deltatwin::model::{Geometry, Model, Stops};
 use deltatwin::recording::{Payload, Recording, Setup};
 use deltatwin::scenario::{FourierMotion, Scenario};
 use deltatwin::twin::{Clamps, Event, EventKind, Load, Mark, Options, Report, Torque, Twin, simulate};
@@ -186,7 +186,7 @@ fn told(event: &Event) -> (usize, f64, f64) {
     let words: Vec<&str> = event.what.split_whitespace().collect();
     let strut: usize = words[1].parse().unwrap();
     let end = if words[2].starts_with("upper") { 0 } else { 6 };
-    (end + strut - 1, words[3].parse().unwrap(), words[9].parse().unwrap())
+    (end + strut - 1, words[3].parse().unwrap(), words[7].parse().unwrap())
 }
 
 #[test]
@@ -399,7 +399,7 @@ fn margins_are_net_of_the_clamp_springs() {
 const COAST: &str = r#"
 model = "../models/irb360-6-1600-truth.toml"
 controller_model = "../models/irb360-6-1600.toml"
-duration = 1.2
+duration = 0.7
 seed = 1
 noise = false
 substeps = 2
@@ -444,15 +444,14 @@ fn a_broken_robot_stays_within_its_hard_stops() {
     tell("coast", &report);
     println!("arms {arm:.3?} rad, telescope {length:.4} m");
     assert!(arm[0] > -0.805 - 0.06 && arm[1] < 1.847 + 0.06, "{arm:?}");
-    assert!(length < 1.372 + 0.01, "{length}");
+    // 7 kg at 2 m/s, ½·m·v² = ½·k·x²: 17 mm; an arm of 0.26 kg·m² at 15 rad/s: 0.054 rad.
+    assert!(length < 1.372 + 0.017, "{length}");
     assert!(!of_kind(&report, EventKind::Stop).is_empty());
     assert!(report.energy_error < 1e-5, "{:e}", report.energy_error);
     let forces: Vec<f64> = of_kind(&report, EventKind::Dislocation).iter().map(|e| told(e).1).collect();
     assert!(report.peak_strut_force > 0.9 * forces[0], "{} N, {forces:?}", report.peak_strut_force);
     // Without stops they go beyond.
-    let mut free = machine.clone();
-    (free.stops.arm_stiffness, free.stops.telescope_stiffness, free.stops.hooke_stiffness) = (0.0, 0.0, 0.0);
-    let (report, arm, length) = worst(&free);
+    let (report, arm, length) = worst(&Model { stops: Stops::NONE, ..machine });
     assert!(of_kind(&report, EventKind::Stop).is_empty());
     assert!(arm[1] > 1.9 || length > 1.4, "{arm:?} {length}");
 }
@@ -495,9 +494,10 @@ fn drawn_and_worn_holds_decide_which_socket_goes_first() {
     let (socket, force, hold) = told(&gone[0]);
     // A pull along the opening of a few newtons takes its part of the hold.
     let words: Vec<&str> = gone[0].what.split_whitespace().collect();
-    let [drawn, pull] = [words[12], words[15]].map(|word| word.parse::<f64>().unwrap());
-    assert!([6, 7].contains(&socket) && (drawn - holds[socket]).abs() < 6e-4, "{:?}", gone[0]);
-    assert!((hold - drawn * (1.0 - pull / machine.sockets.preload)).abs() < 2e-3, "{:?}", gone[0]);
+    let [drawn, pull] = [words[9], words[12]].map(|word| word.parse::<f64>().unwrap());
+    assert!([6, 7].contains(&socket) && (drawn - holds[socket]).abs() < 0.051, "{:?}", gone[0]);
+    // Pull and drawn hold are printed to a tenth of a newton.
+    assert!((hold - drawn * (1.0 - pull / machine.sockets.preload)).abs() < 0.11, "{:?}", gone[0]);
     assert!(force >= hold - 2e-3 && force < hold + 0.05 && pull.abs() < 0.2 * hold, "{:?}", gone[0]);
     assert!(report.peak_strut_force >= 0.95 * force, "{} at the event, {force}", report.peak_strut_force);
     let mut healthy = worn.clone();

@@ -22,7 +22,7 @@ struct Audit {
 
 fn plant(effects: Vec<ActiveEffect>) -> Plant {
     let mut model = model("irb360-6-1600");
-    model.effects = effects;
+    model.effects = effects.into();
     Plant::new(&model, &payload())
 }
 
@@ -57,7 +57,7 @@ fn every_effect_is_accounted_for() {
     let mut cases: Vec<(&str, Vec<ActiveEffect>)> = vec![("none", vec![])];
     cases.extend(REGISTRY[1..].iter().map(|e| (e.name(), vec![defaults(e.name())])));
     cases.push(("everything", REGISTRY[1..].iter().map(|e| defaults(e.name())).collect()));
-    cases.push(("truth", model("irb360-6-1600-truth").effects));
+    cases.push(("truth", model("irb360-6-1600-truth").effects.into()));
     println!("unaccounted for of the work turned over at 400, 200, 100 µs; work of the effect, J");
     let mut failed = Vec::new();
     for (name, effects) in cases {

@@ -483,7 +483,8 @@ fn elastic_drives_at_rest_in_themselves_are_rigid() {
     let rigid = nominal_plant();
     let mut elastic = model(NOMINAL);
     elastic.effects =
-        vec![ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5, 1e-4, 0.0], &[20.0], &[0.18], &[0.0]])];
+        vec![ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5, 1e-4, 0.0], &[20.0], &[0.18], &[0.0]])]
+            .into();
     let elastic = Plant::new(&elastic, &Setup::default());
     assert!((elastic.bodies[0].tensor[(1, 1)] - 0.078).abs() < 1e-12, "the rotor left the arm");
     let mut rng = rng(11);

@@ -4,10 +4,11 @@
 use std::path::{Path, PathBuf};
 
 use deltatwin::effects::{self, ActiveEffect};
+use deltatwin::identification::Estimate;
 use deltatwin::model::Added;
 use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
-use deltatwin::model::write::{full_text, updated_text};
-use deltatwin::model::{Joint, Mechanism, Model, check};
+use deltatwin::model::write::{fitted_text, full_text, updated_text};
+use deltatwin::model::{Joint, Mechanism, Model, Provenance, check};
 use proptest::prelude::*;
 
 const NAME: &str = "robot.toml";
@@ -447,6 +448,78 @@ fn changed_numbers_keep_the_rest_of_the_file() {
     }
 }
 
+/// Line of `text` that sets `key` in `table`.
+fn line<'a>(text: &'a str, table: &str, key: &str) -> &'a str {
+    let from = text.find(&format!("[{table}]\n")).unwrap();
+    text[from..].lines().find(|l| l.starts_with(&format!("{key} ="))).unwrap()
+}
+
+#[test]
+fn fitted_numbers_state_their_source_and_the_others_keep_theirs() {
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    let estimate = |name: &str, std: f64| Estimate { name: name.into(), unit: "", value: 0.0, std };
+    let fitted = |recording: &str, std: f64| {
+        let mut parameters: Vec<Estimate> =
+            (1..=3).map(|i| estimate(&format!("drive_friction.coulomb_{i}"), std * i as f64)).collect();
+        parameters.push(estimate("rigid_bodies.arm_inertia_yy", 0.00123));
+        parameters.push(estimate("rigid_bodies.platform_mass", f64::INFINITY));
+        parameters.push(estimate("ball_socket_coulomb.moment", 6.2e-5));
+        Provenance::new("identify", "2026-11-22".into(), vec![recording.into()], &parameters)
+    };
+    m.effects[0].values[..3].copy_from_slice(&[4.5, 4.6, 7.3]);
+    m.bodies[PLATFORM].mass = 1.3;
+    for arm in ARM..STRUT {
+        m.bodies[arm].tensor[(1, 1)] = 0.25;
+    }
+    m.effects.push(ActiveEffect::new(effects::find("ball_socket_coulomb").unwrap(), &[&[0.27], &[0.05]]));
+    let new = fitted_text(&text, &m, &fitted("run.csv", 0.0032)).unwrap();
+    assert_same(&parse(&new).unwrap(), &m);
+    let source = format!("fitted to run.csv on 2026-11-22 by deltatwin {}", env!("CARGO_PKG_VERSION"));
+    let coulomb = line(&new, "effects.drive_friction", "coulomb");
+    let expected = format!("# N·m; {source}: ±0.0032, ±0.0064, ±0.0096; was 4.667, 4.376, 6.466");
+    assert!(coulomb.ends_with(&expected), "{coulomb}");
+    assert_eq!(line(&new, "effects.drive_friction", "viscous"), line(&text, "effects.drive_friction", "viscous"));
+    let mass = line(&new, "bodies.platform", "mass");
+    assert!(mass.ends_with(&format!("# kg; of the whole body; {source}: not determined alone; was 1.2")), "{mass}");
+    let inertia = line(&new, "bodies.arm", "inertia");
+    assert!(inertia.contains(": –, ±0.0012, –; was 0.1, 0.258, 0.258; unmoved: yy: paper Table 3;"), "{inertia}");
+    let moment = line(&new, "effects.ball_socket_coulomb", "moment");
+    assert!(moment.ends_with(&format!("# N·m; {source}: ±6.2e-5")), "{moment}");
+    // a constant of the law was not fitted
+    assert!(!line(&new, "effects.ball_socket_coulomb", "regularisation").contains("fitted"));
+    let above = new.split("name = ").next().unwrap();
+    assert!(above.ends_with(&format!("# `identify` moved 6 numbers, {source}.\n")), "{above}");
+    // another fit of the same replaces what the first one said
+    m.effects[0].values[0] = 4.4;
+    for arm in ARM..STRUT {
+        m.bodies[arm].tensor[(1, 1)] = 0.26;
+    }
+    let again = fitted_text(&new, &m, &fitted("other.csv", 0.001)).unwrap();
+    let inertia = line(&again, "bodies.arm", "inertia");
+    assert!(inertia.contains("fitted to other.csv") && !inertia.contains("run.csv"), "{inertia}");
+    assert!(inertia.contains("was 0.1, 0.25, 0.258; unmoved: yy: paper Table 3;"), "{inertia}");
+    // of three numbers one moved: what was said of the other two stays
+    let coulomb = line(&again, "effects.drive_friction", "coulomb");
+    assert!(coulomb.contains("other.csv") && coulomb.contains(": ±0.001, –, –; was 4.5, 4.6, 7.3"), "{coulomb}");
+    assert!(coulomb.contains("unmoved: fitted to run.csv"), "{coulomb}");
+    assert_eq!(fitted_text(&again, &m, &fitted("third.csv", 0.1)).unwrap(), again, "nothing moved");
+}
+
+#[test]
+fn comments_between_numbers_do_not_outlive_them() {
+    let old = "coulomb = [4.667, 4.376, 6.466]     # N·m; paper Table 4";
+    let text = nominal().replace(old, "coulomb = [\n  4.667, # measured\n  4.376,\n  6.466, # guess\n]");
+    let mut m = parse(&text).unwrap();
+    m.effects[0].values[..3].copy_from_slice(&[4.5, 4.6, 7.3]);
+    let parameters = [Estimate { name: "drive_friction.coulomb_1".into(), unit: "N·m", value: 4.5, std: 0.1 }];
+    let provenance = Provenance::new("identify", "2026-11-22".into(), vec!["run.csv".into()], &parameters);
+    let new = fitted_text(&text, &m, &provenance).unwrap();
+    assert_same(&parse(&new).unwrap(), &m);
+    assert!(!new.contains("guess") && new.contains("; was 4.667, 4.376, 6.466"), "{new}");
+    assert!(updated_text(&text, &m).unwrap().contains("guess"), "a change by hand leaves comments alone");
+}
+
 #[test]
 fn effects_are_added_and_removed() {
     let text = nominal();
@@ -465,6 +538,21 @@ fn effects_are_added_and_removed() {
     // and back again
     let again = updated_text(&new, &parse(&text).unwrap()).unwrap();
     assert_same(&parse(&again).unwrap(), &parse(&text).unwrap());
+}
+
+#[test]
+fn effects_found_in_any_order_are_written() {
+    let text = nominal();
+    let mut m = parse(&text).unwrap();
+    for (name, blocks) in [
+        ("base_tilt", &[&[0.011, -0.02][..]][..]),
+        ("ball_socket_coulomb", &[&[0.287], &[0.05]]),
+        ("ball_socket_viscous", &[&[0.31]]),
+    ] {
+        m.effects.push(ActiveEffect::new(effects::find(name).unwrap(), blocks));
+    }
+    assert_same(&parse(&updated_text(&text, &m).unwrap()).unwrap(), &m);
+    assert_same(&parse(&full_text(&m).unwrap()).unwrap(), &m);
 }
 
 #[test]

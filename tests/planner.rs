@@ -70,12 +70,24 @@ fn no_jerk(limits: Limits) -> Limits {
     Limits { jerk: [f64::INFINITY; 4], ..limits }
 }
 
-const QUICK: Options = Options { intervals: 100, objective: Objective::Time, certify: false, tighten: false };
+const QUICK: Options =
+    Options { intervals: 100, objective: Objective::Time, certify: false, tighten: false, refine: false };
 
 #[test]
 fn derivatives_of_paths_are_consistent_and_continuous() {
-    for shape in shapes() {
-        let curve = shape.curve();
+    let reversing = Shape::Lines {
+        points: vec![[0.0, -0.2, -1.0, 0.0], [0.0, 0.1, -1.0, 0.5], [0.0, -0.1, -1.0, 1.0 / 6.0]],
+        blend: 0.0,
+        turn_radius: 0.1,
+    };
+    let all =
+        shapes().into_iter().chain([reversing]).flat_map(|shape| [false, true].map(|eased| (shape.clone(), eased)));
+    for (shape, eased) in all {
+        let curve = if eased { shape.curve().eased() } else { shape.curve() };
+        if eased {
+            let ends = [0.0, 1.0].map(|x| curve.at(x));
+            assert!(ends.iter().all(|r| r[1].norm() + r[2].norm() < 1e-9 && r[3].norm() > 0.1), "{ends:?}");
+        }
         let h = 1e-6;
         for k in 1..200 {
             let s = f64::from(k) / 200.0 + 1e-4;
@@ -209,7 +221,8 @@ fn viscous_friction_is_in_d_at_every_speed() {
     let friction = deltatwin::effects::find("drive_friction").unwrap();
     let sockets = deltatwin::effects::find("ball_socket_viscous").unwrap();
     model.effects =
-        vec![ActiveEffect::new(friction, &[&[0.0; 3], &viscous, &[100.0]]), ActiveEffect::new(sockets, &[&[0.3]])];
+        vec![ActiveEffect::new(friction, &[&[0.0; 3], &viscous, &[100.0]]), ActiveEffect::new(sockets, &[&[0.3]])]
+            .into();
     let plant = Plant::new(&model, &setup);
     let machine = Machine::new(&plant, Default::default());
     let curve = shapes()[1].curve();
@@ -225,7 +238,7 @@ fn viscous_friction_is_in_d_at_every_speed() {
 }
 
 /// Largest use of every limit along the plan at times that are no stations, by the inverse dynamics.
-fn worst_use(plant: &Plant, curve: &Curve, limits: &Limits, plan: &Plan, samples: usize) -> (f64, String) {
+fn worst_use(plant: &Plant, limits: &Limits, plan: &Plan, samples: usize) -> (f64, String) {
     let times = (0..=samples).map(|k| plan.time * k as f64 / samples as f64);
     let share = 1.0 - limits.margin;
     let mut worst = (0.0f64, String::new());
@@ -238,7 +251,7 @@ fn worst_use(plant: &Plant, curve: &Curve, limits: &Limits, plan: &Plan, samples
     let mut last: Option<[f64; 4]> = None;
     let dt = plan.time / samples as f64;
     for [s, speed, acceleration] in plan.profile.sample(times) {
-        let point = PathPoint::new(&plant.geometry, curve, s).unwrap();
+        let point = PathPoint::new(&plant.geometry, &plan.curve, s).unwrap();
         let joints = point.joints(speed, acceleration);
         if let Err(e) = plant.geometry.check_limits(&joints.q, &point.r[0].xyz()) {
             return (f64::INFINITY, format!("{e} at s = {s}"));
@@ -271,11 +284,11 @@ fn the_papers_u_turn() {
     let found = plan(&machine, &curve, &limits, &options).unwrap();
     // 0.48 s in the paper.
     assert!((0.42..0.50).contains(&found.time), "{}", found.time);
-    assert!((0.0..0.005).contains(&found.optimality_gap()), "{}", found.optimality_gap());
-    assert!(found.bound_without_jerk < found.time_without_jerk && found.time_without_jerk < found.time);
-    let outer = found.outer_bound.unwrap();
-    assert!(outer < found.bound && outer > 0.995 * found.time, "{outer}");
-    let (worst, what) = worst_use(&plant, &curve, &limits, &found, 5003);
+    assert!((0.0..0.003).contains(&found.optimality_gap()), "{}", found.optimality_gap());
+    assert!(found.bound < found.time_without_jerk && found.time_without_jerk < found.time);
+    let (outer, search) = (found.outer_bound.unwrap(), found.search_bound.unwrap());
+    assert!(outer < search && search < found.time && outer > 0.997 * found.time, "{outer} {search}");
+    let (worst, what) = worst_use(&plant, &limits, &found, 5003);
     assert!((0.99..1.001).contains(&worst), "{what}: {worst}");
     // Strut forces are the limit on both halves of the way across.
     let active = found.active();
@@ -309,9 +322,8 @@ fn both_objectives_agree() {
         .map(|objective| plan(&machine, &curve, &limits, &Options { objective, certify: true, ..QUICK }).unwrap());
     assert!((speed.time / time.time - 1.0).abs() < 1e-3, "{} {}", time.time, speed.time);
     for plan in [&time, &speed] {
-        assert!((0.0..2e-3).contains(&plan.optimality_gap()), "{}", plan.optimality_gap());
-        let outer = plan.outer_bound.unwrap();
-        assert!(outer < plan.bound && outer > 0.99 * plan.time, "{outer}");
+        assert!((0.0..6e-3).contains(&plan.optimality_gap()), "{}", plan.optimality_gap());
+        assert!(plan.outer_bound.unwrap() < plan.search_bound.unwrap());
     }
 }
 
@@ -337,9 +349,9 @@ fn the_bound_with_jerk_limits_is_exact_for_a_straight_line() {
     let station = |k: usize| {
         let q = [[0.0; 4], [1.0, 0.0, 0.0, 0.0], [0.0; 4], [0.0; 4]];
         let point = PathPoint { s: k as f64 / N as f64, q, r: [Vector4::zeros(); 4] };
-        Station { point, cap: 100.0, rows: Vec::new(), rest: Vec::new(), reference: 1.0 }
+        Station { point, cap: 100.0, rows: Vec::new(), rest: Vec::new(), weight: 1.0, reference: 1.0 }
     };
-    let stations = Stations { list: (0..=N).map(station).collect(), quantities: Vec::new() };
+    let stations = Stations { list: (0..=N).map(station).collect(), quantities: Vec::new(), eased: false };
     let mut found = Sequence::begin(stations, &limits, &[100.0; N + 1]);
     found.settle(&limits, Objective::Time, 1e-5, |_, _| Ok(())).unwrap();
     let time = found.profile().time();
@@ -481,7 +493,7 @@ fn executed(planning: &Model, setup: &Setup, limits: &Limits) -> (f64, deltatwin
     let machine = Machine::new(&plant, limits.detail);
     let curve = u_turn(planning).shape.curve();
     let found = plan(&machine, &curve, limits, &QUICK).unwrap();
-    let planned = trajectory(&machine, &curve, &found, setup, 400e-6, "u-turn").unwrap();
+    let planned = trajectory(&machine, &found, setup, 400e-6, "u-turn").unwrap();
     (found.time, execute(&truth, &plant, &planned).unwrap())
 }
 
@@ -494,7 +506,8 @@ fn strut_forces_are_executed_as_planned_if_the_sockets_are_known() {
     let (slow, knowing) = executed(&truth, &task.setup, &task.limits);
     let (fast, lacking) = executed(&believed, &task.setup, &task.limits);
     assert!(slow > fast && knowing.events.is_empty() && lacking.events.is_empty());
-    assert!(knowing.peak_strut < 108.5 && knowing.margin > 91.0, "{} {}", knowing.peak_strut, knowing.margin);
+    // Of 200 N: 108 N along the strut, and 1.4 N that the struts' own inertia pulls along the opening of a cup.
+    assert!(knowing.peak_strut < 108.5 && knowing.margin > 90.0, "{} {}", knowing.peak_strut, knowing.margin);
     assert!(lacking.peak_strut > 130.0 && lacking.margin > 0.0, "{}", lacking.peak_strut);
     let most = |values: &[[f64; 2]]| values.iter().map(|v| v[1]).fold(0.0, f64::max);
     assert!(most(&knowing.strut) < 1.0 && most(&lacking.strut) > 40.0, "{:?} {:?}", knowing.strut, lacking.strut);
@@ -524,7 +537,7 @@ fn a_table_of_a_plan_is_consistent() {
     let UTurn { plant, curve, limits, setup, .. } = UTurn::new();
     let machine = Machine::new(&plant, limits.detail);
     let found = plan(&machine, &curve, &limits, &QUICK).unwrap();
-    let table = trajectory(&machine, &curve, &found, &setup, 400e-6, "u-turn").unwrap().signals;
+    let table = trajectory(&machine, &found, &setup, 400e-6, "u-turn").unwrap().signals;
     let (qd, qdd) = (table.qd.unwrap(), table.qdd.unwrap());
     let n = table.t.len();
     assert!((table.t[n - 1] - found.time) < 400e-6 && table.t[n - 1] >= found.time);
@@ -598,7 +611,7 @@ fn answer(seed: u64, model: &Model) -> Answer {
     let wrong = |what: String| Answer::Wrong(format!("seed {seed}: {what}"));
     match plan(&machine, &curve, &limits, &options) {
         Ok(found) => {
-            let (worst, what) = worst_use(&plant, &curve, &limits, &found, 997);
+            let (worst, what) = worst_use(&plant, &limits, &found, 997);
             if worst <= 1.001 { Answer::Planned } else { wrong(format!("{what} {worst}")) }
         }
         Err(PlanError::Place { s, .. }) => match PathPoint::new(&plant.geometry, &curve, s) {
@@ -663,4 +676,96 @@ fn stations_name_the_place_that_cannot_be_reached() {
     let grid: Vec<f64> = (0..=100).map(|k| f64::from(k) / 100.0).collect();
     let error = Stations::new(&machine, &curve, &Limits::of(&model), &grid).unwrap_err().to_string();
     assert!(error.contains("s = 0.1") && error.contains("arm 3 at -0.7163 rad is outside"), "{error}");
+}
+
+/// A path file of its own text.
+fn task(text: &str, model: &Model) -> Task {
+    Task::parse(text, Path::new("p.toml"), Limits::of(model)).unwrap()
+}
+
+/// 0.9144 s is what evenly spread grids come to: 0.9448 s with 200 intervals, 0.9164 s with 1000, 0.9145 s with 3000 (their lower bound
+/// 0.9143 s). The first jerk of a departure that strut forces limit takes 3 ms and 5e-5 of the path.
+#[test]
+fn short_departures_are_resolved_by_default() {
+    const OPTIMUM: f64 = 0.9144;
+    let model = common::model("irb360-6-1600");
+    let task = task(
+        "[path]\nkind = \"arch\"\nfrom = [-0.3, 0.1, -1.05, 0]\nto = [0.3, -0.2, -1.05, 1.57]\nheight = 0.15\nblend = 0.1\n\
+         [payload]\nmass = 4\ncom = [0.08, 0, -0.25]\ninertia_zz = 0.05\n\
+         [limits]\nstrut_upper = 90.0\nstrut_lower = 90.0\nbearing_force = 140.0\nbearing_moment = 20.0\n",
+        &model,
+    );
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let found = plan(&machine, &task.shape.curve(), &task.limits, &task.options).unwrap();
+    println!("{} s, {} intervals, outer {:?}", found.time, found.profile.pieces.len(), found.outer_bound);
+    assert!((0.999 * OPTIMUM..1.003 * OPTIMUM).contains(&found.time), "{}", found.time);
+    // Bounds lie below what finer grids reach, and say how far.
+    assert!(found.bound < OPTIMUM && found.outer_bound.unwrap() < OPTIMUM * 1.0002, "{:?}", found.outer_bound);
+    assert!((5e-4..3e-3).contains(&found.optimality_gap()), "{}", found.optimality_gap());
+    let (worst, what) = worst_use(&plant, &task.limits, &found, 5003);
+    assert!(worst < 1.001, "{what}: {worst}");
+}
+
+/// There and back on one line: the path turns at the waypoint itself, and the robot stands there.
+#[test]
+fn a_reversal_is_a_stop_at_the_waypoint() {
+    let model = common::model("irb360-6-1600");
+    for blend in ["", "blend = 0.05\n"] {
+        let text = format!(
+            "[path]\nkind = \"lines\"\n{blend}points = [[0, -0.2, -1.0, 0], [0, 0.1, -1.0, 0.5], [0, -0.2, -1.0, 0]]\n"
+        );
+        let task = task(&text, &model);
+        let curve = task.shape.curve();
+        let farthest = (0..=2000).map(|k| curve.at(f64::from(k) / 2e3)[0].y).fold(f64::NEG_INFINITY, f64::max);
+        assert!((farthest - 0.1).abs() < 1e-9, "{farthest}");
+        let half = curve.at(0.5);
+        assert!((half[0] - Vector4::new(0.0, 0.1, -1.0, 0.5)).norm() < 1e-12 && half[1].norm() < 1e-9, "{half:?}");
+        let plant = Plant::new(&model, &task.setup);
+        let machine = Machine::new(&plant, task.limits.detail);
+        let found = plan(&machine, &curve, &task.limits, &QUICK).unwrap();
+        let table = trajectory(&machine, &found, &task.setup, 400e-6, "there and back").unwrap().signals;
+        let y = table.ee.unwrap().into_iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
+        assert!((y - 0.1).abs() < 1e-4, "{y}");
+        // Along the line two motions from rest to rest would take longer: acceleration may go on through the stop.
+        let one =
+            Shape::Lines { points: vec![[0.0, -0.2, -1.0, 0.0], [0.0, 0.1, -1.0, 0.5]], blend: 0.0, turn_radius: 0.1 };
+        let there = plan(&machine, &one.curve(), &task.limits, &QUICK).unwrap();
+        assert!(found.time < 2.0 * there.time && found.time > 1.6 * there.time, "{} {}", found.time, there.time);
+        let (worst, what) = worst_use(&plant, &task.limits, &found, 2003);
+        assert!(worst < 1.001, "{what}: {worst}");
+    }
+}
+
+#[test]
+fn blends_are_used_as_asked_for_or_told() {
+    let model = common::model("irb360-6-1600");
+    let corner = |blend: &str| {
+        format!("[path]\nkind = \"lines\"\n{blend}points = [[0, 0, -1, 0], [0.1, 0, -1, 0], [0.1, 0.3, -1, 0]]\n")
+    };
+    assert_eq!(task(&corner("blend = 0.05\n"), &model).shape.notes(), Vec::<String>::new());
+    let notes = task(&corner("blend = 0.3\n"), &model).shape.notes();
+    assert!(notes.len() == 1 && notes[0].contains("corner 2 begins 0.0500 m from it instead of 0.3 m"), "{notes:?}");
+    let error = Task::parse(&corner(""), Path::new("p.toml"), Limits::of(&model)).unwrap_err().to_string();
+    assert!(error.starts_with("p.toml:3:") && error.contains("`path.blend` is missing"), "{error}");
+    // A line of two points has no corner.
+    let line = "[path]\nkind = \"lines\"\npoints = [[0, 0, -1, 0], [0.1, 0, -1, 0]]\n";
+    assert!((task(line, &model).shape.curve().at(1.0)[0].x - 0.1).abs() < 1e-12);
+}
+
+/// ∫ ṡ² ds along ABB's cycle: planned, and hardly slower than the fastest motion.
+#[test]
+fn the_papers_objective_along_the_cycle() {
+    let model = common::model("irb360-6-1600");
+    let task = Task::read(Path::new("scenarios/cycle.toml"), Limits::of(&model)).unwrap();
+    let plant = Plant::new(&model, &task.setup);
+    let machine = Machine::new(&plant, task.limits.detail);
+    let [time, speed] = [Objective::Time, Objective::Speed].map(|objective| {
+        plan(&machine, &task.shape.curve(), &task.limits, &Options { objective, ..QUICK }).map(|found| found.time)
+    });
+    let time = time.unwrap();
+    match speed {
+        Ok(speed) => assert!((time * 0.999..time * 1.2).contains(&speed), "{time} {speed}"),
+        Err(error) => assert!(matches!(error, PlanError::Rests { .. }), "{error}"),
+    }
 }

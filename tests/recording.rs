@@ -4,7 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use deltatwin::model::{Joint, Mechanism};
-use deltatwin::recording::{Configuration, Payload, Recording, Setup, Signals};
+use deltatwin::recording::bag::{Attachment, Level, Note, Poses};
+use deltatwin::recording::{Configuration, Context, Payload, Recording, Setup, Signals};
+use nalgebra::Isometry3;
 use tempfile::TempDir;
 
 const STEP: f64 = 4e-4;
@@ -32,6 +34,9 @@ fn run(n: usize) -> Recording {
         qdd: Some(axes(&|k, t| -0.3 * w(k) * w(k) * (w(k) * t).sin())),
         ee: Some(t.iter().map(|t| [0.1 * t.sin(), 0.2, -1.0 / (2.0 + t)]).collect()),
         socket_margin: Some(t.iter().map(|&t| std::array::from_fn(|s| margin(s, t))).collect()),
+        multipliers: Some(t.iter().map(|t| std::array::from_fn(|row| (row as f64 + 9.0 * t).sin())).collect()),
+        link_q: Some(axes(&|k, t| angle(k, t) + 1e-4 * t.cos())),
+        link_qd: Some(axes(&|k, t| w(k) * (w(k) * t).cos() / 3.0)),
         segments: std::iter::once(0..n).collect(),
         t: t.clone(),
         ..Signals::default()
@@ -124,6 +129,7 @@ fn mcap_is_deterministic_and_keeps_missing_channels_missing() {
     let mut written = run(300);
     let s = &mut written.signals;
     (s.qd, s.qdd, s.ee, s.socket_margin) = (None, None, None, None);
+    (s.multipliers, s.link_q, s.link_qd) = (None, None, None);
     (s.strut_upper, s.strut_lower) = Default::default();
     let (a, b) = (folder.path().join("run.mcap"), folder.path().join("b.mcap"));
     written.write(&a).unwrap();
@@ -243,6 +249,178 @@ fn mcap_from_elsewhere() {
     assert_eq!(back.signals.q, signals.q);
 }
 
+/// Every message under the profile `ros2` is CDR of a type whose definition is there.
+#[test]
+fn mcap_holds_ros_messages_only() {
+    let folder = folder();
+    let path = folder.path().join("run.mcap");
+    let frames = vec![("platform".to_string(), Isometry3::translation(0.1, 0.2, -0.9))];
+    let context = Context {
+        provenance: [("seed".to_string(), "7".to_string())].into(),
+        attachments: vec![Attachment {
+            name: "run.toml".into(),
+            media_type: "application/toml".into(),
+            content: b"seed = 7".to_vec(),
+        }],
+        description: Some("<robot name=\"r\"/>".into()),
+        poses: vec![Poses { t: 0.05, frames }],
+        events: vec![Note { t: 0.06, level: Level::Error, text: "dislocation".into() }],
+    };
+    let written = run(300);
+    written.write_with(&path, &context).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    assert!(summary.channels.values().all(|c| c.message_encoding == "cdr"));
+    assert!(summary.schemas.values().all(|s| s.encoding == "ros2msg" && s.name.contains("/msg/")));
+    let mut topics: Vec<String> = summary.channels.values().map(|c| c.topic.clone()).collect();
+    topics.sort();
+    let all = ["/end_effector", "/events", "/joint_acceleration", "/joint_states", "/links", "/multipliers"];
+    assert_eq!(topics, [&all[..], &["/robot_description", "/socket_margins", "/strut_forces", "/tf"]].concat());
+    assert_eq!(summary.attachment_indexes.len(), 1);
+    // By hand from the definition of tf2_msgs/TFMessage: header of 4 bytes, one transform, its stamp, "base", "platform".
+    let tf = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).find(|m| m.channel.topic == "/tf").unwrap();
+    assert_eq!(tf.data[4..8], 1u32.to_le_bytes());
+    assert_eq!(tf.data[12..16], 50_000_000u32.to_le_bytes());
+    assert_eq!(&tf.data[20..24], b"base");
+    assert_eq!(&tf.data[32..40], b"platform");
+    let number = |at: usize| f64::from_le_bytes(tf.data[at..at + 8].try_into().unwrap());
+    let values: Vec<f64> = (0..7).map(|k| number(4 + 40 + 8 * k)).collect();
+    assert_eq!(values, [0.1, 0.2, -0.9, 0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(read(&path).0, written);
+}
+
+/// Optional channels as JSON, as other programs and earlier versions write them.
+#[test]
+fn json_channels_are_read() {
+    let folder = folder();
+    let path = folder.path().join("run.mcap");
+    let signals = run(300).signals;
+    let mut w = mcap::WriteOptions::new().create(fs::File::create(&path).unwrap()).unwrap();
+    let state = w.add_schema("sensor_msgs/msg/JointState", "ros2msg", b"").unwrap();
+    let joints = w.add_channel(state, "/joint_states", "cdr", &Default::default()).unwrap();
+    let schema = w.add_schema("deltatwin.StrutForces", "jsonschema", b"{}").unwrap();
+    let struts = w.add_channel(schema, "/strut_forces", "json", &Default::default()).unwrap();
+    let schema = w.add_schema("deltatwin.EndEffector", "jsonschema", b"{}").unwrap();
+    let point = w.add_channel(schema, "/end_effector", "json", &Default::default()).unwrap();
+    let upper = signals.strut_upper[0].as_ref().unwrap();
+    for i in 0..300 {
+        let log_time = 1_000_000_000 + (signals.t[i] * 1e9) as u64;
+        let mut write = |channel_id, data: &[u8]| {
+            let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time, publish_time: log_time };
+            w.write_to_known_channel(&header, data).unwrap();
+        };
+        let forces =
+            format!("{{\"upper\":[{},null,null,null,null,null],\"lower\":[null,null,null,null,null,null]}}", upper[i]);
+        write(struts, forces.as_bytes());
+        let [x, y, z] = signals.ee.as_ref().unwrap()[i];
+        write(point, format!("{{\"x\":{x},\"y\":{y},\"z\":{z}}}").as_bytes());
+        write(joints, &joint_state(log_time, &signals, i));
+    }
+    w.finish().unwrap();
+    let back = read(&path).0.signals;
+    assert_eq!((back.ee, &back.strut_upper[0]), (signals.ee, &signals.strut_upper[0]));
+    assert_eq!((back.strut_upper[1].is_none(), back.q), (true, signals.q));
+    assert_eq!(back.start, Some(1_000_000_000));
+}
+
+/// Little-endian CDR of one `sensor_msgs/msg/JointState` at `time` ns, written by its definition.
+fn joint_state(time: u64, signals: &Signals, i: usize) -> Vec<u8> {
+    let mut data = vec![0, 1, 0, 0];
+    let pad = |data: &mut Vec<u8>, n: usize| data.resize(4 + (data.len() - 4).next_multiple_of(n), 0);
+    for word in [(time / 1_000_000_000) as u32, (time % 1_000_000_000) as u32, 1] {
+        data.extend(word.to_le_bytes());
+    }
+    data.push(0);
+    pad(&mut data, 4);
+    data.extend(4u32.to_le_bytes());
+    for k in 1..=4 {
+        pad(&mut data, 4);
+        data.extend(6u32.to_le_bytes());
+        data.extend(format!("axis{k}\0").as_bytes());
+    }
+    for values in [&signals.q[i][..], &[], &signals.tau[i][..]] {
+        pad(&mut data, 4);
+        data.extend((values.len() as u32).to_le_bytes());
+        for x in values {
+            pad(&mut data, 8);
+            data.extend(x.to_le_bytes());
+        }
+    }
+    data
+}
+
+/// A bag of rosbag2's SQLite storage, whole and in a folder of two files.
+#[test]
+fn sqlite_bags_are_read() {
+    let folder = folder();
+    let signals = run(400).signals;
+    let start = 1_650_000_000_123_456_789u64;
+    let write = |path: &Path, samples: std::ops::Range<usize>| {
+        let db = rusqlite::Connection::open(path).unwrap();
+        db.execute_batch(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+                                 serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);
+             CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+                                   data BLOB NOT NULL);
+             INSERT INTO topics VALUES(1, '/rosout', 'rcl_interfaces/msg/Log', 'cdr', '');
+             INSERT INTO topics VALUES(2, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr', '');
+             INSERT INTO messages(topic_id, timestamp, data) VALUES(1, 5, x'00');
+             BEGIN;",
+        )
+        .unwrap();
+        for i in samples {
+            let time = start + (signals.t[i] * 1e9).round() as u64;
+            let data = joint_state(time, &signals, i);
+            db.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(2, ?1, ?2)", (time as i64, data))
+                .unwrap();
+        }
+        db.execute_batch("COMMIT").unwrap();
+    };
+    let whole = folder.path().join("run.db3");
+    write(&whole, 0..400);
+    let (back, warnings) = read(&whole);
+    assert_eq!((warnings, back.signals.start), (vec![], Some(start as i64)));
+    assert_eq!((&back.signals.q, &back.signals.tau, &back.signals.t), (&signals.q, &signals.tau, &signals.t));
+
+    let bag = folder.path().join("bag");
+    fs::create_dir(&bag).unwrap();
+    write(&bag.join("bag_0.db3"), 0..150);
+    write(&bag.join("bag_1.db3"), 150..400);
+    assert_eq!(read(&bag).0.signals, back.signals);
+    let metadata = "rosbag2_bagfile_information:\n  version: 5\n  compression_mode: \"\"\n  relative_file_paths:\n    - bag_0.db3\n    - bag_1.db3\n";
+    fs::write(bag.join("metadata.yaml"), metadata).unwrap();
+    assert_eq!(read(&bag).0.signals, back.signals);
+    fs::write(bag.join("metadata.yaml"), metadata.replace("\"\"", "FILE")).unwrap();
+    contains(&refused_inside(&bag), &["metadata.yaml", "compression_mode FILE"]);
+    fs::write(bag.join("metadata.yaml"), "a: [").unwrap();
+    contains(&refused_inside(&bag), &["metadata.yaml", "is no YAML"]);
+    // A file cut short is read as far as it goes, or refused; never more.
+    let bytes = fs::read(&whole).unwrap();
+    for share in [1, 3, 5, 7, 9] {
+        fs::write(&whole, &bytes[..bytes.len() * share / 10]).unwrap();
+        if let Ok((part, warnings)) = Recording::read(&whole, None) {
+            assert!(part.signals.len() < 400 && warnings.iter().any(|w| w.contains("damaged")), "{warnings:?}");
+        }
+    }
+}
+
+fn refused_inside(path: &Path) -> String {
+    Recording::read(path, None).unwrap_err().to_string()
+}
+
+/// The instant of a measurement survives; times that ROS cannot hold are refused.
+#[test]
+fn real_times_are_kept() {
+    let folder = folder();
+    let path = folder.path().join("run.mcap");
+    let mut written = run(300);
+    written.signals.start = Some(1_600_000_000_000_000_000);
+    written.write(&path).unwrap();
+    assert_eq!(read(&path).0.signals.start, written.signals.start);
+    written.signals.start = Some(i64::from(i32::MAX) * 1_000_000_000);
+    contains(&written.write(&path).unwrap_err().to_string(), &["out of range"]);
+}
+
 #[test]
 fn csv_mistakes_are_named() {
     let folder = folder();
@@ -258,7 +436,7 @@ fn csv_mistakes_are_named() {
     contains(&with(b"t,q1,q2,q3,q4,tau1,tau2,tau4\n0,0,0,0,0,0,0,0"), &["no column `tau3`", "tau2"]);
     contains(&with(b"t,q1,q1,q3,q4,tau1,tau2,tau4\n"), &["two columns `q1`"]);
     contains(&refused(&folder.path().join("absent.csv")), &["cannot be read"]);
-    contains(&refused(folder.path()), &["cannot be read"]);
+    contains(&refused(folder.path()), &["is a folder without metadata.yaml"]);
 
     let set = |row: usize, column: usize, value: &'static str| {
         refused(&csv(&folder, 300, |i, cells| {

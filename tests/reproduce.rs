@@ -100,11 +100,37 @@ fn every_section_has_its_figures_and_numbers() {
     let campaign = Campaign::run(folder.path(), 2, &|_| ()).unwrap();
     let sections = sections(&campaign, &|_| ()).unwrap();
     let keys: Vec<&str> = sections.iter().map(|s| s.key).collect();
-    let expected =
-        ["covariance", "table_1", "figure_8", "table_2", "table_3", "table_4", "figure_10", "figure_11", "figure_13"];
+    let expected = [
+        "covariance",
+        "table_1",
+        "figure_8",
+        "table_2",
+        "table_3",
+        "table_4",
+        "figure_10",
+        "figure_11",
+        "figure_13",
+        "figure_14",
+        "figure_15",
+        "figure_16",
+        "figure_17",
+    ];
     assert_eq!(keys, expected);
     let figures: Vec<&str> = sections.iter().flat_map(|s| &s.plots).map(|p| p.name).collect();
-    assert_eq!(figures, ["figure-8", "figure-9", "figure-10", "figure-11", "figure-13"]);
+    let expected = [
+        "figure-8",
+        "figure-9",
+        "figure-10",
+        "figure-11",
+        "figure-13",
+        "figure-14",
+        "figure-15",
+        "figure-16",
+        "figure-16-executed",
+        "figure-16-torques",
+        "figure-17",
+    ];
+    assert_eq!(figures, expected);
     for section in &sections {
         let text = section.markdown();
         assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");

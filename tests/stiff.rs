@@ -23,7 +23,7 @@ fn effect(name: &str, blocks: &[&[f64]]) -> ActiveEffect {
 /// The nominal machine with viscous friction, which every case has, and the effects.
 fn plant(effects: Vec<ActiveEffect>) -> Plant {
     let mut model = model("irb360-6-1600");
-    model.effects = vec![effect("drive_friction", &[&[0.0; 3], &[0.28, 0.42, 0.45], &[100.0]])];
+    model.effects = vec![effect("drive_friction", &[&[0.0; 3], &[0.28, 0.42, 0.45], &[100.0]])].into();
     model.effects.push(effect("ball_socket_viscous", &[&[0.3]]));
     model.effects.extend(effects);
     Plant::new(&model, &Setup::default())
@@ -96,7 +96,7 @@ fn cases(stop: f64) -> Vec<(&'static str, Vec<ActiveEffect>)> {
         ("socket load mu 0.15", vec![load(0.15)]),
         ("socket load mu 0.5", vec![load(0.5)]),
         ("socket coulomb", vec![effect("ball_socket_coulomb", &[&[0.285], &[0.05]])]),
-        ("truth", truth),
+        ("truth", truth.into()),
     ]
 }
 

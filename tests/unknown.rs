@@ -6,8 +6,8 @@ use std::path::Path;
 
 use common::model;
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
-use deltatwin::effects::Effect;
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
+use deltatwin::effects::{ActiveEffect, Effect, find};
 use deltatwin::exam::{Case, campaign_with};
 use deltatwin::identification::Trace;
 use deltatwin::model::Model;
@@ -102,6 +102,29 @@ fn an_unknown_law_is_located_and_written_into_the_model() {
         for (value, (.., coefficient)) in active.values.iter().zip(&found.terms) {
             assert!((value / coefficient.value - 1.0).abs() < 1e-5, "{value} {}", coefficient.value);
         }
+    }
+}
+
+/// What is left is judged by the noise, not by what the effect beside it explains.
+#[test]
+fn an_unknown_law_beside_a_strong_effect_is_told() {
+    let nominal = model("irb360-6-1600");
+    let mut robot = nominal.clone();
+    robot.effects.push(ActiveEffect::new(find("ball_socket_coulomb").unwrap(), &[&[0.8], &[0.05]]));
+    let case = Case { seed: 33, ..Case::default() };
+    let hidden = formula(&[("drive1", "sin(47*q1+0.7)")]);
+    let campaign = campaign_with(&robot, &case, &[hidden], &|_, _| ()).unwrap();
+    let [measurement, validation] = [&campaign.measurement, &campaign.validation].map(Trace::new);
+    let d = diagnose(&nominal, &[measurement], &[validation], &mut |_| ()).unwrap();
+    line("cogging beside socket friction", &d);
+    assert_eq!(d.effects[0].name, "ball_socket_coulomb");
+    assert!(d.unknown_beside(), "{:?}", d.left);
+    assert_eq!(d.unexplained.as_ref().expect("a formula").location, "drive 1");
+    if d.verdict == Verdict::Effect {
+        assert!(d.left.largest() > 1.15, "{:?}", d.left);
+        let worst = d.left.channels(&d.channels)[0].0;
+        assert_eq!(worst.drive(), Some(0));
+        assert!(d.model.effects.iter().all(|a| a.effect.name() != "formula"), "a proposal is no finding");
     }
 }
 

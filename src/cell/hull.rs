@@ -3,13 +3,16 @@
 //! The compliant law needs penetrations that vary continuously with the poses. Balls against solids and edges against
 //! edges have closed forms that do; clipped contact manifolds and GJK witnesses jump.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
+use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::{Pose, Vector};
+use parry3d::partitioning::{Bvh, BvhBuildStrategy};
 use parry3d::query::{self, details};
 use parry3d::shape::{Segment, SharedShape};
 
+use super::mesh::Mesh;
 use super::object::Shape;
-use crate::kinematics::BodyMotion;
+use super::placement::{Bounds, Placement};
 
 /// Corners and edges of solids are this round, m (at most a quarter of the smallest size).
 const ROUNDING: f64 = 1e-3;
@@ -41,10 +44,13 @@ struct Edge {
     side: bool,
 }
 
-/// Exact convex solid.
+/// Exact solid.
 #[derive(Clone)]
 struct Solid {
+    /// As Rapier has it.
     shape: SharedShape,
+    /// Surface on which points are projected exactly.
+    surface: SharedShape,
     /// Turns the body's axes into the shape's: parry's cylinders stand along y.
     turn: Matrix3<f64>,
 }
@@ -56,61 +62,8 @@ pub struct Hull {
     edges: Vec<Edge>,
     solid: Option<Solid>,
     sphere: bool,
-}
-
-/// Where a body is and how it moves.
-#[derive(Clone, Copy, Debug)]
-pub struct Placement {
-    /// Maps body to world.
-    pub rotation: Matrix3<f64>,
-    /// Origin, m.
-    pub position: Vector3<f64>,
-    /// Of the origin, m/s.
-    pub velocity: Vector3<f64>,
-    /// World axes, rad/s.
-    pub angular_velocity: Vector3<f64>,
-}
-
-impl Placement {
-    /// Velocity of the material point at `point` in the world, m/s.
-    pub fn velocity_at(&self, point: &Vector3<f64>) -> Vector3<f64> {
-        self.velocity + self.angular_velocity.cross(&(point - self.position))
-    }
-
-    /// A frame fixed to this body.
-    pub fn offset(&self, rotation: &Matrix3<f64>, position: &Vector3<f64>) -> Self {
-        let position = self.to_world(position);
-        Self { rotation: self.rotation * rotation, position, velocity: self.velocity_at(&position), ..*self }
-    }
-
-    fn to_world(self, point: &Vector3<f64>) -> Vector3<f64> {
-        self.position + self.rotation * point
-    }
-}
-
-impl From<&BodyMotion> for Placement {
-    fn from(b: &BodyMotion) -> Self {
-        Self { rotation: b.rotation, position: b.position, velocity: b.velocity, angular_velocity: b.angular_velocity }
-    }
-}
-
-/// Axis-aligned box in the world.
-#[derive(Clone, Copy, Debug)]
-pub struct Bounds {
-    low: Vector3<f64>,
-    high: Vector3<f64>,
-}
-
-impl Bounds {
-    /// Whether the two come within `margin` of each other along all axes.
-    pub fn overlap(&self, other: &Self, margin: f64) -> bool {
-        (0..3).all(|i| self.low[i] - margin <= other.high[i] && other.low[i] - margin <= self.high[i])
-    }
-
-    /// Largest distance of a point of the box from `point`, m.
-    pub fn reach(&self, point: &Vector3<f64>) -> f64 {
-        (self.high - point).sup(&(point - self.low)).norm()
-    }
+    /// Boxes around the edges and around the balls, where there are many.
+    trees: Option<[Bvh; 2]>,
 }
 
 /// A point where two bodies press on each other.
@@ -149,13 +102,15 @@ impl Hull {
 
     /// Hull of a solid shape.
     pub fn solid(shape: &Shape) -> Self {
-        let solid = |shape, turn| Some(Solid { shape, turn });
+        let solid = |shape: SharedShape, turn| Some(Solid { surface: shape.clone(), shape, turn });
         match *shape {
+            Shape::Mesh(ref mesh) => Self::of_mesh(mesh),
             Shape::Sphere { radius } => Self {
                 balls: vec![Ball { centre: Vector3::zeros(), radius }],
                 edges: Vec::new(),
                 solid: solid(SharedShape::ball(radius), Matrix3::identity()),
                 sphere: true,
+                trees: None,
             },
             Shape::Box { size } => {
                 let half = size / 2.0;
@@ -175,7 +130,7 @@ impl Hull {
                     balls: (0..8).map(|i| Ball { centre: corner(i), radius: rounding }).collect(),
                     edges: edges.collect(),
                     solid: solid(SharedShape::cuboid(half.x, half.y, half.z), Matrix3::identity()),
-                    sphere: false,
+                    ..Self::default()
                 }
             }
             Shape::Cylinder { radius, height } => {
@@ -203,19 +158,57 @@ impl Hull {
         }
     }
 
-    /// The solid, and the rotation from its axes to the body's.
-    pub fn solid_shape(&self) -> Option<(SharedShape, Matrix3<f64>)> {
-        self.solid.as_ref().map(|s| (s.shape.clone(), s.turn.transpose()))
+    /// Hull of a mesh: its sharp corners and edges, without rounding, and its surface.
+    fn of_mesh(mesh: &Mesh) -> Self {
+        let edges: Vec<_> = mesh
+            .sharp_edges()
+            .into_iter()
+            .map(|ends| Edge { ends, radius: 0.0, fade: FADE.min((ends[1] - ends[0]).norm() / 4.0), side: false })
+            .collect();
+        let balls: Vec<_> = mesh.corners().into_iter().map(|centre| Ball { centre, radius: 0.0 }).collect();
+        let of_edges: Vec<_> = edges.iter().map(|e| around(&e.ends, e.radius)).collect();
+        let of_balls: Vec<_> = balls.iter().map(|b| around(&[b.centre], b.radius)).collect();
+        Self {
+            trees: Some([of_edges, of_balls].map(|boxes| Bvh::from_leaves(BvhBuildStrategy::default(), &boxes))),
+            balls,
+            edges,
+            solid: Some(Solid { shape: mesh.solid(), surface: mesh.surface(), turn: Matrix3::identity() }),
+            sphere: false,
+        }
+    }
+
+    /// The shape for Rapier, and its pose in the body: of a chain a capsule for each edge.
+    pub fn shape(&self) -> (SharedShape, Isometry3<f64>) {
+        if let Some(solid) = &self.solid {
+            let turn = Rotation3::from_matrix_unchecked(solid.turn.transpose());
+            return (solid.shape.clone(), Isometry3::from_parts(Vector3::zeros().into(), turn.into()));
+        }
+        let capsules = self.edges.iter().map(|e| SharedShape::capsule(parry(&e.ends[0]), parry(&e.ends[1]), e.radius));
+        let balls = self.balls.iter().filter(|_| self.edges.is_empty());
+        let mut shapes: Vec<_> = capsules
+            .map(|c| (Pose::IDENTITY, c))
+            .chain(balls.map(|b| (Pose::from_translation(parry(&b.centre)), SharedShape::ball(b.radius))))
+            .collect();
+        match shapes.as_slice() {
+            [(pose, _)] => {
+                let pose: Isometry3<f64> = (*pose).into();
+                (shapes.swap_remove(0).1, pose)
+            }
+            _ => (SharedShape::compound(shapes), Isometry3::identity()),
+        }
+    }
+
+    /// Largest distance of a point of the hull from its origin, m.
+    pub fn extent(&self) -> f64 {
+        let balls = self.balls.iter().map(|b| b.centre.norm() + b.radius);
+        let edges = self.edges.iter().flat_map(|e| e.ends.map(|end| end.norm() + e.radius));
+        balls.chain(edges).fold(0.0, f64::max)
     }
 
     /// Bounds of the hull at `at`.
     pub fn bounds(&self, at: &Placement) -> Bounds {
-        let mut bounds = Bounds { low: Vector3::repeat(f64::INFINITY), high: Vector3::repeat(f64::NEG_INFINITY) };
-        let mut include = |point: &Vector3<f64>, radius: f64| {
-            let p = at.to_world(point);
-            bounds.low = bounds.low.inf(&p.add_scalar(-radius));
-            bounds.high = bounds.high.sup(&p.add_scalar(radius));
-        };
+        let mut bounds = Bounds::nothing();
+        let mut include = |point: &Vector3<f64>, radius: f64| bounds.include(&at.to_world(point), radius);
         for ball in &self.balls {
             include(&ball.centre, ball.radius);
         }
@@ -266,16 +259,31 @@ impl Hull {
         }
         for a in &self.edges {
             let own = a.segment(at);
-            for b in &other.edges {
+            let ends = a.ends.map(|end| there.to_local(&at.to_world(&end)));
+            other.near(0, &around(&ends, a.radius), |i| {
+                let b = &other.edges[i];
                 a.crossing(&own, b, &b.segment(there), out);
-            }
+            });
         }
+    }
+
+    /// Calls `visit` for the edges (0) or balls (1) that may meet `region` of the hull's frame, in order.
+    fn near(&self, what: usize, region: &Aabb, mut visit: impl FnMut(usize)) {
+        let Some(trees) = &self.trees else {
+            return (0..[self.edges.len(), self.balls.len()][what]).for_each(visit);
+        };
+        let mut found: Vec<u32> = trees[what].intersect_aabb(region).collect();
+        found.sort_unstable();
+        found.into_iter().for_each(|i| visit(i as usize));
     }
 
     /// Balls of this hull on the other; `sign` turns the normal. On a chain of edges each ball has one contact, and with
     /// `fade` none at an edge's end, which is a ball of the other.
     fn corners_on(&self, at: &Placement, other: &Self, there: &Placement, fade: bool, sign: f64, out: &mut Vec<Point>) {
-        for ball in &self.balls {
+        // Only a mesh has so many balls that it pays to ask which are near.
+        let region = if self.trees.is_some() { other.region(there, at) } else { Aabb::new_invalid() };
+        self.near(1, &region, |i| {
+            let ball = &self.balls[i];
             let centre = at.to_world(&ball.centre);
             let deepest = match &other.solid {
                 Some(solid) => {
@@ -309,8 +317,25 @@ impl Hull {
                     .max_by(|p, q| (p.depth * p.weight).total_cmp(&(q.depth * q.weight))),
             };
             out.extend(deepest);
-        }
+        });
     }
+
+    /// Box around the hull, which is at `there`, in the frame `at`.
+    fn region(&self, there: &Placement, at: &Placement) -> Aabb {
+        let mut region = Aabb::new_invalid();
+        for ball in &self.balls {
+            region.merge(&around(&[at.to_local(&there.to_world(&ball.centre))], ball.radius));
+        }
+        for edge in &self.edges {
+            region.merge(&around(&edge.ends.map(|end| at.to_local(&there.to_world(&end))), edge.radius));
+        }
+        region
+    }
+}
+
+/// Box around points swept by a ball.
+fn around(points: &[Vector3<f64>], radius: f64) -> Aabb {
+    Aabb::from_points(points.iter().map(parry)).loosened(radius)
 }
 
 impl Solid {
@@ -322,7 +347,7 @@ impl Solid {
     /// Signed distance of a point in the world from the surface, negative inside, and the outward normal there.
     fn distance(&self, at: &Placement, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let local = self.turn * at.rotation.tr_mul(&(point - at.position));
-        let projection = self.shape.project_local_point(parry(&local), false);
+        let projection = self.surface.project_local_point(parry(&local), false);
         let gap = local - own(&projection.point);
         let distance = gap.norm();
         // On the surface itself the direction from the middle stands in for the normal.

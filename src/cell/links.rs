@@ -163,17 +163,12 @@ pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::hull::Placement;
+    use crate::cell::placement::Placement;
     use crate::effects::testing;
     use crate::kinematics::Motion;
 
     fn solid(frame: &Object) -> (Hull, Placement) {
-        let at = Placement {
-            rotation: Matrix3::identity(),
-            position: frame.position,
-            velocity: Vector3::zeros(),
-            angular_velocity: Vector3::zeros(),
-        };
+        let at = Placement::at_rest(Matrix3::identity(), frame.position);
         (Hull::solid(&frame.shape), at)
     }
 

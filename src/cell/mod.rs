@@ -1,28 +1,42 @@
 //! The robot's surroundings: table, conveyor, obstacles and products.
 //!
-//! The objects are bodies of Rapier, which moves the free ones and solves their contacts with each other. The robot's
-//! links are not: where they touch objects, or each other once the robot has fallen apart, the compliant [`law`] acts on
-//! both sides with opposite sign, so momentum crosses between twin and Rapier without loss.
+//! All of them and the robot's links are bodies of Rapier. It moves the free objects, solves their contacts with each
+//! other, and finds what comes near the robot: its links are kinematic bodies that follow the twin. A kinematic body pushes
+//! as if it were infinitely heavy and takes no reaction, so where the robot touches objects, or itself once it has fallen
+//! apart, the compliant [`law`] acts on both sides with opposite sign: momentum crosses between twin and Rapier without
+//! loss.
 
+mod contact;
+mod hooks;
 mod hull;
 pub mod law;
 pub(crate) mod links;
+pub mod mesh;
+mod neighbours;
 pub mod object;
+mod placement;
+mod robot;
 #[cfg(test)]
 mod tests;
+mod urdf;
 mod world;
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Vector3};
 use thiserror::Error;
 
 pub use object::{Mobility, Object, Shape, Surface};
+pub use urdf::urdf;
 
 use crate::kinematics::{Motion, SocketSet};
 use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
 use crate::model::{Geometry, Inertia};
-use hull::{Bounds, Hull, Placement, Point};
+use contact::{Wrench, about, add, press};
+use hull::{Hull, Point};
 use links::Part;
-use world::World;
+use neighbours::Neighbours;
+use placement::Placement;
+use robot::{Grip, Robot};
+use world::{Collider, World};
 
 /// Force, N, and moment about the origin of each body, N·m, world axes.
 pub type BodyWrenches = [(Vector3<f64>, Vector3<f64>); BODIES];
@@ -59,6 +73,9 @@ pub enum CellError {
         /// What it should be.
         expected: &'static str,
     },
+    /// A mesh that would have to fall.
+    #[error("'{0}' is free, which a mesh cannot be; expected shape = \"hull\", or a fixed mesh")]
+    FreeMesh(String),
     /// No object of that name.
     #[error("there is no object '{0}'")]
     Unknown(String),
@@ -130,47 +147,21 @@ struct Pair {
     depth: f64,
 }
 
-#[derive(Clone, Copy, PartialEq)]
-enum Collider {
-    Part(usize),
-    Held(usize),
-    Object(usize),
-}
-
-/// An object in the gripper: its index and its pose in the end effector's frame.
-#[derive(Clone, Copy)]
-struct Grip {
-    object: usize,
-    rotation: Matrix3<f64>,
-    position: Vector3<f64>,
-}
-
 /// The cell with everything in it but the robot's dynamics.
 pub struct Cell {
     /// Number of objects given; the robot's frame follows.
     listed: usize,
     world: World,
-    parts: Vec<Part>,
-    grip: Option<Grip>,
+    robot: Robot,
+    neighbours: Neighbours,
     wrenches: BodyWrenches,
-    /// On each object: force, and moment about its origin.
-    /// Loads on the objects at the last contact, and at the one before.
-    reactions: Vec<(Vector3<f64>, Vector3<f64>)>,
-    earlier: Vec<(Vector3<f64>, Vector3<f64>)>,
+    /// Loads on the objects, force and moment about the origin, at the last contact, and at the one before.
+    reactions: Vec<Wrench>,
+    earlier: Vec<Wrench>,
     /// `contact` was called since the last `advance`.
     fresh: bool,
     pairs: Vec<Pair>,
     points: Vec<Point>,
-    links: Vec<Placed>,
-}
-
-/// A part or held object of the robot in the world.
-#[derive(Clone, Copy)]
-struct Placed {
-    collider: Collider,
-    body: usize,
-    at: Placement,
-    bounds: Bounds,
 }
 
 impl Cell {
@@ -182,13 +173,33 @@ impl Cell {
         payload: Option<(Shape, Vector3<f64>)>,
         gravity: Vector3<f64>,
     ) -> Result<Self, CellError> {
+        Self::around(objects, None, geometry, payload, gravity)
+    }
+
+    /// The same with the robot's own frame, which loose parts can hit.
+    pub fn with_frame(
+        objects: &[Object],
+        geometry: &Geometry,
+        payload: Option<(Shape, Vector3<f64>)>,
+        gravity: Vector3<f64>,
+    ) -> Result<Self, CellError> {
+        Self::around(objects, links::frame(geometry), geometry, payload, gravity)
+    }
+
+    fn around(
+        objects: &[Object],
+        frame: Option<Object>,
+        geometry: &Geometry,
+        payload: Option<(Shape, Vector3<f64>)>,
+        gravity: Vector3<f64>,
+    ) -> Result<Self, CellError> {
         for (i, object) in objects.iter().enumerate() {
             object.check(i)?;
             if objects[..i].iter().any(|o| o.name == object.name) {
                 return Err(CellError::DuplicateName(object.name.clone()));
             }
         }
-        let all: Vec<Object> = objects.iter().cloned().chain(links::frame(geometry)).collect();
+        let all: Vec<Object> = objects.iter().cloned().chain(frame).collect();
         let mut parts = links::parts(geometry);
         if let Some((shape, position)) = payload {
             object::check_shape("payload", &shape)?;
@@ -204,52 +215,43 @@ impl Cell {
         }
         Ok(Self {
             listed: objects.len(),
-            world: World::new(&all, gravity),
-            parts,
-            grip: None,
+            world: World::new(&all, &parts, gravity),
+            robot: Robot::new(parts),
+            neighbours: Neighbours::default(),
             wrenches: UNLOADED,
             reactions: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
             earlier: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
             fresh: false,
             pairs: Vec::new(),
             points: Vec::new(),
-            links: Vec::new(),
         })
     }
 
     /// Whether anything could touch within `horizon` s at the present speeds, so that steps must not be longer than
     /// [`Self::contact_step`].
-    pub fn near(&self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool {
+    pub fn near(&mut self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool {
+        let Self { world, robot, neighbours, .. } = self;
         let travel = |speed: f64| speed * horizon + 0.5 * ACCELERATION * horizon * horizon;
-        let mut placed = Vec::with_capacity(self.parts.len() + 1);
-        place(&self.parts, &self.world, self.grip, motion, closed, &mut placed);
-        let speed = |p: &Placed| {
-            let b = &p.at;
-            b.velocity.norm() + b.angular_velocity.norm() * p.bounds.reach(&b.position)
-        };
-        for (i, link) in placed.iter().enumerate() {
-            let (own, own_speed) = (hull(&self.parts, &self.world, link.collider), speed(link));
-            for object in self.world.present() {
-                let margin = travel(own_speed + object.speed());
-                if link.bounds.overlap(&object.bounds, margin) && own.within(&link.at, &object.hull, &object.at, margin)
-                {
-                    return true;
+        let extents = robot.extents();
+        let speed_of = |body: usize| Placement::from(&motion.bodies[body]).speed(extents[body]);
+        let links = (0..BODIES).map(speed_of).fold(0.0, f64::max);
+        let objects = world.present().map(|o| o.at.speed(o.extent)).fold(0.0, f64::max);
+        neighbours.look(world, robot, motion, closed, travel(links + links.max(objects)));
+        neighbours.pairs.iter().any(|&(first, second)| {
+            let Some(link) = robot.placed(world, first, motion) else { return false };
+            let within = |bounds: &placement::Bounds, hull: &Hull, at: &Placement, speed: f64| {
+                let margin = travel(speed_of(link.body) + speed);
+                link.bounds.overlap(bounds, margin) && link.hull.within(&link.at, hull, at, margin)
+            };
+            match (robot.placed(world, second, motion), second) {
+                (Some(other), _) => within(&other.bounds, other.hull, &other.at, speed_of(other.body)),
+                (None, Collider::Object(o)) => {
+                    let object = &world.objects[o];
+                    within(&object.bounds, &object.hull, &object.at, object.at.speed(object.extent))
                 }
+                (None, Collider::Part(_)) => false,
             }
-            if closed == SocketSet::ALL {
-                continue;
-            }
-            for other in &placed[..i] {
-                let margin = travel(own_speed + speed(other));
-                if meet(&self.parts, link, other, closed)
-                    && link.bounds.overlap(&other.bounds, margin)
-                    && own.within(&link.at, hull(&self.parts, &self.world, other.collider), &other.at, margin)
-                {
-                    return true;
-                }
-            }
-        }
-        false
+        })
     }
 
     /// Longest step that resolves the oscillation of the lightest body on its contacts, s.
@@ -267,58 +269,46 @@ impl Cell {
     /// The opposite loads act on the objects in the next [`Self::advance`]: momentum is conserved if the twin's wrenches go
     /// linearly from those of the call before to these over that step.
     pub fn contact(&mut self, motion: &Motion, closed: SocketSet) -> &BodyWrenches {
-        let Self { world, parts, grip, wrenches, reactions, fresh, pairs, points, links, .. } = self;
+        let Self { world, robot, neighbours, wrenches, reactions, fresh, pairs, points, .. } = self;
         *wrenches = UNLOADED;
         *fresh = true;
         reactions.fill((Vector3::zeros(), Vector3::zeros()));
         pairs.clear();
-        place(parts, world, *grip, motion, closed, links);
-        for (i, link) in links.iter().enumerate() {
-            let own = hull(parts, world, link.collider);
-            for (o, object) in world.objects.iter().enumerate().filter(|(_, o)| o.present) {
-                if !link.bounds.overlap(&object.bounds, 0.0) {
-                    continue;
+        neighbours.look(world, robot, motion, closed, 0.0);
+        for &(first, second) in &neighbours.pairs {
+            let Some(link) = robot.placed(world, first, motion) else { continue };
+            let other = robot.placed(world, second, motion);
+            let (hull, at, bounds, surface, belt) = match (&other, second) {
+                (Some(o), _) => (o.hull, o.at, o.bounds, Surface::default(), Vector3::zeros()),
+                (None, Collider::Object(o)) => {
+                    let object = &world.objects[o];
+                    let surface = match first {
+                        Collider::Object(held) => {
+                            law::between(&world.objects[held].object.surface, &object.object.surface)
+                        }
+                        Collider::Part(_) => object.object.surface,
+                    };
+                    (&object.hull, object.at, object.bounds, surface, object.belt())
                 }
-                let surface = match link.collider {
-                    Collider::Held(held) => law::between(&world.objects[held].object.surface, &object.object.surface),
-                    _ => object.object.surface,
-                };
-                points.clear();
-                own.contacts(&link.at, &object.hull, &object.at, points);
-                let loads = press(points, &surface, &link.at, &object.at, &object.belt());
-                if loads.normal > 0.0 {
-                    add(
-                        &mut wrenches[link.body],
-                        &about(&loads.on_first, &link.at, &motion.bodies[link.body].position),
-                    );
-                    add(&mut reactions[o], &loads.on_second);
-                    pairs.push(Pair {
-                        link: link.collider,
-                        other: Collider::Object(o),
-                        force: loads.normal,
-                        depth: loads.depth,
-                    });
-                }
+                (None, Collider::Part(_)) => continue,
+            };
+            if !link.bounds.overlap(&bounds, 0.0) {
+                continue;
             }
-            for other in links[..i].iter().filter(|other| meet(parts, link, other, closed)) {
-                if !link.bounds.overlap(&other.bounds, 0.0) {
-                    continue;
-                }
-                points.clear();
-                own.contacts(&link.at, hull(parts, world, other.collider), &other.at, points);
-                let loads = press(points, &Surface::default(), &link.at, &other.at, &Vector3::zeros());
-                if loads.normal > 0.0 {
-                    for (body, load) in [(link, &loads.on_first), (other, &loads.on_second)] {
-                        add(&mut wrenches[body.body], &about(load, &body.at, &motion.bodies[body.body].position));
-                    }
-                    pairs.push(Pair {
-                        link: link.collider,
-                        other: other.collider,
-                        force: loads.normal,
-                        depth: loads.depth,
-                    });
-                }
+            points.clear();
+            link.hull.contacts(&link.at, hull, &at, points);
+            let loads = press(points, &surface, &link.at, &at, &belt);
+            if loads.normal <= 0.0 {
+                continue;
             }
+            let origin = |body: usize| motion.bodies[body].position;
+            add(&mut wrenches[link.body], &about(&loads.on_first, &link.at, &origin(link.body)));
+            match (&other, second) {
+                (Some(o), _) => add(&mut wrenches[o.body], &about(&loads.on_second, &o.at, &origin(o.body))),
+                (None, Collider::Object(o)) => add(&mut reactions[o], &loads.on_second),
+                (None, Collider::Part(_)) => {}
+            }
+            pairs.push(Pair { link: first, other: second, force: loads.normal, depth: loads.depth });
         }
         wrenches
     }
@@ -358,7 +348,7 @@ impl Cell {
     /// Takes a free object into the gripper, where it keeps its pose relative to the end effector.
     pub fn pick(&mut self, name: &str, motion: &Motion) -> Result<Held, CellError> {
         let index = self.world.find(name).ok_or_else(|| CellError::Unknown(name.into()))?;
-        if let Some(grip) = self.grip {
+        if let Some(grip) = self.robot.grip {
             let held = self.world.objects[grip.object].object.name.clone();
             return Err(CellError::Occupied { wanted: name.into(), held });
         }
@@ -371,7 +361,7 @@ impl Cell {
         let position = hand.rotation.tr_mul(&(at.position - hand.position));
         let mut inertia = Inertia::point(object.inertia.mass, position);
         inertia.tensor += rotation * object.inertia.tensor * rotation.transpose();
-        self.grip = Some(Grip { object: index, rotation, position });
+        self.robot.hold(Grip { object: index, rotation, position }, object.extent);
         self.world.take(index);
         self.reactions[index] = (Vector3::zeros(), Vector3::zeros());
         self.earlier[index] = (Vector3::zeros(), Vector3::zeros());
@@ -381,7 +371,7 @@ impl Cell {
 
     /// Lets go of the held object with the pose and twist it has on the end effector; returns its name.
     pub fn release(&mut self, motion: &Motion) -> Result<String, CellError> {
-        let grip = self.grip.take().ok_or(CellError::Empty)?;
+        let grip = self.robot.release().ok_or(CellError::Empty)?;
         self.world.put(grip.object, grip.placement(motion));
         Ok(self.world.objects[grip.object].object.name.clone())
     }
@@ -389,16 +379,14 @@ impl Cell {
     /// Objects in the order given, with pose and twist at their origins; a held one moves with the end effector of `motion`.
     pub fn objects<'a>(&'a self, motion: &'a Motion) -> impl Iterator<Item = (&'a Object, Isometry3<f64>, Twist)> {
         self.world.objects[..self.listed].iter().enumerate().map(|(i, o)| {
-            let at = self.grip.filter(|g| g.object == i).map_or(o.at, |g| g.placement(motion));
-            let rotation = Rotation3::from_matrix_unchecked(at.rotation);
-            let pose = Isometry3::from_parts(at.position.into(), rotation.into());
-            (&o.object, pose, Twist { velocity: at.velocity, angular_velocity: at.angular_velocity })
+            let at = self.robot.grip.filter(|g| g.object == i).map_or(o.at, |g| g.placement(motion));
+            (&o.object, at.isometry(), Twist { velocity: at.velocity, angular_velocity: at.angular_velocity })
         })
     }
 
     /// Name of the object in the gripper.
     pub fn held(&self) -> Option<&str> {
-        self.grip.map(|g| self.world.objects[g.object].object.name.as_str())
+        self.robot.grip.map(|g| self.world.objects[g.object].object.name.as_str())
     }
 
     /// Momentum, N·s, and angular momentum about the inertial frame's origin, N·m·s, of the free objects.
@@ -439,78 +427,8 @@ impl Cell {
 
     fn name(&self, collider: Collider) -> String {
         match collider {
-            Collider::Part(p) => body_name(self.parts[p].body),
-            Collider::Held(o) | Collider::Object(o) => self.world.objects[o].object.name.clone(),
+            Collider::Part(p) => body_name(self.robot.parts[p].body),
+            Collider::Object(o) => self.world.objects[o].object.name.clone(),
         }
     }
-}
-
-impl Grip {
-    fn placement(&self, motion: &Motion) -> Placement {
-        Placement::from(&motion.bodies[END_EFFECTOR]).offset(&self.rotation, &self.position)
-    }
-}
-
-type Wrench = (Vector3<f64>, Vector3<f64>);
-
-fn add(sum: &mut Wrench, wrench: &Wrench) {
-    sum.0 += wrench.0;
-    sum.1 += wrench.1;
-}
-
-/// Moves a wrench about the origin of `at` to `origin`.
-fn about(wrench: &Wrench, at: &Placement, origin: &Vector3<f64>) -> Wrench {
-    (wrench.0, wrench.1 + (at.position - origin).cross(&wrench.0))
-}
-
-fn hull<'a>(parts: &'a [Part], world: &'a World, collider: Collider) -> &'a Hull {
-    match collider {
-        Collider::Part(p) => &parts[p].hull,
-        Collider::Held(o) | Collider::Object(o) => &world.objects[o].hull,
-    }
-}
-
-fn meet(parts: &[Part], a: &Placed, b: &Placed, closed: SocketSet) -> bool {
-    let meets = |c: Collider| if let Collider::Part(p) = c { parts[p].meets_links } else { true };
-    links::can_meet(a.body, b.body, closed) && meets(a.collider) && meets(b.collider)
-}
-
-/// Parts of the robot and the held object in the world.
-fn place(parts: &[Part], world: &World, grip: Option<Grip>, motion: &Motion, closed: SocketSet, out: &mut Vec<Placed>) {
-    out.clear();
-    let there = |part: &Part| part.bared_by.is_none_or(|socket| !closed.contains(socket));
-    out.extend(parts.iter().enumerate().filter(|(_, part)| there(part)).map(|(p, part)| {
-        let at = Placement::from(&motion.bodies[part.body]).offset(&part.rotation, &part.position);
-        Placed { collider: Collider::Part(p), body: part.body, at, bounds: part.hull.bounds(&at) }
-    }));
-    out.extend(grip.map(|g| {
-        let at = g.placement(motion);
-        let bounds = world.objects[g.object].hull.bounds(&at);
-        Placed { collider: Collider::Held(g.object), body: END_EFFECTOR, at, bounds }
-    }));
-}
-
-/// Loads of all contact points of a pair, each about the origin of its side.
-struct Loads {
-    normal: f64,
-    depth: f64,
-    on_first: Wrench,
-    on_second: Wrench,
-}
-
-fn press(points: &[Point], surface: &Surface, a: &Placement, b: &Placement, belt: &Vector3<f64>) -> Loads {
-    let none = (Vector3::zeros(), Vector3::zeros());
-    let mut loads = Loads { normal: 0.0, depth: 0.0, on_first: none, on_second: none };
-    let spin = a.angular_velocity - b.angular_velocity;
-    for p in points {
-        let surface_velocity = b.velocity_at(&p.position) + belt - p.normal * p.normal.dot(belt);
-        let velocity = a.velocity_at(&p.position) - surface_velocity;
-        let load = law::load(surface, p.weight, p.depth, &p.normal, &velocity, &spin);
-        loads.normal += load.normal;
-        loads.depth = loads.depth.max(p.depth);
-        let (on_first, on_second) = (&mut loads.on_first, &mut loads.on_second);
-        add(on_first, &(load.force, (p.position - a.position).cross(&load.force) + load.moment));
-        add(on_second, &(-load.force, -(p.position - b.position).cross(&load.force) - load.moment));
-    }
-    loads
 }

@@ -1,8 +1,11 @@
 //! Objects around the robot, as a scenario describes them.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 
 use super::CellError;
+use super::mesh::Mesh;
 use crate::model::Inertia;
 
 /// A thing in the robot's cell.
@@ -23,8 +26,10 @@ pub struct Object {
 }
 
 /// Shape of an object.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
+    /// Convex hull or mesh about its centre of volume.
+    Mesh(Arc<Mesh>),
     /// Box with edges along x, y, z, m.
     Box {
         /// Lengths of the edges, m.
@@ -93,7 +98,12 @@ impl Object {
         match &self.mobility {
             Mobility::Fixed => {}
             Mobility::Conveyor { velocity } => check_finite(&self.name, "velocity", velocity.as_slice())?,
-            Mobility::Free { mass } => require(&self.name, "mass", *mass, *mass > 0.0, "positive")?,
+            Mobility::Free { mass } => {
+                require(&self.name, "mass", *mass, *mass > 0.0, "positive")?;
+                if matches!(&self.shape, Shape::Mesh(mesh) if !mesh.is_convex()) {
+                    return Err(CellError::FreeMesh(self.name.clone()));
+                }
+            }
         }
         let Surface { stiffness, dissipation, friction, rolling } = self.surface;
         require(&self.name, "stiffness", stiffness, stiffness > 0.0, "positive")?;
@@ -110,6 +120,8 @@ pub(super) fn check_shape(object: &str, shape: &Shape) -> Result<(), CellError> 
         Shape::Box { size } => [("size along x", size.x), ("size along y", size.y), ("size along z", size.z)],
         Shape::Cylinder { radius, height } => [("radius", radius), ("height", height), ("height", height)],
         Shape::Sphere { radius } => [("radius", radius); 3],
+        // Checked when it was made.
+        Shape::Mesh(_) => return Ok(()),
     };
     lengths.iter().try_for_each(|&(what, length)| require(object, what, length, length > 0.0, "positive"))
 }
@@ -129,6 +141,9 @@ impl Shape {
     /// Inertia about its origin of the shape filled with `mass`, kg.
     pub fn inertia(&self, mass: f64) -> Inertia {
         let moments = match *self {
+            Self::Mesh(ref mesh) => {
+                return Inertia { mass, first_moment: Vector3::zeros(), tensor: mesh.gyration() * mass };
+            }
             Self::Box { size } => {
                 let s = size.component_mul(&size);
                 Vector3::new(s.y + s.z, s.x + s.z, s.x + s.y) / 12.0

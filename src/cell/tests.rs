@@ -1,6 +1,9 @@
+use std::sync::Arc;
+
 use approx::assert_relative_eq;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use super::mesh::{Mesh, tests::block};
 use super::{Cell, CellError, Mobility, Object, Shape, Surface};
 use crate::effects::testing::geometry;
 use crate::kinematics::{BodyMotion, JointState, Motion, SocketSet};
@@ -15,6 +18,12 @@ fn object(name: &str, shape: Shape, mobility: Mobility, position: [f64; 3]) -> O
 
 fn cuboid(x: f64, y: f64, z: f64) -> Shape {
     Shape::Box { size: Vector3::new(x, y, z) }
+}
+
+/// A box made of triangles.
+fn triangles(x: f64, y: f64, z: f64, convex: bool) -> Shape {
+    let (corners, triangles) = block(x, y, z);
+    Shape::Mesh(Arc::new(Mesh::new(corners, triangles, convex).unwrap().0))
 }
 
 fn table() -> Object {
@@ -256,8 +265,14 @@ fn work_around_a_closed_path_in_contact_is_zero() {
     // deep. What the fading at edges does must be less than friction with a coefficient of 0.01.
     let surface = Surface { stiffness: 1e5, dissipation: 0.0, friction: 0.0, rolling: 0.0 };
     let cylinder = Shape::Cylinder { radius: 0.05, height: 0.1 };
-    for (shape, x) in [(cuboid(0.1, 0.1, 0.1), 0.02), (cylinder, 0.02), (Shape::Sphere { radius: 0.05 }, -0.02)] {
-        let mut cell = cell(&[Object { surface, ..object("thing", shape, Mobility::Fixed, [0.0; 3]) }]);
+    for (shape, x) in [
+        (cuboid(0.1, 0.1, 0.1), 0.02),
+        (cylinder, 0.02),
+        (Shape::Sphere { radius: 0.05 }, -0.02),
+        (triangles(0.1, 0.1, 0.1, true), 0.02),
+        (triangles(0.1, 0.1, 0.1, false), 0.02),
+    ] {
+        let mut cell = cell(&[Object { surface, ..object("thing", shape.clone(), Mobility::Fixed, [0.0; 3]) }]);
         let mut motion = scattered();
         let (mut work, mut size, mut last, mut jump, mut peak) = (0.0, 0.0, Vector3::zeros(), 0.0_f64, 0.0_f64);
         let n = 200_000;
@@ -290,6 +305,7 @@ fn every_face_carries_what_the_law_says() {
         (cuboid(0.1, 0.1, 0.06), 0.03, 4.0),
         (Shape::Sphere { radius: 0.03 }, 0.03, 1.0),
         (Shape::Cylinder { radius: 0.04, height: 0.06 }, 0.03, 12.0),
+        (triangles(0.1, 0.1, 0.06, true), 0.03, 4.0),
     ] {
         let hang = Vector3::new(0.01, 0.0, -half);
         let mut cell = Cell::new(&[table()], &geometry(), Some((shape, hang)), GRAVITY).unwrap();
@@ -304,8 +320,8 @@ fn every_face_carries_what_the_law_says() {
 #[test]
 fn upright_cans_meet_side_to_side() {
     let can = Shape::Cylinder { radius: 0.04, height: 0.12 };
-    let objects = [object("can", can, Mobility::Fixed, [0.08 - 1e-5, 0.0, 0.03])];
-    let mut cell = Cell::new(&objects, &geometry(), Some((can, Vector3::zeros())), GRAVITY).unwrap();
+    let objects = [object("can", can.clone(), Mobility::Fixed, [0.08 - 1e-5, 0.0, 0.03])];
+    let mut cell = Cell::new(&objects, &geometry(), Some((can.clone(), Vector3::zeros())), GRAVITY).unwrap();
     let mut motion = scattered();
     motion.bodies[END_EFFECTOR].position = Vector3::zeros();
     // Half way between the balls of the rims.
@@ -418,7 +434,7 @@ fn picking_from_a_table_starts_without_a_blow() {
 
 #[test]
 fn near_sees_what_comes() {
-    let cell = cell(&[table()]);
+    let mut cell = cell(&[table()]);
     let mut motion = assembled([0.0, 0.0, -0.9]);
     // Flange 237.5 mm above the table.
     assert!(!cell.near(&motion, SocketSet::ALL, 1e-3));
@@ -492,4 +508,61 @@ fn bad_numbers_do_no_harm() {
         cell.advance(h, 1.0);
     }
     assert!(cell.momentum().0.iter().all(|p| p.is_finite()));
+}
+
+#[test]
+fn pairs_that_were_found_before_serve_until_something_has_moved() {
+    // A strut wanders among objects of every shape; who asks anew at every step sees the same contacts.
+    let objects = [
+        table(),
+        object("box", cuboid(0.2, 0.2, 0.2), Mobility::Fixed, [0.3, 0.0, TABLE_TOP + 0.1]),
+        object("ball", Shape::Sphere { radius: 0.1 }, Mobility::Fixed, [-0.2, 0.1, TABLE_TOP + 0.1]),
+        object("can", Shape::Cylinder { radius: 0.05, height: 0.2 }, Mobility::Fixed, [0.0, -0.2, TABLE_TOP + 0.1]),
+        object("mesh", triangles(0.2, 0.1, 0.1, false), Mobility::Fixed, [0.1, 0.4, TABLE_TOP + 0.05]),
+    ];
+    let (mut lasting, mut hits, mut near) = (cell(&objects), 0, 0);
+    let mut motion = scattered();
+    for i in 0..1500 {
+        let a = 0.01 * f64::from(i);
+        let strut = &mut motion.bodies[STRUT];
+        strut.rotation = *Rotation3::from_euler_angles(0.3 * a, 0.05 * (1.3 * a).sin(), 1.7 * a).matrix();
+        strut.position = Vector3::new(0.1 * a.sin(), 0.1 * (0.7 * a).cos(), TABLE_TOP + 0.1 + 0.1 * (2.1 * a).sin());
+        let other = &mut motion.bodies[STRUT + 2];
+        other.position = Vector3::new(-0.5, 0.1 * (0.9 * a).sin(), TABLE_TOP + 0.12);
+        let closed = if i % 400 < 200 { SocketSet::ALL } else { open([0, 2, 6, 8]) };
+        let mut anew = cell(&objects);
+        if i % 3 == 0 {
+            assert_eq!(lasting.near(&motion, closed, 1e-3), anew.near(&motion, closed, 1e-3), "{i}");
+        }
+        assert_eq!(lasting.contact(&motion, closed), anew.contact(&motion, closed), "{i}");
+        assert_eq!(lasting.touching(), anew.touching(), "{i}");
+        hits += usize::from(!lasting.touching().is_empty());
+        near += lasting.touching().iter().filter(|t| t.other == "strut1" || t.link == "strut3").count();
+    }
+    assert!((100..1400).contains(&hits) && near > 5, "{hits} {near}");
+}
+
+#[test]
+fn what_is_held_may_touch_and_lies_still_once_it_is_put_down() {
+    let free = Mobility::Free { mass: 0.5 };
+    let start = [0.0, 0.0, TABLE_TOP + 0.05];
+    let mut cell = cell(&[table(), object("part", triangles(0.1, 0.1, 0.1, true), free, start)]);
+    let mut motion = scattered();
+    (0..400).for_each(|_| cell.advance(5e-4, 1.0));
+    motion.bodies[END_EFFECTOR].position = Vector3::new(0.0, 0.0, TABLE_TOP + 0.1);
+    cell.pick("part", &motion).unwrap();
+    motion.bodies[END_EFFECTOR].position.z += 0.02;
+    assert_eq!(cell.contact(&motion, SocketSet::ALL)[END_EFFECTOR].0, Vector3::zeros());
+    // Four corners of 2e5 N/m, 10 µm deeper than Rapier left them.
+    motion.bodies[END_EFFECTOR].position.z -= 0.02 + 1e-5;
+    let depth = start[2] - cell.objects(&motion).nth(1).unwrap().1.translation.z;
+    let force = cell.contact(&motion, SocketSet::ALL)[END_EFFECTOR].0;
+    assert_relative_eq!(force, Vector3::z() * (8e5 * depth), epsilon = 0.1);
+    assert!((1e-5..2e-5).contains(&depth), "{depth}");
+    cell.release(&motion).unwrap();
+    motion.bodies[END_EFFECTOR].position.z += 1.0;
+    (0..2000).for_each(|_| cell.advance(5e-4, 1.0));
+    let (_, pose, twist) = cell.objects(&motion).nth(1).unwrap();
+    assert_relative_eq!(pose.translation.vector, Vector3::from(start), epsilon = 1e-4);
+    assert!(twist.velocity.norm() < 1e-6);
 }

@@ -1,15 +1,21 @@
-//! The objects as bodies of Rapier.
+//! All collision bodies as bodies of Rapier: objects, and the robot's links as kinematic bodies that follow the twin.
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
-use rapier3d::dynamics::{FrictionModel, SpringCoefficients};
+use nalgebra::{Isometry3, Rotation3, Vector3};
+use parry3d::query;
+use rapier3d::dynamics::{FrictionModel, RigidBodyType, SpringCoefficients};
 use rapier3d::prelude::{
-    ActiveHooks, ColliderBuilder, ContactModificationContext, PhysicsHooks, PhysicsWorld, Pose, RigidBodyBuilder,
-    RigidBodyHandle, Vector,
+    ActiveCollisionTypes, ActiveHooks, ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode,
+    PhysicsWorld, Pose, RigidBodyBuilder, RigidBodyHandle, Vector,
 };
 
-use super::hull::{Bounds, Hull, Placement};
+use super::hooks::Surfaces;
+use super::hull::Hull;
+use super::links::Part;
 use super::object::{Mobility, Object};
+use super::placement::{Bounds, Placement};
+use crate::kinematics::SocketSet;
 use crate::model::Inertia;
+use crate::model::bodies::BODIES;
 
 /// Typical size of an object, m; scales Rapier's tolerances.
 const LENGTH_UNIT: f64 = 0.05;
@@ -21,6 +27,8 @@ const CONTACT_FREQUENCY: f64 = 200.0;
 const MAX_SPEED: f64 = 1e3;
 /// Longest step of Rapier, s.
 const MAX_STEP: f64 = 1e-3;
+/// Distance from which on Rapier expects contacts of objects, m; its default for this size.
+const PREDICTION: f64 = 0.02 * LENGTH_UNIT;
 
 /// An object and its state.
 pub struct Body {
@@ -36,11 +44,43 @@ pub struct Body {
     pub at: Placement,
     /// Bounds at this pose.
     pub bounds: Bounds,
+    /// Largest distance of its points from its origin, m.
+    pub extent: f64,
     handle: RigidBodyHandle,
-    reach: f64,
+    collider: ColliderHandle,
 }
 
 impl Body {
+    fn new(object: &Object) -> Self {
+        let rotation = *Rotation3::from_axis_angle(&Vector3::z_axis(), object.yaw).matrix();
+        let at = Placement::at_rest(rotation, object.position);
+        let hull = Hull::solid(&object.shape);
+        let inertia = match object.mobility {
+            Mobility::Free { mass } => object.shape.inertia(mass),
+            _ => Inertia::ZERO,
+        };
+        Self {
+            object: object.clone(),
+            bounds: hull.bounds(&at),
+            extent: hull.extent(),
+            hull,
+            inertia,
+            present: true,
+            at,
+            handle: RigidBodyHandle::invalid(),
+            collider: ColliderHandle::invalid(),
+        }
+    }
+
+    /// Lets it be an object among others, whose contacts Rapier solves.
+    fn join(&mut self, rapier: &mut PhysicsWorld) {
+        self.present = true;
+        if let Some(collider) = rapier.colliders.get_mut(self.collider) {
+            collider.set_collision_groups(InteractionGroups::new(OBJECTS, Group::ALL, InteractionTestMode::And));
+            collider.set_solver_groups(InteractionGroups::all());
+        }
+    }
+
     /// Velocity of the surface over the body, m/s.
     pub fn belt(&self) -> Vector3<f64> {
         if let Mobility::Conveyor { velocity } = self.object.mobility { velocity } else { Vector3::zeros() }
@@ -51,83 +91,122 @@ impl Body {
         matches!(self.object.mobility, Mobility::Free { .. })
     }
 
-    /// Bound on the speed of its points, m/s.
-    pub fn speed(&self) -> f64 {
-        self.at.velocity.norm() + self.at.angular_velocity.norm() * self.reach
-    }
-
     /// Angular momentum about its origin, N·m·s, world axes.
     pub fn angular_momentum(&self) -> Vector3<f64> {
         self.at.rotation * (self.inertia.tensor * self.at.rotation.tr_mul(&self.at.angular_velocity))
     }
 }
 
-/// All objects.
+/// Objects, which may touch everything.
+const OBJECTS: Group = Group::GROUP_1;
+/// Links of the robot and what it holds.
+const LINKS: Group = Group::GROUP_2;
+/// Parts of the robot that sit in their sockets and only meet objects.
+const SOCKETS: Group = Group::GROUP_3;
+
+/// What a collider belongs to; kept in Rapier's user data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Collider {
+    /// Part of a link, by index.
+    Part(usize),
+    /// Object, by index.
+    Object(usize),
+}
+
+impl Collider {
+    fn encode(self) -> u128 {
+        match self {
+            Self::Part(i) => (i as u128) << 1,
+            Self::Object(i) => (i as u128) << 1 | 1,
+        }
+    }
+
+    fn decode(data: u128) -> Self {
+        let index = (data >> 1) as usize;
+        if data & 1 == 0 { Self::Part(index) } else { Self::Object(index) }
+    }
+}
+
+/// Everything that can collide.
 pub struct World {
     /// In the order given.
     pub objects: Vec<Body>,
     rapier: PhysicsWorld,
-    belts: Belts,
-}
-
-/// Surface velocity of the conveyors, by body.
-struct Belts(Vec<(RigidBodyHandle, Vector3<f64>)>);
-
-impl PhysicsHooks for Belts {
-    fn modify_solver_contacts(&self, context: &mut ContactModificationContext) {
-        let belt = |body: Option<RigidBodyHandle>| {
-            self.0.iter().find(|(h, _)| Some(*h) == body).map_or(Vector::ZERO, |(_, v)| glam(v))
-        };
-        let relative = belt(context.rigid_body1) - belt(context.rigid_body2);
-        if let Some(contact) = context.rigid_mut() {
-            let normal = *contact.normal;
-            for point in contact.solver_contacts.iter_mut() {
-                point.tangent_velocity = relative - normal * normal.dot(relative);
-            }
-        }
-    }
+    surfaces: Surfaces,
+    /// Kinematic bodies of the robot's bodies, and the colliders of their parts.
+    links: [RigidBodyHandle; BODIES],
+    parts: Vec<ColliderHandle>,
 }
 
 impl World {
-    /// Objects at their starts under `gravity`, m/s².
-    pub fn new(objects: &[Object], gravity: Vector3<f64>) -> Self {
+    /// Objects at their starts under `gravity`, m/s², and the parts of a robot.
+    pub fn new(objects: &[Object], parts: &[Part], gravity: Vector3<f64>) -> Self {
         let mut rapier = PhysicsWorld::new();
         rapier.gravity = glam(&gravity);
         let parameters = &mut rapier.integration_parameters;
         parameters.length_unit = LENGTH_UNIT;
         parameters.normalized_allowed_linear_error = ALLOWED_PENETRATION / LENGTH_UNIT;
         parameters.normalized_max_linear_velocity = MAX_SPEED / LENGTH_UNIT;
+        parameters.normalized_prediction_distance = PREDICTION / LENGTH_UNIT;
         parameters.contact_recycling = false;
         parameters.contact_softness = SpringCoefficients::new(CONTACT_FREQUENCY, 10.0);
         parameters.static_contact_softness = SpringCoefficients::new(CONTACT_FREQUENCY, 10.0);
         parameters.friction_model = FrictionModel::Coulomb;
-        let mut world = Self { objects: Vec::with_capacity(objects.len()), rapier, belts: Belts(Vec::new()) };
-        for object in objects {
-            let at = Placement {
-                rotation: *Rotation3::from_axis_angle(&Vector3::z_axis(), object.yaw).matrix(),
-                position: object.position,
-                velocity: Vector3::zeros(),
-                angular_velocity: Vector3::zeros(),
-            };
-            let hull = Hull::solid(&object.shape);
-            let inertia = match object.mobility {
-                Mobility::Free { mass } => object.shape.inertia(mass),
-                _ => Inertia::ZERO,
-            };
-            let bounds = hull.bounds(&at);
-            world.objects.push(Body {
-                object: object.clone(),
-                bounds,
-                reach: bounds.reach(&at.position),
-                hull,
-                inertia,
-                present: false,
-                at,
-                handle: RigidBodyHandle::invalid(),
-            });
-            world.put(world.objects.len() - 1, at);
+        let links = std::array::from_fn(|_| rapier.insert_body(RigidBodyBuilder::kinematic_position_based()));
+        let mut world = Self {
+            objects: objects.iter().map(Body::new).collect(),
+            rapier,
+            surfaces: Surfaces::default(),
+            links,
+            parts: Vec::with_capacity(parts.len()),
+        };
+        for (i, part) in parts.iter().enumerate() {
+            world.insert_part(i, part);
+        }
+        for i in 0..objects.len() {
+            world.insert_object(i);
         }
         world
+    }
+
+    fn insert_part(&mut self, index: usize, part: &Part) {
+        let (shape, pose) = part.hull.shape();
+        let at = Placement::at_rest(part.rotation, part.position).isometry() * pose;
+        let collider = ColliderBuilder::new(shape)
+            .position(at.into())
+            .density(0.0)
+            .user_data(Collider::Part(index).encode())
+            .collision_groups(robot_groups(part.meets_links, false))
+            // Our law acts on what the robot touches, and finds the points itself.
+            .solver_groups(InteractionGroups::none())
+            .active_hooks(ActiveHooks::FILTER_CONTACT_PAIRS)
+            .active_collision_types(ActiveCollisionTypes::all());
+        self.parts.push(self.rapier.insert_collider(collider, Some(self.links[part.body])));
+    }
+
+    fn insert_object(&mut self, index: usize) {
+        let body = &mut self.objects[index];
+        let builder = match body.object.mobility {
+            Mobility::Free { .. } => RigidBodyBuilder::dynamic().can_sleep(false),
+            Mobility::Fixed | Mobility::Conveyor { .. } => RigidBodyBuilder::fixed(),
+        };
+        let hooks = match body.object.mobility {
+            Mobility::Fixed => ActiveHooks::empty(),
+            Mobility::Conveyor { .. } | Mobility::Free { .. } => ActiveHooks::MODIFY_SOLVER_CONTACTS,
+        };
+        let (shape, pose) = body.hull.shape();
+        let collider = ColliderBuilder::new(shape)
+            .position(pose.into())
+            .mass(body.inertia.mass)
+            .friction(body.object.surface.friction)
+            .active_hooks(hooks)
+            .active_collision_types(ActiveCollisionTypes::all())
+            .user_data(Collider::Object(index).encode());
+        (body.handle, body.collider) = self.rapier.insert(builder.pose(body.at.isometry().into()), collider);
+        body.join(&mut self.rapier);
+        if let Mobility::Conveyor { velocity } = body.object.mobility {
+            self.surfaces.0.push((body.handle, velocity));
+        }
     }
 
     /// Gravity, m/s².
@@ -150,41 +229,78 @@ impl World {
         self.objects.iter().position(|o| o.object.name == name)
     }
 
-    /// Takes an object out of the world.
+    /// Makes an object a part of the robot.
     pub fn take(&mut self, index: usize) {
         let object = &mut self.objects[index];
         object.present = false;
-        self.rapier.remove_body(object.handle);
+        if let Some(body) = self.rapier.bodies.get_mut(object.handle) {
+            body.set_body_type(RigidBodyType::KinematicPositionBased, false);
+        }
+        if let Some(collider) = self.rapier.colliders.get_mut(object.collider) {
+            collider.set_solver_groups(InteractionGroups::none());
+        }
     }
 
-    /// Puts an object into the world at `at`.
+    /// Lets go of an object at `at`.
     pub fn put(&mut self, index: usize, at: Placement) {
         let object = &mut self.objects[index];
-        let Some((shape, turn)) = object.hull.solid_shape() else { return };
-        let builder = match object.object.mobility {
-            Mobility::Free { .. } => RigidBodyBuilder::dynamic().can_sleep(false),
-            Mobility::Fixed | Mobility::Conveyor { .. } => RigidBodyBuilder::fixed(),
-        };
-        let body = builder
-            .pose(pose(&at.rotation, &at.position))
-            .linvel(glam(&at.velocity))
-            .angvel(glam(&at.angular_velocity));
-        let hooks = match object.object.mobility {
-            Mobility::Conveyor { .. } => ActiveHooks::MODIFY_SOLVER_CONTACTS,
-            _ => ActiveHooks::empty(),
-        };
-        let collider = ColliderBuilder::new(shape)
-            .position(pose(&turn, &Vector3::zeros()))
-            .mass(object.inertia.mass)
-            .friction(object.object.surface.friction)
-            .active_hooks(hooks);
-        (object.handle, _) = self.rapier.insert(body, collider);
-        object.present = true;
         object.at = at;
         object.bounds = object.hull.bounds(&at);
-        if let Mobility::Conveyor { velocity } = object.object.mobility {
-            self.belts.0.push((object.handle, velocity));
+        object.join(&mut self.rapier);
+        if let Some(body) = self.rapier.bodies.get_mut(object.handle) {
+            body.set_body_type(RigidBodyType::Dynamic, true);
+            body.set_position(at.isometry().into(), true);
+            body.set_linvel(glam(&at.velocity), true);
+            body.set_angvel(glam(&at.angular_velocity), true);
         }
+    }
+
+    /// Moves the robot's bodies, and an object it holds, to where they are while the sockets in `closed` hold. What is no
+    /// number stays where it was.
+    pub fn mirror(
+        &mut self,
+        parts: &[Part],
+        bodies: &[Placement; BODIES],
+        held: Option<(usize, Placement)>,
+        closed: SocketSet,
+    ) {
+        let broken = closed != SocketSet::ALL;
+        let moved = self.links.iter().zip(bodies).map(|(h, at)| (*h, *at));
+        for (handle, at) in moved.chain(held.map(|(i, at)| (self.objects[i].handle, at))) {
+            if let Some(body) = self.rapier.bodies.get_mut(handle).filter(|_| at.is_finite()) {
+                let pose: Pose = at.isometry().into();
+                // Pairs are looked for anew where a pose was changed, and a pose that is the same is no change.
+                body.set_next_kinematic_position(Pose::from_translation(pose.translation + Vector::X));
+                body.set_position(pose, false);
+            }
+        }
+        for (handle, part) in self.parts.iter().zip(parts) {
+            let Some(collider) = self.rapier.colliders.get_mut(*handle) else { continue };
+            collider.set_enabled(part.bared_by.is_none_or(|socket| !closed.contains(socket)));
+            collider.set_collision_groups(robot_groups(part.meets_links, broken));
+        }
+        if let Some(collider) = held.and_then(|(i, _)| self.rapier.colliders.get_mut(self.objects[i].collider)) {
+            collider.set_collision_groups(robot_groups(true, broken));
+        }
+    }
+
+    /// Pairs of colliders closer to each other than `distance`, m; of those without the robot only what Rapier knows already.
+    pub fn pairs(&mut self, distance: f64) -> impl Iterator<Item = (Collider, Collider)> {
+        // A step of no length moves nothing and looks for pairs. Each side's box grows by half of the prediction, but those
+        // of objects may be older.
+        let parameters = &mut self.rapier.integration_parameters;
+        parameters.dt = 0.0;
+        parameters.normalized_prediction_distance = 2.0 * distance / LENGTH_UNIT;
+        self.rapier.step_with_events(&self.surfaces, &());
+        self.rapier.integration_parameters.normalized_prediction_distance = PREDICTION / LENGTH_UNIT;
+        let colliders = &self.rapier.colliders;
+        self.rapier.contact_pairs().filter_map(move |pair| {
+            let (a, b) = (colliders.get(pair.collider1)?, colliders.get(pair.collider2)?);
+            let gap = query::distance(a.position(), a.shape(), b.position(), b.shape());
+            // Shapes whose distance is not to be had are near.
+            let near = gap.map_or(true, |gap| gap.distance <= distance);
+            near.then(|| (Collider::decode(a.user_data), Collider::decode(b.user_data)))
+        })
     }
 
     /// Moves the free objects on by `h` s under `loads`: force, and moment about its origin, on each object.
@@ -205,7 +321,7 @@ impl World {
         let steps = (h / MAX_STEP).ceil().max(1.0);
         self.rapier.integration_parameters.dt = h / steps;
         for _ in 0..steps as usize {
-            self.rapier.step_with_events(&self.belts, &());
+            self.rapier.step_with_events(&self.surfaces, &());
         }
         for object in self.objects.iter_mut().filter(|o| o.present && o.is_free()) {
             let Some(body) = self.rapier.bodies.get(object.handle) else { continue };
@@ -221,9 +337,14 @@ impl World {
     }
 }
 
-fn pose(rotation: &Matrix3<f64>, position: &Vector3<f64>) -> Pose {
-    let rotation = Rotation3::from_matrix_unchecked(*rotation);
-    Isometry3::from_parts((*position).into(), rotation.into()).into()
+/// Whom a part of the robot may meet: links meet each other once the robot is broken.
+fn robot_groups(meets_links: bool, broken: bool) -> InteractionGroups {
+    let (own, others) = match (meets_links, broken) {
+        (false, _) => (SOCKETS, OBJECTS),
+        (true, false) => (LINKS, OBJECTS),
+        (true, true) => (LINKS, OBJECTS | LINKS),
+    };
+    InteractionGroups::new(own, others, InteractionTestMode::And)
 }
 
 fn glam(v: &Vector3<f64>) -> Vector {
@@ -235,32 +356,4 @@ fn own(v: &Vector) -> Vector3<f64> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cell::{Shape, Surface};
-
-    #[test]
-    fn the_table_carries_the_weight_of_a_box() {
-        let object = |name: &str, size: [f64; 3], mobility, z| Object {
-            name: name.into(),
-            shape: Shape::Box { size: size.into() },
-            mobility,
-            position: Vector3::z() * z,
-            yaw: 0.3,
-            surface: Surface::default(),
-        };
-        let objects = [
-            object("table", [1.0, 1.0, 0.1], Mobility::Fixed, -0.05),
-            object("box", [0.1, 0.08, 0.06], Mobility::Free { mass: 0.4 }, 0.0301),
-        ];
-        let mut world = World::new(&objects, Vector3::z() * -9.81);
-        let h = 5e-4;
-        let none = [(Vector3::zeros(), Vector3::zeros()); 2];
-        (0..2000).for_each(|_| world.advance(h, &none));
-        let impulse: f64 = world.rapier.contact_pairs().map(|p| p.total_impulse_magnitude()).sum();
-        // 0.4·9.81 = 3.924 N
-        approx::assert_relative_eq!(impulse / h, 3.924, max_relative = 1e-3);
-        approx::assert_relative_eq!(world.objects[1].at.position, Vector3::z() * 0.03, epsilon = 2e-5);
-        assert!(world.objects[1].at.velocity.norm() < 1e-6);
-    }
-}
+mod tests;

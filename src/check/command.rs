@@ -4,8 +4,12 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::check;
-use crate::terminal::{BAD_INPUT, DONE, path, say, warn};
+use super::{Verified, check_as};
+use crate::gate::combined;
+use crate::gate::command::{json as gate_json, line};
+use crate::model::Model;
+use crate::recording::{Mapping, Reading};
+use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
 
 /// Validate files: models, scenarios, setups, recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -14,6 +18,15 @@ pub struct Args {
     /// Files of any kind.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// Model that the recordings should fit: also examines sign, factor, order, zero, lag, offset and payload.
+    #[arg(long, value_name = "MODEL")]
+    pub model: Option<PathBuf>,
+    /// Which column of the recordings is which channel, such as "t=Time[ms], q1=ActPos[deg]"; may be given several times.
+    #[arg(long, value_name = "MAP")]
+    pub map: Vec<Mapping>,
+    /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
+    #[arg(long, value_name = "FILE")]
+    pub setup: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -22,21 +35,30 @@ pub struct Args {
 /// Runs the command; every file is checked, each mistake told on stderr.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let mut good = true;
+    let mut fits = true;
+    let mut gate = Vec::new();
     let mut entries = Vec::new();
+    let model = args.model.as_deref().map(Model::read).transpose()?;
+    let machine = model.as_ref().map(|m| m.mechanism);
+    let how = Reading { setup: args.setup.as_deref(), machine, maps: &args.map };
     for file in &args.files {
-        match check(file) {
+        match check_as(file, &how, model.as_ref()) {
             Ok(v) => {
                 warn(&v.warnings);
                 if !args.json {
                     say(format!("{}: {}: {}", file.display(), v.kind, v.summary))?;
+                    print_gate(&v)?;
                 }
+                fits &= !v.gate.iter().flatten().any(|f| f.severe);
                 entries.push(json!({
                     "file": path(file),
                     "good": true,
                     "kind": v.kind.to_string(),
                     "summary": v.summary,
                     "warnings": v.warnings,
+                    "gate": v.gate.as_deref().map(gate_json),
                 }));
+                gate.extend(v.gate.unwrap_or_default());
             }
             Err(report) => {
                 good = false;
@@ -46,7 +68,23 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
     }
     if args.json {
-        say(json!({"good": good, "files": entries}))?;
+        say(json!({"good": good, "files": entries, "gate": gate_json(&gate)}))?;
     }
-    Ok(if good { DONE } else { BAD_INPUT })
+    Ok(match (good, fits) {
+        (false, _) => BAD_INPUT,
+        (true, false) => BAD_ANSWER,
+        (true, true) => DONE,
+    })
+}
+
+/// What the gate says of a recording.
+fn print_gate(v: &Verified) -> miette::Result<()> {
+    let Some(findings) = &v.gate else { return Ok(()) };
+    if findings.is_empty() {
+        return say("  It fits the model: signs, factors, order, zeros, lag, offsets and payload are in order.");
+    }
+    findings.iter().try_for_each(|f| say(format!("  {}", line(f))))?;
+    let others = findings.iter().filter(|f| !matches!(f.remedy, crate::gate::Remedy::Map(_)));
+    let remedies = others.map(|f| f.remedy.to_string()).chain(combined(findings).map(|r| r.to_string()));
+    remedies.into_iter().try_for_each(|r| say(format!("  remedy: {r}")))
 }

@@ -7,10 +7,11 @@ use std::path::Path;
 use miette::{IntoDiagnostic, WrapErr, miette};
 use toml::de::DeTable;
 
+use crate::gate::{Finding, examine};
 use crate::identification::{Trace, swapped};
 use crate::model::{Model, check};
 use crate::planner::{Limits, Task};
-use crate::recording::{Configuration, Recording, Setup, mcap};
+use crate::recording::{Configuration, Reading, Recording, Setup, bag};
 use crate::scenario::Scenario;
 
 /// Kinds of files deltatwin reads.
@@ -49,19 +50,33 @@ pub struct Verified {
     pub summary: String,
     /// What is odd about it.
     pub warnings: Vec<String>,
+    /// What keeps a recording from a model; nothing without a model.
+    pub gate: Option<Vec<Finding>>,
 }
 
 /// Checks a file of any kind.
 pub fn check(path: &Path) -> miette::Result<Verified> {
+    check_as(path, &Reading::default(), None)
+}
+
+/// Checks a file of any kind; recordings are read as `how` says and examined against `model`.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verified> {
     let kind = kind(path)?;
+    if kind == Kind::Recording {
+        let (summary, warnings, gate) = recording(path, how, model)?;
+        return Ok(Verified { kind, summary, warnings, gate });
+    }
     let (summary, warnings) = match kind {
         Kind::Model => (check::check_file(path)?, Vec::new()),
         Kind::Scenario => (scenario(path)?, Vec::new()),
         Kind::Path => (planned_path(path)?, Vec::new()),
         Kind::Setup => (setup(&Setup::read(path)?), Vec::new()),
-        Kind::Recording => recording(path)?,
+        Kind::Recording => unreachable!("recordings are done with above"),
     };
-    Ok(Verified { kind, summary, warnings })
+    Ok(Verified { kind, summary, warnings, gate: None })
 }
 
 /// What `path` is: TOML by its keys, everything else is a recording.
@@ -69,7 +84,7 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
     if path.is_dir() {
         return Err(miette!("{}: is a folder; expected a file", path.display()));
     }
-    if mcap::is_mcap(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+    if bag::is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
         return Ok(Kind::Recording);
     }
     let text = std::fs::read_to_string(path)
@@ -149,9 +164,15 @@ fn setup(setup: &Setup) -> String {
     format!("{configuration}, {}{noise}.", payload(setup))
 }
 
-fn recording(path: &Path) -> miette::Result<(String, Vec<String>)> {
-    let (recording, mut warnings) = Recording::read(path, None)?;
-    warnings.extend(swapped(&Trace::new(&recording)).map(|what| format!("{}: {what}", path.display())));
+type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
+
+fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
+    let (recording, mut warnings) = Recording::read_as(path, how)?;
+    let trace = Trace::new(&recording);
+    let gate = model.map(|m| examine(m, &trace));
+    if model.is_none() {
+        warnings.extend(swapped(&trace).map(|what| format!("{}: {what}", path.display())));
+    }
     let s = &recording.signals;
     let duration = s.t.last().zip(s.t.first()).map_or(0.0, |(b, a)| b - a);
     let forces = s.strut_upper.iter().chain(&s.strut_lower).flatten().count();
@@ -166,5 +187,5 @@ fn recording(path: &Path) -> miette::Result<(String, Vec<String>)> {
         s.stretches().len(),
         setup(&recording.setup),
     );
-    Ok((summary, warnings))
+    Ok((summary, warnings, gate))
 }

@@ -11,7 +11,8 @@ use serde_json::json;
 use super::{DURATION, Findings, MODEL, describe, figures, hidden, investigate, measure};
 use crate::dynamics::Channel;
 use crate::exam::Campaign;
-use crate::model::Model;
+use crate::model::{Model, Provenance};
+use crate::terminal::{today, wrapped};
 
 /// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
 #[derive(clap::Args, Debug, Clone)]
@@ -90,7 +91,9 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
         files.push(path);
     }
     let path = folder.join("model.toml");
-    match findings.diagnosis.model.write(&path) {
+    let recordings = vec![campaign.measurement.name.clone()];
+    let provenance = Provenance::new("demo", today(), recordings, &findings.diagnosis.parameters[1]);
+    match findings.diagnosis.model.write_fitted(&path, &provenance) {
         Ok(()) => files.push(path),
         Err(why) => eprintln!("no model file: {why}"),
     }
@@ -131,7 +134,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
         println!("  these data cannot tell apart: {}", set.join(", "));
     }
     if let Some(next) = &d.next_experiment {
-        println!("  next experiment, {}", next.what);
+        println!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
     }
     let [delivered, identified, added] = figures::stage_rms(findings);
     println!("\nRMS error on the held-out motion");

@@ -1,6 +1,7 @@
 //! Figures and report of a demo.
 
 use super::{Findings, describe};
+use crate::diagnosis::candidates::Standing;
 use crate::dynamics::Plant;
 use crate::exam::Campaign;
 use crate::identification::fit::residuals;
@@ -71,14 +72,15 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
         .iter()
         .map(|c| RankRow {
             name: c.name.clone(),
-            share: c.explained,
-            note: if c.visible { format!("p = {:.3}", c.p_adjusted) } else { "not visible in these data".into() },
+            // What the data cannot test has no share that means anything.
+            share: if c.standing == Standing::Untestable { f64::NAN } else { c.explained },
+            note: c.standing.to_string(),
             highlight: names.contains(&c.name.as_str()),
         })
         .collect();
     report.figure(
-        &ranking("Candidates", "share of the explainable error explained alone / %", &rows),
-        "Every absent effect tried on the measurement; p is family-wise over all of them.",
+        &ranking("Candidates", "share of the error above the noise that it could explain alone / %", &rows),
+        "Every absent effect, tried on the measurement as if nothing else were missing, and where it ended up.",
     );
     for e in &d.effects {
         let rows: Vec<Vec<String>> = e

@@ -51,8 +51,7 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     let problem = fitting.problem(&before.fit, &candidates)?;
     let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
-    let mut with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));
-    sort_effects(&mut with);
+    let with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));
     let Judged { mut fit, rms } = judge.fit(&with)?;
     let budget = Budget {
         channels: traces[0].channels.clone(),
@@ -64,10 +63,4 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     fit.model.history.extend(budget.history());
     let changes = budget::changes(&before.fit, &fit);
     Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.fit.parameters, fit })
-}
-
-/// Brings the effects of a model into the order of the registry.
-fn sort_effects(model: &mut Model) {
-    let place = |a: &effects::ActiveEffect| effects::REGISTRY.iter().position(|e| e.name() == a.effect.name());
-    model.effects.sort_by_key(place);
 }

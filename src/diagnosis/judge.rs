@@ -23,7 +23,7 @@ const HELD_OUT_SHARE: f64 = 0.3;
 const NO_MORE: f64 = 50.0;
 
 /// Excess of the residual's RMS over the noise floor that no controller or filter explains.
-const UNEXPLAINED: f64 = 1.15;
+pub(super) const UNEXPLAINED: f64 = 1.15;
 
 /// A fit with its RMS residuals on the data it is judged by.
 #[derive(Clone)]

@@ -5,20 +5,24 @@
 
 mod add;
 pub mod budget;
+pub mod candidates;
 pub mod command;
 pub mod confidence;
 pub mod experiment;
 mod judge;
+pub mod left;
 mod problem;
 mod search;
 pub mod unknown;
 
 pub use add::{Addition, add};
 use budget::{Budget, Change};
+pub use candidates::CandidateReport;
 use confidence::Confidence;
 pub use experiment::NextExperiment;
 use experiment::Open;
 use judge::{Judge, Judged, relative_energy};
+pub use left::Left;
 use thiserror::Error;
 
 use crate::dynamics::{Channel, in_configuration};
@@ -127,6 +131,8 @@ pub struct Diagnosis {
     pub unseen: Vec<String>,
     /// Parameters of the other candidates that no channel shows at all, such as the height of a payload without strut forces.
     pub unseen_parameters: Vec<String>,
+    /// Those of them that act in the twin only.
+    pub twin_only: Vec<String>,
     /// What to measure to tell the members of a set apart, or to see what these data cannot show.
     pub next_experiment: Option<NextExperiment>,
     /// What each found effect explains.
@@ -135,7 +141,12 @@ pub struct Diagnosis {
     pub changes: Vec<Change>,
     /// All parameters before and after.
     pub parameters: [Vec<Estimate>; 2],
-    /// What no known effect explains, for [`Verdict::Unknown`].
+    /// What is left with everything that was found, and whether something unknown acts beside the effects named.
+    pub left: Left,
+    /// Names of what the time did not allow to try.
+    pub not_tried: Vec<String>,
+    /// What no known effect explains: for [`Verdict::Unknown`], with the formula in the model; beside named effects that
+    /// stand, with the formula as a proposal.
     pub unexplained: Option<Unexplained>,
     /// By how much the torques come late, s, if it is less than half a sample: no effect, but part of the model.
     pub sampling_lag: Option<f64>,
@@ -154,23 +165,6 @@ pub struct Named {
     pub explained: f64,
     /// Its parameters.
     pub parameters: Vec<Estimate>,
-}
-
-/// What the data say about one candidate.
-#[derive(Clone, Debug)]
-pub struct CandidateReport {
-    /// Its name.
-    pub name: String,
-    /// Probability that it is what was found first.
-    pub probability: f64,
-    /// Share of the explainable error it would explain alone.
-    pub explained: f64,
-    /// Family-wise p-value.
-    pub p_adjusted: f64,
-    /// Whether the data could show it at its usual size.
-    pub visible: bool,
-    /// Parameters that imitate it.
-    pub absorbed_by: Vec<String>,
 }
 
 /// Finds the missing effects; `progress` is told what is being done.
@@ -212,26 +206,16 @@ pub fn diagnose_holding(
             name: name.into(),
             confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&problem), &settings)?,
             explained: explained(&rms_before, without, &rms_after, &noise_floor),
-            parameters: parameters_of(&end, name),
+            parameters: Vec::new(),
         });
     }
-    let probability = |name: &str| effects.first().map_or(0.0, |e: &Named| e.confidence.probability_of(name));
-    let report = |a: &Assessment| CandidateReport {
-        name: a.name.clone(),
-        probability: probability(&a.name),
-        explained: a.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
-        p_adjusted: a.p_adjusted,
-        visible: a.visibility == Visibility::Visible,
-        absorbed_by: a.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
-    };
-    let reports: Vec<CandidateReport> = all.order.iter().map(|&i| report(&all.candidates[i])).collect();
-    let beyond = problem::beyond(&mounted).into_iter().map(|e| e.name().into());
+    let twin_only: Vec<String> = problem::beyond(&mounted).into_iter().map(|e| e.name().into()).collect();
     let unseen: Vec<String> = all
         .candidates
         .iter()
         .filter(|a| a.visibility != Visibility::Visible && !found.contains(&a.candidate))
         .map(|a| a.name.clone())
-        .chain(beyond)
+        .chain(twin_only.iter().cloned())
         .collect();
     let unseen_parameters = problem::not_excited(&problem, &unseen);
     let mut indistinguishable: Vec<Vec<String>> = outcome
@@ -248,8 +232,10 @@ pub fn diagnose_holding(
     let verdict =
         verdict(&outcome, [&rms_before, &rms_after, &noise_floor], leaves_more, !indistinguishable.is_empty());
     progress("what is left");
-    let unexplained = unknown::explain([&start, &end], effects.len(), &fitting, held_out, progress)?;
-    let (verdict, end) = match &unexplained {
+    let mut left = Left::new(&rms_after, &noise_floor, !effects.is_empty(), verdict);
+    let doubt = unknown::Doubt { named: effects.len(), is_more_than_noise: left.is_more_than_noise() };
+    let unexplained = unknown::explain([&start, &end], doubt, &fitting, held_out, progress)?;
+    let (verdict, end) = match unexplained.as_ref().filter(|u| u.replaces) {
         None => (verdict, end),
         Some(found) => {
             // Named effects stay only where they add to it.
@@ -265,11 +251,20 @@ pub fn diagnose_holding(
         // Where something else is the matter, a name is worth what it explains.
         effects.iter_mut().for_each(|e| e.confidence.doubt(e.explained));
     }
+    // As they are in the model, beside a formula if it has one.
+    effects.iter_mut().for_each(|e| e.parameters = parameters_of(&end, &e.name));
+    let is_explained = unexplained.as_ref().is_some_and(|u| u.replaces);
+    left = Left::new(&rms_after, &noise_floor, !effects.is_empty(), verdict);
+    if left.is_more_than_noise() && unexplained.is_none() {
+        left.look(&end, &fitting, held_out)?;
+    }
+    let lag = sampling_lag.map(|_| search::DELAY);
+    let reports = candidates::reports(&all, &outcome, &settings, &effects, &indistinguishable, lag);
     progress("next experiment");
     let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
     let mut added: Vec<&str> = effects.iter().map(|e| e.name.as_str()).collect();
-    added.extend(unexplained.as_ref().map(|_| effects::formula::NAME));
+    added.extend(is_explained.then_some(effects::formula::NAME));
     for i in 1..=added.len() {
         let rms = if i == added.len() {
             rms_after.clone()
@@ -299,7 +294,10 @@ pub fn diagnose_holding(
         indistinguishable,
         unseen,
         unseen_parameters,
+        twin_only,
         next_experiment,
+        left,
+        not_tried: Vec::new(),
         budget,
         changes: budget::changes(&start, &end),
         parameters: [start.parameters, end.parameters],
@@ -313,6 +311,17 @@ impl Diagnosis {
     /// Share of the explainable error, on the data judged by, that goes with everything that was found.
     pub fn explained(&self) -> f64 {
         explained(&self.rms_before, &self.rms_before, &self.rms_after, &self.noise_floor)
+    }
+
+    /// The same with a formula that no effect of the library is, where there is one.
+    pub fn explained_with_formula(&self) -> f64 {
+        let after = self.unexplained.as_ref().map_or(&self.rms_after, |u| &u.rms);
+        explained(&self.rms_before, &self.rms_before, after, &self.noise_floor)
+    }
+
+    /// Whether something unknown acts beside the effects that are named.
+    pub fn unknown_beside(&self) -> bool {
+        self.left.beside
     }
 }
 
@@ -338,10 +347,11 @@ impl Fitting<'_> {
         fit_with(model, self.traces, &weights, &Options { held: self.held, ..Options::default() })
     }
 
-    /// The problem of a fit, without the parameters that are held or that stand at the edge of the possible.
+    /// The problem of a fit, without the parameters that are held or what the edge of the possible holds.
     fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
-        problem.base.retain(|c| !self.holds(&c.name) && !fit.at_edge(&c.name));
+        problem.base.retain(|c| !self.holds(&c.name));
+        problem::along_edge(&mut problem.base, fit);
         Ok(problem)
     }
 

@@ -11,7 +11,7 @@ use crate::model::Model;
 const MAX_REFUSED: usize = 5;
 
 /// The effect that sampling looks like.
-const DELAY: &str = "signal_delay";
+pub(super) const DELAY: &str = "signal_delay";
 
 /// What the search ends with.
 pub(super) struct Found {
@@ -288,7 +288,7 @@ fn relinearised(
         next.candidates[c.candidate].variants[c.variant].columns.clear();
     }
     for owned in problem::owned_columns(&fitted.model, traces)? {
-        if fitting.holds(&owned.column.name) || fitted.at_edge(&owned.column.name) {
+        if fitting.holds(&owned.column.name) {
             continue;
         }
         let Some(i) = names.iter().position(|n| *n == owned.effect) else {
@@ -302,5 +302,6 @@ fn relinearised(
         }
         next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column);
     }
+    problem::along_edge(&mut next.base, fitted);
     Ok(next)
 }

@@ -4,6 +4,7 @@ use miette::miette;
 use serde_json::{Value, json};
 
 use super::{Count, Effect, Parameter, REGISTRY, Role, find};
+use crate::spelling::nearest;
 use crate::terminal::{DONE, Table, say};
 
 /// List the physical effects, or describe one.
@@ -42,9 +43,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 /// The effect called `name`, or an error that suggests the nearest name.
 pub(crate) fn known(name: &str) -> miette::Result<&'static dyn Effect> {
     find(name).ok_or_else(|| {
-        let nearest = REGISTRY.iter().map(|e| e.name()).min_by_key(|n| strsim::damerau_levenshtein(name, n));
-        let hint = nearest.map_or(String::new(), |n| format!("; did you mean `{n}`?"));
-        miette!("unknown effect `{name}`{hint} `deltatwin effects` lists them")
+        let hint = nearest(name, REGISTRY.iter().map(|e| e.name()));
+        let hint = hint.map_or(String::new(), |n| format!("did you mean `{n}`? "));
+        miette!("unknown effect `{name}`; {hint}`deltatwin effects` lists them")
     })
 }
 
@@ -61,7 +62,7 @@ fn count(p: &Parameter) -> String {
         Count::One => "one".into(),
         Count::PerArm => "one per arm".into(),
         Count::PerDrive => "one per drive".into(),
-        Count::PerAxis => "one per axis".into(),
+        Count::PerAxis | Count::AllDrives => "one per axis".into(),
         Count::Named(names) => names.join(", "),
     }
 }

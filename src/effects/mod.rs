@@ -52,7 +52,7 @@ mod torque_gain_error;
 mod torque_ripple;
 
 pub use interface::{
-    ActiveEffect, Count, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches, hunt_crossley,
+    ActiveEffect, Count, Effects, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches, hunt_crossley,
 };
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.

@@ -145,6 +145,13 @@ impl RigidBodies {
         }
     }
 
+    /// Key in the table of body `b` and places in its array of the numbers that parameter `k` is; no key where the table has
+    /// only one, none at all if the body does not have the parameter.
+    pub fn place(&self, k: usize, b: usize) -> Option<(Option<&'static str>, &'static [usize])> {
+        let (bodies, unit) = self.units.get(k)?;
+        bodies.contains(&b).then(|| unit.place())
+    }
+
     /// Parameter values of the bodies; where several share one, that of the first.
     pub fn values(&self, bodies: &Bodies) -> Vec<f64> {
         self.units.iter().map(|(b, unit)| unit.value(&bodies[b.start])).collect()
@@ -209,11 +216,27 @@ enum Unit {
     Lone,
 }
 
+/// Places of x, y, z.
+const AXIS: &[usize; 3] = &[0, 1, 2];
+/// Places in the array of an inertia tensor.
+const INERTIA: &[usize; 6] = &[0, 1, 2, 3, 4, 5];
+
 impl Unit {
     fn inertia(&self) -> Inertia {
         let mut i = Inertia::ZERO;
         self.set(&mut i, 1.0);
         i
+    }
+
+    fn place(&self) -> (Option<&'static str>, &'static [usize]) {
+        match self {
+            Unit::Mass => (Some("mass"), &[0]),
+            Unit::Moment(axis) => (Some("first_moment"), &AXIS[*axis..*axis + 1]),
+            Unit::Tensor(axes) => (Some("inertia"), axes),
+            // xx, yy, zz, then xy, xz, yz.
+            Unit::Product(i, j) => (Some("inertia"), &INERTIA[i + j + 2..i + j + 3]),
+            Unit::Lone => (None, &[0]),
+        }
     }
 
     fn value(&self, i: &Inertia) -> f64 {

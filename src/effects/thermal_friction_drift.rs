@@ -1,11 +1,14 @@
 //! Friction of cold drives that decays while they warm up.
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use crate::model::{ARMS, Model};
 
-/// τ = −x·(c_C·tanh(k q̇) + c_v·q̇) with the effect's own state ẋ = −x/T, x(0) = 1.
+/// τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with the effect's own state ẋ = −x/T, x(0) = 1; w(q̇) = q̇ at the arms
+/// and v_s·tanh(q̇/v_s) at the telescope's drive, whose viscous friction saturates (Gnad et al. eq. 48).
 ///
-/// The parameters are the surplus of the cold drives over `drive_friction`, which describes the warm ones; c_C in N·m, c_v
-/// in N·m·s/rad, T in s. Dissipates x·(c_C·q̇·tanh(k·q̇) + c_v·q̇²).
+/// The parameters are the surplus of the cold drives over the friction in the model, which is that of warm ones; c_C in
+/// N·m, c_v in N·m·s/rad, T in s, v_s in rad/s (that of the telescope's friction in the model; linear without one).
+/// Dissipates x·(c_C·q̇·tanh(k·q̇) + c_v·q̇·w).
 ///
 /// x starts from 1, cold, with every run of the twin, which integrates it beside its motion like any other state (T is
 /// half a second at least: nothing steep), and with every recording in identification, which integrates it along the
@@ -17,6 +20,9 @@ const COULOMB: usize = 0;
 const VISCOUS: usize = 1;
 const TIME: usize = 2;
 const STEEPNESS: usize = 3;
+const SATURATION: usize = 4;
+/// Saturation speed at which viscous friction is linear at every speed of a drive, rad/s.
+const NONE: f64 = 1e4;
 
 impl Effect for ThermalFrictionDrift {
     fn name(&self) -> &'static str {
@@ -29,8 +35,8 @@ impl Effect for ThermalFrictionDrift {
 
     fn about(&self) -> About {
         About {
-            summary: "extra friction of cold arm drives that decays exponentially to the warm value",
-            law: "τ_i = −x·(c_C,i·tanh(k·q̇_i) + c_v,i·q̇_i), dx/dt = −x/T, x(0) = 1",
+            summary: "extra friction of cold drives that decays exponentially to the warm value",
+            law: "τ_i = −x·(c_C,i·tanh(k·q̇_i) + c_v,i·w(q̇_i)), dx/dt = −x/T, x(0) = 1; w = q̇, of axis 4 v_s·tanh(q̇/v_s)",
             shows: "friction residual that shrinks over the run",
             source: "Bittencourt et al., IROS 2010: viscous −30 to −70 %, Coulomb −10 %, T 30–60 min",
         }
@@ -41,7 +47,7 @@ impl Effect for ThermalFrictionDrift {
             Parameter {
                 name: "coulomb",
                 unit: "N·m",
-                count: Count::PerArm,
+                count: Count::AllDrives,
                 role: Role::Linear,
                 default: 0.4,
                 range: (-50.0, 50.0),
@@ -49,7 +55,7 @@ impl Effect for ThermalFrictionDrift {
             Parameter {
                 name: "viscous",
                 unit: "N·m·s/rad",
-                count: Count::PerArm,
+                count: Count::AllDrives,
                 role: Role::Linear,
                 default: 0.4,
                 range: (-50.0, 50.0),
@@ -63,7 +69,21 @@ impl Effect for ThermalFrictionDrift {
                 range: (0.5, 1e4),
             },
             STEEPNESS_PARAMETER,
+            Parameter {
+                name: "saturation_speed",
+                unit: "rad/s",
+                count: Count::One,
+                role: Role::Fixed,
+                default: 8.5919,
+                range: (0.5, NONE),
+            },
         ]
+    }
+
+    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+        let stated = model.effects.iter().flat_map(|a| a.entries().into_iter().zip(&a.values));
+        let mut stated = stated.filter(|(entry, _)| entry.parameter.name == parameter.name).map(|(_, value)| *value);
+        (parameter.name == "saturation_speed").then(|| stated.next().unwrap_or(NONE))
     }
 
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
@@ -75,12 +95,18 @@ impl Effect for ThermalFrictionDrift {
     }
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
-        let cold = at.state[0];
+        let (cold, saturation) = (at.state[0], values.one(SATURATION));
         for axis in 0..values.len(COULOMB) {
+            out.drive_torque(
+                values.index(COULOMB, axis),
+                axis,
+                -cold * smooth_sign(at.motion.qd[axis], values.one(STEEPNESS)),
+            );
+        }
+        for axis in 0..values.len(VISCOUS) {
             let rate = at.motion.qd[axis];
-            let coulomb = -cold * smooth_sign(rate, values.one(STEEPNESS));
-            out.drive_torque(values.index(COULOMB, axis), axis, coulomb);
-            out.drive_torque(values.index(VISCOUS, axis), axis, -cold * rate);
+            let saturating = if axis < ARMS { rate } else { saturation * (rate / saturation).tanh() };
+            out.drive_torque(values.index(VISCOUS, axis), axis, -cold * saturating);
         }
     }
 }
@@ -101,5 +127,28 @@ mod tests {
             .map(|(.., moment)| moment.y)
             .sum();
         approx::assert_relative_eq!(torque, -2.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn the_drive_of_axis_4_warms_up_like_its_friction() {
+        let mut motion = testing::still();
+        motion.qd[3] = 20.0;
+        let (body, direction) = crate::kinematics::Motion::drive(3);
+        let torque: f64 = testing::wrenches_in_state(&ThermalFrictionDrift, &motion, &[1.0])
+            .iter()
+            .filter(|(_, b, ..)| *b == body)
+            .map(|(.., moment)| moment.dot(&direction))
+            .sum();
+        // −(1 + 8.5919·tanh(20/8.5919)), by hand: tanh 2.32777 = 0.981162
+        approx::assert_relative_eq!(torque, -9.43004, epsilon = 1e-5);
+    }
+
+    #[test]
+    fn viscous_friction_saturates_where_that_of_the_model_does() {
+        let parameter = ThermalFrictionDrift.parameters()[SATURATION];
+        let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model), Some(8.5919));
+        model.effects.retain(|a| a.effect.name() != "axis4_friction");
+        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model), Some(NONE));
     }
 }

@@ -35,9 +35,9 @@ pub struct Args {
     /// Judge the campaigns in this folder, made by whatever software.
     #[arg(long, value_name = "DIR")]
     pub judge: Option<PathBuf>,
-    /// Judge anew what has an answer already.
-    #[arg(long)]
-    pub anew: bool,
+    /// Judge again what has an answer already.
+    #[arg(long, alias = "anew")]
+    pub force: bool,
     /// Effects to hide, one at a time and in pairs; all that the model lacks without it, `none` for none.
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     pub effects: Option<Vec<String>>,
@@ -212,7 +212,7 @@ fn answers(args: &Args, folders: &[PathBuf], model: &Model) -> miette::Result<Ve
     each("judge", folders, |folder| {
         let truth = folder::read_truth(folder).into_diagnostic()?;
         let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-        if !args.anew
+        if !args.force
             && let Some(answer) = folder::read_answer(folder).into_diagnostic()?
         {
             return Ok(Some(Judged::new(name, truth, answer)));
@@ -257,7 +257,7 @@ fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> 
         let noise = args.noise[*k as usize % args.noise.len()];
         let name = format!("{NOTHING}-fast-{noise}-{}", k + 1);
         let folder = args.output.join(&name);
-        let there = !args.anew && folder.join(folder::TRUTH).is_file();
+        let there = !args.force && folder.join(folder::TRUTH).is_file();
         if there && let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
             return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
         }

@@ -11,13 +11,14 @@ use serde_json::{Map, Value, json};
 use self::how::How;
 use super::consistency::min_eigenvalue;
 use super::fit::{Moved, Unidentified, channel_rms, residuals};
-use super::{BaseParameter, Data, DataArgs, Fit, fit_with};
+use super::{BaseParameter, Data, DataArgs, Estimate, Fit, fit_with};
 use crate::dynamics::{Channel, Plant};
+use crate::gate::command::{guard, much_is_left};
 use crate::identification::trace::noise_floor as floor;
-use crate::model::Model;
 use crate::model::bodies::{Inertia, body_name};
+use crate::model::{Model, Provenance};
 use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
+    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, today, warn,
 };
 
 /// Estimate the parameters of a model from recordings.
@@ -54,6 +55,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     model.link_parameters = args.how.links();
     let data = Data::read_with(&args.data, &model, args.how.method())?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     let noise_floor = floor(&model, &data.traces);
     let prior = args.how.prior(&model)?;
     for name in args.how.held() {
@@ -69,23 +71,35 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let fitted = fit_with(&model, &data.traces, &vec![noise_floor.clone(); data.traces.len()], &options);
     progress.finish_and_clear();
     let fitted = fitted.into_diagnostic()?;
+    warn(&much_is_left(data.channels(), &fitted.rms, &noise_floor));
     let held_out_rms = match data.held_out[..] {
         [] => None,
         _ => Some(channel_rms(&residuals(&fitted.model, &data.held_out).into_diagnostic()?)),
     };
-    if let Some(output) = &args.output {
-        write(&fitted.model, output)?;
-    }
     let answer = Answer { fitted, channels: data.channels(), noise_floor, held_out_rms };
-    if args.json { say(answer.json(args)) } else { answer.print(args) }?;
+    if args.json { say(answer.json(args)) } else { answer.print() }?;
+    match &args.output {
+        Some(output) => {
+            let provenance = provenance("identify", &args.data, &answer.fitted.parameters);
+            write(&answer.fitted.model, output, &provenance, args.json)?;
+        }
+        None if args.json => {}
+        None => say("  Nothing written; -o FILE keeps the model")?,
+    }
     Ok(DONE)
 }
 
-/// Writes a fitted model.
-pub(crate) fn write(model: &Model, output: &Path) -> miette::Result<()> {
+/// Where the numbers come from that a command fits today.
+pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]) -> Provenance {
+    Provenance::new(command, today(), data.data.iter().map(|f| f.display().to_string()).collect(), parameters)
+}
+
+/// Writes a fitted model, after its answer was printed; says so unless `quietly`.
+pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
     model
-        .write(output)
-        .wrap_err_with(|| format!("{}: the data lead to a model that no machine can have", output.display()))
+        .write_fitted(output, provenance)
+        .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
+    if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }
 
 struct Answer<'a> {
@@ -119,7 +133,7 @@ impl Answer<'_> {
         Value::Object(object)
     }
 
-    fn print(&self, args: &Args) -> miette::Result<()> {
+    fn print(&self) -> miette::Result<()> {
         let fitted = &self.fitted;
         let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
         for p in fitted.parameters.iter().filter(|p| p.identified()) {
@@ -128,9 +142,9 @@ impl Answer<'_> {
         say(table)?;
         let together: Vec<&BaseParameter> = fitted.base.iter().filter(|b| !b.others.is_empty()).collect();
         if !together.is_empty() {
-            let mut table = Table::new(&["Only together", "value", "std", "unit"], &[3]);
+            let mut table = Table::new(&["Value", "std", "unit", "only together"], &[2, 3]);
             for b in together {
-                table.row([b.combination(), significant(b.value, 4), significant(b.std, 2), b.unit.into()]);
+                table.row([significant(b.value, 4), significant(b.std, 2), b.unit.into(), b.combination()]);
             }
             say(format!("\n{table}"))?;
         }
@@ -148,11 +162,7 @@ impl Answer<'_> {
             significant(structure.condition(), 3)
         ))?;
         say(format!("  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&fitted.model.bodies)))?;
-        print_correction(fitted)?;
-        match &args.output {
-            Some(output) => say(format!("  Wrote {}", output.display())),
-            None => say("  Nothing written; -o FILE keeps the model"),
-        }
+        print_correction(fitted)
     }
 }
 

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::Trace;
 use super::derivatives::Method;
-use super::{Trace, swapped};
 use crate::dynamics::Channel;
 use crate::model::Model;
-use crate::recording::{ReadError, Recording};
+use crate::recording::{Mapping, ReadError, Reading, Recording};
 
 /// What several commands take as data.
 #[derive(clap::Args, Clone, Debug)]
@@ -20,6 +20,23 @@ pub struct DataArgs {
     /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
+    /// Which column is which channel, such as "t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12"; may be given several times,
+    /// each working on what the one before has read.
+    #[arg(long, value_name = "MAP")]
+    pub map: Vec<Mapping>,
+    /// Mass of the payload in kg, instead of what the setup states.
+    #[arg(long, value_name = "KG", value_parser = mass)]
+    pub payload_mass: Option<f64>,
+    /// Go on even if signs, factors, order or zeros of the columns say that the recording does not fit the model.
+    #[arg(long)]
+    pub no_gate: bool,
+}
+
+fn mass(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (0.0..=100.0).contains(&x) => Ok(x),
+        _ => Err("expected a number from 0 to 100".into()),
+    }
 }
 
 /// Traces to fit to and traces to judge by, all with the same channels.
@@ -45,13 +62,15 @@ impl Data {
 
     /// Reads all recordings of a machine like `model` as [`Self::read`] does, angles differentiated by `method`.
     pub fn read_with(args: &DataArgs, model: &Model, method: Method) -> Result<Self, ReadError> {
-        Self::read_each(args, |file, warnings| trace_of(file, args.setup.as_deref(), model, method, warnings))
+        let how = Reading { setup: args.setup.as_deref(), machine: Some(model.mechanism), maps: &args.map };
+        Self::read_each(args, |file, warnings| trace_of(file, &how, model, method, warnings))
     }
 
     /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
     pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
+        let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
         Self::read_each(args, |file, warnings| {
-            trace(Recording::read(file, args.setup.as_deref())?, file, Method::Reversals, warnings)
+            trace(Recording::read_as(file, &how)?, file, Method::Reversals, warnings)
         })
     }
 
@@ -62,7 +81,11 @@ impl Data {
         let mut warnings = Vec::new();
         let mut traces = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            traces.push(read(file, &mut warnings)?);
+            let mut trace = read(file, &mut warnings)?;
+            if let Some(mass) = args.payload_mass {
+                trace.setup.payload.mass = mass;
+            }
+            traces.push(trace);
         }
         warnings.extend(keep_common_channels(&mut traces));
         let held_out = traces.split_off(args.data.len());
@@ -96,19 +119,16 @@ fn trace(
 
 fn trace_of(
     file: &Path,
-    setup: Option<&Path>,
+    how: &Reading,
     model: &Model,
     method: Method,
     warnings: &mut Vec<String>,
 ) -> Result<Trace, ReadError> {
-    let mut trace = trace(Recording::read_of(file, setup, model.mechanism)?, file, method, warnings)?;
+    let mut trace = trace(Recording::read_as(file, how)?, file, method, warnings)?;
     let drives = Channel::of_drives(model.mechanism);
     if !model.assembled && trace.channels.len() > drives.len() {
         warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));
         trace.restrict(&drives);
-    }
-    if let Some(what) = swapped(&trace) {
-        warnings.push(format!("{}: {what}", file.display()));
     }
     Ok(trace)
 }

@@ -189,19 +189,13 @@ pub struct Fit {
     pub correction: Option<Correction>,
     /// Identified parameters that this moved by more than their standard error.
     pub moved: Vec<Moved>,
+    /// The pull of the data out of the possible, H·(p − p_free) by parameter, where it is more than noise: normal to the edge
+    /// on which the estimate stands, so no sum of parameters along it can take up what else is missing.
+    pub edge: Vec<(String, f64)>,
     /// Residual (measured − predicted) per recording and channel.
     pub residuals: Vec<Channels>,
     /// Root mean square residual per channel, over all recordings.
     pub rms: Vec<f64>,
-}
-
-impl Fit {
-    /// Whether the edge of the possible holds a parameter: it cannot take up what else is missing.
-    pub fn at_edge(&self, name: &str) -> bool {
-        /// Standard errors between the unconstrained estimate and the edge.
-        const HELD: f64 = 5.0;
-        self.moved.iter().any(|m| m.name == name && (m.value - m.free).abs() > HELD * m.std)
-    }
 }
 
 /// A parameter that had to leave its unconstrained estimate.
@@ -234,6 +228,8 @@ pub struct Correction {
 /// Share of an effect's largest parameter that one of its others may lie outside its range.
 const NEARLY_NOTHING: f64 = 0.2;
 const MIN_SAMPLES: usize = 200;
+/// Cost of becoming possible beyond which it is no chance: five standard errors of one parameter.
+const NOTABLE: f64 = 12.5;
 const MAX_ITERATIONS: usize = 8;
 /// Fall of the cost that still counts as progress: a parameter moved by its own standard error changes it by one.
 const PROGRESS: f64 = 0.01;
@@ -492,7 +488,12 @@ impl<'a> Regression<'a> {
         };
         let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].name.clone()).collect();
         let base = structure.base_parameters(&estimated, &self.size, &covariance);
-        let (values, classes, correction) = self.possible(&estimated, &estimator.curvature());
+        let curvature = estimator.curvature();
+        let (values, classes, correction) = self.possible(&estimated, &curvature);
+        let edge = match correction {
+            Some(c) if c.cost > NOTABLE => self.edge(&estimated, &values, &curvature),
+            _ => Vec::new(),
+        };
         let corrected = correction.is_some();
         self.set(&mut model, &values.rows(0, self.free.len()).into_owned());
         // The payload is no part of the machine.
@@ -518,7 +519,30 @@ impl<'a> Regression<'a> {
             });
         }
         let rms = channel_rms(&residuals);
-        Ok(Fit { model, parameters, base, structure, unidentified, impossible, correction, moved, residuals, rms })
+        Ok(Fit {
+            model,
+            parameters,
+            base,
+            structure,
+            unidentified,
+            impossible,
+            correction,
+            moved,
+            edge,
+            residuals,
+            rms,
+        })
+    }
+
+    /// Parameters that the edge of the possible holds, with the pull on them.
+    fn edge(&self, free: &[&PlantParameter], values: &DVector<f64>, curvature: &DMatrix<f64>) -> Vec<(String, f64)> {
+        /// Pull, relative to the largest, that is the end of an iteration.
+        const RESIDUE: f64 = 1e-3;
+        let pull = curvature * DVector::from_fn(free.len(), |i, _| values[i] - free[i].value);
+        let scaled = |i: usize| (pull[i] * self.size[i]).abs();
+        let largest = (0..free.len()).map(scaled).fold(0.0, f64::max);
+        let held = (0..free.len()).filter(|&i| scaled(i) > RESIDUE * largest);
+        held.map(|i| (free[i].name.clone(), pull[i])).collect()
     }
 
     fn reason(

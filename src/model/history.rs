@@ -22,9 +22,14 @@ const DIGITS: i32 = 5;
 
 /// A number as it is kept in a file.
 pub fn rounded(x: f64) -> f64 {
+    rounded_to(x, DIGITS)
+}
+
+/// A number with some significant digits.
+pub fn rounded_to(x: f64, digits: i32) -> f64 {
     if x == 0.0 || !x.is_finite() {
         return 0.0;
     }
-    let decimals = (DIGITS - 1 - x.abs().log10().floor() as i32).clamp(0, 15) as usize;
+    let decimals = (digits - 1 - x.abs().log10().floor() as i32).clamp(0, 15) as usize;
     format!("{x:.decimals$}").parse().unwrap_or(x)
 }

@@ -7,6 +7,7 @@ pub mod check;
 pub mod geometry;
 pub mod history;
 pub mod mechanism;
+pub mod provenance;
 mod read;
 mod schema;
 pub mod write;
@@ -15,11 +16,12 @@ pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
 pub use history::Added;
 pub use mechanism::{Joint, Mechanism, Part};
+pub use provenance::Provenance;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::effects::{ActiveEffect, Host};
+use crate::effects::{Effects, Host};
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;
@@ -60,7 +62,7 @@ pub struct Model {
     /// Sampling and control period, s.
     pub sample_time: f64,
     /// Effects that act, in the order of the registry.
-    pub effects: Vec<ActiveEffect>,
+    pub effects: Effects,
     /// Effects that were added to it, in order, with the error before and after.
     pub history: Vec<Added>,
 }
@@ -78,8 +80,20 @@ impl Model {
 pub struct LinkParameters {
     /// Every limb has arm and struts of its own.
     pub each_limb: bool,
-    /// Arm, strut, platform and telescope parts have all ten inertial parameters.
-    pub complete: bool,
+    /// How many of its ten inertial parameters a body has.
+    pub bodies: BodyParameters,
+}
+
+/// How many of its ten inertial parameters a link has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BodyParameters {
+    /// What the paper leaves of them: symmetry, no deviation moments, nothing that does not enter.
+    #[default]
+    Symmetric,
+    /// Mass, first moments and moments of inertia: the joint frames are principal ones.
+    Aligned,
+    /// All ten.
+    Complete,
 }
 
 /// One drive, seen at the gear output.
@@ -147,6 +161,20 @@ pub struct Stops {
     pub telescope_stiffness: f64,
     /// s/m.
     pub telescope_damping: f64,
+}
+
+impl Stops {
+    /// A machine without stops.
+    pub const NONE: Self = Self {
+        arm: [0.0; 2],
+        arm_stiffness: 0.0,
+        arm_damping: 0.0,
+        hooke: 0.0,
+        hooke_stiffness: 0.0,
+        hooke_damping: 0.0,
+        telescope_stiffness: 0.0,
+        telescope_damping: 0.0,
+    };
 }
 
 /// Standard deviations of the sensors.

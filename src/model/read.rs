@@ -16,7 +16,8 @@ use super::check::{self, Culprit};
 use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
 use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Model, Stops};
-use crate::effects::{ActiveEffect, Effect, Host, Parameter, REGISTRY, Role};
+use crate::effects::{ActiveEffect, Effect, Effects, Host, Parameter, REGISTRY, Role};
+use crate::spelling::nearest;
 
 mod formula;
 
@@ -71,7 +72,7 @@ fn read_model(top: &Table) -> Result<Model> {
     top.fill_table("noise", schema::noise(mechanism), &mut noise, assembled, mechanism)?;
     let effects = match top.optional_table("effects")? {
         Some(table) => read_effects(&table, Host::new(mechanism, &drives[0]))?,
-        None => Vec::new(),
+        None => Effects::default(),
     };
     Ok(Model {
         name,
@@ -95,7 +96,7 @@ fn read_model(top: &Table) -> Result<Model> {
 
 /// Hard stops, which must leave the range of motion free; none without the table.
 fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Result<Stops> {
-    let mut stops = schema::NO_STOPS;
+    let mut stops = Stops::NONE;
     let delta = matches!(mechanism, Mechanism::Delta { .. });
     if !delta || top.entry("stops").is_none() {
         return Ok(stops);
@@ -302,7 +303,7 @@ pub(super) fn drive_shape(n: usize) -> Shape {
     if n == 1 { Shape::One } else { Shape::OneOrArray(n) }
 }
 
-fn read_effects(table: &Table, host: Host) -> Result<Vec<ActiveEffect>> {
+fn read_effects(table: &Table, host: Host) -> Result<Effects> {
     let names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).filter(|n| *n != ALWAYS_PRESENT).collect();
     if table.entry(ALWAYS_PRESENT).is_some() {
         return Err(table.refuse_key(
@@ -315,7 +316,7 @@ fn read_effects(table: &Table, host: Host) -> Result<Vec<ActiveEffect>> {
         let message = format!("unknown effect; expected one of {}", names.join(", "));
         return Err(table.refuse_key(key, &message, suggestion(key, &names)));
     }
-    let mut active = Vec::new();
+    let mut active = Effects::default();
     for effect in REGISTRY {
         if let Some(own) = table.optional_table(effect.name())? {
             // An effect on what is only dismounted may stay.
@@ -364,10 +365,7 @@ fn keys<T: ?Sized>(fields: &[Field<T>]) -> Vec<&'static str> {
 
 /// The known name nearest to a misspelt one.
 fn suggestion(wrong: &str, known: &[&str]) -> Option<String> {
-    let (distance, name) =
-        known.iter().map(|name| (strsim::damerau_levenshtein(wrong, name), *name)).min_by_key(|(d, _)| *d)?;
-    let near = distance <= name.len().div_ceil(3).max(2) || name.contains(wrong) || wrong.contains(name);
-    near.then(|| format!("did you mean `{name}`?"))
+    nearest(wrong, known.iter().copied()).map(|name| format!("did you mean `{name}`?"))
 }
 
 /// A model file as text.

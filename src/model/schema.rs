@@ -39,8 +39,10 @@ impl Shape {
         let n = parameter.count.on(machine);
         match parameter.count {
             Count::One => Shape::One,
-            Count::PerDrive if machine.has_telescope() => Shape::Arrays(n, machine.axes()),
-            Count::PerArm | Count::PerDrive | Count::PerAxis if n == 1 => Shape::OneOrArray(1),
+            Count::PerDrive | Count::AllDrives if machine.has_telescope() => {
+                Shape::Arrays(machine.arms(), machine.axes())
+            }
+            Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives if n == 1 => Shape::OneOrArray(1),
             _ => Shape::Array(n),
         }
     }
@@ -362,18 +364,6 @@ const OF_ARMS: usize = 3;
 pub(super) fn stops(machine: Mechanism) -> &'static [Field<Stops>] {
     if machine.has_telescope() { STOPS } else { STOPS.split_at(OF_ARMS).0 }
 }
-
-/// A machine without stops.
-pub(super) const NO_STOPS: Stops = Stops {
-    arm: [0.0; 2],
-    arm_stiffness: 0.0,
-    arm_damping: 0.0,
-    hooke: 0.0,
-    hooke_stiffness: 0.0,
-    hooke_damping: 0.0,
-    telescope_stiffness: 0.0,
-    telescope_damping: 0.0,
-};
 
 macro_rules! torque_noise {
     ($n:expr, $shape:expr) => {

@@ -10,20 +10,28 @@ use super::read::{
     ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
 };
 use super::schema::{self, Field, Shape, Top};
-use super::{Added, Inertia, Joint, Mechanism, Model};
+use super::{Added, Inertia, Joint, Mechanism, Model, Provenance};
+use crate::effects::rigid_bodies::{self, RigidBodies};
 use crate::effects::{ActiveEffect, Host, Parameter, Role};
 
 mod formula;
+mod source;
 
 impl Model {
     /// Writes the model file: the text it was read from with the numbers that changed, or a new one.
     ///
     /// The file is written beside `path` and renamed, so a reader never sees half of it.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let text = match &self.source {
-            Some(source) => updated_text(source, self)?,
-            None => full_text(self)?,
-        };
+        self.write_text(path, None)
+    }
+
+    /// The same for a model that was fitted: each number that moved states its source.
+    pub fn write_fitted(&self, path: &Path, provenance: &Provenance) -> Result<()> {
+        self.write_text(path, Some(provenance))
+    }
+
+    fn write_text(&self, path: &Path, provenance: Option<&Provenance>) -> Result<()> {
+        let text = text(self.source.as_deref().unwrap_or(""), self, provenance)?;
         replace_file(path, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", path.display()))
     }
 }
@@ -33,8 +41,18 @@ impl Model {
 /// Comments and layout stay. Reading the result gives back every number of `model` exactly; if that is impossible,
 /// e.g. because a value lies outside its range, nothing is returned but the reason.
 pub fn updated_text(original: &str, model: &Model) -> Result<String> {
+    text(original, model, None)
+}
+
+/// The same for a model that was fitted. Beside each number that moved stand recording, date, program and standard error,
+/// in place of what the comment said of the old number; numbers that did not move keep theirs.
+pub fn fitted_text(original: &str, model: &Model, provenance: &Provenance) -> Result<String> {
+    text(original, model, Some(provenance))
+}
+
+fn text(original: &str, model: &Model, provenance: Option<&Provenance>) -> Result<String> {
     let mut document: DocumentMut = original.parse().into_diagnostic().wrap_err("the model file is not valid TOML")?;
-    edit(&mut document, model)?;
+    edit(&mut document, model, provenance)?;
     let text = document.to_string();
     verify(&text, model)?;
     Ok(text)
@@ -46,7 +64,7 @@ pub fn full_text(model: &Model) -> Result<String> {
 }
 
 /// Puts the numbers and effects of `model` into a TOML document.
-pub fn edit(document: &mut DocumentMut, model: &Model) -> Result<()> {
+pub fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenance>) -> Result<()> {
     let root = document.as_table_mut();
     set_plain(root, "name", Value::from(model.name.as_str()));
     match model.mechanism {
@@ -64,16 +82,31 @@ pub fn edit(document: &mut DocumentMut, model: &Model) -> Result<()> {
         }
     }
     let own: Vec<usize> = (0..BODIES).filter(|&b| has_table(root, &["bodies", &body_name(b)])).collect();
+    let mut moved = 0;
     for section in sections(model, &own) {
-        section.write(root)?;
+        moved += section.write(root, provenance)?;
     }
-    formula::edit(root, model)?;
+    moved += formula::edit(root, model, provenance)?;
     remove_absent_effects(root, model);
-    write_history(root, &model.history)
+    write_history(root, &model.history, provenance)?;
+    if let Some(provenance) = provenance.filter(|_| moved > 0) {
+        write_change(root, moved, provenance);
+    }
+    Ok(())
+}
+
+/// A line above the first key that says what a fit changed.
+fn write_change(root: &mut Table, moved: usize, provenance: &Provenance) {
+    let Some(mut key) = root.key_mut("name") else { return };
+    let decor = key.leaf_decor_mut();
+    let above = decor.prefix().and_then(|p| p.as_str()).unwrap_or("").to_string();
+    let numbers = if moved == 1 { "1 number".to_string() } else { format!("{moved} numbers") };
+    let what = format!("# `{}` moved {numbers}, {}.\n", provenance.command, provenance.source());
+    decor.set_prefix(above + &what);
 }
 
 /// Appends what `[[history]]` lacks; a history that departs from the model's is written anew.
-fn write_history(root: &mut Table, history: &[Added]) -> Result<()> {
+fn write_history(root: &mut Table, history: &[Added], provenance: Option<&Provenance>) -> Result<()> {
     let written = |t: &Table| t.get("effect").and_then(Item::as_str).map(str::to_string);
     let effects = |tables: &ArrayOfTables| tables.iter().map(written).collect::<Vec<_>>();
     let present = root.get("history").and_then(Item::as_array_of_tables).map(effects);
@@ -95,7 +128,11 @@ fn write_history(root: &mut Table, history: &[Added]) -> Result<()> {
                 .decor_mut()
                 .set_prefix("\n# Effects added so far: RMS residual without and with each, in N·m or N.\n");
         }
-        table.insert("effect", Item::Value(added.effect.as_str().into()));
+        let mut effect = Value::from(added.effect.as_str());
+        if let Some(provenance) = provenance {
+            effect.decor_mut().set_suffix(format!(" # {}", provenance.source()));
+        }
+        table.insert("effect", Item::Value(effect));
         table.insert("channels", Item::Value(added.channels.iter().map(String::as_str).collect::<Array>().into()));
         table.insert("rms_before", Item::Value(numbers(&added.rms_before).into()));
         table.insert("rms_after", Item::Value(numbers(&added.rms_after).into()));
@@ -146,6 +183,8 @@ struct Section {
 struct Line {
     key: &'static str,
     numbers: Vec<f64>,
+    /// Names of the parameter that each number is, where it is one.
+    parameters: Vec<Vec<String>>,
     /// Numbers that a missing key means.
     default: Option<Vec<f64>>,
     shape: Shape,
@@ -191,7 +230,8 @@ fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled:
         let unneeded = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
         let default = f.default.map(|x| vec![x]).or(unneeded);
         let comment = comment(units.unit(f.unit), f.about);
-        Line { key: f.key, numbers, default, shape: f.shape, integer: f.bounds.integer, comment }
+        let parameters = Vec::new();
+        Line { key: f.key, numbers, parameters, default, shape: f.shape, integer: f.bounds.integer, comment }
     });
     Section {
         path: path.iter().map(|p| p.to_string()).collect(),
@@ -207,15 +247,17 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
         optional,
         ..section(&["bodies", name], schema::inertia(mechanism), inertia, true, mechanism)
     };
+    let parameters = Parameters::of(model);
     if matches!(mechanism, Mechanism::Axis(_)) {
-        return vec![body(LONE_BODY, &model.bodies[ARM], false)];
+        return vec![parameters.name(ARM, body(LONE_BODY, &model.bodies[ARM], false))];
     }
     let mut all = Vec::new();
     for (name, range) in GROUPS {
         let Some(first) = range.clone().find(|b| !own.contains(b)) else {
             continue;
         };
-        all.push(body(name, &model.bodies[first], !body_needed(first, mechanism, model.assembled)));
+        let own = body(name, &model.bodies[first], !body_needed(first, mechanism, model.assembled));
+        all.push(parameters.name(first, own));
     }
     for b in (0..BODIES).filter(|&b| body_known(b, mechanism)) {
         // a body of a group gets its own table when it has one already or departs from the group
@@ -225,18 +267,54 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
         if shared != Some(model.bodies[b]) {
             // a group's zero may be left out, but not the zero of a body that departs from its group
             let optional = !body_needed(b, mechanism, model.assembled) && shared.is_none();
-            all.push(body(&body_name(b), &model.bodies[b], optional));
+            all.push(parameters.name(b, body(&body_name(b), &model.bodies[b], optional)));
         }
     }
     all
 }
 
+/// Names of the links' parameters with the number of the file that each is.
+struct Parameters {
+    /// Of the machine as it is, and of one that was recorded taken apart.
+    tables: [(&'static RigidBodies, Vec<String>); 2],
+}
+
+impl Parameters {
+    fn of(model: &Model) -> Self {
+        let named = |assembled: bool| {
+            let links = RigidBodies::with(model.mechanism, assembled, model.link_parameters);
+            let entries = ActiveEffect::absent_on(links, model.host()).entries();
+            (links, entries.into_iter().map(|e| format!("{}.{}", rigid_bodies::NAME, e.name)).collect())
+        };
+        Self { tables: [named(model.assembled), named(false)] }
+    }
+
+    /// The section of body `b` with the names of its parameters.
+    fn name(&self, b: usize, mut section: Section) -> Section {
+        let all =
+            self.tables.iter().flat_map(|(links, names)| names.iter().enumerate().map(move |(k, n)| (links, k, n)));
+        for (links, k, name) in all {
+            let Some((key, places)) = links.place(k, b) else { continue };
+            for line in section.lines.iter_mut().filter(|line| key.is_none_or(|key| key == line.key)) {
+                line.parameters.resize(line.numbers.len(), Vec::new());
+                for &i in places.iter().filter(|i| **i < line.numbers.len()) {
+                    line.parameters[i].push(name.clone());
+                }
+            }
+        }
+        section
+    }
+}
+
 fn effect_section(active: &ActiveEffect, host: Host) -> Section {
-    let line = |(b, p): (usize, &Parameter)| {
+    let mut names = active.entries().into_iter().map(|e| vec![format!("{}.{}", active.effect.name(), e.name)]);
+    let mut line = |(b, p): (usize, &Parameter)| {
         let p = host.parameter(p);
+        let numbers = active.values().block(b).to_vec();
         Line {
             key: p.name,
-            numbers: active.values().block(b).to_vec(),
+            parameters: names.by_ref().take(numbers.len()).collect(),
+            numbers,
             default: (p.role != Role::Linear).then(|| default_values(&p, host.mechanism)),
             shape: Shape::of(&p, host.mechanism),
             integer: false,
@@ -246,7 +324,7 @@ fn effect_section(active: &ActiveEffect, host: Host) -> Section {
     let about = active.effect.about();
     Section {
         path: vec!["effects".into(), active.effect.name().into()],
-        lines: active.effect.parameters().iter().enumerate().map(line).collect(),
+        lines: active.effect.parameters().iter().enumerate().map(&mut line).collect(),
         comment: Some(format!("{}: {}", about.summary, about.law)),
         optional: false,
     }
@@ -261,32 +339,46 @@ fn comment(unit: &str, about: &str) -> String {
 }
 
 impl Section {
-    fn write(&self, root: &mut Table) -> Result<()> {
+    /// Puts the numbers into the document; says how many moved.
+    fn write(&self, root: &mut Table, provenance: Option<&Provenance>) -> Result<usize> {
         let path: Vec<&str> = self.path.iter().map(String::as_str).collect();
         let new = !has_table(root, &path);
         if new && self.optional && self.lines.iter().all(|l| l.numbers.iter().all(|&v| v == 0.0)) {
-            return Ok(());
+            return Ok(0);
         }
         let (table, inline) = table_at(root, &path, self.comment.as_deref())?;
+        let mut moved = 0;
         for line in &self.lines {
             let assumed = line.default.as_ref() == Some(&line.numbers);
             // a new effect shows its constants too; zeros of an incomplete geometry stay away
             let shown = new && self.comment.is_some();
             match table.get_mut(line.key) {
-                Some(item) => line.replace(item),
+                Some(item) => {
+                    let before = source::Before::of(item);
+                    line.replace(item);
+                    if let Some(provenance) = provenance.filter(|_| !inline) {
+                        moved += source::restate(item, line, &before, provenance);
+                    }
+                }
                 None if assumed && !shown => {}
                 None => {
                     table.insert(line.key, Item::Value(line.value(true)));
-                    if !line.comment.is_empty()
+                    let fitted = provenance.filter(|p| line.parameters.iter().any(|names| p.error(names).is_some()));
+                    let comment = match fitted {
+                        Some(provenance) => source::sourced(line, &vec![true; line.numbers.len()], provenance),
+                        None => line.comment.clone(),
+                    };
+                    moved += fitted.map_or(0, |_| line.numbers.len());
+                    if !comment.is_empty()
                         && !inline
                         && let Some(Item::Value(v)) = table.get_mut(line.key)
                     {
-                        v.decor_mut().set_suffix(format!(" # {}", line.comment));
+                        v.decor_mut().set_suffix(format!(" # {comment}"));
                     }
                 }
             }
         }
-        Ok(())
+        Ok(moved)
     }
 }
 

@@ -12,7 +12,7 @@ use super::{Limits, Machine, Options, Plan, PlanError, Task, figures, plan};
 use crate::dynamics::Plant;
 use crate::recording::Recording;
 use crate::terminal::{
-    BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, significant, spinner, write_figure,
+    BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, significant, spinner, warn, write_figure,
 };
 
 /// Plan the fastest motion along a path.
@@ -56,6 +56,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
     }
+    let notes = task.shape.notes();
+    warn(&notes.iter().map(|note| format!("{}: {note}", args.path.display())).collect::<Vec<_>>());
     let plant = Plant::new(&model, &task.setup);
     let machine = Machine::new(&plant, task.limits.detail);
     let curve = task.shape.curve();
@@ -78,7 +80,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
     };
     let wall = start.elapsed().as_secs_f64();
-    let planned = trajectory(&machine, &curve, &found, &task.setup, model.sample_time, &task.name)
+    let planned = trajectory(&machine, &found, &task.setup, model.sample_time, &task.name)
         .into_diagnostic()
         .wrap_err_with(|| args.path.display().to_string())?;
     if let Some(output) = &args.output {
@@ -109,14 +111,21 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
     }
     if args.json {
-        say(to_json(args, &found, &planned, execution.as_ref(), wall))?;
+        say(to_json(args, &found, &planned, execution.as_ref(), &notes, wall))?;
     } else {
         print(args, &task, &found, execution.as_ref(), &written)?;
     }
     Ok(DONE)
 }
 
-fn to_json(args: &Args, found: &Plan, planned: &Recording, execution: Option<&Execution>, wall: f64) -> Value {
+fn to_json(
+    args: &Args,
+    found: &Plan,
+    planned: &Recording,
+    execution: Option<&Execution>,
+    notes: &[String],
+    wall: f64,
+) -> Value {
     let violation: Map<String, Value> = found
         .worst()
         .into_iter()
@@ -135,8 +144,12 @@ fn to_json(args: &Args, found: &Plan, planned: &Recording, execution: Option<&Ex
         "optimality_gap": found.optimality_gap(),
         "time_bound": found.bound,
         "time_outer_bound": found.outer_bound,
+        "time_search_bound": found.search_bound,
+        "time_estimate": found.estimate,
         "time_without_jerk": found.time_without_jerk,
-        "time_bound_without_jerk": found.bound_without_jerk,
+        "time_bound_without_jerk": found.bound,
+        "intervals": found.profile.pieces.len(),
+        "notes": notes,
         "solve_s": found.solve_s,
         "verify_s": found.verify_s,
         "wall_s": wall,
@@ -162,6 +175,26 @@ fn to_json(args: &Args, found: &Plan, planned: &Recording, execution: Option<&Ex
     out
 }
 
+/// What is known of faster motions.
+fn bounds(task: &Task, found: &Plan) -> miette::Result<()> {
+    let gap = |bound: f64| 1e2 * (1.0 - bound / found.time);
+    if !task.limits.has_jerk() {
+        let (bound, gap) = (found.bound, gap(found.bound));
+        return say(format!("  bound      no motion within the limits takes less than {bound:.5} s: gap {gap:.3} %"));
+    }
+    if let Some(estimate) = found.estimate {
+        let gap = gap(estimate);
+        say(format!("  grid       about {estimate:.5} s on an ever finer grid (extrapolated): {gap:.2} % less"))?;
+    }
+    if let Some(outer) = found.outer_bound {
+        let (n, gap) = (found.profile.pieces.len(), gap(outer));
+        say(format!("  outer      at least {outer:.5} s for any motion on the plan's {n} intervals: gap {gap:.2} %"))?;
+    }
+    let (slow, bound) = (found.time_without_jerk, found.bound);
+    say(format!("  no jerk    {slow:.5} s without jerk limits"))?;
+    say(format!("  bound      no motion along the path takes less than {bound:.5} s, with or without jerk limits"))
+}
+
 fn print(
     args: &Args,
     task: &Task,
@@ -169,26 +202,8 @@ fn print(
     execution: Option<&Execution>,
     written: &[PathBuf],
 ) -> miette::Result<()> {
-    let gap = 1e2 * found.optimality_gap();
     say(format!("{}: {:.5} s", task.name, found.time))?;
-    if let Some(outer) = found.outer_bound {
-        let gap = 1e2 * (found.time - outer) / found.time;
-        say(format!(
-            "  outer      at least {outer:.5} s for any motion with s̈ linear over the plan's intervals: gap {gap:.2} %"
-        ))?;
-    }
-    if task.limits.has_jerk() {
-        say(format!(
-            "  bound      at least {:.5} s with the jerk limits linearised at the plan: gap {gap:.3} %",
-            found.bound
-        ))?;
-        say(format!(
-            "  no jerk    {:.5} s without jerk limits, and no motion takes less than {:.5} s",
-            found.time_without_jerk, found.bound_without_jerk
-        ))?;
-    } else {
-        say(format!("  bound      no motion within the limits takes less than {:.5} s: gap {gap:.3} %", found.bound))?;
-    }
+    bounds(task, found)?;
     let worst = found.worst();
     let (limit, ratio) =
         worst.iter().max_by(|a, b| a.1.total_cmp(b.1)).map_or(("none".into(), 0.0), |(l, r)| (l.to_string(), *r));

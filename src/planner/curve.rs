@@ -4,6 +4,8 @@ use nalgebra::Vector4;
 
 /// Number of coefficients of a piece: degree seven.
 const TERMS: usize = 8;
+/// Halvings that find a parameter to rounding.
+const BISECTIONS: usize = 60;
 
 /// A path over s from 0 to [`Curve::end`], m and rad.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,12 +13,13 @@ pub struct Curve {
     starts: Vec<f64>,
     pieces: Vec<[Vector4<f64>; TERMS]>,
     end: f64,
+    eased: bool,
 }
 
 impl Curve {
     /// Pieces with their lengths in s; coefficients are of powers of s from the start of the piece.
     pub(super) fn new(pieces: impl IntoIterator<Item = (f64, Vec<Vector4<f64>>)>) -> Self {
-        let mut out = Self { starts: Vec::new(), pieces: Vec::new(), end: 0.0 };
+        let mut out = Self { starts: Vec::new(), pieces: Vec::new(), end: 0.0, eased: false };
         for (length, terms) in pieces {
             if length > 1e-12 {
                 out.starts.push(out.end);
@@ -55,8 +58,58 @@ impl Curve {
         self.end
     }
 
+    /// The same path over a parameter x with s = g(x), x from 0 to the same end, that hardly moves near the ends of the path.
+    ///
+    /// g = E (10u³ − 15u⁴ + 6u⁵), u = x/E: from rest to rest with s ∝ t³ at both ends is ẋ > 0 throughout, and what is smooth
+    /// over time is smooth over x. So intervals of x resolve a departure under jerk limits, however short it is.
+    #[must_use]
+    pub fn eased(mut self) -> Self {
+        self.eased = true;
+        self
+    }
+
+    /// Whether its parameter is x rather than s.
+    pub fn is_eased(&self) -> bool {
+        self.eased
+    }
+
+    /// s and its first three derivatives by the parameter.
+    pub fn way(&self, x: f64) -> [f64; 4] {
+        if !self.eased {
+            return [x, 1.0, 0.0, 0.0];
+        }
+        let (e, u) = (self.end, x / self.end);
+        let v = 1.0 - u;
+        [
+            e * u.powi(3) * (10.0 - 15.0 * u + 6.0 * u * u),
+            30.0 * (u * v).powi(2),
+            60.0 * u * v * (v - u) / e,
+            (60.0 - 360.0 * u * v) / (e * e),
+        ]
+    }
+
+    /// Parameter at `s`.
+    fn parameter(&self, s: f64) -> f64 {
+        if !self.eased {
+            return s;
+        }
+        let (mut low, mut high) = (0.0, self.end);
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            if self.way(middle)[0] < s { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    }
+
+    /// Value and three derivatives by the parameter.
+    pub fn at(&self, x: f64) -> [Vector4<f64>; 4] {
+        let [s, g1, g2, g3] = self.way(x);
+        let [r, r1, r2, r3] = self.by_s(s);
+        [r, r1 * g1, r2 * (g1 * g1) + r1 * g2, r3 * g1.powi(3) + r2 * (3.0 * g1 * g2) + r1 * g3]
+    }
+
     /// Value and three derivatives by s.
-    pub fn at(&self, s: f64) -> [Vector4<f64>; 4] {
+    fn by_s(&self, s: f64) -> [Vector4<f64>; 4] {
         let i = self.starts.partition_point(|&start| start <= s).saturating_sub(1);
         let Some(c) = self.pieces.get(i) else { return [Vector4::zeros(); 4] };
         let u = s - self.starts[i];
@@ -68,8 +121,8 @@ impl Curve {
         [d[0], d[1], d[2] * 2.0, d[3] * 6.0]
     }
 
-    /// Where pieces meet, both ends included.
+    /// Parameters at which pieces meet, both ends included.
     pub fn knots(&self) -> impl Iterator<Item = f64> + '_ {
-        self.starts.iter().copied().chain([self.end])
+        std::iter::once(0.0).chain(self.starts.iter().skip(1).map(|&s| self.parameter(s))).chain([self.end])
     }
 }

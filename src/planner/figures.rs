@@ -36,14 +36,7 @@ pub fn path(curve: &Curve) -> Figure {
 
 /// Squared path speed and maximum velocity curve over s.
 pub fn speed(plan: &Plan) -> Figure {
-    let (s, z): (Vec<f64>, Vec<f64>) = plan
-        .uses
-        .iter()
-        .map(|u| {
-            let i = u.interval;
-            (u.s, plan.profile.at(i, u.s - plan.profile.s[i]).z)
-        })
-        .unzip();
+    let (s, z): (Vec<f64>, Vec<f64>) = plan.uses.iter().map(|u| plan.speed(u).into()).unzip();
     let top = CLIPPED * z.iter().fold(0.0f64, |m, z| m.max(*z));
     let mvc = plan.mvc.iter().map(|p| if p[1] <= top { p[1] } else { f64::NAN }).collect();
     time_series(
@@ -59,7 +52,7 @@ pub fn speed(plan: &Plan) -> Figure {
 
 /// Use of the limits of drives over s.
 pub fn drives(plan: &Plan, limits: &Limits) -> Figure {
-    let s: Vec<f64> = plan.uses.iter().map(|u| u.s).collect();
+    let s: Vec<f64> = plan.uses.iter().map(|u| plan.speed(u)[0]).collect();
     let share = |kind: fn(usize) -> Limit, signed: bool| -> Vec<Line> {
         let curves = (0..AXES).map(|axis| {
             let k = (0..super::verify::CHECKED).find(|&k| checked(k) == kind(axis)).unwrap_or_default();

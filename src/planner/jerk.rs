@@ -97,7 +97,8 @@ impl Course {
     /// Its motion.
     pub fn profile(&self, stations: &Stations) -> Profile {
         let s: Vec<f64> = stations.list.iter().map(|x| x.point.s).collect();
-        Profile::quadratic(&s, &self.z, &self.acceleration)
+        let of = if stations.eased { Profile::smooth } else { Profile::quadratic };
+        of(&s, &self.z, &self.acceleration)
     }
 
     /// Time over the path, s.
@@ -106,29 +107,31 @@ impl Course {
         let part = |i: usize| {
             let h = stations.length(i);
             match i {
-                0 => 3.0 * h / self.z[1].sqrt(),
-                i if i + 1 == n => 3.0 * h / self.z[i].sqrt(),
+                0 if !stations.eased => 3.0 * h / self.z[1].sqrt(),
+                i if i + 1 == n && !stations.eased => 3.0 * h / self.z[i].sqrt(),
                 i => 2.0 * h / (self.z[i].sqrt() + self.z[i + 1].sqrt()),
             }
         };
         (0..n).map(part).sum()
     }
 
-    /// ∂T/∂z at the inner stations.
+    /// ∂T/∂z at the moving stations.
     fn gradient(&self, stations: &Stations) -> Vec<f64> {
         let n = stations.intervals();
-        (1..n)
+        let side = |i: usize, interval: usize, other: usize| {
+            let (h, root) = (stations.length(interval), self.z[i].sqrt());
+            if !stations.eased && (interval == 0 || interval + 1 == n) {
+                -1.5 * h / (root * self.z[i])
+            } else {
+                -h / ((root + self.z[other].sqrt()).powi(2) * root)
+            }
+        };
+        stations
+            .moving()
             .map(|i| {
-                let root = self.z[i].sqrt();
-                let side = |interval: usize, other: usize| {
-                    let h = stations.length(interval);
-                    if interval == 0 || interval + 1 == n {
-                        -1.5 * h / (root * self.z[i])
-                    } else {
-                        -h / ((root + self.z[other].sqrt()).powi(2) * root)
-                    }
-                };
-                side(i - 1, i - 1) + side(i, i + 1)
+                let before = if i > 0 { side(i, i - 1, i - 1) } else { 0.0 };
+                let after = if i < n { side(i, i, i + 1) } else { 0.0 };
+                before + after
             })
             .collect()
     }
@@ -150,6 +153,9 @@ fn ramp_use(rest: &Station, neighbour: &Station, limits: &Limits, h: f64, sign: 
 
 /// Largest z next to each end of the path.
 pub(super) fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -> [f64; 2] {
+    if stations.eased {
+        return [f64::INFINITY; 2];
+    }
     let n = stations.intervals();
     let cap = |rest: usize, neighbour: usize, h: f64, sign: f64| {
         let at = |axis: usize| {
@@ -162,9 +168,18 @@ pub(super) fn ramp_caps(stations: &Stations, limits: &Limits, room: &JerkRoom) -
 }
 
 /// z to linearise at first: what is possible without jerk limits, less near the ends, where constant s⃛ from rest at the
-/// jerk limit gives z = (9/2)^(2/3) s⃛^(2/3) s^(4/3).
+/// jerk limit gives z = (9/2)^(2/3) s⃛^(2/3) s^(4/3); along an eased path, where q′ = q″ = 0 at rest, z = (J/q‴)^(2/3).
 fn first_guess(stations: &Stations, limits: &Limits, unlimited: &[f64]) -> Course {
     let n = stations.intervals();
+    if stations.eased {
+        let still = |i: usize| {
+            let third = (0..AXES).map(|k| jerk_row(&stations.list[i], limits, k)[0].abs()).fold(0.0, f64::max);
+            third.powf(-2.0 / 3.0)
+        };
+        let most = still(0).min(still(n));
+        let z = unlimited.iter().map(|z| z.min(most)).collect();
+        return Course { z, acceleration: vec![0.0; n + 1] };
+    }
     let end = |i: usize| {
         let jerk =
             (0..AXES).map(|k| 1.0 / jerk_row(&stations.list[i], limits, k)[2].abs()).fold(f64::INFINITY, f64::min);
@@ -212,7 +227,7 @@ impl Watch {
     /// The same for jerks; a side that is broken is taken in over the neighbouring intervals as well.
     fn see_jerks(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) -> f64 {
         let mut worst = 0.0f64;
-        let inner = 1..stations.intervals() - 1;
+        let inner = stations.inner();
         for i in inner.clone() {
             for (side, at) in [i, i + 1].into_iter().enumerate() {
                 for axis in 0..AXES {
@@ -248,8 +263,12 @@ pub struct Sequence {
     pub at: Course,
     /// Lower bound on the time within the last programme's rows, s.
     pub bound: f64,
+    /// Whether `at` is near a motion that keeps all rows.
+    known: bool,
 }
 
+/// With [`Objective::Speed`], z after a step over z before it, at least.
+const SLOWER: f64 = 0.5;
 /// Change of the time, relative, at which programmes have settled.
 pub const SETTLED: f64 = 1e-4;
 
@@ -260,7 +279,7 @@ impl Sequence {
         let near = Course { z: unlimited.to_vec(), acceleration: vec![0.0; unlimited.len()] };
         let watch = Watch::new(&stations, &room, &near);
         let at = first_guess(&stations, limits, unlimited);
-        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY }
+        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY, known: false }
     }
 
     /// Begins at a course near the optimum.
@@ -268,7 +287,7 @@ impl Sequence {
         let (room, jerk_room) = Self::full(&stations);
         let mut watch = Watch::new(&stations, &room, &at);
         watch.prune(&stations, limits, &jerk_room, &at);
-        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY }
+        Self { stations, room, jerk_room, watch, at, bound: f64::NEG_INFINITY, known: true }
     }
 
     fn full(stations: &Stations) -> (Room, JerkRoom) {
@@ -292,7 +311,8 @@ impl Sequence {
     ) -> Result<usize, PlanError> {
         const MOST: usize = 40;
         const SLOWED: usize = 5;
-        let (mut feasible, mut slowed) = (false, 0);
+        const STAYS: usize = 6;
+        let (mut feasible, mut slowed, mut stays) = (false, 0, 0);
         for k in 0..MOST {
             reload(&mut self.stations, &self.at)?;
             let before = self.at.time(&self.stations);
@@ -312,7 +332,14 @@ impl Sequence {
                 _ => step.course,
             };
             let broken = broken(&self.stations, limits, &self.room, &self.jerk_room, &mut self.watch, &course);
+            if broken && self.known && stays < STAYS {
+                // The same programme with the rows that were missing.
+                stays += 1;
+                continue;
+            }
+            stays = 0;
             feasible = !broken;
+            self.known |= feasible;
             self.at = course;
             self.bound = step.bound;
             let time = self.at.time(&self.stations);
@@ -323,7 +350,7 @@ impl Sequence {
             if !broken && change < settled * time {
                 return Ok(k + 1);
             }
-            if k == 0 {
+            if k == 0 && !self.known {
                 self.watch.prune(&self.stations, limits, &self.jerk_room, &self.at);
             }
         }
@@ -380,13 +407,15 @@ pub fn step(
     objective: Objective,
 ) -> Option<Step> {
     let n = stations.intervals();
-    let inner = n - 1;
+    let (moving, start) = (stations.moving(), stations.moving().start);
+    let count = moving.len();
     // Variables: z in units of the last iterate, s̈ in units of its largest value that z allows.
-    let unit: f64 = (1..n).map(|i| at.z[i] / (stations.list[n].point.s - stations.list[0].point.s)).fold(0.0, f64::max);
-    let (zv, bv) = (|i: usize| i - 1, |i: usize| inner + i - 1);
+    let length = stations.list[n].point.s - stations.list[0].point.s;
+    let unit: f64 = moving.clone().map(|i| at.z[i] / length).fold(0.0, f64::max);
+    let (zv, bv) = (|i: usize| i - start, |i: usize| count + i - start);
     let (zs, bs) = (|i: usize| at.z[i], 4.0 * unit);
     let mut p = Programme::default();
-    for i in 1..n - 1 {
+    for i in stations.inner() {
         let (h, scale) = (stations.length(i), 1.0 / zs(i).max(zs(i + 1)));
         p.row(
             &[
@@ -398,12 +427,23 @@ pub fn step(
             0.0,
         );
     }
-    let (first, last) = (stations.length(0), stations.length(n - 1));
-    p.row(&[(bv(1), 1.0), (zv(1), -2.0 / 3.0 * zs(1) / (first * bs))], 0.0);
-    p.row(&[(bv(n - 1), 1.0), (zv(n - 1), 2.0 / 3.0 * zs(n - 1) / (last * bs))], 0.0);
+    if stations.eased {
+        // Nothing holds s̈ at rest: it is that of the neighbour.
+        p.row(&[(bv(0), 1.0), (bv(1), -1.0)], 0.0);
+        p.row(&[(bv(n), 1.0), (bv(n - 1), -1.0)], 0.0);
+    } else {
+        let (first, last) = (stations.length(0), stations.length(n - 1));
+        p.row(&[(bv(1), 1.0), (zv(1), -2.0 / 3.0 * zs(1) / (first * bs))], 0.0);
+        p.row(&[(bv(n - 1), 1.0), (zv(n - 1), 2.0 / 3.0 * zs(n - 1) / (last * bs))], 0.0);
+    }
     let equalities = p.right.len();
     let caps = ramp_caps(stations, limits, jerk_room);
-    for i in 1..n {
+    // ∫ z ds does not count the time that a motion stands still: it may slow down from step to step only.
+    let least = match objective {
+        Objective::Time => 0.0,
+        Objective::Speed => SLOWER,
+    };
+    for i in moving.clone() {
         let mut cap = stations.list[i].cap * room.cap(i);
         if i == 1 {
             cap = cap.min(caps[0]);
@@ -411,7 +451,7 @@ pub fn step(
         if i == n - 1 {
             cap = cap.min(caps[1]);
         }
-        p.row(&[(zv(i), -1.0)], 0.0);
+        p.row(&[(zv(i), -1.0)], -least);
         if cap.is_finite() {
             p.row(&[(zv(i), zs(i) / cap)], 1.0);
         }
@@ -423,7 +463,7 @@ pub fn step(
             }
         }
     }
-    for i in 1..n - 1 {
+    for i in stations.inner() {
         let h = stations.length(i);
         for (side, at_station) in [i, i + 1].into_iter().enumerate() {
             let z0 = at.z[at_station];
@@ -443,30 +483,31 @@ pub fn step(
     }
     let time = at.time(stations);
     let gradient = at.gradient(stations);
-    let mut cost = vec![0.0; 2 * inner];
-    for i in 1..n {
+    let mut cost = vec![0.0; 2 * count];
+    for i in moving.clone() {
+        let reach = |k: usize| if k < n { stations.length(k) } else { 0.0 };
         cost[zv(i)] = zs(i)
             * match objective {
-                Objective::Time => gradient[i - 1],
-                Objective::Speed => -0.5 * (stations.length(i - 1) + stations.length(i)),
+                Objective::Time => gradient[i - start],
+                Objective::Speed => -0.5 * (reach(i.wrapping_sub(1)) + reach(i)) * stations.list[i].weight,
             };
     }
     let scale = 1.0 / cost.iter().map(|c| c.abs()).sum::<f64>();
     let scaled: Vec<f64> = cost.iter().map(|c| c * scale).collect();
     let cones = [SupportedConeT::ZeroConeT(equalities), SupportedConeT::NonnegativeConeT(p.right.len() - equalities)];
-    let solution = p.solve(2 * inner, &scaled, &cones)?;
+    let solution = p.solve(2 * count, &scaled, &cones)?;
     let x = &solution.x;
     let mut course = Course { z: vec![0.0; n + 1], acceleration: vec![0.0; n + 1] };
-    for i in 1..n {
+    for i in moving.clone() {
         course.z[i] = x[zv(i)] * zs(i);
         course.acceleration[i] = x[bv(i)] * bs;
     }
-    if course.z[1..n].iter().any(|z| !z.is_finite() || *z <= 0.0) {
+    if course.z[moving.clone()].iter().any(|z| !z.is_finite() || *z <= 0.0) {
         return None;
     }
     let bound = match objective {
         Objective::Time => {
-            let present: f64 = (1..n).map(|i| gradient[i - 1] * at.z[i]).sum();
+            let present: f64 = moving.map(|i| gradient[i - start] * at.z[i]).sum();
             time + solution.obj_val_dual / scale - present
         }
         Objective::Speed => f64::NEG_INFINITY,
@@ -477,7 +518,7 @@ pub fn step(
 impl Watch {
     /// Leaves out the jerk rows that `course` is far from; the drives nearest to their limit stay on both sides.
     fn prune(&mut self, stations: &Stations, limits: &Limits, room: &JerkRoom, course: &Course) {
-        for i in 1..stations.intervals() - 1 {
+        for i in stations.inner() {
             let used: [f64; AXES] = std::array::from_fn(|axis| jerk_use(stations, limits, room, course, i, i, axis));
             let most = used.iter().fold(0.0f64, |m, u| m.max(u.abs()));
             for (axis, used) in used.into_iter().enumerate() {

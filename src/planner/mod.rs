@@ -5,11 +5,12 @@
 //! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). What is found is a [`Profile`]; it is
 //! checked against the full model on a finer grid and refused if a limit does not hold ([`plan()`]).
 
+mod accept;
 pub mod certificate;
 pub mod coefficients;
 pub mod command;
 pub mod curve;
-mod figures;
+pub mod figures;
 mod grid;
 pub mod jerk;
 pub mod limits;
@@ -18,8 +19,10 @@ pub mod plan;
 pub mod point;
 pub mod profile;
 pub mod read;
+pub mod refine;
 pub mod relaxation;
 pub mod rows;
+mod search;
 pub mod shape;
 pub mod trajectory;
 pub mod validation;
@@ -80,6 +83,15 @@ pub enum PlanError {
         /// Path parameter.
         s: f64,
     },
+    /// The paper's objective is no objective here.
+    #[error(
+        "∫ ṡ² ds, the objective \"speed\", grows towards a motion that rests at s = {s:.4}, because it does not count the time \
+         spent there; expected the objective \"time\" for this path"
+    )]
+    Rests {
+        /// Path parameter.
+        s: f64,
+    },
     /// The solver of the jerk-limited programme gave up.
     #[error("no motion within the jerk limits was found; fewer or more intervals may help")]
     Unsolved,
@@ -93,4 +105,19 @@ pub enum PlanError {
         /// Value over what may be used.
         ratio: f64,
     },
+}
+
+impl PlanError {
+    /// The same with the parameter of `curve` replaced by s.
+    fn along(mut self, curve: &Curve) -> Self {
+        match &mut self {
+            Self::Place { s, .. }
+            | Self::AtRest { s, .. }
+            | Self::Stuck { s }
+            | Self::Rests { s }
+            | Self::Violated { s, .. } => *s = curve.way(*s)[0],
+            Self::Unsolved => {}
+        }
+        self
+    }
 }

@@ -1,18 +1,13 @@
 //! From a path and limits to a checked motion.
 
 use std::collections::BTreeMap;
-use std::time::Instant;
 
-use super::certificate::Above;
-use super::coefficients::{Machine, Reference};
-use super::grid::{even, graded};
-use super::jerk::{self, Course, JerkRoom, Sequence};
-use super::limits::{Limit, Limits, QUANTITIES};
-use super::pass::{self, Passes, Stuck};
-use super::rows::{Room, Stations};
+use super::coefficients::Machine;
+use super::grid::even;
+use super::limits::{Limit, Limits};
+use super::search::Search;
 use super::verify::{self, CHECKED, Use};
-use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, relaxation};
-use crate::model::AXES;
+use super::{Curve, Objective, PlanError, Profile};
 
 /// How to plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +20,8 @@ pub struct Options {
     pub certify: bool,
     /// Whether the bound with jerk limits is tightened until its gap is [`ENOUGH`] or no longer shrinks, which takes seconds.
     pub tighten: bool,
+    /// Whether intervals are split where no limit is reached, see [`refine`].
+    pub refine: bool,
 }
 
 /// Gap of the bound with jerk limits at which it is no further tightened.
@@ -32,26 +29,30 @@ pub const ENOUGH: f64 = 5e-3;
 
 impl Default for Options {
     fn default() -> Self {
-        Self { intervals: 200, objective: Objective::default(), certify: true, tighten: false }
+        Self { intervals: 200, objective: Objective::default(), certify: true, tighten: false, refine: true }
     }
 }
 
 /// A motion along a path that keeps its limits.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// z over s.
+    /// The path over the parameter of `profile`: s, or with jerk limits x, see [`Curve::eased`].
+    pub curve: Curve,
+    /// z over the parameter.
     pub profile: Profile,
     /// Time over the path, s.
     pub time: f64,
-    /// Lower bound on the time, s: without jerk limits of any motion; with them of all that the rows at the plan allow,
-    /// jerk limits replaced by their tangents.
+    /// No motion along the path is faster, jerk limits left aside, s; zero if not asked for.
     pub bound: f64,
-    /// With jerk limits: lower bound on the time of every motion whose s̈ is linear in s over the plan's intervals, s.
+    /// With jerk limits: no motion whose ẍ is linear over the plan's intervals is faster, s.
     pub outer_bound: Option<f64>,
+    /// With jerk limits: no motion that the last programme allows is faster, s. Jerk limits are their tangents at the plan
+    /// there, so this tells that the search has converged, not that its optimum is the best.
+    pub search_bound: Option<f64>,
+    /// With jerk limits: time on an ever finer grid, s, extrapolated: what is left to gain is about what the last split gained.
+    pub estimate: Option<f64>,
     /// Time without jerk limits, s.
     pub time_without_jerk: f64,
-    /// Lower bound on the time of any motion, jerk limits left aside, s; zero if not asked for.
-    pub bound_without_jerk: f64,
     /// Maximum velocity curve without jerk limits: s and largest z.
     pub mvc: Vec<[f64; 2]>,
     /// Use of the limits on a grid ten times finer or more.
@@ -64,30 +65,18 @@ pub struct Plan {
     pub iterations: usize,
 }
 
-/// Places per interval at which a plan is checked, and in all, at least.
-const FINER: usize = 10;
-const PLACES: usize = 4000;
 /// Use of a limit that a plan may reach.
 pub const ALLOWED: f64 = 1.001;
-/// Use at which a limit is held tighter in the next round.
-const TIGHTEN: f64 = 1.0003;
 /// Path speed of a robot that hardly moves, in lengths of the path per second.
 const CREEPING: f64 = 0.05;
 /// Intervals are doubled up to this many times those asked for where a limit cannot be kept.
 const FINEST: usize = 4;
-/// Rounds of holding limits tighter where the finer grid asks for it.
-const ROUNDS: usize = 12;
 /// Use from which a limit counts as active.
 const ACTIVE: f64 = 0.998;
-/// Change of the time, relative, at which programmes on a grid that is not the last have settled.
-const COARSELY: f64 = 2e-3;
-/// Intervals of the coarsest programme with jerk limits, and how much finer each next one is.
-const COARSEST: usize = 50;
-const REFINEMENT: usize = 4;
 
 /// The fastest motion along `curve` from rest to rest.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
-    let mut search = Search { machine, curve, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 };
+    let mut search = Search::new(machine, curve, limits, options);
     let end = curve.end();
     search.at_rest(&[0.0, end], 0.0, ALLOWED)?;
     let mut intervals = options.intervals;
@@ -106,9 +95,23 @@ pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options
 }
 
 impl Plan {
-    /// Gap between time and bound, relative to the time.
+    /// By how much the plan is slower than what may be possible along the path, relative to its time.
+    ///
+    /// Without jerk limits that is [`Plan::bound`]. With them it is an estimate: the lower one of [`Plan::outer_bound`], which
+    /// holds on the plan's intervals, and [`Plan::estimate`], what finer ones would give.
     pub fn optimality_gap(&self) -> f64 {
-        (self.time - self.bound) / self.time
+        let possible = match (self.outer_bound, self.estimate) {
+            (None, None) => self.bound,
+            (a, b) => a.unwrap_or(f64::INFINITY).min(b.unwrap_or(f64::INFINITY)),
+        };
+        1.0 - possible / self.time
+    }
+
+    /// z = ṡ² over s at a place of the check.
+    pub fn speed(&self, at: &Use) -> [f64; 2] {
+        let [s, g1, ..] = self.curve.way(at.s);
+        let x = at.s - self.profile.s[at.interval];
+        [s, self.profile.at(at.interval, x).z * g1 * g1]
     }
 
     /// Largest use of each limit.
@@ -138,313 +141,10 @@ impl Plan {
                 last = Some(i);
             }
         }
+        for stretch in out.iter_mut().flat_map(|(_, stretch)| stretch) {
+            *stretch = self.curve.way(*stretch)[0];
+        }
         out.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
         out
     }
-}
-
-struct Search<'a> {
-    machine: &'a Machine<'a>,
-    curve: &'a Curve,
-    limits: &'a Limits,
-    options: &'a Options,
-    solve_s: f64,
-    verify_s: f64,
-    iterations: usize,
-}
-
-impl Search<'_> {
-    fn run(&mut self, intervals: usize) -> Result<Plan, PlanError> {
-        let grid = even(self.curve, intervals);
-        let has_jerk = self.limits.has_jerk();
-        let (profile, passes, uses) = self.without_jerk(&grid, !has_jerk)?;
-        let mvc = grid.iter().zip(&passes.mvc).map(|(s, z)| [*s, *z]).collect();
-        let time_without_jerk = profile.time();
-        let above = match self.options.certify {
-            true => Some(certificate::above(self.machine, self.curve, self.limits, &profile)?),
-            false => None,
-        };
-        let bound_without_jerk = above.as_ref().map_or(0.0, |above| above.time);
-        let (profile, bounds, uses) = match uses {
-            Some(uses) => (profile, None, uses),
-            None => self.with_jerk(&profile, above.as_ref(), grid.len() - 1).map(|(p, b, u)| (p, Some(b), u))?,
-        };
-        let [bound, outer] = bounds.unwrap_or([bound_without_jerk, f64::NEG_INFINITY]);
-        Ok(Plan {
-            time: profile.time(),
-            profile,
-            bound,
-            outer_bound: (outer > 0.0).then_some(outer),
-            time_without_jerk,
-            bound_without_jerk,
-            mvc,
-            uses,
-            solve_s: self.solve_s,
-            verify_s: self.verify_s,
-            iterations: self.iterations,
-        })
-    }
-
-    /// Passes until the force laws are linearised at what they find; checked and repeated with less room if asked for.
-    fn without_jerk(&mut self, grid: &[f64], check: bool) -> Result<(Profile, Passes, Option<Vec<Use>>), PlanError> {
-        let start = Instant::now();
-        let mut stations = Stations::new(self.machine, self.curve, self.limits, grid)?;
-        let mut room = Room::full(grid.len());
-        let mut jerk_room = Vec::new();
-        let mut found = self.passes(&mut stations, &room, None)?;
-        self.solve_s += start.elapsed().as_secs_f64();
-        let (mut round, mut fine) = (0, false);
-        loop {
-            let profile = Profile::linear(grid, &found.z);
-            if !check {
-                return Ok((profile, found, None));
-            }
-            let uses = self.check(&profile, fine)?;
-            let enough = !tighten(&uses, &mut room, &mut jerk_room) || round == ROUNDS;
-            if enough && fine {
-                return accept(uses).map(|uses| (profile, found, Some(uses)));
-            }
-            if enough {
-                fine = true;
-                continue;
-            }
-            round += 1;
-            let start = Instant::now();
-            match self.passes(&mut stations, &room, Some(&found)) {
-                Ok(next) => found = next,
-                // No motion with less room: what was found last is what there is.
-                Err(_) => (fine, round) = (true, ROUNDS),
-            }
-            self.solve_s += start.elapsed().as_secs_f64();
-        }
-    }
-
-    /// Passes until the force laws are linearised at what they find; viscous friction is linear anywhere.
-    ///
-    /// Tangents of other laws at speed may leave no motion at rest, so references slow down until the first passes succeed.
-    fn passes(&mut self, stations: &mut Stations, room: &Room, from: Option<&Passes>) -> Result<Passes, PlanError> {
-        const MOST: usize = 30;
-        const SETTLED: f64 = 1e-6;
-        const SLOWEST: f64 = 1e-4;
-        let mut found = match from {
-            Some(found) => found.clone(),
-            None => pass::solve(stations, room).map_err(|e| stuck(e, stations))?,
-        };
-        let (mut slow, mut done) = (1.0, 0);
-        while done < MOST {
-            let mut references = references(&found);
-            references.iter_mut().for_each(|r| r.speed *= slow);
-            stations.load(self.machine, self.limits, &references)?;
-            self.iterations += 1;
-            let next = match pass::solve(stations, room) {
-                Ok(next) => next,
-                Err(_) if done > 0 => break,
-                Err(_) if slow > SLOWEST => {
-                    slow *= 0.25;
-                    continue;
-                }
-                Err(e) => return Err(stuck(e, stations)),
-            };
-            let apart = |(a, b): (&f64, &f64)| (a - b).abs() / (a + b).max(f64::MIN_POSITIVE);
-            let change = next.z.iter().zip(&found.z).map(apart).fold(0.0, f64::max);
-            found = next;
-            done += 1;
-            if change < SETTLED && slow == 1.0 && (done > 1 || from.is_some()) {
-                break;
-            }
-            slow = 1.0;
-        }
-        Ok(found)
-    }
-
-    /// Largest load at rest, or creeping along the path, at some places, if it is beyond `allowed` of what may be used.
-    fn at_rest(&self, places: &[f64], creeping: f64, allowed: f64) -> Result<(), PlanError> {
-        let usable = self.limits.usable();
-        let geometry = &self.machine.plant().geometry;
-        let mut worst: Option<(f64, PlanError)> = None;
-        for &s in places {
-            let place = |e| PlanError::Place { s, at: self.curve.at(s)[0].into(), source: PlaceError::Pose(e) };
-            let point = PathPoint::new(geometry, self.curve, s).map_err(place)?;
-            for speed in [0.0, creeping] {
-                let loads = self.machine.loads(&point.motion(geometry, speed, 0.0)).map_err(place)?;
-                for (k, value) in loads.into_iter().enumerate() {
-                    let usable = usable[AXES + k];
-                    let used = value.abs() / usable;
-                    if used > allowed && worst.as_ref().is_none_or(|w| used > w.0) {
-                        let limit = Limit::affine(AXES + k);
-                        worst = Some((used, PlanError::AtRest { limit, s, value, usable }));
-                    }
-                }
-            }
-        }
-        worst.map_or(Ok(()), |w| Err(w.1))
-    }
-
-    /// Programmes from coarse to fine, the finest repeated with less room until the check agrees.
-    fn with_jerk(
-        &mut self,
-        unlimited: &Profile,
-        above: Option<&Above>,
-        intervals: usize,
-    ) -> Result<(Profile, [f64; 2], Vec<Use>), PlanError> {
-        let mut sizes = vec![intervals];
-        while sizes[0] >= COARSEST * REFINEMENT {
-            sizes.insert(0, (sizes[0] / REFINEMENT).max(COARSEST));
-        }
-        let start = Instant::now();
-        let mut profile = unlimited.clone();
-        let mut last = None;
-        for (level, &size) in sizes.iter().enumerate() {
-            let grid = graded(&profile, self.curve, size);
-            let mut stations = Stations::new(self.machine, self.curve, self.limits, &grid)?;
-            let near = course(&profile, &grid);
-            stations.load(self.machine, self.limits, &course_references(&near))?;
-            let mut programme = match level {
-                0 => Sequence::begin(stations, self.limits, &near.z),
-                _ => Sequence::near(stations, self.limits, near),
-            };
-            self.programmes(&mut programme, level + 1 == sizes.len())?;
-            profile = programme.profile();
-            last = Some(programme);
-        }
-        self.solve_s += start.elapsed().as_secs_f64();
-        let Some(mut programme) = last else { return Err(PlanError::Unsolved) };
-        let (mut round, mut fine) = (0, false);
-        loop {
-            let profile = programme.profile();
-            let uses = self.check(&profile, fine)?;
-            let enough = !tighten(&uses, &mut programme.room, &mut programme.jerk_room) || round == ROUNDS;
-            if enough && fine {
-                let uses = accept(uses)?;
-                let outer = above.map_or(f64::NEG_INFINITY, |above| self.outer_bound(&programme, above));
-                return Ok((profile, [self.bound(&programme), outer], uses));
-            }
-            if enough {
-                fine = true;
-                continue;
-            }
-            round += 1;
-            let start = Instant::now();
-            let last = (programme.at.clone(), programme.bound);
-            if self.programmes(&mut programme, true).is_err() {
-                (programme.at, programme.bound) = last;
-                (fine, round) = (true, ROUNDS);
-            }
-            self.solve_s += start.elapsed().as_secs_f64();
-        }
-    }
-
-    /// Lower bound on the time of all that the programme's rows allow.
-    fn bound(&self, p: &Sequence) -> f64 {
-        if self.options.objective == Objective::Time {
-            return p.bound;
-        }
-        jerk::step(&p.stations, self.limits, &p.room, &p.jerk_room, &p.watch, &p.at, Objective::Time)
-            .map_or(0.0, |step| step.bound)
-    }
-
-    /// Lower bound on the time of all motions on the programme's grid.
-    fn outer_bound(&self, p: &Sequence, above: &Above) -> f64 {
-        let above: Vec<f64> = p.stations.list.iter().map(|s| above.at(s.point.s)).collect();
-        let (stations, limits) = (&p.stations, self.limits);
-        let bound = match self.options.tighten {
-            true => relaxation::tightened(stations, limits, &p.watch, &p.at, &above, ENOUGH),
-            false => relaxation::bound(stations, limits, &p.watch, &p.at, &above),
-        };
-        bound.unwrap_or(f64::NEG_INFINITY)
-    }
-
-    /// Programmes until the time stays the same, force laws linearised at each one's result.
-    fn programmes(&mut self, p: &mut Sequence, finest: bool) -> Result<(), PlanError> {
-        let settled = if finest { jerk::SETTLED } else { COARSELY };
-        let reload =
-            |stations: &mut Stations, at: &Course| stations.load(self.machine, self.limits, &course_references(at));
-        self.iterations += p.settle(self.limits, self.options.objective, settled, reload)?;
-        Ok(())
-    }
-
-    /// Uses on the grid ten times finer, or `fine` on all places.
-    fn check(&mut self, profile: &Profile, fine: bool) -> Result<Vec<Use>, PlanError> {
-        if profile.stalls() {
-            return Err(PlanError::Unsolved);
-        }
-        let start = Instant::now();
-        let points = if fine { FINER.max(PLACES / profile.pieces.len()) } else { FINER };
-        let uses = verify::uses(self.machine, self.curve, self.limits, profile, points)?;
-        self.verify_s += start.elapsed().as_secs_f64();
-        Ok(uses)
-    }
-}
-
-/// Leaves less room on both sides of every interval in which a limit is exceeded; whether there is one.
-fn tighten(uses: &[Use], room: &mut Room, jerk_room: &mut JerkRoom) -> bool {
-    const JERK: usize = AXES + QUANTITIES;
-    let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();
-    // At rest at the ends rows of their own hold.
-    let still = |u: &Use, k: usize| u.value[..AXES].iter().all(|v| *v == 0.0) && (2 * AXES..JERK).contains(&k);
-    for u in uses {
-        for (k, ratio) in u
-            .ratio
-            .iter()
-            .enumerate()
-            .filter(|(k, r)| **r > TIGHTEN && (*k < JERK || !jerk_room.is_empty()) && !still(u, *k))
-        {
-            let entry = worst.entry((u.interval, k)).or_insert(1.0);
-            *entry = f64::max(*entry, *ratio);
-        }
-    }
-    for (&(interval, k), ratio) in &worst {
-        for station in [interval, interval + 1] {
-            match k {
-                0..AXES => room.share[station][QUANTITIES] /= ratio.powi(2),
-                AXES..JERK => room.share[station][k - AXES] /= ratio,
-                _ => jerk_room[station][k - JERK] /= ratio,
-            }
-        }
-    }
-    !worst.is_empty()
-}
-
-/// The uses if none is beyond what is allowed.
-fn accept(uses: Vec<Use>) -> Result<Vec<Use>, PlanError> {
-    let all = uses.iter().flat_map(|u| u.ratio.iter().enumerate().map(move |(k, r)| (k, u.s, *r)));
-    match all.max_by(|a, b| a.2.total_cmp(&b.2)) {
-        Some((k, s, ratio)) if ratio.is_nan() || ratio > ALLOWED => {
-            Err(PlanError::Violated { limit: verify::checked(k), s, ratio })
-        }
-        _ => Ok(uses),
-    }
-}
-
-/// Speed at a station at rest for which force laws are linearised, as a share of z next to it.
-const DEPARTING: f64 = 0.25;
-
-fn reference(z: &[f64], i: usize, acceleration: f64) -> Reference {
-    let n = z.len() - 1;
-    let z = match i {
-        0 => DEPARTING * z[1],
-        i if i == n => DEPARTING * z[n - 1],
-        i => z[i],
-    };
-    Reference { speed: z.sqrt().max(1e-6), acceleration }
-}
-
-/// Where force laws are linearised: speed and mean acceleration at every station.
-fn references(passes: &Passes) -> Vec<Reference> {
-    let n = passes.z.len() - 1;
-    let mean = |i: usize| 0.5 * (passes.acceleration[i.saturating_sub(1)] + passes.acceleration[i.min(n - 1)]);
-    (0..=n).map(|i| reference(&passes.z, i, mean(i))).collect()
-}
-
-fn course_references(course: &Course) -> Vec<Reference> {
-    (0..course.z.len()).map(|i| reference(&course.z, i, course.acceleration[i])).collect()
-}
-
-fn course(profile: &Profile, grid: &[f64]) -> Course {
-    let paces: Vec<_> = grid.iter().map(|s| profile.pace(*s)).collect();
-    Course { z: paces.iter().map(|p| p.z).collect(), acceleration: paces.iter().map(|p| p.acceleration).collect() }
-}
-
-fn stuck(stuck: Stuck, stations: &Stations) -> PlanError {
-    PlanError::Stuck { s: stations.list[stuck.station].point.s }
 }

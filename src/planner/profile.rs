@@ -68,6 +68,13 @@ impl Profile {
         Self { s: s.to_vec(), pieces: (0..n).map(piece).collect() }
     }
 
+    /// s̈ linear between the stations, ends included; `acceleration` at the stations.
+    pub fn smooth(s: &[f64], z: &[f64], acceleration: &[f64]) -> Self {
+        let slope = |i: usize| (acceleration[i + 1] - acceleration[i]) / (s[i + 1] - s[i]);
+        let piece = |i: usize| Piece::Quadratic { z: z[i], b: acceleration[i], c: slope(i) };
+        Self { s: s.to_vec(), pieces: (0..s.len() - 1).map(piece).collect() }
+    }
+
     fn length(&self, i: usize) -> f64 {
         self.s[i + 1] - self.s[i]
     }

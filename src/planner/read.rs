@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
 
+use super::shape::first_corner;
 use super::{Limits, Objective, Options, Shape};
 use crate::constraint_forces::Detail;
 use crate::model::AXES;
@@ -69,7 +70,7 @@ struct SearchKeys {
 #[serde(deny_unknown_fields)]
 struct LineKeys {
     points: Vec<Spanned<[f64; 4]>>,
-    blend: Spanned<f64>,
+    blend: Option<Spanned<f64>>,
     turn_radius: Option<Spanned<f64>>,
     #[serde(default)]
     closed: bool,
@@ -176,6 +177,7 @@ fn options(file: &File, keys: &SearchKeys, limits: &Limits) -> Result<Options> {
         },
         certify: default.certify,
         tighten: default.tighten,
+        refine: default.refine,
         objective: match &keys.objective {
             Some(word) => {
                 file.choice("search.objective", word, &[("time", Objective::Time), ("speed", Objective::Speed)])?
@@ -211,7 +213,19 @@ fn read_shape(file: &File, mut value: Spanned<DeValue>) -> Result<Shape> {
             let keys: LineKeys = table(file, value, &span)?;
             let turn_radius = radius(&keys.turn_radius)?;
             let points = points(file, &keys.points, 2, keys.closed, turn_radius, &span)?;
-            Ok(Shape::Lines { points, blend: blend(&keys.blend)?, turn_radius })
+            let blend = match (&keys.blend, first_corner(&points, turn_radius)) {
+                (Some(value), _) => blend(value)?,
+                (None, None) => 0.0,
+                (None, Some(i)) => {
+                    let message = format!(
+                        "`path.blend` is missing; expected the distance in m from a corner at which its blend begins, \
+                         because the path has a corner at point {}",
+                        i + 1
+                    );
+                    return Err(file.problem(keys.points[i].span(), message));
+                }
+            };
+            Ok(Shape::Lines { points, blend, turn_radius })
         }
         Kind::Through => {
             let keys: ThroughKeys = table(file, value, &span)?;

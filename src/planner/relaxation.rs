@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::jerk::{Course, Programme, Watch, jerk_row, ramp_caps};
 use super::limits::Limits;
-use super::rows::Stations;
+use super::rows::{Station, Stations};
 use crate::model::AXES;
 
 /// Parts of an interval whose times are bounded one by one.
@@ -53,7 +53,7 @@ pub fn tightened(
         if time - found.bound <= enough * time {
             break;
         }
-        let traded: Vec<usize> = (1..stations.intervals() - 1).filter(|&i| found.traded[i] > TRADED).collect();
+        let traded: Vec<usize> = stations.inner().filter(|&i| found.traded[i] > TRADED).collect();
         let ranges: Vec<_> = traded.into_par_iter().map(|i| (i, relaxation.confine(i, time))).collect();
         for (i, range) in ranges {
             relaxation.range[i] = range;
@@ -126,24 +126,28 @@ impl<'a> Relaxation<'a> {
     fn solve(&self, goal: Goal, within: f64) -> Option<Optimum> {
         let Self { stations, limits, watch, at, above, range } = self;
         let n = stations.intervals();
-        let inner = n - 1;
-        let unit: f64 =
-            (1..n).map(|i| at.z[i] / (stations.list[n].point.s - stations.list[0].point.s)).fold(0.0, f64::max);
+        let (moving, inner) = (stations.moving(), stations.inner());
+        let (first, count) = (moving.start, moving.len());
+        let length = stations.list[n].point.s - stations.list[0].point.s;
+        let unit: f64 = moving.clone().map(|i| at.z[i] / length).fold(0.0, f64::max);
         let (zs, bs) = (|i: usize| at.z[i], 4.0 * unit);
-        let (zv, bv, wv) = (|i: usize| i - 1, |i: usize| inner + i - 1, |i: usize| 2 * inner + i - 1);
-        // Times and the roots of means, over the parts of the inner intervals; times of the two ramps.
-        let tv = |i: usize, part: usize| 3 * inner + (i - 1) * PARTS + part;
-        let mv = |i: usize, part: usize| 3 * inner + (n - 2 + i - 1) * PARTS + part;
-        let ramps = 3 * inner + 2 * (n - 2) * PARTS;
-        let columns = ramps + 2;
-        let ends = [(1, 1.0, stations.length(0)), (n - 1, -1.0, stations.length(n - 1))];
+        let (zv, bv, wv) = (|i: usize| i - first, |i: usize| count + i - first, |i: usize| 2 * count + i - first);
+        // Times and the roots of means, over the parts of the inner intervals; times of the ramps, if there are any.
+        let tv = |i: usize, part: usize| 3 * count + (i - first) * PARTS + part;
+        let mv = |i: usize, part: usize| 3 * count + (inner.len() + i - first) * PARTS + part;
+        let ramps = 3 * count + 2 * inner.len() * PARTS;
+        let ends = match stations.eased {
+            true => Vec::new(),
+            false => vec![(1, 1.0, stations.length(0)), (n - 1, -1.0, stations.length(n - 1))],
+        };
+        let columns = ramps + ends.len();
         // Times of the parts and of the ramps in units of those of `at`.
         let middle = |i: usize| 0.5 * (zs(i) + zs(i + 1));
         let time = |i: usize| stations.length(i) / (PARTS as f64 * middle(i).sqrt());
         let ramp = |k: usize| 3.0 * ends[k].2 / zs(ends[k].0).sqrt();
         let mut times: Vec<(usize, f64)> =
-            (1..n - 1).flat_map(|i| [(tv(i, 0), time(i)), (tv(i, 1), time(i))]).collect();
-        times.extend([(ramps, ramp(0)), (ramps + 1, ramp(1))]);
+            inner.clone().flat_map(|i| [(tv(i, 0), time(i)), (tv(i, 1), time(i))]).collect();
+        times.extend((0..ends.len()).map(|k| (ramps + k, ramp(k))));
         // Control points z, z + b h and z₊.
         let control = |i: usize, point: usize| match point {
             0 => [(zv(i), zs(i)), (bv(i), 0.0)],
@@ -152,19 +156,26 @@ impl<'a> Relaxation<'a> {
         };
 
         let mut p = Programme::default();
-        for i in 1..n - 1 {
+        for i in inner.clone() {
             let (h, scale) = (stations.length(i), 1.0 / zs(i).max(zs(i + 1)));
             let step = -h * bs * scale;
             p.row(&[(zv(i + 1), zs(i + 1) * scale), (zv(i), -zs(i) * scale), (bv(i), step), (bv(i + 1), step)], 0.0);
         }
-        for (i, sign, h) in ends {
+        if stations.eased {
+            p.row(&[(bv(0), 1.0), (bv(1), -1.0)], 0.0);
+            p.row(&[(bv(n), 1.0), (bv(n - 1), -1.0)], 0.0);
+        }
+        for &(i, sign, h) in &ends {
             p.row(&[(bv(i), 1.0), (zv(i), -sign * 2.0 / 3.0 * zs(i) / (h * bs))], 0.0);
         }
         let equalities = p.right.len();
 
         let caps = ramp_caps(stations, limits, &vec![[1.0; AXES]; n + 1]);
-        for i in 1..n {
+        for i in moving.clone() {
             let mut cap = stations.list[i].cap.min(above[i]);
+            if stations.eased && (i == 0 || i == n) {
+                cap = cap.min(at_rest(&stations.list[i], limits));
+            }
             for ((neighbour, ..), ramp) in ends.iter().zip(caps) {
                 if i == *neighbour {
                     cap = cap.min(ramp);
@@ -173,7 +184,9 @@ impl<'a> Relaxation<'a> {
             p.row(&[(zv(i), zs(i) / cap)], 1.0);
             // ω in units of √z.
             p.row(&[(zv(i), (zs(i) / cap).sqrt()), (wv(i), -1.0)], 0.0);
-            for (r, row) in stations.list[i].rows.iter().enumerate() {
+            // At rest the rows of loads are constant.
+            let rows = if i == 0 || i == n { &[] } else { stations.list[i].rows.as_slice() };
+            for (r, row) in rows.iter().enumerate() {
                 for sign in watch.signs(i, r) {
                     let (a, b, d) = (sign * row.a * bs, sign * row.b * zs(i), sign * row.d * zs(i).sqrt());
                     p.row(&[(bv(i), a), (zv(i), b), (wv(i), d)], 1.0 - sign * row.c);
@@ -187,19 +200,19 @@ impl<'a> Relaxation<'a> {
                 [(zv(i), sign * second / 3.0 * zs(i)), (bv(i), sign * first * bs)]
             };
             for sign in [1.0, -1.0] {
-                for i in 1..n - 1 {
+                for i in inner.clone() {
                     let mut terms = [acceleration(i, -sign), acceleration(i + 1, sign)].concat();
                     terms.extend((0..PARTS).map(|part| (tv(i, part), -time(i))));
                     scaled(&mut p, &terms, time(i));
                 }
-                for (k, (i, ..)) in ends.into_iter().enumerate() {
+                for (k, &(i, ..)) in ends.iter().enumerate() {
                     let mut terms = acceleration(i, sign).to_vec();
                     terms.push((ramps + k, -ramp(k)));
                     scaled(&mut p, &terms, ramp(k));
                 }
             }
         }
-        for i in 1..n - 1 {
+        for i in inner.clone() {
             let h = stations.length(i);
             for (point, [low, high]) in range[i].into_iter().enumerate() {
                 for (sign, side) in [(-1.0, low), (1.0, high)] {
@@ -230,10 +243,10 @@ impl<'a> Relaxation<'a> {
         let bounded = p.right.len();
 
         // ω² ≤ z; μ² ≤ z̄ and τ μ ≥ h over a part; τ ω ≥ 3h over a ramp.
-        for i in 1..n {
+        for i in moving {
             square(&mut p, &[(zv(i), 1.0)], wv(i));
         }
-        for i in 1..n - 1 {
+        for i in inner.clone() {
             for part in 0..PARTS {
                 let [line, bend] = self.mean(i, part).map(|v| v * bs / middle(i));
                 let terms = [(zv(i), zs(i) / middle(i)), (bv(i), line - bend), (bv(i + 1), bend)];
@@ -241,7 +254,7 @@ impl<'a> Relaxation<'a> {
                 product(&mut p, tv(i, part), mv(i, part));
             }
         }
-        for (k, (i, ..)) in ends.into_iter().enumerate() {
+        for (k, &(i, ..)) in ends.iter().enumerate() {
             product(&mut p, ramps + k, wv(i));
         }
         let cones = (p.right.len() - bounded) / 3;
@@ -263,7 +276,7 @@ impl<'a> Relaxation<'a> {
         let solution = p.solve(columns, &cost, &kinds)?;
         let x = &solution.x;
         let mut traded = vec![0.0; n];
-        for i in 1..n - 1 {
+        for i in inner.clone() {
             let needed = |part: usize| {
                 let [line, bend] = self.mean(i, part);
                 let z = x[zv(i)] * zs(i) + ((line - bend) * x[bv(i)] + bend * x[bv(i + 1)]) * bs;
@@ -273,6 +286,12 @@ impl<'a> Relaxation<'a> {
         }
         Some(Optimum { bound: solution.obj_val_dual / scale, traded })
     }
+}
+
+/// Largest z at an end of an eased path, where q′ = q″ = 0 and a drive's jerk is q‴ z^(3/2).
+fn at_rest(station: &Station, limits: &Limits) -> f64 {
+    let third = (0..AXES).map(|k| jerk_row(station, limits, k)[0].abs()).fold(0.0, f64::max);
+    third.powf(-2.0 / 3.0)
 }
 
 /// Σ terms ≤ 0 in units of `unit`.

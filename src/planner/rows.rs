@@ -48,6 +48,8 @@ pub struct Station {
     pub rows: Vec<Row>,
     /// At the ends of the path: the rows of torques and constraint forces once more, at rest, where there is no friction.
     pub rest: Vec<Row>,
+    /// (ds/dx)³: ṡ² ds over ẋ² dx.
+    pub weight: f64,
     /// Speed at which the rows' force laws are linearised.
     pub reference: f64,
 }
@@ -59,6 +61,8 @@ pub struct Stations {
     pub list: Vec<Station>,
     /// The limited quantities that the rows stand for, in order.
     pub quantities: Vec<usize>,
+    /// Whether the path is eased at its ends: the robot rests there while its parameter moves on.
+    pub eased: bool,
 }
 
 impl Stations {
@@ -76,9 +80,16 @@ impl Stations {
             let fastest = (curve.end() / SHORTEST).powi(2);
             let cap = (0..AXES).map(|i| (limits.speed[i] / q1[i]).powi(2)).fold(fastest, f64::min);
             let rows = quantities.iter().map(|&k| Row { a: q1[k] / usable[k], b: q2[k] / usable[k], c: 0.0, d: 0.0 });
-            Ok(Station { rows: rows.collect(), rest: Vec::new(), point, cap, reference: 1.0 })
+            Ok(Station {
+                rows: rows.collect(),
+                rest: Vec::new(),
+                point,
+                cap,
+                weight: curve.way(s)[1].powi(3),
+                reference: 1.0,
+            })
         };
-        Ok(Self { list: grid.iter().map(station).collect::<Result<_, _>>()?, quantities })
+        Ok(Self { list: grid.iter().map(station).collect::<Result<_, _>>()?, quantities, eased: curve.is_eased() })
     }
 
     /// Adds the rows of torques and constraint forces, force laws linearised at `references`, or brings them up to date.
@@ -121,6 +132,16 @@ impl Stations {
     /// Number of intervals.
     pub fn intervals(&self) -> usize {
         self.list.len() - 1
+    }
+
+    /// Stations at which the parameter moves.
+    pub fn moving(&self) -> std::ops::Range<usize> {
+        if self.eased { 0..self.list.len() } else { 1..self.intervals() }
+    }
+
+    /// Intervals between two of these.
+    pub fn inner(&self) -> std::ops::Range<usize> {
+        if self.eased { 0..self.intervals() } else { 1..self.intervals() - 1 }
     }
 
     /// Length of interval `i` in s.

@@ -9,10 +9,11 @@ use crate::scenario::motion::table::Table;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// Straight lines between waypoints, each corner rounded from the distance `blend` (m) before it to the same after it.
+    /// Where the path turns back on itself, it does so at the waypoint itself.
     Lines {
         /// Corners with both ends; neighbours apart.
         points: Vec<[f64; 4]>,
-        /// Distance from a corner at which its blend begins, m; at most half of a line is used.
+        /// Distance from a corner at which its blend begins, m; at most half of a line is used. Zero without corners.
         blend: f64,
         /// Length that a turn of ψ by 1 rad counts, m.
         turn_radius: f64,
@@ -41,6 +42,22 @@ impl Shape {
         Self::Lines { points, blend, turn_radius }
     }
 
+    /// What was not taken as it was asked for, one sentence each.
+    pub fn notes(&self) -> Vec<String> {
+        let Self::Lines { points, blend, turn_radius } = self else { return Vec::new() };
+        let legs = Legs::new(points, *turn_radius);
+        let corners = 1..legs.lengths.len();
+        let cut = corners.filter(|&i| !legs.reverses(i) && legs.room(i, *blend) < *blend * (1.0 - 1e-12));
+        cut.map(|i| {
+            let used = legs.room(i, *blend);
+            format!(
+                "the blend at corner {} begins {used:.4} m from it instead of {blend} m: half of the shorter line",
+                i + 1
+            )
+        })
+        .collect()
+    }
+
     /// The path over s from 0 to 1.
     pub fn curve(&self) -> Curve {
         match self {
@@ -56,31 +73,83 @@ fn scales(turn_radius: f64) -> (Vector4<f64>, Vector4<f64>) {
     (Vector4::new(1.0, 1.0, 1.0, turn_radius), Vector4::new(1.0, 1.0, 1.0, 1.0 / turn_radius))
 }
 
+/// Lines between waypoints, (x, y, z, ψ times the turn radius) in m.
+struct Legs {
+    points: Vec<Vector4<f64>>,
+    directions: Vec<Vector4<f64>>,
+    lengths: Vec<f64>,
+}
+
+/// Sum of two unit vectors below which they are opposite.
+const OPPOSITE: f64 = 1e-6;
+
+impl Legs {
+    fn new(points: &[[f64; 4]], turn_radius: f64) -> Self {
+        let to = scales(turn_radius).0;
+        let points: Vec<Vector4<f64>> = points.iter().map(|p| Vector4::from(*p).component_mul(&to)).collect();
+        let spans = points.windows(2).map(|w| w[1] - w[0]);
+        let lengths: Vec<f64> = spans.clone().map(|d| d.norm()).collect();
+        let directions = spans.zip(&lengths).map(|(d, length)| d / *length).collect();
+        Self { points, directions, lengths }
+    }
+
+    /// Whether the path turns back at waypoint `i`.
+    fn reverses(&self, i: usize) -> bool {
+        (self.directions[i - 1] + self.directions[i]).norm() < OPPOSITE
+    }
+
+    /// Half of the shorter line at waypoint `i`, m.
+    fn half(&self, i: usize) -> f64 {
+        0.5 * self.lengths[i - 1].min(self.lengths[i])
+    }
+
+    /// Distance from waypoint `i` at which its line ends, m.
+    fn room(&self, i: usize, blend: f64) -> f64 {
+        match i {
+            0 => 0.0,
+            i if i == self.lengths.len() => 0.0,
+            i if self.reverses(i) => self.half(i),
+            i => blend.min(self.half(i)),
+        }
+    }
+}
+
+/// First waypoint, from 0, at which the lines between `points` neither end, go straight on nor turn back.
+pub(super) fn first_corner(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
+    let legs = Legs::new(points, turn_radius);
+    let straight = |i: usize| (legs.directions[i - 1] - legs.directions[i]).norm() < OPPOSITE;
+    (1..legs.lengths.len()).find(|&i| !straight(i) && !legs.reverses(i))
+}
+
 /// Corner P between directions d₀ and d₁: r(u) = P − b d₀ + 2b [(u − W) d₀ + W d₁], W = u⁶ − 3u⁵ + 5u⁴/2, u = s/2b.
 ///
-/// W′ is the smooth step of degree five, so value and three derivatives join those of the lines; |r′| ≤ 1.
+/// W′ is the smooth step of degree five, so value and three derivatives join those of the lines; |r′| ≤ 1. Where d₁ = −d₀,
+/// the same polynomial reaches P if it begins at b = 11w/16: r = P − w g(1 − s/w) d₀ up to P and r = P + w g(s/w) d₁ from it,
+/// g(x) = (15x² − 5x⁴ + x⁶)/16, s counted from the start of each. There r′ vanishes with s̈ and ṡ free: the robot stands at P.
 fn lines(points: &[[f64; 4]], blend: f64, turn_radius: f64) -> Curve {
-    let (to, back) = scales(turn_radius);
-    let points: Vec<Vector4<f64>> = points.iter().map(|p| Vector4::from(*p).component_mul(&to)).collect();
-    let spans: Vec<Vector4<f64>> = points.windows(2).map(|w| w[1] - w[0]).collect();
-    let lengths: Vec<f64> = spans.iter().map(|d| d.norm()).collect();
-    let room =
-        |i: usize| if i == 0 || i == spans.len() { 0.0 } else { blend.min(0.5 * lengths[i - 1].min(lengths[i])) };
+    let legs = Legs::new(points, turn_radius);
+    let none = Vector4::zeros();
     let mut pieces = Vec::new();
-    for (i, span) in spans.iter().enumerate() {
-        let direction = span / lengths[i];
-        let (b0, b1) = (room(i), room(i + 1));
-        pieces.push((lengths[i] - b0 - b1, vec![points[i] + direction * b0, direction]));
-        if let Some(next) = spans.get(i + 1) {
-            let bend = next / lengths[i + 1] - direction;
-            let b = b1;
+    for (i, &direction) in legs.directions.iter().enumerate() {
+        let (b0, b) = (legs.room(i, blend), legs.room(i + 1, blend));
+        pieces.push((legs.lengths[i] - b0 - b, vec![legs.points[i] + direction * b0, direction]));
+        let Some(&next) = legs.directions.get(i + 1) else { continue };
+        let corner = legs.points[i + 1];
+        let start = corner - direction * b;
+        if legs.reverses(i + 1) {
+            let w = 16.0 / 11.0 * b;
+            let term = |d: Vector4<f64>, factor: f64, power: i32| d * (factor / 16.0 * w / w.powi(power));
+            let back = |factor: f64, power: i32| term(-direction, factor, power);
+            pieces.push((w, vec![start, direction, none, none, back(10.0, 4), back(-6.0, 5), back(1.0, 6)]));
+            let on = |factor: f64, power: i32| term(next, factor, power);
+            pieces.push((w, vec![corner, none, on(15.0, 2), none, on(-5.0, 4), none, on(1.0, 6)]));
+        } else {
+            let bend = next - direction;
             let w = |coefficient: f64, power: i32| bend * (coefficient * 2.0 * b / (2.0 * b).powi(power));
-            let start = points[i + 1] - direction * b;
-            let none = Vector4::zeros();
             pieces.push((2.0 * b, vec![start, direction, none, none, w(2.5, 4), w(-3.0, 5), w(1.0, 6)]));
         }
     }
-    Curve::new(pieces).scaled(&back)
+    Curve::new(pieces).scaled(&scales(turn_radius).1)
 }
 
 /// Spline through the points over centripetal chord lengths.

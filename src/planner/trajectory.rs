@@ -1,21 +1,21 @@
 //! A planned motion as a look-up table at the control period (paper section 5.2).
 
-use super::{Curve, Machine, PathPoint, Plan, PlanError};
+use super::{Machine, PathPoint, Plan, PlanError};
 use crate::constraint_forces::{Detail, constraint_forces};
 use crate::model::STRUTS;
 use crate::recording::{Recording, Setup, Signals};
 
-/// Rows every `period` s with q, q̇, q̈, torques, strut forces and the platform's position, all of the same s, ṡ and s̈.
+/// Rows every `period` s with q, q̇, q̈, torques, strut forces and the platform's position, all of the same place, ṡ and s̈.
 ///
 /// The motion is slowed down by less than one period in all, so that its end falls on a row.
 pub fn trajectory(
     machine: &Machine,
-    curve: &Curve,
     plan: &Plan,
     setup: &Setup,
     period: f64,
     name: &str,
 ) -> Result<Recording, PlanError> {
+    let curve = &plan.curve;
     let rows = (plan.time / period).ceil().max(1.0);
     let stretch = rows * period / plan.time;
     let times: Vec<f64> = (0..=rows as usize).map(|k| k as f64 * period).collect();
@@ -24,7 +24,11 @@ pub fn trajectory(
     let mut forces: [[Vec<f64>; STRUTS]; 2] = Default::default();
     let states = machine.states();
     for [s, speed, acceleration] in plan.profile.sample(times.iter().map(|t| t / stretch)) {
-        let place = |source| PlanError::Place { s, at: curve.at(s)[0].into(), source: super::PlaceError::Pose(source) };
+        let place = |source| PlanError::Place {
+            s: curve.way(s)[0],
+            at: curve.at(s)[0].into(),
+            source: super::PlaceError::Pose(source),
+        };
         let plant = machine.plant();
         let point = PathPoint::new(&plant.geometry, curve, s).map_err(place)?;
         let motion = point.motion(&plant.geometry, speed / stretch, acceleration / (stretch * stretch));

@@ -33,6 +33,13 @@ pub struct Use {
     pub value: [f64; CHECKED],
 }
 
+impl Use {
+    /// Every limit with the share of it that is used.
+    pub fn limits(&self) -> impl Iterator<Item = (Limit, f64)> + '_ {
+        self.ratio.iter().enumerate().map(|(k, ratio)| (checked(k), *ratio))
+    }
+}
+
 /// Places about one where a drive or the telescope reverses, in units of the way over which Coulomb friction changes there,
 /// δs = ε/(|q″| ṡ).
 const AROUND: [f64; 7] = [-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0];

@@ -183,7 +183,12 @@ impl Table {
         let step = median_step(&self.t);
         if step > 0.05 {
             let problem = format!("steps of {step} s; looks like milliseconds");
-            return Err(self.value_error(1, "t", problem, "seconds, sampled at 20 Hz or more"));
+            return Err(self.value_error(
+                1,
+                "t",
+                problem,
+                "seconds, sampled at 20 Hz or more; --map \"t=t[ms]\" reads milliseconds",
+            ));
         }
         if step < 1e-6 {
             let problem = format!("steps of {step:e} s");
@@ -203,14 +208,24 @@ impl Table {
                 q[i],
                 if degrees { "; looks like degrees" } else { "" }
             );
-            return Err(self.value_error(i, name, problem, format!("{low} … {high} rad")));
+            let exchanged = self.column("q4").is_some_and(|q4| {
+                let (a, b) = span(q4);
+                a >= low && b <= high
+            });
+            let k = name.trim_start_matches('q');
+            let other = match degrees {
+                _ if exchanged => format!("; --map \"{name}=q4, q4={name}, tau{k}=tau4, tau4=tau{k}\" exchanges axes"),
+                true => format!("; --map \"{name}={name}[deg]\" reads degrees, \"{name}={name}/33\" a motor's side"),
+                false => format!("; --map \"{name}={name}-1.5708\" moves the zero, \"{name}=-{name}\" turns it round"),
+            };
+            return Err(self.value_error(i, name, problem, format!("{low} … {high} rad{other}")));
         }
         for c in &self.columns {
             let (limit, unit, hint) = match c.name.as_str() {
                 n if n.starts_with("tau") && self.machine == Mechanism::Axis(Joint::Prismatic) => {
                     (1e7, "N", "looks like mN")
                 }
-                n if n.starts_with("tau") => (1e4, "N·m", "looks like N·mm"),
+                n if n.starts_with("tau") => (1e4, "N·m", "looks like N·mm, which --map \"tau1=tau1[Nmm], …\" reads"),
                 n if n.starts_with("strut") || n.starts_with("margin") => (1e6, "N", "looks like mN"),
                 n if n.starts_with("ee") => (5.0, "m", "looks like millimetres"),
                 _ => continue,
@@ -290,7 +305,7 @@ impl Table {
             let rate = |i: usize| (q4[i + k] - q4[i]).abs() / (self.t[i + k] - self.t[i]);
             let fast = (0..q4.len().saturating_sub(k)).filter(|&i| rate(i) > 60.0).count();
             if fast * 50 > q4.len() {
-                warnings.push("`q4` turns faster than 60 rad/s; is it in degrees?".into());
+                warnings.push("`q4` turns faster than 60 rad/s; is it in degrees? --map \"q4=q4[deg]\"".into());
             }
         }
     }
@@ -544,6 +559,7 @@ impl Table {
             (0..n).map(|i| all.map(|c| c.map_or(0.0, |c| c[i]))).collect()
         });
         Signals {
+            start: None,
             mechanism: self.machine,
             q: axes("q"),
             tau: axes("tau"),
@@ -631,7 +647,7 @@ fn span(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)))
 }
 
-fn median_step(t: &[f64]) -> f64 {
+pub(super) fn median_step(t: &[f64]) -> f64 {
     let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
     if steps.is_empty() {
         return 0.0;

@@ -1,13 +1,17 @@
-//! Recordings as CSV: a header row with the names of the columns in any order, SI units.
+//! Recordings as CSV: a header row with the names of the columns in any order.
 //!
-//! Required: `t`, and `q1…, tau1…` of every axis the machine has, one, three or four. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
-//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`, `link_q1…4`, `link_qd1…4`
-//! and the `lambda_…` of [`multiplier_names`](super::multiplier_names). Comma, semicolon or tab between the cells.
+//! Required: `t`, and `q1…, tau1…` of every axis the machine has, one, three or four, in SI units; other names and units
+//! are understood as far as [`super::columns`] goes. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
+//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`,
+//! `link_q1…4`, `link_qd1…4` and the `lambda_…` of [`multiplier_names`](super::multiplier_names). Comma, semicolon or tab
+//! between the cells.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 
-use super::check::{self, Column, Table};
+use super::check::{self, Table};
+use super::columns::{Frame, Layout, Mapping};
+use super::epoch::Clock;
 use super::{ReadError, Signals, WriteError, file};
 use crate::model::Mechanism;
 
@@ -20,10 +24,14 @@ fn expected(axes: usize) -> String {
 /// Bytes in which a file shows what it is.
 const HEAD: usize = 1 << 16;
 
-/// Reads and checks the signals of a machine, or of whatever machine the columns tell.
+/// Reads and checks the signals of a machine, or of whatever machine the columns tell; `maps` say which column is which
+/// channel where the names do not.
 ///
 /// Also returns what was noticed and repaired.
-pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Vec<String>), ReadError> {
+///
+/// # Errors
+/// Whatever makes the file no recording: columns, units, cells, times, with line and column.
+pub fn read(path: &Path, machine: Option<Mechanism>, maps: &[Mapping]) -> Result<(Signals, Vec<String>), ReadError> {
     let file = std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?;
     let bytes = file.metadata().map_or(0, |m| m.len()) as usize;
     let mut source = BufReader::with_capacity(HEAD, file);
@@ -31,7 +39,7 @@ pub fn read(path: &Path, machine: Option<Mechanism>) -> Result<(Signals, Vec<Str
     // Columns that grow would leave the memory they grew out of behind.
     let lines = head.iter().filter(|b| **b == b'\n').count();
     let rows = bytes.checked_div(head.len().checked_div(lines).unwrap_or(0)).unwrap_or(0);
-    let (table, mut warnings) = table(path, &head, source, rows + rows / 50, machine)?;
+    let (table, mut warnings) = table(path, &head, source, rows + rows / 50, machine, maps)?;
     let (signals, noticed) = check::signals(table)?;
     warnings.extend(noticed);
     Ok((signals, warnings))
@@ -72,6 +80,7 @@ fn table(
     mut source: impl BufRead,
     about: usize,
     machine: Option<Mechanism>,
+    maps: &[Mapping],
 ) -> Result<(Table, Vec<String>), ReadError> {
     const MARK: &[u8] = b"\xef\xbb\xbf";
     if head.starts_with(MARK) {
@@ -98,37 +107,11 @@ fn table(
     };
     let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_string).collect();
 
-    let machine = machine.unwrap_or_else(|| check::machine(|name| names.iter().any(|n| n == name)));
+    let (layout, machine, warnings) = layout(path, &names, maps, machine)?;
     let axes = machine.axes();
-    let mut warnings = Vec::new();
-    for (i, name) in names.iter().enumerate() {
-        if check::known(name) && names[..i].contains(name) {
-            let problem = format!("has two columns `{name}`");
-            return Err(ReadError::content(path, problem, "every column once"));
-        }
-    }
-    for wanted in check::required(axes) {
-        if !names.contains(&wanted) {
-            let mut found: String = names.join(", ").chars().take(200).collect();
-            if found.len() < names.join(", ").len() {
-                found.push('…');
-            }
-            let problem = format!("has no column `{wanted}` (columns: {found})");
-            return Err(ReadError::content(path, problem, expected(axes)));
-        }
-    }
-    let unknown: Vec<_> = names.iter().filter(|n| !check::known(n)).map(|n| format!("`{n}`")).collect();
-    if !unknown.is_empty() {
-        warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
-    }
-
-    let extra: Vec<_> = names.iter().filter(|n| check::foreign(n, axes)).map(|n| format!("`{n}`")).collect();
-    if !extra.is_empty() {
-        let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };
-        warnings.push(format!("columns {} ignored: the machine has {has}", extra.join(", ")));
-    }
-    let wanted = |name: &str| check::known(name) && !check::foreign(name, axes);
-    let used: Vec<usize> = (0..names.len()).filter(|&i| wanted(&names[i])).collect();
+    let used = layout.used();
+    let time = layout.time();
+    let mut clock = Clock::default();
     let mut values = vec![Vec::new(); names.len()];
     used.iter().for_each(|&i| values[i].reserve_exact(about));
     let mut rows = Vec::with_capacity(about);
@@ -145,7 +128,10 @@ fn table(
         }
         rows.push(line);
         for &i in &used {
-            values[i].push(number(&record[i], delimiter).ok_or_else(|| ReadError::Value {
+            let is_time = time.is_some_and(|(column, _)| column == i);
+            let exact = if is_time { clock.since_start(&record[i]) } else { None };
+            let value = exact.or_else(|| number(&record[i], delimiter));
+            values[i].push(value.ok_or_else(|| ReadError::Value {
                 file: path.into(),
                 row: format!("line {line}"),
                 column: names[i].clone(),
@@ -160,16 +146,48 @@ fn table(
     if rows.is_empty() {
         return Err(ReadError::content(path, "has a header but no samples", expected(axes)));
     }
-    let mut columns = Vec::new();
-    let mut t = Vec::new();
-    for (name, values) in names.into_iter().zip(values) {
-        if name == "t" {
-            t = values;
-        } else if wanted(&name) {
-            columns.push(Column { name, values });
+    let mut warnings = warnings;
+    let (column, stated) = time.unwrap_or((0, 1.0));
+    let (t, noticed) = clock.seconds(&values[column], stated);
+    warnings.extend(noticed.map(|what| format!("`{}` {what}", layout.text(column))));
+    Ok((layout.apply(t, &values, rows, Frame { file: path, row: "line", machine }), warnings))
+}
+
+/// Which column is which channel, of which machine; also what is left out or guessed.
+fn layout(
+    path: &Path,
+    names: &[String],
+    maps: &[Mapping],
+    machine: Option<Mechanism>,
+) -> Result<(Layout, Mechanism, Vec<String>), ReadError> {
+    let mut layout = Layout::new(path, names, maps, machine)?;
+    let machine = machine.unwrap_or_else(|| check::machine(|name| layout.has(name)));
+    let axes = machine.axes();
+    for wanted in check::required(axes) {
+        if !layout.has(&wanted) {
+            let mut found: String = names.join(", ").chars().take(200).collect();
+            if found.len() < names.join(", ").len() {
+                found.push('…');
+            }
+            let problem = format!("has no column `{wanted}` (columns: {found})");
+            let hint = format!("{}; --map \"{wanted}=COLUMN\" names another one", expected(axes));
+            return Err(ReadError::content(path, problem, hint));
         }
     }
-    Ok((Table { file: path.into(), row: "line", rows, t, columns, machine }, warnings))
+    let quoted = |i: &usize| format!("`{}`", layout.text(*i));
+    let unknown: Vec<_> = layout.unused.iter().map(quoted).collect();
+    let foreign = |name: &str| check::foreign(name, axes);
+    let extra: Vec<_> = names.iter().filter(|n| foreign(n)).map(|n| format!("`{n}`")).collect();
+    let mut warnings = std::mem::take(&mut layout.notes);
+    if !unknown.is_empty() {
+        warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
+    }
+    if !extra.is_empty() {
+        let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };
+        warnings.push(format!("columns {} ignored: the machine has {has}", extra.join(", ")));
+    }
+    layout.retain(|name| !foreign(name));
+    Ok((layout, machine, warnings))
 }
 
 fn number(cell: &str, delimiter: u8) -> Option<f64> {

@@ -1,21 +1,25 @@
 //! What was measured or simulated: joint angles, drive torques and optional channels over time.
 //!
-//! Only `csv.rs`, `mcap.rs` and `rerun.rs` know file formats.
+//! Only `csv.rs`, `bag/` and `rerun/` know file formats.
 
+pub mod bag;
 mod channels;
 mod check;
+pub mod columns;
 pub mod command;
 pub mod csv;
 mod difference;
+mod epoch;
 mod error;
 pub(crate) mod file;
-pub mod mcap;
 mod payload;
 #[cfg(feature = "viewer")]
 pub mod rerun;
 pub mod setup;
 
+pub use bag::Context;
 pub use channels::{ROWS, multiplier_names};
+pub use columns::Mapping;
 pub use difference::Difference;
 pub use error::{ReadError, WriteError};
 pub use payload::Payload;
@@ -23,6 +27,7 @@ pub use payload::Payload;
 use std::ops::Range;
 use std::path::Path;
 
+use self::setup::Sidecar;
 use crate::model::{AXES, Mechanism, STRUTS};
 
 /// One run of the machine, sampled at increasing times.
@@ -36,42 +41,57 @@ pub struct Recording {
     pub setup: Setup,
 }
 
+/// How a file is read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reading<'a> {
+    /// Setup instead of the sidecar.
+    pub setup: Option<&'a Path>,
+    /// Machine whose axes must be there; by the columns if none is given.
+    pub machine: Option<Mechanism>,
+    /// Which column is which channel, one after the other.
+    pub maps: &'a [Mapping],
+}
+
 impl Recording {
-    /// Reads a `.csv` or `.mcap` recording of whatever machine it is by its axes: one, three or four.
+    /// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, a bag's folder) of whatever machine it is by its axes: one, three or four.
     pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Self, Vec<String>), ReadError> {
-        Self::read_any(path, setup, None)
+        Self::read_as(path, &Reading { setup, ..Reading::default() })
     }
 
     /// Reads a recording of a `machine`: its axes must be there, others are left out with a warning.
     ///
-    /// See [`Recording::read`] for the rest.
+    /// See [`Recording::read_as`] for the rest.
     pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<(Self, Vec<String>), ReadError> {
-        Self::read_any(path, setup, Some(machine))
+        Self::read_as(path, &Reading { setup, machine: Some(machine), ..Reading::default() })
     }
 
-    /// Content decides on the format. The setup is that of the file `setup`, else of the sidecar `<stem>.setup.toml`,
-    /// else of the MCAP file's metadata, else the default. Also returns what was noticed and repaired.
-    fn read_any(
-        path: &Path,
-        setup: Option<&Path>,
-        machine: Option<Mechanism>,
-    ) -> Result<(Self, Vec<String>), ReadError> {
+    /// Reads a recording, its format known by its content. Also returns what was noticed and repaired.
+    ///
+    /// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP file's metadata, else
+    /// the default. The sidecar's `[columns]` come before `how.maps`.
+    ///
+    /// # Errors
+    /// What cannot be read or repaired, with file, row and column.
+    pub fn read_as(path: &Path, how: &Reading) -> Result<(Self, Vec<String>), ReadError> {
         let beside = setup::sidecar(path);
-        let outside = match setup {
-            Some(file) => Some(Setup::read(file)?),
-            None if beside.is_file() => Some(Setup::read(&beside)?),
+        let outside = match how.setup {
+            Some(file) => Some(Sidecar::read(file)?),
+            None if beside.is_file() => Some(Sidecar::read(&beside)?),
             None => None,
         };
-        let (signals, inside, mut warnings) = if mcap::is_mcap(path) {
-            mcap::read(path, machine)?
+        let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
+        let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
+        let outside = outside.map(|s| s.setup);
+        let (signals, inside, mut warnings) = if bag::is_bag(path) {
+            bag::read(path, how.machine, &maps)?
         } else {
-            let (signals, warnings) = csv::read(path, machine)?;
+            let (signals, warnings) = csv::read(path, how.machine, &maps)?;
             (signals, None, warnings)
         };
         if let (Some(a), Some(b)) = (outside, inside)
             && a != b
         {
-            let used = setup.unwrap_or(&beside).display();
+            let used = how.setup.unwrap_or(&beside).display();
             warnings.push(format!("setup inside the file differs from {used}, which is used"));
         }
         let recording = Self {
@@ -84,13 +104,24 @@ impl Recording {
     }
 
     /// Writes `.csv` with its sidecar, or `.mcap`. A file that is there is replaced as a whole.
+    ///
+    /// # Errors
+    /// Names with another ending, signals that no machine has, and whatever the system says.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+        self.write_with(path, &Context::default())
+    }
+
+    /// The same with origin and pictures of the run, as far as the format keeps them: MCAP does, CSV does not.
+    ///
+    /// # Errors
+    /// See [`Recording::write`].
+    pub fn write_with(&self, path: &Path, context: &Context) -> Result<(), WriteError> {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         if extension == "csv" {
             csv::write(path, &self.signals)?;
             self.setup.write(&setup::sidecar(path))
         } else if extension == "mcap" {
-            mcap::write(path, self)
+            bag::write(path, self, context)
         } else {
             Err(WriteError::invalid(path, "unknown format; expected a name ending in .csv or .mcap"))
         }
@@ -102,6 +133,8 @@ impl Recording {
 pub struct Signals {
     /// Kind of machine: only its axes are measured, the others are zero.
     pub mechanism: Mechanism,
+    /// When t = 0 was, ns since 1970-01-01 UTC; `None` where it is not known, as of simulated runs.
+    pub start: Option<i64>,
     /// Time, s.
     pub t: Vec<f64>,
     /// Joint angles q = (φ1, φ2, φ3, ψ) as the encoders see them, rad: of elastic gears on the motors' side.

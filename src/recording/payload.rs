@@ -77,7 +77,7 @@ impl Payload {
     pub fn to_toml(&self) -> String {
         let Self { mass, com, .. } = self;
         let mut text = format!(
-            "[payload]\nmass = {mass:?} # kg\ncom = [{:?}, {:?}, {:?}] # m, from the flange centre\n\
+            "[payload]\nmass = {mass:?} # kg\ncom = [{:?}, {:?}, {:?}] # m, from flange\n\
              inertia_zz = {:?} # kg·m², about the COM\n",
             com.x,
             com.y,
@@ -85,7 +85,11 @@ impl Payload {
             self.inertia_zz()
         );
         if *self != Self::new(*mass, *com, self.inertia_zz()) {
-            let _ = writeln!(text, "inertia = {:?} # kg·m², xx yy zz xy xz yz about the COM", self.moments());
+            let [xx, yy, zz, xy, xz, yz] = self.moments();
+            let _ = writeln!(
+                text,
+                "inertia = [ # kg·m², about the COM\n    {xx:?}, {yy:?}, {zz:?}, # xx yy zz\n    {xy:?}, {xz:?}, {yz:?}, # xy xz yz\n]"
+            );
         }
         text
     }

@@ -1,5 +1,6 @@
 //! Setup of a run as TOML: the sidecar `<stem>.setup.toml` of a recording.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -7,7 +8,7 @@ use miette::NamedSource;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Configuration, Payload, ReadError, Setup, WriteError, file};
+use super::{Configuration, Mapping, Payload, ReadError, Setup, WriteError, file};
 use crate::model::AXES;
 
 /// Where the setup of the recording `path` is kept.
@@ -21,6 +22,16 @@ struct Document {
     configuration: State,
     payload: Load,
     noise: Noise,
+    columns: BTreeMap<String, Spanned<String>>,
+}
+
+/// A sidecar: what is known about a run, and which column of its file is which channel.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sidecar {
+    /// What is known about the run.
+    pub setup: Setup,
+    /// `[columns]`: channel = "column[unit]".
+    pub columns: Mapping,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -51,7 +62,12 @@ fn zero() -> Spanned<f64> {
 
 impl Default for Document {
     fn default() -> Self {
-        Self { configuration: State::Assembled, payload: Load::default(), noise: Noise::default() }
+        Self {
+            configuration: State::Assembled,
+            payload: Load::default(),
+            noise: Noise::default(),
+            columns: BTreeMap::new(),
+        }
     }
 }
 
@@ -64,12 +80,24 @@ impl Default for Load {
 impl Setup {
     /// Reads a setup file.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
+        Ok(Sidecar::read(path)?.setup)
+    }
+
+    /// Reads a setup from TOML; `name` stands for the text in errors.
+    pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
+        Ok(Sidecar::from_toml(text, name)?.setup)
+    }
+}
+
+impl Sidecar {
+    /// Reads a setup file with its columns.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
         let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
         let text = String::from_utf8(bytes).map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
         Self::from_toml(&text, &path.display().to_string())
     }
 
-    /// Reads a setup from TOML; `name` stands for the text in errors.
+    /// Reads a setup with its columns from TOML; `name` stands for the text in errors.
     pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
         let error = |message: String, span: std::ops::Range<usize>| {
             let before = text.get(..span.start).unwrap_or(text);
@@ -122,9 +150,16 @@ impl Setup {
             State::Assembled => Configuration::Assembled,
             State::Disassembled => Configuration::Disassembled,
         };
-        Ok(Self { configuration, payload, torque_noise })
+        let mut columns = Mapping::default();
+        for (channel, source) in &document.columns {
+            let refused = |e: String| error(format!("`columns.{channel}`: {e}"), source.span());
+            columns.assign(channel, source.get_ref()).map_err(refused)?;
+        }
+        Ok(Self { setup: Setup { configuration, payload, torque_noise }, columns })
     }
+}
 
+impl Setup {
     /// The setup as TOML, read back without loss by [`Setup::from_toml`].
     pub fn to_toml(&self) -> String {
         let configuration = match self.configuration {
@@ -188,5 +223,7 @@ mod tests {
         assert!(refused("[noise]\ntorque = [1.0, 2.0]").contains(":2:"), "{}", refused("[noise]\ntorque = [1.0, 2.0]"));
         assert!(refused("configuration = \"asembled\"").contains("assembled"));
         assert!(refused("configuration = ").contains(":1:"));
+        let e = refused("[columns]\nt = \"Time[ms]\"\nq1 = \"Pos[furlong]\"\n");
+        assert!(e.starts_with("run.setup.toml:3:6: `columns.q1`") && e.contains("furlong"), "{e}");
     }
 }

@@ -16,6 +16,7 @@ pub mod prior;
 pub mod robot;
 pub mod runs;
 mod strut_force;
+mod u_turn;
 mod verification;
 
 use miette::miette;
@@ -42,7 +43,9 @@ from encoders and drives, not that the paper's numbers are right.
   sliding joint; here one weight stands for all.
 - **Upper part of the telescope.** Table 3 prints its mass; it hangs from a fixed joint and does not enter the motion \
   equations, so no motion shows it.
-- **Fig. 12, 14 to 17** are a photograph and the motion planning of section 6.6, which is not part of this page.";
+- **U-turn.** The paper prints neither the control points of its path nor where it lies; length, height, payload and limits \
+  are its own, the corners are ours, and so duration and forces depend on them.
+- **Fig. 12** is a photograph.";
 
 /// Runs all experiments on a campaign; `stage` is told what comes next.
 pub fn sections(campaign: &Campaign, stage: &dyn Fn(&str)) -> miette::Result<Vec<Section>> {
@@ -57,7 +60,7 @@ pub fn sections(campaign: &Campaign, stage: &dyn Fn(&str)) -> miette::Result<Vec
     let prior = assembled::prior(&campaign.known, &table_1, &curve);
     let assembled = assembled::identify(campaign, prior, &sigma)?;
     stage("verification");
-    Ok(vec![
+    let mut all = vec![
         arms::covariance(campaign),
         table_1.section(),
         table_1.verification(&campaign.disassembled, &campaign.arms[1])?,
@@ -67,7 +70,10 @@ pub fn sections(campaign: &Campaign, stage: &dyn Fn(&str)) -> miette::Result<Vec
         verification::torque(campaign, &assembled, &sigma)?,
         verification::strut_forces(campaign, &assembled)?,
         strut_force::section(campaign, &assembled)?,
-    ])
+    ];
+    stage("time-optimal motion");
+    all.extend(u_turn::sections(campaign, &assembled)?);
+    Ok(all)
 }
 
 /// The whole page as Markdown.
@@ -75,7 +81,7 @@ pub fn markdown(sections: &[Section]) -> String {
     let mut out = String::from(
         "# The paper's experiments on the twin\n\n\
          Gnad, Gattringer, Müller et al., *Identification of physically consistent dynamics parameters of the ABB IRB \
-         360-6/1600 delta robot*, sections 6.2 to 6.5, repeated as virtual experiments: the twin is commanded, measured \
+         360-6/1600 delta robot*, sections 6.2 to 6.6, repeated as virtual experiments: the twin is commanded, measured \
          with quantised encoders and noisy torques, and identified from these recordings. Values are estimate ± standard \
          error.\n\n",
     );

@@ -70,3 +70,17 @@ pub const MEASUREMENT_STRUT: f64 = 0.340;
 pub const WEIGHT_PLATE: f64 = 5.0;
 /// Section 6.2.1: weights on the upper arms, kg.
 pub const ARM_WEIGHTS: [f64; 2] = [1.0, 2.5];
+
+/// Section 6.6: the optimised U-turn.
+pub mod u_turn {
+    /// Length along y, m.
+    pub const LENGTH: f64 = 0.8;
+    /// Height, m.
+    pub const HEIGHT: f64 = 0.18;
+    /// Duration, s.
+    pub const TIME: f64 = 0.48;
+    /// s of the valleys of the maximum velocity curve in the two corners (Fig. 15).
+    pub const VALLEYS: [f64; 2] = [0.2, 0.8];
+    /// λ̄_S less the margin of 10 %, N.
+    pub const STRUT_FORCE: f64 = 108.0;
+}

@@ -115,7 +115,7 @@ pub struct Gains {
 }
 
 /// Shape of the payload.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PayloadShape {
     /// Shape with its axes along those of the flange.
     pub shape: Shape,

@@ -8,14 +8,17 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
+use super::origin::{origin, with_run};
 use super::sockets::socket_name;
 use super::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::model::Model;
-use crate::recording::{Difference, Recording};
+use crate::recording::{Context, Difference, Recording, WriteError};
 use crate::scenario::{DesiredMotion, Formulation, Scenario};
-use crate::terminal::{BAD_ANSWER, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say};
+use crate::terminal::{
+    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say,
+};
 
 /// Run the twin.
 ///
@@ -47,13 +50,15 @@ pub struct Args {
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "FILE")]
     pub rrd: Option<PathBuf>,
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    pub(super) viewer: super::stream::Args,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
 }
 
-/// Time between the frames of a Rerun file, s.
-#[cfg(feature = "viewer")]
+/// Time between the poses of a Rerun file or a bag, s.
 const FRAME: f64 = 0.01;
 /// Steps of the reference run per step.
 const REFERENCE: usize = 16;
@@ -66,6 +71,7 @@ struct Job {
     motion: DesiredMotion,
     options: Options,
     output: Option<PathBuf>,
+    origin: Context,
 }
 
 /// What became of a job.
@@ -100,7 +106,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(folder) = args.output.as_ref().filter(|_| args.scenarios.len() > 1) {
         std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
     }
-    let jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
+    #[cfg_attr(not(feature = "viewer"), expect(unused_mut))]
+    let mut jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
+    distinct(&args.scenarios, &jobs)?;
     let alone = |option: &str, given: bool| {
         if given && jobs.len() > 1 {
             return Err(miette!("{option} is for one scenario; {} were given", jobs.len()));
@@ -111,12 +119,19 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     #[cfg(feature = "viewer")]
     alone("--rrd", args.rrd.is_some())?;
     #[cfg(feature = "viewer")]
+    alone("--connect or --spawn", args.viewer.wanted())?;
+    #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
     }
     let earlier = |file: &Path| Recording::read_of(file, None, jobs[0].machine.mechanism).map(|(r, _)| r);
     let verify = args.verify.as_deref().map(earlier).transpose()?;
     catch_interrupt()?;
+    #[cfg(feature = "viewer")]
+    let stream = jobs.first_mut().and_then(|job| {
+        let plant = Plant::new(&job.machine, &job.scenario.setup);
+        args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
+    });
     let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
     let progress = bar("simulate", (total * 1e3) as u64);
     let done = AtomicU64::new(0);
@@ -133,6 +148,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         })
         .collect();
     progress.finish_and_clear();
+    #[cfg(feature = "viewer")]
+    if let Some(problem) = stream.and_then(super::stream::Stream::finish) {
+        eprintln!("warning: {problem}");
+    }
     let mut status = DONE;
     let mut runs = Vec::new();
     for (job, outcome) in jobs.iter().zip(outcomes) {
@@ -149,22 +168,20 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             eprintln!("error: {}: {complaint}", job.scenario.name);
             status = BAD_ANSWER;
         }
-        if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
-            outcome.recording.write(output).into_diagnostic()?;
-        }
-        #[cfg(feature = "viewer")]
-        if let Some(rrd) = &args.rrd {
-            let plant = Plant::new(&job.machine, &job.scenario.setup);
-            super::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report).into_diagnostic()?;
+        // What cannot be written takes no other result with it.
+        let written = write(job, &outcome, args);
+        if let Err(error) = &written {
+            eprintln!("error: {}: {error}", job.scenario.name);
+            status = BAD_INPUT;
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
         if matches!(difference, Some(Some(_))) {
             status = BAD_ANSWER;
         }
         if args.json {
-            runs.push(json(job, &outcome, difference.as_ref()));
+            runs.push(json(job, &outcome, difference.as_ref(), written.is_ok()));
         } else {
-            print(job, &outcome, difference.as_ref(), args)?;
+            print(job, &outcome, difference.as_ref(), args, written.is_ok())?;
         }
     }
     if args.json {
@@ -174,6 +191,41 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
     }
     Ok(if interrupted() { INTERRUPTED } else { status })
+}
+
+/// Refuses scenarios whose recordings would have the same name.
+fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
+    for (i, job) in jobs.iter().enumerate() {
+        let Some(output) = &job.output else { continue };
+        // Not every file system tells upper from lower case.
+        let lower = |path: &Path| path.to_string_lossy().to_lowercase();
+        let same = |other: &Job| other.output.as_deref().is_some_and(|o| lower(o) == lower(output));
+        if let Some(earlier) = jobs[..i].iter().position(same) {
+            return Err(miette!(
+                "{} and {} would both be written to {}; expected scenarios with different names, or one run each",
+                files[earlier].display(),
+                files[i].display(),
+                output.display()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Writes what was asked for of a run.
+fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
+    if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
+        let context = with_run(job.origin.clone(), &job.machine, &job.options, &outcome.report);
+        outcome.recording.write_with(output, &context)?;
+    }
+    #[cfg(feature = "viewer")]
+    if let Some(rrd) = &args.rrd {
+        let plant = Plant::new(&job.machine, &job.scenario.setup);
+        super::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report)?;
+    }
+    #[cfg(not(feature = "viewer"))]
+    let _ = args;
+    Ok(())
 }
 
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
@@ -186,7 +238,7 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
         other => Model::read(other)?,
     };
     let output = args.output.as_ref().map(|output| {
-        if args.scenarios.len() > 1 { output.join(&scenario.name).with_extension("mcap") } else { output.clone() }
+        if args.scenarios.len() > 1 { output.join(format!("{}.mcap", scenario.name)) } else { output.clone() }
     });
     if let Some(output) = &output {
         check_output(output, &[file, machine_file], &["mcap", "csv"])?;
@@ -203,11 +255,14 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
     if let Some(formulation) = args.formulation {
         options.formulation = formulation;
     }
+    let in_bag = output.as_ref().is_some_and(|o| o.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap")));
     #[cfg(feature = "viewer")]
-    if args.rrd.is_some() {
+    let in_bag = in_bag || args.rrd.is_some();
+    if in_bag {
         options.frames = Some(FRAME);
     }
-    Ok(Job { scenario, machine, planning, motion, options, output })
+    let origin = origin(&scenario, file, &machine, &planning);
+    Ok(Job { scenario, machine, planning, motion, options, output, origin })
 }
 
 fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
@@ -221,7 +276,7 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     recording.name.clone_from(&scenario.name);
     let step_error = if step_error && failure.is_none() {
         let again = |substeps: usize| {
-            let options = Options { noise_seed: None, substeps, frames: None, ..options.clone() };
+            let options = Options { noise_seed: None, substeps, frames: None, watcher: None, ..options.clone() };
             simulate(machine, &scenario.setup, &controller, &desired, &options, &mut |_| !interrupted())
         };
         let coarse = again(options.substeps)?.0;
@@ -238,7 +293,7 @@ fn weakest(report: &Report) -> (usize, f64) {
     (0..SOCKETS).map(|s| (s, report.min_margin[s])).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::INFINITY))
 }
 
-fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -> Value {
+fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, written: bool) -> Value {
     let Outcome { report, wall, step_error, failure, .. } = outcome;
     let differences = |all: &[Difference]| {
         all.iter().map(|d| (d.channel.clone(), json!(d.size))).collect::<serde_json::Map<String, Value>>()
@@ -263,7 +318,7 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -
         "socket_margins": report.min_margin,
         "kinetic_energy": report.kinetic_energy,
         "interrupted": interrupted(),
-        "recording": job.output.as_deref().map_or(Value::Null, path),
+        "recording": job.output.as_deref().filter(|_| written).map_or(Value::Null, path),
     });
     if let Some(step_error) = step_error {
         out["step_error"] = Value::Object(differences(step_error));
@@ -276,7 +331,13 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>) -
     out
 }
 
-fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, args: &Args) -> miette::Result<()> {
+fn print(
+    job: &Job,
+    outcome: &Outcome,
+    difference: Option<&Option<Difference>>,
+    args: &Args,
+    written: bool,
+) -> miette::Result<()> {
     let Outcome { recording, report, wall, step_error, failure } = outcome;
     let ended = match failure {
         _ if interrupted() => ", interrupted",
@@ -327,16 +388,22 @@ fn print(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, 
             say(format!("  differs    first at sample {} in {}, by {:e} {}", d.sample, d.channel, d.size, d.unit))?;
         }
     }
+    #[cfg(feature = "viewer")]
+    let rrd = args.rrd.as_deref();
+    #[cfg(not(feature = "viewer"))]
+    let rrd: Option<&Path> = {
+        let _ = args;
+        None
+    };
     match &job.output {
+        _ if !written => say("  Nothing written: see the error above")?,
         Some(_) if recording.signals.is_empty() => say("  Nothing written: the run failed at its first sample")?,
         Some(output) => say(format!("  Wrote {}: {} samples", output.display(), recording.signals.len()))?,
-        None => say("  Nothing written; -o FILE keeps the recording")?,
+        None if rrd.is_none() => say("  Nothing written; -o FILE keeps the recording")?,
+        None => {}
     }
-    #[cfg(feature = "viewer")]
-    if let Some(rrd) = &args.rrd {
+    if let Some(rrd) = rrd.filter(|_| written) {
         say(format!("  Wrote {}; look at it with: rerun {}", rrd.display(), rrd.display()))?;
     }
-    #[cfg(not(feature = "viewer"))]
-    let _ = args;
     Ok(())
 }

@@ -20,6 +20,7 @@ pub mod loose;
 mod machine;
 mod mechanism;
 mod options;
+mod origin;
 mod reactions;
 mod report;
 mod rod;
@@ -30,12 +31,14 @@ mod simulate;
 pub mod sockets;
 mod state;
 pub mod stops;
+#[cfg(feature = "viewer")]
+mod stream;
 mod torque;
 mod wrench;
 
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
-pub use options::Options;
+pub use options::{Options, Watcher};
 pub use reactions::JointReactions;
 pub use report::{Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Pose, Report, SimulationError};
 pub use simulate::{simulate, simulate_until_failure};

@@ -1,6 +1,8 @@
 //! How a run of the twin is made.
 
-use super::{Clamps, Gains};
+use std::sync::Arc;
+
+use super::{Clamps, Event, Frame, Gains};
 use crate::cell::Object;
 use crate::model::Model;
 use crate::scenario::{self, Action, Formulation, HoldTorque, PayloadShape, Scenario, Supervision};
@@ -36,6 +38,37 @@ pub struct Options {
     pub actions: Vec<Action>,
     /// Keep the poses of all bodies and objects every so many seconds.
     pub frames: Option<f64>,
+    /// Who looks on.
+    pub watcher: Option<Watcher>,
+}
+
+type See = dyn Fn(Option<&Frame>, &[Event]) + Send + Sync;
+
+/// Sees a run while it goes on.
+#[derive(Clone)]
+pub struct Watcher {
+    /// Time between frames, s; [`Options::frames`] comes before it.
+    pub spacing: f64,
+    see: Arc<See>,
+}
+
+impl Watcher {
+    /// Calls `see` with a frame every `spacing` s and the events since the call before; the run waits for it. The last
+    /// call has no frame.
+    pub fn new(spacing: f64, see: impl Fn(Option<&Frame>, &[Event]) + Send + Sync + 'static) -> Self {
+        Self { spacing, see: Arc::new(see) }
+    }
+
+    /// Shows it a frame and events.
+    pub fn see(&self, frame: Option<&Frame>, events: &[Event]) {
+        (self.see)(frame, events);
+    }
+}
+
+impl std::fmt::Debug for Watcher {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Watcher").field("spacing", &self.spacing).finish_non_exhaustive()
+    }
 }
 
 impl Default for Options {
@@ -55,6 +88,7 @@ impl Default for Options {
             payload_shape: None,
             actions: Vec::new(),
             frames: None,
+            watcher: None,
         }
     }
 }
@@ -84,9 +118,10 @@ impl Options {
             }),
             supervision: scenario.supervision,
             objects: scenario.objects.clone(),
-            payload_shape: scenario.payload_shape,
+            payload_shape: scenario.payload_shape.clone(),
             actions: scenario.actions.clone(),
             frames: None,
+            watcher: None,
         }
     }
 }

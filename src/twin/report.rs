@@ -14,6 +14,10 @@ use crate::model::{AXES, STRUTS};
 pub struct Frame {
     /// Time, s.
     pub t: f64,
+    /// Joint positions, rad.
+    pub q: [f64; AXES],
+    /// Torques at the gear outputs, N·m.
+    pub tau: [f64; AXES],
     /// Poses of the bodies' frames, world.
     pub bodies: [Isometry3<f64>; BODIES],
     /// Poses of the objects, in the order of [`super::Options::objects`].
@@ -106,6 +110,12 @@ pub struct Report {
 }
 
 impl Report {
+    /// Raises the peak to the strut forces of one more instant: a sample, or a dislocation between two.
+    pub(super) fn see_strut_forces(&mut self, reactions: &Reactions) {
+        let forces = reactions.upper.iter().chain(&reactions.lower);
+        self.peak_strut_force = forces.fold(self.peak_strut_force, |peak, f| peak.max(f.abs()));
+    }
+
     /// Whether the energy balance closes, as that of a run whose numbers mean anything does: all but
     /// [`LARGEST_ENERGY_ERROR`] of the work turned over is accounted for.
     pub fn energy_closes(&self) -> bool {

@@ -132,6 +132,9 @@ struct Run<'a> {
     rested: bool,
     work: Vec<f64>,
     turned_over: f64,
+    /// Frames so far, and events that the watcher has seen.
+    frames: usize,
+    watched: usize,
     signals: Signals,
     report: Report,
 }
@@ -186,10 +189,10 @@ impl<'a> Run<'a> {
         let cell = if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
             None
         } else {
-            let payload = options.payload_shape.map(|p| (p.shape, p.centre));
+            let payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
             let refused = |source| SimulationError::Cell { t: 0.0, source };
-            let mut cell =
-                Cell::new(&options.objects, &plant.geometry, payload, plant.gravity_vector()).map_err(refused)?;
+            let mut cell = Cell::with_frame(&options.objects, &plant.geometry, payload, plant.gravity_vector())
+                .map_err(refused)?;
             cell.check_start(&motion).map_err(refused)?;
             Some(cell)
         };
@@ -226,6 +229,8 @@ impl<'a> Run<'a> {
             rested: false,
             work: Vec::new(),
             turned_over: 0.0,
+            frames: 0,
+            watched: 0,
             signals: Signals { mechanism: model.mechanism, ..Signals::default() },
             report: Report {
                 simulated: 0.0,
@@ -503,7 +508,7 @@ impl<'a> Run<'a> {
                 t,
                 EventKind::Dislocation,
                 format!(
-                    "{}: {:.3} N across the cup, hold {left:.3} N of {hold:.3} N under {:.3} N along its opening",
+                    "{}: {:.3} N across, hold {left:.3} of {hold:.1} N, pull {:.1} N",
                     socket_name(socket),
                     load.across,
                     load.pull
@@ -546,20 +551,31 @@ impl<'a> Run<'a> {
     }
 
     fn keep_frame(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
-        let Some(spacing) = self.options.frames else { return };
-        if t + INSTANT < self.report.frames.len() as f64 * spacing {
+        let watcher = self.options.watcher.as_ref();
+        let Some(spacing) = self.options.frames.or(watcher.map(|w| w.spacing)) else { return };
+        if t + INSTANT < self.frames as f64 * spacing {
             return;
         }
+        self.frames += 1;
         let motion = &snapshot.motion;
         let objects = self.cell.as_ref().map_or_else(Vec::new, |c| c.objects(motion).map(|(_, at, _)| at).collect());
-        self.report.frames.push(Frame {
+        let frame = Frame {
             t,
+            q: motion.q,
+            tau: self.torque.at(t),
             bodies: motion.shown(self.twin.plant().mechanism),
             objects,
             closed: self.twin.closed(),
             strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
             socket_margin: *margins,
-        });
+        };
+        if let Some(watcher) = watcher {
+            watcher.see(Some(&frame), &self.report.events[self.watched..]);
+            self.watched = self.report.events.len();
+        }
+        if self.options.frames.is_some() {
+            self.report.frames.push(frame);
+        }
     }
 
     fn kinetic_energy(&self) -> f64 {
@@ -578,6 +594,9 @@ impl<'a> Run<'a> {
     }
 
     fn finish(mut self, model: &Model, setup: &Setup) -> (Recording, Report) {
+        if let Some(watcher) = &self.options.watcher {
+            watcher.see(None, &self.report.events[self.watched..]);
+        }
         let mut setup = *setup;
         if matches!(model.mechanism, Mechanism::Delta { .. }) && !self.twin.plant().assembled {
             setup.configuration = Configuration::Disassembled;

@@ -6,7 +6,7 @@ use std::path::Path;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::Model;
+use deltatwin::model::{Model, Stops};
 use deltatwin::recording::{Payload, Setup};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -16,10 +16,12 @@ pub fn model(name: &str) -> Model {
     Model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model")
 }
 
-/// Numbers of Table 3 on the geometry of the IRB 360-6/1600, no effects, no payload.
+/// Numbers of Table 3 on the geometry of the IRB 360-6/1600, no effects, no payload, and no hard stops: smooth motion
+/// wherever the torques of a test take it.
 pub fn nominal_plant() -> Plant {
     let mut model = model("irb360-6-1600");
     model.effects.clear();
+    model.stops = Stops::NONE;
     Plant::new(&model, &Setup::default())
 }
 

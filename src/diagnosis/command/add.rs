@@ -7,10 +7,13 @@ use serde_json::{Map, Value};
 
 use super::budget;
 use crate::diagnosis::{Addition, add, parameters_of};
+use crate::gate::command::{guard, much_is_left};
+use crate::identification::command::provenance;
 use crate::identification::{Data, DataArgs, Estimate};
 use crate::model::Model;
 use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
+    DONE, Table, channel_names, check_output, error_bars, estimates, insert_channels, path, say, significant, spinner,
+    warn,
 };
 
 /// Add an effect to a model, refit, and see the error fall.
@@ -28,6 +31,9 @@ pub struct Args {
     /// Model file to write.
     #[arg(short, long, value_name = "MODEL2")]
     pub output: PathBuf,
+    /// Show the error budget and the parameters that moved, too.
+    #[arg(short, long)]
+    pub verbose: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -42,17 +48,20 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     check_output(&args.output, &inputs, &["toml"])?;
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     let progress = spinner(&format!("add {}", args.effect));
     let addition = add(&model, &args.effect, &data.traces, &data.held_out);
     progress.finish_and_clear();
     let addition = addition.into_diagnostic()?;
-    crate::identification::command::write(&addition.fit.model, &args.output)?;
+    warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {
         say(json(&addition, &parameters, &data, args))?;
     } else {
-        print(&addition, &parameters, &data, args)?;
+        print(&addition, &parameters, &data, args.verbose)?;
     }
+    let provenance = provenance("add", &args.data, &addition.fit.parameters);
+    crate::identification::command::write(&addition.fit.model, &args.output, &provenance, args.json)?;
     Ok(DONE)
 }
 
@@ -71,18 +80,16 @@ fn json(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> Valu
     Value::Object(object)
 }
 
-fn print(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> miette::Result<()> {
+fn print(a: &Addition, parameters: &[Estimate], data: &Data, verbose: bool) -> miette::Result<()> {
     let mut table = Table::new(&[&a.effect, "value", "std", "unit"], &[3]);
     for p in parameters {
         table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
     }
     say(table)?;
-    let series = [
-        ("before", Some(&a.budget.rms_before[..])),
-        ("after", Some(a.budget.rms_after())),
-        ("noise floor", Some(&a.budget.noise_floor[..])),
-    ];
-    say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
-    budget::print(&a.budget, &a.changes, &a.fit.model.history)?;
-    say(format!("\n  Wrote {}", args.output.display()))
+    let b = &a.budget;
+    say(format!("\n{}", error_bars(data.channels(), b.held_out, &b.rms_before, b.rms_after(), &b.noise_floor)))?;
+    if verbose {
+        budget::print(&a.budget, &a.changes, &a.fit.model.history)?;
+    }
+    say("")
 }

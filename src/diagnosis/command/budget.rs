@@ -5,25 +5,40 @@ use serde_json::{Value, json};
 use crate::diagnosis::budget::{Budget, Change};
 use crate::model::Added;
 use crate::report::{Figure, StackedBar, stacked};
-use crate::terminal::{Table, channel_names, channel_title, say, significant};
+use crate::terminal::{Table, WIDTH, channel_names, channel_title, say, significant, wrapped};
 
 /// Shares of every channel, and parameters that moved.
 pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::Result<()> {
     if budget.effects.is_empty() {
         return Ok(());
     }
-    let names: Vec<&str> = budget.effects.iter().map(|(name, _)| name.as_str()).collect();
+    // Names as long as these would leave the screen.
+    let fits = budget.effects.iter().map(|(name, _)| name.chars().count() + 2).sum::<usize>() + 55 <= WIDTH;
+    let title = |(i, (name, _)): (usize, &(String, Vec<f64>))| if fits { name.clone() } else { format!("[{}]", i + 1) };
+    let names: Vec<String> = budget.effects.iter().enumerate().map(title).collect();
     let mut header = vec!["Share of the mean square error", "noise"];
-    header.extend(&names);
+    header.extend(names.iter().map(String::as_str));
     header.push("unexplained");
+    let mut is_negative = false;
     let mut table = Table::new(&header, &[]);
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     for (c, &channel) in budget.channels.iter().enumerate() {
         let shares = budget.shares(c);
         let parts = std::iter::once(shares.noise).chain(shares.effects).chain([shares.unexplained]);
-        table.row(std::iter::once(channel_title(channel)).chain(parts.map(percent)));
+        let parts: Vec<f64> = parts.collect();
+        is_negative |= parts.iter().any(|share| *share < 0.0);
+        table.row(std::iter::once(channel_title(channel)).chain(parts.into_iter().map(percent)));
     }
     say(format!("\n{table}"))?;
+    if is_negative {
+        let why = "A negative share: the addition made the channel worse, or less is left than the noise floor, which is \
+                   itself an estimate.";
+        say(wrapped(why, 2))?;
+    }
+    let names = budget.effects.iter().enumerate().map(|(i, (name, _))| format!("[{}] {name}", i + 1));
+    if !fits {
+        say(wrapped(&names.collect::<Vec<_>>().join(", "), 2))?;
+    }
     if !changes.is_empty() {
         let mut table = Table::new(&["Parameter that moved", "before", "std", "after", "std", "unit"], &[5]);
         for Change { before, after } in changes {

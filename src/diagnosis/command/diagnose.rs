@@ -2,21 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use miette::{IntoDiagnostic, miette};
-use serde_json::{Map, Value, json};
+use miette::{IntoDiagnostic, WrapErr, miette};
 
-use super::{budget, unexplained};
-use crate::diagnosis::confidence::{Confidence, Truth};
-use crate::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment, Verdict, diagnose_holding};
+use super::{details, json, screen};
+use crate::diagnosis::{Diagnosis, NextExperiment, diagnose_holding};
 use crate::dynamics::Plant;
 use crate::excitation::scenario::write_plan;
+use crate::gate::command::{guard, much_is_left};
+use crate::identification::command::provenance;
 use crate::identification::{Data, DataArgs, Trace};
 use crate::model::Model;
 use crate::recording::Configuration;
-use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, warn,
-    write_figure,
-};
+use crate::terminal::{DONE, check_output, say, spinner, warn, write_figure};
 
 /// Find the physical effect that a model lacks.
 #[derive(clap::Args, Clone, Debug)]
@@ -25,7 +22,7 @@ pub struct Args {
     /// Model file.
     pub model: PathBuf,
     #[command(flatten)]
-    data: DataArgs,
+    pub(super) data: DataArgs,
     /// Model file to write: refitted, with the effects that were found.
     #[arg(short, long, value_name = "MODEL2")]
     pub output: Option<PathBuf>,
@@ -38,6 +35,9 @@ pub struct Args {
     /// Figure to write: what acts where no known effect explains it.
     #[arg(long, value_name = "SVG")]
     pub figure: Option<PathBuf>,
+    /// Show all candidates with their p-values, the error budget and the parameters that moved.
+    #[arg(short, long)]
+    pub verbose: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -58,26 +58,53 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
     known(&args.hold, &model, &data.traces[0])?;
     let progress = spinner("diagnose");
     let answer = diagnose_holding(&model, &args.hold, &data.traces, &data.held_out, &mut |what| {
         progress.set_message(format!("diagnose: {what}"));
     });
     progress.finish_and_clear();
-    let answer = answer.into_diagnostic()?;
-    if let Some(output) = &args.output {
-        crate::identification::command::write(&answer.model, output)?;
+    let names: Vec<&str> = data.traces.iter().map(|t| t.name.as_str()).collect();
+    let answer = answer.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
+    warn(&much_is_left(&answer.channels, &answer.rms_after, &answer.noise_floor));
+    let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
+    let file = scenario.map(|(_, file)| file);
+    if args.json {
+        say(json::diagnosis(&answer, args.output.as_deref(), file))?;
+    } else {
+        screen::print(&answer, args)?;
+        if args.verbose {
+            details::print(&answer)?;
+        }
+        say("")?;
     }
-    if let (Some(path), Some(u)) = (&args.figure, &answer.unexplained) {
-        let figure = u.shape.figure(&format!("What acts on {}", u.location), u.unit);
-        write_figure(path, &figure)?;
-    }
-    let scenario = match (&answer.next_experiment, &args.next) {
-        (Some(next), Some(output)) => write_next(next, &model, &args.model, output)?,
-        _ => None,
-    };
-    if args.json { say(json(&answer, args, scenario)) } else { print(&answer, args, scenario) }?;
+    write(&answer, args, &model, scenario)?;
     Ok(DONE)
+}
+
+/// Writes what was asked for, after the answer: a file that cannot be written loses no other.
+fn write(
+    answer: &Diagnosis,
+    args: &Args,
+    model: &Model,
+    scenario: Option<(&NextExperiment, &Path)>,
+) -> miette::Result<()> {
+    let figure = args
+        .figure
+        .as_deref()
+        .zip(answer.unexplained.as_ref())
+        .map(|(path, u)| write_figure(path, &u.shape.figure(&format!("What acts on {}", u.location), u.unit)));
+    let next = scenario.map(|(next, output)| {
+        let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
+        write_plan(&next.experiment, &comments, SEED, (model, &args.model), output)?;
+        if args.json { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
+    });
+    let model = args.output.as_deref().map(|output| {
+        let provenance = provenance("diagnose", &args.data, &answer.parameters[1]);
+        crate::identification::command::write(&answer.model, output, &provenance, args.json)
+    });
+    [figure, next, model].into_iter().flatten().collect()
 }
 
 /// Refuses names of effects that the machine of the data does not have.
@@ -89,159 +116,16 @@ fn known(held: &[String], model: &Model, trace: &Trace) -> miette::Result<()> {
     }
 }
 
-/// Writes the scenario of a proposal; none if its motion is that of the data, or of the machine taken apart.
-fn write_next<'a>(
-    next: &NextExperiment,
-    model: &Model,
-    model_file: &Path,
-    output: &'a Path,
-) -> miette::Result<Option<&'a Path>> {
+/// Whether a proposal has a scenario: not if its motion is that of the data, or of the machine taken apart.
+fn writable(next: &NextExperiment, model: &Model) -> bool {
     let apart = next.experiment.trace.setup.configuration != Configuration::Assembled && model.assembled;
-    if next.experiment.course.is_none() || apart {
-        let what = if apart { "needs the model of the machine taken apart" } else { "repeats the motion of the data" };
-        warn(&[format!("{}: not written, the experiment {what}", output.display())]);
-        return Ok(None);
+    if apart {
+        warn(&["no scenario written: the next experiment needs the model of the machine taken apart".into()]);
+    } else if next.experiment.course.is_none() {
+        warn(&["no scenario written: the next experiment repeats the motion of the data".into()]);
     }
-    let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
-    write_plan(&next.experiment, &comments, SEED, (model, model_file), output)?;
-    Ok(Some(output))
-}
-
-fn json(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> Value {
-    let mut object = Map::new();
-    object.insert("verdict".into(), json!(d.verdict.to_string()));
-    object.insert("channels".into(), channel_names(&d.channels));
-    insert_channels(&mut object, "noise_floor", &d.channels, &d.noise_floor);
-    insert_channels(&mut object, "rms_before", &d.channels, &d.rms_before);
-    insert_channels(&mut object, "rms_after", &d.channels, &d.rms_after);
-    let effect = |e: &Named| {
-        json!({
-            "name": e.name,
-            "probability": e.confidence.probability(),
-            "confusion": confusion(&e.confidence),
-            "explained": e.explained,
-            "parameters": estimates(&e.parameters),
-        })
-    };
-    object.insert("effects".into(), d.effects.iter().map(effect).collect());
-    let candidate = |c: &CandidateReport| {
-        json!({
-            "name": c.name,
-            "probability": c.probability,
-            "explained": c.explained,
-            "p_adjusted": c.p_adjusted,
-            "visible": c.visible,
-            "absorbed_by": c.absorbed_by,
-        })
-    };
-    object.insert("candidates".into(), d.candidates.iter().map(candidate).collect());
-    object.insert("indistinguishable".into(), json!(d.indistinguishable));
-    object.insert("unseen".into(), json!(d.unseen));
-    object.insert("unseen_parameters".into(), json!(d.unseen_parameters));
-    object.insert("sampling_lag".into(), json!(d.sampling_lag));
-    object.insert("next_experiment".into(), d.next_experiment.as_ref().map_or(Value::Null, |e| next(e, scenario)));
-    object.insert("budget".into(), budget::json(&d.budget));
-    object.insert("parameters_before".into(), estimates(&d.parameters[0]));
-    object.insert("parameters_after".into(), estimates(&d.parameters[1]));
-    object.insert(
-        "unexplained".into(),
-        d.unexplained.as_ref().map_or(Value::Null, |u| unexplained::json(u, d.explained())),
-    );
-    object.insert("model".into(), args.output.as_deref().map_or(Value::Null, path));
-    Value::Object(object)
-}
-
-/// A proposed experiment for JSON.
-fn next(e: &NextExperiment, scenario: Option<&Path>) -> Value {
-    let other = |(kind, chance, seconds): &(&str, f64, Option<f64>)| json!({"kind": kind, "chance": chance, "seconds": seconds});
-    json!({
-        "what": e.what,
-        "kind": e.kind,
-        "pair": e.pair,
-        "noncentrality": e.noncentrality,
-        "chance": e.chance,
-        "duration": e.duration,
-        "seconds": e.seconds,
-        "scenario": scenario.map(path),
-        "others": e.others.iter().map(other).collect::<Vec<_>>(),
-    })
-}
-
-fn confusion(c: &Confidence) -> Value {
-    let truth = |t: &Truth| json!({ "truth": t.name, "said": t.said, "probability": t.probability });
-    json!({ "draws": c.draws, "truths": c.truths.iter().map(truth).collect::<Vec<_>>() })
-}
-
-fn print(d: &Diagnosis, args: &Args, scenario: Option<&Path>) -> miette::Result<()> {
-    say(match d.verdict {
-        Verdict::None => "Nothing is missing that these data show.",
-        Verdict::Effect => "One effect is missing.",
-        Verdict::Several => "Several effects are missing.",
-        Verdict::Ambiguous => "Something is missing, and these data do not tell which of several effects.",
-        Verdict::Unknown => "Something is missing that no known effect explains.",
-    })?;
-    for e in &d.effects {
-        say(format!(
-            "\n  {}: probability {:.2}, explains {:.1} % of the explainable error",
-            e.name,
-            e.confidence.probability(),
-            100.0 * e.explained
-        ))?;
-        let mut table = Table::new(&["  parameter", "value", "std", "unit"], &[3]);
-        for p in &e.parameters {
-            table.row([format!("  {}", p.name), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
-        }
-        say(table)?;
-    }
-    if let Some(u) = &d.unexplained {
-        unexplained::print(u, d.explained())?;
-    }
-    let series = [
-        ("before", Some(&d.rms_before[..])),
-        ("after", Some(&d.rms_after[..])),
-        ("noise floor", Some(&d.noise_floor[..])),
-    ];
-    say(format!("\n{}", Table::of_channels(&d.channels, &series)))?;
-    budget::print(&d.budget, &d.changes, &d.model.history)?;
-    let mut table = Table::new(&["Candidate", "probability", "explains", "p", "imitated by"], &[4]);
-    for c in d.candidates.iter().filter(|c| c.visible).take(SHOWN) {
-        table.row([
-            c.name.clone(),
-            format!("{:.2}", c.probability),
-            format!("{:.1} %", 100.0 * c.explained),
-            significant(c.p_adjusted, 2),
-            c.absorbed_by.join(", "),
-        ]);
-    }
-    say(format!("\n{table}"))?;
-    for set in &d.indistinguishable {
-        say(format!("\n  These data cannot tell apart: {}", set.join(", ")))?;
-    }
-    if let Some(lag) = d.sampling_lag {
-        let late = significant(1e3 * lag, 2);
-        say(format!(
-            "\n  The torques are recorded {late} ms late, less than half a sample: no effect, but in the model"
-        ))?;
-    }
-    if !d.unseen.is_empty() {
-        say(format!("\n  These data could not show: {}", d.unseen.join(", ")))?;
-    }
-    if !d.unseen_parameters.is_empty() {
-        say(format!("\n  No channel shows: {}", d.unseen_parameters.join(", ")))?;
-    }
-    if let Some(next) = &d.next_experiment {
-        say(format!("\n  Next experiment, {}", next.what))?;
-        if let Some(scenario) = scenario {
-            say(format!("  Wrote {}", scenario.display()))?;
-        }
-    }
-    match &args.output {
-        Some(output) => say(format!("\n  Wrote {}", output.display())),
-        None => Ok(()),
-    }
+    !apart && next.experiment.course.is_some()
 }
 
 /// Seed of the sensor noise when the twin runs a proposal.
 const SEED: u64 = 1;
-/// Candidates worth a line.
-const SHOWN: usize = 8;

@@ -2,5 +2,8 @@
 
 pub mod add;
 pub mod budget;
+mod details;
 pub mod diagnose;
+mod json;
+mod screen;
 mod unexplained;

@@ -3,11 +3,13 @@
 use serde_json::{Value, json};
 
 use crate::diagnosis::Unexplained;
+use crate::diagnosis::left::Rest;
+use crate::diagnosis::unknown::Shape;
 use crate::effects::formula::Place;
 use crate::identification::Estimate;
-use crate::terminal::{Table, say, significant};
+use crate::terminal::{say, significant, wrapped};
 
-/// As JSON; `explained` is the share of the explainable error that the formula takes.
+/// As JSON; `explained` is the share of the explainable error that the named effects and the formula take.
 pub fn json(u: &Unexplained, explained: f64) -> Value {
     let term = |(place, law, c): &(Place, String, Estimate)| json!({"name": c.name, "at": place.name(), "law": law, "coefficient": c.value, "std": finite(c.std), "unit": c.unit});
     let s = &u.shape;
@@ -17,7 +19,9 @@ pub fn json(u: &Unexplained, explained: f64) -> Value {
         "left": u.left,
         "explained": explained,
         "beside_named": u.beside_named,
-        "shape": {"variable": s.variable, "along_motion": s.along, "variable_unit": s.variable_unit, "unit": u.unit, "x": s.x, "mean": s.mean, "low": s.low, "high": s.high},
+        "in_model": u.replaces,
+        "rms": u.rms,
+        "shape": shape(s, u.unit),
         "parity": s.parity(),
         "odd_in_speed": s.odd,
         "period": s.period.map(|(value, variable)| json!({"value": value, "variable": variable})),
@@ -29,39 +33,58 @@ pub fn json(u: &Unexplained, explained: f64) -> Value {
     })
 }
 
+/// A shape as JSON.
+pub fn shape(s: &Shape, unit: &str) -> Value {
+    json!({"variable": s.variable, "along_motion": s.along, "variable_unit": s.variable_unit, "unit": unit, "x": s.x, "mean": s.mean, "low": s.low, "high": s.high})
+}
+
 fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
 
-/// On the terminal.
-pub fn print(u: &Unexplained, explained: f64) -> miette::Result<()> {
-    say(format!("\n  It acts on {}. What laws at one place alone could take of it:", u.location))?;
-    let mut table = Table::new(&["  place", "share"], &[]);
-    for (place, share) in u.shares.iter().filter(|(_, share)| *share > 0.0) {
-        table.row([format!("  {place}"), format!("{:.1} %", 100.0 * share)]);
-    }
-    say(table)?;
-    let s = &u.shape;
-    say(format!(
-        "  over {}: {} in speed, jump at reversal {} {}",
-        s.variable,
-        s.parity(),
-        significant(s.jump, 2),
-        u.unit
-    ))?;
+/// On the terminal: where it acts, what it looks like, and the formula to paste.
+pub fn print(u: &Unexplained, explained: f64, verbose: bool) -> miette::Result<()> {
+    let what = if u.beside_named { "What is left beside it" } else { "It" };
+    let own = |(place, share): &(String, f64)| format!("{:.0} % at {place}", 100.0 * share);
+    let shares = u.shares.iter().filter(|(_, share)| *share > 0.0).take(if verbose { usize::MAX } else { 3 });
+    let shares = shares.map(own).collect::<Vec<_>>().join(", ");
+    let place = format!(
+        "{what} acts on {} (laws at one place alone could take {shares}): {}.",
+        u.location,
+        looks(&u.shape, u.unit)
+    );
+    say(format!("\n{}", wrapped(&place, 2)))?;
+    let worth = format!("{:.1} % of the error above the noise", 100.0 * explained);
+    let fit = match u.replaces {
+        true => format!("An empirical fit, no physical finding, takes {worth}; `-o` writes it into the model:"),
+        false => {
+            format!("An empirical fit, no physical finding, makes it {worth}; `-o` leaves it out, paste it to have it:")
+        }
+    };
+    say(wrapped(&fit, 2))?;
+    say(u.toml().lines().map(|line| format!("    {line}\n")).collect::<String>().trim_end())
+}
+
+/// What is left where no formula was found, as a sentence.
+pub fn rest(rest: &Rest) -> String {
+    format!("What is left on {}, for which no law was found: {}.", rest.location, looks(&rest.shape, rest.unit))
+}
+
+/// A shape in words.
+fn looks(s: &Shape, unit: &str) -> String {
+    let mut words = vec![format!("{} in speed", s.parity())];
     if let Some((period, variable)) = s.period {
-        say(format!("  period {} {} in {variable}", significant(period, 4), s.variable_unit))?;
+        words.push(format!("period {} {} in {variable}", significant(period, 4), s.variable_unit));
     }
+    let (low, high) = s.mean.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), m| (a.min(*m), b.max(*m)));
+    if low < high {
+        let force = if s.along { "along the motion " } else { "" };
+        let range = format!("{force}{} to {} {unit} over {}", significant(low, 2), significant(high, 2), s.variable);
+        words.push(range);
+    }
+    words.push(format!("jump at reversal {} {unit}", significant(s.jump, 2)));
+    words.push(format!("drift {} {unit} over the recording", significant(s.drift, 2)));
     let power = if s.power < 0.0 { "takes" } else { "gives" };
-    say(format!(
-        "  drift {} {} over the recording, {power} {} W on average",
-        significant(s.drift, 2),
-        u.unit,
-        significant(s.power.abs(), 2)
-    ))?;
-    say(format!(
-        "\n  An empirical fit, no physical finding, takes {:.1} % of the explainable error:\n",
-        100.0 * explained
-    ))?;
-    say(u.toml().lines().map(|line| format!("    {line}\n")).collect::<String>())
+    words.push(format!("{power} {} W on average", significant(s.power.abs(), 2)));
+    words.join(", ")
 }

@@ -11,6 +11,7 @@ pub use sight::Sight;
 
 use super::Fitting;
 use super::judge::{is_relevant, relative_energy, wanders_in};
+use super::left::Rest;
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
@@ -54,6 +55,9 @@ pub struct Unexplained {
     pub terms: Vec<(Place, String, Estimate)>,
     /// Whether the named effects stay beside the formula.
     pub beside_named: bool,
+    /// Whether the formula is worth more than the names: it goes into the model. If not it is a proposal for what is left
+    /// beside them.
+    pub replaces: bool,
     /// The model with the formula, fitted.
     pub fit: Fit,
     /// RMS residual with it; on held-out data where given.
@@ -77,12 +81,22 @@ impl Unexplained {
     }
 }
 
-/// Looks for a law that explains clearly more than the effects in `end`, the fit `start` with `named` effects added.
+/// What speaks for something unknown before it is looked for.
+#[derive(Clone, Copy)]
+pub(super) struct Doubt {
+    /// Number of effects that are named.
+    pub named: usize,
+    /// Whether they leave clearly more than noise on the data judged by.
+    pub is_more_than_noise: bool,
+}
+
+/// Looks for a law that explains clearly more than the effects in `end`, the fit `start` with the named effects added, or
+/// that explains what they leave above the noise.
 ///
 /// Without `held_out` a part of the traces is kept back to judge by.
 pub(super) fn explain(
     [start, end]: [&Fit; 2],
-    named: usize,
+    Doubt { named, is_more_than_noise }: Doubt,
     fitting: &Fitting,
     held_out: &[Trace],
     progress: &mut dyn FnMut(&str),
@@ -117,9 +131,13 @@ pub(super) fn explain(
         (false, true) => LEFT_AT_ONE_PLACE,
         (false, false) => LEFT_AT_SEVERAL,
     };
-    if named > 0 && (left < threshold || gain(&with_named.before, &best.after).1 < BETTER) {
+    let replaces = named == 0 || (left >= threshold && gain(&with_named.before, &best.after).1 >= BETTER);
+    if !replaces && !is_more_than_noise {
         return Ok(None);
     }
+    // What the names leave is relative to what they explain; the noise is not.
+    let (search, base, best, beside_named) =
+        if replaces { (search, base, best, beside_named) } else { (&after, &end.model, with_named.clone(), true) };
     progress("where it acts");
     let fit = fitting.fit(&with_formula(base, &search.find, &best.terms))?;
     let judge = if held_out.is_empty() { fitting.traces } else { held_out };
@@ -143,9 +161,22 @@ pub(super) fn explain(
         shape: Shape::new(&search.find, &best.terms, place, base.mechanism),
         unit: base.mechanism.unit(search.find.places[place].unit()),
         terms: estimates(&fit),
-        beside_named,
+        beside_named: beside_named && named > 0,
+        replaces,
         fit,
         rms,
+    }))
+}
+
+/// What is left of a fit on a drive, along `traces`, where no formula explains it; none without data there.
+pub(super) fn look(fit: &Fit, fitting: &Fitting, traces: &[Trace], drive: usize) -> Result<Option<Rest>, FitError> {
+    let sight = Sight::new(&fit.model, traces, &fitting.noise, &|parameter| fitting.holds(parameter))?;
+    let Some(place) = sight.places.iter().position(|p| *p == Place::Drive(drive)) else { return Ok(None) };
+    let machine = fit.model.mechanism;
+    Ok(Some(Rest {
+        location: sight.places[place].region(),
+        shape: Shape::new(&sight, &[], place, machine),
+        unit: machine.unit(sight.places[place].unit()),
     }))
 }
 

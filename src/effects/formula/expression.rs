@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use super::variables::Variable;
+use crate::spelling::nearest;
 
 /// A law as text, ready to be evaluated.
 #[derive(Clone, Debug)]
@@ -348,8 +349,7 @@ impl Parser<'_> {
 }
 
 fn unknown(what: &str, name: &str, known: &[&str], at: Range<usize>) -> ExpressionError {
-    let nearest = known.iter().min_by_key(|k| strsim::damerau_levenshtein(name, k));
-    let hint = nearest.map_or(String::new(), |n| format!("did you mean `{n}`? "));
+    let hint = nearest(name, known.iter().copied()).map_or(String::new(), |n| format!("did you mean `{n}`? "));
     let problem = format!("unknown {what} `{name}`; {hint}expected one of {}", known.join(", "));
     ExpressionError { at, problem }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{Count, Layout, Parameter, Role, Values};
 use crate::effects::Effect;
-use crate::model::{Drive, Mechanism};
+use crate::model::{ARMS, Drive, Mechanism};
 
 /// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their
 /// usual sizes, which are stated for an arm drive of the IRB 360.
@@ -20,6 +20,8 @@ pub struct Host {
 
 /// Arm drive for which sizes are stated: N·m and rad/s.
 const STATED: (f64, f64) = (132.0, 18.989);
+/// Friction of the telescope's drive relative to an arm's: 0.53 N·m to 4.7 N·m (Gnad et al., Tables 2 and 4).
+const TELESCOPE_DRIVE: f64 = 0.11;
 
 impl Default for Host {
     fn default() -> Self {
@@ -131,12 +133,18 @@ impl ActiveEffect {
         for (b, p) in self.effect.parameters().iter().enumerate() {
             let n = self.values().len(b);
             for i in 0..n {
+                let mut parameter = self.host.parameter(p);
+                if p.count == Count::AllDrives && i == ARMS {
+                    parameter.default *= TELESCOPE_DRIVE;
+                }
                 let name = match p.count {
                     Count::One => p.name.to_string(),
-                    Count::PerArm | Count::PerDrive | Count::PerAxis => format!("{}_{}", p.name, i + 1),
+                    Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives => {
+                        format!("{}_{}", p.name, i + 1)
+                    }
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),
                 };
-                out.push(Entry { parameter: self.host.parameter(p), name });
+                out.push(Entry { parameter, name });
             }
         }
         out

@@ -24,6 +24,8 @@ pub enum Count {
     PerDrive,
     /// One per axis, the telescope's included.
     PerAxis,
+    /// The same for what grows with a drive; an array of three means the arms, without the telescope's.
+    AllDrives,
     /// A fixed number of named values (array).
     Named(&'static [&'static str]),
 }
@@ -34,7 +36,7 @@ impl Count {
         match self {
             Self::One => 1,
             Self::PerArm | Self::PerDrive => machine.arms(),
-            Self::PerAxis => machine.axes(),
+            Self::PerAxis | Self::AllDrives => machine.axes(),
             Self::Named(names) => names.len(),
         }
     }
@@ -51,7 +53,8 @@ pub struct Parameter {
     pub count: Count,
     /// How it enters the law.
     pub role: Role,
-    /// Usual magnitude; the starting value of shape parameters and the default of optional ones.
+    /// Usual magnitude; the starting value of shape parameters and the default of optional ones. Of [`Count::AllDrives`]
+    /// that of an arm's drive.
     pub default: f64,
     /// Allowed values.
     pub range: (f64, f64),

@@ -1,6 +1,6 @@
 //! Parameters of the links without the paper's assumptions: limbs that differ, bodies without symmetry.
 //!
-//! Complete bodies have ten parameters each: arm, strut, platform and both parts of the telescope with the rotor's moment are the
+//! Aligned bodies have seven parameters each, without deviation moments, complete ones ten: arm, strut, platform and both parts of the telescope with the rotor's moment are the
 //! paper's 51 (section 6.3.3).
 
 use std::ops::Range;
@@ -9,19 +9,20 @@ use std::sync::LazyLock;
 use super::{ARMS, PARAMETERS, RigidBodies, STRUTS, UNITS, Unit, body, one};
 use crate::effects::{Count, Parameter};
 use crate::model::bodies::{ARM, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS as LIMBS, LinkParameters};
+use crate::model::{ARMS as LIMBS, BodyParameters, LinkParameters};
 
-/// Without and with telescope; alike limbs and each its own; the paper's parameters and all ten.
-static TABLES: LazyLock<[[[RigidBodies; 2]; 2]; 2]> = LazyLock::new(|| {
+const KINDS: [BodyParameters; 3] = [BodyParameters::Symmetric, BodyParameters::Aligned, BodyParameters::Complete];
+
+/// Without and with telescope; alike limbs and each its own; kinds of bodies.
+static TABLES: LazyLock<[[[RigidBodies; 3]; 2]; 2]> = LazyLock::new(|| {
     [false, true].map(|telescope| {
-        [false, true]
-            .map(|each_limb| [false, true].map(|complete| build(telescope, LinkParameters { each_limb, complete })))
+        [false, true].map(|each_limb| KINDS.map(|bodies| build(telescope, LinkParameters { each_limb, bodies })))
     })
 });
 
 /// The parameters of the links of an assembled robot.
 pub(super) fn table(telescope: bool, links: LinkParameters) -> &'static RigidBodies {
-    &TABLES[usize::from(telescope)][usize::from(links.each_limb)][usize::from(links.complete)]
+    &TABLES[usize::from(telescope)][usize::from(links.each_limb)][links.bodies as usize]
 }
 
 /// One number of one kind of body.
@@ -32,7 +33,11 @@ struct Entry {
 }
 
 fn build(telescope: bool, links: LinkParameters) -> RigidBodies {
-    let entries = if links.complete { complete() } else { symmetric() };
+    let entries = match links.bodies {
+        BodyParameters::Symmetric => symmetric(),
+        BodyParameters::Aligned => general(7),
+        BodyParameters::Complete => general(10),
+    };
     let known = |e: &Entry| telescope || e.bodies.end <= PLATFORM + 1;
     let (mut parameters, mut units) = (Vec::new(), Vec::new());
     for entry in entries.into_iter().filter(known) {
@@ -60,8 +65,8 @@ fn symmetric() -> Vec<Entry> {
     PARAMETERS.iter().zip(UNITS).map(entry).collect()
 }
 
-/// All ten of every kind of body, and the rotor's moment.
-fn complete() -> Vec<Entry> {
+/// The first `count` of ten of every kind of body, and the rotor's moment.
+fn general(count: usize) -> Vec<Entry> {
     /// Name, unit, usual magnitude where the paper has none, place.
     const TEN: [(&str, &str, f64, Unit); 10] = [
         ("mass", "kg", 1.0, Unit::Mass),
@@ -82,8 +87,8 @@ fn complete() -> Vec<Entry> {
         ("telescope_upper", body(TELESCOPE_UPPER)),
         ("telescope_lower", body(TELESCOPE_LOWER)),
     ];
-    let ten = |(kind, bodies): (&str, Range<usize>)| {
-        TEN.map(|(suffix, unit, usual, place)| {
+    let ten = |(kind, bodies): (&'static str, Range<usize>)| {
+        TEN.into_iter().take(count).map(move |(suffix, unit, usual, place)| {
             let name: &'static str = format!("{kind}_{suffix}").leak();
             let paper = PARAMETERS.iter().find(|p| p.name == name).map_or(usual, |p| p.default);
             Entry { parameter: one(name, unit, paper), bodies: bodies.clone(), unit: place }

@@ -6,7 +6,7 @@ use crate::identification::Method;
 use crate::identification::estimator::PRIOR_INFORMATION;
 use crate::identification::fit::{Consistency, Options, Weighing};
 use crate::identification::regularisation::GroupWeight;
-use crate::model::{LinkParameters, Model};
+use crate::model::{BodyParameters, LinkParameters, Model};
 
 /// How to fit.
 #[derive(clap::Args, Clone, Debug)]
@@ -38,9 +38,9 @@ pub struct How {
     /// Whether the limbs of the assembled robot have the same parameters.
     #[arg(long, value_enum, default_value_t = Limbs::Alike)]
     limbs: Limbs,
-    /// Give arm, strut, platform and telescope parts all ten inertial parameters, deviation moments included.
-    #[arg(long)]
-    deviation_moments: bool,
+    /// How many of its ten inertial parameters each link of the assembled robot has.
+    #[arg(long, value_enum, default_value_t = Bodies::Symmetric)]
+    bodies: Bodies,
     /// How rates and accelerations come from the angles.
     #[arg(long, value_enum, default_value_t = Derivatives::Reversals)]
     derivatives: Derivatives,
@@ -53,6 +53,17 @@ enum Limbs {
     Alike,
     /// A set for each.
     Each,
+}
+
+/// Inertial parameters of the links.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Bodies {
+    /// The paper's 18 variables: symmetric, and only what enters.
+    Symmetric,
+    /// Mass, first moments and moments of inertia.
+    Aligned,
+    /// All ten, deviation moments included.
+    Complete,
 }
 
 /// Ways to derivatives.
@@ -95,7 +106,12 @@ impl How {
 
     /// Parameters of the links.
     pub fn links(&self) -> LinkParameters {
-        LinkParameters { each_limb: self.limbs == Limbs::Each, complete: self.deviation_moments }
+        let bodies = match self.bodies {
+            Bodies::Symmetric => BodyParameters::Symmetric,
+            Bodies::Aligned => BodyParameters::Aligned,
+            Bodies::Complete => BodyParameters::Complete,
+        };
+        LinkParameters { each_limb: self.limbs == Limbs::Each, bodies }
     }
 
     /// Way to derivatives.

@@ -76,7 +76,6 @@ impl Barrier<'_> {
 
     /// Least cost/t + barrier, from `x`.
     fn centred(&self, mut x: DVector<f64>, t: f64) -> Option<DVector<f64>> {
-        let scale = DMatrix::from_diagonal(&self.cost.size);
         for _ in 0..MAX_STEPS {
             let mut gradient = &self.cost.curvature * (&x - &self.cost.centre) / t;
             let mut hessian = &self.cost.curvature / t;
@@ -86,8 +85,7 @@ impl Barrier<'_> {
                 gradient[i] -= sign / rest;
                 hessian[(i, i)] += 1.0 / (rest * rest);
             }
-            // In units of the parameters' own sizes.
-            let step = &scale * (&scale * hessian * &scale).cholesky()?.solve(&(&scale * &gradient));
+            let step = newton(&hessian, &gradient)?;
             let decrement = gradient.dot(&step);
             if decrement.is_nan() {
                 return None;
@@ -112,6 +110,18 @@ impl Barrier<'_> {
         }
         Some(x)
     }
+}
+
+/// H⁻¹·g, every variable in units of its own curvature; damped where rounding leaves H indefinite.
+fn newton(hessian: &DMatrix<f64>, gradient: &DVector<f64>) -> Option<DVector<f64>> {
+    let scale = hessian.diagonal().map(|h| 1.0 / h.sqrt());
+    let n = scale.len();
+    let damped = |damping: f64| {
+        let entry = |i, j| hessian[(i, j)] * scale[i] * scale[j] + if i == j { damping } else { 0.0 };
+        DMatrix::from_fn(n, n, entry).cholesky()
+    };
+    let factor = [0.0, 1e-14, 1e-12, 1e-10, 1e-8].into_iter().find_map(damped)?;
+    Some(factor.solve(&gradient.component_mul(&scale)).component_mul(&scale))
 }
 
 /// Pseudo-inertia of a class of bodies, J₀ + Σ xᵢJᵢ.

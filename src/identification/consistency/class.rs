@@ -243,7 +243,16 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
             (Source::Mass, if now.mass > 0.0 && d[k] > 0.0 { d[k] / now.mass } else { SHAPELESS })
         }
     };
+    let of_axis = |k: usize| tensors.iter().find(|(_, axes)| *axes == std::array::from_fn(|j| j == k)).map(|(v, _)| *v);
     let (sizes, moments, second) = match (single, double) {
+        _ if (0..3).all(|k| of_axis(k).is_some()) => {
+            // D_x = ½(Θ_yy + Θ_zz − Θ_xx), Θ_xx = D_y + D_z and so on.
+            let axes: Vec<usize> = (0..3).filter_map(of_axis).collect();
+            let size = |k: usize| (0..3).map(|j| (axes[j], if j == k { -0.5 } else { 0.5 })).collect();
+            let moment = |k: usize| (axes[k], (0..3).map(|j| f64::from(u8::from(j != k))).collect());
+            let second = std::array::from_fn(|k| (Source::Size(k), 1.0));
+            ((0..3).map(size).collect(), (0..3).map(moment).collect(), second)
+        }
         (Some((axial, axes)), Some((lateral, _))) => (
             // Θ_axis = 2·D_lateral, Θ_lateral = D_axis + D_lateral.
             vec![vec![(*lateral, 1.0), (*axial, -0.5)], vec![(*axial, 0.5)]],

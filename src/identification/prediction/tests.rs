@@ -24,7 +24,7 @@ fn trace(joints: Vec<JointState>, setup: Setup) -> Trace {
 /// The shipped robot without friction, its arms and rotor alone.
 fn arms(name: &str, blocks: &[&[f64]]) -> (Plant, Setup) {
     let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
-    model.effects = vec![ActiveEffect::new(find(name).unwrap(), blocks)];
+    model.effects = vec![ActiveEffect::new(find(name).unwrap(), blocks)].into();
     let setup = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
     (Plant::new(&model, &setup), setup)
 }
@@ -203,7 +203,8 @@ fn friction_on_the_motors_side_is_seen_through_the_gear() {
         model.effects = vec![
             ActiveEffect::new(find("drive_friction").unwrap(), &friction),
             ActiveEffect::new(find("drive_elasticity").unwrap(), &elastic),
-        ];
+        ]
+        .into();
         let predicted = predict(&Plant::new(&model, &setup), &trace).unwrap();
         rms((100..torque.len() - 100).map(|k| torque[k] - predicted[0][k]))
     };

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::recording::Reading;
+
 /// Write a recording as CSV, with its setup beside it.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin export run.mcap --csv run.csv")]
@@ -18,5 +20,5 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    super::convert(&args.recording, None, &args.csv, &["csv"], args.json)
+    super::convert(&args.recording, &Reading::default(), &args.csv, &["csv"], args.json)
 }

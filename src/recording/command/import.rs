@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::recording::{Mapping, Reading};
+
 /// Check a measurement and keep it as MCAP.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin import run.csv -o run.mcap")]
@@ -14,6 +16,9 @@ pub struct Args {
     /// Setup of the run, instead of the sidecar.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
+    /// Which column is which channel, such as "t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12"; may be given several times.
+    #[arg(long, value_name = "MAP")]
+    pub map: Vec<Mapping>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -21,5 +26,6 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    super::convert(&args.csv, args.setup.as_deref(), &args.output, &["mcap", "csv"], args.json)
+    let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
+    super::convert(&args.csv, &how, &args.output, &["mcap", "csv"], args.json)
 }

@@ -8,14 +8,14 @@ use std::path::Path;
 use miette::IntoDiagnostic;
 use serde_json::json;
 
-use super::Recording;
+use super::{Reading, Recording};
 use crate::terminal::{DONE, check_output, path, say, warn};
 
 /// Reads `from` and writes it as `to`.
-fn convert(from: &Path, setup: Option<&Path>, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {
-    let inputs: Vec<&Path> = std::iter::once(from).chain(setup).collect();
+fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {
+    let inputs: Vec<&Path> = std::iter::once(from).chain(how.setup).collect();
     check_output(to, &inputs, extensions)?;
-    let (recording, warnings) = Recording::read(from, setup)?;
+    let (recording, warnings) = Recording::read_as(from, how)?;
     warn(&warnings);
     recording.write(to).into_diagnostic()?;
     let signals = &recording.signals;

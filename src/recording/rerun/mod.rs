@@ -1,8 +1,10 @@
-//! The moving robot, what is around it and its signals as a Rerun recording (`.rrd`).
+//! The moving robot, what is around it and its signals for Rerun: as a recording (`.rrd`), or live in a viewer.
 
+mod live;
 mod scene;
 mod solids;
 
+use std::io::Write;
 use std::path::Path;
 
 use rerun::blueprint as bp;
@@ -10,7 +12,8 @@ use rerun::components::Color;
 use rerun::external::re_sdk_types::blueprint::components::PanelState;
 use rerun::{RecordingStream, TimeColumn, archetypes as a};
 
-pub use scene::{Level, Note, Scene, Series, Thing, measured, socket_margins, strut_force};
+pub use live::{Live, Viewer};
+pub use scene::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
 
 use super::{WriteError, file};
 use crate::model::AXES;
@@ -25,32 +28,47 @@ const EVENTS: &str = "events";
 const AXIS: [[u8; 3]; AXES] = [[76, 140, 220], [235, 125, 40], [90, 175, 95], [170, 105, 200]];
 
 /// Writes the robot, its surroundings, its curves and a layout for them. A file that is there is replaced as a whole.
+///
+/// The recording is made in memory: the SDK's own file writer gives no answer once a write has failed, as on a full disk.
+///
+/// # Errors
+/// If the scene is inconsistent, or the file cannot be written.
 pub fn write_rrd(path: &Path, name: &str, scene: &Scene) -> Result<(), WriteError> {
     scene.check().map_err(|problem| WriteError::invalid(path, problem))?;
-    let io_error = |source| WriteError::Io { file: path.into(), source };
-    let temporary = file::beside(path).map_err(io_error)?.into_temp_path();
-    log(&temporary, name, scene).map_err(|e| io_error(std::io::Error::other(e)))?;
-    temporary.persist(path).map_err(|e| io_error(e.error))
+    let bytes = encode(name, scene).map_err(|e| WriteError::invalid(path, e.to_string()))?;
+    file::replace(path, |out| out.write_all(&bytes))
 }
 
-type Outcome = Result<(), Box<dyn std::error::Error + Send + Sync>>;
+type Problem = Box<dyn std::error::Error + Send + Sync>;
+type Outcome = Result<(), Problem>;
 
-fn log(path: &Path, name: &str, scene: &Scene) -> Outcome {
-    let rec = rerun::RecordingStreamBuilder::new(APPLICATION)
+fn encode(name: &str, scene: &Scene) -> Result<Vec<u8>, Problem> {
+    let builder = rerun::RecordingStreamBuilder::new(APPLICATION)
         .recording_name(name)
         .with_blueprint(layout(scene))
-        .enabled(true)
-        .save(path)?;
+        .enabled(true);
+    let (rec, storage) = builder.memory()?;
+    shapes(&rec, scene)?;
+    solids::trail(&rec, scene)?;
+    motion(&rec, scene)?;
+    Ok(storage.drain_as_bytes()?)
+}
+
+/// What does not change: the robot, its surroundings, the look of the curves.
+fn shapes(rec: &RecordingStream, scene: &Scene) -> Outcome {
     rec.log_static("world", &a::ViewCoordinates::RIGHT_HAND_Z_UP())?;
-    solids::base(&rec, scene)?;
-    solids::robot(&rec, scene)?;
-    solids::things(&rec, scene)?;
-    for s in &scene.series {
-        curve(&rec, s)?;
-    }
-    events(&rec, &scene.notes)?;
-    rec.flush_blocking()?;
-    Ok(())
+    solids::base(rec, scene)?;
+    solids::robot(rec, scene)?;
+    solids::things(rec, scene)?;
+    scene.series.iter().try_for_each(|s| style(rec, s))
+}
+
+/// What happens during the scene.
+fn motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    solids::robot_motion(rec, scene)?;
+    solids::things_motion(rec, scene)?;
+    scene.series.iter().try_for_each(|s| curve(rec, s))?;
+    events(rec, &scene.notes)
 }
 
 /// Robot and events left; a tab per first part of the paths and in it a plot per second part.
@@ -83,7 +101,7 @@ fn layout(scene: &Scene) -> bp::Blueprint {
     });
     let tabs: Vec<bp::ContainerLike> = tabs.collect();
     let mut left = vec![bp::Spatial3DView::new("robot").with_origin("/world").into()];
-    if !scene.notes.is_empty() {
+    if scene.eventful || !scene.notes.is_empty() {
         left.push(bp::TextLogView::new(EVENTS).with_origin(format!("/{EVENTS}")).into());
     }
     let mut parts: Vec<bp::ContainerLike> = vec![bp::Vertical::new(left).with_row_shares(vec![3.0, 1.0]).into()];
@@ -97,10 +115,14 @@ fn layout(scene: &Scene) -> bp::Blueprint {
         .with_time_panel(bp::TimePanel::new().with_timeline(TIME).with_state(PanelState::Collapsed))
 }
 
-fn curve(rec: &RecordingStream, s: &Series) -> Outcome {
+fn style(rec: &RecordingStream, s: &Series) -> Outcome {
     let style =
         a::SeriesLines::new().with_names([s.label.as_str()]).with_colors([color(s.color)]).with_widths([1.5f32]);
     rec.log_static(s.path.as_str(), &style)?;
+    Ok(())
+}
+
+fn curve(rec: &RecordingStream, s: &Series) -> Outcome {
     let times = TimeColumn::new_duration_secs(TIME, s.times.iter().copied());
     let values = a::Scalars::new(s.values.iter().copied()).columns_of_unit_batches()?;
     rec.send_columns(s.path.as_str(), [times], values)?;
@@ -142,6 +164,21 @@ mod tests {
     fn lift(g: &Geometry, phi: f64) -> Motion {
         let joints = JointState { q: [phi, 0.8 * phi, phi + 0.1, 2.0 * phi], ..JointState::default() };
         Motion::assembled(g, &joints).expect("a pose within reach")
+    }
+
+    /// The SDK's file writer waited for ever here.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_is_an_error() {
+        let full = Path::new("/dev/full");
+        let mut out = std::fs::OpenOptions::new().write(true).open(full).unwrap();
+        let g = crate::effects::testing::geometry();
+        let motion = Motion::disassembled(&g, &JointState::default());
+        let scene = Scene::new(Mechanism::default(), &g, vec![0.0], vec![motion.poses()]);
+        let bytes = encode("full", &scene).unwrap();
+        assert!(out.write_all(&bytes).is_err());
+        // A folder that takes no file.
+        assert!(write_rrd(Path::new("/proc/full.rrd"), "full", &scene).is_err());
     }
 
     #[test]

@@ -7,6 +7,7 @@ use crate::cell::{Object, Shape};
 use crate::model::bodies::BODIES;
 use crate::model::{AXES, Geometry, Mechanism, STRUTS};
 use crate::recording::Recording;
+pub use crate::recording::bag::{Level, Note};
 
 /// A moving robot, the things around it, and curves.
 pub struct Scene<'a> {
@@ -31,6 +32,8 @@ pub struct Scene<'a> {
     pub series: Vec<Series>,
     /// What happened.
     pub notes: Vec<Note>,
+    /// Something may still happen: there is a place for notes.
+    pub eventful: bool,
 }
 
 /// An object and its pose in every frame.
@@ -39,27 +42,6 @@ pub struct Thing<'a> {
     pub object: &'a Object,
     /// Poses, one per frame.
     pub poses: Vec<Isometry3<f64>>,
-}
-
-/// A line in the log.
-pub struct Note {
-    /// When, s.
-    pub t: f64,
-    /// How bad.
-    pub level: Level,
-    /// What, in words.
-    pub text: String,
-}
-
-/// How bad an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// All is well.
-    Info,
-    /// Not meant to happen.
-    Warning,
-    /// Something broke.
-    Error,
 }
 
 /// A curve over time.
@@ -95,6 +77,7 @@ impl<'a> Scene<'a> {
             things: Vec::new(),
             series: Vec::new(),
             notes: Vec::new(),
+            eventful: false,
         }
     }
 
@@ -116,20 +99,9 @@ impl<'a> Scene<'a> {
 pub fn measured(recording: &Recording) -> Vec<Series> {
     let s = &recording.signals;
     let mut series = Vec::new();
-    let mut add = |path: String, values: Vec<f64>, color, label: &str| {
-        series.push(Series { path, times: s.t.clone(), values, color, label: label.into() });
-    };
-    let (machine, axes) = (s.mechanism, s.mechanism.axes());
-    let label = format!("measured [{}]", machine.unit("N·m"));
-    for k in 0..axes {
-        let path = format!("torque/axis{}/measured", k + 1);
-        add(path, s.tau.iter().map(|v| v[k]).collect(), AXIS[k], &label);
-    }
-    for k in 0..axes {
-        let path = format!("joints/axis{}/angle", k + 1);
-        let label = format!("q{} [{}]", k + 1, machine.unit("rad"));
-        add(path, s.q.iter().map(|v| v[k]).collect(), AXIS[k], &label);
-    }
+    series.extend(drives(s.mechanism, &s.t, |k| {
+        (s.tau.iter().map(|v| v[k]).collect(), s.q.iter().map(|v| v[k]).collect())
+    }));
     for (end, forces) in [&s.strut_upper, &s.strut_lower].into_iter().enumerate() {
         for (i, force) in forces.iter().enumerate() {
             let Some(force) = force else { continue };
@@ -140,6 +112,23 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
         series.extend(socket_margins(&s.t, margins));
     }
     series
+}
+
+/// Curves of torques and joint angles; `of` gives both for an axis.
+pub fn drives(machine: Mechanism, times: &[f64], of: impl Fn(usize) -> (Vec<f64>, Vec<f64>)) -> Vec<Series> {
+    let (torque, angle) = (machine.unit("N·m"), machine.unit("rad"));
+    let curve =
+        |path: String, values, color, label: String| Series { path, times: times.to_vec(), values, color, label };
+    let mut torques = Vec::new();
+    let mut angles = Vec::new();
+    for k in 0..machine.axes() {
+        let (tau, q) = of(k);
+        let axis = k + 1;
+        torques.push(curve(format!("torque/axis{axis}/measured"), tau, AXIS[k], format!("measured [{torque}]")));
+        angles.push(curve(format!("joints/axis{axis}/angle"), q, AXIS[k], format!("q{axis} [{angle}]")));
+    }
+    torques.append(&mut angles);
+    torques
 }
 
 /// Axial force at the upper (0) or lower (1) end of strut `strut` (from 0).

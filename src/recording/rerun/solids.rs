@@ -10,7 +10,7 @@ use crate::cell::links::{
     ARM_RADIUS, ARM_TRIM, BALL_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS,
     STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
 };
-use crate::cell::{Mobility, Shape};
+use crate::cell::{Mobility, Object, Shape};
 use crate::model::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
@@ -62,16 +62,50 @@ pub(super) fn base(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// The moving bodies.
+/// The bodies that are drawn.
+fn shown(scene: &Scene) -> impl Iterator<Item = usize> {
+    let assembled = is_assembled(scene);
+    let last = if scene.geometry.has_telescope() { BODIES } else { ROTOR };
+    (0..last).filter(move |&b| b != ROTOR && (b < STRUT || assembled))
+}
+
+/// Bodies of a disassembled robot rest in the origin, where the platform never is.
+fn is_assembled(scene: &Scene) -> bool {
+    scene.bodies.iter().any(|b| b[PLATFORM].translation.vector.norm() > 0.0)
+}
+
+/// Where the moving bodies are and how they are coloured.
+pub(super) fn robot_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    if let Mechanism::Axis(_) = scene.machine {
+        follow(rec, &EntityPath::from(LONE), &scene.times, scene.bodies.iter().map(|poses| poses[ARM]))?;
+        return paint(rec, LONE, scene, ARM);
+    }
+    for b in shown(scene) {
+        let entity = format!("world/{}", body_name(b));
+        follow(rec, &EntityPath::from(entity.as_str()), &scene.times, scene.bodies.iter().map(|poses| poses[b]))?;
+        paint(rec, &entity, scene, b)?;
+    }
+    Ok(())
+}
+
+/// The way of the platform.
+pub(super) fn trail(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    if matches!(scene.machine, Mechanism::Axis(_)) || !is_assembled(scene) {
+        return Ok(());
+    }
+    let path: Vec<_> = scene.bodies.iter().map(|b| point(b[PLATFORM].translation.vector)).collect();
+    let path = a::LineStrips3D::new([path]).with_colors([color(AXIS[0])]).with_radii([0.001f32]);
+    rec.log_static("world/path", &path)?;
+    Ok(())
+}
+
+/// The moving bodies' shapes.
 pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let g = scene.geometry;
     if let Mechanism::Axis(joint) = scene.machine {
-        return lone(rec, scene, joint);
+        return lone(rec, joint);
     }
-    // Bodies of a disassembled robot rest in the origin, where the platform never is.
-    let assembled = scene.bodies.iter().any(|b| b[PLATFORM].translation.vector.norm() > 0.0);
-    let last = if g.has_telescope() { BODIES } else { ROTOR };
-    for b in (0..last).filter(|&b| b != ROTOR && (b < STRUT || assembled)) {
+    for b in shown(scene) {
         let entity = format!("world/{}", body_name(b));
         let rod = |end: Vector3<f64>, radius: f64| rod(rec, &entity, end, radius);
         match b {
@@ -95,30 +129,22 @@ pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
             TELESCOPE_LOWER => rod(Vector3::z() * (g.telescope_limits[0] - TUBE_CLEARANCE).max(0.0), TUBE_RADIUS)?,
             _ => {}
         }
-        follow(rec, &EntityPath::from(entity.as_str()), &scene.times, scene.bodies.iter().map(|poses| poses[b]))?;
-        paint(rec, &entity, scene, b)?;
-    }
-    if assembled {
-        let path: Vec<_> = scene.bodies.iter().map(|b| point(b[PLATFORM].translation.vector)).collect();
-        let path = a::LineStrips3D::new([path]).with_colors([color(AXIS[0])]).with_radii([0.001f32]);
-        rec.log_static("world/path", &path)?;
     }
     Ok(())
 }
 
 /// Length of what is drawn of a lone axis, m.
 const LONE_SIZE: f64 = 0.2;
+/// Where it is in the tree.
+const LONE: &str = "world/axis";
 
 /// The lever or the carriage of a lone axis.
-fn lone(rec: &RecordingStream, scene: &Scene, joint: Joint) -> Outcome {
-    let entity = "world/axis";
+fn lone(rec: &RecordingStream, joint: Joint) -> Outcome {
     let end = match joint {
         Joint::Revolute => Vector3::x() * LONE_SIZE,
         Joint::Prismatic => Vector3::z() * (0.5 * LONE_SIZE),
     };
-    rod(rec, entity, end, ARM_RADIUS)?;
-    follow(rec, &EntityPath::from(entity), &scene.times, scene.bodies.iter().map(|poses| poses[ARM]))?;
-    paint(rec, entity, scene, ARM)
+    rod(rec, LONE, end, ARM_RADIUS)
 }
 
 /// A rod from the body's origin to `end`, still without colour.
@@ -188,23 +214,31 @@ fn end_effector(rec: &RecordingStream, entity: &str, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// The things around the robot.
+fn entity_of(object: &Object) -> EntityPath {
+    EntityPath::from(["world", "objects", &object.name].map(EntityPathPart::new).to_vec())
+}
+
+/// Where the free things around the robot are.
+pub(super) fn things_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    for Thing { object, poses } in scene.things.iter().filter(|t| matches!(t.object.mobility, Mobility::Free { .. })) {
+        follow(rec, &entity_of(object), &scene.times, poses.iter().copied())?;
+    }
+    Ok(())
+}
+
+/// The things around the robot, at their places if they have any.
 pub(super) fn things(rec: &RecordingStream, scene: &Scene) -> Outcome {
     for (i, Thing { object, poses }) in scene.things.iter().enumerate() {
-        let parts = ["world", "objects", &object.name].map(EntityPathPart::new);
-        let entity = EntityPath::from(parts.to_vec());
+        let entity = entity_of(object);
         let paint = match object.mobility {
             Mobility::Fixed => FIXED[i % FIXED.len()],
             Mobility::Conveyor { .. } => BELT,
             Mobility::Free { .. } => PRODUCTS[i % PRODUCTS.len()],
         };
         solid(rec, &entity, &object.shape, paint, &object.name)?;
-        match (&object.mobility, poses.first()) {
-            (Mobility::Fixed | Mobility::Conveyor { .. }, Some(pose)) => {
-                let at = a::Transform3D::from_translation(point(pose.translation.vector));
-                rec.log_static(entity, &at.with_quaternion(quaternion(pose)))?;
-            }
-            _ => follow(rec, &entity, &scene.times, poses.iter().copied())?,
+        if let (Mobility::Fixed | Mobility::Conveyor { .. }, Some(pose)) = (&object.mobility, poses.first()) {
+            let at = a::Transform3D::from_translation(point(pose.translation.vector));
+            rec.log_static(entity, &at.with_quaternion(quaternion(pose)))?;
         }
     }
     Ok(())
@@ -214,6 +248,14 @@ pub(super) fn things(rec: &RecordingStream, scene: &Scene) -> Outcome {
 fn solid(rec: &RecordingStream, entity: &EntityPath, shape: &Shape, rgb: [u8; 3], name: &str) -> Outcome {
     let (paint, fill) = ([color(rgb)], FillMode::Solid);
     let corner = match *shape {
+        Shape::Mesh(ref mesh) => {
+            let (corners, triangles) = mesh.geometry();
+            let solid = a::Mesh3D::new(corners.iter().map(|c| point(*c)))
+                .with_triangle_indices(triangles.iter().copied())
+                .with_albedo_factor(rerun::Rgba32::from_rgb(rgb[0], rgb[1], rgb[2]));
+            rec.log_static(entity.clone(), &solid)?;
+            corners.iter().fold(Vector3::zeros(), |top, c| if c.z > top.z { *c } else { top })
+        }
         Shape::Box { size } => {
             let solid = a::Boxes3D::from_half_sizes([point(0.5 * size)]);
             rec.log_static(entity.clone(), &solid.with_colors(paint).with_fill_mode(fill))?;

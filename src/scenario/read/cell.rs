@@ -1,10 +1,15 @@
 //! `[payload]`, `[[objects]]` and `[[actions]]`.
 
+use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 use toml::Spanned;
 
 use super::Result;
 use super::file::File;
+use crate::cell::mesh::Mesh;
 use crate::cell::{Mobility, Object, Shape, Surface};
 use crate::recording::Payload;
 use crate::scenario::{Action, ActionKind, PayloadShape};
@@ -20,6 +25,8 @@ pub(crate) struct LoadKeys {
     size: Option<Spanned<[f64; 3]>>,
     radius: Option<Spanned<f64>>,
     height: Option<Spanned<f64>>,
+    file: Option<Spanned<String>>,
+    scale: Option<Spanned<f64>>,
     centre: Option<Spanned<[f64; 3]>>,
 }
 
@@ -31,6 +38,8 @@ pub(super) struct ObjectKeys {
     size: Option<Spanned<[f64; 3]>>,
     radius: Option<Spanned<f64>>,
     height: Option<Spanned<f64>>,
+    file: Option<Spanned<String>>,
+    scale: Option<Spanned<f64>>,
     mobility: Option<Spanned<String>>,
     velocity: Option<Spanned<[f64; 3]>>,
     mass: Option<Spanned<f64>>,
@@ -64,23 +73,29 @@ pub(crate) fn payload(file: &File, keys: &LoadKeys) -> Result<(Payload, Option<P
         let span = keys.inertia.as_ref().map_or(0..0, Spanned::span);
         file.problem(span, format!("`payload.inertia` {what}"))
     })?;
-    let measures = Measures { size: &keys.size, radius: &keys.radius, height: &keys.height };
+    let measures =
+        Measures { size: &keys.size, radius: &keys.radius, height: &keys.height, file: &keys.file, scale: &keys.scale };
     let Some(kind) = &keys.shape else {
         let without = "a payload without `shape`";
         file.foreign("payload.size", &keys.size, without)?;
         file.foreign("payload.radius", &keys.radius, without)?;
         file.foreign("payload.height", &keys.height, without)?;
+        file.foreign("payload.file", &keys.file, without)?;
+        file.foreign("payload.scale", &keys.scale, without)?;
         file.foreign("payload.centre", &keys.centre, without)?;
         return Ok((payload, None));
     };
-    let centre = vector("payload.centre", &keys.centre)?.map_or(payload.com, Into::into);
-    Ok((payload, Some(PayloadShape { shape: shape(file, "payload", kind, &measures)?, centre })))
+    let (shape, offset) = shape(file, "payload", kind, &measures)?;
+    let centre = vector("payload.centre", &keys.centre)?.map_or(payload.com, |c| Vector3::from(c) + offset);
+    Ok((payload, Some(PayloadShape { shape, centre })))
 }
 
 struct Measures<'a> {
     size: &'a Option<Spanned<[f64; 3]>>,
     radius: &'a Option<Spanned<f64>>,
     height: &'a Option<Spanned<f64>>,
+    file: &'a Option<Spanned<String>>,
+    scale: &'a Option<Spanned<f64>>,
 }
 
 #[derive(Clone, Copy)]
@@ -88,12 +103,18 @@ enum ShapeKind {
     Box,
     Cylinder,
     Sphere,
+    Hull,
+    Mesh,
 }
 
 /// Smallest and largest measure, m.
 const MEASURES: [f64; 2] = [1e-4, 20.0];
 
-fn shape(file: &File, table: &str, kind: &Spanned<String>, measures: &Measures) -> Result<Shape> {
+/// Smallest and largest unit of a mesh file, m.
+const SCALES: [f64; 2] = [1e-6, 1e3];
+
+/// A shape, and where its centre is in the frame of its file, m.
+fn shape(file: &File, table: &str, kind: &Spanned<String>, measures: &Measures) -> Result<(Shape, Vector3<f64>)> {
     let [low, high] = MEASURES;
     let key = |name: &str| format!("{table}.{name}");
     let context = format!("shape = \"{}\"", kind.get_ref());
@@ -105,7 +126,13 @@ fn shape(file: &File, table: &str, kind: &Spanned<String>, measures: &Measures) 
         let value = file.needed(&key("size"), measures.size, &context, kind.span())?;
         file.numbers(&key("size"), value, low, high, "m")
     };
-    let kinds = [("box", ShapeKind::Box), ("cylinder", ShapeKind::Cylinder), ("sphere", ShapeKind::Sphere)];
+    let kinds = [
+        ("box", ShapeKind::Box),
+        ("cylinder", ShapeKind::Cylinder),
+        ("sphere", ShapeKind::Sphere),
+        ("hull", ShapeKind::Hull),
+        ("mesh", ShapeKind::Mesh),
+    ];
     let chosen = file.choice(&key("shape"), kind, &kinds)?;
     if !matches!(chosen, ShapeKind::Box) {
         file.foreign(&key("size"), measures.size, &context)?;
@@ -113,16 +140,37 @@ fn shape(file: &File, table: &str, kind: &Spanned<String>, measures: &Measures) 
     if !matches!(chosen, ShapeKind::Cylinder) {
         file.foreign(&key("height"), measures.height, &context)?;
     }
-    Ok(match chosen {
-        ShapeKind::Box => {
-            file.foreign(&key("radius"), measures.radius, &context)?;
-            Shape::Box { size: size()?.into() }
-        }
+    if !matches!(chosen, ShapeKind::Cylinder | ShapeKind::Sphere) {
+        file.foreign(&key("radius"), measures.radius, &context)?;
+    }
+    if !matches!(chosen, ShapeKind::Hull | ShapeKind::Mesh) {
+        file.foreign(&key("file"), measures.file, &context)?;
+        file.foreign(&key("scale"), measures.scale, &context)?;
+    }
+    let shape = match chosen {
+        ShapeKind::Box => Shape::Box { size: size()?.into() },
         ShapeKind::Cylinder => {
             Shape::Cylinder { radius: length("radius", measures.radius)?, height: length("height", measures.height)? }
         }
         ShapeKind::Sphere => Shape::Sphere { radius: length("radius", measures.radius)? },
-    })
+        ShapeKind::Hull | ShapeKind::Mesh => {
+            let name = file.needed(&key("file"), measures.file, &context, kind.span())?;
+            let [low, high] = SCALES;
+            let scale = file.optional(&key("scale"), measures.scale, 1.0, low, high, "m")?;
+            return mesh(file, &key("file"), name, scale, matches!(chosen, ShapeKind::Hull));
+        }
+    };
+    Ok((shape, Vector3::zeros()))
+}
+
+/// The solid in the file called `name`, relative to the scenario.
+fn mesh(file: &File, key: &str, name: &Spanned<String>, scale: f64, convex: bool) -> Result<(Shape, Vector3<f64>)> {
+    let path = Path::new(&file.name).parent().unwrap_or(Path::new("")).join(name.get_ref());
+    let (mesh, centre) = Mesh::read(&path, scale, convex).map_err(|e| {
+        let message = format!("`{key}` is \"{}\": {e}; expected an STL or OBJ file", name.get_ref());
+        file.problem(name.span(), message)
+    })?;
+    Ok((Shape::Mesh(Arc::new(mesh)), centre))
 }
 
 /// The things around the robot.
@@ -144,14 +192,23 @@ pub(super) fn objects(file: &File, tables: &[ObjectKeys]) -> Result<Vec<Object>>
 }
 
 fn object(file: &File, keys: &ObjectKeys) -> Result<Object> {
-    let measures = Measures { size: &keys.size, radius: &keys.radius, height: &keys.height };
+    let measures =
+        Measures { size: &keys.size, radius: &keys.radius, height: &keys.height, file: &keys.file, scale: &keys.scale };
     let default = Surface::default();
+    let (shape, offset) = shape(file, "objects", &keys.shape, &measures)?;
+    let mobility = mobility(file, keys)?;
+    if let (Mobility::Free { .. }, "mesh") = (mobility, keys.shape.get_ref().as_str()) {
+        let message = "`objects.shape` is \"mesh\" of a free object; expected \"hull\", or another mobility".into();
+        return Err(file.problem(keys.shape.span(), message));
+    }
+    let position: Vector3<f64> = file.numbers("objects.position", &keys.position, -20.0, 20.0, "m")?.into();
+    let yaw = file.optional("objects.yaw", &keys.yaw, 0.0, -10.0, 10.0, "rad")?;
     Ok(Object {
         name: keys.name.get_ref().clone(),
-        shape: shape(file, "objects", &keys.shape, &measures)?,
-        mobility: mobility(file, keys)?,
-        position: file.numbers("objects.position", &keys.position, -20.0, 20.0, "m")?.into(),
-        yaw: file.optional("objects.yaw", &keys.yaw, 0.0, -10.0, 10.0, "rad")?,
+        shape,
+        mobility,
+        position: position + Rotation3::from_axis_angle(&Vector3::z_axis(), yaw) * offset,
+        yaw,
         surface: Surface {
             stiffness: file.optional("objects.stiffness", &keys.stiffness, default.stiffness, 1.0, 1e9, "N/m")?,
             dissipation: file.optional(
@@ -295,12 +352,51 @@ mod tests {
         assert!(e.contains("shape = \"box\" lacks `payload.size`"), "{e}");
     }
 
+    /// A pyramid of 60 mm edges and 40 mm height in mm, with its base's middle in the origin.
+    const PYRAMID: &str = "v -30 -30 0\nv 30 -30 0\nv 30 30 0\nv -30 30 0\nv 0 0 40\n\
+                           f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n";
+
+    #[test]
+    fn solids_come_from_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("pyramid.obj");
+        std::fs::write(&file, PYRAMID).unwrap();
+        std::fs::write(folder.path().join("open.obj"), PYRAMID.replace("f 4 1 5\n", "")).unwrap();
+        let of = |kind: &str, name: &str, more: &str| {
+            let name = folder.path().join(name);
+            let keys = format!("shape = \"{kind}\"\nfile = {:?}\nscale = 0.001\n{more}", name.to_string_lossy());
+            let object = format!("\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nyaw = 0.5\n{keys}");
+            parse(&format!("{GOOD}{object}"))
+        };
+        for (kind, more) in [("mesh", ""), ("hull", "mobility = \"free\"\nmass = 2\n")] {
+            let scenario = of(kind, "pyramid.obj", more).unwrap();
+            let part = &scenario.objects[0];
+            let Shape::Mesh(mesh) = &part.shape else { panic!("{part:?}") };
+            assert_eq!((mesh.sharp_edges().len(), mesh.corners().len()), (8, 5));
+            // The centre of volume is a quarter of the height up.
+            approx::assert_relative_eq!(part.position, Vector3::new(1.0, 0.0, 0.01), epsilon = 1e-8);
+        }
+        for (kind, name, more, expected) in [
+            ("mesh", "open.obj", "", "it is not closed: the edge from ("),
+            ("mesh", "none.obj", "", "none.obj\": No such file"),
+            ("mesh", "pyramid.obj", "mobility = \"free\"\nmass = 2\n", "\"mesh\" of a free object; expected \"hull\""),
+            ("mesh", "pyramid.obj", "radius = 1\n", "`objects.radius` has no meaning for shape = \"mesh\""),
+            ("sphere", "pyramid.obj", "radius = 1\n", "`objects.file` has no meaning for shape = \"sphere\""),
+        ] {
+            let e = of(kind, name, more).unwrap_err().to_string();
+            assert!(e.contains(expected) && e.contains("test.toml:"), "{expected}\n{e}");
+        }
+        let text = "\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nshape = \"hull\"\n";
+        let e = parse(&format!("{GOOD}{text}")).unwrap_err().to_string();
+        assert!(e.contains("shape = \"hull\" lacks `objects.file`"), "{e}");
+    }
+
     #[test]
     fn mistakes_are_named_with_their_value() {
         for (from, to, expected) in [
             ("\"belt\"", "\"table\"", "`objects.name` has \"table\" twice"),
             ("\"belt\"", "\"\"", "`objects.name` is \"\""),
-            ("\"cylinder\"", "\"cone\"", "`objects.shape` is \"cone\"; expected \"box\", \"cylinder\" or \"sphere\""),
+            ("\"cylinder\"", "\"cone\"", "`objects.shape` is \"cone\"; expected \"box\", \"cylinder\", \"sphere\", "),
             ("\"cylinder\"", "\"sphere\"", "`objects.height` has no meaning for shape = \"sphere\""),
             ("height = 0.1\n", "", "shape = \"cylinder\" lacks `objects.height`"),
             ("radius = 0.03", "radius = 0", "`objects.radius` is 0; expected a number from 0.0001 to 20 m"),

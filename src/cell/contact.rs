@@ -1,0 +1,52 @@
+//! Loads of all contact points between two bodies.
+
+use nalgebra::Vector3;
+
+use super::hull::Point;
+use super::law;
+use super::object::Surface;
+use super::placement::Placement;
+
+/// Force, N, and moment, N·m.
+pub type Wrench = (Vector3<f64>, Vector3<f64>);
+
+/// Adds a wrench about the same point.
+pub fn add(sum: &mut Wrench, wrench: &Wrench) {
+    sum.0 += wrench.0;
+    sum.1 += wrench.1;
+}
+
+/// Moves a wrench about the origin of `at` to `origin`.
+pub fn about(wrench: &Wrench, at: &Placement, origin: &Vector3<f64>) -> Wrench {
+    (wrench.0, wrench.1 + (at.position - origin).cross(&wrench.0))
+}
+
+/// Loads of all contact points of a pair, each about the origin of its side.
+pub struct Loads {
+    /// Sum of the normal forces, N.
+    pub normal: f64,
+    /// Deepest penetration, m.
+    pub depth: f64,
+    /// On `a`.
+    pub on_first: Wrench,
+    /// On `b`.
+    pub on_second: Wrench,
+}
+
+/// Loads at `points` of `a` on `b`, whose surface moves over it at `belt` m/s.
+pub fn press(points: &[Point], surface: &Surface, a: &Placement, b: &Placement, belt: &Vector3<f64>) -> Loads {
+    let none = (Vector3::zeros(), Vector3::zeros());
+    let mut loads = Loads { normal: 0.0, depth: 0.0, on_first: none, on_second: none };
+    let spin = a.angular_velocity - b.angular_velocity;
+    for p in points {
+        let surface_velocity = b.velocity_at(&p.position) + belt - p.normal * p.normal.dot(belt);
+        let velocity = a.velocity_at(&p.position) - surface_velocity;
+        let load = law::load(surface, p.weight, p.depth, &p.normal, &velocity, &spin);
+        loads.normal += load.normal;
+        loads.depth = loads.depth.max(p.depth);
+        let (on_first, on_second) = (&mut loads.on_first, &mut loads.on_second);
+        add(on_first, &(load.force, (p.position - a.position).cross(&load.force) + load.moment));
+        add(on_second, &(-load.force, -(p.position - b.position).cross(&load.force) - load.moment));
+    }
+    loads
+}

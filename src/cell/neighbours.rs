@@ -1,0 +1,89 @@
+//! Which pairs of colliders are near each other, asked of Rapier only when something may have come nearer.
+
+use super::links::{Part, can_meet};
+use super::placement::Placement;
+use super::robot::Robot;
+use super::world::{Collider, World};
+use crate::kinematics::{Motion, SocketSet};
+use crate::model::bodies::{BODIES, END_EFFECTOR};
+
+/// How much farther than asked for is looked, m: so long the answer holds while bodies move.
+const SKIN: f64 = 0.03;
+/// Farthest that is looked, m.
+const FARTHEST: f64 = 20.0;
+
+/// Pairs that were near when last looked for, and how far everything was then.
+#[derive(Default)]
+pub struct Neighbours {
+    /// Part of the robot, or what it holds, and what it may touch; in order.
+    pub pairs: Vec<(Collider, Collider)>,
+    /// All pairs nearer than this were found, m.
+    reach: f64,
+    then: Option<Then>,
+}
+
+/// What the pairs depend on.
+struct Then {
+    closed: SocketSet,
+    held: Option<usize>,
+    bodies: [Placement; BODIES],
+    objects: Vec<Placement>,
+}
+
+impl Neighbours {
+    /// Brings the pairs up to date: every pair closer than `margin`, m, is among them.
+    pub fn look(&mut self, world: &mut World, robot: &Robot, motion: &Motion, closed: SocketSet, margin: f64) {
+        let margin = margin.clamp(0.0, FARTHEST - SKIN).min(FARTHEST - SKIN);
+        let bodies = motion.bodies.each_ref().map(Placement::from);
+        let held = robot.grip.map(|g| g.object);
+        if let Some(then) = &self.then
+            && (then.closed, then.held) == (closed, held)
+        {
+            let links = bodies.iter().zip(&then.bodies).zip(robot.extents());
+            let links = links.map(|((now, then), extent)| now.moved(then, extent)).fold(0.0, most);
+            let objects = world.objects.iter().zip(&then.objects).filter(|(o, _)| o.present);
+            let objects = objects.map(|(o, then)| o.at.moved(then, o.extent)).fold(0.0, most);
+            // Two links approach each other by twice what one moves.
+            if links + most(links, objects) + margin <= self.reach {
+                return;
+            }
+        }
+        let grip = robot.grip.map(|g| (g.object, g.placement(motion)));
+        world.mirror(&robot.parts, &bodies, grip, closed);
+        self.reach = margin + SKIN;
+        self.pairs.clear();
+        let own = |c: &Collider| robot.owns(*c);
+        let pairs = world.pairs(self.reach).filter(|(a, b)| own(a) || own(b));
+        self.pairs
+            .extend(pairs.map(|(a, b)| if !own(&a) || (own(&b) && b.follows(a, held)) { (b, a) } else { (a, b) }));
+        self.pairs.retain(|(a, b)| !own(b) || meet(&robot.parts, *a, *b, closed));
+        self.pairs.sort_unstable_by_key(|(a, b)| (a.order(held), own(b), b.order(held)));
+        let objects = world.objects.iter().map(|o| o.at).collect();
+        self.then = Some(Then { closed, held, bodies, objects });
+    }
+}
+
+/// Larger of two, NaN if one is.
+fn most(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
+/// Whether two parts of the robot can touch.
+fn meet(parts: &[Part], a: Collider, b: Collider, closed: SocketSet) -> bool {
+    let body = |c| if let Collider::Part(p) = c { parts[p].body } else { END_EFFECTOR };
+    can_meet(body(a), body(b), closed)
+}
+
+impl Collider {
+    /// Place among the robot's colliders: what it holds comes after its parts.
+    fn order(self, held: Option<usize>) -> (bool, usize) {
+        match self {
+            Self::Part(p) => (false, p),
+            Self::Object(o) => (held == Some(o), o),
+        }
+    }
+
+    fn follows(self, other: Self, held: Option<usize>) -> bool {
+        self.order(held) > other.order(held)
+    }
+}

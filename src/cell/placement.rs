@@ -1,0 +1,99 @@
+//! Where a body is, how it moves, and the box around it.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
+
+use crate::kinematics::BodyMotion;
+
+/// Where a body is and how it moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Placement {
+    /// Maps body to world.
+    pub rotation: Matrix3<f64>,
+    /// Origin, m.
+    pub position: Vector3<f64>,
+    /// Of the origin, m/s.
+    pub velocity: Vector3<f64>,
+    /// World axes, rad/s.
+    pub angular_velocity: Vector3<f64>,
+}
+
+impl Placement {
+    /// A body at rest.
+    pub fn at_rest(rotation: Matrix3<f64>, position: Vector3<f64>) -> Self {
+        Self { rotation, position, velocity: Vector3::zeros(), angular_velocity: Vector3::zeros() }
+    }
+
+    /// Velocity of the material point at `point` in the world, m/s.
+    pub fn velocity_at(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.velocity + self.angular_velocity.cross(&(point - self.position))
+    }
+
+    /// A frame fixed to this body.
+    pub fn offset(&self, rotation: &Matrix3<f64>, position: &Vector3<f64>) -> Self {
+        let position = self.to_world(position);
+        Self { rotation: self.rotation * rotation, position, velocity: self.velocity_at(&position), ..*self }
+    }
+
+    /// A point of the body in the world.
+    pub fn to_world(self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.position + self.rotation * point
+    }
+
+    /// A point of the world in the body's frame.
+    pub fn to_local(self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation.tr_mul(&(point - self.position))
+    }
+
+    /// Pose alone.
+    pub fn isometry(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(self.position.into(), Rotation3::from_matrix_unchecked(self.rotation).into())
+    }
+
+    /// Whether the pose is made of numbers.
+    pub fn is_finite(&self) -> bool {
+        self.rotation.iter().chain(&self.position).all(|x| x.is_finite())
+    }
+
+    /// Upper bound of how far a point within `extent` m of the origin has moved since `before`, m.
+    pub fn moved(&self, before: &Self, extent: f64) -> f64 {
+        // A turn by θ moves a point at distance ρ by 2ρ sin(θ/2) = ρ‖ΔR‖/√2, Frobenius norm.
+        (self.position - before.position).norm()
+            + (self.rotation - before.rotation).norm() * extent * std::f64::consts::FRAC_1_SQRT_2
+    }
+
+    /// Upper bound of the speed of a point within `extent` m of the origin, m/s.
+    pub fn speed(&self, extent: f64) -> f64 {
+        self.velocity.norm() + self.angular_velocity.norm() * extent
+    }
+}
+
+impl From<&BodyMotion> for Placement {
+    fn from(b: &BodyMotion) -> Self {
+        Self { rotation: b.rotation, position: b.position, velocity: b.velocity, angular_velocity: b.angular_velocity }
+    }
+}
+
+/// Axis-aligned box in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+}
+
+impl Bounds {
+    /// The box around nothing.
+    pub fn nothing() -> Self {
+        Self { low: Vector3::repeat(f64::INFINITY), high: Vector3::repeat(f64::NEG_INFINITY) }
+    }
+
+    /// Takes in a ball.
+    pub fn include(&mut self, centre: &Vector3<f64>, radius: f64) {
+        self.low = self.low.inf(&centre.add_scalar(-radius));
+        self.high = self.high.sup(&centre.add_scalar(radius));
+    }
+
+    /// Whether the two come within `margin` of each other along all axes.
+    pub fn overlap(&self, other: &Self, margin: f64) -> bool {
+        (0..3).all(|i| self.low[i] - margin <= other.high[i] && other.low[i] - margin <= self.high[i])
+    }
+}

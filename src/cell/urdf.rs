@@ -1,0 +1,138 @@
+//! The robot as URDF, for programs that draw it.
+
+use std::f64::consts::FRAC_PI_2;
+use std::fmt::Write;
+
+use super::links::{
+    ARM_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS, STRUT_RADIUS,
+    TUBE_CLEARANCE, TUBE_RADIUS,
+};
+use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
+use crate::model::{ARMS, Geometry, Model, STRUTS};
+
+/// Link at the inertial frame.
+pub const BASE: &str = "base";
+
+/// A spanning tree of the robot as URDF: arms and end effector on the joints `axis1…4`, struts, platform and telescope on
+/// floating joints, whose poses the recording's transforms give. `None` for a machine that is no delta robot or is taken
+/// apart.
+///
+/// Link frames are the bodies' frames of the twin; visual shapes are cylinders of the sizes that collide. Masses are left
+/// out: a tree cannot hold the loops.
+pub fn urdf(model: &Model) -> Option<String> {
+    if !model.assembled {
+        return None;
+    }
+    let g = &model.geometry;
+    let mut out = Tree::new(&model.name);
+    out.link(BASE, None);
+    for i in 0..ARMS {
+        let arm = body_name(ARM + i);
+        out.link(&arm, Some(Cylinder::along_x(g.arm_length, ARM_RADIUS)));
+        let shaft = Geometry::radial(i) * g.base_radius;
+        let limits = (g.arm_limits, &model.drives[i]);
+        out.joint(&format!("axis{}", i + 1), "revolute", [BASE, &arm], shaft.into(), Geometry::azimuth(i));
+        out.axis([0.0, 1.0, 0.0], Some(limits));
+    }
+    for s in 0..STRUTS {
+        let (limb, strut) = (s / (STRUTS / ARMS), body_name(STRUT + s));
+        out.link(&strut, Some(Cylinder::along_x(g.strut_length[limb], STRUT_RADIUS)));
+        let elbow = [g.arm_length, g.pair_offset(s), 0.0];
+        out.joint(&format!("elbow{}", s + 1), "floating", [&body_name(ARM + limb), &strut], elbow, 0.0);
+        out.end();
+    }
+    let platform = body_name(PLATFORM);
+    let radius = (g.platform_radius - PLATFORM_INSET).max(0.5 * g.platform_radius);
+    out.link(&platform, Some(Cylinder::along_z([-PLATFORM_THICKNESS, PLATFORM_THICKNESS], radius)));
+    out.joint("translation", "floating", [BASE, &platform], [0.0; 3], 0.0);
+    out.end();
+    if !g.has_telescope() {
+        return Some(out.finish());
+    }
+    let effector = body_name(END_EFFECTOR);
+    out.link(&effector, Some(Cylinder::along_z([0.0, (-g.flange_height).max(0.01)], FLANGE_RADIUS)));
+    out.joint("axis4", "continuous", [&platform, &effector], [0.0, 0.0, g.flange_height], 0.0);
+    out.axis([0.0, 0.0, 1.0], None);
+    let (upper, lower) = (body_name(TELESCOPE_UPPER), body_name(TELESCOPE_LOWER));
+    let shortest = g.telescope_limits[0];
+    out.link(&upper, Some(Cylinder::along_z([(ROD_CLEARANCE - shortest).min(0.0), 0.0], ROD_RADIUS)));
+    out.joint("hooke_upper", "floating", [BASE, &upper], [0.0, 0.0, g.upper_hooke_height], 0.0);
+    out.end();
+    out.link(&lower, Some(Cylinder::along_z([0.0, (shortest - TUBE_CLEARANCE).max(0.0)], TUBE_RADIUS)));
+    out.joint("hooke_lower", "floating", [&platform, &lower], [0.0, 0.0, g.lower_hooke_height], 0.0);
+    out.end();
+    Some(out.finish())
+}
+
+/// What is drawn of a link.
+struct Cylinder {
+    radius: f64,
+    length: f64,
+    centre: [f64; 3],
+    pitch: f64,
+}
+
+impl Cylinder {
+    fn along_x(length: f64, radius: f64) -> Self {
+        Self { radius, length, centre: [0.5 * length, 0.0, 0.0], pitch: FRAC_PI_2 }
+    }
+
+    fn along_z([from, to]: [f64; 2], radius: f64) -> Self {
+        Self { radius, length: to - from, centre: [0.0, 0.0, 0.5 * (from + to)], pitch: 0.0 }
+    }
+}
+
+/// URDF that is being written. Writing to a string cannot fail.
+struct Tree(String);
+
+impl Tree {
+    fn new(name: &str) -> Self {
+        let name: String =
+            name.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+        Self(format!("<?xml version=\"1.0\"?>\n<robot name=\"{name}\">\n"))
+    }
+
+    fn line(&mut self, text: std::fmt::Arguments) {
+        let _ = writeln!(self.0, "{text}");
+    }
+
+    fn link(&mut self, name: &str, shape: Option<Cylinder>) {
+        let Some(Cylinder { radius, length, centre: [x, y, z], pitch }) = shape else {
+            return self.line(format_args!("  <link name=\"{name}\"/>"));
+        };
+        self.line(format_args!("  <link name=\"{name}\">"));
+        self.line(format_args!("    <visual>"));
+        self.line(format_args!("      <origin xyz=\"{x} {y} {z}\" rpy=\"0 {pitch} 0\"/>"));
+        self.line(format_args!("      <geometry><cylinder radius=\"{radius}\" length=\"{length}\"/></geometry>"));
+        self.line(format_args!("    </visual>"));
+        self.line(format_args!("  </link>"));
+    }
+
+    fn joint(&mut self, name: &str, kind: &str, [parent, child]: [&str; 2], [x, y, z]: [f64; 3], yaw: f64) {
+        self.line(format_args!("  <joint name=\"{name}\" type=\"{kind}\">"));
+        self.line(format_args!("    <origin xyz=\"{x} {y} {z}\" rpy=\"0 0 {yaw}\"/>"));
+        self.line(format_args!("    <parent link=\"{parent}\"/>"));
+        self.line(format_args!("    <child link=\"{child}\"/>"));
+    }
+
+    /// Axis and limits of the joint, and its end.
+    fn axis(&mut self, [x, y, z]: [f64; 3], limits: Option<([f64; 2], &crate::model::Drive)>) {
+        self.line(format_args!("    <axis xyz=\"{x} {y} {z}\"/>"));
+        if let Some(([lower, upper], drive)) = limits {
+            let (effort, velocity) = (drive.max_torque, drive.max_speed);
+            self.line(format_args!(
+                "    <limit lower=\"{lower}\" upper=\"{upper}\" effort=\"{effort}\" velocity=\"{velocity}\"/>"
+            ));
+        }
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.line(format_args!("  </joint>"));
+    }
+
+    fn finish(mut self) -> String {
+        self.0.push_str("</robot>\n");
+        self.0
+    }
+}

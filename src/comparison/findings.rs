@@ -1,0 +1,231 @@
+//! What stands out in one channel's residual: the mean first, then one cause at a time, each judged on what those before it
+//! leave.
+
+use super::Finding;
+use super::place::{Partition, reversal};
+use super::spectrum::spectrum;
+use crate::dynamics::Channel;
+use crate::identification::Trace;
+
+/// Share of the mean square from which a place is worth a sentence.
+const MIN_SHARE: f64 = 0.05;
+/// A mean is worth a sentence from this many standard deviations of the noise.
+const MIN_MEAN: f64 = 0.1;
+/// How much more the place in the workspace must explain than a joint alone.
+const WORKSPACE: f64 = 1.5;
+/// Share of the mean square that is not white, from which it is worth a sentence where nothing else is.
+const COLOURED: f64 = 0.2;
+/// Bins of a drift in time.
+const TREND: usize = 2;
+
+/// A quantity that a residual may follow.
+struct Quantity {
+    name: &'static str,
+    symbol: &'static str,
+    unit: &'static str,
+    of: fn(&Trace, usize, usize) -> f64,
+}
+
+const JOINT: [Quantity; 3] = [
+    Quantity { name: "joint speed", symbol: "q̇", unit: "rad/s", of: |t, k, i| t.joints[k].qd[i] },
+    Quantity { name: "joint angle", symbol: "q", unit: "rad", of: |t, k, i| t.joints[k].q[i] },
+    Quantity { name: "joint acceleration", symbol: "q̈", unit: "rad/s²", of: |t, k, i| t.joints[k].qdd[i] },
+];
+
+/// A cause that may come next, with what is left once it is taken away.
+struct Cause {
+    finding: Finding,
+    rest: Vec<f64>,
+}
+
+/// Findings about one channel, `platform` in the order of the samples or empty.
+pub fn of_channel(
+    channel: Channel,
+    traces: &[Trace],
+    platform: &[[f64; 3]],
+    residual: Vec<f64>,
+    noise: f64,
+) -> Vec<Finding> {
+    let whole = square(&residual);
+    let mut search = Search { channel, traces, platform, rest: residual, whole };
+    let mut found = Vec::new();
+    found.extend(search.mean(noise));
+    while let Some(cause) = search.strongest() {
+        // A quantity whose means are taken away has no share left: the search ends.
+        search.rest = cause.rest;
+        found.push(cause.finding);
+    }
+    found.extend(search.reversal());
+    found.extend(search.tone());
+    if found.is_empty() {
+        found.extend(search.coloured());
+    }
+    found
+}
+
+fn square(x: &[f64]) -> f64 {
+    x.iter().map(|v| v * v).sum()
+}
+
+struct Search<'a> {
+    channel: Channel,
+    traces: &'a [Trace],
+    platform: &'a [[f64; 3]],
+    /// What the findings so far leave.
+    rest: Vec<f64>,
+    /// Sum of squares before any finding.
+    whole: f64,
+}
+
+impl Search<'_> {
+    fn finding(&self, place: &str, share: f64, what: String) -> Finding {
+        let sentence = format!("{}: {:.0} % of the residual {what}", self.channel, 100.0 * share);
+        Finding { channel: self.channel, place: place.into(), share, sentence }
+    }
+
+    /// Share of what there was at first, of a share of what is left.
+    fn of_whole(&self, share: f64) -> f64 {
+        share * square(&self.rest) / self.whole.max(f64::MIN_POSITIVE)
+    }
+
+    fn values(&self, of: &dyn Fn(&Trace, usize) -> f64) -> Vec<f64> {
+        self.traces.iter().flat_map(|t| (0..t.len()).map(move |k| of(t, k))).collect()
+    }
+
+    /// A constant, taken away.
+    fn mean(&mut self, noise: f64) -> Option<Finding> {
+        let n = self.rest.len().max(1) as f64;
+        let mean = self.rest.iter().sum::<f64>() / n;
+        let share = n * mean * mean / self.whole.max(f64::MIN_POSITIVE);
+        if share < MIN_SHARE || mean.abs() < MIN_MEAN * noise {
+            return None;
+        }
+        self.rest.iter_mut().for_each(|r| *r -= mean);
+        let what = format!("is its mean: {mean:+.3} {} throughout", self.channel.unit());
+        Some(self.finding("mean", share, what))
+    }
+
+    /// The cause that explains most of what is left; none above the smallest share.
+    fn strongest(&self) -> Option<Cause> {
+        let joints = JOINT.iter().map(|q| self.along(q));
+        let simple = joints.chain([self.drift()]).max_by(|a, b| a.finding.share.total_cmp(&b.finding.share))?;
+        let place = self.workspace().filter(|w| w.finding.share > WORKSPACE * simple.finding.share);
+        Some(place.unwrap_or(simple)).filter(|cause| cause.finding.share >= MIN_SHARE)
+    }
+
+    fn without(&self, partition: &Partition, means: &[f64]) -> Vec<f64> {
+        self.rest.iter().zip(&partition.bin).map(|(r, b)| r - means[*b]).collect()
+    }
+
+    /// Means along a quantity of the channel's own axis.
+    fn along(&self, quantity: &Quantity) -> Cause {
+        let axis = self.channel.limb();
+        let x = self.values(&|t, k| (quantity.of)(t, k, axis));
+        let partition = Partition::along(&x);
+        let explained = partition.explain(&self.rest);
+        let members = || partition.members(explained.bin).map(|i| x[i]);
+        let (low, high) = members().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let unit = quantity.unit.replace("rad", self.channel.joint_unit());
+        let what = format!(
+            "follows the {}: {:+.3} {} at {} {low:.2} to {high:.2} {unit}",
+            quantity.name,
+            explained.mean,
+            self.channel.unit(),
+            quantity.symbol
+        );
+        let finding = self.finding(quantity.name, self.of_whole(explained.share), what);
+        Cause { rest: self.without(&partition, &explained.means), finding }
+    }
+
+    /// A drift over the recordings: a parabola in time.
+    fn drift(&self) -> Cause {
+        let t = self.values(&|trace, k| trace.t[k] - trace.t[0]);
+        let end = t.iter().copied().fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+        let legendre = |x: f64| [x, 0.5 * (3.0 * x * x - 1.0)];
+        let features: Vec<[f64; TREND]> = t.iter().map(|t| legendre(2.0 * t / end - 1.0)).collect();
+        let project = |p: usize| {
+            let (a, b) =
+                self.rest.iter().zip(&features).fold((0.0, 0.0), |(a, b), (r, f)| (a + r * f[p], b + f[p] * f[p]));
+            a / b.max(f64::MIN_POSITIVE)
+        };
+        let beta = [project(0), project(1)];
+        let at = |f: &[f64; TREND]| beta[0] * f[0] + beta[1] * f[1];
+        let rest: Vec<f64> = self.rest.iter().zip(&features).map(|(r, f)| r - at(f)).collect();
+        let share = (1.0 - square(&rest) / square(&self.rest).max(f64::MIN_POSITIVE)).max(0.0);
+        let change = at(&legendre(1.0)) - at(&legendre(-1.0));
+        let what = format!("drifts with time: by {change:+.3} {} in {end:.1} s", self.channel.unit());
+        Cause { finding: self.finding("time", self.of_whole(share), what), rest }
+    }
+
+    /// Means by cell of the workspace.
+    fn workspace(&self) -> Option<Cause> {
+        if self.platform.len() != self.rest.len() {
+            return None;
+        }
+        let partition = Partition::cells(self.platform);
+        let explained = partition.explain(&self.rest);
+        let bounds = |k: usize| {
+            let members = partition.members(explained.bin).map(|i| self.platform[i][k]);
+            members.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+        };
+        let range = |k: usize| {
+            let (low, high) = bounds(k);
+            format!("{low:.2}…{high:.2}")
+        };
+        let what = format!(
+            "follows the place in the workspace: {:+.3} {} at x {}, y {}, z {} m",
+            explained.mean,
+            self.channel.unit(),
+            range(0),
+            range(1),
+            range(2)
+        );
+        let finding = self.finding("workspace", self.of_whole(explained.share), what);
+        Some(Cause { rest: self.without(&partition, &explained.means), finding })
+    }
+
+    /// More residual near the axis' reversals than elsewhere.
+    fn reversal(&self) -> Option<Finding> {
+        let axis = self.channel.limb();
+        let rate = self.values(&|t, k| t.joints[k].qd[axis]);
+        let found = reversal(&rate, &self.rest)?;
+        let share = self.of_whole(found.share);
+        let what = format!(
+            "is extra near reversals: RMS {:.3} {} below {:.2} {}/s, {:.3} elsewhere",
+            found.rms[0],
+            self.channel.unit(),
+            found.near,
+            self.channel.joint_unit(),
+            found.rms[1]
+        );
+        (share >= MIN_SHARE).then(|| self.finding("reversal", share, what))
+    }
+
+    /// A tone in what is left.
+    fn tone(&self) -> Option<Finding> {
+        let (frequency, share) = self.spectrum()?.peak;
+        let share = self.of_whole(share);
+        (share >= MIN_SHARE).then(|| self.finding("frequency", share, format!("lies at {frequency:.1} Hz")))
+    }
+
+    /// What is not white, where nothing else is said.
+    fn coloured(&self) -> Option<Finding> {
+        let (frequency, share) = self.spectrum()?.coloured;
+        (share >= COLOURED)
+            .then(|| self.finding("frequency", share, format!("is no noise and lies below {frequency:.1} Hz")))
+    }
+
+    /// Spectrum of what is left of the longest trace.
+    fn spectrum(&self) -> Option<super::spectrum::Spectrum> {
+        let mut start = 0;
+        let mut longest: Option<(&Trace, usize)> = None;
+        for trace in self.traces {
+            if longest.is_none_or(|(other, _)| trace.len() > other.len()) {
+                longest = Some((trace, start));
+            }
+            start += trace.len();
+        }
+        let (trace, start) = longest?;
+        spectrum(self.rest.get(start..start + trace.len())?, &trace.segments, trace.dt)
+    }
+}

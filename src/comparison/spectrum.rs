@@ -1,0 +1,65 @@
+//! Frequencies at which a residual has more than noise.
+
+use std::ops::Range;
+
+/// Samples below which no spectrum is looked at.
+const FEWEST: usize = 1000;
+/// Spectral lines on either side that belong to a peak.
+const WIDTH: usize = 2;
+
+/// What a spectrum says.
+pub struct Spectrum {
+    /// Frequency of the highest line, Hz, and the share of the variance in it and its neighbours, beyond noise.
+    pub peak: (f64, f64),
+    /// Frequency below which nine tenths of what is not white lies, Hz, and the share that is not white.
+    pub coloured: (f64, f64),
+}
+
+/// The spectrum of the longest of `segments`, without its mean; none if that is short.
+pub fn spectrum(series: &[f64], segments: &[Range<usize>], dt: f64) -> Option<Spectrum> {
+    let segment = segments.iter().max_by_key(|s| s.len())?;
+    let mut x = series.get(segment.clone())?.to_vec();
+    let n = x.len();
+    if n < FEWEST || dt <= 0.0 {
+        return None;
+    }
+    let mean = x.iter().sum::<f64>() / n as f64;
+    x.iter_mut().for_each(|v| *v -= mean);
+    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
+    let mut lines = fft.make_output_vec();
+    fft.process(&mut x, &mut lines).ok()?;
+    let power: Vec<f64> = lines.iter().map(|z| z.norm_sqr()).collect();
+    let total: f64 = power.iter().sum();
+    let mut sorted = power.clone();
+    let middle = sorted.len() / 2;
+    // The median of an exponential distribution is ln 2 times its mean.
+    let white = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1 / std::f64::consts::LN_2;
+    let at = |line: usize| line as f64 / (n as f64 * dt);
+    let excess = (total - white * power.len() as f64).max(0.0);
+    let highest = (0..power.len()).max_by(|&a, &b| power[a].total_cmp(&power[b]))?;
+    let near = highest.saturating_sub(WIDTH)..(highest + WIDTH + 1).min(power.len());
+    let in_peak: f64 = power[near].iter().map(|p| p - white).sum();
+    let mut sum = 0.0;
+    let edge = power.iter().position(|p| {
+        sum += p - white;
+        sum >= 0.9 * excess
+    })?;
+    if total <= 0.0 {
+        return None;
+    }
+    Some(Spectrum { peak: (at(highest), in_peak.max(0.0) / total), coloured: (at(edge), excess / total) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tone_is_found_at_its_frequency() {
+        let tone = |k: usize| (2.0 * std::f64::consts::PI * 37.0 * k as f64 * 1e-3).sin();
+        let hash = |k: usize| ((k as f64 * 12.9898).sin() * 43758.5453).fract() - 0.5;
+        let series: Vec<f64> = (0..8000).map(|k| tone(k) + hash(k) + 3.0).collect();
+        let found = spectrum(&series, std::slice::from_ref(&(0..8000)), 1e-3).unwrap();
+        assert!((found.peak.0 - 37.0).abs() < 0.2 && found.peak.1 > 0.7, "{:?}", found.peak);
+    }
+}

@@ -1,0 +1,151 @@
+//! What the data say about every candidate, found or not, by one ranking each: p and probability belong together.
+
+use super::Named;
+use crate::evidence::{Assessment, Outcome, Ranking, Settings, Visibility};
+
+/// What the data say about one candidate.
+#[derive(Clone, Debug)]
+pub struct CandidateReport {
+    /// Its name.
+    pub name: String,
+    /// Probability that it is missing: as claimed of a found effect, else the largest with which it is what was found.
+    pub probability: f64,
+    /// Share of the explainable error of the recordings fitted to that it could take alone, were nothing else missing.
+    pub explained: f64,
+    /// Family-wise p-value beside everything else that was found.
+    pub p_adjusted: f64,
+    /// Whether the data could show it at its usual size.
+    pub visible: bool,
+    /// Parameters that imitate it, at most five.
+    pub absorbed_by: Vec<String>,
+    /// Where it ends up.
+    pub standing: Standing,
+    /// Why these data cannot test it, if they cannot.
+    pub untestable: Option<Untestable>,
+}
+
+/// Where a candidate ends up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// It is named.
+    Found,
+    /// The data do not tell it from one that is named.
+    Rival,
+    /// It was found, but a formula explains more.
+    Doubted,
+    /// The model has it, as the way in which the torques were recorded.
+    InModel,
+    /// It was found, but does not stand on the data judged by.
+    Refused,
+    /// It is significant, but too small to matter.
+    Trifle,
+    /// What else was found leaves nothing to it.
+    NotNeeded,
+    /// These data cannot show it.
+    Untestable,
+}
+
+impl std::fmt::Display for Standing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Found => "found",
+            Self::Rival => "cannot be told apart",
+            Self::Doubted => "formula explains more",
+            Self::InModel => "in the model as a lag",
+            Self::Refused => "does not stand",
+            Self::Trifle => "too small to matter",
+            Self::NotNeeded => "not needed",
+            Self::Untestable => "not testable here",
+        })
+    }
+}
+
+/// Why data cannot test an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Untestable {
+    /// Nothing in the motion brings it about.
+    NotExcited,
+    /// The model's own parameters imitate it.
+    Imitated,
+    /// At its usual size it drowns in the noise.
+    TooWeak,
+    /// Inverse dynamics along a measured motion does not have it.
+    TwinOnly,
+}
+
+impl Untestable {
+    /// All reasons.
+    pub const ALL: [Self; 4] = [Self::NotExcited, Self::Imitated, Self::TooWeak, Self::TwinOnly];
+}
+
+impl std::fmt::Display for Untestable {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::NotExcited => "nothing in this motion brings it about",
+            Self::Imitated => "the model's own parameters imitate it",
+            Self::TooWeak => "at its usual size it drowns in the noise",
+            Self::TwinOnly => "acts in the twin only, no measured motion shows it",
+        })
+    }
+}
+
+/// Share of a candidate's energy that no parameter imitates, below which imitation is the reason that it is not seen.
+const IMITATED: f64 = 0.2;
+
+fn untestable(a: &Assessment) -> Option<Untestable> {
+    match a.visibility {
+        Visibility::Visible => None,
+        Visibility::Empty => Some(Untestable::NotExcited),
+        Visibility::InBaseSpan => Some(Untestable::Imitated),
+        Visibility::TooWeak if a.tolerance < IMITATED => Some(Untestable::Imitated),
+        Visibility::TooWeak => Some(Untestable::TooWeak),
+    }
+}
+
+/// Reports of all candidates, those that are named first. `all` assesses them before anything was found; `lag` is what the
+/// model was given before the search because the torques are recorded late.
+pub(super) fn reports(
+    all: &Ranking,
+    outcome: &Outcome,
+    settings: &Settings,
+    effects: &[Named],
+    sets: &[Vec<String>],
+    lag: Option<&str>,
+) -> Vec<CandidateReport> {
+    let report = |alone: &Assessment| {
+        let name = &alone.name;
+        let own = outcome.findings.iter().find(|f| f.chosen.candidate == alone.candidate);
+        let beside = own.map_or(&outcome.remaining, |f| &f.ranking).of(alone.candidate);
+        let named = effects.iter().find(|e| e.name == *name);
+        let probability = match named {
+            Some(named) => named.confidence.probability(),
+            None => effects.iter().map(|e| e.confidence.probability_of(name)).fold(0.0, f64::max),
+        };
+        let reason = untestable(alone);
+        let standing = match beside {
+            _ if named.is_some() => Standing::Found,
+            _ if sets.iter().any(|set| set.contains(name)) => Standing::Rival,
+            _ if own.is_some() => Standing::Doubted,
+            _ if lag == Some(name.as_str()) => Standing::InModel,
+            _ if reason.is_some() => Standing::Untestable,
+            None => Standing::Refused,
+            Some(a) if a.p_adjusted < settings.alpha => Standing::Trifle,
+            Some(_) => Standing::NotNeeded,
+        };
+        CandidateReport {
+            name: name.clone(),
+            probability,
+            explained: alone.explained_share.unwrap_or(0.0).clamp(0.0, 1.0),
+            p_adjusted: beside.unwrap_or(alone).p_adjusted,
+            visible: alone.visibility == Visibility::Visible,
+            absorbed_by: alone.absorbed_by.iter().map(|x| x.parameter.clone()).collect(),
+            standing,
+            untestable: reason.filter(|_| standing == Standing::Untestable),
+        }
+    };
+    let mut reports: Vec<CandidateReport> = all.order.iter().map(|&i| report(&all.candidates[i])).collect();
+    let place = |r: &CandidateReport| effects.iter().position(|e| e.name == r.name).unwrap_or(effects.len());
+    // What could be found by its likelihood, what could not behind it.
+    reports.sort_by_key(|r| (place(r), r.standing != Standing::Rival, r.standing == Standing::Untestable));
+    reports
+}

@@ -1,0 +1,190 @@
+//! [`Arrangement`]: how the columns of a recording may stand to the axes of the model: order, sense of rotation, zero.
+//!
+//! Each arrangement is judged by how well multiples of the torques that the model predicts for it explain the measured ones,
+//! so a wrong factor or sign of a torque costs little and is read off afterwards.
+
+use std::f64::consts::FRAC_PI_2;
+
+use super::instants::{Instants, Predicted};
+use super::line::Line;
+use crate::dynamics::Plant;
+use crate::kinematics::JointState;
+use crate::model::{AXES, Mechanism};
+
+/// Which column each axis is, and how its angle counts: q = sign · column + zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrangement {
+    /// Column of each axis' angle.
+    pub angle: [usize; AXES],
+    /// Column of each axis' torque.
+    pub torque: [usize; AXES],
+    /// +1, or −1 for an angle that counts the other way.
+    pub sign: [f64; AXES],
+    /// rad.
+    pub zero: [f64; AXES],
+}
+
+/// Spacing of the zeros that are tried, rad.
+const ZERO_STEP: f64 = FRAC_PI_2 / 6.0;
+/// Share of poses that must be possible.
+const POSSIBLE: f64 = 0.98;
+/// Unexplained share below which noise would decide.
+const FLOOR: f64 = 1e-3;
+/// Every so many instants are enough to choose by.
+const THINNED: usize = 4;
+/// What a torque of the wrong sign, or of the wrong size by a factor e, costs.
+const WRONG: f64 = 0.3;
+/// What each departure from the file's own arrangement costs.
+const CHANGE: f64 = 0.02;
+
+impl Arrangement {
+    /// As the file has it.
+    pub const PLAIN: Self = Self { angle: [0, 1, 2, 3], torque: [0, 1, 2, 3], sign: [1.0; AXES], zero: [0.0; AXES] };
+
+    /// The motion of the axes.
+    pub fn joints(&self, j: &JointState) -> JointState {
+        let of = |v: &[f64; AXES], i: usize| self.sign[i] * v[self.angle[i]];
+        JointState {
+            q: std::array::from_fn(|i| of(&j.q, i) + self.zero[i]),
+            qd: std::array::from_fn(|i| of(&j.qd, i)),
+            qdd: std::array::from_fn(|i| of(&j.qdd, i)),
+        }
+    }
+
+    /// Every arrangement worth trying on a machine.
+    pub fn candidates(machine: Mechanism) -> Vec<Self> {
+        let (axes, arms) = (machine.axes(), machine.arms());
+        let mut all = Vec::new();
+        for order in orders(axes) {
+            all.push(Self { angle: order, torque: order, ..Self::PLAIN });
+            all.push(Self { torque: order, ..Self::PLAIN });
+            all.push(Self { angle: order, ..Self::PLAIN });
+        }
+        for flipped in 1..1usize << arms {
+            let sign = std::array::from_fn(|i| if i < arms && flipped >> i & 1 == 1 { -1.0 } else { 1.0 });
+            all.push(Self { sign, ..Self::PLAIN });
+        }
+        for (sign, step) in [1.0, -1.0].into_iter().flat_map(|s| (-12..12).map(move |k| (s, k))) {
+            let zero = f64::from(step) * ZERO_STEP;
+            let of = |on: &dyn Fn(usize) -> bool| Self {
+                sign: std::array::from_fn(|i| if on(i) { sign } else { 1.0 }),
+                zero: std::array::from_fn(|i| if on(i) { zero } else { 0.0 }),
+                ..Self::PLAIN
+            };
+            if step == 0 {
+                continue;
+            }
+            all.push(of(&|i| i < arms));
+            all.extend((0..arms).filter(|_| step % 6 == 0).map(|arm| of(&|i| i == arm)));
+        }
+        all.retain(|a| *a != Self::PLAIN);
+        all
+    }
+
+    /// Departures from the file's own arrangement, those alike on all arms as one.
+    fn changes(&self) -> usize {
+        let count = |differs: &dyn Fn(usize) -> bool| (0..AXES).filter(|&i| differs(i)).count();
+        count(&|i| self.angle[i] != i)
+            + count(&|i| self.torque[i] != i)
+            + count(&|i| self.sign[i] < 0.0)
+            + count(&|i| self.zero[i] != 0.0)
+    }
+}
+
+/// Orders of `axes` axes but the natural one.
+fn orders(axes: usize) -> Vec<[usize; AXES]> {
+    let mut all = vec![Vec::new()];
+    for _ in 0..axes {
+        let longer = |order: Vec<usize>| {
+            let rest: Vec<usize> = (0..axes).filter(|i| !order.contains(i)).collect();
+            rest.into_iter().map(move |i| order.iter().copied().chain([i]).collect::<Vec<usize>>())
+        };
+        all = all.into_iter().flat_map(longer).collect();
+    }
+    let whole = |order: Vec<usize>| std::array::from_fn(|i| order.get(i).copied().unwrap_or(i));
+    all.into_iter().map(whole).filter(|order: &[usize; AXES]| *order != Arrangement::PLAIN.torque).collect()
+}
+
+/// How well the recording agrees with an arrangement.
+pub struct Judgement {
+    /// The arrangement.
+    pub arrangement: Arrangement,
+    /// Line of each channel's measured values over the predicted ones; none where nothing varies.
+    pub lines: Vec<Option<Line>>,
+    /// Sum over the channels of ln(unexplained share), and what speaks against it; lower is better.
+    pub cost: f64,
+}
+
+/// Judges an arrangement; none if the machine cannot take the poses.
+pub fn judge(plant: &Plant, instants: &Instants, arrangement: Arrangement) -> Option<Judgement> {
+    let trace = instants.trace;
+    let joints = instants.joints(|j| arrangement.joints(j));
+    let t = trace.t.first().copied().unwrap_or(0.0);
+    let predicted = Predicted::new(plant, &trace.channels, t, &joints);
+    if predicted.share() < POSSIBLE {
+        return None;
+    }
+    let line = |c: usize| {
+        let column = trace.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
+        Line::of(&predicted.series[c], &predicted.of(instants.measured(column, 0)))
+    };
+    let lines: Vec<Option<Line>> = (0..trace.channels.len()).map(line).collect();
+    let wrong = |l: &Line| WRONG * (f64::from(l.slope < 0.0) + l.slope.abs().max(1e-9).ln().powi(2));
+    let cost = |l: &Line| (l.unexplained + FLOOR).ln() + wrong(l);
+    let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;
+    Some(Judgement { arrangement, lines, cost })
+}
+
+/// The best of all arrangements.
+pub fn best(plant: &Plant, instants: &Instants) -> Option<Judgement> {
+    let some = instants.thinned(THINNED);
+    let few = some.thinned(some.at.len().div_ceil(20));
+    let all = Arrangement::candidates(plant.mechanism);
+    let all = all.into_iter().filter(|a| judge(plant, &few, *a).is_some());
+    let judged = all.filter_map(|a| judge(plant, &some, a));
+    let best = judged.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    judge(plant, instants, refined(plant, &some, best).arrangement)
+}
+
+/// The zeros of an arrangement brought to the best ones nearby; those next to a quarter turn stay there.
+fn refined(plant: &Plant, instants: &Instants, best: Judgement) -> Judgement {
+    let found = best.arrangement;
+    let moved = |by: f64| {
+        let mut a = found;
+        a.zero = a.zero.map(|z| if z == 0.0 { z } else { z + by });
+        a
+    };
+    if moved(1.0) == found {
+        return best;
+    }
+    let cost = |by: f64| judge(plant, instants, moved(by)).map_or(f64::INFINITY, |j| j.cost);
+    let (mut low, mut high) = (-0.5 * ZERO_STEP, 0.5 * ZERO_STEP);
+    while high - low > 1e-3 {
+        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if cost(a) < cost(b) { high = b } else { low = a }
+    }
+    let mut found = moved(0.5 * (low + high));
+    let quarter = |z: f64| (z / FRAC_PI_2).round() * FRAC_PI_2;
+    let near = |z: f64| (z - quarter(z)).abs() < 0.02 && quarter(z) != 0.0;
+    found.zero = found.zero.map(|z| if near(z) { quarter(z) } else { (1e4 * z).round() / 1e4 });
+    match judge(plant, instants, found) {
+        Some(judged) if judged.cost < best.cost + CHANGE => judged,
+        _ => best,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_order_is_tried_once() {
+        assert_eq!(orders(4).len(), 23);
+        assert_eq!(orders(1).len(), 0);
+        let all = Arrangement::candidates(Mechanism::default());
+        assert!(!all.contains(&Arrangement::PLAIN));
+        for (i, a) in all.iter().enumerate() {
+            assert!(!all[..i].contains(a), "{a:?}");
+        }
+    }
+}

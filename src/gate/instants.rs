@@ -1,0 +1,113 @@
+//! Instants of a recording and what the model predicts there.
+
+use rayon::prelude::*;
+
+use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
+use crate::effects::Kind;
+use crate::identification::Trace;
+use crate::kinematics::JointState;
+use crate::model::bodies::END_EFFECTOR;
+use crate::model::{Inertia, Model};
+
+/// Longest lag that is looked for, s.
+pub const LONGEST_LAG: f64 = 0.025;
+
+/// Samples of a trace spread over its length, far enough from the ends of stretches that lags stay within.
+pub struct Instants<'a> {
+    /// The recording.
+    pub trace: &'a Trace,
+    /// Indices of the samples.
+    pub at: Vec<usize>,
+    /// Largest lag, samples.
+    pub reach: usize,
+}
+
+impl<'a> Instants<'a> {
+    /// At most `count` instants.
+    pub fn of(trace: &'a Trace, count: usize) -> Self {
+        let reach = if trace.dt > 0.0 { (LONGEST_LAG / trace.dt).round() as usize } else { 0 };
+        let shortest = trace.segments.iter().map(|s| s.len()).max().unwrap_or(0);
+        let reach = reach.min(shortest / 4);
+        let inner =
+            trace.segments.iter().flat_map(|s| s.start + reach..s.end.saturating_sub(reach).max(s.start + reach));
+        let inner: Vec<usize> = inner.collect();
+        let stride = inner.len().div_ceil(count.max(1)).max(1);
+        Self { trace, at: inner.into_iter().step_by(stride).collect(), reach }
+    }
+
+    /// Every `stride`-th of them.
+    pub fn thinned(&self, stride: usize) -> Self {
+        Self { trace: self.trace, at: self.at.iter().step_by(stride.max(1)).copied().collect(), reach: self.reach }
+    }
+
+    /// Joint motion, changed by `change`.
+    pub fn joints(&self, change: impl Fn(&JointState) -> JointState) -> Vec<JointState> {
+        self.at.iter().map(|&k| change(&self.trace.joints[k])).collect()
+    }
+
+    /// A measured channel, `lag` samples later.
+    pub fn measured(&self, channel: usize, lag: isize) -> Vec<f64> {
+        let series = &self.trace.measured[channel];
+        self.at.iter().map(|&k| series[k.saturating_add_signed(lag).min(series.len() - 1)]).collect()
+    }
+}
+
+/// What the gate computes with: rigid bodies, payload and force laws without own states. What lies between encoder and
+/// joint, sensors and internal states change predictions by less than what the gate looks for.
+pub fn plain(model: &Model, trace: &Trace) -> Plant {
+    let mut plant = Plant::new(model, &trace.setup);
+    plant.effects.retain(|a| a.states() == 0 && !matches!(a.effect.kind(), Kind::Sensor | Kind::Encoder));
+    plant
+}
+
+/// The same with another kilogram of payload, at the place that the setup states.
+pub fn heavier(plant: &Plant) -> Plant {
+    let mut heavier = plant.clone();
+    let (carrier, kilogram) = heavier.carrier(END_EFFECTOR, Inertia::point(1.0, plant.payload.com));
+    heavier.bodies[carrier] += kilogram;
+    heavier
+}
+
+/// Predictions at some instants: one series per channel of the trace, and the share of instants whose pose is possible.
+pub struct Predicted {
+    /// Series by channel, over the possible instants.
+    pub series: Vec<Vec<f64>>,
+    /// Which instants are possible.
+    pub possible: Vec<bool>,
+}
+
+impl Predicted {
+    /// Predicts the channels for joint motions.
+    pub fn new(plant: &Plant, channels: &[Channel], t: f64, joints: &[JointState]) -> Self {
+        let struts = channels.iter().any(|c| c.drive().is_none());
+        let states: Vec<&[f64]> = plant.effects.iter().map(|_| &[][..]).collect();
+        let outputs: Vec<Option<Output>> = joints
+            .par_iter()
+            .map(|j| {
+                let motion = plant.motion(j).ok()?;
+                let out = inverse_dynamics(plant, t, &motion, &states, struts).ok()?;
+                channels.iter().all(|c| value(*c, &out).is_finite()).then_some(out)
+            })
+            .collect();
+        let series = |c: &Channel| outputs.iter().flatten().map(|o| value(*c, o)).collect();
+        Self { series: channels.iter().map(series).collect(), possible: outputs.iter().map(Option::is_some).collect() }
+    }
+
+    /// Share of the instants whose pose the machine can take.
+    pub fn share(&self) -> f64 {
+        self.possible.iter().filter(|p| **p).count() as f64 / self.possible.len().max(1) as f64
+    }
+
+    /// The values at possible instants.
+    pub fn of(&self, values: Vec<f64>) -> Vec<f64> {
+        values.into_iter().zip(&self.possible).filter(|(_, p)| **p).map(|(v, _)| v).collect()
+    }
+}
+
+fn value(channel: Channel, output: &Output) -> f64 {
+    match channel {
+        Channel::Torque(i) | Channel::Force(i) => output.tau[i],
+        Channel::StrutUpper(s) => output.reactions.upper[s],
+        Channel::StrutLower(s) => output.reactions.lower[s],
+    }
+}

@@ -1,0 +1,107 @@
+//! Least squares with a handful of features.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Eigenvalue of the scaled normal equations, relative to the largest, below which features are alike.
+const ALIKE: f64 = 1e-9;
+
+/// y ≈ Σ β·features.
+#[derive(Clone, Debug)]
+pub struct LeastSquares {
+    /// Coefficients, in the order of the features.
+    pub beta: Vec<f64>,
+    /// Their standard errors for independent residuals.
+    pub std: Vec<f64>,
+    /// Mean square of the residual.
+    pub mean_square: f64,
+}
+
+/// Fits `y` by `features`, each of its length; none with fewer samples than twice the features, or without variation.
+pub fn least_squares(features: &[&[f64]], y: &[f64]) -> Option<LeastSquares> {
+    let (n, k) = (y.len(), features.len());
+    if n < 2 * k.max(1) {
+        return None;
+    }
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let scale: Vec<f64> = features.iter().map(|f| dot(f, f).sqrt().max(f64::MIN_POSITIVE)).collect();
+    let normal = DMatrix::from_fn(k, k, |a, b| dot(features[a], features[b]) / (scale[a] * scale[b]));
+    let right = DVector::from_fn(k, |a, _| dot(features[a], y) / scale[a]);
+    if !normal.iter().chain(right.iter()).all(|v| v.is_finite()) {
+        return None;
+    }
+    let eigen = normal.symmetric_eigen();
+    let floor = ALIKE * eigen.eigenvalues.max();
+    let inverse = eigen.eigenvalues.map(|l| if l > floor { 1.0 / l } else { 0.0 });
+    let inverse = &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+    let scaled = &inverse * right;
+    let beta: Vec<f64> = (0..k).map(|a| scaled[a] / scale[a]).collect();
+    let residual = |i: usize| y[i] - (0..k).map(|a| beta[a] * features[a][i]).sum::<f64>();
+    let squares: f64 = (0..n).map(|i| residual(i).powi(2)).sum();
+    let variance = squares / (n - k) as f64;
+    let std = (0..k).map(|a| (variance * inverse[(a, a)].max(0.0)).sqrt() / scale[a]).collect();
+    Some(LeastSquares { beta, std, mean_square: squares / n as f64 })
+}
+
+/// How a measured series follows a predicted one: measured ≈ offset + slope · predicted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// Slope and its standard error for independent residuals.
+    pub slope: f64,
+    /// Standard error of the slope.
+    pub slope_std: f64,
+    /// In the unit of the series.
+    pub offset: f64,
+    /// Correlation coefficient.
+    pub correlation: f64,
+    /// Share of the measured mean square that no multiple of the predicted series explains, constants included.
+    pub unexplained: f64,
+}
+
+impl Line {
+    /// The line of `y` over `x`; none where either does not vary.
+    pub fn of(x: &[f64], y: &[f64]) -> Option<Self> {
+        let ones = vec![1.0; x.len()];
+        let fit = least_squares(&[&ones, x], y)?;
+        let [sx, sy] = [x, y].map(deviation);
+        let (slope, correlation) = (fit.beta[1], fit.beta[1] * sx / sy);
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let unexplained = 1.0 - dot(x, y).powi(2) / (dot(x, x) * dot(y, y)).max(f64::MIN_POSITIVE);
+        let moves = sx > 1e-9 * rms(x) && sy > 1e-9 * rms(y);
+        (moves && correlation.is_finite()).then(|| Self {
+            slope,
+            slope_std: fit.std[1],
+            offset: fit.beta[0],
+            correlation: correlation.clamp(-1.0, 1.0),
+            unexplained: unexplained.clamp(0.0, 1.0),
+        })
+    }
+}
+
+/// Root mean square.
+pub fn rms(x: &[f64]) -> f64 {
+    (x.iter().map(|v| v * v).sum::<f64>() / x.len().max(1) as f64).sqrt()
+}
+
+/// Standard deviation.
+pub fn deviation(x: &[f64]) -> f64 {
+    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
+    (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len().max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Worked by hand: x = 0, 1, 2, 3 and y = 1, 3, 2, 4 have slope 0.8, offset 1.3, correlation 0.8, Σr² = 1.8.
+    #[test]
+    fn a_line_worked_by_hand() {
+        let line = Line::of(&[0.0, 1.0, 2.0, 3.0], &[1.0, 3.0, 2.0, 4.0]).unwrap();
+        assert!((line.slope - 0.8).abs() < 1e-12 && (line.offset - 1.3).abs() < 1e-12, "{line:?}");
+        assert!((line.correlation - 0.8).abs() < 1e-12, "{line:?}");
+        // 1 − (Σxy)²/(Σx²·Σy²) = 1 − 19²/(14·30)
+        assert!((line.unexplained - (1.0 - 361.0 / 420.0)).abs() < 1e-12, "{line:?}");
+        // s² = 1.8/2, over Σ(x − 1.5)² = 5
+        assert!((line.slope_std - (0.9f64 / 5.0).sqrt()).abs() < 1e-12, "{line:?}");
+        assert_eq!(Line::of(&[1.0; 8], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]), None);
+    }
+}

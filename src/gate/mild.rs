@@ -1,0 +1,239 @@
+//! What a fit can live with but its reader should know: lag, a load that is not stated, constant torques.
+
+use super::instants::{Instants, Predicted, heavier};
+use super::line::{LeastSquares, least_squares, rms};
+use super::{Evidence, Finding, Problem, Remedy, rounded};
+use crate::dynamics::Plant;
+use crate::kinematics::JointState;
+use crate::model::Model;
+
+/// Steepness of the friction feature, s/rad (eq. 48).
+const STEEPNESS: f64 = 100.0;
+/// Mean fall of ln(unexplained) per axis that a lag must bring.
+const LAG_GAIN: f64 = 0.4;
+/// Smallest payload worth a word, kg.
+const PAYLOAD: f64 = 0.25;
+/// Share of the residual's variance that a payload must explain, and spread of its estimates by arm.
+const PAYLOAD_SHARE: (f64, f64) = (0.6, 0.25);
+/// What a payload may leave of the residual.
+const CARRIED: f64 = 0.7;
+/// Noise that a constant must exceed, and share of the residual's mean square that it must take away.
+const OFFSET: (f64, f64) = (2.0, 0.5);
+
+/// Findings about lag, payload and constants, on a recording without anything severe.
+pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
+    let Some(mut context) = Context::new(model, plant, instants) else { return Vec::new() };
+    let lag = context.lag();
+    if lag.is_some() {
+        // Payload and constants would be read off what the lag leaves.
+        return lag.into_iter().collect();
+    }
+    let load = context.load();
+    if let Some(load) = &load {
+        for (series, z) in context.predicted.series.iter_mut().zip(&load.torques) {
+            series.iter_mut().zip(z).for_each(|(p, z)| *p += load.mass * z);
+        }
+    }
+    let drives = context.friction.len();
+    let loaded = load.and_then(|load| context.payload(&load));
+    loaded.into_iter().chain((0..drives).filter_map(|i| context.offset(i))).collect()
+}
+
+/// The load that a recording shows and its setup does not state; none if there is no clear one.
+pub fn load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Load> {
+    Context::new(model, plant, instants)?.load()
+}
+
+/// A mass at the flange beyond what the setup states.
+pub struct Load {
+    /// kg.
+    pub mass: f64,
+    /// Its standard error for independent residuals, kg.
+    pub std: f64,
+    /// Torques of one kilogram by channel, N·m.
+    torques: Vec<Vec<f64>>,
+    /// RMS residual of the arms without and with the load, N·m.
+    pub before: f64,
+    /// The same with the load.
+    pub after: f64,
+}
+
+struct Context<'a> {
+    plant: &'a Plant,
+    instants: &'a Instants<'a>,
+    predicted: Predicted,
+    /// Rate and its smooth sign, by axis.
+    friction: Vec<[Vec<f64>; 2]>,
+    joints: Vec<JointState>,
+    noise: Vec<f64>,
+    ones: Vec<f64>,
+}
+
+impl<'a> Context<'a> {
+    /// None where a pose is impossible.
+    fn new(model: &Model, plant: &'a Plant, instants: &'a Instants<'a>) -> Option<Self> {
+        let trace = instants.trace;
+        let joints = instants.joints(|j| *j);
+        let predicted = Predicted::new(plant, &trace.channels, trace.t.first().copied().unwrap_or(0.0), &joints);
+        let drives = plant.mechanism.axes().min(predicted.series.len());
+        let friction = |i: usize| {
+            let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
+            let signs = rates.iter().map(|r| (STEEPNESS * r).tanh()).collect();
+            [rates, signs]
+        };
+        let friction = (0..drives).map(friction).collect();
+        let possible = predicted.possible.iter().all(|p| *p);
+        let ones = vec![1.0; joints.len()];
+        possible.then(|| Self { plant, instants, predicted, friction, joints, noise: trace.noise(model), ones })
+    }
+
+    fn residual(&self, axis: usize, lag: isize) -> Vec<f64> {
+        let measured = self.instants.measured(axis, lag);
+        measured.iter().zip(&self.predicted.series[axis]).map(|(m, p)| m - p).collect()
+    }
+
+    /// Measured on predicted torque, constant and friction.
+    fn fit(&self, axis: usize, lag: isize) -> Option<LeastSquares> {
+        let [rate, sign] = &self.friction[axis];
+        let features = [&self.ones[..], &self.predicted.series[axis], rate, sign];
+        least_squares(&features, &self.instants.measured(axis, lag))
+    }
+
+    /// The lag, common to all torques, at which they follow the angles best.
+    fn lag(&self) -> Option<Finding> {
+        let (dt, reach) = (self.instants.trace.dt, self.instants.reach as isize);
+        let drives = self.friction.len();
+        let cost = |lag: isize| {
+            (0..drives).filter_map(|i| Some(self.fit(i, lag)?.mean_square.max(f64::MIN_POSITIVE).ln())).sum::<f64>()
+        };
+        let costs: Vec<f64> = (-reach..=reach).map(cost).collect();
+        let best = (-reach..=reach).min_by(|a, b| {
+            let of = |lag: &isize| costs[(lag + reach) as usize];
+            of(a).total_cmp(&of(b))
+        })?;
+        let gain = (costs[reach as usize] - costs[(best + reach) as usize]) / drives as f64;
+        if best == 0 || best.abs() == reach || gain < LAG_GAIN {
+            return None;
+        }
+        let lag = best as f64 * dt;
+        let arms = 0..self.plant.mechanism.arms();
+        let total = |lag: isize| rms(&arms.clone().flat_map(|i| self.residual(i, lag)).collect::<Vec<_>>());
+        let milliseconds = rounded(1e3 * lag, 4);
+        let late = if lag > 0.0 { "late" } else { "early" };
+        Some(Finding {
+            recording: self.instants.trace.name.clone(),
+            axis: None,
+            problem: Problem::Lag,
+            severe: false,
+            evidence: Evidence {
+                value: Some((lag, dt / 2.0)),
+                rms_before: Some(total(0)),
+                rms_after: Some(total(best)),
+                ..Evidence::default()
+            },
+            sentence: format!("the torques come {} ms {late} against the angles", milliseconds.abs()),
+            remedy: Remedy::Map((1..=drives).map(|k| format!("tau{k}=tau{k}@{milliseconds}ms")).collect()),
+        })
+    }
+
+    /// Torques of one kilogram more at the flange, by channel.
+    fn kilogram(&self) -> Option<Vec<Vec<f64>>> {
+        let channels = &self.instants.trace.channels;
+        let [heavy, plain] = [&heavier(self.plant), self.plant].map(|p| Predicted::new(p, channels, 0.0, &self.joints));
+        let possible = [&heavy, &plain].iter().all(|p| p.possible.iter().all(|p| *p));
+        let difference = |(h, p): (&Vec<f64>, &Vec<f64>)| h.iter().zip(p).map(|(h, p)| h - p).collect();
+        possible.then(|| heavy.series.iter().zip(&plain.series).map(difference).collect())
+    }
+
+    /// What constants and friction leave of a series of one axis.
+    fn beyond_friction(&self, axis: usize, y: &[f64]) -> Option<Vec<f64>> {
+        let [rate, sign] = &self.friction[axis];
+        let features = [&self.ones[..], rate, sign];
+        let fit = least_squares(&features, y)?;
+        Some((0..y.len()).map(|k| y[k] - (0..3).map(|a| fit.beta[a] * features[a][k]).sum::<f64>()).collect())
+    }
+
+    /// The mass at the flange that all arms agree on beyond what the setup states.
+    fn load(&self) -> Option<Load> {
+        if !self.plant.assembled {
+            return None;
+        }
+        let torques = self.kilogram()?;
+        let arms = self.plant.mechanism.arms();
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let (mut product, mut square, mut whole) = (0.0, 0.0, 0.0);
+        let mut each = Vec::new();
+        for i in 0..arms {
+            let (r, z) = (self.beyond_friction(i, &self.residual(i, 0))?, self.beyond_friction(i, &torques[i])?);
+            each.push(dot(&r, &z) / dot(&z, &z).max(f64::MIN_POSITIVE));
+            product += dot(&r, &z);
+            square += dot(&z, &z);
+            whole += dot(&r, &r);
+        }
+        let mass = product / square.max(f64::MIN_POSITIVE);
+        let share = product * mass / whole.max(f64::MIN_POSITIVE);
+        let alike = each.iter().all(|m| (m - mass).abs() < PAYLOAD_SHARE.1 * mass.abs());
+        let samples = (arms * self.ones.len()) as f64;
+        let std = ((1.0 - share).max(0.0) * whole / samples / square.max(f64::MIN_POSITIVE)).sqrt();
+        let arms = |loaded: f64| {
+            let rest =
+                |i: usize| self.residual(i, 0).into_iter().zip(torques[i].clone()).map(move |(r, z)| r - loaded * z);
+            rms(&(0..arms).flat_map(rest).collect::<Vec<_>>())
+        };
+        let (before, after) = (arms(0.0), arms(mass));
+        let clear = mass.abs() > PAYLOAD && share > PAYLOAD_SHARE.0 && alike && after < CARRIED * before;
+        clear.then_some(Load { mass, std, torques, before, after })
+    }
+
+    fn payload(&self, load: &Load) -> Option<Finding> {
+        let stated = self.plant.payload.mass;
+        let total = stated + load.mass;
+        if total <= 0.0 {
+            return None;
+        }
+        let said = if stated == 0.0 { "states none".into() } else { format!("states {stated} kg") };
+        Some(Finding {
+            recording: self.instants.trace.name.clone(),
+            axis: None,
+            problem: Problem::Payload,
+            severe: false,
+            evidence: Evidence {
+                value: Some((total, load.std)),
+                rms_before: Some(load.before),
+                rms_after: Some(load.after),
+                ..Evidence::default()
+            },
+            sentence: format!("the arms carry about {} kg at the flange, the setup {said}", rounded(total, 2)),
+            remedy: Remedy::PayloadMass(total),
+        })
+    }
+
+    /// A constant torque of one axis.
+    fn offset(&self, axis: usize) -> Option<Finding> {
+        let fit = self.fit(axis, 0)?;
+        let residual = self.residual(axis, 0);
+        let constant = fit.beta[0];
+        let rest: Vec<f64> = residual.iter().map(|r| r - constant).collect();
+        let (before, after) = (rms(&residual), rms(&rest));
+        let clear = constant.abs() > OFFSET.0 * self.noise[axis] && constant.abs() > 5.0 * fit.std[0];
+        if !clear || after.powi(2) > (1.0 - OFFSET.1) * before.powi(2) {
+            return None;
+        }
+        let channel = self.instants.trace.channels[axis];
+        let (k, value) = (axis + 1, rounded(constant, 3));
+        Some(Finding {
+            recording: self.instants.trace.name.clone(),
+            axis: Some(axis),
+            problem: Problem::Offset,
+            severe: false,
+            evidence: Evidence {
+                value: Some((constant, fit.std[0])),
+                rms_before: Some(before),
+                rms_after: Some(after),
+                ..Evidence::default()
+            },
+            sentence: format!("axis {k} reads a constant {value:+} {} too much", channel.unit()),
+            remedy: Remedy::Map(vec![format!("tau{k}=tau{k}{:+}", -value)]),
+        })
+    }
+}

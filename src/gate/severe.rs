@@ -1,0 +1,306 @@
+//! What makes a fit worthless: signs, factors, order and zeros of columns, another machine.
+
+use super::arrangement::{Arrangement, Judgement, best, judge};
+use super::instants::{Instants, Predicted};
+use super::line::{Line, least_squares, rms};
+use super::mild::load;
+use super::{Evidence, Finding, Problem, Remedy, rounded};
+use crate::dynamics::Plant;
+use crate::kinematics::JointState;
+use crate::model::{AXES, Mechanism, Model};
+
+/// Slopes of measured over predicted torque that a missing effect may leave.
+const SLOPE: (f64, f64) = (0.45, 2.2);
+/// Correlation below which a torque hardly follows.
+const CORRELATED: f64 = 0.8;
+/// Unexplained share of an arm's torque, and of the telescope's, which friction governs, from which other arrangements are
+/// tried.
+const ODD: (f64, f64) = (0.03, 0.2);
+/// What a payload may leave of the residual so that nothing else is looked for.
+const CARRIED: f64 = 0.3;
+/// Correlation of an axis from which its slope is read as a factor.
+const CERTAIN: f64 = 0.8;
+/// Correlation from which a negative one is a sign.
+const SIGN: f64 = 0.6;
+/// Fall of the cost that makes another arrangement believable, and correlation of every arm in it.
+const BETTER: (f64, f64) = (4.0, 0.9);
+/// Ratio of the slopes over weight and over inertia that no factor explains.
+const UNLIKE: f64 = 1.3;
+/// RMS of measured − predicted, relative to that of the measured torque, beyond which a model says nothing.
+const WORTHLESS: f64 = 2.0;
+
+/// Findings about signs, factors, order and zeros; the machine as a whole where nothing else explains them.
+pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
+    let plain = judge(plant, instants, Arrangement::PLAIN);
+    let drives = |p: &Judgement| p.lines.iter().copied().take(plant.mechanism.axes()).collect::<Vec<_>>();
+    let all = plain.as_ref().map_or_else(Vec::new, drives);
+    let arms = plant.mechanism.arms();
+    let odd = |(i, l): (usize, &Option<Line>)| l.is_some_and(|l| l.unexplained > if i < arms { ODD.0 } else { ODD.1 });
+    let strange = plain.is_none() || all.iter().enumerate().any(odd);
+    if !strange && all.iter().flatten().all(usual) {
+        return Vec::new();
+    }
+    let carried = || load(model, plant, instants).is_some_and(|l| l.after < CARRIED * l.before);
+    let other = if strange && !carried() { best(plant, instants) } else { None };
+    let other = other.filter(|b| believable(b, plain.as_ref(), plant));
+    let Some(judged) = other.as_ref().or(plain.as_ref()) else {
+        return vec![impossible(plant, instants)];
+    };
+    let context = Context { model, plant, instants, plain: plain.as_ref(), judged };
+    let found = context.axes();
+    match context.another_machine() {
+        Some(finding) if found.iter().all(|f| f.problem == Problem::Factor) => vec![finding],
+        _ if found.is_empty() => context.unrelated(),
+        _ => found,
+    }
+}
+
+fn usual(line: &Line) -> bool {
+    line.correlation > CORRELATED && (SLOPE.0..SLOPE.1).contains(&line.slope)
+}
+
+/// Whether an arrangement explains the recording and the file's own does not.
+fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant) -> bool {
+    let arms = other.lines.iter().take(plant.mechanism.arms()).flatten();
+    let correlated = arms.fold(f64::INFINITY, |least, l| least.min(l.correlation.abs())) > BETTER.1;
+    correlated && plain.is_none_or(|p| other.cost < p.cost - BETTER.0)
+}
+
+/// No pose, or few, of the recording is one of the machine.
+fn impossible(plant: &Plant, instants: &Instants) -> Finding {
+    let joints = instants.joints(|j| *j);
+    let share = Predicted::new(plant, &instants.trace.channels, 0.0, &joints).share();
+    Finding {
+        recording: instants.trace.name.clone(),
+        axis: None,
+        problem: Problem::AnotherMachine,
+        severe: true,
+        evidence: Evidence::default(),
+        sentence: format!(
+            "{:.0} % of the poses are impossible for the model's geometry, with any order, sense or zero of the angles",
+            100.0 * (1.0 - share)
+        ),
+        remedy: Remedy::Words("the model of the machine that was measured"),
+    }
+}
+
+struct Context<'a> {
+    model: &'a Model,
+    plant: &'a Plant,
+    instants: &'a Instants<'a>,
+    plain: Option<&'a Judgement>,
+    judged: &'a Judgement,
+}
+
+impl Context<'_> {
+    fn drives(&self) -> usize {
+        self.plant.mechanism.axes()
+    }
+
+    /// What brings each torque to the size and sign of the predicted one.
+    fn scale(&self, axis: usize) -> f64 {
+        let Some(line) = &self.judged.lines[axis] else { return 1.0 };
+        let sign = if line.slope < 0.0 && line.correlation < -SIGN { -1.0 } else { 1.0 };
+        let size = line.slope.abs();
+        if (SLOPE.0..SLOPE.1).contains(&size) || line.correlation.abs() < CERTAIN {
+            return sign;
+        }
+        sign * self.gear(axis, size).unwrap_or_else(|| nice(1.0 / size))
+    }
+
+    /// The gear ratio, or one over it, if that is the factor.
+    fn gear(&self, axis: usize, slope: f64) -> Option<f64> {
+        let gear = self.model.drives[axis].gear_ratio;
+        let near = |x: f64| (SLOPE.0..SLOPE.1).contains(&x);
+        if gear <= 1.0 {
+            None
+        } else if near(slope * gear) {
+            Some(gear)
+        } else {
+            near(slope / gear).then_some(1.0 / gear)
+        }
+    }
+
+    fn axes(&self) -> Vec<Finding> {
+        (0..self.drives()).filter_map(|axis| self.axis(axis)).collect()
+    }
+
+    fn axis(&self, axis: usize) -> Option<Finding> {
+        let a = &self.judged.arrangement;
+        let scale = self.scale(axis);
+        let factor = scale.abs() != 1.0;
+        let problem = if a.angle[axis] != axis || a.torque[axis] != axis {
+            Problem::Order
+        } else if a.zero[axis] != 0.0 {
+            Problem::Zero
+        } else if a.sign[axis] < 0.0 {
+            if scale < 0.0 { Problem::AxisSign } else { Problem::PositionSign }
+        } else if scale < 0.0 {
+            Problem::TorqueSign
+        } else if factor && self.gear(axis, 1.0 / scale) == Some(scale) {
+            Problem::MotorSide
+        } else if factor {
+            Problem::Factor
+        } else {
+            return None;
+        };
+        let (before, after) = self.rms(axis, scale);
+        let line = self.plain.and_then(|p| p.lines[axis]);
+        Some(Finding {
+            recording: self.instants.trace.name.clone(),
+            axis: Some(axis),
+            problem,
+            // On a bench the mass is what is to be found.
+            severe: problem != Problem::Factor || !matches!(self.plant.mechanism, Mechanism::Axis(_)),
+            evidence: Evidence {
+                line,
+                value: (problem == Problem::Zero).then_some((a.zero[axis], 0.0)),
+                rms_before: before,
+                rms_after: Some(after),
+            },
+            sentence: self.sentence(axis, problem, scale),
+            remedy: Remedy::Map(self.assignments(axis, scale)),
+        })
+    }
+
+    fn sentence(&self, axis: usize, problem: Problem, scale: f64) -> String {
+        let (k, a) = (axis + 1, &self.judged.arrangement);
+        match problem {
+            Problem::Order if a.angle[axis] == axis => format!("tau{} is the torque of axis {k}", a.torque[axis] + 1),
+            Problem::Order if a.torque[axis] == axis => format!("q{} is the angle of axis {k}", a.angle[axis] + 1),
+            Problem::Order => format!("the columns of axis {} are those of axis {k}", a.angle[axis] + 1),
+            Problem::Zero => {
+                let sense = if a.sign[axis] < 0.0 { " and the other way" } else { "" };
+                format!("the angle of axis {k} counts from {:.1}° elsewhere{sense}", a.zero[axis].to_degrees())
+            }
+            Problem::AxisSign => format!("angle and torque of axis {k} count the other way"),
+            Problem::PositionSign => format!("the angle of axis {k} counts the other way"),
+            Problem::TorqueSign => format!("the torque of axis {k} has the other sign"),
+            Problem::MotorSide if scale > 1.0 => {
+                format!("the torque of axis {k} is that of the motor, before a gear of {scale}")
+            }
+            Problem::MotorSide => format!("the torque of axis {k} holds the gear ratio {} twice", 1.0 / scale),
+            _ => format!("the torque of axis {k} is {} times too large: unit or torque constant?", nice(1.0 / scale)),
+        }
+    }
+
+    /// Assignments for `--map` of one axis.
+    fn assignments(&self, axis: usize, scale: f64) -> Vec<String> {
+        let (k, a) = (axis + 1, &self.judged.arrangement);
+        let mut assignments = Vec::new();
+        if a.angle[axis] != axis || a.sign[axis] < 0.0 || a.zero[axis] != 0.0 {
+            let sign = if a.sign[axis] < 0.0 { "-" } else { "" };
+            let zero = if a.zero[axis] == 0.0 { String::new() } else { format!("{:+.4}", a.zero[axis]) };
+            assignments.push(format!("q{k}={sign}q{}{zero}", a.angle[axis] + 1));
+        }
+        if a.torque[axis] != axis || scale != 1.0 {
+            let factor = match scale {
+                1.0 => String::new(),
+                -1.0 => "-".into(),
+                s if s.abs() < 1.0 && (1.0 / s).fract() == 0.0 => {
+                    assignments.push(format!("tau{k}=tau{}/{}", a.torque[axis] + 1, 1.0 / s));
+                    return assignments;
+                }
+                s => format!("{s}*"),
+            };
+            assignments.push(format!("tau{k}={factor}tau{}", a.torque[axis] + 1));
+        }
+        assignments
+    }
+
+    /// RMS of measured − predicted as the file has it and with the remedy.
+    fn rms(&self, axis: usize, scale: f64) -> (Option<f64>, f64) {
+        let difference = |a: &Arrangement, scale: f64| {
+            let joints = self.instants.joints(|j| a.joints(j));
+            let predicted = Predicted::new(self.plant, &self.instants.trace.channels, 0.0, &joints);
+            let measured = predicted.of(self.instants.measured(a.torque[axis], 0));
+            let of = measured.iter().zip(&predicted.series[axis]).map(|(m, p)| scale * m - p);
+            rms(&of.collect::<Vec<_>>())
+        };
+        let before = self.plain.map(|p| difference(&p.arrangement, 1.0));
+        (before, difference(&self.judged.arrangement, scale))
+    }
+
+    /// Torques of all arms too large or small alike, but weight and inertia not by the same factor.
+    fn another_machine(&self) -> Option<Finding> {
+        let arms = self.plant.mechanism.arms();
+        if !matches!(self.plant.mechanism, Mechanism::Delta { .. }) {
+            return None;
+        }
+        let lines = self.judged.lines.iter().take(arms).copied();
+        let lines: Vec<Line> = lines.collect::<Option<_>>()?;
+        let off = |l: &Line| !(SLOPE.0..SLOPE.1).contains(&l.slope) && l.correlation > CERTAIN;
+        if !lines.iter().all(off) {
+            return None;
+        }
+        let slopes: Vec<[f64; 2]> = (0..arms).map(|i| self.weight_and_inertia(i)).collect::<Option<_>>()?;
+        let unlike = |s: &[f64; 2]| s[0] <= 0.0 || s[1] <= 0.0 || !(1.0 / UNLIKE..UNLIKE).contains(&(s[0] / s[1]));
+        if slopes.iter().filter(|s| unlike(s)).count() < 2 {
+            return None;
+        }
+        let text = |k: usize| slopes.iter().map(|s| rounded(s[k], 2).to_string()).collect::<Vec<_>>().join(", ");
+        let (before, _) = self.rms(0, 1.0);
+        Some(Finding {
+            recording: self.instants.trace.name.clone(),
+            axis: None,
+            problem: Problem::AnotherMachine,
+            severe: true,
+            evidence: Evidence { line: Some(lines[0]), rms_before: before, ..Evidence::default() },
+            sentence: format!(
+                "the arms carry {} times the model's weight and {} times its inertia: another machine, or a load that the \
+                 setup does not state",
+                text(0),
+                text(1)
+            ),
+            remedy: Remedy::Words("the model of the machine that was measured, or --payload-mass"),
+        })
+    }
+
+    /// Slopes of a measured torque over what weight and what inertia make of the predicted one.
+    fn weight_and_inertia(&self, axis: usize) -> Option<[f64; 2]> {
+        let a = &self.judged.arrangement;
+        let channels = &self.instants.trace.channels;
+        let still = |j: &JointState| JointState { qd: [0.0; AXES], qdd: [0.0; AXES], ..a.joints(j) };
+        let whole = Predicted::new(self.plant, channels, 0.0, &self.instants.joints(|j| a.joints(j)));
+        let weight = Predicted::new(self.plant, channels, 0.0, &self.instants.joints(still));
+        let weight = &weight.series[axis];
+        let measured = whole.of(self.instants.measured(a.torque[axis], 0));
+        if weight.len() != measured.len() {
+            return None;
+        }
+        let rest: Vec<f64> = whole.series[axis].iter().zip(weight).map(|(w, g)| w - g).collect();
+        let ones = vec![1.0; measured.len()];
+        let fit = least_squares(&[&ones, weight, &rest], &measured)?;
+        Some([fit.beta[1], fit.beta[2]])
+    }
+
+    /// Arms whose torque follows the model's in no arrangement.
+    fn unrelated(&self) -> Vec<Finding> {
+        let arms = self.plant.mechanism.arms();
+        let finding = |axis: usize| {
+            let line = self.judged.lines[axis].filter(|l| l.correlation < CORRELATED)?;
+            let (before, _) = self.rms(axis, 1.0);
+            let measured = rms(&self.instants.measured(axis, 0));
+            let severe = before.is_some_and(|b| b > WORTHLESS * measured) && line.correlation < 0.5;
+            Some(Finding {
+                recording: self.instants.trace.name.clone(),
+                axis: Some(axis),
+                problem: Problem::Unrelated,
+                severe,
+                evidence: Evidence { line: Some(line), rms_before: before, ..Evidence::default() },
+                sentence: format!("the torque of axis {} hardly follows the model's", axis + 1),
+                remedy: Remedy::Words("the model of the machine that was measured, and a look at the columns"),
+            })
+        };
+        (0..arms).filter_map(finding).collect()
+    }
+}
+
+/// A factor as a person would write it: a power of ten where it is near one, else three digits.
+fn nice(factor: f64) -> f64 {
+    let power = 10f64.powi(factor.log10().round() as i32);
+    if (SLOPE.0..SLOPE.1).contains(&(factor / power)) && !(0.1..10.0).contains(&factor) {
+        return power;
+    }
+    rounded(factor, 3)
+}

@@ -1,0 +1,99 @@
+//! CDR, the wire format of ROS 2 messages (OMG DDS-XTypes 7.4.1, plain CDR version 1).
+
+/// Little-endian CDR; alignment counts from after the header.
+#[derive(Default)]
+pub(super) struct Writer(Vec<u8>);
+
+impl Writer {
+    fn align(&mut self, n: usize) {
+        self.0.resize(self.0.len().next_multiple_of(n), 0);
+    }
+
+    pub fn u8(&mut self, v: u8) {
+        self.0.push(v);
+    }
+
+    pub fn u32(&mut self, v: u32) {
+        self.align(4);
+        self.0.extend(v.to_le_bytes());
+    }
+
+    pub fn f64(&mut self, v: f64) {
+        self.align(8);
+        self.0.extend(v.to_le_bytes());
+    }
+
+    pub fn string(&mut self, s: &str) {
+        self.u32(s.len() as u32 + 1);
+        self.0.extend(s.as_bytes());
+        self.0.push(0);
+    }
+
+    /// A sequence of strings.
+    pub fn strings<S: AsRef<str>>(&mut self, names: &[S]) {
+        self.u32(names.len() as u32);
+        names.iter().for_each(|n| self.string(n.as_ref()));
+    }
+
+    /// A sequence of numbers.
+    pub fn f64s(&mut self, v: &[f64]) {
+        self.u32(v.len() as u32);
+        v.iter().for_each(|x| self.f64(*x));
+    }
+
+    /// The message with its header.
+    pub fn finish(self) -> Vec<u8> {
+        [&[0, 1, 0, 0], &self.0[..]].concat()
+    }
+}
+
+/// CDR of either byte order; every read is `None` past the end.
+pub(super) struct Reader<'a> {
+    data: &'a [u8],
+    at: usize,
+    little: bool,
+}
+
+impl<'a> Reader<'a> {
+    pub fn new(data: &'a [u8]) -> Option<Self> {
+        let (header, data) = data.split_at_checked(4)?;
+        let little = match header[..2] {
+            [0, 0] => false,
+            [0, 1] => true,
+            _ => return None,
+        };
+        Some(Self { data, at: 0, little })
+    }
+
+    fn take(&mut self, n: usize, align: usize) -> Option<&'a [u8]> {
+        let start = self.at.checked_next_multiple_of(align)?;
+        let bytes = self.data.get(start..start.checked_add(n)?)?;
+        self.at = start + n;
+        Some(bytes)
+    }
+
+    pub fn u32(&mut self) -> Option<u32> {
+        let bytes = self.take(4, 4)?.try_into().ok()?;
+        Some(if self.little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
+    }
+
+    pub fn f64(&mut self) -> Option<f64> {
+        let bytes = self.take(8, 8)?.try_into().ok()?;
+        Some(if self.little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) })
+    }
+
+    pub fn string(&mut self) -> Option<String> {
+        let n = self.u32()? as usize;
+        let bytes = self.take(n, 1)?;
+        let text = bytes.strip_suffix(&[0]).unwrap_or(bytes);
+        Some(String::from_utf8_lossy(text).into_owned())
+    }
+
+    pub fn strings(&mut self) -> Option<Vec<String>> {
+        (0..self.u32()?).map(|_| self.string()).collect()
+    }
+
+    pub fn f64s(&mut self) -> Option<Vec<f64>> {
+        (0..self.u32()?).map(|_| self.f64()).collect()
+    }
+}

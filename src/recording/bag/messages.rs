@@ -1,0 +1,201 @@
+//! The ROS 2 messages that a recording consists of, each with its definition.
+//!
+//! Definitions follow `common_interfaces`, `geometry2` and `rcl_interfaces` of ROS 2 Humble to Jazzy, where they are the same.
+
+use nalgebra::Isometry3;
+
+use super::cdr::{Reader, Writer};
+
+/// Nanoseconds per second.
+pub(super) const SECOND: i64 = 1_000_000_000;
+
+/// Definition of a message type as MCAP keeps it: its own fields, then those of every type in it.
+pub(super) struct Definition {
+    pub name: &'static str,
+    pub text: &'static str,
+}
+
+macro_rules! types {
+    ($($part:expr),+) => { concat!($($part, "================================================================================\n",)+ "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n") };
+}
+
+pub(super) const JOINT_STATE: Definition = Definition {
+    name: "sensor_msgs/msg/JointState",
+    text: types!(
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    ),
+};
+
+pub(super) const POINT: Definition = Definition {
+    name: "geometry_msgs/msg/PointStamped",
+    text: types!(
+        "std_msgs/Header header\ngeometry_msgs/Point point\n",
+        "MSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    ),
+};
+
+pub(super) const TRAJECTORY: Definition = Definition {
+    name: "trajectory_msgs/msg/JointTrajectory",
+    text: types!(
+        "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint[] points\n",
+        "MSG: trajectory_msgs/JointTrajectoryPoint\nfloat64[] positions\nfloat64[] velocities\n\
+         float64[] accelerations\nfloat64[] effort\nbuiltin_interfaces/Duration time_from_start\n",
+        "MSG: builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    ),
+};
+
+pub(super) const TRANSFORMS: Definition = Definition {
+    name: "tf2_msgs/msg/TFMessage",
+    text: types!(
+        "geometry_msgs/TransformStamped[] transforms\n",
+        "MSG: geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\n\
+         geometry_msgs/Transform transform\n",
+        "MSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+        "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
+        "MSG: geometry_msgs/Quaternion\nfloat64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    ),
+};
+
+pub(super) const LOG: Definition = Definition {
+    name: "rcl_interfaces/msg/Log",
+    text: types!(
+        "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\nbuiltin_interfaces/Time stamp\n\
+         uint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n"
+    ),
+};
+
+pub(super) const STRING: Definition = Definition { name: "std_msgs/msg/String", text: "string data\n" };
+
+/// Whether a type is the one named, with or without `/msg/` between package and name.
+pub(super) fn is_type(name: &str, known: &Definition) -> bool {
+    name == known.name || name == known.name.replace("/msg/", "/")
+}
+
+fn stamp(w: &mut Writer, time: i64) {
+    w.u32((time / SECOND) as u32);
+    w.u32((time % SECOND) as u32);
+}
+
+fn header(w: &mut Writer, time: i64, frame: &str) {
+    stamp(w, time);
+    w.string(frame);
+}
+
+fn read_header(r: &mut Reader) -> Option<i64> {
+    let (sec, nanosec) = (r.u32()? as i32, r.u32()?);
+    r.string()?;
+    Some(i64::from(sec) * SECOND + i64::from(nanosec))
+}
+
+/// One `sensor_msgs/msg/JointState`.
+#[derive(Default)]
+pub(super) struct JointState {
+    /// ns since 1970.
+    pub stamp: i64,
+    pub name: Vec<String>,
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+    pub effort: Vec<f64>,
+}
+
+impl JointState {
+    pub fn parse(data: &[u8]) -> Option<Self> {
+        let mut r = Reader::new(data)?;
+        let stamp = read_header(&mut r)?;
+        Some(Self { stamp, name: r.strings()?, position: r.f64s()?, velocity: r.f64s()?, effort: r.f64s()? })
+    }
+
+    pub fn encode(time: i64, name: &[String], [position, velocity, effort]: [&[f64]; 3]) -> Vec<u8> {
+        let mut w = Writer::default();
+        header(&mut w, time, "");
+        w.strings(name);
+        w.f64s(position);
+        w.f64s(velocity);
+        w.f64s(effort);
+        w.finish()
+    }
+}
+
+/// One `geometry_msgs/msg/PointStamped` in `frame`.
+pub(super) fn point(time: i64, frame: &str, point: [f64; 3]) -> Vec<u8> {
+    let mut w = Writer::default();
+    header(&mut w, time, frame);
+    point.iter().for_each(|x| w.f64(*x));
+    w.finish()
+}
+
+/// Coordinates of a `geometry_msgs/msg/PointStamped`.
+pub(super) fn parse_point(data: &[u8]) -> Option<[f64; 3]> {
+    let mut r = Reader::new(data)?;
+    read_header(&mut r)?;
+    Some([r.f64()?, r.f64()?, r.f64()?])
+}
+
+/// One `trajectory_msgs/msg/JointTrajectory` of a single point that holds accelerations only.
+pub(super) fn accelerations(time: i64, joints: &[String], accelerations: &[f64]) -> Vec<u8> {
+    let mut w = Writer::default();
+    header(&mut w, time, "");
+    w.strings(joints);
+    w.u32(1);
+    w.f64s(&[]);
+    w.f64s(&[]);
+    w.f64s(accelerations);
+    w.f64s(&[]);
+    stamp(&mut w, 0);
+    w.finish()
+}
+
+/// Accelerations of the first point of a `trajectory_msgs/msg/JointTrajectory`.
+pub(super) fn parse_accelerations(data: &[u8]) -> Option<Vec<f64>> {
+    let mut r = Reader::new(data)?;
+    read_header(&mut r)?;
+    r.strings()?;
+    if r.u32()? == 0 {
+        return None;
+    }
+    r.f64s()?;
+    r.f64s()?;
+    r.f64s()
+}
+
+/// One `tf2_msgs/msg/TFMessage`: poses of frames in `parent`.
+pub(super) fn transforms<'a>(
+    time: i64,
+    parent: &str,
+    poses: impl ExactSizeIterator<Item = (&'a str, Isometry3<f64>)>,
+) -> Vec<u8> {
+    let mut w = Writer::default();
+    w.u32(poses.len() as u32);
+    for (child, pose) in poses {
+        header(&mut w, time, parent);
+        w.string(child);
+        pose.translation.vector.iter().for_each(|x| w.f64(*x));
+        // nalgebra keeps (i, j, k, w), the order of the message.
+        pose.rotation.coords.iter().for_each(|x| w.f64(*x));
+    }
+    w.finish()
+}
+
+/// One `rcl_interfaces/msg/Log`; `level` is 10, 20, 30, 40 or 50.
+pub(super) fn log(time: i64, level: u8, text: &str) -> Vec<u8> {
+    let mut w = Writer::default();
+    stamp(&mut w, time);
+    w.u8(level);
+    w.string("deltatwin");
+    w.string(text);
+    w.string("");
+    w.string("");
+    w.u32(0);
+    w.finish()
+}
+
+/// One `std_msgs/msg/String`.
+pub(super) fn string(text: &str) -> Vec<u8> {
+    let mut w = Writer::default();
+    w.string(text);
+    w.finish()
+}

@@ -1,0 +1,98 @@
+//! Scenes piece by piece in a viewer that runs.
+
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+use rerun::RecordingStream;
+
+use super::{APPLICATION, Outcome, Problem, Scene, layout, motion, shapes};
+
+/// How long a viewer may take to answer, s.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// The viewer to stream to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Viewer {
+    /// One that listens at this URL, such as `rerun+http://127.0.0.1:9876/proxy`.
+    Connect(String),
+    /// One that is started, or runs already, on this machine; `rerun` must be in the path.
+    Spawn,
+}
+
+/// A stream to a viewer. What the viewer has not taken yet is bounded: sending waits for it.
+pub struct Live {
+    rec: RecordingStream,
+    staged: bool,
+}
+
+impl Live {
+    /// Opens a stream called `name`, laid out for pieces like `scene`.
+    ///
+    /// # Errors
+    /// If there is no viewer, or the URL is none.
+    pub fn open(viewer: &Viewer, name: &str, scene: &Scene) -> Result<Self, Problem> {
+        let builder = rerun::RecordingStreamBuilder::new(APPLICATION)
+            .recording_name(name)
+            .with_blueprint(layout(scene))
+            .enabled(true);
+        let rec = match viewer {
+            Viewer::Connect(url) => {
+                listens(url)?;
+                builder.connect_grpc_opts(url.as_str())?
+            }
+            Viewer::Spawn => builder.spawn()?,
+        };
+        Ok(Self { rec, staged: false })
+    }
+
+    /// Sends a piece; the first one brings the robot and its surroundings.
+    ///
+    /// # Errors
+    /// If the stream is closed.
+    pub fn send(&mut self, scene: &Scene) -> Outcome {
+        if !self.staged {
+            shapes(&self.rec, scene)?;
+            self.staged = true;
+        }
+        motion(&self.rec, scene)
+    }
+
+    /// Waits until the viewer has taken everything.
+    ///
+    /// # Errors
+    /// If it has gone away or does not answer.
+    pub fn finish(&self) -> Outcome {
+        Ok(self.rec.flush_with_timeout(PATIENCE)?)
+    }
+}
+
+/// Asks whether anybody listens at `url`: the SDK would try for ever.
+fn listens(url: &str) -> Result<(), Problem> {
+    let expected = "expected an address like rerun+http://127.0.0.1:9876/proxy";
+    let place = url.split_once("://").map(|(_, rest)| rest.split('/').next().unwrap_or_default());
+    let Some(place) = place.filter(|p| p.contains(':')) else { return Err(expected.into()) };
+    let addresses = place.to_socket_addrs().map_err(|e| format!("{e}; {expected}"))?;
+    let mut last = format!("no address; {expected}");
+    for address in addresses {
+        match TcpStream::connect_timeout(&address, PATIENCE) {
+            Ok(_) => return Ok(()),
+            Err(e) => last = e.to_string(),
+        }
+    }
+    Err(last.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_there_is_an_error_at_once() {
+        let e = listens("nonsense").unwrap_err().to_string();
+        assert!(e.contains("expected an address like rerun+http"), "{e}");
+        // A port that was free a moment ago.
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let e = listens(&format!("rerun+http://127.0.0.1:{port}/proxy")).unwrap_err().to_string();
+        assert!(e.contains("refused"), "{e}");
+    }
+}

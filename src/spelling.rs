@@ -1,0 +1,28 @@
+//! Suggestions for misspelt names.
+
+/// The known name that `wrong` is most likely meant to be; `None` where all are too far from it.
+///
+/// Near is a Damerau–Levenshtein distance of at most a third of the name's length (at least two), or one name within the
+/// other from three letters on.
+pub fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let distances = known.into_iter().map(|name| (strsim::damerau_levenshtein(wrong, name), name));
+    let within = |name: &str| wrong.len() > 2 && (name.contains(wrong) || wrong.contains(name));
+    distances
+        .filter(|(distance, name)| *distance <= name.len().div_ceil(3).max(2) || within(name))
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, name)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_near_names_are_suggested() {
+        let known = ["air_drag", "base_tilt", "hose_spring"];
+        assert_eq!(nearest("air_darg", known), Some("air_drag"));
+        assert_eq!(nearest("spring", known), Some("hose_spring"));
+        assert_eq!(nearest("quantum_foam", known), None);
+        assert_eq!(nearest("xyz", known), None);
+    }
+}

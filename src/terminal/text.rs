@@ -1,0 +1,84 @@
+//! Running text and commands within the width of a screen.
+
+use textwrap::{Options, WordSplitter};
+
+/// Columns that all output fits into.
+pub const WIDTH: usize = 100;
+
+/// Text broken at words into lines of [`WIDTH`], all indented, those after the first by two more.
+pub fn wrapped(text: &str, indent: usize) -> String {
+    hanging(text, &" ".repeat(indent), &" ".repeat(indent + 2))
+}
+
+/// The same with a text of its own before the first line and the others.
+pub fn hanging(text: &str, first: &str, others: &str) -> String {
+    let options = Options::new(WIDTH)
+        .initial_indent(first)
+        .subsequent_indent(others)
+        .break_words(false)
+        .word_splitter(WordSplitter::NoHyphenation);
+    textwrap::fill(text, options)
+}
+
+/// A command to type, in lines of [`WIDTH`] that a shell reads as one.
+pub fn command(words: &[String], indent: usize) -> String {
+    let mut lines = vec![" ".repeat(indent)];
+    for word in words.iter().map(|w| quoted(w)) {
+        let line = lines.last().map_or(0, |l| l.chars().count());
+        if line > indent && line + 1 + word.chars().count() + 2 > WIDTH {
+            lines.push(" ".repeat(indent + 4));
+        }
+        if let Some(last) = lines.last_mut() {
+            let gap = if last.trim().is_empty() { "" } else { " " };
+            *last += &format!("{gap}{word}");
+        }
+    }
+    lines.join(" \\\n")
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+}
+
+/// `drive_friction (3), rigid_bodies (2)`: parameters by the effect whose they are, in order of their first.
+pub fn grouped(parameters: &[String]) -> String {
+    let mut groups: Vec<(&str, usize)> = Vec::new();
+    for owner in parameters.iter().map(|p| p.split('.').next().unwrap_or(p)) {
+        match groups.iter_mut().find(|(name, _)| *name == owner) {
+            Some((_, count)) => *count += 1,
+            None => groups.push((owner, 1)),
+        }
+    }
+    groups.iter().map(|(name, count)| format!("{name} ({count})")).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_fit_the_screen() {
+        let text = wrapped(&"a long sentence of many words ".repeat(12), 2);
+        assert!(text.lines().count() > 2 && text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
+        assert!(text.starts_with("  a") && text.lines().nth(1).unwrap().starts_with("    "), "{text}");
+    }
+
+    #[test]
+    fn commands_can_be_pasted() {
+        let words: Vec<String> = ["deltatwin", "add", "my model.toml", "it's"].map(String::from).into();
+        assert_eq!(command(&words, 2), r"  deltatwin add 'my model.toml' 'it'\''s'");
+        let long: Vec<String> = (0..12).map(|i| format!("recordings/run-{i}.csv")).collect();
+        let text = command(&long, 2);
+        assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
+        assert!(text.lines().rev().skip(1).all(|l| l.ends_with(" \\")), "{text}");
+        assert_eq!(text.replace(" \\\n", " ").split_whitespace().collect::<Vec<_>>(), long);
+    }
+
+    #[test]
+    fn parameters_are_grouped_by_their_owner() {
+        let names = ["rigid_bodies.strut_mass", "drive_friction.viscous_1", "rigid_bodies.platform_mass"];
+        assert_eq!(grouped(&names.map(String::from)), "rigid_bodies (2), drive_friction (1)");
+    }
+}

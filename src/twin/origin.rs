@@ -1,0 +1,78 @@
+//! Where a simulated recording comes from, and what shows it in other programs: the [`Context`] of its bag.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::{Event, EventKind, Frame, Options, Report};
+use crate::cell::urdf;
+use crate::model::bodies::{ROTOR, TELESCOPE_UPPER, body_name};
+use crate::model::{Mechanism, Model};
+use crate::recording::bag::{Attachment, Context, Level, Note, Poses};
+use crate::scenario::Scenario;
+
+/// Origin of a run, known before it: program, files and seed, and the files themselves.
+///
+/// Files go by their names without folders, so that the same run gives the same bytes wherever it is made.
+pub(super) fn origin(scenario: &Scenario, file: &Path, machine: &Model, planning: &Model) -> Context {
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let model_name = |model: &Model| model.path.as_deref().map_or(model.name.clone(), name);
+    let mut command = format!("deltatwin simulate {}", name(file));
+    if machine.path.as_ref().is_some_and(|p| *p != scenario.model) {
+        command += &format!(" --model {}", model_name(machine));
+    }
+    let provenance = BTreeMap::from([
+        ("program".into(), "deltatwin".into()),
+        ("version".into(), env!("CARGO_PKG_VERSION").into()),
+        ("command".into(), command),
+        ("scenario".into(), name(file)),
+        ("model".into(), model_name(machine)),
+        ("controller_model".into(), model_name(planning)),
+        ("seed".into(), scenario.seed.to_string()),
+        ("time".into(), "t = 0 is a fixed instant, not the time of the simulation".into()),
+    ]);
+    let toml = |name: String, text: &str| Attachment {
+        name,
+        media_type: "application/toml".into(),
+        content: text.as_bytes().to_vec(),
+    };
+    let mut attachments = Vec::new();
+    if let Ok(text) = std::fs::read_to_string(file) {
+        attachments.push(toml(name(file), &text));
+    }
+    for model in [machine, planning] {
+        let named = model_name(model);
+        if let Some(source) = model.source.as_deref().filter(|_| attachments.iter().all(|a| a.name != named)) {
+            attachments.push(toml(named, source));
+        }
+    }
+    Context { provenance, attachments, description: urdf(machine), ..Context::default() }
+}
+
+/// What a run showed, added to its origin.
+pub(super) fn with_run(mut origin: Context, machine: &Model, options: &Options, report: &Report) -> Context {
+    if machine.assembled {
+        origin.poses = report.frames.iter().map(|f| poses(machine.mechanism, options, f)).collect();
+    }
+    origin.events = report.events.iter().map(note).collect();
+    origin
+}
+
+fn poses(mechanism: Mechanism, options: &Options, frame: &Frame) -> Poses {
+    let last = match mechanism {
+        Mechanism::Delta { telescope: true } => TELESCOPE_UPPER + 2,
+        _ => ROTOR - 1,
+    };
+    let bodies = (0..last).filter(|b| *b != ROTOR).map(|b| (body_name(b), frame.bodies[b]));
+    let objects = options.objects.iter().zip(&frame.objects).map(|(o, pose)| (format!("object/{}", o.name), *pose));
+    Poses { t: frame.t, frames: bodies.chain(objects).collect() }
+}
+
+/// An event as a line of a log.
+pub(super) fn note(event: &Event) -> Note {
+    let level = match event.kind {
+        EventKind::Dislocation | EventKind::Singular => Level::Error,
+        EventKind::Trip | EventKind::Contact | EventKind::Stop => Level::Warning,
+        EventKind::Pick | EventKind::Release | EventKind::Rest => Level::Info,
+    };
+    Note { t: event.t, level, text: format!("{:.6} s  {}: {}", event.t, event.kind.name(), event.what) }
+}

@@ -1,0 +1,287 @@
+//! The gate: recordings whose columns are wrong are named with a remedy that mends them; what a model merely lacks passes.
+//!
+//! Measurements are made by inverse dynamics along planned motions, with quantised angles and noise of the torques.
+
+mod common;
+
+use std::f64::consts::FRAC_PI_2;
+use std::fs;
+use std::path::Path;
+
+use common::model;
+use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::exam::motion::Motion;
+use deltatwin::exam::size::Sizer;
+use deltatwin::exam::{MotionKind, Size, hideable, perturb};
+use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
+use deltatwin::identification::{EncoderReadings, Trace, predict};
+use deltatwin::model::Model;
+use deltatwin::recording::{Mapping, Payload, Reading, Recording, Setup, Signals};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, Normal};
+
+/// Sampling period, s.
+const PERIOD: f64 = 1e-3;
+/// Duration of a recording, s.
+const DURATION: f64 = 5.0;
+/// Noise of the torques, N·m.
+const NOISE: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
+
+fn nominal() -> Model {
+    model("irb360-6-1600")
+}
+
+/// The nominal robot, a few percent off.
+fn robot(seed: u64) -> Model {
+    let mut robot = nominal();
+    perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(seed));
+    robot
+}
+
+fn motion(seed: u64) -> Motion {
+    let model = nominal();
+    let plant = Plant::new(&model, &Setup::default());
+    Motion::draw(MotionKind::Fourier, &model, &plant, &mut ChaCha8Rng::seed_from_u64(seed))
+}
+
+/// What `robot` measures along a motion.
+fn measured(robot: &Model, motion: &Motion, payload: Payload, seed: u64) -> Recording {
+    let setup = Setup { payload, torque_noise: Some(NOISE), ..Setup::default() };
+    let n = (DURATION / PERIOD) as usize;
+    let t: Vec<f64> = (0..n).map(|k| (1e6 * k as f64 * PERIOD).round() / 1e6).collect();
+    let joints = t.iter().map(|&t| motion.at(t).joints(&robot.geometry).expect("in reach")).collect();
+    let exact = Trace {
+        name: "measured".into(),
+        setup,
+        joints,
+        channels: Channel::TORQUES.to_vec(),
+        measured: vec![vec![0.0; n]; 4],
+        segments: std::iter::once(0..n).collect(),
+        dt: PERIOD,
+        readings: EncoderReadings::default(),
+        half_width: [3; 4],
+        t,
+    };
+    let torque = predict(&Plant::new(robot, &setup), &exact).expect("a possible motion");
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut noisy = |i: usize, k: usize| torque[i][k] + Normal::new(0.0, NOISE[i]).expect("a width").sample(&mut rng);
+    let step = robot.drives.map(|d| d.encoder_step());
+    let signals = Signals {
+        q: exact.joints.iter().map(|j| std::array::from_fn(|i| (j.q[i] / step[i]).round() * step[i])).collect(),
+        tau: (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect(),
+        t: exact.t,
+        ..Signals::default()
+    };
+    Recording { name: "measured".into(), signals, setup }
+}
+
+fn problems(findings: &[Finding]) -> Vec<(Option<usize>, Problem)> {
+    findings.iter().map(|f| (f.axis.map(|i| i + 1), f.problem)).collect()
+}
+
+/// Reads a file through `maps` and examines it against the nominal model.
+fn examined(file: &Path, maps: &[Mapping], payload_mass: Option<f64>) -> Vec<Finding> {
+    let how = Reading { maps, ..Reading::default() };
+    let (mut recording, _) = Recording::read_as(file, &how).unwrap();
+    if let Some(mass) = payload_mass {
+        recording.setup.payload.mass = mass;
+    }
+    examine(&nominal(), &Trace::new(&recording))
+}
+
+/// Changes a good recording and returns what is found, once the remedy is shown to leave nothing.
+fn found_and_mended(change: impl Fn(&mut Signals)) -> Vec<Finding> {
+    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    change(&mut recording.signals);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.csv");
+    recording.write(&file).unwrap();
+    let found = examined(&file, &[], None);
+    let Some(Remedy::Map(assignments)) = combined(&found) else { panic!("no remedy: {found:?}") };
+    let map: Mapping = assignments.join(", ").parse().unwrap();
+    let left = examined(&file, &[map], None);
+    assert_eq!(problems(&left), [], "{assignments:?} leaves {left:?}");
+    found
+}
+
+fn each(signals: &mut Signals, change: impl Fn(&mut [f64; 4], &mut [f64; 4])) {
+    signals.q.iter_mut().zip(&mut signals.tau).for_each(|(q, tau)| change(q, tau));
+}
+
+#[test]
+fn a_good_recording_passes() {
+    for seed in 0..4 {
+        let recording = measured(&robot(seed), &motion(20 + seed), Payload::default(), seed);
+        let found = examine(&nominal(), &Trace::new(&recording));
+        assert!(found.is_empty(), "{seed}: {found:?}");
+    }
+}
+
+#[test]
+fn signs_are_named_and_mended() {
+    let found = found_and_mended(|s| each(s, |_, tau| tau[0] = -tau[0]));
+    assert_eq!(problems(&found), [(Some(1), Problem::TorqueSign)]);
+    assert_eq!(found[0].remedy.to_string(), "--map \"tau1=-tau1\"");
+    let line = found[0].evidence.line.unwrap();
+    assert!((line.slope + 1.0).abs() < 0.1 && line.correlation < -0.98, "{line:?}");
+
+    let found = found_and_mended(|s| each(s, |_, tau| *tau = tau.map(|x| -x)));
+    assert_eq!(problems(&found), [1, 2, 3, 4].map(|k| (Some(k), Problem::TorqueSign)));
+
+    let found = found_and_mended(|s| {
+        each(s, |q, tau| {
+            q[1] = -q[1];
+            tau[1] = -tau[1];
+        })
+    });
+    assert_eq!(problems(&found), [(Some(2), Problem::AxisSign)]);
+    let found = found_and_mended(|s| {
+        each(s, |q, tau| {
+            (0..3).for_each(|i| q[i] = -q[i]);
+            (0..3).for_each(|i| tau[i] = -tau[i]);
+        })
+    });
+    assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::AxisSign)));
+}
+
+#[test]
+fn factors_are_named_and_mended() {
+    let found = found_and_mended(|s| each(s, |_, tau| *tau = tau.map(|x| x / 33.0)));
+    assert_eq!(problems(&found), [1, 2, 3, 4].map(|k| (Some(k), Problem::MotorSide)));
+    assert_eq!(found[0].remedy.to_string(), "--map \"tau1=33*tau1\"");
+    let found = found_and_mended(|s| each(s, |_, tau| tau[2] /= 0.12));
+    assert_eq!(problems(&found), [(Some(3), Problem::Factor)]);
+    let found = found_and_mended(|s| each(s, |_, tau| *tau = tau.map(|x| x * 100.0)));
+    assert_eq!(found[0].remedy.to_string(), "--map \"tau1=tau1/100\"");
+}
+
+#[test]
+fn orders_are_named_and_mended() {
+    let found = found_and_mended(|s| {
+        each(s, |q, tau| {
+            q.swap(0, 3);
+            tau.swap(0, 3);
+        })
+    });
+    assert_eq!(problems(&found), [(Some(1), Problem::Order), (Some(4), Problem::Order)]);
+    let found = found_and_mended(|s| each(s, |_, tau| tau.swap(0, 1)));
+    assert_eq!(problems(&found), [(Some(1), Problem::Order), (Some(2), Problem::Order)]);
+    assert_eq!(found[0].remedy.to_string(), "--map \"tau1=tau2\"");
+}
+
+#[test]
+fn zeros_are_named_and_mended() {
+    let found = found_and_mended(|s| each(s, |q, _| (0..3).for_each(|i| q[i] += FRAC_PI_2)));
+    assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::Zero)));
+    assert_eq!(found[0].remedy.to_string(), "--map \"q1=q1-1.5708\"");
+    let found = found_and_mended(|s| each(s, |q, _| (0..3).for_each(|i| q[i] -= 0.5)));
+    assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::Zero)));
+    assert!((found[0].evidence.value.unwrap().0 - 0.5).abs() < 0.05, "{found:?}");
+    // Counted from the vertical, upward.
+    let found = found_and_mended(|s| {
+        each(s, |q, tau| {
+            (0..3).for_each(|i| q[i] = FRAC_PI_2 - q[i]);
+            (0..3).for_each(|i| tau[i] = -tau[i]);
+        })
+    });
+    assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::Zero)));
+}
+
+#[test]
+fn a_lag_is_named_and_mended() {
+    let found = found_and_mended(|s| {
+        let late: Vec<[f64; 4]> = (0..s.tau.len()).map(|k| s.tau[k.saturating_sub(4)]).collect();
+        s.tau = late;
+    });
+    assert_eq!(problems(&found), [(None, Problem::Lag)]);
+    assert!(!found[0].severe);
+    let lag = found[0].evidence.value.unwrap().0;
+    assert!((lag - 4e-3).abs() < 1.1e-3, "{lag}");
+}
+
+#[test]
+fn an_offset_is_named_and_mended() {
+    let found = found_and_mended(|s| each(s, |_, tau| tau[0] += 2.0));
+    assert_eq!(problems(&found), [(Some(1), Problem::Offset)]);
+    assert!(!found[0].severe);
+    let offset = found[0].evidence.value.unwrap().0;
+    assert!((offset - 2.0).abs() < 0.5, "{offset}");
+}
+
+#[test]
+fn a_payload_that_is_not_stated_is_named() {
+    let payload = Payload::new(2.5, [0.0; 3], 0.01);
+    let mut recording = measured(&robot(3), &motion(5), payload, 7);
+    recording.setup.payload = Payload::default();
+    let found = examine(&nominal(), &Trace::new(&recording));
+    assert_eq!(problems(&found), [(None, Problem::Payload)]);
+    assert!(!found[0].severe);
+    let mass = found[0].evidence.value.unwrap().0;
+    assert!((mass - 2.5).abs() < 0.4, "{mass}");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.csv");
+    recording.write(&file).unwrap();
+    assert_eq!(problems(&examined(&file, &[], Some(mass))), []);
+}
+
+#[test]
+fn another_robots_model_is_refused() {
+    let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let found = examine(&model("irb360-1-1130"), &Trace::new(&recording));
+    assert!(found.iter().any(|f| f.severe), "{found:?}");
+    assert!(found.iter().all(|f| matches!(f.problem, Problem::AnotherMachine | Problem::Unrelated)), "{found:?}");
+}
+
+/// What the diagnosis is there to find must reach it, at any size that occurs.
+#[test]
+fn no_effect_of_the_catalogue_is_refused() {
+    let model = nominal();
+    let setup = Setup { torque_noise: Some(NOISE), ..Setup::default() };
+    for seed in [1, 2] {
+        let (robot, motion) = (robot(seed), motion(seed));
+        let sizer = Sizer::new(&robot, &setup, &motion, 3.0, &Channel::TORQUES, &NOISE).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        for effect in hideable(&model) {
+            let hidden = sizer.draw(effect, Size::Large, &mut rng).unwrap();
+            let mut with = robot.clone();
+            with.effects.push(hidden.active);
+            let recording = measured(&with, &motion, Payload::default(), seed);
+            let found = examine(&model, &Trace::new(&recording));
+            assert!(!found.iter().any(|f| f.severe), "{}: {found:?}", effect.name());
+        }
+    }
+}
+
+/// A file with other names, other units and times since 1970 is the same recording.
+#[test]
+fn other_names_and_units_are_the_same_recording() {
+    let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("log.csv");
+    let s = &recording.signals;
+    let mut text = String::from("Zeit");
+    for name in ["position", "effort"] {
+        let unit = if name == "effort" { "Nmm" } else { "deg" };
+        (1..=4).for_each(|k| text += &format!(";{name}_{k} [{unit}]"));
+    }
+    for k in 0..s.len() {
+        text += &format!("\n{}", 1_700_000_000_000_000_000u64 + (s.t[k] * 1e9).round() as u64);
+        s.q[k].iter().for_each(|q| text += &format!(";{:?}", q.to_degrees()));
+        s.tau[k].iter().for_each(|tau| text += &format!(";{:?}", 1e3 * tau));
+    }
+    fs::write(&file, text).unwrap();
+    // No word for time that is known, no unit.
+    fs::write(folder.path().join("log.setup.toml"), "[columns]\nt = \"Zeit\"\n").unwrap();
+    let (back, warnings) = Recording::read(&file, None).unwrap();
+    assert!(warnings.iter().any(|w| w.contains("ns since 1970")), "{warnings:?}");
+    assert!(warnings.iter().any(|w| w.contains("`position_1 [deg]`")), "{warnings:?}");
+    assert_eq!(back.signals.len(), s.len());
+    for k in 0..s.len() {
+        assert!((back.signals.t[k] - s.t[k]).abs() < 1e-12);
+        for i in 0..4 {
+            assert!((back.signals.q[k][i] - s.q[k][i]).abs() < 1e-12);
+            assert!((back.signals.tau[k][i] - s.tau[k][i]).abs() < 1e-9);
+        }
+    }
+}
