@@ -34,14 +34,16 @@ fn name(file: &Path) -> &str {
     file.file_stem().unwrap().to_str().unwrap()
 }
 
-fn play(file: &Path, change: &dyn Fn(&mut Model, &mut Options)) -> (Recording, Report) {
-    let scenario = Scenario::read(file).unwrap();
+/// What a test changes in a run.
+type Change = dyn Fn(&mut Model, &mut Options, &mut Setup) + Sync;
+
+fn play(file: &Path, formulation: Formulation, change: &Change) -> (Recording, Report) {
+    let mut scenario = Scenario::read(file).unwrap();
     let mut machine = Model::read(&scenario.model).unwrap();
     let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
     let motion = scenario.motion(&planning).unwrap();
-    let believed = Plant::new(&planning, &scenario.setup);
     let mut options = Options::of(&scenario, &machine);
-    options.noise_seed = None;
+    options.formulation = formulation;
     options.sensors.velocity = true;
     options.sensors.acceleration = true;
     options.sensors.multipliers = true;
@@ -50,12 +52,13 @@ fn play(file: &Path, change: &dyn Fn(&mut Model, &mut Options)) -> (Recording, R
         options.sensors.strut_lower = [true; 6];
         options.sensors.sockets = true;
     }
-    change(&mut machine, &mut options);
+    change(&mut machine, &mut options, &mut scenario.setup);
+    let believed = Plant::new(&planning, &scenario.setup);
     simulate(&machine, &scenario.setup, &believed, &|t| motion.at(t), &options, &mut |_| true)
         .unwrap_or_else(|e| panic!("{}: {e}", scenario.name))
 }
 
-/// Families of channels that both have: largest difference, and largest magnitude.
+/// Families of channels that both have: name, largest difference, and largest magnitude.
 fn differences(a: &Recording, b: &Recording) -> Vec<(String, f64, f64)> {
     let mut still = b.clone();
     still.signals = Signals { t: b.signals.t.clone(), ..zero(&b.signals) };
@@ -88,114 +91,115 @@ fn zero(s: &Signals) -> Signals {
     }
 }
 
-/// Runs both ways with `change`, prints the worst channel and returns its relative difference.
-fn apart(label: &str, file: &Path, change: &(dyn Fn(&mut Model, &mut Options) + Sync)) -> f64 {
-    let run = |formulation| {
-        play(file, &|model, options| {
-            options.formulation = formulation;
-            change(model, options);
-        })
-    };
-    let ((a, ra), (b, rb)) = (run(Formulation::Eliminated), run(Formulation::Absolute));
-    assert_eq!(ra.events, rb.events, "{label}");
-    assert!(rb.max_loop_gap < 1e-12 && rb.energy_error < 1e-4, "{label}: {:e} {:e}", rb.max_loop_gap, rb.energy_error);
-    let all = differences(&a, &b);
-    let relative = |d: &(String, f64, f64)| d.1 / d.2.max(1e-3);
-    let worst = all.iter().max_by(|x, y| relative(x).total_cmp(&relative(y))).unwrap();
-    println!("{label:<34} {:.1e} of {:.1e} in {}, gap {:.0e}", worst.1, worst.2, worst.0, rb.max_loop_gap);
-    if std::env::var("ALL_CHANNELS").is_ok() {
-        for d in &all {
-            println!("    {:<22} {:.1e} of {:.1e}: {:.1e}", d.0, d.1, d.2, relative(d));
-        }
-    }
-    relative(worst)
+/// Runs both ways with `change`, prints the worst channel and returns every family's name and relative difference.
+fn apart(label: &str, file: &Path, change: &Change) -> Vec<(String, f64)> {
+    let (a, eliminated) = play(file, Formulation::Eliminated, change);
+    let (b, absolute) = play(file, Formulation::Absolute, change);
+    assert_eq!(eliminated.events, absolute.events, "{label}");
+    let (gap, energy) = (absolute.max_loop_gap, absolute.energy_error);
+    assert!(gap < 1e-12 && energy < 1e-4, "{label}: {gap:e} {energy:e}");
+    let all: Vec<(String, f64)> =
+        differences(&a, &b).into_iter().map(|(channel, size, of)| (channel, size / of.max(1e-3))).collect();
+    let worst = all.iter().max_by(|x, y| x.1.total_cmp(&y.1)).unwrap();
+    println!("{label:<34} {:.1e} in {}, gap {gap:.0e}", worst.1, worst.0);
+    all
 }
 
-fn setting(key: &str, default: f64) -> f64 {
-    std::env::var(key).map_or(default, |v| v.parse().unwrap())
+fn agree(label: &str, file: &Path, change: &Change) {
+    let all = apart(label, file, change);
+    assert!(all.iter().all(|(_, d)| *d < AGREEMENT), "{label}: {all:?}");
 }
 
+/// With the shipped noise and quantisation: both draw the same.
 #[test]
 fn every_shipped_scenario_runs_both_ways() {
-    let (duration, refine) = (setting("D", 0.02), setting("N", 16.0) as usize);
-    let worst: Vec<(String, f64)> = files()
-        .par_iter()
-        .map(|file| {
-            let change = |_: &mut Model, options: &mut Options| {
-                options.duration = duration;
-                options.substeps *= refine;
-            };
-            (name(file).to_string(), apart(name(file), file, &change))
-        })
-        .collect();
-    let bad: Vec<_> = worst.iter().filter(|(_, d)| *d >= AGREEMENT).collect();
-    assert!(bad.is_empty(), "{bad:?}");
+    files().par_iter().for_each(|file| {
+        agree(name(file), file, &|_, options, _| {
+            options.duration = 0.008;
+            options.substeps *= 32;
+        });
+    });
 }
 
 #[test]
 fn every_effect_runs_both_ways() {
-    let (duration, refine) = (setting("D", 0.02), setting("N", 16.0) as usize);
-    let smoke = Path::new("scenarios/smoke.toml");
     let effects: Vec<&str> =
         REGISTRY.iter().map(|e| e.name()).filter(|n| !["rigid_bodies", "formula"].contains(n)).collect();
-    let worst: Vec<(String, f64)> = effects
-        .par_iter()
-        .map(|effect| {
-            let change = |model: &mut Model, options: &mut Options| {
-                *model = common::model("irb360-6-1600");
-                model.effects.retain(|a| a.effect.name() != *effect);
-                model.effects.push(defaults(effect));
-                options.duration = duration;
-                options.substeps *= refine;
-            };
-            (effect.to_string(), apart(effect, smoke, &change))
-        })
-        .collect();
-    let bad: Vec<_> = worst.iter().filter(|(_, d)| *d >= AGREEMENT).collect();
-    assert!(bad.is_empty(), "{bad:?}");
+    effects.par_iter().for_each(|effect| {
+        // Struts begin without elongation and ring at 450 Hz and more, which takes finer steps. Angles and torques agree
+        // as all others do; of accelerations and forces the ringing itself remains, smaller with the cube of the step.
+        let active = defaults(effect);
+        let rings = active.effect.strut_spring(&active.values()).is_some();
+        let all = apart(effect, Path::new("scenarios/smoke.toml"), &|model, options, setup| {
+            *model = common::model("irb360-6-1600");
+            *setup = common::payload();
+            model.effects.retain(|a| a.effect.name() != *effect);
+            model.effects.push(defaults(effect));
+            (options.duration, options.noise_seed) = (0.004, None);
+            options.substeps *= if rings { 64 } else { 16 };
+        });
+        for (channel, d) in all {
+            let smooth = ["q", "qd", "tau", "ee"].contains(&channel.as_str());
+            let allowed = if rings && !smooth { 1e-7 } else { AGREEMENT };
+            assert!(d < allowed, "{effect}: {d:e} in {channel}");
+        }
+    });
 }
 
-/// Compliances as of a gear of 2.5e4 N·m/rad, damping 20 N·m·s/rad, rotor 0.18 kg·m², friction on the motors' side or not.
-fn gears(at_motor: f64) -> ActiveEffect {
-    ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5; 3], &[20.0], &[0.18], &[at_motor]])
+/// Gears of 2.5e4 N·m/rad with a damping of 20 N·m·s/rad, rotors of that inertia, kg·m², and friction on the motors' side.
+fn gears(rotor: f64) -> ActiveEffect {
+    ActiveEffect::new(find("drive_elasticity").unwrap(), &[&[4e-5; 3], &[20.0], &[rotor], &[1.0]])
 }
 
 #[test]
 fn friction_at_the_motors_of_elastic_gears_runs_both_ways() {
-    let (duration, refine) = (setting("D", 0.02), setting("N", 16.0) as usize);
-    for file in ["smoke", "disassembled"] {
-        let change = |model: &mut Model, options: &mut Options| {
-            model.effects.push(gears(1.0));
-            options.duration = duration;
-            options.substeps *= refine;
-        };
-        let d =
-            apart(&format!("{file}, friction at the motors"), Path::new(&format!("scenarios/{file}.toml")), &change);
-        assert!(d < AGREEMENT, "{file}: {d:e}");
+    // The arms alone leave no body without more of it than a rotor of 0.1 kg·m².
+    for (file, rotor) in [("smoke", 0.18), ("disassembled", 0.1)] {
+        let path = format!("scenarios/{file}.toml");
+        agree(&format!("{file}, friction at the motors"), Path::new(&path), &|model, options, _| {
+            model.effects.push(gears(rotor));
+            options.duration = 0.004;
+            options.substeps *= 32;
+        });
     }
 }
 
 #[test]
 fn the_smaller_irb360_runs_both_ways() {
-    let change = |model: &mut Model, options: &mut Options| {
-        *model = common::model("irb360-1-1130");
-        options.duration = setting("D", 0.02);
-        options.substeps *= setting("N", 16.0) as usize;
-    };
     let scenario = tempfile::tempdir().unwrap();
     let file = scenario.path().join("small.toml");
     let model = std::fs::canonicalize("models/irb360-1-1130.toml").unwrap();
-    std::fs::write(
-        &file,
-        format!(
-            "model = {:?}\nduration = 0.5\n[motion]\nkind = \"fourier\"\nfrequency = 1.0\ncentre = [0.0, 0.0, -0.8, 0.0]\n\
-             sine = [[0.1, 0.05, 0.03, 1.0]]\n",
-            model.display()
-        ),
-    )
-    .unwrap();
-    let d = apart("irb360-1-1130", &file, &change);
-    assert!(d < AGREEMENT, "{d:e}");
+    let text = format!(
+        "model = {:?}\nduration = 0.5\n[motion]\nkind = \"fourier\"\nfrequency = 1.0\ncentre = [0.0, 0.0, -0.8, 0.0]\n\
+         sine = [[0.1, 0.05, 0.03, 1.0]]\n",
+        model.display().to_string()
+    );
+    std::fs::write(&file, text).unwrap();
+    agree("irb360-1-1130", &file, &|_, options, _| {
+        options.duration = 0.008;
+        options.substeps *= 16;
+    });
+}
+
+#[test]
+fn multipliers_and_links_are_read_back_from_both_formats() {
+    let (run, _) = play(Path::new("scenarios/smoke.toml"), Formulation::Absolute, &|model, options, _| {
+        model.effects.push(gears(0.18));
+        options.sensors.links = true;
+        options.duration = 0.1;
+    });
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["run.csv", "run.mcap"].map(|name| folder.path().join(name)) {
+        run.write(&file).unwrap();
+        let read = Recording::read(&file, None).unwrap().0.signals;
+        assert_eq!(read.multipliers, run.signals.multipliers, "{}", file.display());
+        assert_eq!((&read.link_q, &read.link_qd), (&run.signals.link_q, &run.signals.link_qd), "{}", file.display());
+    }
+    // The encoders lead the links by the gears' deflection, and so do their rates.
+    let (s, last) = (&run.signals, run.signals.len() - 1);
+    let lead = |a: &[[f64; 4]], b: &[[f64; 4]]| (a[last][0] - b[last][0]).abs();
+    let (q, qd) = (lead(&s.q, s.link_q.as_ref().unwrap()), lead(s.qd.as_ref().unwrap(), s.link_qd.as_ref().unwrap()));
+    assert!(q > 1e-5 && q < 1e-2 && qd > 1e-6, "{q:e} {qd:e}");
 }
 
 /// Angle, deflection of the gear and their rates of an arm between a motor with friction and gravity: J·(q̈ + δ̈) =
@@ -232,7 +236,7 @@ impl TwoMasses {
 #[test]
 fn friction_at_the_motor_is_that_of_two_masses_with_a_spring() {
     let mut model = common::model("irb360-6-1600-disassembled");
-    model.effects.push(gears(1.0));
+    model.effects.push(gears(0.18));
     let plant = Plant::new(&model, &Setup::default());
     let body = &plant.bodies[0];
     let friction = model.effects.iter().find(|a| a.effect.name() == "drive_friction").unwrap();
