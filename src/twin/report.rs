@@ -121,12 +121,6 @@ impl Report {
     pub fn energy_closes(&self) -> bool {
         self.energy_error <= LARGEST_ENERGY_ERROR
     }
-
-    /// Raises the peak to the strut forces of one more instant: a sample, or a dislocation between two.
-    pub(super) fn see_strut_forces(&mut self, reactions: &Reactions) {
-        let forces = reactions.upper.iter().chain(&reactions.lower);
-        self.peak_strut_force = forces.fold(self.peak_strut_force, |peak, f| peak.max(f.abs()));
-    }
 }
 
 /// Share of the work turned over that may be unaccounted for. Shipped runs have at most 3e-6; one per cent and more means that the
