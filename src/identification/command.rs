@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use self::how::How;
 use super::consistency::min_eigenvalue;
-use super::fit::{Moved, Unidentified, channel_rms, residuals};
+use super::fit::{FitError, Moved, Unidentified, channel_rms, residuals};
 use super::{BaseParameter, Data, DataArgs, Estimate, Fit, fit_with};
 use crate::dynamics::{Channel, Plant};
 use crate::gate::command::{guard, much_is_left};
@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let progress = spinner("fit");
     let fitted = fit_with(&model, &data.traces, &vec![noise_floor.clone(); data.traces.len()], &options);
     progress.finish_and_clear();
-    let fitted = fitted.into_diagnostic()?;
+    let fitted = fitted.map_err(refusal)?;
     warn(&much_is_left(data.channels(), &fitted.rms, &noise_floor));
     let held_out_rms = match data.held_out[..] {
         [] => None,
@@ -87,6 +87,17 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         None => say("  Nothing written; -o FILE keeps the model")?,
     }
     Ok(DONE)
+}
+
+/// A fit that cannot be made, with the option that asked for it.
+fn refusal(error: FitError) -> miette::Report {
+    let option = match error {
+        FitError::NothingToEstimate => "--hold",
+        FitError::NoSuchGroup { .. } => "--gamma",
+        FitError::NoFlange { .. } => "--payload",
+        _ => return miette!("{error}"),
+    };
+    miette!("{option}: {error}")
 }
 
 /// Where the numbers come from that a command fits today.

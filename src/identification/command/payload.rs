@@ -3,7 +3,7 @@
 use miette::{IntoDiagnostic, miette};
 use serde_json::{Map, Value, json};
 
-use super::{Args, correction, print_correction, print_unidentified, unidentified};
+use super::{Args, correction, print_correction, print_unidentified, refusal, unidentified};
 use crate::identification::fit::Options;
 use crate::identification::{Data, PayloadFit, identify_payload};
 use crate::model::Model;
@@ -16,7 +16,7 @@ pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options
     let progress = spinner("fit");
     let found = identify_payload(model, &data.traces, &weights, options);
     progress.finish_and_clear();
-    let found = found.into_diagnostic()?;
+    let found = found.map_err(refusal)?;
     let setup = Setup { payload: found.payload, ..data.traces[0].setup };
     // What no setup may state is no payload: the recording was of an empty flange, or the robot is another one.
     let readable = Setup::from_toml(&setup.to_toml(), "the payload found");
