@@ -35,9 +35,9 @@ fn name(file: &Path) -> &str {
 }
 
 /// What a test changes in a run.
-type Change = dyn Fn(&mut Model, &mut Options, &mut Setup) + Sync;
+type Change<'a> = dyn Fn(&mut Model, &mut Options, &mut Setup) + Sync + 'a;
 
-fn play(file: &Path, formulation: Formulation, change: &Change) -> (Recording, Report) {
+fn play(file: &Path, formulation: Formulation, change: &Change<'_>) -> (Recording, Report) {
     let mut scenario = Scenario::read(file).unwrap();
     let mut machine = Model::read(&scenario.model).unwrap();
     let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
@@ -92,7 +92,7 @@ fn zero(s: &Signals) -> Signals {
 }
 
 /// Runs both ways with `change`, prints the worst channel and returns every family's name and relative difference.
-fn apart(label: &str, file: &Path, change: &Change) -> Vec<(String, f64)> {
+fn apart(label: &str, file: &Path, change: &Change<'_>) -> Vec<(String, f64)> {
     let (a, eliminated) = play(file, Formulation::Eliminated, change);
     let (b, absolute) = play(file, Formulation::Absolute, change);
     assert_eq!(eliminated.events, absolute.events, "{label}");
@@ -105,7 +105,7 @@ fn apart(label: &str, file: &Path, change: &Change) -> Vec<(String, f64)> {
     all
 }
 
-fn agree(label: &str, file: &Path, change: &Change) {
+fn agree(label: &str, file: &Path, change: &Change<'_>) {
     let all = apart(label, file, change);
     assert!(all.iter().all(|(_, d)| *d < AGREEMENT), "{label}: {all:?}");
 }
