@@ -19,6 +19,7 @@ mod bars;
 mod text;
 
 pub use bars::error_bars;
+use text::FIRM;
 pub use text::{WIDTH, command, grouped, hanging, wrapped};
 
 /// Exit status: done.
@@ -236,7 +237,7 @@ impl std::fmt::Display for Table {
                 };
             }
             let end = if r + 1 == self.rows.len() { "" } else { "\n" };
-            write!(f, "{}{end}", line.trim_end())?;
+            write!(f, "{}{end}", line.trim_end().replace(FIRM, " "))?;
         }
         Ok(())
     }

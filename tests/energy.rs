@@ -127,12 +127,13 @@ fn elastic_struts_return_what_they_store() {
 
 #[test]
 fn a_hose_returns_what_it_stores() {
-    // F = f − k·(p − p₀): potential ½·k·|p − p₀|² − f·(p − p₀), whatever the path.
-    let (k, preload, height) = (50.0, [3.0, -2.0, 5.0], -0.9);
-    let plant = plant(vec![ActiveEffect::new(find("hose_spring").unwrap(), &[&[k], &preload, &[height]])]);
+    // Potential ½·k·(|p − a| − l₀)² − f·p, whatever the path.
+    let (k, preload, end, free) = (50.0, [3.0, -2.0, 5.0], [0.4, -0.3, 0.2], 0.9);
+    let blocks: [&[f64]; 5] = [&[k], &preload, &end, &[free], &[0.0]];
+    let plant = plant(vec![ActiveEffect::new(find("hose_spring").unwrap(), &blocks)]);
     let potential = |position: nalgebra::Vector3<f64>| {
-        let x = position - nalgebra::Vector3::new(0.0, 0.0, height);
-        0.5 * k * x.norm_squared() - nalgebra::Vector3::from(preload).dot(&x)
+        let elongation = (position - nalgebra::Vector3::from(end)).norm() - free;
+        0.5 * k * elongation * elongation - nalgebra::Vector3::from(preload).dot(&position)
     };
     let start = plant.motion(&reversing(0.0)).unwrap().bodies[deltatwin::model::bodies::PLATFORM].position;
     let a = audit(&plant, KNOT / 4.0);

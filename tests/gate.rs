@@ -285,3 +285,52 @@ fn other_names_and_units_are_the_same_recording() {
         }
     }
 }
+
+fn run(arguments: &[&str]) -> std::process::Output {
+    assert_cmd::Command::new(env!("CARGO_BIN_EXE_deltatwin")).args(arguments).output().expect("the program runs")
+}
+
+#[test]
+fn commands_stop_at_the_gate_and_go_on_with_the_remedy() {
+    const MODEL: &str = "models/irb360-6-1600.toml";
+    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    each(&mut recording.signals, |_, tau| tau[1] = -tau[1]);
+    let folder = tempfile::tempdir().unwrap();
+    let [file, fitted] = ["run.csv", "fitted.toml"].map(|n| folder.path().join(n).display().to_string());
+    recording.write(Path::new(&file)).unwrap();
+
+    let refused = run(&["identify", MODEL, &file, "-o", &fitted]);
+    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    assert!(message.contains("--map \"tau2=-tau2\"") && !Path::new(&fitted).exists(), "{message}");
+
+    let checked = run(&["check", &file, "--model", MODEL, "--json"]);
+    assert_eq!(checked.status.code(), Some(1));
+    let answer: serde_json::Value = serde_json::from_slice(&checked.stdout).unwrap();
+    let finding = &answer["gate"][0];
+    assert_eq!((&finding["axis"], &finding["problem"]), (&2.into(), &"torque_sign".into()), "{answer}");
+    assert!(finding["evidence"]["slope"].as_f64().is_some_and(|s| (s + 1.0).abs() < 0.1), "{answer}");
+
+    let mended = run(&["compare", MODEL, &file, "--map", "tau2=-tau2", "--json", "--fail-above", "3"]);
+    assert_eq!(mended.status.code(), Some(0), "{}", String::from_utf8_lossy(&mended.stderr));
+    let answer: serde_json::Value = serde_json::from_slice(&mended.stdout).unwrap();
+    assert_eq!(answer["gate"], serde_json::json!([]));
+    let forced = run(&["compare", MODEL, &file, "--no-gate", "--fail-above", "3"]);
+    assert_eq!(forced.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&forced.stderr).contains("times the noise floor"));
+}
+
+/// A constant torque is one sentence, and the model that made the data has nothing to be said of.
+#[test]
+fn compare_has_one_sentence_for_one_cause() {
+    let machine = robot(3);
+    let recording = measured(&machine, &motion(5), Payload::default(), 7);
+    let plain = deltatwin::comparison::compare(&machine, &[Trace::new(&recording)], &[]).unwrap();
+    assert!(plain.findings.is_empty(), "{:?}", plain.findings);
+    let mut offset = recording;
+    each(&mut offset.signals, |_, tau| tau[0] += 2.0);
+    let found = deltatwin::comparison::compare(&machine, &[Trace::new(&offset)], &[]).unwrap().findings;
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!((found[0].channel, found[0].place.as_str()), (Channel::Torque(0), "mean"));
+    assert!(found[0].share > 0.9 && found[0].sentence.contains("+2.0"), "{found:?}");
+}

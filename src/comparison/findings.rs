@@ -15,7 +15,9 @@ const MIN_MEAN: f64 = 0.1;
 const WORKSPACE: f64 = 1.5;
 /// Share of the mean square that is not white, from which it is worth a sentence where nothing else is.
 const COLOURED: f64 = 0.2;
-/// Bins of a drift in time.
+/// RMS near reversals over that elsewhere from which it is worth a sentence.
+const LARGER: f64 = 1.3;
+/// Terms of a drift in time.
 const TREND: usize = 2;
 
 /// A quantity that a residual may follow.
@@ -198,7 +200,8 @@ impl Search<'_> {
             self.channel.joint_unit(),
             found.rms[1]
         );
-        (share >= MIN_SHARE).then(|| self.finding("reversal", share, what))
+        let larger = found.rms[0] > LARGER * found.rms[1];
+        (share >= MIN_SHARE && larger).then(|| self.finding("reversal", share, what))
     }
 
     /// A tone in what is left.

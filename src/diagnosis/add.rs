@@ -1,5 +1,7 @@
 //! An effect added to a model by hand: what it explains, and what it does to the other parameters.
 
+use std::sync::atomic::AtomicBool;
+
 use super::budget::{self, Budget, Change};
 use super::judge::{Judge, Judged};
 use super::search::with_effects;
@@ -45,7 +47,8 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     }
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?];
-    let fitting = Fitting { traces, noise: floor(model, traces), held: &[] };
+    let fitting =
+        Fitting { traces, noise: floor(model, traces), held: &[], clock: &|| 0.0, tried: AtomicBool::new(false) };
     let judge = Judge::new(&fitting, model, held_out);
     let before = judge.fit(model)?;
     let problem = fitting.problem(&before.fit, &candidates)?;

@@ -15,6 +15,8 @@ mod problem;
 mod search;
 pub mod unknown;
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 pub use add::{Addition, add};
 use budget::{Budget, Change};
 pub use candidates::CandidateReport;
@@ -167,6 +169,16 @@ pub struct Named {
     pub parameters: Vec<Estimate>,
 }
 
+/// Share of the time for a diagnosis that has passed: one and more once it is up.
+pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
+
+/// Shares of the time after which no further effect, no law outside the library and no experiment is looked for.
+const SEARCH: f64 = 0.6;
+/// The same for the first effect: on a slow computer it is tried all the same.
+const FIRST: f64 = 2.0;
+const EXPLAIN: f64 = 0.75;
+const EXPERIMENT: f64 = 0.9;
+
 /// Finds the missing effects; `progress` is told what is being done.
 pub fn diagnose(
     model: &Model,
@@ -185,15 +197,27 @@ pub fn diagnose_holding(
     held_out: &[Trace],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
+    diagnose_within(&|| 0.0, model, held, traces, held_out, progress)
+}
+
+/// The same within a time: once `clock` says that it is up, the best answer so far, and what was not tried.
+pub fn diagnose_within(
+    clock: Clock,
+    model: &Model,
+    held: &[String],
+    traces: &[Trace],
+    held_out: &[Trace],
+    progress: &mut dyn FnMut(&str),
+) -> Result<Diagnosis, DiagnosisError> {
     check(traces, held_out)?;
-    let fitting = Fitting { traces, noise: floor(model, traces), held };
+    let fitting = Fitting { traces, noise: floor(model, traces), held, clock, tried: AtomicBool::new(false) };
     let judge = Judge::new(&fitting, model, held_out);
     let noise_floor = judge.floor.clone();
     progress("refit");
     let start = fitting.fit(model)?;
     let mounted = in_configuration(model, &traces[0].setup);
     let candidates = problem::absent(&mounted);
-    let search::Found { start, end, without, outcome, all, problem, settings, sampling_lag } =
+    let search::Found { start, end, without, outcome, all, problem, settings, sampling_lag, mut not_tried } =
         search::find(start, &judge, &candidates, progress)?;
     let Judged { fit: start, rms: rms_before, .. } = start;
     let Judged { fit: end, rms: mut rms_after, .. } = end;
@@ -234,7 +258,12 @@ pub fn diagnose_holding(
     progress("what is left");
     let mut left = Left::new(&rms_after, &noise_floor, !effects.is_empty(), verdict);
     let doubt = unknown::Doubt { named: effects.len(), is_more_than_noise: left.is_more_than_noise() };
-    let unexplained = unknown::explain([&start, &end], doubt, &fitting, held_out, progress)?;
+    let unexplained = if clock() < EXPLAIN {
+        unknown::explain([&start, &end], doubt, &fitting, held_out, progress)?
+    } else {
+        not_tried.push("a law outside the library".into());
+        None
+    };
     let (verdict, end) = match unexplained.as_ref().filter(|u| u.replaces) {
         None => (verdict, end),
         Some(found) => {
@@ -261,7 +290,12 @@ pub fn diagnose_holding(
     let lag = sampling_lag.map(|_| search::DELAY);
     let reports = candidates::reports(&all, &outcome, &settings, &effects, &indistinguishable, lag);
     progress("next experiment");
-    let next_experiment = next_experiment(verdict, &outcome, &candidates, &end, &fitting);
+    let next_experiment = if clock() < EXPERIMENT {
+        next_experiment(verdict, &outcome, &candidates, &end, &fitting)
+    } else {
+        not_tried.push("the next experiment".into());
+        None
+    };
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
     let mut added: Vec<&str> = effects.iter().map(|e| e.name.as_str()).collect();
     added.extend(is_explained.then_some(effects::formula::NAME));
@@ -297,12 +331,12 @@ pub fn diagnose_holding(
         twin_only,
         next_experiment,
         left,
-        not_tried: Vec::new(),
         budget,
         changes: budget::changes(&start, &end),
         parameters: [start.parameters, end.parameters],
         unexplained,
         sampling_lag,
+        not_tried,
         model: found_model,
     })
 }
@@ -339,12 +373,27 @@ struct Fitting<'a> {
     noise: Vec<f64>,
     /// Effects that keep their parameters.
     held: &'a [String],
+    /// Share of the time that has passed.
+    clock: Clock<'a>,
+    /// Whether an effect was tried.
+    tried: AtomicBool,
 }
 
 impl Fitting<'_> {
     fn fit(&self, model: &Model) -> Result<Fit, FitError> {
         let weights = vec![self.noise.clone(); self.traces.len()];
-        fit_with(model, self.traces, &weights, &Options { held: self.held, ..Options::default() })
+        let stop = || self.is_late();
+        fit_with(model, self.traces, &weights, &Options { held: self.held, stop: Some(&stop), ..Options::default() })
+    }
+
+    /// Whether it is too late to look for another effect.
+    fn is_late(&self) -> bool {
+        (self.clock)() >= if self.tried.load(Ordering::Relaxed) { SEARCH } else { FIRST }
+    }
+
+    /// From now on the time is as long as it is.
+    fn has_tried(&self) {
+        self.tried.store(true, Ordering::Relaxed);
     }
 
     /// The problem of a fit, without the parameters that are held or what the edge of the possible holds.

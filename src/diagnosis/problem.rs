@@ -2,7 +2,7 @@
 //! it lacks.
 
 use crate::dynamics::Plant;
-use crate::effects::{self, ActiveEffect, Entry, Role};
+use crate::effects::{self, ActiveEffect, Entry, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
 use crate::identification::fit::{Fit, FitError, kinematics, own_size};
 use crate::identification::prediction::Channels;
@@ -45,6 +45,9 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         let own = entries.iter().enumerate().filter(move |(_, e)| e.parameter.role == role);
         own.map(|(i, _)| i)
     };
+    if !effect.starts().is_empty() {
+        return effect.starts().iter().map(|start| begun_at(&base, start)).collect();
+    }
     // Sets of values that are scaled together. What gears do depends on how much they give from the outset.
     let gears = base.has_gears();
     let searched: Vec<Vec<usize>> = if gears {
@@ -76,6 +79,16 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         variants = variants.into_iter().flat_map(switched).collect();
     }
     variants
+}
+
+/// An effect with the values of a starting shape.
+fn begun_at(active: &ActiveEffect, start: &Start) -> ActiveEffect {
+    let mut begun = active.clone();
+    for (block, values) in start.0.iter().flatten() {
+        let first = begun.values().index(*block, 0);
+        begun.values[first..first + values.len()].copy_from_slice(values);
+    }
+    begun
 }
 
 /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.

@@ -1,9 +1,15 @@
 //! Forward selection of effects on the robot's own model, with names that do not stand refused.
+//!
+//! A fit with given effects is made once, however often the selection comes back to them. When the time is up, the
+//! effects that stand in the order in which they were added are the answer.
+
+use std::cell::RefCell;
+use std::rc::Rc;
 
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant};
 use super::{DiagnosisError, Fitting, problem, without_effects};
 use crate::effects::{ActiveEffect, Kind, Role};
-use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Settings};
+use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
 use crate::identification::fit::{Fit, FitError};
 use crate::model::Model;
 
@@ -31,6 +37,46 @@ pub(super) struct Found {
     pub settings: Settings,
     /// By how much the torques come late, s.
     pub sampling_lag: Option<f64>,
+    /// Effects that the data ask for and that the time did not allow to try.
+    pub not_tried: Vec<String>,
+}
+
+/// Fits made so far from one start, by the effects that they hold.
+#[derive(Default)]
+struct Fits {
+    judged: RefCell<Vec<(Vec<(usize, usize)>, Judged)>>,
+    columns: RefCell<Vec<(Vec<(usize, usize)>, Rc<Vec<problem::Owned>>)>>,
+}
+
+/// What a set of effects is known by, in whatever order they were added.
+fn key(chosen: &[Chosen]) -> Vec<(usize, usize)> {
+    let mut key: Vec<_> = chosen.iter().map(|c| (c.candidate, c.variant)).collect();
+    key.sort_unstable();
+    key
+}
+
+impl Fits {
+    /// The fit with `chosen`; `make` makes it if there is none yet.
+    fn of<E>(&self, chosen: &[Chosen], make: impl FnOnce() -> Result<Judged, E>) -> Result<Judged, E> {
+        let key = key(chosen);
+        if let Some((_, known)) = self.judged.borrow().iter().find(|(k, _)| *k == key) {
+            return Ok(known.clone());
+        }
+        let made = make()?;
+        self.judged.borrow_mut().push((key, made.clone()));
+        Ok(made)
+    }
+
+    /// Columns of all parameters at the fit with `chosen`.
+    fn columns(&self, chosen: &[Chosen], fit: &Fit, fitting: &Fitting) -> Result<Rc<Vec<problem::Owned>>, FitError> {
+        let key = key(chosen);
+        if let Some((_, known)) = self.columns.borrow().iter().find(|(k, _)| *k == key) {
+            return Ok(known.clone());
+        }
+        let made = Rc::new(problem::owned_columns(&fit.model, fitting.traces)?);
+        self.columns.borrow_mut().push((key, made.clone()));
+        Ok(made)
+    }
 }
 
 /// How one selection ended.
@@ -65,6 +111,7 @@ pub(super) fn find(
     let mut all: Option<Ranking> = None;
     let mut refused: Vec<&str> = Vec::new();
     let (mut lags, mut may_lag) = (false, true);
+    let mut fits = Fits::default();
     loop {
         let mut stated = problem.clone();
         for c in &mut stated.candidates {
@@ -73,32 +120,57 @@ pub(super) fn find(
             }
         }
         progress("evidence");
-        let search = Search { start: &start, judge, candidates, may_lag: may_lag && !lags };
+        let search = Search { start: &start, judge, candidates, may_lag: may_lag && !lags, fits: &fits };
         let wrong = match search.select(&stated, &settings, &mut all, progress)? {
             Selection::Lag(late) => {
                 lags = true;
                 let mut model = start.fit.model.clone();
                 model.effects.push(late);
                 start = judge.fit(&model)?;
-                problem = fitting.problem(&start.fit, candidates)?;
+                fits = Fits::default();
+                if !fitting.is_late() {
+                    problem = fitting.problem(&start.fit, candidates)?;
+                }
                 continue;
             }
             Selection::Refused(name) => name,
             Selection::Complete(complete) => {
-                let (outcome, end) = *complete;
+                let (mut outcome, mut end) = *complete;
                 let sampling_lag = delay(&end.fit.model).filter(|_| lags).map(|late| late.values[0]);
                 if sampling_lag.is_some_and(|late| late.abs() >= 0.5 * dt) {
                     // Beside what else was found it is a delay.
                     (lags, may_lag) = (false, false);
                     (start, problem) = alone.clone();
+                    fits = Fits::default();
                     continue;
                 }
-                let names: Vec<&'static str> =
-                    outcome.found().into_iter().map(|i| candidates[i][0].effect.name()).collect();
-                match search.stand(&names, &end)? {
+                let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+                let judged = if outcome.cut_short || fitting.is_late() {
+                    let standing = search.longest_standing(&chosen)?;
+                    end = standing.0;
+                    outcome.findings.truncate(standing.1.len());
+                    Ok(standing.1)
+                } else {
+                    search.stand(&chosen, &end)?
+                };
+                match judged {
                     Ok(without) => {
                         let all = all.unwrap_or_else(|| outcome.remaining.clone());
-                        return Ok(Found { start, end, without, outcome, all, problem, settings, sampling_lag });
+                        let not_tried = match outcome.cut_short {
+                            true => untried(&outcome, &chosen[without.len()..], candidates, &settings),
+                            false => Vec::new(),
+                        };
+                        return Ok(Found {
+                            start,
+                            end,
+                            without,
+                            outcome,
+                            all,
+                            problem,
+                            settings,
+                            sampling_lag,
+                            not_tried,
+                        });
                     }
                     Err(name) => name,
                 }
@@ -112,6 +184,19 @@ pub(super) fn find(
     }
 }
 
+/// Names of what an outcome that was cut short leaves open: `unjudged` effects, and candidates that still pass.
+fn untried(
+    outcome: &Outcome,
+    unjudged: &[Chosen],
+    candidates: &[Vec<ActiveEffect>],
+    settings: &Settings,
+) -> Vec<String> {
+    let ranking = &outcome.remaining;
+    let passing = ranking.order.iter().map(|&i| &ranking.candidates[i]).filter(|a| a.passes(settings));
+    let unjudged = unjudged.iter().map(|c| candidates[c.candidate][0].effect.name().to_string());
+    unjudged.chain(passing.map(|a| a.name.clone())).collect()
+}
+
 fn delay(model: &Model) -> Option<&ActiveEffect> {
     model.effects.iter().find(|a| a.effect.name() == DELAY)
 }
@@ -123,6 +208,7 @@ struct Search<'a> {
     /// Whether a delay of less than half a sample is the recorder's: a controller holds its torque from one sample to the
     /// next.
     may_lag: bool,
+    fits: &'a Fits,
 }
 
 impl Search<'_> {
@@ -135,51 +221,54 @@ impl Search<'_> {
         all: &mut Option<Ranking>,
         progress: &mut dyn FnMut(&str),
     ) -> Result<Selection, DiagnosisError> {
-        let mut stopped: Option<Result<Selection, FitError>> = None;
+        let mut stopped: Option<Selection> = None;
         let mut last: Option<(Vec<Chosen>, Judged)> = None;
-        let outcome = evidence::select_with(stated, settings, |chosen, ranking| {
+        let fitting = self.judge.fitting;
+        let outcome = evidence::select_with(stated, settings, &|| fitting.is_late(), |chosen, ranking| {
             all.get_or_insert_with(|| ranking.clone());
             let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
             let is_lag = self.may_lag && names.last() == Some(&DELAY);
             if !is_lag && !chosen.iter().any(|c| is_nonlinear(self.shape(c))) {
-                return Ok(None);
+                fitting.has_tried();
+                return Ok(Refit::Same);
             }
             let newest = chosen.last().map(|c| (c, self.shape(c)));
+            let refused = newest.map_or("", |(_, a)| a.effect.name());
             // What takes long must be worth it at once.
-            let gears = newest.filter(|(_, a)| a.has_gears()).map(|(c, a)| (c, a.effect.name()));
-            if let Some((_, name)) = gears.filter(|(c, _)| !promises(ranking, c)) {
-                stopped = Some(Ok(Selection::Refused(name)));
-                return Err(String::new());
-            }
+            let gears = newest.filter(|(_, a)| a.has_gears()).map(|(c, _)| c);
             progress(&format!("refit with {}", names.join(", ")));
             let mut step = || -> Result<Result<Problem, Selection>, FitError> {
+                if gears.is_some_and(|c| !promises(ranking, c)) {
+                    return Ok(Err(Selection::Refused(refused)));
+                }
                 let fitted = self.refit(chosen, Some(ranking))?;
                 if let Some(late) = self.lag(&fitted.fit, &names) {
                     return Ok(Err(Selection::Lag(late)));
                 }
                 let before = last.as_ref().map_or(self.start, |(_, before)| before);
-                if let Some((_, name)) = gears
-                    && !self.judge.confirms(before, &fitted)?
-                {
-                    return Ok(Err(Selection::Refused(name)));
+                if gears.is_some() && !self.judge.confirms(before, &fitted)? {
+                    return Ok(Err(Selection::Refused(refused)));
                 }
-                let next = relinearised(&fitted.fit, self.judge.fitting, stated, chosen, &names)?;
+                let next = self.relinearised(&fitted.fit, stated, chosen, &names)?;
                 last = Some((chosen.to_vec(), fitted));
                 Ok(Ok(next))
             };
-            let (stop, text) = match step() {
-                Ok(Ok(next)) => return Ok(Some(next)),
-                Ok(Err(selection)) => (Ok(selection), String::new()),
-                Err(e) => {
-                    let text = e.to_string();
-                    (Err(e), text)
-                }
+            let made = step();
+            fitting.has_tried();
+            // Where the data lead to a machine that cannot be, the newest effect is not what they show.
+            let selection = match made {
+                Ok(Ok(next)) => return Ok(Refit::New(Box::new(next))),
+                Ok(Err(selection)) => selection,
+                Err(_) => Selection::Refused(refused),
             };
-            stopped = Some(stop);
-            Err(text)
+            if fitting.is_late() && matches!(selection, Selection::Refused(_)) {
+                return Ok(Refit::Withdraw);
+            }
+            stopped = Some(selection);
+            Err(String::new())
         });
         if let Some(stopped) = stopped {
-            return Ok(stopped?);
+            return Ok(stopped);
         }
         let outcome = outcome?;
         let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
@@ -188,7 +277,11 @@ impl Search<'_> {
             Some((before, fitted)) if before == chosen => fitted,
             _ => {
                 progress("refit");
-                self.refit(&chosen, None)?
+                match (self.refit(&chosen, None), chosen.last()) {
+                    (Ok(end), _) => end,
+                    (Err(_), Some(newest)) => return Ok(Selection::Refused(self.shape(newest).effect.name())),
+                    (Err(e), None) => return Err(e.into()),
+                }
             }
         };
         let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
@@ -198,25 +291,37 @@ impl Search<'_> {
         })
     }
 
-    /// RMS residuals without each of the effects named; or the name of one that does not stand.
-    fn stand(&self, names: &[&'static str], end: &Judged) -> Result<Result<Vec<Vec<f64>>, &'static str>, FitError> {
-        // A law with a definite sign must come out with it.
-        let impossible = |name: &&&str| end.fit.impossible.iter().any(|p| p.split('.').next() == Some(**name));
-        if let Some(name) = names.iter().find(impossible) {
-            return Ok(Err(*name));
+    /// RMS residuals without each of the effects chosen; or the name of one that does not stand.
+    fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, &'static str>, FitError> {
+        let name = |c: &Chosen| self.shape(c).effect.name();
+        if let Some(c) = chosen.iter().find(|c| is_impossible(&end.fit, name(c))) {
+            return Ok(Err(name(c)));
         }
         let mut all = Vec::new();
-        for name in names {
-            let without = match names.len() {
-                1 => self.start.clone(),
-                _ => self.judge.fit(&without_effects(&end.fit.model, &[name]))?,
-            };
-            if !self.judge.confirms(&without, end)? {
-                return Ok(Err(*name));
+        for c in chosen {
+            let others: Vec<Chosen> = chosen.iter().copied().filter(|other| other != c).collect();
+            let make = || self.judge.fit(&without_effects(&end.fit.model, &[name(c)]));
+            let without = if others.is_empty() { Ok(self.start.clone()) } else { self.fits.of(&others, make) };
+            match without {
+                Ok(without) if self.judge.confirms(&without, end)? => all.push(without.rms),
+                _ => return Ok(Err(name(c))),
             }
-            all.push(without.rms);
         }
         Ok(Ok(all))
+    }
+
+    /// The fit with as many of the effects chosen, in their order, as stand given those before, and the RMS residuals
+    /// before each of them was added.
+    fn longest_standing(&self, chosen: &[Chosen]) -> Result<(Judged, Vec<Vec<f64>>), FitError> {
+        let (mut end, mut without) = (self.start.clone(), Vec::new());
+        for (k, c) in chosen.iter().enumerate() {
+            let Ok(next) = self.refit(&chosen[..=k], None) else { break };
+            if is_impossible(&next.fit, self.shape(c).effect.name()) || !self.judge.confirms(&end, &next)? {
+                break;
+            }
+            without.push(std::mem::replace(&mut end, next).rms);
+        }
+        Ok((end, without))
     }
 
     fn shape(&self, chosen: &Chosen) -> &ActiveEffect {
@@ -224,7 +329,8 @@ impl Search<'_> {
     }
 
     fn refit(&self, chosen: &[Chosen], ranking: Option<&Ranking>) -> Result<Judged, FitError> {
-        self.judge.fit(&with_effects(&self.start.fit.model, self.candidates, chosen, ranking))
+        let make = || self.judge.fit(&with_effects(&self.start.fit.model, self.candidates, chosen, ranking));
+        self.fits.of(chosen, make)
     }
 
     /// A delay among the effects found that is a way of recording.
@@ -232,6 +338,47 @@ impl Search<'_> {
         let late = delay(&fit.model).filter(|_| self.may_lag && names.contains(&DELAY))?;
         (late.values[0].abs() < 0.5 * self.judge.fitting.traces[0].dt).then(|| late.clone())
     }
+
+    /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
+    fn relinearised(
+        &self,
+        fitted: &Fit,
+        stated: &Problem,
+        chosen: &[Chosen],
+        names: &[&str],
+    ) -> Result<Problem, FitError> {
+        let fitting = self.judge.fitting;
+        let mut next = Problem {
+            y: problem::residual_series(fitting.traces, &fitted.residuals),
+            base: Vec::new(),
+            ..stated.clone()
+        };
+        for c in chosen {
+            next.candidates[c.candidate].variants[c.variant].columns.clear();
+        }
+        for owned in self.fits.columns(chosen, fitted, fitting)?.iter() {
+            if fitting.holds(&owned.column.name) {
+                continue;
+            }
+            let Some(i) = names.iter().position(|n| *n == owned.effect) else {
+                next.base.push(owned.column.clone());
+                continue;
+            };
+            if let Some(value) = owned.linear {
+                for (y, x) in next.y.iter_mut().zip(&owned.column.values) {
+                    *y += value * x;
+                }
+            }
+            next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
+        }
+        problem::along_edge(&mut next.base, fitted);
+        Ok(next)
+    }
+}
+
+/// Whether an effect has a value that its law does not allow: a law with a definite sign must come out with it.
+fn is_impossible(fit: &Fit, name: &str) -> bool {
+    fit.impossible.iter().any(|p| p.split('.').next() == Some(name))
 }
 
 /// A model with effects that were chosen; those that a ranking assesses begin at its estimates.
@@ -271,37 +418,4 @@ fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
     for ((value, entry), estimate) in linear.zip(coefficients) {
         *value = estimate.value.clamp(entry.parameter.range.0, entry.parameter.range.1);
     }
-}
-
-/// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
-fn relinearised(
-    fitted: &Fit,
-    fitting: &Fitting,
-    stated: &Problem,
-    chosen: &[Chosen],
-    names: &[&str],
-) -> Result<Problem, FitError> {
-    let traces = fitting.traces;
-    let mut next =
-        Problem { y: problem::residual_series(traces, &fitted.residuals), base: Vec::new(), ..stated.clone() };
-    for c in chosen {
-        next.candidates[c.candidate].variants[c.variant].columns.clear();
-    }
-    for owned in problem::owned_columns(&fitted.model, traces)? {
-        if fitting.holds(&owned.column.name) {
-            continue;
-        }
-        let Some(i) = names.iter().position(|n| *n == owned.effect) else {
-            next.base.push(owned.column);
-            continue;
-        };
-        if let Some(value) = owned.linear {
-            for (y, x) in next.y.iter_mut().zip(&owned.column.values) {
-                *y += value * x;
-            }
-        }
-        next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column);
-    }
-    problem::along_edge(&mut next.base, fitted);
-    Ok(next)
 }

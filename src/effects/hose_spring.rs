@@ -2,18 +2,44 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Start, Values, Wrenches};
 use crate::model::bodies::PLATFORM;
 
-/// F = f − k·(p − p₀) on the platform's centre p, p₀ = (0, 0, height).
+/// F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
 ///
-/// f in N, inertial axes: the pull at p₀; k in N/m, never negative. The same as a spring of zero length from p to the fixed
-/// point p₀ + f/k: preload and fixed point are both free. Stores k·|p − p₀|²/2 − f·(p − p₀).
+/// a is the fixed end in m, inertial axes; l₀ the free length in m; k in N/m, never negative; f a constant force in N, inertial
+/// axes, such as the hose's weight. With `pulls_only` = 1 it goes slack: e = max(0, |d| − l₀). With l₀ = 0 the law is linear,
+/// F = f + k·a − k·p, and f moves the fixed end to a + f/k. Stores k·e²/2 − f·p.
 pub struct HoseSpring;
 
 const STIFFNESS: usize = 0;
 const PRELOAD: usize = 1;
-const HEIGHT: usize = 2;
+const ANCHOR: usize = 2;
+const FREE_LENGTH: usize = 3;
+const PULLS_ONLY: usize = 4;
+
+/// Ends 0.8 m from the middle of the workspace, overhead and inclined by 45° to four sides, with a spring that is nearly
+/// as long, and a slack one.
+const STARTS: [Start; 11] = {
+    const fn at(anchor: &'static [f64], length: &'static [f64], pulls_only: &'static [f64]) -> Start {
+        Start([Some((ANCHOR, anchor)), Some((FREE_LENGTH, length)), Some((PULLS_ONLY, pulls_only))])
+    }
+    const ENDS: [&[f64]; 5] =
+        [&[0.0, 0.0, -0.2], &[0.57, 0.0, -0.43], &[-0.57, 0.0, -0.43], &[0.0, 0.57, -0.43], &[0.0, -0.57, -0.43]];
+    [
+        at(&[0.0, 0.0, -0.9], &[0.0], &[0.0]),
+        at(ENDS[0], &[0.7], &[0.0]),
+        at(ENDS[1], &[0.7], &[0.0]),
+        at(ENDS[2], &[0.7], &[0.0]),
+        at(ENDS[3], &[0.7], &[0.0]),
+        at(ENDS[4], &[0.7], &[0.0]),
+        at(ENDS[0], &[0.8], &[1.0]),
+        at(ENDS[1], &[0.8], &[1.0]),
+        at(ENDS[2], &[0.8], &[1.0]),
+        at(ENDS[3], &[0.8], &[1.0]),
+        at(ENDS[4], &[0.8], &[1.0]),
+    ]
+};
 
 impl Effect for HoseSpring {
     fn name(&self) -> &'static str {
@@ -26,10 +52,10 @@ impl Effect for HoseSpring {
 
     fn about(&self) -> About {
         About {
-            summary: "a hose pulls at the platform like a spring from a fixed point",
-            law: "F = f − k·(p − p₀), p₀ = (0, 0, height): a spring to the fixed point p₀ + f/k",
+            summary: "pull of a hose or cable at the platform",
+            law: "F = f − k·(|d| − l₀)·d/|d|, d = p − a: a spring of free length l₀ to the fixed point a",
             shows: "static torque of the arms that grows with the platform's distance from a point",
-            source: "vacuum hose or cable, 5–50 N/m and some newtons (estimate)",
+            source: "Hooke's law; vacuum hose or cable, 5–50 N/m and some newtons (estimate)",
         }
     }
 
@@ -52,22 +78,53 @@ impl Effect for HoseSpring {
                 range: (-200.0, 200.0),
             },
             Parameter {
-                name: "height",
+                name: "anchor",
+                unit: "m",
+                count: Count::Named(&["x", "y", "z"]),
+                role: Role::Shape,
+                default: 0.5,
+                range: (-5.0, 5.0),
+            },
+            Parameter {
+                name: "free_length",
                 unit: "m",
                 count: Count::One,
+                role: Role::Shape,
+                default: 0.8,
+                range: (0.0, 5.0),
+            },
+            // 0 or 1.
+            Parameter {
+                name: "pulls_only",
+                unit: "1",
+                count: Count::One,
                 role: Role::Fixed,
-                default: -0.9,
-                range: (-10.0, 10.0),
+                default: 0.0,
+                range: (0.0, 1.0),
             },
         ]
     }
 
     fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
-        let stretch = at.motion.bodies[PLATFORM].position - Vector3::z() * values.one(HEIGHT);
-        out.wrench(values.index(STIFFNESS, 0), PLATFORM, -stretch, Vector3::zeros());
+        let end = Vector3::from_column_slice(values.block(ANCHOR));
+        let d = at.motion.bodies[PLATFORM].position - end;
+        let (distance, free) = (d.norm(), values.one(FREE_LENGTH));
+        // At its fixed end a spring has no direction.
+        let share = if distance > f64::EPSILON * free { 1.0 - free / distance } else { 0.0 };
+        let share = if values.one(PULLS_ONLY) > 0.5 { share.max(0.0) } else { share };
+        out.wrench(values.index(STIFFNESS, 0), PLATFORM, d * -share, Vector3::zeros());
         for axis in 0..values.len(PRELOAD) {
             out.wrench(values.index(PRELOAD, axis), PLATFORM, Vector3::ith(axis, 1.0), Vector3::zeros());
         }
+    }
+
+    /// Of one that is drawn at random.
+    fn shape_grids(&self) -> &'static [&'static [f64]] {
+        &[&[0.5, 0.7, 1.3, 2.0]]
+    }
+
+    fn starts(&self) -> &'static [Start] {
+        &STARTS
     }
 }
 
@@ -76,12 +133,29 @@ mod tests {
     use super::*;
     use crate::effects::testing;
 
-    #[test]
-    fn pulls_towards_the_fixed_point() {
-        // 20 N/m and 10 N along x: fixed point at (0.5, 0, −0.9). From (0.5, 0.2, −1.1) it pulls by 20·(0, −0.2, 0.2).
+    fn pull(blocks: &[&[f64]], position: Vector3<f64>) -> Vector3<f64> {
         let mut motion = testing::still();
-        motion.bodies[PLATFORM].position = Vector3::new(0.5, 0.2, -1.1);
-        let total = testing::totals(&HoseSpring, &[&[20.0], &[10.0, 0.0, 0.0], &[-0.9]], &motion);
-        approx::assert_relative_eq!(total[PLATFORM].0, Vector3::new(0.0, -4.0, 4.0), epsilon = 1e-12);
+        motion.bodies[PLATFORM].position = position;
+        testing::totals(&HoseSpring, blocks, &motion)[PLATFORM].0
+    }
+
+    #[test]
+    fn without_free_length_it_pulls_towards_the_fixed_point() {
+        // 20 N/m and 10 N along x: fixed point at (0.5, 0, −0.9). From (0.5, 0.2, −1.1) it pulls by 20·(0, −0.2, 0.2).
+        let blocks: [&[f64]; 5] = [&[20.0], &[10.0, 0.0, 0.0], &[0.0, 0.0, -0.9], &[0.0], &[0.0]];
+        let total = pull(&blocks, Vector3::new(0.5, 0.2, -1.1));
+        approx::assert_relative_eq!(total, Vector3::new(0.0, -4.0, 4.0), epsilon = 1e-12);
+    }
+
+    #[test]
+    fn a_spring_pulls_when_longer_and_pushes_or_hangs_when_shorter_than_free() {
+        // From (0.3, 0, −0.4) to the origin 0.5 m: 0.2 m longer than free, 20·0.2 = 4 N along (−0.6, 0, 0.8).
+        let p = Vector3::new(0.3, 0.0, -0.4);
+        let with = |free: f64, slack: f64| pull(&[&[20.0], &[0.0; 3], &[0.0; 3], &[free], &[slack]], p);
+        approx::assert_relative_eq!(with(0.3, 0.0), Vector3::new(-2.4, 0.0, 3.2), epsilon = 1e-12);
+        approx::assert_relative_eq!(with(0.3, 1.0), Vector3::new(-2.4, 0.0, 3.2), epsilon = 1e-12);
+        approx::assert_relative_eq!(with(0.6, 0.0), Vector3::new(1.2, 0.0, -1.6), epsilon = 1e-12);
+        assert_eq!(with(0.6, 1.0), Vector3::zeros());
+        assert!(pull(&[&[20.0], &[0.0; 3], &[0.0; 3], &[0.6], &[0.0]], Vector3::zeros()).norm() < 1e-300);
     }
 }

@@ -185,6 +185,11 @@ pub trait Effect: Sync {
         &[&[0.3, 0.6, 1.0, 2.0, 4.0]]
     }
 
+    /// Shapes at which a search begins where no single grid finds them; [`Self::shape_grids`] is left aside then.
+    fn starts(&self) -> &'static [Start] {
+        &[]
+    }
+
     /// Constants of 0 or 1 that a search tries both ways.
     fn switches(&self) -> &'static [&'static str] {
         &[]
@@ -200,6 +205,9 @@ pub trait Effect: Sync {
         Kind::Force
     }
 }
+
+/// Values at which a search begins: up to three parameter blocks, by number, with what stands in them.
+pub struct Start(pub [Option<(usize, &'static [f64])>; 3]);
 
 /// An elastic strut: T = stiffness · elongation + damping · its rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -5,6 +5,7 @@ use super::compare::critical;
 use super::evaluate::evaluate;
 use super::problem::{Chosen, Problem, Settings};
 use super::ranking::Ranking;
+use super::stop::{NEVER, Stop};
 
 /// One effect added.
 #[derive(Clone, Debug)]
@@ -37,6 +38,16 @@ pub enum Verdict {
     Unknown,
 }
 
+/// What becomes of the problem when an effect was added.
+pub enum Refit {
+    /// It stays as it is.
+    Same,
+    /// It is linearised at better parameters.
+    New(Box<Problem>),
+    /// The effect does not stand, and there is no time to look for another.
+    Withdraw,
+}
+
 /// Result of the whole procedure.
 #[derive(Clone, Debug)]
 pub struct Outcome {
@@ -54,6 +65,8 @@ pub struct Outcome {
     pub verdict: Verdict,
     /// The problem as last refitted; `None` if it never was.
     pub refitted: Option<Problem>,
+    /// Whether it was stopped while some candidate still passed.
+    pub cut_short: bool,
 }
 
 impl Outcome {
@@ -65,37 +78,54 @@ impl Outcome {
 
 /// The whole procedure on a problem that stays as it is.
 pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> {
-    select_with(problem, settings, |_, _| Ok(None))
+    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same))
 }
 
 /// The whole procedure. After every addition `refit` gets the effects in the base and the last ranking and may return the
-/// problem linearised at better parameters; its candidates must be the same, in the same order.
-pub fn select_with<F>(problem: &Problem, settings: &Settings, mut refit: F) -> Result<Outcome, Error>
+/// problem linearised at better parameters; its candidates must be the same, in the same order. Once `stop` says so,
+/// nothing more is added or exchanged, and every effect is judged given those added before it.
+pub fn select_with<F>(problem: &Problem, settings: &Settings, stop: Stop, mut refit: F) -> Result<Outcome, Error>
 where
-    F: FnMut(&[Chosen], &Ranking) -> Result<Option<Problem>, String>,
+    F: FnMut(&[Chosen], &Ranking) -> Result<Refit, String>,
 {
     let mut refitted: Option<Problem> = None;
     let mut chosen: Vec<Chosen> = Vec::new();
     let mut steps = Vec::new();
+    let mut cut_short = false;
     let mut remaining = loop {
         let ranking = evaluate(refitted.as_ref().unwrap_or(problem), &chosen, settings)?;
         let Some(best) = ranking.winner().filter(|_| steps.len() < settings.max_steps) else {
             break ranking;
         };
+        if stop() {
+            cut_short = true;
+            break ranking;
+        }
         let added = Chosen { candidate: best.candidate, variant: best.variant };
         chosen.push(added);
-        if let Some(next) = refit(&chosen, &ranking).map_err(Error::Refit)? {
-            let names = |p: &Problem| p.candidates.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
-            if names(&next) != names(problem) {
-                return Err(Error::Candidates);
+        match refit(&chosen, &ranking).map_err(Error::Refit)? {
+            Refit::Same => (),
+            Refit::New(next) => {
+                let names = |p: &Problem| p.candidates.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+                if names(&next) != names(problem) {
+                    return Err(Error::Candidates);
+                }
+                refitted = Some(*next);
             }
-            refitted = Some(next);
+            Refit::Withdraw => {
+                chosen.pop();
+                cut_short = true;
+                break ranking;
+            }
         }
         steps.push(Step { added, ranking });
     };
     let last = refitted.as_ref().unwrap_or(problem);
     let first = steps.first().filter(|_| refitted.is_none());
-    let (findings, removed) = prune(last, &mut chosen, first, settings)?;
+    let (findings, removed) = match stop() {
+        true => (steps.iter().map(as_added).collect(), Vec::new()),
+        false => prune(last, &mut chosen, first, settings, stop)?,
+    };
     if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
         remaining = evaluate(last, &chosen, settings)?;
     }
@@ -106,7 +136,12 @@ where
         () if findings.iter().any(|f| f.ranking.confidence_set().len() > 1) => Verdict::CannotTell,
         () => Verdict::Named,
     };
-    Ok(Outcome { steps, findings, removed, remaining, beaten_by, verdict, refitted })
+    Ok(Outcome { steps, findings, removed, remaining, beaten_by, verdict, refitted, cut_short })
+}
+
+/// The finding of a step, with only the effects added before it in the base.
+fn as_added(step: &Step) -> Finding {
+    Finding { chosen: step.added, ranking: step.ranking.clone() }
 }
 
 /// Judge every chosen effect given the others: remove those that explain nothing more, exchange those that another
@@ -116,6 +151,7 @@ fn prune(
     chosen: &mut Vec<Chosen>,
     first: Option<&Step>,
     settings: &Settings,
+    stop: Stop,
 ) -> Result<(Vec<Finding>, Vec<Chosen>), Error> {
     let mut removed = Vec::new();
     if let ([one], Some(step)) = (chosen.as_slice(), first) {
@@ -141,7 +177,7 @@ fn prune(
             let best = Chosen { candidate: winner.candidate, variant: winner.variant };
             (best.candidate != f.chosen.candidate).then_some((i, best))
         });
-        match better.filter(|_| round < settings.max_steps) {
+        match better.filter(|_| round < settings.max_steps && !stop()) {
             Some((i, best)) => removed.push(std::mem::replace(&mut chosen[i], best)),
             None => return Ok((findings, removed)),
         }

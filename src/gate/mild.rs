@@ -35,8 +35,11 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
         }
     }
     let drives = context.friction.len();
-    let loaded = load.and_then(|load| context.payload(&load));
-    loaded.into_iter().chain((0..drives).filter_map(|i| context.offset(i))).collect()
+    let constants: Vec<Finding> = (0..drives).filter_map(|i| context.offset(i)).collect();
+    if let Some(other) = load.as_ref().and_then(|load| context.another_machine(load, &constants)) {
+        return vec![other];
+    }
+    load.and_then(|load| context.payload(&load)).into_iter().chain(constants).collect()
 }
 
 /// The load that a recording shows and its setup does not state; none if there is no clear one.
@@ -183,6 +186,36 @@ impl<'a> Context<'a> {
         let (before, after) = (arms(0.0), arms(mass));
         let clear = mass.abs() > PAYLOAD && share > PAYLOAD_SHARE.0 && alike && after < CARRIED * before;
         clear.then_some(Load { mass, std, torques, before, after })
+    }
+
+    /// A load and constants of one sign on all arms: arms of another weight, as no load and no sensor makes them.
+    fn another_machine(&self, load: &Load, constants: &[Finding]) -> Option<Finding> {
+        let arms = self.plant.mechanism.arms();
+        let values = |f: &Finding| f.axis.filter(|i| *i < arms).and(f.evidence.value).map(|v| v.0);
+        let values: Vec<f64> = constants.iter().filter_map(values).collect();
+        let one_sign = values.iter().all(|v| *v > 0.0) || values.iter().all(|v| *v < 0.0);
+        if values.len() < arms || !one_sign {
+            return None;
+        }
+        let text: Vec<String> = values.iter().map(|v| format!("{:+}", rounded(*v, 2))).collect();
+        Some(Finding {
+            recording: self.instants.trace.name.clone(),
+            axis: None,
+            problem: Problem::AnotherMachine,
+            severe: true,
+            evidence: Evidence {
+                value: Some((load.mass, load.std)),
+                rms_before: Some(load.before),
+                rms_after: Some(load.after),
+                ..Evidence::default()
+            },
+            sentence: format!(
+                "the arms carry {} kg more at the flange and constants of {} N·m: another machine",
+                rounded(load.mass, 2),
+                text.join(", ")
+            ),
+            remedy: Remedy::Words("the model of the machine that was measured"),
+        })
     }
 
     fn payload(&self, load: &Load) -> Option<Finding> {

@@ -246,12 +246,12 @@ impl Context<'_> {
             problem: Problem::AnotherMachine,
             severe: true,
             evidence: Evidence { line: Some(lines[0]), rms_before: before, ..Evidence::default() },
-            sentence: format!(
-                "the arms carry {} times the model's weight and {} times its inertia: another machine, or a load that the \
-                 setup does not state",
-                text(0),
-                text(1)
-            ),
+            sentence: match slopes.iter().all(|s| s[0] > 0.0 && s[1] > 0.0) {
+                true => {
+                    format!("the arms carry {} times the model's weight and {} times its inertia", text(0), text(1))
+                }
+                false => "weight and inertia of the arms are not those of the model".into(),
+            },
             remedy: Remedy::Words("the model of the machine that was measured, or --payload-mass"),
         })
     }

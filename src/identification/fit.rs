@@ -17,6 +17,7 @@ use super::regularisation::{self, GroupWeight};
 use super::{BaseParameter, Trace};
 use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::{Role, payload};
+use crate::evidence::{NEVER, Stop};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 use crate::model::bodies::END_EFFECTOR;
@@ -167,6 +168,8 @@ pub struct Options<'a> {
     pub weights: &'a [GroupWeight],
     /// Effects whose parameters stay as they are.
     pub held: &'a [String],
+    /// When to end with the best parameters so far; one step is always made.
+    pub stop: Option<Stop<'a>>,
 }
 
 /// Result of a fit.
@@ -231,7 +234,8 @@ const MIN_SAMPLES: usize = 200;
 /// Cost of becoming possible beyond which it is no chance: five standard errors of one parameter.
 const NOTABLE: f64 = 12.5;
 const MAX_ITERATIONS: usize = 8;
-/// Fall of the cost that still counts as progress: a parameter moved by its own standard error changes it by one.
+/// Fall of the cost that still counts as progress, in units of the mean cost of a residual if that is above the noise's:
+/// a parameter moved by its own standard error changes the cost by about one of them.
 const PROGRESS: f64 = 0.01;
 /// Rounds of reweighting.
 const ROUNDS: usize = 4;
@@ -270,6 +274,9 @@ pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &O
     let clean = traces.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
     if options.robust || clean {
         for _ in 0..ROUNDS {
+            if (problem.stop)() {
+                break;
+            }
             let scale = problem.scatter(&normal.residuals);
             let huber = |c: usize, r: f64| (HUBER * scale[c] / r.abs()).min(1.0);
             let trimmed = |c: usize, r: f64| f64::from(r.abs() <= TRIM * scale[c]);
@@ -302,10 +309,11 @@ struct Regression<'a> {
     /// γ of each estimated parameter.
     weights: DVector<f64>,
     consistency: Consistency,
+    stop: Stop<'a>,
 }
 
 impl<'a> Regression<'a> {
-    fn new(model: &Model, traces: &'a [Trace], noise: &[Vec<f64>], options: &Options) -> Result<Self, FitError> {
+    fn new(model: &Model, traces: &'a [Trace], noise: &[Vec<f64>], options: &Options<'a>) -> Result<Self, FitError> {
         let setup = &traces[0].setup;
         let plant = Plant::new(model, setup);
         let parameters = plant.parameters();
@@ -336,6 +344,7 @@ impl<'a> Regression<'a> {
             information,
             weights: DVector::from_vec(weights),
             consistency: options.consistency,
+            stop: options.stop.unwrap_or(NEVER),
         })
     }
 
@@ -385,11 +394,15 @@ impl<'a> Regression<'a> {
             return Ok((normal, estimator));
         }
         let mut cost = self.cost(&normal.residuals, &values, weight);
-        for _ in 0..MAX_ITERATIONS {
+        for iteration in 0..MAX_ITERATIONS {
+            if iteration > 0 && (self.stop)() {
+                break;
+            }
+            let progress = PROGRESS * self.scale(cost);
             let offset = &values - &self.prior;
             let free = estimator.step(&normal, &offset, &[]);
             let step = estimator.step(&normal, &offset, &self.at_bound(&values, &free));
-            if 0.5 * step.dot(&(&normal.information * &step)) < PROGRESS {
+            if 0.5 * step.dot(&(&normal.information * &step)) < progress {
                 break;
             }
             let before = cost;
@@ -399,10 +412,10 @@ impl<'a> Regression<'a> {
                 let mut next = model.clone();
                 let trial = self.moved(&values, &step, damping);
                 self.set(&mut next, &trial);
-                // Trials need no columns.
-                let there = residuals(&next, self.traces)?;
-                let trial_cost = self.cost(&there, &trial, weight);
-                if trial_cost <= cost {
+                // Trials need no columns. Where the machine cannot be assembled, the step was too long.
+                let there = residuals(&next, self.traces).ok();
+                let trial_cost = there.as_ref().map_or(f64::INFINITY, |there| self.cost(there, &trial, weight));
+                if let Some(there) = there.filter(|_| trial_cost <= cost) {
                     let step = &trial - &values;
                     let promised = normal.score.dot(&step) - 0.5 * step.dot(&(&normal.information * &step))
                         + self.prior_cost(&values)
@@ -412,6 +425,9 @@ impl<'a> Regression<'a> {
                     (*model, values, cost) = (next, trial, trial_cost);
                     break;
                 }
+                if iteration > 0 && (self.stop)() {
+                    break;
+                }
                 damping *= 0.25;
             }
             if !cost.is_finite() {
@@ -419,18 +435,29 @@ impl<'a> Regression<'a> {
             }
             let Some((step, promised)) = taken else { break };
             let change = before - cost;
-            if (change - promised).abs() < PROGRESS {
+            if (change - promised).abs() < progress {
                 // The columns are as good as at the new place.
+                normal.advance(&step);
+                break;
+            }
+            if (self.stop)() {
+                // The columns are a little old; only the standard errors feel it.
                 normal.advance(&step);
                 break;
             }
             normal = pass(model)?;
             estimator = solve(&normal)?;
-            if change < PROGRESS.max(1e-12 * cost) {
+            if change < progress.max(1e-12 * cost) {
                 break;
             }
         }
         Ok((normal, estimator))
+    }
+
+    /// Mean cost of a residual over that of one of the stated noise; one if it is less.
+    fn scale(&self, cost: f64) -> f64 {
+        let residuals: usize = self.traces.iter().map(|t| t.len() * t.channels.len()).sum();
+        (2.0 * cost / residuals.max(1) as f64).max(1.0)
     }
 
     /// Shape parameters at a bound that the step would cross.
@@ -443,13 +470,15 @@ impl<'a> Regression<'a> {
         (0..values.len()).filter(crosses).collect()
     }
 
-    /// Values after a damped step; shape parameters move by half their value at most and stay in range.
+    /// Values after a damped step; shape parameters move by half their value at most, those that may be zero by half their
+    /// usual size if that is more, and stay in range.
     fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
         DVector::from_fn(values.len(), |i, _| {
             let p = &self.parameters[i];
             let d = damping * step[i];
             if p.role == Role::Shape {
-                let most = 0.5 * values[i].abs();
+                let least = if p.range.0 <= 0.0 { p.usual } else { 0.0 };
+                let most = 0.5 * values[i].abs().max(least);
                 (values[i] + d.clamp(-most, most)).clamp(p.range.0, p.range.1)
             } else {
                 values[i] + d

@@ -42,7 +42,7 @@ impl Use {
 
 /// Places about one where a drive or the telescope reverses, in units of the way over which Coulomb friction changes there,
 /// δs = ε/(|q″| ṡ).
-const AROUND: [f64; 7] = [-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0];
+const AROUND: [f64; 13] = [-4.0, -2.5, -1.8, -1.3, -0.9, -0.5, 0.0, 0.5, 0.9, 1.3, 1.8, 2.5, 4.0];
 /// Rate ε over which it changes, rad/s or m/s.
 const REVERSAL: f64 = 0.02;
 

@@ -2,6 +2,9 @@
 
 use textwrap::{Options, WordSplitter};
 
+/// A space at which no line is broken.
+pub(super) const FIRM: &str = "\u{a0}";
+
 /// Columns that all output fits into.
 pub const WIDTH: usize = 100;
 
@@ -17,7 +20,7 @@ pub fn hanging(text: &str, first: &str, others: &str) -> String {
         .subsequent_indent(others)
         .break_words(false)
         .word_splitter(WordSplitter::NoHyphenation);
-    textwrap::fill(text, options)
+    textwrap::fill(text, options).replace(FIRM, " ")
 }
 
 /// A command to type, in lines of [`WIDTH`] that a shell reads as one.
@@ -51,7 +54,7 @@ pub fn grouped(parameters: &[String]) -> String {
             None => groups.push((owner, 1)),
         }
     }
-    groups.iter().map(|(name, count)| format!("{name} ({count})")).collect::<Vec<_>>().join(", ")
+    groups.iter().map(|(name, count)| format!("{name}{FIRM}({count})")).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -79,6 +82,7 @@ mod tests {
     #[test]
     fn parameters_are_grouped_by_their_owner() {
         let names = ["rigid_bodies.strut_mass", "drive_friction.viscous_1", "rigid_bodies.platform_mass"];
-        assert_eq!(grouped(&names.map(String::from)), "rigid_bodies (2), drive_friction (1)");
+        let text = wrapped(&grouped(&names.map(String::from)), 0);
+        assert_eq!(text, "rigid_bodies (2), drive_friction (1)");
     }
 }

@@ -52,7 +52,7 @@ pub struct Args {
     pub rrd: Option<PathBuf>,
     #[cfg(feature = "viewer")]
     #[command(flatten)]
-    pub(super) viewer: super::stream::Args,
+    pub(super) viewer: super::stream::StreamArgs,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,

@@ -25,7 +25,7 @@ type Update = (Option<Frame>, Vec<Event>);
 
 /// Where to look at a run while it goes on.
 #[derive(clap::Args, Clone, Debug)]
-pub struct Args {
+pub struct StreamArgs {
     /// Stream to the Rerun viewer at this address while the twin runs, such as rerun+http://127.0.0.1:9876/proxy.
     #[arg(long, value_name = "URL", conflicts_with = "spawn")]
     connect: Option<String>,
@@ -34,7 +34,7 @@ pub struct Args {
     spawn: bool,
 }
 
-impl Args {
+impl StreamArgs {
     /// Whether a stream was asked for.
     pub fn wanted(&self) -> bool {
         self.spawn || self.connect.is_some()

@@ -21,8 +21,11 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     }
     for e in &d.effects {
         let share = percent(e.explained);
-        let explains =
-            if several { format!("without it {share} of that is back") } else { format!("explains {share}") };
+        let explains = if several {
+            format!("without it {share} of that is back")
+        } else {
+            format!("explains {share} of the error above the noise")
+        };
         say(wrapped(&format!("{}: {}; {explains}", e.name, values(&e.parameters)), 2))?;
     }
     let gap = if d.effects.is_empty() { "" } else { "\n" };

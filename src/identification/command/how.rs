@@ -90,6 +90,7 @@ impl How {
             prior_information: Some(self.regularisation),
             weights: &self.gamma,
             held: &self.hold,
+            stop: None,
         }
     }
 
