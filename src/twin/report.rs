@@ -123,9 +123,9 @@ impl Report {
     }
 }
 
-/// Share of the work turned over that may be unaccounted for. Shipped runs have at most 3e-6; one per cent and more means that the
+/// Share of the work turned over that may be unaccounted for. Shipped runs have at most 3e-6; a thousandth and more means that the
 /// step is too long for the motion, or that a law acts without being asked for its work.
-pub const LARGEST_ENERGY_ERROR: f64 = 0.01;
+pub const LARGEST_ENERGY_ERROR: f64 = 1e-3;
 
 /// Where a machine is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -187,7 +187,7 @@ pub enum SimulationError {
         cause: Cause,
     },
     /// A force law gave no number.
-    #[error("{source}")]
+    #[error(transparent)]
     Law {
         /// Which law, when and where.
         source: KinematicsError,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::origin::note;
-use super::{Frame, Options, Report};
+use super::{Event, Frame, Options, Report};
 use crate::dynamics::Plant;
 use crate::model::{Part, STRUTS};
 use crate::recording::rerun::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
