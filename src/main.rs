@@ -32,7 +32,8 @@ fn main() -> ExitCode {
         Ok(status) => ExitCode::from(status),
         Err(report) => {
             eprintln!("{report:?}");
-            if as_json {
+            // An answer that stands on stdout already stays the only object there.
+            if as_json && !terminal::has_said() {
                 let causes: Vec<String> = report.chain().skip(1).map(ToString::to_string).collect();
                 print_json_error(&report.to_string(), &causes, report.help().map(|h| h.to_string()));
             }

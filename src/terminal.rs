@@ -31,8 +31,16 @@ pub const BAD_INPUT: u8 = 2;
 /// Exit status: interrupted by the user.
 pub const INTERRUPTED: u8 = 130;
 
+static SAID: AtomicBool = AtomicBool::new(false);
+
+/// Whether anything has been printed on stdout.
+pub fn has_said() -> bool {
+    SAID.load(Ordering::Relaxed)
+}
+
 /// Prints a line on stdout. A reader that has gone away is no error.
 pub fn say(text: impl std::fmt::Display) -> miette::Result<()> {
+    SAID.store(true, Ordering::Relaxed);
     let mut out = std::io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e).into_diagnostic(),

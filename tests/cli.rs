@@ -364,7 +364,7 @@ fn errors_are_json_too() {
         let value: Value = serde_json::from_slice(&out.stdout).unwrap();
         value["error"]["message"].as_str().unwrap().to_string()
     };
-    assert!(error(&["check", "nothing.toml", "--json"]).contains("nothing.toml"));
+    assert!(error(&["simulate", "nothing.toml", "--json"]).contains("nothing.toml"));
     assert!(error(&["compare", MODEL, "nothing.csv", "--json"]).contains("nothing.csv"));
     assert!(error(&["compare", "--json"]).contains("required"));
     assert!(error(&["effects", "air_darg", "--json"]).contains("did you mean `air_drag`?"));

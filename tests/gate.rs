@@ -158,13 +158,19 @@ fn factors_are_named_and_mended() {
 
 #[test]
 fn orders_are_named_and_mended() {
-    let found = found_and_mended(|s| {
-        each(s, |q, tau| {
-            q.swap(0, 3);
-            tau.swap(0, 3);
-        })
+    // An arm never turns as far as axis 4: this is told without a model.
+    let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
+    each(&mut recording.signals, |q, tau| {
+        q.swap(0, 3);
+        tau.swap(0, 3);
     });
-    assert_eq!(problems(&found), [(Some(1), Problem::Order), (Some(4), Problem::Order)]);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.csv");
+    recording.write(&file).unwrap();
+    let message = Recording::read(&file, None).unwrap_err().to_string();
+    let map = "q1=q4, q4=q1, tau1=tau4, tau4=tau1";
+    assert!(message.contains(map) && !message.contains("degrees"), "{message}");
+    assert_eq!(problems(&examined(&file, &[map.parse().unwrap()], None)), []);
     let found = found_and_mended(|s| each(s, |_, tau| tau.swap(0, 1)));
     assert_eq!(problems(&found), [(Some(1), Problem::Order), (Some(2), Problem::Order)]);
     assert_eq!(found[0].remedy.to_string(), "--map \"tau1=tau2\"");
@@ -226,11 +232,13 @@ fn a_payload_that_is_not_stated_is_named() {
 }
 
 #[test]
-fn another_robots_model_is_refused() {
+fn another_robots_model_is_told() {
     let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
     let found = examine(&model("irb360-1-1130"), &Trace::new(&recording));
-    assert!(found.iter().any(|f| f.severe), "{found:?}");
-    assert!(found.iter().all(|f| matches!(f.problem, Problem::AnotherMachine | Problem::Unrelated)), "{found:?}");
+    // On this motion the smaller robot's lighter links look like a load of their own: it is told, and a fit may go on.
+    assert!(!found.is_empty(), "a model of another robot passes in silence");
+    let told = [Problem::AnotherMachine, Problem::Unrelated, Problem::Payload];
+    assert!(found.iter().all(|f| told.contains(&f.problem)), "{found:?}");
 }
 
 /// What the diagnosis is there to find must reach it, at any size that occurs.
@@ -332,5 +340,8 @@ fn compare_has_one_sentence_for_one_cause() {
     let found = deltatwin::comparison::compare(&machine, &[Trace::new(&offset)], &[]).unwrap().findings;
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!((found[0].channel, found[0].place.as_str()), (Channel::Torque(0), "mean"));
-    assert!(found[0].share > 0.9 && found[0].sentence.contains("+2.0"), "{found:?}");
+    // 2 N·m within four standard errors of a mean of 5000 samples with a noise of 0.4 N·m.
+    let said = found[0].sentence.split("its mean: ").nth(1).and_then(|s| s.split(' ').next()).unwrap();
+    assert!((said.parse::<f64>().unwrap() - 2.0).abs() < 4.0 * 0.4 / 5000f64.sqrt(), "{found:?}");
+    assert!(found[0].share > 0.9, "{found:?}");
 }

@@ -1,11 +1,13 @@
 //! Instants of a recording and what the model predicts there.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use rayon::prelude::*;
 
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
 use crate::effects::Kind;
 use crate::identification::Trace;
-use crate::kinematics::JointState;
+use crate::kinematics::{JointState, KinematicsError};
 use crate::model::bodies::END_EFFECTOR;
 use crate::model::{Inertia, Model};
 
@@ -74,6 +76,8 @@ pub struct Predicted {
     pub series: Vec<Vec<f64>>,
     /// Which instants are possible.
     pub possible: Vec<bool>,
+    /// Whether a law gives no number at some instant whose pose is possible.
+    pub lawless: bool,
 }
 
 impl Predicted {
@@ -81,16 +85,28 @@ impl Predicted {
     pub fn new(plant: &Plant, channels: &[Channel], t: f64, joints: &[JointState]) -> Self {
         let struts = channels.iter().any(|c| c.drive().is_none());
         let states: Vec<&[f64]> = plant.effects.iter().map(|_| &[][..]).collect();
+        let lawless = AtomicBool::new(false);
         let outputs: Vec<Option<Output>> = joints
             .par_iter()
             .map(|j| {
                 let motion = plant.motion(j).ok()?;
-                let out = inverse_dynamics(plant, t, &motion, &states, struts).ok()?;
-                channels.iter().all(|c| value(*c, &out).is_finite()).then_some(out)
+                let out = match inverse_dynamics(plant, t, &motion, &states, struts) {
+                    Ok(out) if channels.iter().all(|c| value(*c, &out).is_finite()) => Some(out),
+                    Ok(_) | Err(KinematicsError::Law { .. }) => {
+                        lawless.store(true, Ordering::Relaxed);
+                        None
+                    }
+                    Err(_) => None,
+                };
+                out
             })
             .collect();
         let series = |c: &Channel| outputs.iter().flatten().map(|o| value(*c, o)).collect();
-        Self { series: channels.iter().map(series).collect(), possible: outputs.iter().map(Option::is_some).collect() }
+        Self {
+            series: channels.iter().map(series).collect(),
+            possible: outputs.iter().map(Option::is_some).collect(),
+            lawless: lawless.into_inner(),
+        }
     }
 
     /// Share of the instants whose pose the machine can take.

@@ -15,7 +15,7 @@ use std::fmt;
 pub use arrangement::Arrangement;
 pub use line::Line;
 
-use self::instants::{Instants, plain};
+use self::instants::{Instants, Predicted, plain};
 use crate::identification::Trace;
 use crate::model::Model;
 
@@ -129,7 +129,9 @@ const INSTANTS: usize = 1200;
 pub fn examine(model: &Model, trace: &Trace) -> Vec<Finding> {
     let plant = plain(model, trace);
     let instants = Instants::of(trace, INSTANTS);
-    if instants.at.is_empty() {
+    // A law that gives no number is no fault of the recording; whoever predicts with it names it.
+    let lawless = || Predicted::new(&plant, &trace.channels, 0.0, &instants.joints(|j| *j)).lawless;
+    if instants.at.is_empty() || lawless() {
         return Vec::new();
     }
     let severe = severe::find(model, &plant, &instants);

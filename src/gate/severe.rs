@@ -18,8 +18,11 @@ const CORRELATED: f64 = 0.8;
 const ODD: (f64, f64) = (0.03, 0.2);
 /// What a payload may leave of the residual so that nothing else is looked for.
 const CARRIED: f64 = 0.3;
-/// Correlation of an axis from which its slope is read as a factor.
-const CERTAIN: f64 = 0.8;
+/// Correlation of an axis from which its slope is read as a factor: friction that a model lacks may double a torque, but it
+/// does not follow the rest.
+const CERTAIN: f64 = 0.95;
+/// Correlation that is enough for slopes that no effect makes.
+const FAR: (f64, std::ops::Range<f64>) = (0.8, 0.2..5.0);
 /// Correlation from which a negative one is a sign.
 const SIGN: f64 = 0.6;
 /// Fall of the cost that makes another arrangement believable, and correlation of every arm in it.
@@ -102,7 +105,8 @@ impl Context<'_> {
         let Some(line) = &self.judged.lines[axis] else { return 1.0 };
         let sign = if line.slope < 0.0 && line.correlation < -SIGN { -1.0 } else { 1.0 };
         let size = line.slope.abs();
-        if (SLOPE.0..SLOPE.1).contains(&size) || line.correlation.abs() < CERTAIN {
+        let certain = if FAR.1.contains(&size) { CERTAIN } else { FAR.0 };
+        if (SLOPE.0..SLOPE.1).contains(&size) || line.correlation.abs() < certain {
             return sign;
         }
         sign * self.gear(axis, size).unwrap_or_else(|| nice(1.0 / size))

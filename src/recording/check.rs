@@ -92,7 +92,7 @@ pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadEr
         let problem = format!("has only {} samples", table.t.len());
         return Err(ReadError::content(&table.file, problem, format!("at least {FEWEST}")));
     }
-    table.units()?;
+    table.units(&mut warnings)?;
     table.constant(&mut warnings)?;
     table.unwrap_axis4(&mut warnings);
     table.fast_axis4(&mut warnings);
@@ -179,7 +179,7 @@ impl Table {
         Err(self.value_error(i + 1, "t", problem, expected))
     }
 
-    fn units(&self) -> Result<(), ReadError> {
+    fn units(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
         let step = median_step(&self.t);
         if step > 0.05 {
             let problem = format!("steps of {step} s; looks like milliseconds");
@@ -202,16 +202,23 @@ impl Table {
                 continue;
             };
             let (least, most) = span(q);
+            if least.abs().max(most.abs()) <= std::f64::consts::TAU {
+                warnings.push(format!(
+                    "`{name}` goes from {least:.3} to {most:.3} rad, where no arm gets with the format's zero and sense; \
+                     `check --model MODEL` tells which is meant"
+                ));
+                continue;
+            }
             let degrees = least >= -100.0 && most <= 160.0 && most - least > 1.0;
-            let problem = format!(
-                "angle {} in a column from {least} to {most}{}",
-                q[i],
-                if degrees { "; looks like degrees" } else { "" }
-            );
             let exchanged = self.column("q4").is_some_and(|q4| {
                 let (a, b) = span(q4);
                 a >= low && b <= high
             });
+            let problem = format!(
+                "angle {} in a column from {least} to {most}{}",
+                q[i],
+                if degrees && !exchanged { "; looks like degrees" } else { "" }
+            );
             let k = name.trim_start_matches('q');
             let other = match degrees {
                 _ if exchanged => format!("; --map \"{name}=q4, q4={name}, tau{k}=tau4, tau4=tau{k}\" exchanges axes"),
