@@ -77,21 +77,36 @@ const ACTIVE: f64 = 0.998;
 /// The fastest motion along `curve` from rest to rest.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
     let mut search = Search::new(machine, curve, limits, options);
-    let end = curve.end();
-    search.at_rest(&[0.0, end], 0.0, ALLOWED)?;
+    search.at_rest(&[0.0, curve.end()], 0.0, ALLOWED)?;
+    match finer(&mut search, curve, options) {
+        // Of a hundred paths one has a motion that the programmes do not find over the eased parameter.
+        Err(error) if limits.has_jerk() && is_of_the_search(&error) => {
+            finer(&mut Search::over_length(machine, curve, limits, options), curve, options).map_err(|_| error)
+        }
+        answer => answer,
+    }
+}
+
+/// Searches on finer and finer grids, until one has a motion.
+fn finer(search: &mut Search, curve: &Curve, options: &Options) -> Result<Plan, PlanError> {
     let mut intervals = options.intervals;
     loop {
         match search.run(intervals) {
-            Err(error @ (PlanError::Violated { .. } | PlanError::Unsolved | PlanError::Stuck { .. })) => {
+            Err(error) if is_of_the_search(&error) => {
                 if intervals >= FINEST * options.intervals {
                     let places = even(curve, options.intervals);
-                    return search.at_rest(&places, CREEPING * end, 1.0).and(Err(error));
+                    return search.at_rest(&places, CREEPING * curve.end(), 1.0).and(Err(error));
                 }
                 intervals *= 2;
             }
             answer => return answer,
         }
     }
+}
+
+/// Whether another grid may have a motion.
+fn is_of_the_search(error: &PlanError) -> bool {
+    matches!(error, PlanError::Violated { .. } | PlanError::Unsolved | PlanError::Stuck { .. })
 }
 
 impl Plan {

@@ -60,6 +60,16 @@ impl<'a> Search<'a> {
         Self { machine, curve, eased, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 }
     }
 
+    /// The same, with jerk-limited motions sought over the length of the path, whose ends take finer intervals.
+    pub(super) fn over_length(
+        machine: &'a Machine<'a>,
+        curve: &'a Curve,
+        limits: &'a Limits,
+        options: &'a Options,
+    ) -> Self {
+        Self { eased: curve.clone(), ..Self::new(machine, curve, limits, options) }
+    }
+
     /// A plan on about as many intervals, or more where they are split.
     pub(super) fn run(&mut self, intervals: usize) -> Result<Plan, PlanError> {
         let grid = even(self.curve, intervals);
