@@ -25,7 +25,7 @@ fn trace(robot: &Model, share: f64) -> Trace {
     let nominal = common::model("irb360-6-1600");
     let believed = Plant::new(&nominal, &Setup::default());
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.45), 0.1, 10, &mut rng);
+    let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.6), 0.1, 10, &mut rng);
     let joints = |t: f64| believed.geometry.inverse_motion(&motion.at(t)).expect("within the workspace");
     let mut trace = Trace {
         name: "made".into(),
@@ -97,8 +97,9 @@ fn limbs_that_differ_are_found() {
     let each = fitted(links(true, BodyParameters::Symmetric), &data, &Options::default());
     println!("RMS alike {:?}, each limb {:?}", alike.rms, each.rms);
     assert!(alike.rms[..3].iter().any(|r| *r > 1.2 * SIGMA[0]), "{:?}", alike.rms);
+    // Four standard errors of the RMS of 2000 samples.
     for (rms, sigma) in each.rms.iter().zip(SIGMA) {
-        assert!(*rms < 1.03 * sigma, "{rms} {sigma}");
+        assert!(*rms < 1.065 * sigma, "{rms} {sigma}");
     }
     let truth = Model { link_parameters: links(true, BodyParameters::Symmetric), ..robot };
     let parameters = Plant::new(&truth, &Setup::default()).parameters();
@@ -128,11 +129,12 @@ fn bodies_with_more_parameters_stay_possible() {
             assert!(body.min_eigenvalue() > 0.0, "{bodies:?}, body {b}: {:e}", body.min_eigenvalue());
         }
         for (rms, sigma) in fit.rms.iter().zip(SIGMA) {
-            assert!(*rms < 1.03 * sigma, "{bodies:?}: {rms} {sigma}");
+            assert!(*rms < 1.065 * sigma, "{bodies:?}: {rms} {sigma}");
         }
         println!("{bodies:?}: {:?}", fit.correction);
         if let Some(c) = fit.correction {
-            assert!(c.disagreement.abs() < 1e-3 && c.gap < 1e-3, "{bodies:?}: {c:?}");
+            // In ½Σr²/σ², of which one standard error of a parameter is a half.
+            assert!((c.disagreement * c.cost).abs() < 0.05 && c.gap < 1e-3, "{bodies:?}: {c:?}");
         }
     }
 }
@@ -161,7 +163,7 @@ fn a_group_has_its_own_weight() {
     };
     assert!((held - named("drive_friction.viscous_1")).abs() < 1e-4, "{held} {prior}");
     assert!(
-        (plain - held).abs() > 0.05 * held && (inertia - still).abs() < 0.02 * inertia,
+        (plain - held).abs() > 0.05 * held && (inertia - still).abs() < 0.05 * inertia,
         "{plain} {inertia} {still}"
     );
     // Only ratios count: γ_τ = n_s is the plain sum, and a thousandth of it makes every prior a thousand times stronger.

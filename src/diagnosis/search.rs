@@ -41,11 +41,14 @@ pub(super) struct Found {
     pub not_tried: Vec<String>,
 }
 
+/// Candidates and variants that a fit holds.
+type Key = Vec<(usize, usize)>;
+
 /// Fits made so far from one start, by the effects that they hold.
 #[derive(Default)]
 struct Fits {
-    judged: RefCell<Vec<(Vec<(usize, usize)>, Judged)>>,
-    columns: RefCell<Vec<(Vec<(usize, usize)>, Rc<Vec<problem::Owned>>)>>,
+    judged: RefCell<Vec<(Key, Judged)>>,
+    columns: RefCell<Vec<(Key, Rc<Vec<problem::Owned>>)>>,
 }
 
 /// What a set of effects is known by, in whatever order they were added.

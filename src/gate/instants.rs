@@ -90,15 +90,14 @@ impl Predicted {
             .par_iter()
             .map(|j| {
                 let motion = plant.motion(j).ok()?;
-                let out = match inverse_dynamics(plant, t, &motion, &states, struts) {
+                match inverse_dynamics(plant, t, &motion, &states, struts) {
                     Ok(out) if channels.iter().all(|c| value(*c, &out).is_finite()) => Some(out),
-                    Ok(_) | Err(KinematicsError::Law { .. }) => {
+                    Ok(_) | Err(KinematicsError::Law(_)) => {
                         lawless.store(true, Ordering::Relaxed);
                         None
                     }
                     Err(_) => None,
-                };
-                out
+                }
             })
             .collect();
         let series = |c: &Channel| outputs.iter().flatten().map(|o| value(*c, o)).collect();

@@ -65,7 +65,7 @@ impl Target {
 }
 
 /// A pose the mechanism cannot take.
-#[derive(Clone, Copy, Debug, Error, PartialEq)]
+#[derive(Clone, Debug, Error, PartialEq)]
 pub enum KinematicsError {
     /// No arm angle lets the strut reach the platform.
     #[error("limb {}: platform position ({x:.4}, {y:.4}, {z:.4}) m is out of reach", .limb + 1)]
@@ -104,27 +104,8 @@ pub enum KinematicsError {
         max: f64,
     },
     /// A force law gives no number.
-    #[error(
-        "effect `{effect}`, term `{term}`: the law gives {value}{} at t = {t:.6} s, q = ({}), dq/dt = ({}); expected a \
-         finite number",
-        .sample.map_or_else(String::new, |k| format!(" at sample {}", k + 1)), listed(.q), listed(.qd)
-    )]
-    Law {
-        /// Name of the effect.
-        effect: &'static str,
-        /// Name of the term, its coefficient's.
-        term: &'static str,
-        /// What it gives per unit of its coefficient.
-        value: f64,
-        /// Sample, from 0, where the motion is sampled.
-        sample: Option<usize>,
-        /// Time, s.
-        t: f64,
-        /// Joint angles, rad (m on a slide).
-        q: [f64; AXES],
-        /// Joint rates, rad/s (m/s on a slide).
-        qd: [f64; AXES],
-    },
+    #[error("{0}")]
+    Law(Box<LawFault>),
     /// The telescope is too short or too long.
     #[error("telescope length {length:.4} m is outside {min:.4}..{max:.4} m")]
     TelescopeLimit {
@@ -141,19 +122,53 @@ impl KinematicsError {
     /// The same error, of sample `k` (from 0).
     pub fn at_sample(self, k: usize) -> Self {
         match self {
-            Self::Law { effect, term, value, t, q, qd, .. } => {
-                Self::Law { effect, term, value, sample: Some(k), t, q, qd }
-            }
+            Self::Law(fault) => Self::Law(Box::new(LawFault { sample: Some(k), ..*fault })),
             other => other,
         }
     }
 
     /// The same error, of a sample `by` later.
     pub fn later(self, by: usize) -> Self {
-        match self {
-            Self::Law { sample: Some(k), .. } => self.at_sample(k + by),
-            other => other,
+        match &self {
+            Self::Law(fault) => match fault.sample {
+                Some(k) => self.at_sample(k + by),
+                None => self,
+            },
+            _ => self,
         }
+    }
+}
+
+/// Where a force law gives no number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LawFault {
+    /// Name of the effect.
+    pub effect: &'static str,
+    /// Name of the term, its coefficient's.
+    pub term: &'static str,
+    /// What it gives per unit of its coefficient.
+    pub value: f64,
+    /// Sample, from 0, where the motion is sampled.
+    pub sample: Option<usize>,
+    /// Time, s.
+    pub t: f64,
+    /// Joint angles, rad (m on a slide).
+    pub q: [f64; AXES],
+    /// Joint rates, rad/s (m/s on a slide).
+    pub qd: [f64; AXES],
+}
+
+impl std::fmt::Display for LawFault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { effect, term, value, t, .. } = self;
+        let sample = self.sample.map_or_else(String::new, |k| format!(" at sample {}", k + 1));
+        write!(
+            f,
+            "effect `{effect}`, term `{term}`: the law gives {value}{sample} at t = {t:.6} s, q = ({}), dq/dt = ({}); \
+             expected a finite number",
+            listed(&self.q),
+            listed(&self.qd)
+        )
     }
 }
 

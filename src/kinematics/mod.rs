@@ -5,5 +5,5 @@
 pub mod delta;
 pub mod motion;
 
-pub use delta::{JointState, KinematicsError, PlatformState, Target};
+pub use delta::{JointState, KinematicsError, LawFault, PlatformState, Target};
 pub use motion::{BodyMotion, Motion, Reactions, SocketSet, Telescope};

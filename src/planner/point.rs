@@ -24,7 +24,7 @@ const MIN_SERIAL: f64 = 0.1;
 const MIN_PARALLEL: f64 = 0.05;
 
 /// A place on the path where the robot cannot go.
-#[derive(Clone, Copy, Debug, Error, PartialEq)]
+#[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlaceError {
     /// The pose is impossible or outside the limits of joints and telescope.
     #[error("{0}")]

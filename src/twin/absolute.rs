@@ -48,14 +48,18 @@ enum Solver {
     /// All joints of an assembled robot, but for open sockets.
     Loops(Loose),
     /// Arms and rotor in their bearings.
-    Bearings(Bearings),
+    Bearings(Box<Bearings>),
 }
 
 impl Joints {
     /// Of a machine as it is mounted.
     pub fn new(plant: &Plant) -> Self {
         Self {
-            solver: if plant.assembled { Solver::Loops(Loose::new()) } else { Solver::Bearings(Bearings::new()) },
+            solver: if plant.assembled {
+                Solver::Loops(Loose::new())
+            } else {
+                Solver::Bearings(Box::new(Bearings::new()))
+            },
             rods: Rod::all(plant),
             springs: plant.effects.iter().find_map(|a| a.effect.strut_spring(&a.values())),
         }

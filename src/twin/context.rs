@@ -108,7 +108,8 @@ impl Context {
         let reactions = &scratch.answer.reactions;
         scratch.resting = [0.0; ARMS];
         self.forces.add(&self.plant, &scene, motion, reactions, false, wrenches, &mut scratch.resting, powers);
-        scratch.fault = scratch.fault.or_else(|| self.forces.fault(&self.plant, &scene, motion, reactions, powers));
+        scratch.fault =
+            scratch.fault.take().or_else(|| self.forces.fault(&self.plant, &scene, motion, reactions, powers));
         scratch.motors.torque = scratch.resting;
         scratch.restraint_power = self.forces.add_brakes(motion, wrenches);
         scratch.hits = stops::hits(&self.plant, motion);
@@ -156,7 +157,7 @@ impl Context {
                 *motors = scratch.resting;
                 self.forces.add(&self.plant, &scene, motion, reactions, true, total, motors, powers);
                 let fault = || self.forces.fault(&self.plant, &scene, motion, reactions, powers);
-                scratch.fault = scratch.fault.or_else(fault);
+                scratch.fault = scratch.fault.take().or_else(fault);
             }
             let (solution, answer) = equations(&self.plant, &scratch.total)?;
             let change = change(&answer, &scratch.answer);

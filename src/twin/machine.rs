@@ -98,7 +98,7 @@ impl Twin {
     pub fn formulated(plant: Plant, motion: &Motion, formulation: Formulation) -> Result<Self, SingularPose> {
         let mut twin = Self::eliminated(plant, motion)?;
         if formulation == Formulation::Absolute {
-            twin.to_absolute()?;
+            twin.go_absolute()?;
         }
         Ok(twin)
     }
@@ -237,7 +237,7 @@ impl Twin {
     /// If the present pose is singular.
     pub fn open(&mut self, socket: usize) -> Result<(), SingularPose> {
         if matches!(self.form, Form::Assembled(..)) {
-            self.to_absolute()?;
+            self.go_absolute()?;
         }
         self.forget();
         self.context.closed = self.context.closed.without(socket);
@@ -245,7 +245,7 @@ impl Twin {
     }
 
     /// Goes on in absolute coordinates.
-    fn to_absolute(&mut self) -> Result<(), SingularPose> {
+    fn go_absolute(&mut self) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
         let context = &mut self.context;
         let motion = match &self.form {
@@ -399,7 +399,7 @@ impl Twin {
 
     /// The first law that gave no number, if one did.
     pub fn fault(&self) -> Option<KinematicsError> {
-        self.context.scratch.fault
+        self.context.scratch.fault.clone()
     }
 
     /// Kinetic plus potential energy of the bodies, J.

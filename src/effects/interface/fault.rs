@@ -1,7 +1,7 @@
 //! Laws that give no number where they are asked.
 
 use super::{ActiveEffect, Instant, Wrenches};
-use crate::kinematics::KinematicsError;
+use crate::kinematics::{KinematicsError, LawFault};
 
 impl ActiveEffect {
     /// The first term of the law whose force or moment at an instant is no finite number, as an error that names it;
@@ -24,6 +24,7 @@ impl ActiveEffect {
         let block = self.layout.starts.partition_point(|start| *start <= k).saturating_sub(1);
         let term = self.effect.parameters().get(block).map_or("", |p| p.name);
         let (q, qd) = (at.motion.q, at.motion.qd);
-        Some(KinematicsError::Law { effect: self.effect.name(), term, value, sample: None, t: at.t, q, qd })
+        let fault = LawFault { effect: self.effect.name(), term, value, sample: None, t: at.t, q, qd };
+        Some(KinematicsError::Law(Box::new(fault)))
     }
 }

@@ -13,7 +13,7 @@ const GAP: f64 = 3.5;
 /// exact, others are interpolated linearly.
 pub(super) fn remove(t: &mut Vec<f64>, rows: &mut Vec<u64>, columns: &mut [Column], delays: &[f64]) {
     let n = t.len();
-    if n < 2 || t.windows(2).any(|w| !(w[1] > w[0])) || columns.iter().any(|c| c.values.len() != n) {
+    if n < 2 || !t.is_sorted_by(|a, b| a < b) || columns.iter().any(|c| c.values.len() != n) {
         return;
     }
     let step = median_step(t);

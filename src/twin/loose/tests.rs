@@ -370,7 +370,7 @@ fn step(plant: &Plant, loose: &mut Loose, state: &mut State, closed: SocketSet, 
     let mut sum = start;
     let mut stage = state.clone();
     for (ahead, weight) in &mut stages {
-        let motion = stage.motion(&plant);
+        let motion = stage.motion(plant);
         let a = loose.solve(plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap();
         for b in 0..BODIES {
             let s = stage.bodies[b];
