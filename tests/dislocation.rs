@@ -90,7 +90,8 @@ fn a_strut_off_both_balls_flies_like_a_thrown_stick() {
     let (start, velocity, momentum) = state(&twin.motion());
     let spin = |m: &Motion| m.bodies[STRUT + 2].angular_velocity.dot(&m.strut_axis[2]);
     let start_spin = spin(&twin.motion());
-    assert!((start_spin - 7.0).abs() < 1e-12, "{start_spin}");
+    // The twist is projected onto 74 rows when the sockets open: some thousand roundings.
+    assert!((start_spin - 7.0).abs() < 1e-11, "{start_spin}");
     let mut worst = [0f64; 4];
     for k in 1..=2000 {
         twin.step(1e-4, &Torque::constant([-8.0, -9.0, -7.0, 0.4])).unwrap();
