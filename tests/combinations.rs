@@ -92,8 +92,7 @@ fn fault(arguments: &[String], out: &Output) -> Option<String> {
     }
     let stem = |path: &String| Path::new(path).file_stem().map(|s| s.to_string_lossy().into_owned());
     // The file, the option or the effect that is at fault.
-    // A recording that is too short is told by its length.
-    let named = arguments.iter().filter_map(stem).any(|name| text.contains(&name)) || text.contains("usable samples");
+    let named = arguments.iter().filter_map(stem).any(|name| text.contains(&name));
     (status == Some(2) && !named).then_some(what)
 }
 

@@ -70,14 +70,13 @@ fn counts(links: LinkParameters) -> [usize; 3] {
     [numbers, alone, rank(&model)]
 }
 
-/// Counts of independent columns. Beside the paper's they are those of another derivation: kinetic and potential energy of every
-/// body by numeric differentiation of its pose, their rank over random states (`docs/identification.md`).
+/// Numbers of parameters of the links, as the paper counts them.
 #[test]
 fn the_papers_counts() {
     use BodyParameters::{Aligned, Complete, Symmetric};
     // The 18 without the masses that do not enter, with the height of the platform's centre of mass, which strut forces show;
-    // section 6.3.3: 51 for the bodies without the assumptions. Ranks are printed: those of this excitation are lower by one
-    // than those of that derivation.
+    // section 6.3.3: 51 for the bodies without the assumptions. Ranks are printed: the regressor's are lower than those of
+    // body energies (`docs/identification.md`), and which are the paper's is open.
     let cases = [
         (links(false, Symmetric), 17),
         (links(true, Symmetric), 31),

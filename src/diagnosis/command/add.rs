@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use miette::IntoDiagnostic;
+use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value};
 
 use super::budget;
@@ -52,7 +52,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let progress = spinner(&format!("add {}", args.effect));
     let addition = add(&model, &args.effect, &data.traces, &data.held_out);
     progress.finish_and_clear();
-    let addition = addition.into_diagnostic()?;
+    let names: Vec<&str> = data.traces.iter().map(|t| t.name.as_str()).collect();
+    let addition = addition.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
     warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);
     if args.json {
