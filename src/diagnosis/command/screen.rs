@@ -55,6 +55,7 @@ pub fn verdict(d: &Diagnosis) -> String {
     let named = |e: &Named| format!("{} (probability {:.2})", e.name, e.confidence.probability());
     let names = d.effects.iter().map(named).collect::<Vec<_>>().join(", ");
     let first = match (d.verdict, d.effects.len()) {
+        (Verdict::None, _) if !d.not_tried.is_empty() => "Nothing was found before the time was up".to_string(),
         (Verdict::None, _) => "Nothing is missing that these data show".to_string(),
         (Verdict::Effect, _) => format!("One effect is missing: {names}"),
         (Verdict::Several, n) => format!("{n} effects are missing: {names}"),
