@@ -8,9 +8,9 @@ use std::rc::Rc;
 
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant};
 use super::{DiagnosisError, Fitting, problem, without_effects};
-use crate::effects::{ActiveEffect, Kind, Role};
+use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
-use crate::identification::fit::{Fit, FitError};
+use crate::identification::fit::{Fit, FitError, is_nonlinear};
 use crate::model::Model;
 
 /// Most names that are refused; when a further one is wrong, too, nothing is named.
@@ -179,6 +179,7 @@ pub(super) fn find(
                 }
             }
         };
+        progress(&format!("without {wrong}"));
         match refused.len() < MAX_REFUSED {
             true => refused.push(wrong),
             // After so many refusals no name is worth trusting.
@@ -215,7 +216,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Forward selection; the model is refitted after the addition of an effect that the parameters enter nonlinearly.
+    /// Forward selection; the model is refitted after every addition if any parameter enters its prediction nonlinearly: the
+    /// error of an old linearisation looks like further effects.
     /// `all` becomes the assessment before anything was added.
     fn select(
         &self,
@@ -231,7 +233,8 @@ impl Search<'_> {
             all.get_or_insert_with(|| ranking.clone());
             let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
             let is_lag = self.may_lag && names.last() == Some(&DELAY);
-            if !is_lag && !chosen.iter().any(|c| is_nonlinear(self.shape(c))) {
+            let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
+            if !is_lag && !is_nonlinear(&model) {
                 fitting.has_tried();
                 return Ok(Refit::Same);
             }
@@ -279,7 +282,8 @@ impl Search<'_> {
             _ if chosen.is_empty() => self.start.clone(),
             Some((before, fitted)) if before == chosen => fitted,
             _ => {
-                progress("refit");
+                let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
+                progress(&format!("refit with {}", names.join(", ")));
                 match (self.refit(&chosen, None), chosen.last()) {
                     (Ok(end), _) => end,
                     (Err(_), Some(newest)) => return Ok(Selection::Refused(self.shape(newest).effect.name())),
@@ -406,12 +410,6 @@ pub(super) fn with_effects(
 fn promises(ranking: &Ranking, chosen: &Chosen) -> bool {
     let rms = |squares: &[f64]| squares.iter().map(|s| s.sqrt()).collect::<Vec<_>>();
     ranking.of(chosen.candidate).is_none_or(|a| is_relevant(&rms(&ranking.sum_of_squares), &rms(&a.sum_of_squares)))
-}
-
-/// Whether the prediction is nonlinear in the effect's estimated parameters.
-fn is_nonlinear(active: &ActiveEffect) -> bool {
-    let shaped = active.entries().iter().any(|e| e.parameter.role == Role::Shape);
-    shaped || matches!(active.effect.kind(), Kind::Geometry | Kind::Encoder)
 }
 
 /// Sets the linear parameters to estimates, as far as the law allows them.

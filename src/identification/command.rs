@@ -188,7 +188,7 @@ fn correction(fitted: &Fit) -> Value {
     let Some(c) = fitted.correction else { return Value::Null };
     let one = |m: &Moved| json!({"name": m.name, "free": m.free, "value": m.value, "std": m.std, "unit": m.unit});
     let moved: Vec<Value> = fitted.moved.iter().map(one).collect();
-    json!({"cost": c.cost, "disagreement": c.disagreement, "duality_gap": c.gap, "moved": moved})
+    json!({"cost": c.cost, "duality_gap": c.gap, "moved": moved})
 }
 
 /// What the data do not determine, and why.
@@ -210,13 +210,9 @@ fn print_unidentified(fitted: &Fit) -> miette::Result<()> {
 
 fn print_correction(fitted: &Fit) -> miette::Result<()> {
     let Some(c) = fitted.correction else { return Ok(()) };
-    say(format!(
-        "  The free estimate was no possible machine: consistency costs {} in ½Σr²/σ²;\n  log-Cholesky and convex \
-         programme agree to {:.1e} of that, proven to {:.1e}",
-        significant(c.cost, 3),
-        c.disagreement.abs(),
-        c.gap
-    ))?;
+    let proof = c.gap.map_or_else(String::new, |gap| format!(",\n  proven to be least to {gap:.1e} of that"));
+    let cost = significant(c.cost, 3);
+    say(format!("  The free estimate was no possible machine: consistency costs {cost} in ½Σr²/σ²{proof}"))?;
     if fitted.moved.is_empty() {
         return say("  It moved no identified parameter by more than its standard error");
     }

@@ -144,11 +144,11 @@ pub enum Weighing {
 /// How the possible parameters of least cost are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Consistency {
-    /// Log-Cholesky variables, in which every value is possible.
+    /// Convex programme with second-order cones, and log-Cholesky where its solver finds no solution.
     #[default]
-    LogCholesky,
-    /// Convex programme with second-order cones.
     Cones,
+    /// Log-Cholesky variables, in which every value is possible.
+    LogCholesky,
 }
 
 /// How a fit is made.
@@ -221,11 +221,8 @@ pub struct Moved {
 pub struct Correction {
     /// Rise of the cost ½Σr²/σ² over the impossible estimate.
     pub cost: f64,
-    /// What the other way to the same parameters finds, relative to `cost`: the convex programme for log-Cholesky and the
-    /// other way round. Zero if both agree.
-    pub disagreement: f64,
-    /// Gap between the cost of the convex programme and its proven lower bound, relative to `cost`.
-    pub gap: f64,
+    /// Gap between it and the lower bound that the convex programme proves, relative to `cost`; `None` for log-Cholesky.
+    pub gap: Option<f64>,
 }
 
 /// Share of an effect's largest parameter that one of its others may lie outside its range.
@@ -635,18 +632,13 @@ impl<'a> Regression<'a> {
         if cost.allows(&cost.centre) {
             return (cost.centre, cost.classes, None);
         }
-        let smooth = log_cholesky::minimise(&cost);
-        let convex = cones::minimise(&cost);
-        let (mut values, mut other) = (smooth.clone(), convex.as_ref().map(|c| cost.of(&c.x)));
-        if let (Consistency::Cones, Some(c)) = (self.consistency, &convex) {
-            (values, other) = (c.x.clone(), Some(cost.of(&smooth)));
-        }
-        let own = cost.of(&values);
-        let correction = Correction {
-            cost: own,
-            disagreement: other.map_or(f64::NAN, |o| (o - own) / own),
-            gap: convex.map_or(f64::NAN, |c| c.gap / own),
+        let convex = match self.consistency {
+            Consistency::Cones => cones::minimise(&cost),
+            Consistency::LogCholesky => None,
         };
+        let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
+        let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
+        let correction = Correction { cost: cost.of(&values), gap };
         (values, cost.classes, Some(correction))
     }
 }
@@ -662,7 +654,8 @@ fn largest(traces: &[Trace], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
     traces.iter().zip(noise).map(one).collect()
 }
 
-fn is_nonlinear(model: &Model) -> bool {
+/// Whether some parameter enters the prediction nonlinearly.
+pub fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
         a.effect.reads_reactions()
             || a.effect.reads_torque()

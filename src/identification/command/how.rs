@@ -18,7 +18,7 @@ pub struct How {
     #[arg(long)]
     robust: bool,
     /// Way to physically consistent parameters; both lead to the same ones, and each checks the other.
-    #[arg(long, value_enum, default_value_t = Consistency::LogCholesky)]
+    #[arg(long, value_enum, default_value_t = Consistency::Cones)]
     method: Consistency,
     /// Model whose parameters are the regularisation values, instead of MODEL itself.
     #[arg(long, value_name = "MODEL")]
