@@ -1,10 +1,10 @@
 //! `deltatwin diagnose`.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use miette::{IntoDiagnostic, WrapErr, miette};
 
+use super::time::Allowance;
 use super::{details, json, screen};
 use crate::diagnosis::{Diagnosis, NextExperiment, diagnose_within};
 use crate::dynamics::Plant;
@@ -14,7 +14,7 @@ use crate::identification::command::provenance;
 use crate::identification::{Data, DataArgs, Trace};
 use crate::model::Model;
 use crate::recording::Configuration;
-use crate::terminal::{DONE, catch_interrupt, check_output, interrupted, say, spinner, warn, write_figure};
+use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
 
 /// Find the physical effect that a model lacks.
 #[derive(clap::Args, Clone, Debug)]
@@ -39,18 +39,14 @@ pub struct Args {
     /// Show all candidates with their p-values, the error budget and the parameters that moved.
     #[arg(short, long)]
     pub verbose: bool,
-    /// Time after which the best answer so far is given, with what was not tried; by default 15 s for every 50 000 samples of
-    /// all recordings, and not less than 30 s. Ctrl-C ends it, too.
+    /// Time after which the best answer so far is given, with what was not tried; by default what two idle cores do in 15 s for
+    /// every 50 000 samples of all recordings, and not less than 30 s. Ctrl-C ends it, too.
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     pub time_limit: Option<f64>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
 }
-
-/// Default time limit: s per sample, and at least, s.
-const TIME_PER_SAMPLE: f64 = 3e-4;
-const LEAST_TIME: f64 = 30.0;
 
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -78,10 +74,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     known(&args.hold, &model, &data.traces[0])?;
     let progress = spinner("diagnose");
     let samples: usize = data.traces.iter().chain(&data.held_out).map(Trace::len).sum();
-    let limit = args.time_limit.unwrap_or_else(|| (TIME_PER_SAMPLE * samples as f64).max(LEAST_TIME));
-    let begun = Instant::now();
+    let allowance = Allowance::new(args.time_limit, samples);
     catch_interrupt()?;
-    let clock = || if interrupted() { f64::INFINITY } else { begun.elapsed().as_secs_f64() / limit };
+    let clock = || allowance.passed();
     let answer = diagnose_within(&clock, &model, &args.hold, &data.traces, &data.held_out, &mut |what| {
         progress.set_message(format!("diagnose: {what}"));
     });

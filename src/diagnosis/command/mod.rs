@@ -6,4 +6,5 @@ mod details;
 pub mod diagnose;
 mod json;
 mod screen;
+mod time;
 mod unexplained;
