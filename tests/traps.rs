@@ -232,3 +232,12 @@ fn the_planned_motion_tells_a_bias_from_a_tilt() {
     let after = diagnosed(&[measured(&robot, course, Payload::default(), plan.length.min(20.0), 6)]);
     assert_eq!((after.verdict, names(&after)), (Verdict::Effect, vec!["torque_bias"]));
 }
+
+#[test]
+fn torques_that_come_four_samples_late_are_no_backlash() {
+    let trace = measured(&robot("signal_delay", &[&[0.004]]), &excitation(5, 0.6), Payload::default(), 10.0, 6);
+    let d = diagnosed(&[trace]);
+    assert_eq!(names(&d), ["signal_delay"]);
+    let delay = d.effects[0].parameters.iter().find(|p| p.name == "delay").expect("a parameter");
+    assert!((delay.value - 0.004).abs() < 4.0 * delay.std + 2e-5, "{delay:?}");
+}

@@ -1,6 +1,6 @@
 //! Torque is reported late against position.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Start, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ(t − d), the same for all drives.
@@ -37,6 +37,15 @@ impl Effect for SignalDelay {
 
     fn kind(&self) -> Kind {
         Kind::Sensor
+    }
+
+    /// Between lags the response to a further one changes: secants from none to each of these.
+    fn starts(&self) -> &'static [Start] {
+        const fn late(delay: &'static [f64]) -> Start {
+            Start([Some((0, delay)), None, None])
+        }
+        const STARTS: [Start; 5] = [late(&[0.0003]), late(&[0.001]), late(&[0.002]), late(&[0.004]), late(&[0.008])];
+        &STARTS
     }
 
     fn observe(&self, values: &Values, signals: &mut Signals) {

@@ -9,11 +9,12 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
-use super::Fitting;
+use super::{EXPERIMENT, Fitting};
 use super::judge::{is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
+use crate::evidence::Stop;
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
 use crate::identification::prediction::Channels;
 use crate::identification::trace::noise_floor;
@@ -103,7 +104,8 @@ pub(super) fn explain(
 ) -> Result<Option<Unexplained>, FitError> {
     progress("is it explained?");
     let after = Search::new(&end.model, fitting, held_out)?;
-    let with_named = after.formula();
+    let stop = || (fitting.clock)() >= EXPERIMENT;
+    let with_named = after.formula(&stop);
     if with_named.terms.is_empty() {
         return Ok(None);
     }
@@ -112,7 +114,7 @@ pub(super) fn explain(
     } else {
         progress("is there a better explanation?");
         let before = Search::new(&start.model, fitting, held_out)?;
-        let alone = before.formula();
+        let alone = before.formula(&stop);
         (Some(before), alone)
     };
     let sum = |x: &[f64]| x.iter().sum::<f64>();
@@ -152,7 +154,7 @@ pub(super) fn explain(
     if !is_relevant(&channel_rms(&without), &rms) || wanders_in(judge, &without, &with) || fitting.wanders(end, &fit)? {
         return Ok(None);
     }
-    let shares = search.shares(best.gain());
+    let shares = search.shares(best.gain(), &stop);
     let place = strongest(&search.find, &best.terms);
     Ok(Some(Unexplained {
         location: location(&search.find, &best.terms),
@@ -218,12 +220,12 @@ impl Search {
         Pursuit::new(&self.atoms, (&self.find, self.found.clone()), (judge, self.judged.clone()))
     }
 
-    fn formula(&self) -> Formulation {
-        self.pursuit().formula(MOST, |_| true)
+    fn formula(&self, stop: Stop) -> Formulation {
+        self.pursuit().formula(MOST, |_| true, stop)
     }
 
     /// What a formula at each part of the machine alone takes, relative to `all`; best first.
-    fn shares(&self, all: f64) -> Vec<(String, f64)> {
+    fn shares(&self, all: f64, stop: Stop) -> Vec<(String, f64)> {
         let pursuit = self.pursuit();
         let mut parts: Vec<Place> = Vec::new();
         for &place in &self.find.places {
@@ -232,10 +234,10 @@ impl Search {
             }
         }
         let share = |part: &Place| {
-            let there = pursuit.formula(AT_ONE_PLACE, |p| same_part(self.find.places[p], *part));
+            let there = pursuit.formula(AT_ONE_PLACE, |p| same_part(self.find.places[p], *part), stop);
             (part.region(), (there.gain() / all.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0))
         };
-        let mut shares: Vec<(String, f64)> = parts.iter().map(share).collect();
+        let mut shares: Vec<(String, f64)> = parts.iter().take_while(|_| !stop()).map(share).collect();
         shares.sort_by(|a, b| b.1.total_cmp(&a.1));
         shares
     }

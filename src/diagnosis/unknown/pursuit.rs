@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::Sight;
 use super::library::{Atom, Number};
 use crate::effects::formula::{Expression, Variable};
-use crate::evidence::dot;
+use crate::evidence::{Stop, dot};
 
 /// Instants used to screen the library.
 const SCREENED: usize = 2500;
@@ -204,11 +204,11 @@ impl<'a> Pursuit<'a> {
         Self { screen, find: Ground::new(find.0, find.1), judge: Ground::new(judge.0, judge.1), screened }
     }
 
-    /// Best formula of at most `most` laws at the places that `allowed` accepts.
-    pub fn formula(&self, most: usize, allowed: impl Fn(usize) -> bool + Sync) -> Formulation {
+    /// Best formula of at most `most` laws at the places that `allowed` accepts; no law is added once `stop` says so.
+    pub fn formula(&self, most: usize, allowed: impl Fn(usize) -> bool + Sync, stop: Stop) -> Formulation {
         let mut state = State::new(self);
         for _ in 0..most {
-            if !state.step(self, &allowed) {
+            if stop() || !state.step(self, &allowed) {
                 break;
             }
         }

@@ -206,7 +206,9 @@ impl<'a> Differences<'a> {
             Ok(seen)
         };
         let unmoved = match (wanted.is_candidate, is_sensor) {
-            (true, _) => Cow::Owned(predicted(None)?),
+            // From none of it to what it has: the sensor may respond nonlinearly.
+            (true, true) => Cow::Borrowed(&self.observed),
+            (true, false) => Cow::Owned(predicted(None)?),
             (false, true) => Cow::Borrowed(&self.observed),
             (false, false) => Cow::Borrowed(&self.plain),
         };
@@ -214,8 +216,12 @@ impl<'a> Differences<'a> {
             if !wanted.has_column(entry) {
                 return Ok(none[k].clone());
             }
-            let step = difference(entry);
-            let slope = slope(&predicted(Some((k, step)))?, &unmoved, step);
+            let secant = is_sensor && wanted.is_candidate && active.values[k] != 0.0;
+            let (step, of) = match difference(entry) {
+                _ if secant => (active.values[k], None),
+                step => (step, Some((k, step))),
+            };
+            let slope = slope(&predicted(of)?, &unmoved, step);
             Ok(if is_sensor { means(self.trace, slope, self.block) } else { slope })
         };
         active.entries().par_iter().enumerate().map(column).collect()
