@@ -9,9 +9,9 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
-use super::{EXPERIMENT, Fitting};
 use super::judge::{is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
+use super::{EXPERIMENT, Fitting};
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::evidence::Stop;
