@@ -1,6 +1,6 @@
 //! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect its model lacks.
 
-pub mod spelling;
+pub mod text;
 
 pub mod model;
 
@@ -33,18 +33,3 @@ pub mod planner;
 pub mod comparison;
 
 pub mod diagnosis;
-
-pub mod report;
-
-pub mod check;
-
-#[cfg(feature = "viewer")]
-pub mod replay;
-
-pub mod terminal;
-
-pub mod exam;
-
-pub mod demo;
-
-pub mod reproduce;

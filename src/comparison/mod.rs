@@ -1,6 +1,5 @@
 //! How far model and measurement are apart, and where.
 
-pub mod command;
 mod findings;
 mod place;
 mod spectrum;

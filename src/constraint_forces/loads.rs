@@ -9,7 +9,7 @@ use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TE
 use crate::model::{Geometry, STRUTS};
 
 /// Which loads enter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Detail {
     /// The paper's reduced model: struts only along their axes, no telescope but the mass of its lower part on the platform.
     /// λ_TB is what turns the end effector alone.

@@ -4,7 +4,6 @@
 //! V = (V_E, V_P, v_S, ω_A) ∈ R²¹ are linear in the 21 multipliers λ. [`Statics`] is that system at a pose; two sets of
 //! loads go in, see [`Detail`].
 
-pub mod command;
 mod loads;
 mod statics;
 #[cfg(test)]

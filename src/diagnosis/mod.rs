@@ -6,7 +6,6 @@
 mod add;
 pub mod budget;
 pub mod candidates;
-pub mod command;
 pub mod confidence;
 pub mod experiment;
 mod judge;

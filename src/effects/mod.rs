@@ -20,7 +20,6 @@ mod ball_socket_load_dependent;
 mod ball_socket_viscous;
 mod base_tilt;
 mod clamp_springs;
-pub mod command;
 mod drive_coulomb_asymmetry;
 mod drive_elasticity;
 mod drive_friction;

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 /// What the design makes small. Both are smooth functions of the eigenvalues λ of the information matrix S·Yᵀ·Σ⁻¹·Y·S per
 /// sample, whose columns are in units of the parameters' own sizes (S) and of the torque noise (Σ).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Objective {
     /// −log det of the information: the volume of the confidence ellipsoid, whatever the units of the parameters.
     #[default]

@@ -8,7 +8,6 @@
 //!
 //! The motion is periodic and does not begin at rest: the machine has to be brought into it.
 
-pub mod command;
 pub mod discriminate;
 pub mod experiments;
 pub mod information;

@@ -13,7 +13,7 @@ use crate::model::write::replace_file;
 use crate::recording::{Payload, Setup};
 use crate::scenario::write::motion_text;
 use crate::scenario::{Course, Scenario};
-use crate::terminal::significant;
+use crate::text::significant;
 
 /// Text of the scenario at `output`, which runs `model_file` along the designed motion.
 pub fn text(design: &Design, options: &Options, model_file: &Path, output: &Path) -> String {

@@ -4,7 +4,6 @@
 //! offset and payload of the recording. What the model merely lacks leaves slope and correlation near one and passes.
 
 mod arrangement;
-pub mod command;
 mod instants;
 mod line;
 mod mild;

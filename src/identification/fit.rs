@@ -132,7 +132,7 @@ impl std::fmt::Display for Reason {
 }
 
 /// What the rows of the regression are weighed with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Weighing {
     /// Noise of the channels: W = Σ⁻¹.
     #[default]
@@ -142,7 +142,7 @@ pub enum Weighing {
 }
 
 /// How the possible parameters of least cost are found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Consistency {
     /// Convex programme with second-order cones, and log-Cholesky where its solver finds no solution.
     #[default]

@@ -4,14 +4,11 @@
 //! predicted channels and their derivatives by parameter; [`fit`] is weighted least squares on what the data can tell.
 
 pub mod base_parameters;
-pub mod command;
 pub mod consistency;
-pub mod data;
 pub mod derivatives;
 pub mod estimator;
 pub mod filtering;
 pub mod fit;
-pub mod noise;
 pub mod normal_equations;
 pub mod payload;
 pub mod prediction;
@@ -21,7 +18,6 @@ mod swapped;
 pub mod trace;
 
 pub use base_parameters::BaseParameter;
-pub use data::{Data, DataArgs};
 pub use derivatives::Method;
 pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use payload::{PayloadFit, identify_payload};

@@ -17,7 +17,7 @@ use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
 use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Model, Stops};
 use crate::effects::{ActiveEffect, Effect, Effects, Host, Parameter, REGISTRY, Role};
-use crate::spelling::nearest;
+use crate::text::nearest;
 
 mod formula;
 

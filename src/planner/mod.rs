@@ -8,9 +8,7 @@
 mod accept;
 pub mod certificate;
 pub mod coefficients;
-pub mod command;
 pub mod curve;
-pub mod figures;
 mod grid;
 pub mod jerk;
 pub mod limits;

@@ -6,15 +6,12 @@ pub mod bag;
 mod channels;
 mod check;
 pub mod columns;
-pub mod command;
 pub mod csv;
 mod difference;
 mod epoch;
 mod error;
 pub(crate) mod file;
 mod payload;
-#[cfg(feature = "viewer")]
-pub mod rerun;
 pub mod setup;
 
 pub use bag::Context;

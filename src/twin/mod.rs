@@ -8,7 +8,6 @@
 mod absolute;
 mod assembled;
 mod axes;
-pub mod command;
 pub mod constraints;
 mod context;
 pub mod controller;
@@ -20,19 +19,15 @@ pub mod loose;
 mod machine;
 mod mechanism;
 mod options;
-mod origin;
+pub mod origin;
 mod reactions;
 mod report;
 mod rod;
 mod sensors;
-#[cfg(feature = "viewer")]
-mod show;
 mod simulate;
 pub mod sockets;
 mod state;
 pub mod stops;
-#[cfg(feature = "viewer")]
-mod stream;
 mod torque;
 mod wrench;
 

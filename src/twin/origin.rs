@@ -13,7 +13,7 @@ use crate::scenario::Scenario;
 /// Origin of a run, known before it: program, files and seed, and the files themselves.
 ///
 /// Files go by their names without folders, so that the same run gives the same bytes wherever it is made.
-pub(super) fn origin(scenario: &Scenario, file: &Path, machine: &Model, planning: &Model) -> Context {
+pub fn origin(scenario: &Scenario, file: &Path, machine: &Model, planning: &Model) -> Context {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let model_name = |model: &Model| model.path.as_deref().map_or(model.name.clone(), name);
     let mut command = format!("deltatwin simulate {}", name(file));
@@ -49,7 +49,7 @@ pub(super) fn origin(scenario: &Scenario, file: &Path, machine: &Model, planning
 }
 
 /// What a run showed, added to its origin.
-pub(super) fn with_run(mut origin: Context, machine: &Model, options: &Options, report: &Report) -> Context {
+pub fn with_run(mut origin: Context, machine: &Model, options: &Options, report: &Report) -> Context {
     if machine.assembled {
         origin.poses = report.frames.iter().map(|f| poses(machine.mechanism, options, f)).collect();
     }
@@ -68,7 +68,7 @@ fn poses(mechanism: Mechanism, options: &Options, frame: &Frame) -> Poses {
 }
 
 /// An event as a line of a log.
-pub(super) fn note(event: &Event) -> Note {
+pub fn note(event: &Event) -> Note {
     let level = match event.kind {
         EventKind::Dislocation | EventKind::Singular => Level::Error,
         EventKind::Trip | EventKind::Contact | EventKind::Stop => Level::Warning,

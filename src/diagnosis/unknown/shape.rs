@@ -8,7 +8,6 @@ use super::Sight;
 use super::pursuit::{Found, force};
 use crate::effects::formula::{Place, Variable};
 use crate::model::Mechanism;
-use crate::report::figure::{Color, Curve, Figure, Style, time_series};
 
 /// A force over one variable, with simultaneous 95 % bands.
 #[derive(Clone, Debug, Default)]
@@ -109,23 +108,6 @@ impl Shape {
             x if x < 1.0 - ODD => "even",
             _ => "mixed",
         }
-    }
-
-    /// The force over its variable.
-    pub fn figure(&self, title: &str, unit: &str) -> Figure {
-        let curve = |label: &str, y: &[f64]| Curve::new(label, self.x.clone(), y.to_vec());
-        let band = Color::CYCLE[1];
-        let curves = [
-            curve("mean of what acts", &self.mean).color(Color::CYCLE[0]),
-            curve("simultaneous 95 % band", &self.low).color(band).style(Style::Dashed),
-            curve("", &self.high).color(band).style(Style::Dashed),
-        ];
-        let what = if self.along { "force along the motion" } else { "force" };
-        let over = match self.period {
-            Some((length, _)) => format!("{} within a period of {length:.4} / {}", self.variable, self.variable_unit),
-            None => format!("{} / {}", self.variable, self.variable_unit),
-        };
-        time_series(title, &over, &format!("{what} / {unit}"), &curves)
     }
 }
 

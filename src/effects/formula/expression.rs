@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use super::variables::Variable;
-use crate::spelling::nearest;
+use crate::text::nearest;
 
 /// A law as text, ready to be evaluated.
 #[derive(Clone, Debug)]

@@ -1,0 +1,90 @@
+//! `deltatwin check`.
+
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use super::{Verified, check_as};
+use deltatwin::gate::combined;
+use crate::command::gate::{json as gate_json, line};
+use deltatwin::model::Model;
+use deltatwin::recording::{Mapping, Reading};
+use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
+
+/// Validate files: models, scenarios, setups, recordings.
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Example: deltatwin check models/irb360-6-1600.toml run.csv")]
+pub struct Args {
+    /// Files of any kind.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Model that the recordings should fit: also examines sign, factor, order, zero, lag, offset and payload.
+    #[arg(long, value_name = "MODEL")]
+    pub model: Option<PathBuf>,
+    /// Which column of the recordings is which channel, such as "t=Time[ms], q1=ActPos[deg]"; may be given several times.
+    #[arg(long, value_name = "MAP")]
+    pub map: Vec<Mapping>,
+    /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
+    #[arg(long, value_name = "FILE")]
+    pub setup: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command; every file is checked, each mistake told on stderr.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let mut good = true;
+    let mut fits = true;
+    let mut gate = Vec::new();
+    let mut entries = Vec::new();
+    let model = args.model.as_deref().map(Model::read).transpose()?;
+    let machine = model.as_ref().map(|m| m.mechanism);
+    let how = Reading { setup: args.setup.as_deref(), machine, maps: &args.map };
+    for file in &args.files {
+        match check_as(file, &how, model.as_ref()) {
+            Ok(v) => {
+                warn(&v.warnings);
+                if !args.json {
+                    say(format!("{}: {}: {}", file.display(), v.kind, v.summary))?;
+                    print_gate(&v)?;
+                }
+                fits &= !v.gate.iter().flatten().any(|f| f.severe);
+                entries.push(json!({
+                    "file": path(file),
+                    "good": true,
+                    "kind": v.kind.to_string(),
+                    "summary": v.summary,
+                    "warnings": v.warnings,
+                    "gate": v.gate.as_deref().map(gate_json),
+                }));
+                gate.extend(v.gate.unwrap_or_default());
+            }
+            Err(report) => {
+                good = false;
+                eprintln!("{report:?}");
+                entries.push(json!({"file": path(file), "good": false, "error": report.to_string()}));
+            }
+        }
+    }
+    if args.json {
+        say(json!({"good": good, "files": entries, "gate": gate_json(&gate)}))?;
+    }
+    Ok(match (good, fits) {
+        (false, _) => BAD_INPUT,
+        (true, false) => BAD_ANSWER,
+        (true, true) => DONE,
+    })
+}
+
+/// What the gate says of a recording.
+fn print_gate(v: &Verified) -> miette::Result<()> {
+    let Some(findings) = &v.gate else { return Ok(()) };
+    if findings.is_empty() {
+        return say("  It fits the model: signs, factors, order, zeros, lag, offsets and payload are in order.");
+    }
+    findings.iter().try_for_each(|f| say(format!("  {}", line(f))))?;
+    let others = findings.iter().filter(|f| !matches!(f.remedy, deltatwin::gate::Remedy::Map(_)));
+    let remedies = others.map(|f| f.remedy.to_string()).chain(combined(findings).map(|r| r.to_string()));
+    remedies.into_iter().try_for_each(|r| say(format!("  remedy: {r}")))
+}

@@ -1,0 +1,35 @@
+//! `deltatwin import` and `deltatwin export`.
+
+pub mod export;
+pub mod import;
+
+use std::path::Path;
+
+use miette::IntoDiagnostic;
+use serde_json::json;
+
+use deltatwin::recording::{Reading, Recording};
+use crate::terminal::{DONE, check_output, path, say, warn};
+
+/// Reads `from` and writes it as `to`.
+fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {
+    let inputs: Vec<&Path> = std::iter::once(from).chain(how.setup).collect();
+    check_output(to, &inputs, extensions)?;
+    let (recording, warnings) = Recording::read_as(from, how)?;
+    warn(&warnings);
+    recording.write(to).into_diagnostic()?;
+    let signals = &recording.signals;
+    let duration = signals.t.last().zip(signals.t.first()).map_or(0.0, |(b, a)| b - a);
+    if as_json {
+        say(json!({
+            "input": path(from),
+            "output": path(to),
+            "samples": signals.len(),
+            "duration_s": duration,
+            "warnings": warnings,
+        }))?;
+    } else {
+        say(format!("Wrote {}: {} samples, {duration:.3} s", to.display(), signals.len()))?;
+    }
+    Ok(DONE)
+}

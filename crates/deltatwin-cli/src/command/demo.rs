@@ -1,0 +1,177 @@
+//! `deltatwin demo`.
+
+#![allow(clippy::print_stdout)]
+
+use std::path::{Path, PathBuf};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use miette::{IntoDiagnostic, WrapErr};
+use serde_json::json;
+
+use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, figures, hidden, investigate, measure};
+use deltatwin::dynamics::Channel;
+use deltatwin_validation::exam::Campaign;
+use deltatwin::model::{Model, Provenance};
+use crate::terminal::{today, wrapped};
+
+/// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
+#[derive(clap::Args, Debug, Clone)]
+#[command(after_help = "Example: deltatwin demo --seed 7 --effect ball_socket_coulomb")]
+pub struct Args {
+    /// Draws the effect, its size, the model's errors, the motions and the noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Hide this effect instead of a drawn one; `none` hides nothing.
+    #[arg(long, value_name = "NAME")]
+    pub effect: Option<String>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+    /// Folder for recordings, report, model and Rerun file.
+    #[arg(short, long, default_value = "recordings/demo", value_name = "DIR")]
+    pub output: PathBuf,
+}
+
+impl Default for Args {
+    fn default() -> Self {
+        Self { seed: 1, effect: None, json: false, output: "recordings/demo".into() }
+    }
+}
+
+/// Runs the demo; exit status 0, or 1 if the hidden effect was not found.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let model = Model::parse(MODEL, Path::new("models/irb360-6-1600.toml"))?;
+    let say = |text: String| {
+        if !args.json {
+            println!("{text}");
+        }
+    };
+    say(format!("Robot: {} with a 2.5 kg payload and one effect its model does not have.", model.name));
+    let bar = ProgressBar::new((2.0 * DURATION * 1000.0) as u64);
+    bar.set_style(
+        ProgressStyle::with_template("{prefix:>10} [{bar:40}] {percent:>3} % {msg}").expect("a valid template"),
+    );
+    bar.set_prefix("measure");
+    let done = [std::sync::atomic::AtomicU64::new(0), std::sync::atomic::AtomicU64::new(0)];
+    let measured = measure(&model, args.seed, args.effect.as_deref(), &|k, t| {
+        let now = (t * 1000.0) as u64;
+        let before = done[k].swap(now, std::sync::atomic::Ordering::Relaxed);
+        bar.inc(now - before);
+    });
+    bar.finish_and_clear();
+    let measured = measured.into_diagnostic()?;
+    say(format!(
+        "Measured: two motions of {DURATION} s at {:.1} kHz, quantised encoders, noisy torques, one strut with a force sensor.",
+        1e-3 / model.sample_time
+    ));
+    let spinner = ProgressBar::new_spinner();
+    spinner.set_style(ProgressStyle::with_template("{spinner} {msg}").expect("a valid template"));
+    spinner.enable_steady_tick(std::time::Duration::from_millis(100));
+    let findings = investigate(&measured, &mut |what| spinner.set_message(what.to_string()));
+    spinner.finish_and_clear();
+    let findings = findings.into_diagnostic()?;
+    let files = write(args, &measured, &findings)?;
+    if args.json {
+        println!("{}", summary(args, &measured, &findings, &files));
+    } else {
+        print(&measured, &findings, &files);
+    }
+    Ok(u8::from(!findings.right))
+}
+
+fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Result<Vec<PathBuf>> {
+    let folder = &args.output;
+    std::fs::create_dir_all(folder)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot create {}", folder.display()))?;
+    let mut files = Vec::new();
+    for recording in [&campaign.measurement, &campaign.validation] {
+        let path = folder.join(format!("{}.mcap", recording.name));
+        recording.write(&path).into_diagnostic()?;
+        files.push(path);
+    }
+    let path = folder.join("model.toml");
+    let recordings = vec![campaign.measurement.name.clone()];
+    let provenance = Provenance::new("demo", today(), recordings, &findings.diagnosis.parameters[1]);
+    match findings.diagnosis.model.write_fitted(&path, &provenance) {
+        Ok(()) => files.push(path),
+        Err(why) => eprintln!("no model file: {why}"),
+    }
+    let path = folder.join("report.html");
+    figures::report(campaign, findings)
+        .write(&path)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot write {}", path.display()))?;
+    files.push(path);
+    #[cfg(feature = "viewer")]
+    {
+        let path = folder.join("validation.rrd");
+        crate::replay::write(&path, &campaign.validation, &findings.identified.model)?;
+        files.push(path);
+    }
+    Ok(files)
+}
+
+fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
+    let d = &findings.diagnosis;
+    println!("\nWhere the model as delivered fails:");
+    for f in findings.comparison.findings.iter().take(4) {
+        println!("  {}", f.sentence);
+    }
+    println!("\nDiagnosis: {}", d.verdict);
+    for e in &d.effects {
+        println!(
+            "  {} (probability {:.2}, explains {:.1} % of the explainable error)",
+            e.name,
+            e.confidence.probability(),
+            100.0 * e.explained
+        );
+        for p in &e.parameters {
+            println!("    {:<18} {:>10.5} ± {:.5} {}", p.name, p.value, p.std, p.unit);
+        }
+    }
+    for set in &d.indistinguishable {
+        println!("  these data cannot tell apart: {}", set.join(", "));
+    }
+    if let Some(next) = &d.next_experiment {
+        println!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
+    }
+    let [delivered, identified, added] = figures::stage_rms(findings);
+    println!("\nRMS error on the held-out motion");
+    println!("  {:<14} {:>12} {:>12} {:>12} {:>12}", "", "delivered", "identified", "effect added", "noise floor");
+    for (c, channel) in d.channels.iter().enumerate() {
+        let label = match channel {
+            Channel::Torque(i) => format!("axis {} / N·m", i + 1),
+            other => format!("{other} / N"),
+        };
+        println!(
+            "  {label:<14} {:>12.4} {:>12.4} {:>12.4} {:>12.4}",
+            delivered[c], identified[c], added[c], d.noise_floor[c]
+        );
+    }
+    println!("\nHidden was {}", describe(campaign));
+    println!("{}", if findings.right { "Found." } else { "Not found." });
+    println!("\nWritten:");
+    for f in files {
+        println!("  {}", f.display());
+    }
+}
+
+fn summary(args: &Args, campaign: &Campaign, findings: &Findings, files: &[PathBuf]) -> serde_json::Value {
+    let d = &findings.diagnosis;
+    let axes = |v: &[f64]| v[..4].to_vec();
+    json!({
+        "seed": args.seed,
+        "hidden": hidden(campaign),
+        "hidden_values": describe(campaign),
+        "verdict": d.verdict.to_string(),
+        "named": d.effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>(),
+        "indistinguishable": d.indistinguishable,
+        "right": findings.right,
+        "rms_delivered": axes(&figures::stage_rms(findings)[0]),
+        "rms_before": axes(&d.rms_before),
+        "rms_after": axes(&d.rms_after),
+        "noise_floor": axes(&d.noise_floor),
+        "files": files,
+    })
+}

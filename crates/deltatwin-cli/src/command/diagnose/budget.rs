@@ -1,0 +1,85 @@
+//! The error budget on the terminal, in JSON and as a figure.
+
+use serde_json::{Value, json};
+
+use deltatwin::diagnosis::budget::{Budget, Change};
+use deltatwin::model::Added;
+use deltatwin_report::{Figure, StackedBar, stacked};
+use crate::terminal::{Table, WIDTH, channel_names, channel_title, say, significant, wrapped};
+
+/// Shares of every channel, and parameters that moved.
+pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::Result<()> {
+    if budget.effects.is_empty() {
+        return Ok(());
+    }
+    // Names as long as these would leave the screen.
+    let fits = budget.effects.iter().map(|(name, _)| name.chars().count() + 2).sum::<usize>() + 55 <= WIDTH;
+    let title = |(i, (name, _)): (usize, &(String, Vec<f64>))| if fits { name.clone() } else { format!("[{}]", i + 1) };
+    let names: Vec<String> = budget.effects.iter().enumerate().map(title).collect();
+    let mut header = vec!["Share of the mean square error", "noise"];
+    header.extend(names.iter().map(String::as_str));
+    header.push("unexplained");
+    let mut is_negative = false;
+    let mut table = Table::new(&header, &[]);
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    for (c, &channel) in budget.channels.iter().enumerate() {
+        let shares = budget.shares(c);
+        let parts = std::iter::once(shares.noise).chain(shares.effects).chain([shares.unexplained]);
+        let parts: Vec<f64> = parts.collect();
+        is_negative |= parts.iter().any(|share| *share < 0.0);
+        table.row(std::iter::once(channel_title(channel)).chain(parts.into_iter().map(percent)));
+    }
+    say(format!("\n{table}"))?;
+    if is_negative {
+        let why = "A negative share: the addition made the channel worse, or less is left than the noise floor, which is \
+                   itself an estimate.";
+        say(wrapped(why, 2))?;
+    }
+    let names = budget.effects.iter().enumerate().map(|(i, (name, _))| format!("[{}] {name}", i + 1));
+    if !fits {
+        say(wrapped(&names.collect::<Vec<_>>().join(", "), 2))?;
+    }
+    if !changes.is_empty() {
+        let mut table = Table::new(&["Parameter that moved", "before", "std", "after", "std", "unit"], &[5]);
+        for Change { before, after } in changes {
+            let digits = [(before.value, 4), (before.std, 2), (after.value, 4), (after.std, 2)];
+            let cells = digits.map(|(x, digits)| significant(x, digits));
+            table.row(std::iter::once(before.name.clone()).chain(cells).chain([before.unit.to_string()]));
+        }
+        say(format!("\n{table}"))?;
+    }
+    let earlier = history.len().saturating_sub(budget.effects.len());
+    if earlier > 0 {
+        let names: Vec<&str> = history[..earlier].iter().map(|a| a.effect.as_str()).collect();
+        say(format!("\n  Added earlier: {}", names.join(", ")))?;
+    }
+    Ok(())
+}
+
+/// The budget for JSON; shares are of the mean square error before the first effect.
+pub fn json(budget: &Budget) -> Value {
+    let shares: Vec<_> = (0..budget.channels.len()).map(|c| budget.shares(c)).collect();
+    let effect = |(i, (name, rms)): (usize, &(String, Vec<f64>))| json!({"name": name, "rms_after": rms, "share": shares.iter().map(|s| s.effects[i]).collect::<Vec<_>>()});
+    json!({
+        "channels": channel_names(&budget.channels),
+        "held_out": budget.held_out,
+        "rms_before": budget.rms_before,
+        "noise_floor": budget.noise_floor,
+        "noise": shares.iter().map(|s| s.noise).collect::<Vec<_>>(),
+        "effects": budget.effects.iter().enumerate().map(effect).collect::<Vec<_>>(),
+        "unexplained": shares.iter().map(|s| s.unexplained).collect::<Vec<_>>(),
+    })
+}
+
+/// The budget as stacked bars, one per channel.
+pub fn figure(budget: &Budget) -> Figure {
+    let names = budget.effects.iter().map(|(name, _)| name.as_str());
+    let parts: Vec<&str> = std::iter::once("noise").chain(names).chain(["unexplained"]).collect();
+    let bar = |(c, &channel)| {
+        let shares = budget.shares(c);
+        let all = std::iter::once(shares.noise).chain(shares.effects).chain([shares.unexplained]);
+        StackedBar { name: channel_title(channel), shares: all.collect() }
+    };
+    let bars: Vec<StackedBar> = budget.channels.iter().enumerate().map(bar).collect();
+    stacked("Error budget", "share of the mean square error of the model without the effects / %", &parts, &bars)
+}

@@ -1,0 +1,172 @@
+//! A diagnosis on one screen: the verdict, the error before and after against the noise, what to type next.
+
+use super::diagnose::Args;
+use super::unexplained;
+use deltatwin::diagnosis::candidates::{Standing, Untestable};
+use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, Verdict};
+use deltatwin::identification::{DataArgs, Estimate};
+use crate::terminal::{Table, channel_title, command, error_bars, grouped, say, significant, wrapped};
+
+/// Candidates that are shown beside those that were found and those that cannot be told from them.
+const OTHERS: usize = 3;
+
+/// Prints all that a first look needs.
+pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
+    say(wrapped(&verdict(d), 0))?;
+    say("")?;
+    let several = d.effects.len() > 1;
+    if several {
+        let all = percent(d.explained());
+        say(wrapped(&format!("Together they explain {all} of the error above the noise."), 2))?;
+    }
+    for e in &d.effects {
+        let share = percent(e.explained);
+        let explains = if several {
+            format!("without it {share} of that is back")
+        } else {
+            format!("explains {share} of the error above the noise")
+        };
+        say(wrapped(&format!("{}: {}; {explains}", e.name, values(&e.parameters)), 2))?;
+    }
+    let gap = if d.effects.is_empty() { "" } else { "\n" };
+    let held_out = d.budget.held_out;
+    say(format!("{gap}{}", error_bars(&d.channels, held_out, &d.rms_before, &d.rms_after, &d.noise_floor)))?;
+    if let Some(lag) = d.sampling_lag {
+        let late = significant(1e3 * lag, 2);
+        let text =
+            format!("The torques are recorded {late} ms late, less than half a sample: no effect, but in the model.");
+        say(format!("\n{}", wrapped(&text, 2)))?;
+    }
+    match (&d.unexplained, &d.left.sight) {
+        (Some(u), _) => unexplained::print(u, d.explained_with_formula(), args.verbose)?,
+        (None, Some(rest)) => say(format!("\n{}", wrapped(&unexplained::rest(rest), 2)))?,
+        (None, None) => {}
+    }
+    candidates(d)?;
+    not_testable(d)?;
+    if !d.not_tried.is_empty() {
+        say(format!("\n{}", wrapped(&format!("The time was up; not tried: {}", d.not_tried.join(", ")), 2)))?;
+    }
+    next(d, args)
+}
+
+/// The verdict as a sentence or two.
+pub fn verdict(d: &Diagnosis) -> String {
+    let named = |e: &Named| format!("{} (probability {:.2})", e.name, e.confidence.probability());
+    let names = d.effects.iter().map(named).collect::<Vec<_>>().join(", ");
+    let first = match (d.verdict, d.effects.len()) {
+        (Verdict::None, _) if !d.not_tried.is_empty() => "Nothing was found before the time was up".to_string(),
+        (Verdict::None, _) => "Nothing is missing that these data show".to_string(),
+        (Verdict::Effect, _) => format!("One effect is missing: {names}"),
+        (Verdict::Several, n) => format!("{n} effects are missing: {names}"),
+        (Verdict::Ambiguous, _) => {
+            let sets: Vec<String> = d.indistinguishable.iter().map(|set| set.join(" or ")).collect();
+            format!("Something is missing, and these data do not tell whether it is {}", sets.join("; nor whether "))
+        }
+        (Verdict::Unknown, 0) => "Something is missing that no known effect explains".to_string(),
+        (Verdict::Unknown, _) => format!("Something is missing that no known effect explains, beside {names}"),
+    };
+    let left = left(d);
+    match (d.left.beside && d.verdict != Verdict::Unknown, left.is_empty()) {
+        (true, _) => format!("{first} ... and something else: {left}."),
+        (false, true) => format!("{first}."),
+        (false, false) => format!("{first}. {left}."),
+    }
+}
+
+/// What is left above the noise, in words; empty if nothing is.
+fn left(d: &Diagnosis) -> String {
+    let channels = d.left.channels(&d.channels);
+    let Some((worst, ratio)) = channels.first() else { return String::new() };
+    let others = match channels.len() {
+        1 => String::new(),
+        n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
+    };
+    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), channel_title(*worst))
+}
+
+/// Parameters with their standard errors in a row.
+fn values(parameters: &[Estimate]) -> String {
+    let value = |p: &Estimate| match p.identified() {
+        true => format!("{} = {} ± {} {}", p.name, significant(p.value, 4), significant(p.std, 2), p.unit),
+        false => format!("{} not determined alone", p.name),
+    };
+    parameters.iter().map(value).collect::<Vec<_>>().join(", ")
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// Every found effect, every rival, and the best of the others.
+fn candidates(d: &Diagnosis) -> miette::Result<()> {
+    let named = |c: &&CandidateReport| matches!(c.standing, Standing::Found | Standing::Rival | Standing::Doubted);
+    let tested = |c: &&CandidateReport| !named(c) && c.standing != Standing::Untestable;
+    let mut table = Table::new(&["Candidate", "probability", "alone", "outcome", "imitated by"], &[3, 4]);
+    for c in d.candidates.iter().filter(named).chain(d.candidates.iter().filter(tested).take(OTHERS)) {
+        let cells = [format!("{:.2}", c.probability), percent(c.explained), c.standing.to_string()];
+        table.row(std::iter::once(c.name.clone()).chain(cells).chain([grouped(&c.absorbed_by)]));
+    }
+    say(format!("\n{table}"))?;
+    say("  alone: what it could explain of the recordings fitted to, were nothing else missing")
+}
+
+/// The effects that these data cannot test, by the reason.
+fn not_testable(d: &Diagnosis) -> miette::Result<()> {
+    let reason = |c: &CandidateReport| c.untestable;
+    let of = |why: Untestable| -> Vec<&str> {
+        let own = d.candidates.iter().filter(|c| reason(c) == Some(why)).map(|c| c.name.as_str());
+        let beyond = d.twin_only.iter().filter(|_| why == Untestable::TwinOnly).map(String::as_str);
+        own.chain(beyond).collect()
+    };
+    let groups: Vec<_> = Untestable::ALL.into_iter().map(|why| (why, of(why))).filter(|(_, n)| !n.is_empty()).collect();
+    if groups.is_empty() && d.unseen_parameters.is_empty() {
+        return Ok(());
+    }
+    say("\n  Not testable with this recording")?;
+    groups.iter().try_for_each(|(why, names)| say(wrapped(&format!("{why}: {}", names.join(", ")), 4)))?;
+    match d.unseen_parameters.is_empty() {
+        true => Ok(()),
+        false => say(wrapped(&format!("parameters that no channel shows: {}", d.unseen_parameters.join(", ")), 4)),
+    }
+}
+
+/// The next experiment, and what to type.
+fn next(d: &Diagnosis, args: &Args) -> miette::Result<()> {
+    if let Some(next) = &d.next_experiment {
+        say(format!("\n{}", wrapped(&format!("Next experiment, {}", next.what), 2)))?;
+    }
+    say("\n  Next")?;
+    let model = args.model.display().to_string();
+    let again = |more: &[&str]| words("diagnose", std::slice::from_ref(&model), &args.data, more);
+    let mut commands: Vec<Vec<String>> = Vec::new();
+    match (&args.output, d.effects.as_slice()) {
+        (Some(output), _) => commands.push(words("compare", &[output.display().to_string()], &args.data, &[])),
+        (None, [one]) if d.verdict == Verdict::Effect => {
+            commands.push(words("add", &[model.clone(), one.name.clone()], &args.data, &["-o", "better.toml"]));
+        }
+        (None, _) if d.verdict != Verdict::None => commands.push(again(&["-o", "better.toml"])),
+        _ => {}
+    }
+    if d.next_experiment.as_ref().is_some_and(|n| n.experiment.course.is_some()) && args.next.is_none() {
+        commands.push(again(&["--next", "next.toml"]));
+    }
+    commands.iter().try_for_each(|c| say(command(c, 4)))?;
+    if args.verbose {
+        Ok(())
+    } else {
+        say("    --verbose shows p-values, the error budget and the parameters that moved")
+    }
+}
+
+/// A command on the same data.
+fn words(name: &str, first: &[String], data: &DataArgs, more: &[&str]) -> Vec<String> {
+    let mut words: Vec<String> = vec!["deltatwin".into(), name.into()];
+    words.extend(first.iter().cloned());
+    words.extend(data.data.iter().map(|f| f.display().to_string()));
+    for (flag, files) in [("--held-out", &data.held_out[..]), ("--setup", data.setup.as_slice())] {
+        words.extend(files.iter().flat_map(|f| [flag.to_string(), f.display().to_string()]));
+    }
+    words.extend(more.iter().map(|w| w.to_string()));
+    words
+}

@@ -1,0 +1,336 @@
+//! `deltatwin exam`.
+
+use std::path::{Path, PathBuf};
+
+use miette::{IntoDiagnostic, miette};
+use rayon::prelude::*;
+
+use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
+use deltatwin_validation::exam::motion::MotionKind;
+use deltatwin_validation::exam::noise::Noise;
+use deltatwin_validation::exam::plan::{NOTHING, Plan, seed};
+use deltatwin_validation::exam::score::{Judged, Score};
+use deltatwin_validation::exam::size::Size;
+use deltatwin_validation::exam::{Grade, figures, folder, judge};
+use deltatwin::model::{Mechanism, Model};
+use deltatwin::recording::Recording;
+use crate::terminal::{
+    DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, significant, warn, write_figure,
+};
+
+/// Examine the diagnosis: hide effects in a robot, judge what is said about it, count.
+///
+/// Every campaign is a folder in DIR with its recordings, the truth and the answer. What is there already is kept, so that
+/// an interrupted exam goes on. With --judge, the campaigns that stand in a folder are judged and none is made.
+#[derive(clap::Args, Clone, Debug)]
+#[command(
+    after_help = "Example: deltatwin exam models/irb360-6-1600.toml --effects ball_socket_coulomb,torque_bias --seeds 3"
+)]
+pub struct Args {
+    /// Model file.
+    pub model: PathBuf,
+    /// Folder for the campaigns and the figures.
+    #[arg(short, long, default_value = "recordings/exam", value_name = "DIR")]
+    pub output: PathBuf,
+    /// Judge the campaigns in this folder, made by whatever software.
+    #[arg(long, value_name = "DIR")]
+    pub judge: Option<PathBuf>,
+    /// Judge again what has an answer already.
+    #[arg(long, alias = "anew")]
+    pub force: bool,
+    /// Effects to hide, one at a time and in pairs; all that the model lacks without it, `none` for none.
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    pub effects: Option<Vec<String>>,
+    /// Sizes of single effects.
+    #[arg(long, value_delimiter = ',', value_enum, default_value = "medium")]
+    pub sizes: Vec<Size>,
+    /// Campaigns per effect and size.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    pub seeds: u64,
+    /// Campaigns with two effects of medium size.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    pub pairs: u64,
+    /// Campaigns with a law outside the library.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    pub outside: u64,
+    /// Campaigns in which nothing is hidden.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    pub null: u64,
+    /// Further campaigns in which nothing is hidden: other noise on the recordings of four robots. Only answers are kept.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    pub fast_null: u64,
+    /// Kinds of noise, in turn.
+    #[arg(long, value_delimiter = ',', value_enum, default_value = "white")]
+    pub noise: Vec<Noise>,
+    /// What the robots do.
+    #[arg(long, value_enum, default_value_t)]
+    pub motion: MotionKind,
+    /// No force sensors in struts; two thirds of the robots have one without it.
+    #[arg(long)]
+    pub no_strut: bool,
+    /// No payloads; half of the robots have one without it.
+    #[arg(long)]
+    pub no_payload: bool,
+    /// Length of each recording, s.
+    #[arg(long, default_value_t = 20.0, value_name = "SECONDS")]
+    pub duration: f64,
+    /// Draws everything.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Only make the campaigns.
+    #[arg(long, conflicts_with = "judge")]
+    pub no_answers: bool,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Robots whose recordings the fast campaigns share.
+const FAST_ROBOTS: u64 = 4;
+/// Shortest and longest recordings, s.
+const DURATION: (f64, f64) = (1.0, 600.0);
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let model = Model::read(&args.model)?;
+    if !model.assembled || !matches!(model.mechanism, Mechanism::Delta { .. }) {
+        return Err(miette!("{}: expected the model of an assembled delta robot", args.model.display()));
+    }
+    let plan = plan(args, &model)?;
+    catch_interrupt()?;
+    let (root, folders) = match &args.judge {
+        Some(root) => (root, folder::campaigns(root).into_diagnostic()?),
+        None => (&args.output, make(args, &plan.cases(), &model)?),
+    };
+    let mut judged = if args.no_answers { Vec::new() } else { answers(args, &folders, &model)? };
+    if args.judge.is_none() && !args.no_answers {
+        judged.extend(fast(args, &plan, &model)?);
+    }
+    if interrupted() {
+        eprintln!("interrupted; the same command goes on");
+        return Ok(INTERRUPTED);
+    }
+    if args.no_answers {
+        say(format!("{} campaigns in {}", folders.len(), root.display()))?;
+        return Ok(DONE);
+    }
+    if judged.is_empty() {
+        return Err(miette!("{}: holds no campaign; expected folders with {}", root.display(), folder::TRUTH));
+    }
+    judged.sort_by(|a, b| a.name.cmp(&b.name));
+    let score = Score::of(&judged);
+    let mut files = Vec::new();
+    for (name, figure) in figures::all(&score, &judged) {
+        let file = root.join(format!("{name}.svg"));
+        write_figure(&file, &figure)?;
+        files.push(file);
+    }
+    if args.json {
+        let mut object = score.json(&judged);
+        object["figures"] = paths(&files);
+        say(object)?;
+    } else {
+        print(&score, &judged)?;
+        say(format!("\n  Wrote figures into {}", root.display()))?;
+    }
+    Ok(DONE)
+}
+
+/// The plan that the arguments ask for.
+fn plan(args: &Args, model: &Model) -> miette::Result<Plan> {
+    if !(DURATION.0..=DURATION.1).contains(&args.duration) {
+        return Err(miette!(
+            "--duration is {}; expected a number from {} to {} s",
+            args.duration,
+            DURATION.0,
+            DURATION.1
+        ));
+    }
+    let known: Vec<&str> = hideable(model).iter().map(|e| e.name()).collect();
+    let effects = match &args.effects {
+        Some(names) => names.iter().filter(|n| *n != "none").cloned().collect(),
+        None => known.iter().map(|n| n.to_string()).collect::<Vec<String>>(),
+    };
+    if let Some(name) = effects.iter().find(|n| !known.contains(&n.as_str())) {
+        return Err(miette!("--effects: cannot hide `{name}`; expected `none` or some of {}", known.join(", ")));
+    }
+    Ok(Plan {
+        effects,
+        sizes: args.sizes.clone(),
+        seeds: args.seeds,
+        pairs: args.pairs,
+        outside: args.outside,
+        null: args.null,
+        noise: args.noise.clone(),
+        motion: args.motion,
+        strut_sensors: !args.no_strut,
+        payloads: !args.no_payload,
+        duration: args.duration,
+        seed: args.seed,
+    })
+}
+
+/// Does something with each of `items` on all cores, until interrupted.
+fn each<T: Sync, R: Send>(
+    what: &str,
+    items: &[T],
+    work: impl Fn(&T) -> miette::Result<R> + Sync,
+) -> miette::Result<Vec<R>> {
+    let progress = bar(what, items.len() as u64);
+    let done = |item: &T| {
+        let result = if interrupted() { None } else { Some(work(item)?) };
+        progress.inc(1);
+        Ok(result)
+    };
+    let results: miette::Result<Vec<Option<R>>> = items.par_iter().map(done).collect();
+    progress.finish_and_clear();
+    Ok(results?.into_iter().flatten().collect())
+}
+
+/// Makes the campaigns that are not there yet; their folders. A robot that cannot move with what is hidden in it is left out.
+fn make(args: &Args, cases: &[(String, Case)], model: &Model) -> miette::Result<Vec<PathBuf>> {
+    let folders = each("make", cases, |(name, case)| {
+        let folder = args.output.join(name);
+        if folder.join(folder::TRUTH).is_file() {
+            return Ok(Some(folder));
+        }
+        match campaign(model, case, &|_, _| {}) {
+            Ok(campaign) => folder::write(&folder, &campaign).into_diagnostic()?,
+            Err(CampaignError::Simulation(e)) => {
+                warn(&[format!("{name}: left out, the robot cannot be simulated: {e}")]);
+                return Ok(None);
+            }
+            Err(e) => return Err(miette!("{name}: {e}")),
+        }
+        Ok(Some(folder))
+    })?;
+    Ok(folders.into_iter().flatten().collect())
+}
+
+/// Judges what has no answer yet.
+fn answers(args: &Args, folders: &[PathBuf], model: &Model) -> miette::Result<Vec<Judged>> {
+    each("judge", folders, |folder| {
+        let truth = folder::read_truth(folder).into_diagnostic()?;
+        let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
+        if !args.force
+            && let Some(answer) = folder::read_answer(folder).into_diagnostic()?
+        {
+            return Ok(Some(Judged::new(name, truth, answer)));
+        }
+        let Some(recordings) = recordings(folder, model)? else {
+            warn(&[format!("{name}: left out, without recordings it cannot be judged")]);
+            return Ok(None);
+        };
+        let answer = judge::judge(model, &recordings);
+        folder::write_answer(folder, &answer).into_diagnostic()?;
+        Ok(Some(Judged::new(name, truth, answer)))
+    })
+    .map(|judged| judged.into_iter().flatten().collect())
+}
+
+/// Both recordings of a campaign, if it has kept them.
+fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording; 2]>> {
+    let file = |stem: &str| {
+        let files = ["csv", "mcap"].map(|extension| folder.join(format!("{stem}.{extension}")));
+        files.into_iter().find(|f| f.is_file())
+    };
+    let (Some(first), Some(second)) = (file(folder::MEASUREMENT), file(folder::VALIDATION)) else { return Ok(None) };
+    let read = |file: &Path| Recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording);
+    Ok(Some([read(&first)?, read(&second)?]))
+}
+
+/// Campaigns without anything hidden that differ in their noise: truth and answer of each, no recordings.
+fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> {
+    let robots = each("make", &(0..FAST_ROBOTS.min(args.fast_null)).collect::<Vec<_>>(), |k| {
+        let robot = Plan {
+            effects: Vec::new(),
+            null: 1,
+            outside: 0,
+            seed: seed(args.seed, &format!("robot {k}")),
+            ..plan.clone()
+        };
+        let (name, case) = robot.cases().remove(0);
+        quiet_campaign(model, &case, &[], &|_, _| {}).map_err(|e| miette!("{name}: {e}"))
+    })?;
+    let numbers: Vec<u64> = (0..args.fast_null).collect();
+    each("judge", if interrupted() { &[] } else { &numbers }, |k| {
+        let noise = args.noise[*k as usize % args.noise.len()];
+        let name = format!("{NOTHING}-fast-{noise}-{}", k + 1);
+        let folder = args.output.join(&name);
+        let there = !args.force && folder.join(folder::TRUTH).is_file();
+        if there && let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
+            return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
+        }
+        // Every kind of noise meets every robot.
+        let robot: &Campaign = &robots[(*k as usize / args.noise.len()) % robots.len()];
+        let case = Case { seed: seed(args.seed, &name), noise, ..robot.case.clone() };
+        let answer = judge::judge(model, &robot.noisy(&case));
+        folder::write_truth(&folder, &folder::truth(robot, &case)).into_diagnostic()?;
+        folder::write_answer(&folder, &answer).into_diagnostic()?;
+        Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer))
+    })
+}
+
+fn print(score: &Score, judged: &[Judged]) -> miette::Result<()> {
+    let mut table = Table::new(
+        &["Not right", "hidden", "verdict", "named {or one of}", "grade", "probability", "after/floor"],
+        &[1, 2, 3, 4],
+    );
+    let mut wrong = 0;
+    for j in judged.iter().filter(|j| j.grade != Grade::Right) {
+        let a = &j.answer;
+        let mut named: Vec<String> = a.effects.iter().map(|e| e.name.clone()).collect();
+        named.extend(a.indistinguishable.iter().map(|set| format!("{{{}}}", set.join(", "))));
+        table.row([
+            j.name.clone(),
+            j.hidden() + if j.truth.limited { " (limited)" } else { "" },
+            a.failure.clone().unwrap_or_else(|| a.verdict.clone()),
+            named.join(", "),
+            j.grade.to_string(),
+            a.effects.first().map_or_else(String::new, |e| format!("{:.2}", e.probability)),
+            a.held_out_ratio().map_or_else(String::new, |r| significant(r, 4)),
+        ]);
+        wrong += 1;
+    }
+    if wrong > 0 {
+        say(format!("{table}\n"))?;
+    }
+    let mut table = Table::new(&["Exam", "count = share (95 % interval)"], &[1]);
+    let mut row = |what: &str, rate: deltatwin_validation::exam::score::Rate| {
+        if rate.of > 0 {
+            table.row([what.into(), rate.to_string()]);
+        }
+    };
+    row("false alarms", score.false_alarms);
+    for (noise, rate) in &score.by_noise {
+        row(&format!("  {noise}"), *rate);
+    }
+    for (size, rate) in &score.by_size {
+        row(&format!("right, {size}"), *rate);
+    }
+    row("right, limited", score.limited);
+    row("both of two", score.both);
+    row("at least one of two", score.either);
+    row("unknown, outside the library", score.outside);
+    row("  in the right place", score.located);
+    row("confidently wrong", score.confidently_wrong);
+    row("held-out residual within bound", score.explained());
+    row("parameters within 3 standard errors", score.within_three());
+    say(table)?;
+    if let Some([median, most]) = score.time() {
+        say(format!("\n  {} campaigns, {median:.1} s per diagnosis (median; at most {most:.1} s)", judged.len()))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_comes_back_in_order_and_the_first_error_ends_it() {
+        let items: Vec<u64> = (0..50).collect();
+        assert_eq!(each("test", &items, |k| Ok(2 * k)).unwrap(), (0..50).map(|k| 2 * k).collect::<Vec<_>>());
+        assert!(each("test", &items, |k| if *k == 7 { Err(miette!("seven")) } else { Ok(()) }).is_err());
+    }
+}

@@ -1,0 +1,249 @@
+//! `deltatwin forces`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use miette::{IntoDiagnostic, WrapErr, miette};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+
+use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
+use crate::check::{Kind, kind};
+use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::identification::Trace;
+use deltatwin::kinematics::JointState;
+use deltatwin::model::{ARMS, Model, STRUTS};
+use deltatwin::recording::{Recording, Setup, file};
+use deltatwin_report::{Color, Curve, Panel, Style, panels};
+use deltatwin::scenario::Scenario;
+use crate::terminal::{
+    DONE, Table, assembled_robot, check_output, path, say, significant, spinner, warn, write_figure,
+};
+
+/// Compute the constraint forces of a motion.
+///
+/// The motion is that of a recording (its joint angles, differentiated) or the desired one of a scenario.
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Example: deltatwin forces models/irb360-6-1600.toml run.csv --figure forces.svg")]
+pub struct Args {
+    /// Model file.
+    pub model: PathBuf,
+    /// Recording (.csv, .mcap) or scenario (.toml).
+    #[arg(value_name = "DATA|SCENARIO")]
+    pub motion: PathBuf,
+    /// Table of all multipliers over time, .csv.
+    #[arg(short, long, value_name = "CSV")]
+    pub output: Option<PathBuf>,
+    /// Figure of the strut forces and the bearing's loads over time, .svg.
+    #[arg(long, value_name = "SVG")]
+    pub figure: Option<PathBuf>,
+    /// Setup of the recording, instead of its sidecar `<stem>.setup.toml`.
+    #[arg(long, value_name = "FILE")]
+    pub setup: Option<PathBuf>,
+    /// Which loads enter: all, or those of the paper's reduced model.
+    #[arg(long, value_enum, default_value_t)]
+    pub loads: Detail,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A motion with what was measured along it.
+struct Motion {
+    setup: Setup,
+    t: Vec<f64>,
+    joints: Vec<JointState>,
+    /// Measured strut forces.
+    measured: Vec<(Channel, Vec<f64>)>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let model = assembled_robot(&args.model)?;
+    for (output, extension) in [(&args.output, "csv"), (&args.figure, "svg")] {
+        if let Some(output) = output {
+            check_output(output, &[&args.model, &args.motion], &[extension])?;
+        }
+    }
+    let motion = read(args, &model)?;
+    let plant = Plant::new(&model, &motion.setup);
+    if !plant.assembled {
+        return Err(miette!("{}: is of a disassembled robot; expected an assembled one", args.motion.display()));
+    }
+    let progress = spinner("forces");
+    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+    let one = |(k, (t, joints)): (usize, (&f64, &JointState))| {
+        let pose = plant.motion(joints)?;
+        Ok(constraint_forces(&plant, *t, &pose, &states, args.loads).map_err(|e| e.at_sample(k))?.to_array())
+    };
+    let forces: Result<Vec<_>, deltatwin::kinematics::KinematicsError> =
+        motion.t.par_iter().zip(&motion.joints).enumerate().map(one).collect();
+    progress.finish_and_clear();
+    let forces = forces.into_diagnostic().wrap_err_with(|| args.motion.display().to_string())?;
+    if let Some(output) = &args.output {
+        write_table(output, &motion.t, &forces)?;
+    }
+    if let Some(figure) = &args.figure {
+        write_figure(figure, &draw(&motion, &forces))?;
+    }
+    if args.json { say(to_json(args, &model, &motion, &forces)) } else { print(args, &model, &motion, &forces) }?;
+    Ok(DONE)
+}
+
+fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
+    let name = || args.motion.display().to_string();
+    if kind(&args.motion)? == Kind::Scenario {
+        let scenario = Scenario::read(&args.motion)?;
+        let desired = scenario.motion(model).into_diagnostic().wrap_err_with(name)?;
+        let geometry = Plant::new(model, &scenario.setup).geometry;
+        let samples = (scenario.duration / model.sample_time).floor() as usize;
+        let t: Vec<f64> = (0..=samples).map(|k| k as f64 * model.sample_time).collect();
+        let joints: Result<Vec<_>, _> = t.iter().map(|t| desired.at(*t).joints(&geometry)).collect();
+        let joints = joints.into_diagnostic().wrap_err_with(name)?;
+        return Ok(Motion { setup: scenario.setup, t, joints, measured: vec![] });
+    }
+    let (recording, warnings) = Recording::read_of(&args.motion, args.setup.as_deref(), model.mechanism)?;
+    warn(&warnings);
+    let trace = Trace::new(&recording);
+    if trace.is_empty() {
+        return Err(miette!("{}: has too few samples to differentiate", name()));
+    }
+    let measured = trace.channels.iter().copied().zip(trace.measured).filter(|(c, _)| !matches!(c, Channel::Torque(_)));
+    Ok(Motion { setup: trace.setup, t: trace.t, joints: trace.joints, measured: measured.collect() })
+}
+
+/// Place of a measured strut force among the multipliers.
+fn place(channel: Channel) -> usize {
+    match channel {
+        Channel::Torque(i) | Channel::Force(i) if i < ARMS => 18 + i,
+        Channel::Torque(_) | Channel::Force(_) => 5,
+        Channel::StrutLower(s) => 6 + s,
+        Channel::StrutUpper(s) => 12 + s,
+    }
+}
+
+/// Limit of the machine on multiplier `k`: torques of the drives, force that dislocates a socket.
+fn limit(model: &Model, k: usize) -> Option<f64> {
+    match k {
+        0..5 => None,
+        5 => Some(model.drives[3].max_torque),
+        6..18 => Some(model.sockets.dislocation_force),
+        _ => Some(model.drives[k - 18].max_torque),
+    }
+    .filter(|l| *l > 0.0)
+}
+
+/// Smallest, largest and RMS value of multiplier `k`.
+fn statistics(forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 3] {
+    let of = || forces.iter().map(|f| f[k]);
+    let rms = (of().map(|f| f * f).sum::<f64>() / forces.len() as f64).sqrt();
+    [of().fold(f64::INFINITY, f64::min), of().fold(f64::NEG_INFINITY, f64::max), rms]
+}
+
+/// RMS difference between measured and computed, and RMS of the measured.
+fn difference(measured: &[f64], forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 2] {
+    let n = measured.len() as f64;
+    let square: f64 = measured.iter().zip(forces).map(|(m, f)| (m - f[k]).powi(2)).sum();
+    [(square / n).sqrt(), (measured.iter().map(|m| m * m).sum::<f64>() / n).sqrt()]
+}
+
+fn write_table(target: &Path, t: &[f64], forces: &[[f64; MULTIPLIERS]]) -> miette::Result<()> {
+    file::replace(target, |out| -> std::io::Result<()> {
+        writeln!(out, "t,{}", Multipliers::names().join(","))?;
+        for (t, row) in t.iter().zip(forces) {
+            writeln!(out, "{t},{}", row.map(|v| v.to_string()).join(","))?;
+        }
+        Ok(())
+    })
+    .into_diagnostic()
+}
+
+fn draw(motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> deltatwin_report::Figure {
+    let series = |k: usize| -> Vec<f64> { forces.iter().map(|f| f[k]).collect() };
+    let names = Multipliers::names();
+    let line = |k: usize, label: &str| Curve::new(label, motion.t.clone(), series(k));
+    let pairs = |first: usize, label: &str| -> Vec<Panel> {
+        (0..STRUTS / 2)
+            .map(|limb| {
+                let curves = [2 * limb, 2 * limb + 1].map(|s| {
+                    let which =
+                        if s.is_multiple_of(2) { "first strut of the pair" } else { "second strut of the pair" };
+                    line(first + s, which)
+                });
+                let title = format!("{label}, struts {} and {}", 2 * limb + 1, 2 * limb + 2);
+                Panel { title, y_label: "N".into(), curves: curves.into() }
+            })
+            .collect()
+    };
+    let mut all = pairs(12, "λ_S");
+    for (channel, values) in &motion.measured {
+        let k = place(*channel);
+        let measured = Curve::new("measured", motion.t.clone(), values.clone()).color(Color::MEASURED);
+        let computed = line(k, "computed").color(Color::MODEL).style(Style::Dashed);
+        all.push(Panel {
+            title: format!("{channel}, measured and computed"),
+            y_label: "N".into(),
+            curves: vec![measured, computed],
+        });
+    }
+    let bearing = |range: std::ops::Range<usize>| range.map(|k| line(k, &names[k])).collect();
+    all.push(Panel { title: "λ_E, moments".into(), y_label: "N·m".into(), curves: bearing(0..2) });
+    all.push(Panel { title: "λ_E, forces".into(), y_label: "N".into(), curves: bearing(2..5) });
+    panels("Constraint forces", "t / s", &all)
+}
+
+fn to_json(args: &Args, model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> Value {
+    let names = Multipliers::names();
+    let multipliers: Map<String, Value> = (0..MULTIPLIERS)
+        .map(|k| {
+            let [min, max, rms] = statistics(forces, k);
+            let margin = limit(model, k).map(|l| l - min.abs().max(max.abs()));
+            let entry = json!({
+                "min": min, "max": max, "rms": rms, "unit": Multipliers::unit(k), "limit": limit(model, k), "margin": margin,
+            });
+            (names[k].clone(), entry)
+        })
+        .collect();
+    let measured: Map<String, Value> = motion
+        .measured
+        .iter()
+        .map(|(channel, values)| {
+            let [rms, size] = difference(values, forces, place(*channel));
+            (channel.to_string(), json!({ "rms_difference": rms, "rms_measured": size, "unit": "N" }))
+        })
+        .collect();
+    json!({
+        "motion": path(&args.motion),
+        "samples": motion.t.len(),
+        "multipliers": multipliers,
+        "measured": measured,
+        "table": args.output.as_deref().map_or(Value::Null, path),
+        "figure": args.figure.as_deref().map_or(Value::Null, path),
+    })
+}
+
+fn print(args: &Args, model: &Model, motion: &Motion, forces: &[[f64; MULTIPLIERS]]) -> miette::Result<()> {
+    let mut table = Table::new(&["Multiplier", "min", "max", "rms", "limit", "margin", ""], &[6]);
+    for (k, name) in Multipliers::names().into_iter().enumerate() {
+        let [min, max, rms] = statistics(forces, k);
+        let bound = limit(model, k);
+        let cells = [Some(min), Some(max), Some(rms), bound, bound.map(|l| l - min.abs().max(max.abs()))];
+        let cells = cells.map(|v| v.map_or(String::new(), |v| significant(v, 4)));
+        table.row(std::iter::once(name).chain(cells).chain([Multipliers::unit(k).into()]));
+    }
+    say(table)?;
+    say(format!("\n  {} samples over {:.4} s", motion.t.len(), motion.t[motion.t.len() - 1] - motion.t[0]))?;
+    for (channel, values) in &motion.measured {
+        let [rms, size] = difference(values, forces, place(*channel));
+        say(format!(
+            "  {channel}: measured {} N RMS, computed differs by {} N RMS",
+            significant(size, 4),
+            significant(rms, 3)
+        ))?;
+    }
+    for file in args.output.iter().chain(&args.figure) {
+        say(format!("  Wrote {}", file.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,141 @@
+//! Options of `deltatwin identify` that say how to fit.
+
+use std::path::PathBuf;
+
+use deltatwin::identification::Method;
+use deltatwin::identification::estimator::PRIOR_INFORMATION;
+use deltatwin::identification::fit::{Consistency, Options, Weighing};
+use deltatwin::identification::regularisation::GroupWeight;
+use deltatwin::model::{BodyParameters, LinkParameters, Model};
+
+/// How to fit.
+#[derive(clap::Args, Clone, Debug)]
+pub struct How {
+    /// What the rows of the regression are weighed with.
+    #[arg(long, value_enum, default_value_t = Weighing::Noise)]
+    weighing: Weighing,
+    /// Let outliers count less (Huber's loss).
+    #[arg(long)]
+    robust: bool,
+    /// Way to physically consistent parameters; both lead to the same ones, and each checks the other.
+    #[arg(long, value_enum, default_value_t = Consistency::Cones)]
+    method: Consistency,
+    /// Model whose parameters are the regularisation values, instead of MODEL itself.
+    #[arg(long, value_name = "MODEL")]
+    prior: Option<PathBuf>,
+    /// Weight of the regularisation: information per parameter, in units of its own size; 1 trusts the prior as much as a
+    /// measurement of the parameter with 100 % error.
+    #[arg(long, value_name = "GAMMA", default_value_t = PRIOR_INFORMATION, value_parser = positive)]
+    regularisation: f64,
+    /// Weight γ of one group (eq. 10) instead of that of --regularisation; may be given several times. GROUP is `torque`
+    /// (γ_τ, with the mean over the samples in place of the sum), `bodies`, `friction` (all but the bodies), a kind of body
+    /// such as `arm`, or an effect.
+    #[arg(long, value_name = "GROUP=GAMMA", value_parser = group_weight)]
+    gamma: Vec<GroupWeight>,
+    /// Effect whose parameters stay as they are (`rigid_bodies` for the links); may be given several times.
+    #[arg(long, value_name = "EFFECT")]
+    hold: Vec<String>,
+    /// Whether the limbs of the assembled robot have the same parameters.
+    #[arg(long, value_enum, default_value_t = Limbs::Alike)]
+    limbs: Limbs,
+    /// How many of its ten inertial parameters each link of the assembled robot has.
+    #[arg(long, value_enum, default_value_t = Bodies::Symmetric)]
+    bodies: Bodies,
+    /// How rates and accelerations come from the angles.
+    #[arg(long, value_enum, default_value_t = Derivatives::Reversals)]
+    derivatives: Derivatives,
+}
+
+/// Limbs of the assembled robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Limbs {
+    /// One set of parameters for all.
+    Alike,
+    /// A set for each.
+    Each,
+}
+
+/// Inertial parameters of the links.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Bodies {
+    /// The paper's 18 variables: symmetric, and only what enters.
+    Symmetric,
+    /// Mass, first moments and moments of inertia.
+    Aligned,
+    /// All ten, deviation moments included.
+    Complete,
+}
+
+/// Ways to derivatives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Derivatives {
+    /// Forward difference, and a differentiating filter run forward and backward (Gnad et al. section 6.1).
+    Paper,
+    /// Local polynomials.
+    Polynomial,
+    /// Smoother, everywhere as smooth.
+    Smoother,
+    /// Smoother whose acceleration may jump at reversals.
+    Reversals,
+}
+
+impl How {
+    /// Options of a fit.
+    pub fn options<'a>(&'a self, prior: Option<&'a Model>) -> Options<'a> {
+        Options {
+            weighing: self.weighing,
+            robust: self.robust,
+            consistency: self.method,
+            prior,
+            prior_information: Some(self.regularisation),
+            weights: &self.gamma,
+            held: &self.hold,
+            stop: None,
+        }
+    }
+
+    /// The model of `--prior`, described by the same parameters as `model`.
+    pub fn prior(&self, model: &Model) -> miette::Result<Option<Model>> {
+        let Some(path) = &self.prior else { return Ok(None) };
+        Ok(Some(Model { link_parameters: model.link_parameters, ..Model::read(path)? }))
+    }
+
+    /// Effects that are held.
+    pub fn held(&self) -> &[String] {
+        &self.hold
+    }
+
+    /// Parameters of the links.
+    pub fn links(&self) -> LinkParameters {
+        let bodies = match self.bodies {
+            Bodies::Symmetric => BodyParameters::Symmetric,
+            Bodies::Aligned => BodyParameters::Aligned,
+            Bodies::Complete => BodyParameters::Complete,
+        };
+        LinkParameters { each_limb: self.limbs == Limbs::Each, bodies }
+    }
+
+    /// Way to derivatives.
+    pub fn method(&self) -> Method {
+        match self.derivatives {
+            Derivatives::Paper => Method::Paper,
+            Derivatives::Polynomial => Method::Polynomial,
+            Derivatives::Smoother => Method::Smoother,
+            Derivatives::Reversals => Method::Reversals,
+        }
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a number above 0".into()),
+    }
+}
+
+fn group_weight(text: &str) -> Result<GroupWeight, String> {
+    let Some((group, weight)) = text.split_once('=') else {
+        return Err("expected GROUP=GAMMA, such as friction=0.1".into());
+    };
+    Ok(GroupWeight { group: group.trim().into(), weight: positive(weight.trim())? })
+}

@@ -1,0 +1,71 @@
+//! `deltatwin identify --payload`.
+
+use miette::{IntoDiagnostic, miette};
+use serde_json::{Map, Value, json};
+
+use super::{Args, correction, print_correction, print_unidentified, refusal, unidentified};
+use deltatwin::identification::fit::Options;
+use deltatwin::identification::{Data, PayloadFit, identify_payload};
+use deltatwin::model::Model;
+use deltatwin::recording::Setup;
+use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, significant, spinner};
+
+/// Identifies the payload and writes the setup that states it.
+pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {
+    let weights = vec![noise_floor.to_vec(); data.traces.len()];
+    let progress = spinner("fit");
+    let found = identify_payload(model, &data.traces, &weights, options);
+    progress.finish_and_clear();
+    let found = found.map_err(refusal)?;
+    let setup = Setup { payload: found.payload, ..data.traces[0].setup };
+    // What no setup may state is no payload: the recording was of an empty flange, or the robot is another one.
+    let readable = Setup::from_toml(&setup.to_toml(), "the payload found");
+    if args.json {
+        say(json(args, data, noise_floor, &found))?;
+    } else {
+        print(data, noise_floor, &found)?;
+        say(format!("\n{}", setup.to_toml()))?;
+    }
+    readable.map_err(|e| {
+        let what = format!("{} as a setup states it: {e}", data.traces[0].name);
+        miette!("{what}; is something at the flange, and is the empty robot identified?")
+    })?;
+    match &args.output {
+        Some(output) => {
+            setup.write(output).into_diagnostic()?;
+            if !args.json {
+                say(format!("  Wrote {}", output.display()))?;
+            }
+        }
+        None if args.json => {}
+        None => say("  Nothing written; -o FILE keeps the setup")?,
+    }
+    Ok(DONE)
+}
+
+fn json(args: &Args, data: &Data, noise_floor: &[f64], found: &PayloadFit) -> Value {
+    let p = &found.payload;
+    let mut object = Map::new();
+    object.insert("parameters".into(), estimates(&found.parameters));
+    let payload =
+        json!({"mass": p.mass, "com": p.com.as_slice(), "inertia_zz": p.inertia_zz(), "inertia": p.moments()});
+    object.insert("payload".into(), payload);
+    object.insert("unidentified".into(), unidentified(&found.fit));
+    object.insert("consistency".into(), correction(&found.fit));
+    insert_channels(&mut object, "rms", data.channels(), &found.fit.rms);
+    insert_channels(&mut object, "noise_floor", data.channels(), noise_floor);
+    object.insert("setup".into(), args.output.as_deref().map_or(Value::Null, path));
+    Value::Object(object)
+}
+
+fn print(data: &Data, noise_floor: &[f64], found: &PayloadFit) -> miette::Result<()> {
+    let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
+    for p in found.parameters.iter().filter(|p| p.identified()) {
+        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
+    }
+    say(table)?;
+    print_unidentified(&found.fit)?;
+    let series = [("fitted", Some(&found.fit.rms[..])), ("noise floor", Some(noise_floor))];
+    say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
+    print_correction(&found.fit)
+}

@@ -1,0 +1,53 @@
+//! `deltatwin replay`.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
+use crate::terminal::{DONE, check_output, path, say, spinner, warn};
+
+/// Look at a recording in Rerun: the moving robot, measured and predicted torques.
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Example: deltatwin replay run.mcap && rerun run.rrd")]
+pub struct Args {
+    /// Recording.
+    pub recording: PathBuf,
+    /// Rerun file to write; without it, beside the recording.
+    #[arg(short, long, value_name = "RRD")]
+    pub output: Option<PathBuf>,
+    /// Model file to compare with; the shipped `irb360-6-1600.toml` without it.
+    #[arg(long, value_name = "M")]
+    pub model: Option<PathBuf>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Model that a recording is compared with unless another is named.
+const SHIPPED: &str = include_str!("../../models/irb360-6-1600.toml");
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let output = args.output.clone().unwrap_or_else(|| args.recording.with_extension("rrd"));
+    let inputs: Vec<&Path> = std::iter::once(&args.recording).chain(&args.model).map(PathBuf::as_path).collect();
+    check_output(&output, &inputs, &["rrd"])?;
+    // The program carries the shipped model: there is no file to find from any folder.
+    let model = match &args.model {
+        Some(file) => Model::read(file)?,
+        None => Model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,
+    };
+    let (recording, warnings) = Recording::read_of(&args.recording, None, model.mechanism)?;
+    warn(&warnings);
+    let progress = spinner("replay");
+    let written = deltatwin_rerun::replay::write(&output, &recording, &model);
+    progress.finish_and_clear();
+    written?;
+    if args.json {
+        say(json!({"rrd": path(&output), "samples": recording.signals.len(), "warnings": warnings}))?;
+    } else {
+        say(format!("Wrote {}; look at it with: rerun {}", output.display(), output.display()))?;
+    }
+    Ok(DONE)
+}

@@ -1,0 +1,409 @@
+//! `deltatwin simulate`.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use miette::{IntoDiagnostic, WrapErr, miette};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use deltatwin::twin::origin::{origin, with_run};
+use deltatwin::twin::sockets::socket_name;
+use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
+use deltatwin::dynamics::Plant;
+use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::model::Model;
+use deltatwin::recording::{Context, Difference, Recording, WriteError};
+use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
+use crate::terminal::{
+    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say,
+};
+
+/// Run the twin.
+///
+/// Several scenarios run at once on all cores. Ctrl-C ends a run at its next sample; what was simulated until then is
+/// written.
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Example: deltatwin simulate scenarios/crash.toml -o run.mcap --step-error")]
+pub struct Args {
+    /// Scenario files.
+    #[arg(required = true)]
+    pub scenarios: Vec<PathBuf>,
+    /// Recording to write, .mcap or .csv; with several scenarios a folder, which gets one .mcap each.
+    #[arg(short, long, value_name = "REC")]
+    pub output: Option<PathBuf>,
+    /// Model file of the machine, instead of the scenario's; the controller keeps its own.
+    #[arg(long, value_name = "M")]
+    pub model: Option<PathBuf>,
+    /// Solve the equations of motion with the rows of the joints `eliminated` in closed form, or in `absolute` coordinates,
+    /// instead of as the scenario says.
+    #[arg(long, value_name = "F")]
+    pub formulation: Option<Formulation>,
+    /// Run again at 1/16 of the step, without noise, and report how far the two are apart.
+    #[arg(long)]
+    pub step_error: bool,
+    /// Compare with an earlier recording of the same scenario, bit by bit; reports the first sample that differs.
+    #[arg(long, value_name = "REC")]
+    pub verify: Option<PathBuf>,
+    /// Rerun file to write: the robot, whole or in parts, the objects around it, the events and the loads.
+    #[cfg(feature = "viewer")]
+    #[arg(long, value_name = "FILE")]
+    pub rrd: Option<PathBuf>,
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    pub(super) viewer: deltatwin::twin::stream::StreamArgs,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Time between the poses of a Rerun file or a bag, s.
+const FRAME: f64 = 0.01;
+/// Steps of the reference run per step.
+const REFERENCE: usize = 16;
+
+/// A scenario with all it names, checked.
+struct Job {
+    scenario: Scenario,
+    machine: Model,
+    planning: Model,
+    motion: DesiredMotion,
+    options: Options,
+    output: Option<PathBuf>,
+    origin: Context,
+}
+
+/// What became of a job.
+struct Outcome {
+    recording: Recording,
+    report: Report,
+    wall: f64,
+    step_error: Option<Vec<Difference>>,
+    /// Why the run ended early, if it failed.
+    failure: Option<SimulationError>,
+}
+
+impl Outcome {
+    /// What is wrong with the run as a whole.
+    fn complaint(&self) -> Option<String> {
+        if let Some(failure) = &self.failure {
+            return Some(failure.to_string());
+        }
+        (!self.report.energy_closes()).then(|| {
+            format!(
+                "the energy balance does not close: {:.2} % of the work turned over is unaccounted for, expected at most {} %; \
+                 the step is too long for the motion (shorten `sample_time` or raise `substeps`)",
+                1e2 * self.report.energy_error,
+                1e2 * LARGEST_ENERGY_ERROR
+            )
+        })
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    if let Some(folder) = args.output.as_ref().filter(|_| args.scenarios.len() > 1) {
+        std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
+    }
+    #[cfg_attr(not(feature = "viewer"), expect(unused_mut))]
+    let mut jobs = args.scenarios.iter().map(|file| job(file, args)).collect::<miette::Result<Vec<_>>>()?;
+    distinct(&args.scenarios, &jobs)?;
+    let alone = |option: &str, given: bool| {
+        if given && jobs.len() > 1 {
+            return Err(miette!("{option} is for one scenario; {} were given", jobs.len()));
+        }
+        Ok(())
+    };
+    alone("--verify", args.verify.is_some())?;
+    #[cfg(feature = "viewer")]
+    alone("--rrd", args.rrd.is_some())?;
+    #[cfg(feature = "viewer")]
+    alone("--connect or --spawn", args.viewer.wanted())?;
+    #[cfg(feature = "viewer")]
+    if let Some(rrd) = &args.rrd {
+        check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
+    }
+    let earlier = |file: &Path| Recording::read_of(file, None, jobs[0].machine.mechanism).map(|(r, _)| r);
+    let verify = args.verify.as_deref().map(earlier).transpose()?;
+    catch_interrupt()?;
+    #[cfg(feature = "viewer")]
+    let stream = jobs.first_mut().and_then(|job| {
+        let plant = Plant::new(&job.machine, &job.scenario.setup);
+        args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
+    });
+    let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
+    let progress = bar("simulate", (total * 1e3) as u64);
+    let done = AtomicU64::new(0);
+    let outcomes: Vec<Result<Outcome, SimulationError>> = jobs
+        .par_iter()
+        .map(|job| {
+            let mut last = 0;
+            execute(job, args.step_error, &mut |t| {
+                let now = (t * 1e3) as u64;
+                progress.set_position(done.fetch_add(now - last, Ordering::Relaxed) + now - last);
+                last = now;
+                !interrupted()
+            })
+        })
+        .collect();
+    progress.finish_and_clear();
+    #[cfg(feature = "viewer")]
+    if let Some(problem) = stream.and_then(deltatwin::twin::stream::Stream::finish) {
+        eprintln!("warning: {problem}");
+    }
+    let mut status = DONE;
+    let mut runs = Vec::new();
+    for (job, outcome) in jobs.iter().zip(outcomes) {
+        let outcome = match outcome {
+            Ok(outcome) => outcome,
+            Err(error @ (SimulationError::Singular { .. } | SimulationError::Cell { .. })) => {
+                eprintln!("error: {}: {error}", job.scenario.name);
+                status = BAD_ANSWER;
+                continue;
+            }
+            Err(error) => return Err(error).into_diagnostic().wrap_err_with(|| job.scenario.name.clone()),
+        };
+        if let Some(complaint) = outcome.complaint() {
+            eprintln!("error: {}: {complaint}", job.scenario.name);
+            status = BAD_ANSWER;
+        }
+        // What cannot be written takes no other result with it.
+        let written = write(job, &outcome, args);
+        if let Err(error) = &written {
+            eprintln!("error: {}: {error}", job.scenario.name);
+            status = BAD_INPUT;
+        }
+        let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
+        if matches!(difference, Some(Some(_))) {
+            status = BAD_ANSWER;
+        }
+        if args.json {
+            runs.push(json(job, &outcome, difference.as_ref(), written.is_ok()));
+        } else {
+            print(job, &outcome, difference.as_ref(), args, written.is_ok())?;
+        }
+    }
+    if args.json {
+        match runs.len() {
+            1 if jobs.len() == 1 => say(runs.remove(0))?,
+            _ => say(json!({ "runs": runs }))?,
+        }
+    }
+    Ok(if interrupted() { INTERRUPTED } else { status })
+}
+
+/// Refuses scenarios whose recordings would have the same name.
+fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
+    for (i, job) in jobs.iter().enumerate() {
+        let Some(output) = &job.output else { continue };
+        // Not every file system tells upper from lower case.
+        let lower = |path: &Path| path.to_string_lossy().to_lowercase();
+        let same = |other: &Job| other.output.as_deref().is_some_and(|o| lower(o) == lower(output));
+        if let Some(earlier) = jobs[..i].iter().position(same) {
+            return Err(miette!(
+                "{} and {} would both be written to {}; expected scenarios with different names, or one run each",
+                files[earlier].display(),
+                files[i].display(),
+                output.display()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Writes what was asked for of a run.
+fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
+    if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
+        let context = with_run(job.origin.clone(), &job.machine, &job.options, &outcome.report);
+        outcome.recording.write_with(output, &context)?;
+    }
+    #[cfg(feature = "viewer")]
+    if let Some(rrd) = &args.rrd {
+        let plant = Plant::new(&job.machine, &job.scenario.setup);
+        deltatwin::twin::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report)?;
+    }
+    #[cfg(not(feature = "viewer"))]
+    let _ = args;
+    Ok(())
+}
+
+fn job(file: &Path, args: &Args) -> miette::Result<Job> {
+    let scenario = Scenario::read(file)?;
+    let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
+    let machine = Model::read(machine_file)?;
+    // Another machine does not change what the controller knows: the same motion drives both.
+    let planning = match scenario.controller_model.as_ref().unwrap_or(&scenario.model) {
+        same if same == machine_file => machine.clone(),
+        other => Model::read(other)?,
+    };
+    let output = args.output.as_ref().map(|output| {
+        if args.scenarios.len() > 1 { output.join(format!("{}.mcap", scenario.name)) } else { output.clone() }
+    });
+    if let Some(output) = &output {
+        check_output(output, &[file, machine_file], &["mcap", "csv"])?;
+    }
+    if planning.mechanism != machine.mechanism {
+        return Err(miette!(
+            "{}: is another kind of machine than {}; expected a controller model of the same kind",
+            planning.name,
+            machine.name
+        ));
+    }
+    let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
+    let mut options = Options::of(&scenario, &machine);
+    if let Some(formulation) = args.formulation {
+        options.formulation = formulation;
+    }
+    let in_bag = output.as_ref().is_some_and(|o| o.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap")));
+    #[cfg(feature = "viewer")]
+    let in_bag = in_bag || args.rrd.is_some();
+    if in_bag {
+        options.frames = Some(FRAME);
+    }
+    let origin = origin(&scenario, file, &machine, &planning);
+    Ok(Job { scenario, machine, planning, motion, options, output, origin })
+}
+
+fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
+    let Job { scenario, machine, planning, motion, options, .. } = job;
+    let controller = Plant::new(planning, &scenario.setup);
+    let desired = |t: f64| motion.at(t);
+    let start = Instant::now();
+    let (mut recording, report, failure) =
+        simulate_until_failure(machine, &scenario.setup, &controller, &desired, options, progress)?;
+    let wall = start.elapsed().as_secs_f64();
+    recording.name.clone_from(&scenario.name);
+    let step_error = if step_error && failure.is_none() {
+        let again = |substeps: usize| {
+            let options = Options { noise_seed: None, substeps, frames: None, watcher: None, ..options.clone() };
+            simulate(machine, &scenario.setup, &controller, &desired, &options, &mut |_| !interrupted())
+        };
+        let coarse = again(options.substeps)?.0;
+        let fine = again(REFERENCE * options.substeps)?.0;
+        Some(coarse.differences(&fine))
+    } else {
+        None
+    };
+    Ok(Outcome { recording, report, wall, step_error, failure })
+}
+
+/// The socket that came closest to leaving, or left first by the most, and its margin, N.
+fn weakest(report: &Report) -> (usize, f64) {
+    (0..SOCKETS).map(|s| (s, report.min_margin[s])).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::INFINITY))
+}
+
+fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, written: bool) -> Value {
+    let Outcome { report, wall, step_error, failure, .. } = outcome;
+    let differences = |all: &[Difference]| {
+        all.iter().map(|d| (d.channel.clone(), json!(d.size))).collect::<serde_json::Map<String, Value>>()
+    };
+    let events: Vec<Value> =
+        report.events.iter().map(|e| json!({ "t": e.t, "kind": e.kind.name(), "what": e.what })).collect();
+    let mut out = json!({
+        "scenario": job.scenario.name,
+        "simulated_s": report.simulated,
+        "wall_s": wall,
+        "steps": report.steps,
+        "max_loop_gap": report.max_loop_gap,
+        "max_loop_rate": report.max_loop_rate,
+        "energy_error": report.energy_error,
+        "energy_closes": report.energy_closes(),
+        "failure": failure.as_ref().map(ToString::to_string),
+        "formulation": job.options.formulation.name(),
+        "tracking_error": report.tracking_error[..job.machine.mechanism.axes()],
+        "events": events,
+        "peak_strut_force": report.peak_strut_force,
+        "min_socket_margin": weakest(report).1,
+        "socket_margins": report.min_margin,
+        "kinetic_energy": report.kinetic_energy,
+        "interrupted": interrupted(),
+        "recording": job.output.as_deref().filter(|_| written).map_or(Value::Null, path),
+    });
+    if let Some(step_error) = step_error {
+        out["step_error"] = Value::Object(differences(step_error));
+    }
+    if let Some(difference) = difference {
+        out["first_difference"] = difference
+            .as_ref()
+            .map_or(Value::Null, |d| json!({ "sample": d.sample, "channel": d.channel, "size": d.size }));
+    }
+    out
+}
+
+fn print(
+    job: &Job,
+    outcome: &Outcome,
+    difference: Option<&Option<Difference>>,
+    args: &Args,
+    written: bool,
+) -> miette::Result<()> {
+    let Outcome { recording, report, wall, step_error, failure } = outcome;
+    let ended = match failure {
+        _ if interrupted() => ", interrupted",
+        Some(_) => ", failed there",
+        None => "",
+    };
+    let name = &job.scenario.name;
+    say(format!("{name}: simulated {:.4} s in {wall:.2} s, {} steps{ended}", report.simulated, report.steps))?;
+    let assembled = Plant::new(&job.machine, &job.scenario.setup).assembled;
+    if assembled {
+        say(format!("  loops      gap {:.1e} m, rate {:.1e} m/s at most", report.max_loop_gap, report.max_loop_rate))?;
+    }
+    say(format!("  energy     {:.1e} of the work turned over is unaccounted for", report.energy_error))?;
+    if assembled {
+        let (socket, margin) = weakest(report);
+        say(format!(
+            "  struts     {:.1} N at most; weakest socket {} with a margin of {margin:.1} N",
+            report.peak_strut_force,
+            socket_name(socket)
+        ))?;
+    }
+    let machine = job.machine.mechanism;
+    let errors: Vec<String> =
+        report.tracking_error[..machine.axes()].iter().map(|e| format!("{:.3}", 1e3 * e)).collect();
+    say(format!("  tracking   {} m{} at most", errors.join(", "), machine.unit("rad")))?;
+    if report.unconverged > 0.0 {
+        say(format!(
+            "  effects    laws that read forces or accelerations did not converge, off by up to {:.1e}",
+            report.unconverged
+        ))?;
+    }
+    for event in &report.events {
+        say(format!("  {:9.6} s  {}: {}", event.t, event.kind.name(), event.what))?;
+    }
+    if let Some(step_error) = step_error {
+        say(format!("  against {REFERENCE} times smaller steps, without noise:"))?;
+        for d in step_error {
+            say(format!("    {:<14} {:.1e} {} at most, at sample {}", d.channel, d.size, d.unit, d.sample))?;
+        }
+    }
+    match difference {
+        None => {}
+        Some(None) => say("  verified   every sample is the same, bit for bit")?,
+        Some(Some(d)) if d.size.is_infinite() => {
+            say(format!("  differs    {} from sample {} on is only in one of the two", d.channel, d.sample))?;
+        }
+        Some(Some(d)) => {
+            say(format!("  differs    first at sample {} in {}, by {:e} {}", d.sample, d.channel, d.size, d.unit))?;
+        }
+    }
+    #[cfg(feature = "viewer")]
+    let rrd = args.rrd.as_deref();
+    #[cfg(not(feature = "viewer"))]
+    let rrd: Option<&Path> = {
+        let _ = args;
+        None
+    };
+    match &job.output {
+        _ if !written => say("  Nothing written: see the error above")?,
+        Some(_) if recording.signals.is_empty() => say("  Nothing written: the run failed at its first sample")?,
+        Some(output) => say(format!("  Wrote {}: {} samples", output.display(), recording.signals.len()))?,
+        None if rrd.is_none() => say("  Nothing written; -o FILE keeps the recording")?,
+        None => {}
+    }
+    if let Some(rrd) = rrd.filter(|_| written) {
+        say(format!("  Wrote {}; look at it with: rerun {}", rrd.display(), rrd.display()))?;
+    }
+    Ok(())
+}

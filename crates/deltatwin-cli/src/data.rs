@@ -1,0 +1,152 @@
+//! Recordings that are used together: the traces of several files with the channels they have in common.
+
+use std::path::{Path, PathBuf};
+
+use deltatwin::identification::Trace;
+use deltatwin::identification::derivatives::Method;
+use deltatwin::dynamics::Channel;
+use deltatwin::model::Model;
+use deltatwin::recording::{Mapping, ReadError, Reading, Recording};
+
+/// What several commands take as data.
+#[derive(clap::Args, Clone, Debug)]
+pub struct DataArgs {
+    /// Recordings (CSV or MCAP), used together.
+    #[arg(required = true, value_name = "DATA")]
+    pub data: Vec<PathBuf>,
+    /// A recording to judge by that the fit does not see; may be given several times.
+    #[arg(long, value_name = "DATA")]
+    pub held_out: Vec<PathBuf>,
+    /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
+    #[arg(long, value_name = "FILE")]
+    pub setup: Option<PathBuf>,
+    /// Which column is which channel, such as "t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12"; may be given several times,
+    /// each working on what the one before has read.
+    #[arg(long, value_name = "MAP")]
+    pub map: Vec<Mapping>,
+    /// Mass of the payload in kg, instead of what the setup states.
+    #[arg(long, value_name = "KG", value_parser = mass)]
+    pub payload_mass: Option<f64>,
+    /// Go on even if signs, factors, order or zeros of the columns say that the recording does not fit the model.
+    #[arg(long)]
+    pub no_gate: bool,
+}
+
+fn mass(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (0.0..=100.0).contains(&x) => Ok(x),
+        _ => Err("expected a number from 0 to 100".into()),
+    }
+}
+
+/// Traces to fit to and traces to judge by, all with the same channels.
+pub struct Data {
+    /// Traces to fit to.
+    pub traces: Vec<Trace>,
+    /// Traces to judge by.
+    pub held_out: Vec<Trace>,
+    /// What was noticed and repaired or left out.
+    pub warnings: Vec<String>,
+}
+
+impl Data {
+    /// Channels of all traces.
+    pub fn channels(&self) -> &[Channel] {
+        self.traces.first().map_or(&[], |t| &t.channels)
+    }
+
+    /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
+    pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
+        Self::read_with(args, model, Method::Reversals)
+    }
+
+    /// Reads all recordings of a machine like `model` as [`Self::read`] does, angles differentiated by `method`.
+    pub fn read_with(args: &DataArgs, model: &Model, method: Method) -> Result<Self, ReadError> {
+        let how = Reading { setup: args.setup.as_deref(), machine: Some(model.mechanism), maps: &args.map };
+        Self::read_each(args, |file, warnings| trace_of(file, &how, model, method, warnings))
+    }
+
+    /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
+    pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
+        let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
+        Self::read_each(args, |file, warnings| {
+            trace(Recording::read_as(file, &how)?, file, Method::Reversals, warnings)
+        })
+    }
+
+    fn read_each(
+        args: &DataArgs,
+        read: impl Fn(&Path, &mut Vec<String>) -> Result<Trace, ReadError>,
+    ) -> Result<Self, ReadError> {
+        let mut warnings = Vec::new();
+        let mut traces = Vec::new();
+        for file in args.data.iter().chain(&args.held_out) {
+            let mut trace = read(file, &mut warnings)?;
+            if let Some(mass) = args.payload_mass {
+                trace.setup.payload.mass = mass;
+            }
+            traces.push(trace);
+        }
+        warnings.extend(keep_common_channels(&mut traces));
+        let held_out = traces.split_off(args.data.len());
+        Ok(Self { traces, held_out, warnings })
+    }
+
+    /// Input files, which no output may replace.
+    pub fn inputs(args: &DataArgs) -> Vec<&Path> {
+        args.data.iter().chain(&args.held_out).chain(&args.setup).map(PathBuf::as_path).collect()
+    }
+}
+
+fn trace(
+    (recording, noticed): (Recording, Vec<String>),
+    file: &Path,
+    method: Method,
+    warnings: &mut Vec<String>,
+) -> Result<Trace, ReadError> {
+    warnings.extend(noticed);
+    let trace = Trace::with(&recording, method);
+    if trace.is_empty() {
+        let samples = recording.signals.len();
+        return Err(ReadError::Content {
+            file: file.into(),
+            problem: format!("has {samples} samples, of which differentiation leaves none"),
+            expected: "a longer stretch without gaps".into(),
+        });
+    }
+    Ok(trace)
+}
+
+fn trace_of(
+    file: &Path,
+    how: &Reading,
+    model: &Model,
+    method: Method,
+    warnings: &mut Vec<String>,
+) -> Result<Trace, ReadError> {
+    let mut trace = trace(Recording::read_as(file, how)?, file, method, warnings)?;
+    let drives = Channel::of_drives(model.mechanism);
+    if !model.assembled && trace.channels.len() > drives.len() {
+        warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));
+        trace.restrict(&drives);
+    }
+    Ok(trace)
+}
+
+/// Drops the channels that not all traces have; says what was dropped.
+fn keep_common_channels(traces: &mut [Trace]) -> Vec<String> {
+    let Some(first) = traces.first() else { return Vec::new() };
+    let in_all = |c: &Channel| traces.iter().all(|t| t.channels.contains(c));
+    let common: Vec<Channel> = first.channels.iter().copied().filter(in_all).collect();
+    let mut warnings = Vec::new();
+    for trace in traces {
+        let dropped: Vec<String> =
+            trace.channels.iter().filter(|c| !common.contains(c)).map(Channel::to_string).collect();
+        if !dropped.is_empty() {
+            let what = dropped.join(", ");
+            warnings.push(format!("{}: {what} left out, other recordings do not have it", trace.name));
+        }
+        trace.restrict(&common);
+    }
+    warnings
+}

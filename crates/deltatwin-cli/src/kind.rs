@@ -1,0 +1,191 @@
+//! What a file is and whether it is right: models, scenarios, setups, recordings.
+
+pub mod command;
+
+use std::path::Path;
+
+use miette::{IntoDiagnostic, WrapErr, miette};
+use toml::de::DeTable;
+
+use deltatwin::gate::{Finding, examine};
+use deltatwin::identification::{Trace, swapped};
+use deltatwin::model::{Model, check};
+use deltatwin::planner::{Limits, Task};
+use deltatwin::recording::{Configuration, Reading, Recording, Setup, bag};
+use deltatwin::scenario::Scenario;
+
+/// Kinds of files deltatwin reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Description of a machine.
+    Model,
+    /// Description of a run.
+    Scenario,
+    /// Path to plan a motion along.
+    Path,
+    /// What is known about a measurement.
+    Setup,
+    /// Measurement or simulated run.
+    Recording,
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Model => "model",
+            Self::Scenario => "scenario",
+            Self::Path => "path",
+            Self::Setup => "setup",
+            Self::Recording => "recording",
+        })
+    }
+}
+
+/// A file without mistakes.
+#[derive(Clone, Debug)]
+pub struct Verified {
+    /// What it is.
+    pub kind: Kind,
+    /// Its content in a sentence.
+    pub summary: String,
+    /// What is odd about it.
+    pub warnings: Vec<String>,
+    /// What keeps a recording from a model; nothing without a model.
+    pub gate: Option<Vec<Finding>>,
+}
+
+/// Checks a file of any kind.
+pub fn check(path: &Path) -> miette::Result<Verified> {
+    check_as(path, &Reading::default(), None)
+}
+
+/// Checks a file of any kind; recordings are read as `how` says and examined against `model`.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verified> {
+    let kind = kind(path)?;
+    if kind == Kind::Recording {
+        let (summary, warnings, gate) = recording(path, how, model)?;
+        return Ok(Verified { kind, summary, warnings, gate });
+    }
+    let (summary, warnings) = match kind {
+        Kind::Model => (check::check_file(path)?, Vec::new()),
+        Kind::Scenario => (scenario(path)?, Vec::new()),
+        Kind::Path => (planned_path(path)?, Vec::new()),
+        Kind::Setup => (setup(&Setup::read(path)?), Vec::new()),
+        Kind::Recording => unreachable!("recordings are done with above"),
+    };
+    Ok(Verified { kind, summary, warnings, gate: None })
+}
+
+/// What `path` is: TOML by its keys, everything else is a recording.
+pub fn kind(path: &Path) -> miette::Result<Kind> {
+    if path.is_dir() {
+        return Err(miette!("{}: is a folder; expected a file", path.display()));
+    }
+    if bag::is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+        return Ok(Kind::Recording);
+    }
+    let text = std::fs::read_to_string(path)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("{}: cannot be read", path.display()))?;
+    if path.to_string_lossy().ends_with(".setup.toml") {
+        return Ok(Kind::Setup);
+    }
+    // The model reader reports what is wrong with the TOML itself.
+    let Ok(table) = DeTable::parse(&text) else { return Ok(Kind::Model) };
+    let has = |keys: &[&str]| keys.iter().any(|k| table.get_ref().contains_key(*k));
+    if has(&["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]) {
+        Ok(Kind::Model)
+    } else if has(&["path", "limits", "search"]) {
+        Ok(Kind::Path)
+    } else if has(&["motion", "duration", "controller_model", "model", "substeps"]) {
+        Ok(Kind::Scenario)
+    } else if has(&["configuration", "payload", "noise"]) {
+        Ok(Kind::Setup)
+    } else {
+        Err(miette!(
+            "{}: is TOML of no kind that is known; expected a model ([geometry], [bodies], …), a scenario (model, \
+             duration, [motion], …), a path ([path], [limits], …) or a setup (configuration, [payload], …)",
+            path.display()
+        ))
+    }
+}
+
+fn scenario(path: &Path) -> miette::Result<String> {
+    let scenario = Scenario::read(path)?;
+    let machine = Model::read(&scenario.model)?;
+    let controller = scenario.controller_model.as_deref().map(Model::read).transpose()?;
+    let planning = controller.as_ref().unwrap_or(&machine);
+    scenario.motion(planning).into_diagnostic().wrap_err_with(|| path.display().to_string())?;
+    let course = scenario.motion.describe();
+    let sensors = scenario.sensors.strut_upper.iter().chain(&scenario.sensors.strut_lower).filter(|s| **s).count();
+    Ok(format!(
+        "{} s of {course} on {}, feed-forward from {}, {}, {}, {sensors} strut force sensors; the motion can be reached.",
+        (1e4 * scenario.duration).round() / 1e4,
+        machine.name,
+        planning.name,
+        payload(&scenario.setup),
+        if scenario.noise { "noisy" } else { "no noise" },
+    ))
+}
+
+fn planned_path(path: &Path) -> miette::Result<String> {
+    let task = Task::read(path, Limits::NONE)?;
+    let curve = task.shape.curve();
+    let [from, to] = [0.0, curve.end()].map(|s| curve.at(s)[0]);
+    Ok(format!(
+        "path from ({}, {}, {}) to ({}, {}, {}) m, {}, {} intervals.",
+        from.x,
+        from.y,
+        from.z,
+        to.x,
+        to.y,
+        to.z,
+        payload(&task.setup),
+        task.options.intervals,
+    ))
+}
+
+fn payload(setup: &Setup) -> String {
+    match setup.payload.mass {
+        0.0 => "no payload".into(),
+        m => format!("payload {m} kg"),
+    }
+}
+
+fn setup(setup: &Setup) -> String {
+    let configuration = match setup.configuration {
+        Configuration::Assembled => "assembled",
+        Configuration::Disassembled => "disassembled",
+    };
+    let noise = if setup.torque_noise.is_some() { ", torque noise stated" } else { "" };
+    format!("{configuration}, {}{noise}.", payload(setup))
+}
+
+type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
+
+fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
+    let (recording, mut warnings) = Recording::read_as(path, how)?;
+    let trace = Trace::new(&recording);
+    let gate = model.map(|m| examine(m, &trace));
+    if model.is_none() {
+        warnings.extend(swapped(&trace).map(|what| format!("{}: {what}", path.display())));
+    }
+    let s = &recording.signals;
+    let duration = s.t.last().zip(s.t.first()).map_or(0.0, |(b, a)| b - a);
+    let forces = s.strut_upper.iter().chain(&s.strut_lower).flatten().count();
+    let axes = match s.mechanism.axes() {
+        1 => "one axis".to_string(),
+        n => format!("{n} axes"),
+    };
+    let summary = format!(
+        "{axes}, {} samples over {duration:.4} s every {:.1} µs in {} stretch(es), {forces} strut forces; {}",
+        s.len(),
+        1e6 * s.sample_time(),
+        s.stretches().len(),
+        setup(&recording.setup),
+    );
+    Ok((summary, warnings, gate))
+}

@@ -1,0 +1,271 @@
+//! What commands share: text on stdout, warnings and progress on stderr, aligned tables, interruption.
+
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use miette::{IntoDiagnostic, miette};
+use serde_json::{Map, Value, json};
+
+use deltatwin::dynamics::Channel;
+use deltatwin::identification::Estimate;
+use deltatwin::model::{Mechanism, Model};
+use deltatwin::recording::file;
+use deltatwin_report::Figure;
+
+mod bars;
+mod text;
+
+pub use bars::error_bars;
+use text::FIRM;
+pub use text::{WIDTH, command, grouped, hanging, wrapped};
+
+/// Exit status: done.
+pub const DONE: u8 = 0;
+/// Exit status: the answer is bad.
+pub const BAD_ANSWER: u8 = 1;
+/// Exit status: bad input.
+pub const BAD_INPUT: u8 = 2;
+/// Exit status: interrupted by the user.
+pub const INTERRUPTED: u8 = 130;
+
+static SAID: AtomicBool = AtomicBool::new(false);
+
+/// Whether anything has been printed on stdout.
+pub fn has_said() -> bool {
+    SAID.load(Ordering::Relaxed)
+}
+
+/// Prints a line on stdout. A reader that has gone away is no error.
+pub fn say(text: impl std::fmt::Display) -> miette::Result<()> {
+    SAID.store(true, Ordering::Relaxed);
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e).into_diagnostic(),
+        _ => Ok(()),
+    }
+}
+
+/// Prints warnings on stderr.
+pub fn warn(warnings: &[String]) {
+    for w in warnings {
+        eprintln!("warning: {w}");
+    }
+}
+
+/// A progress bar on stderr from 0 to `length`; invisible if stderr is no terminal.
+pub fn bar(what: &str, length: u64) -> ProgressBar {
+    let style = "{prefix:>10} [{bar:40}] {percent:>3} % {eta} left";
+    let bar = ProgressBar::new(length);
+    bar.set_style(ProgressStyle::with_template(style).expect("a valid template"));
+    bar.set_prefix(what.to_string());
+    bar
+}
+
+/// A spinner on stderr; invisible if stderr is no terminal.
+pub fn spinner(what: &str) -> ProgressBar {
+    let spinner = ProgressBar::new_spinner();
+    spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}").expect("a valid template"));
+    spinner.set_message(what.to_string());
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    spinner
+}
+
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// From now on Ctrl-C sets the flag that [`interrupted`] reads; pressed again it ends the process, whatever it waits for.
+pub fn catch_interrupt() -> miette::Result<()> {
+    let stop = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+    };
+    ctrlc::set_handler(stop).into_diagnostic()
+}
+
+/// Whether Ctrl-C was pressed.
+pub fn interrupted() -> bool {
+    STOP.load(Ordering::Relaxed)
+}
+
+/// Refuses an output file that is one of the inputs, has another extension than `extensions`, or has no folder.
+pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> miette::Result<()> {
+    let extension = output.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if !extensions.contains(&extension.as_str()) {
+        let expected = extensions.iter().map(|e| format!(".{e}")).collect::<Vec<_>>().join(" or ");
+        return Err(miette!("{}: cannot be written; expected a name ending in {expected}", output.display()));
+    }
+    let folder = output.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(miette!("{}: cannot be written: there is no folder {}", output.display(), folder.display()));
+    }
+    let same = |input: &&Path| match (output.canonicalize(), input.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => false,
+    };
+    if inputs.iter().any(same) {
+        return Err(miette!("{} is an input; expected another name for the output", output.display()));
+    }
+    Ok(())
+}
+
+/// Reads the model of an assembled delta robot with telescope.
+pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
+    let model = Model::read(file)?;
+    if !model.assembled || model.mechanism != (Mechanism::Delta { telescope: true }) {
+        return Err(miette!("{}: expected the model of an assembled delta robot with telescope", file.display()));
+    }
+    Ok(model)
+}
+
+/// Writes an SVG file.
+pub fn write_figure(target: &Path, figure: &Figure) -> miette::Result<()> {
+    file::replace(target, |out| out.write_all(figure.svg().as_bytes())).into_diagnostic()
+}
+
+/// Today's date, `2026-11-22` (UTC).
+pub fn today() -> String {
+    jiff::Timestamp::now().strftime("%Y-%m-%d").to_string()
+}
+
+/// A path for JSON.
+pub fn path(path: &Path) -> Value {
+    json!(path.display().to_string())
+}
+
+/// Paths for JSON.
+pub fn paths(files: &[PathBuf]) -> Value {
+    files.iter().map(|f| path(f)).collect()
+}
+
+/// `{name: {value, std, unit}}`; the standard error is null where the data do not determine the parameter alone.
+pub fn estimates(parameters: &[Estimate]) -> Value {
+    let entry = |p: &Estimate| {
+        let (value, std) = if p.identified() { (Some(p.value), Some(p.std)) } else { (None, None) };
+        (p.name.clone(), json!({"value": value, "std": std, "unit": p.unit}))
+    };
+    Value::Object(parameters.iter().map(entry).collect())
+}
+
+/// Puts per-channel values into a JSON object: the axes under `key`, the strut forces under `strut_<key>`.
+pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[Channel], values: &[f64]) {
+    let axes = channels.iter().take_while(|c| c.drive().is_some()).count().min(values.len());
+    object.insert(key.into(), json!(values[..axes]));
+    if values.len() > axes {
+        object.insert(format!("strut_{key}"), json!(values[axes..]));
+    }
+}
+
+/// Names of channels for JSON.
+pub fn channel_names(channels: &[Channel]) -> Value {
+    channels.iter().map(|c| json!(c.to_string())).collect()
+}
+
+/// Title of a channel in tables.
+pub fn channel_title(channel: Channel) -> String {
+    match channel {
+        Channel::Torque(i) => format!("axis {} torque", i + 1),
+        Channel::Force(i) => format!("axis {} force", i + 1),
+        Channel::StrutUpper(i) => format!("strut {} upper force", i + 1),
+        Channel::StrutLower(i) => format!("strut {} lower force", i + 1),
+    }
+}
+
+/// Rows of text in aligned columns: the first column to the left, `right` says which of the others to the right.
+pub struct Table {
+    rows: Vec<Vec<String>>,
+    left: Vec<usize>,
+}
+
+impl Table {
+    /// A table with a header; columns in `left` are aligned to the left, as the first one is.
+    pub fn new(header: &[&str], left: &[usize]) -> Self {
+        Self { rows: vec![header.iter().map(|h| h.to_string()).collect()], left: left.to_vec() }
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
+        self.rows.push(cells.into_iter().collect());
+    }
+
+    /// Per-channel values with unit, one row per channel; missing series leave their column out.
+    pub fn of_channels(channels: &[Channel], series: &[(&str, Option<&[f64]>)]) -> Self {
+        let series: Vec<_> = series.iter().filter_map(|(title, v)| v.map(|v| (*title, v))).collect();
+        let header: Vec<&str> =
+            std::iter::once("RMS error").chain(series.iter().map(|s| s.0)).chain(std::iter::once("")).collect();
+        let mut table = Self::new(&header, &[series.len() + 1]);
+        for (c, &channel) in channels.iter().enumerate() {
+            let values = series.iter().map(|(_, v)| significant(v[c], 4));
+            table.row(
+                std::iter::once(channel_title(channel)).chain(values).chain(std::iter::once(channel.unit().into())),
+            );
+        }
+        table
+    }
+}
+
+/// Columns that text at the end of a table's row needs to run on below itself.
+const SHORTEST: usize = 20;
+
+impl std::fmt::Display for Table {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
+        let width = |c: usize| self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..columns).map(width).collect();
+        for (r, row) in self.rows.iter().enumerate() {
+            let mut line = String::new();
+            for (c, cell) in row.iter().enumerate() {
+                let w = widths[c];
+                // The last column may be text that runs on below itself.
+                let start = line.chars().count() + 2;
+                let is_long = start + cell.chars().count() > WIDTH && start + SHORTEST <= WIDTH;
+                if c > 0 && c + 1 == row.len() && self.left.contains(&c) && is_long {
+                    line = hanging(cell, &format!("{line}  "), &" ".repeat(start));
+                    continue;
+                }
+                line += &match c == 0 || self.left.contains(&c) {
+                    true => format!("  {cell:<w$}"),
+                    false => format!("  {cell:>w$}"),
+                };
+            }
+            let end = if r + 1 == self.rows.len() { "" } else { "\n" };
+            write!(f, "{}{end}", line.trim_end().replace(FIRM, " "))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_their_digits() {
+        assert_eq!(significant(0.0, 4), "0");
+        assert_eq!(significant(1.23456, 4), "1.235");
+        assert_eq!(significant(-1234.56, 4), "-1235");
+        assert_eq!(significant(0.00123456, 4), "0.001235");
+        assert_eq!(significant(1.5e-9, 3), "1.50e-9");
+        assert_eq!(significant(f64::INFINITY, 3), "—");
+    }
+
+    #[test]
+    fn columns_are_aligned() {
+        let mut table = Table::new(&["name", "x", "unit"], &[2]);
+        table.row(["µ".into(), "1".into(), "N".into()]);
+        table.row(["longer".into(), "10".into(), "N·m".into()]);
+        assert_eq!(table.to_string(), "  name     x  unit\n  µ        1  N\n  longer  10  N·m");
+    }
+
+    #[test]
+    fn a_long_last_column_runs_on_below_itself() {
+        let mut table = Table::new(&["name", "because"], &[1]);
+        table.row(["a".into(), "too many words for one line ".repeat(6)]);
+        table.row(["b".into(), "few".into()]);
+        let text = table.to_string();
+        assert!(text.lines().count() > 3 && text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
+        assert!(text.lines().nth(2).unwrap().starts_with("        "), "{text}");
+    }
+}

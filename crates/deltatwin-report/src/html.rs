@@ -1,0 +1,262 @@
+//! One self-contained HTML page of text, tables and figures.
+
+use super::figure::Figure;
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+use std::path::Path;
+
+/// The tone of a boxed remark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Callout {
+    /// Neutral information.
+    Note,
+    /// A result that is as hoped.
+    Good,
+    /// Something to be careful about.
+    Warning,
+    /// A failure.
+    Bad,
+}
+
+impl Callout {
+    fn class(self) -> &'static str {
+        match self {
+            Self::Note => "note",
+            Self::Good => "good",
+            Self::Warning => "warning",
+            Self::Bad => "bad",
+        }
+    }
+}
+
+/// A page under construction; all text given to it is escaped.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    title: String,
+    subtitle: String,
+    body: String,
+    figures: usize,
+}
+
+impl Report {
+    /// An empty page under a title.
+    pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Self {
+        Self { title: title.into(), subtitle: subtitle.into(), body: String::new(), figures: 0 }
+    }
+
+    /// Begins a section.
+    pub fn heading(&mut self, text: &str) -> &mut Self {
+        self.push(format!("<h2>{}</h2>", escape(text)))
+    }
+
+    /// Adds a paragraph; an empty line in `text` begins another.
+    pub fn paragraph(&mut self, text: &str) -> &mut Self {
+        for part in text.split("\n\n").filter(|p| !p.trim().is_empty()) {
+            self.push(format!("<p>{}</p>", escape(part.trim())));
+        }
+        self
+    }
+
+    /// Adds a table; columns of numbers are aligned to the right, short rows filled.
+    pub fn table<H, R, C>(&mut self, headers: &[H], rows: &[R]) -> &mut Self
+    where
+        H: AsRef<str>,
+        R: AsRef<[C]>,
+        C: AsRef<str>,
+    {
+        let widest = rows.iter().map(|r| r.as_ref().len()).max().unwrap_or(0);
+        let columns = headers.len().max(widest);
+        let cell = |row: &R, k: usize| row.as_ref().get(k).map_or(String::new(), |c| c.as_ref().into());
+        let class: Vec<&str> = (0..columns)
+            .map(|k| {
+                let cells: Vec<String> = rows.iter().map(|r| cell(r, k)).collect();
+                let numbers = cells.iter().all(|c| numeric(c)) && cells.iter().any(|c| has_digit(c));
+                if numbers { " class=\"n\"" } else { "" }
+            })
+            .collect();
+        let mut html = String::from("<div class=\"wide\"><table>\n<thead><tr>");
+        for k in 0..columns {
+            let text = headers.get(k).map_or("", AsRef::as_ref);
+            let _ = write!(html, "<th{}>{}</th>", class[k], escape(text));
+        }
+        html.push_str("</tr></thead>\n<tbody>\n");
+        for row in rows {
+            html.push_str("<tr>");
+            for k in 0..columns {
+                let _ = write!(html, "<td{}>{}</td>", class[k], escape(&cell(row, k)));
+            }
+            html.push_str("</tr>\n");
+        }
+        html.push_str("</tbody></table></div>");
+        self.push(html)
+    }
+
+    /// Adds a figure with a numbered caption.
+    pub fn figure(&mut self, figure: &Figure, caption: &str) -> &mut Self {
+        self.figures += 1;
+        let (n, svg, caption) = (self.figures, figure.svg(), escape(caption));
+        self.push(format!(
+            "<figure id=\"figure-{n}\">\n{svg}\n<figcaption><b>Figure {n}.</b> {caption}</figcaption>\n</figure>"
+        ))
+    }
+
+    /// Adds a boxed remark.
+    pub fn callout(&mut self, kind: Callout, text: &str) -> &mut Self {
+        self.push(format!("<div class=\"callout {}\">{}</div>", kind.class(), escape(text)))
+    }
+
+    /// The complete page.
+    pub fn render(&self) -> String {
+        let title = escape(&self.title);
+        let subtitle = match self.subtitle.trim() {
+            "" => String::new(),
+            text => format!("<p class=\"subtitle\">{}</p>\n", escape(text)),
+        };
+        format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <title>{title}</title>\n<style>{CSS}</style>\n</head>\n<body>\n<main>\n\
+             <header>\n<h1>{title}</h1>\n{subtitle}</header>\n{}</main>\n</body>\n</html>\n",
+            self.body
+        )
+    }
+
+    /// Writes the page to `path` in one step: a reader sees the old file or the whole new one.
+    ///
+    /// # Errors
+    ///
+    /// When the folder is missing or not writable; the message names the file.
+    pub fn write(&self, path: impl AsRef<Path>) -> io::Result<()> {
+        let path = path.as_ref();
+        let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
+        let folder = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p,
+            _ => Path::new("."),
+        };
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".report-").suffix(".tmp");
+        // As any new file: readable for whom the umask admits.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut file = builder.tempfile_in(folder).map_err(named)?;
+        file.write_all(self.render().as_bytes()).map_err(named)?;
+        file.as_file().sync_all().map_err(named)?;
+        file.persist(path).map_err(|e| named(e.error))?;
+        Ok(())
+    }
+
+    fn push(&mut self, html: String) -> &mut Self {
+        self.body.push_str(&html);
+        self.body.push('\n');
+        self
+    }
+}
+
+/// `text` for an HTML element or a quoted attribute; control characters become spaces.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            '\n' => out.push('\n'),
+            c if c.is_control() => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+fn has_digit(text: &str) -> bool {
+    text.chars().any(|c| c.is_ascii_digit())
+}
+
+/// Whether a cell is a number, perhaps with a unit or relation, or a placeholder.
+fn numeric(text: &str) -> bool {
+    let text = text.trim();
+    if matches!(text, "" | "-" | "–" | "—") {
+        return true;
+    }
+    let text = text.trim_start_matches(['<', '>', '≤', '≥', '±', '~', ' ', '+', '-', '−']);
+    text.starts_with(|c: char| c.is_ascii_digit() || c == '.') && text.chars().count() <= 24
+}
+
+const CSS: &str = "
+:root { color-scheme: light; }
+* { box-sizing: border-box; }
+body { margin: 0; background: #fff; color: #22262b; font: 16px/1.55 system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif; }
+main { max-width: 1000px; margin: 0 auto; padding: 2rem 1.5rem 4rem; }
+header { border-bottom: 2px solid #22262b; margin-bottom: 1.5rem; padding-bottom: .75rem; }
+h1 { font-size: 1.8rem; line-height: 1.2; margin: 0; }
+h2 { font-size: 1.25rem; margin: 2.2rem 0 .6rem; }
+p { max-width: 46rem; margin: .7rem 0; }
+.subtitle { color: #5a626b; margin: .4rem 0 0; }
+figure { margin: 1.5rem 0; }
+figure svg { display: block; width: 100%; height: auto; font-family: inherit; }
+figcaption { color: #444b53; font-size: .9rem; max-width: 46rem; margin: .4rem 0 0 .75rem; }
+.wide { overflow-x: auto; margin: 1rem 0; }
+table { border-collapse: collapse; font-size: .93rem; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; padding: .35rem .9rem .35rem .2rem; border-bottom: 1px solid #e3e6ea; vertical-align: top; }
+th { border-bottom: 2px solid #b4bac1; white-space: nowrap; }
+th.n, td.n { text-align: right; padding: .35rem .2rem .35rem .9rem; white-space: nowrap; }
+.callout { border-left: 4px solid #0072b2; background: #f2f7fb; padding: .7rem 1rem; margin: 1.1rem 0; white-space: pre-line; }
+.callout.good { border-color: #009e73; background: #eff9f6; }
+.callout.warning { border-color: #e69f00; background: #fdf7ea; }
+.callout.bad { border-color: #c0392b; background: #fcf1f0; }
+@media print {
+  body { font-size: 10.5pt; }
+  main { max-width: none; padding: 0; }
+  figure, .callout, tr { break-inside: avoid; }
+  h2 { break-after: avoid; }
+  .callout { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+}
+";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::{Curve, time_series};
+
+    #[test]
+    fn text_is_escaped_everywhere() {
+        let evil = "<script>alert(\"1 & '2'\")</script>\u{7}";
+        let figure = time_series(evil, evil, evil, &[Curve::new(evil, vec![0.0, 1.0], vec![0.0, 1.0])]);
+        let mut report = Report::new(evil, evil);
+        report.heading(evil).paragraph(evil).callout(Callout::Bad, evil);
+        report.table(&[evil], &[[evil]]).figure(&figure, evil);
+        let page = report.render();
+        assert!(!page.contains("<script"));
+        assert!(!page.contains('\u{7}'));
+        assert!(page.contains("&lt;script&gt;alert(&quot;1 &amp; &#39;2&#39;&quot;)&lt;/script&gt;"));
+    }
+
+    #[test]
+    fn tables_align_numbers_and_fill_rows() {
+        let mut report = Report::new("t", "");
+        report.table(&["name", "rms"], &[vec!["axis 1", "0.12 Nm"], vec!["axis 2", "–"], vec!["x"]]);
+        let page = report.render();
+        assert!(page.contains("<th>name</th><th class=\"n\">rms</th>"));
+        assert!(page.contains("<td>x</td><td class=\"n\"></td>"));
+        assert!(!page.contains("subtitle\">"));
+        let none: [[&str; 0]; 0] = [];
+        Report::new("", "").table::<&str, _, _>(&[], &none).render();
+    }
+
+    #[test]
+    fn writing_replaces_the_file_and_leaves_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("report.html");
+        Report::new("one", "").write(&path).unwrap();
+        let mut second = Report::new("two", "");
+        second.paragraph("first\n\nsecond");
+        second.write(&path).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), second.render());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        let missing = folder.path().join("none").join("report.html");
+        let error = second.write(&missing).unwrap_err();
+        assert!(error.to_string().contains("report.html"));
+    }
+}

@@ -1,0 +1,61 @@
+//! A recording as a moving robot with measured and predicted torques in Rerun.
+
+pub mod command;
+
+use std::path::Path;
+
+use miette::IntoDiagnostic;
+
+use deltatwin::dynamics::Plant;
+use deltatwin::identification::{Trace, predict};
+use deltatwin::model::{AXES, Model};
+use deltatwin::recording::Recording;
+use crate::scene::{Scene, Series, measured, write_rrd};
+
+/// Frames per second of the moving robot.
+const FRAMES: f64 = 50.0;
+const PREDICTED: [u8; 3] = [225, 225, 225];
+const RESIDUAL: [u8; 3] = [200, 60, 60];
+
+/// Writes `recording` as an `.rrd` file beside what `model` predicts for it.
+pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Result<()> {
+    let trace = Trace::new(recording);
+    let plant = Plant::new(model, &recording.setup);
+    let predicted = predict(&plant, &trace).into_diagnostic()?;
+    let noise = trace.noise(model);
+    let mut series = measured(recording);
+    let axes = plant.mechanism.axes();
+    let unit = plant.mechanism.unit("N·m");
+    for axis in 0..axes {
+        let left = trace.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
+        let mut add = |path: String, values: Vec<f64>, color, label: &str| {
+            series.push(Series { path, times: trace.t.clone(), values, color, label: label.into() });
+        };
+        let axis_name = format!("axis{}", axis + 1);
+        add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, &format!("model [{unit}]"));
+        add(format!("residual/{axis_name}/residual"), left, RESIDUAL, &format!("residual [{unit}]"));
+    }
+    let stride = (1.0 / FRAMES / trace.dt).round().max(1.0) as usize;
+    let frames: Vec<usize> = (0..trace.len()).step_by(stride).collect();
+    let times: Vec<f64> = frames.iter().map(|&k| trace.t[k]).collect();
+    let poses = frames.iter().map(|&k| plant.motion(&trace.joints[k]).map(|m| m.shown(plant.mechanism)));
+    let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
+    // Mean over a frame: single samples are noise.
+    let residual: Vec<[f64; AXES]> = frames
+        .iter()
+        .map(|&k| {
+            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(trace.len());
+            std::array::from_fn(|i| {
+                if i >= axes {
+                    return 0.0;
+                }
+                let sum: f64 = window.clone().map(|k| trace.measured[i][k] - predicted[i][k]).sum();
+                sum / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
+            })
+        })
+        .collect();
+    let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, poses);
+    scene.series = series;
+    scene.residual = Some(residual);
+    write_rrd(path, &recording.name, &scene).into_diagnostic()
+}

@@ -1,0 +1,248 @@
+//! The moving robot, what is around it and its signals for Rerun: as a recording (`.rrd`), or live in a viewer.
+
+mod live;
+mod scene;
+mod solids;
+
+use std::io::Write;
+use std::path::Path;
+
+use rerun::blueprint as bp;
+use rerun::components::Color;
+use rerun::external::re_sdk_types::blueprint::components::PanelState;
+use rerun::{RecordingStream, TimeColumn, archetypes as a};
+
+pub use live::{Live, Viewer};
+pub use scene::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
+
+use super::{WriteError, file};
+use deltatwin::model::AXES;
+
+/// Name of the timeline, s.
+const TIME: &str = "time";
+const APPLICATION: &str = "deltatwin";
+/// Where the log of events is.
+const EVENTS: &str = "events";
+
+/// Colours of axes 1–4 in plots.
+const AXIS: [[u8; 3]; AXES] = [[76, 140, 220], [235, 125, 40], [90, 175, 95], [170, 105, 200]];
+
+/// Writes the robot, its surroundings, its curves and a layout for them. A file that is there is replaced as a whole.
+///
+/// The recording is made in memory: the SDK's own file writer gives no answer once a write has failed, as on a full disk.
+///
+/// # Errors
+/// If the scene is inconsistent, or the file cannot be written.
+pub fn write_rrd(path: &Path, name: &str, scene: &Scene) -> Result<(), WriteError> {
+    scene.check().map_err(|problem| WriteError::invalid(path, problem))?;
+    let bytes = encode(name, scene).map_err(|e| WriteError::invalid(path, e.to_string()))?;
+    file::replace(path, |out| out.write_all(&bytes))
+}
+
+type Problem = Box<dyn std::error::Error + Send + Sync>;
+type Outcome = Result<(), Problem>;
+
+fn encode(name: &str, scene: &Scene) -> Result<Vec<u8>, Problem> {
+    let builder = rerun::RecordingStreamBuilder::new(APPLICATION)
+        .recording_name(name)
+        .with_blueprint(layout(scene))
+        .enabled(true);
+    let (rec, storage) = builder.memory()?;
+    shapes(&rec, scene)?;
+    solids::trail(&rec, scene)?;
+    motion(&rec, scene)?;
+    Ok(storage.drain_as_bytes()?)
+}
+
+/// What does not change: the robot, its surroundings, the look of the curves.
+fn shapes(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    rec.log_static("world", &a::ViewCoordinates::RIGHT_HAND_Z_UP())?;
+    solids::base(rec, scene)?;
+    solids::robot(rec, scene)?;
+    solids::things(rec, scene)?;
+    scene.series.iter().try_for_each(|s| style(rec, s))
+}
+
+/// What happens during the scene.
+fn motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
+    solids::robot_motion(rec, scene)?;
+    solids::things_motion(rec, scene)?;
+    scene.series.iter().try_for_each(|s| curve(rec, s))?;
+    events(rec, &scene.notes)
+}
+
+/// Robot and events left; a tab per first part of the paths and in it a plot per second part.
+fn layout(scene: &Scene) -> bp::Blueprint {
+    let mut tabs: Vec<(&str, Vec<&str>)> = Vec::new();
+    for s in &scene.series {
+        let mut parts = s.path.splitn(3, '/');
+        let tab = parts.next().unwrap_or_default();
+        let plot = match (parts.next(), parts.next()) {
+            (Some(plot), Some(_)) => plot,
+            _ => "",
+        };
+        let i = tabs.iter().position(|(name, _)| *name == tab).unwrap_or_else(|| {
+            tabs.push((tab, Vec::new()));
+            tabs.len() - 1
+        });
+        if !tabs[i].1.contains(&plot) {
+            tabs[i].1.push(plot);
+        }
+    }
+    let tabs = tabs.into_iter().map(|(tab, plots)| {
+        let views = plots.into_iter().map(|plot| {
+            let (name, origin) = match plot {
+                "" => (tab.to_string(), format!("/{tab}")),
+                _ => (plot.replace('_', " "), format!("/{tab}/{plot}")),
+            };
+            bp::ContainerLike::from(bp::TimeSeriesView::new(name).with_origin(origin))
+        });
+        bp::Vertical::new(views.collect::<Vec<_>>()).with_name(tab).into()
+    });
+    let tabs: Vec<bp::ContainerLike> = tabs.collect();
+    let mut left = vec![bp::Spatial3DView::new("robot").with_origin("/world").into()];
+    if scene.eventful || !scene.notes.is_empty() {
+        left.push(bp::TextLogView::new(EVENTS).with_origin(format!("/{EVENTS}")).into());
+    }
+    let mut parts: Vec<bp::ContainerLike> = vec![bp::Vertical::new(left).with_row_shares(vec![3.0, 1.0]).into()];
+    if !tabs.is_empty() {
+        parts.push(bp::Tabs::new(tabs).into());
+    }
+    bp::Blueprint::new(bp::Horizontal::new(parts))
+        .with_auto_views(false)
+        .with_blueprint_panel(bp::BlueprintPanel::from_state(PanelState::Collapsed))
+        .with_selection_panel(bp::SelectionPanel::from_state(PanelState::Collapsed))
+        .with_time_panel(bp::TimePanel::new().with_timeline(TIME).with_state(PanelState::Collapsed))
+}
+
+fn style(rec: &RecordingStream, s: &Series) -> Outcome {
+    let style =
+        a::SeriesLines::new().with_names([s.label.as_str()]).with_colors([color(s.color)]).with_widths([1.5f32]);
+    rec.log_static(s.path.as_str(), &style)?;
+    Ok(())
+}
+
+fn curve(rec: &RecordingStream, s: &Series) -> Outcome {
+    let times = TimeColumn::new_duration_secs(TIME, s.times.iter().copied());
+    let values = a::Scalars::new(s.values.iter().copied()).columns_of_unit_batches()?;
+    rec.send_columns(s.path.as_str(), [times], values)?;
+    Ok(())
+}
+
+fn events(rec: &RecordingStream, notes: &[Note]) -> Outcome {
+    if notes.is_empty() {
+        return Ok(());
+    }
+    let times = TimeColumn::new_duration_secs(TIME, notes.iter().map(|n| n.t));
+    let level = |note: &Note| match note.level {
+        Level::Info => "INFO",
+        Level::Warning => "WARN",
+        Level::Error => "ERROR",
+    };
+    let lines = a::TextLog::update_fields()
+        .with_many_text(notes.iter().map(|n| n.text.as_str()))
+        .with_many_level(notes.iter().map(level));
+    rec.send_columns(EVENTS, [times], lines.columns_of_unit_batches()?)?;
+    Ok(())
+}
+
+fn color([r, g, b]: [u8; 3]) -> Color {
+    Color::from_rgb(r, g, b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, Vector3};
+
+    use deltatwin::cell::{Mobility, Object, Shape, Surface};
+    use deltatwin::kinematics::{JointState, Motion};
+    use deltatwin::model::{ARMS, Geometry, Mechanism};
+    use deltatwin::recording::Recording;
+
+    /// Arms apart, axis 4 turning.
+    fn lift(g: &Geometry, phi: f64) -> Motion {
+        let joints = JointState { q: [phi, 0.8 * phi, phi + 0.1, 2.0 * phi], ..JointState::default() };
+        Motion::assembled(g, &joints).expect("a pose within reach")
+    }
+
+    /// The SDK's file writer waited for ever here.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_is_an_error() {
+        let full = Path::new("/dev/full");
+        let mut out = std::fs::OpenOptions::new().write(true).open(full).unwrap();
+        let g = deltatwin::effects::testing::geometry();
+        let motion = Motion::disassembled(&g, &JointState::default());
+        let scene = Scene::new(Mechanism::default(), &g, vec![0.0], vec![motion.poses()]);
+        let bytes = encode("full", &scene).unwrap();
+        assert!(out.write_all(&bytes).is_err());
+        // A folder that takes no file.
+        assert!(write_rrd(Path::new("/proc/full.rrd"), "full", &scene).is_err());
+    }
+
+    #[test]
+    fn a_scene_is_written() {
+        let g = Geometry {
+            base_radius: 0.2,
+            arm_length: 0.35,
+            strut_length: [0.95; ARMS],
+            platform_radius: 0.05,
+            pair_distance: 0.09,
+            mounting_height: 0.275,
+            upper_hooke_height: 0.05,
+            lower_hooke_height: 0.03,
+            flange_height: -0.05,
+            arm_limits: [-0.9, 1.9],
+            telescope_limits: [0.65, 1.25],
+        };
+        let times: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.02).collect();
+        let motions: Vec<Motion> = times.iter().map(|t| lift(&g, 0.3 + 0.4 * (3.0 * t).sin())).collect();
+        let residual: Vec<[f64; AXES]> = times.iter().map(|t| [0.0, 3.5, 3.0 * t, 9.0]).collect();
+        let mut recording = Recording::default();
+        recording.signals.t = times.clone();
+        recording.signals.q = motions.iter().map(|m| m.q).collect();
+        recording.signals.tau = times.iter().map(|t| [9.0 * t.sin(); AXES]).collect();
+        recording.signals.strut_upper[0] = Some(times.iter().map(|t| 30.0 * t.cos()).collect());
+        recording.signals.socket_margin = Some(times.iter().map(|t| [200.0 - t; 12]).collect());
+        let can = Object {
+            name: "can / 1".into(),
+            shape: Shape::Cylinder { radius: 0.03, height: 0.1 },
+            mobility: Mobility::Free { mass: 0.5 },
+            position: Vector3::zeros(),
+            yaw: 0.0,
+            surface: Surface::default(),
+        };
+        let fall = |t: &f64| Isometry3::translation(0.0, 0.0, -1.0 - t);
+        let mut scene =
+            Scene::new(Mechanism::default(), &g, times.clone(), motions.iter().map(Motion::poses).collect());
+        scene.series = measured(&recording);
+        scene.residual = Some(residual);
+        scene.loose = Some(times.iter().map(|t| [*t > 1.0; 6]).collect());
+        scene.payload = Some((Shape::Sphere { radius: 0.05 }, Vector3::new(0.0, 0.0, -0.05)));
+        scene.things = vec![Thing { object: &can, poses: times.iter().map(fall).collect() }];
+        scene.notes = vec![Note { t: 1.0, level: Level::Error, text: "dislocation: strut 1 upper".into() }];
+        assert_eq!(scene.series.len(), 21);
+        scene.series.push(Series {
+            path: "torque/axis1/model".into(),
+            times: times.clone(),
+            values: times.iter().map(|t| 8.0 * t.sin()).collect(),
+            color: [120; 3],
+            label: "model [N·m]".into(),
+        });
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.rrd");
+        write_rrd(&path, "lift", &scene).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(bytes.starts_with(b"RRF2") && bytes.len() > 20_000, "{} bytes", bytes.len());
+
+        scene.things[0].poses.pop();
+        let e = write_rrd(&path, "lift", &scene).unwrap_err().to_string();
+        assert!(e.contains("can / 1: 99 values for 100 times"), "{e}");
+        scene.things.clear();
+        scene.series[0].values.pop();
+        let e = write_rrd(&path, "lift", &scene).unwrap_err().to_string();
+        assert!(e.contains("torque/axis1/measured: 99 values for 100 times"), "{e}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}

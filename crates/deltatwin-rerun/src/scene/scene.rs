@@ -1,0 +1,163 @@
+//! What is drawn, wherever it comes from.
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::AXIS;
+use deltatwin::cell::{Object, Shape};
+use deltatwin::model::bodies::BODIES;
+use deltatwin::model::{AXES, Geometry, Mechanism, STRUTS};
+use deltatwin::recording::Recording;
+pub use deltatwin::recording::bag::{Level, Note};
+
+/// A moving robot, the things around it, and curves.
+pub struct Scene<'a> {
+    /// Time of each frame, s; increasing, some 50 per second are enough.
+    pub times: Vec<f64>,
+    /// Poses of the bodies' frames, world; one set per frame.
+    pub bodies: Vec<[Isometry3<f64>; BODIES]>,
+    /// Kind of machine.
+    pub machine: Mechanism,
+    /// Lengths of the bodies.
+    pub geometry: &'a Geometry,
+    /// Torque residual per frame and axis in standard deviations of the sensor noise; colours arms and telescope from
+    /// green (noise) to red (6 σ).
+    pub residual: Option<Vec<[f64; AXES]>>,
+    /// Per frame, the struts with an open socket.
+    pub loose: Option<Vec<[bool; STRUTS]>>,
+    /// Payload's shape and its centre in the end effector's frame, m.
+    pub payload: Option<(Shape, Vector3<f64>)>,
+    /// Things around the robot.
+    pub things: Vec<Thing<'a>>,
+    /// Curves beside the robot, at their own rate.
+    pub series: Vec<Series>,
+    /// What happened.
+    pub notes: Vec<Note>,
+    /// Something may still happen: there is a place for notes.
+    pub eventful: bool,
+}
+
+/// An object and its pose in every frame.
+pub struct Thing<'a> {
+    /// What it is.
+    pub object: &'a Object,
+    /// Poses, one per frame.
+    pub poses: Vec<Isometry3<f64>>,
+}
+
+/// A curve over time.
+pub struct Series {
+    /// Place in the tree: tab, plot and curve, e.g. `torque/axis1/measured`.
+    pub path: String,
+    /// Times, s.
+    pub times: Vec<f64>,
+    /// Values, one per time.
+    pub values: Vec<f64>,
+    /// Red, green, blue.
+    pub color: [u8; 3],
+    /// Legend with the unit, e.g. `measured [N·m]`.
+    pub label: String,
+}
+
+impl<'a> Scene<'a> {
+    /// A machine alone, posed by `bodies` at `times`.
+    pub fn new(
+        machine: Mechanism,
+        geometry: &'a Geometry,
+        times: Vec<f64>,
+        bodies: Vec<[Isometry3<f64>; BODIES]>,
+    ) -> Self {
+        Self {
+            times,
+            bodies,
+            machine,
+            geometry,
+            residual: None,
+            loose: None,
+            payload: None,
+            things: Vec::new(),
+            series: Vec::new(),
+            notes: Vec::new(),
+            eventful: false,
+        }
+    }
+
+    /// What is inconsistent, if anything.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let frames = self.times.len();
+        let expect = |what: &str, count: usize, wanted: usize| {
+            (count == wanted).then_some(()).ok_or_else(|| format!("{what}: {count} values for {wanted} times"))
+        };
+        expect("bodies", self.bodies.len(), frames)?;
+        expect("residual", self.residual.as_ref().map_or(frames, Vec::len), frames)?;
+        expect("loose struts", self.loose.as_ref().map_or(frames, Vec::len), frames)?;
+        self.things.iter().try_for_each(|thing| expect(&thing.object.name, thing.poses.len(), frames))?;
+        self.series.iter().try_for_each(|s| expect(&s.path, s.values.len(), s.times.len()))
+    }
+}
+
+/// Curves of what was recorded: torques, joint angles, strut forces, socket margins.
+pub fn measured(recording: &Recording) -> Vec<Series> {
+    let s = &recording.signals;
+    let mut series = Vec::new();
+    series.extend(drives(s.mechanism, &s.t, |k| {
+        (s.tau.iter().map(|v| v[k]).collect(), s.q.iter().map(|v| v[k]).collect())
+    }));
+    for (end, forces) in [&s.strut_upper, &s.strut_lower].into_iter().enumerate() {
+        for (i, force) in forces.iter().enumerate() {
+            let Some(force) = force else { continue };
+            series.push(strut_force(i, end, s.t.clone(), force.clone()));
+        }
+    }
+    if let Some(margins) = &s.socket_margin {
+        series.extend(socket_margins(&s.t, margins));
+    }
+    series
+}
+
+/// Curves of torques and joint angles; `of` gives both for an axis.
+pub fn drives(machine: Mechanism, times: &[f64], of: impl Fn(usize) -> (Vec<f64>, Vec<f64>)) -> Vec<Series> {
+    let (torque, angle) = (machine.unit("N·m"), machine.unit("rad"));
+    let curve =
+        |path: String, values, color, label: String| Series { path, times: times.to_vec(), values, color, label };
+    let mut torques = Vec::new();
+    let mut angles = Vec::new();
+    for k in 0..machine.axes() {
+        let (tau, q) = of(k);
+        let axis = k + 1;
+        torques.push(curve(format!("torque/axis{axis}/measured"), tau, AXIS[k], format!("measured [{torque}]")));
+        angles.push(curve(format!("joints/axis{axis}/angle"), q, AXIS[k], format!("q{axis} [{angle}]")));
+    }
+    torques.append(&mut angles);
+    torques
+}
+
+/// Axial force at the upper (0) or lower (1) end of strut `strut` (from 0).
+pub fn strut_force(strut: usize, end: usize, times: Vec<f64>, values: Vec<f64>) -> Series {
+    let name = ["upper", "lower"][end];
+    Series {
+        path: format!("struts/strut{}/{name}", strut + 1),
+        times,
+        values,
+        color: shaded(strut / 2, [1.0, 0.6][end]),
+        label: format!("{name} end [N]"),
+    }
+}
+
+/// Curves of the twelve sockets in one plot.
+pub fn socket_margins(times: &[f64], margins: &[[f64; 2 * STRUTS]]) -> Vec<Series> {
+    let curve = |s: usize| {
+        let (strut, end) = (s % STRUTS, if s < STRUTS { "upper" } else { "lower" });
+        Series {
+            path: format!("sockets/socket_margin/strut{}_{end}", strut + 1),
+            times: times.to_vec(),
+            values: margins.iter().map(|m| m[s]).collect(),
+            color: shaded(strut / 2, 1.0 - 0.2 * (strut % 2) as f64 - 0.4 * (s / STRUTS) as f64),
+            label: format!("strut {} {end} [N]", strut + 1),
+        }
+    };
+    (0..2 * STRUTS).map(curve).collect()
+}
+
+fn shaded(limb: usize, shade: f64) -> [u8; 3] {
+    AXIS[limb].map(|c| (f64::from(c) * shade) as u8)
+}

@@ -1,0 +1,101 @@
+//! A run for Rerun, with everything where it really was.
+
+use std::path::Path;
+
+use deltatwin::twin::origin::note;
+use deltatwin::twin::{Event, Frame, Options, Report};
+use deltatwin::dynamics::Plant;
+use deltatwin::model::{Part, STRUTS};
+use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
+use deltatwin::recording::{Recording, Signals, WriteError};
+
+/// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
+pub(super) fn write(
+    path: &Path,
+    plant: &Plant,
+    options: &Options,
+    recording: &Recording,
+    report: &Report,
+) -> Result<(), WriteError> {
+    let mut scene = scene(plant, options, &report.frames, &report.events);
+    scene.series = measured(recording);
+    scene.series.extend(loads(plant, &report.frames, &recording.signals));
+    write_rrd(path, &recording.name, &scene)
+}
+
+/// Frames and events of a run without curves.
+pub(super) fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], events: &[Event]) -> Scene<'a> {
+    let times = frames.iter().map(|f| f.t).collect();
+    let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
+    scene.loose = Some(frames.iter().map(loose).collect());
+    scene.payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
+    let thing = |(i, object)| Thing { object, poses: frames.iter().map(|f| f.objects[i]).collect() };
+    scene.things = options.objects.iter().enumerate().map(thing).collect();
+    scene.notes = events.iter().map(note).collect();
+    scene
+}
+
+/// Curves of the true loads on struts and sockets, where `signals` measure none.
+pub(super) fn loads(plant: &Plant, frames: &[Frame], signals: &Signals) -> Vec<Series> {
+    if !plant.has(Part::Linkage) {
+        return Vec::new();
+    }
+    let times: Vec<f64> = frames.iter().map(|f| f.t).collect();
+    let mut series = Vec::new();
+    for s in 0..STRUTS {
+        for (end, sensors) in [&signals.strut_upper, &signals.strut_lower].into_iter().enumerate() {
+            if sensors[s].is_none() {
+                let force = frames.iter().map(|f| f.strut_force[end][s]).collect();
+                series.push(strut_force(s, end, times.clone(), force));
+            }
+        }
+    }
+    if signals.socket_margin.is_none() {
+        let margins: Vec<_> = frames.iter().map(|f| f.socket_margin).collect();
+        series.extend(socket_margins(&times, &margins));
+    }
+    series
+}
+
+/// Struts with an open socket.
+fn loose(frame: &Frame) -> [bool; STRUTS] {
+    std::array::from_fn(|s| !(frame.closed.contains(s) && frame.closed.contains(STRUTS + s)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deltatwin::model::Model;
+    use deltatwin::scenario::Scenario;
+    use deltatwin::twin::simulate;
+
+    /// The platform has run into the block and two limbs have come off.
+    #[test]
+    fn a_crash_is_shown_as_it_was() {
+        let scenario = Scenario::read(Path::new("scenarios/crash.toml")).unwrap();
+        let model = Model::read(&scenario.model).unwrap();
+        let motion = scenario.motion(&model).unwrap();
+        let plant = Plant::new(&model, &scenario.setup);
+        let run = |frames| {
+            let options = Options { duration: 0.28, frames, ..Options::of(&scenario, &model) };
+            let desired = |t: f64| motion.at(t);
+            let (recording, report) =
+                simulate(&model, &scenario.setup, &plant, &desired, &options, &mut |_| true).unwrap();
+            (options, recording, report)
+        };
+        let (options, recording, report) = run(Some(0.01));
+        assert_eq!(recording, run(None).1, "looking changes nothing");
+        let frames = &report.frames;
+        assert_eq!(frames.len(), 28);
+        assert!(frames.iter().enumerate().all(|(k, f)| (f.t - 0.01 * k as f64).abs() < 1e-9 && f.objects.len() == 2));
+        assert_eq!(loose(&frames[22]), [false; STRUTS]);
+        assert_eq!(loose(&frames[27]), [false, false, true, true, true, true]);
+        assert_eq!((frames[27].socket_margin[8], frames[27].strut_force[1][2]), (0.0, 0.0));
+
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("crash.rrd");
+        write(&path, &plant, &options, &recording, &report).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(bytes.starts_with(b"RRF2") && bytes.len() > 100_000, "{} bytes", bytes.len());
+    }
+}

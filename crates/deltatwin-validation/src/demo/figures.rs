@@ -1,0 +1,189 @@
+//! Figures and report of a demo.
+
+use super::{Findings, describe};
+use deltatwin::diagnosis::candidates::Standing;
+use deltatwin::dynamics::Plant;
+use crate::exam::Campaign;
+use deltatwin::identification::fit::residuals;
+use deltatwin::identification::predict;
+use deltatwin::model::AXES;
+use deltatwin_report::{
+    Callout, Color, Curve, ErrorGroup, Panel, RankRow, Report, Style, falling_error, panels, ranking, scatter_binned,
+    spectrum,
+};
+
+/// The HTML report; figures judge on the held-out motion.
+pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
+    let d = &findings.diagnosis;
+    let mut report = Report::new(
+        "deltatwin demo",
+        "A hidden effect in a robot: compare, identify, diagnose, add, and watch the error fall",
+    );
+    let hidden = describe(campaign);
+    let names: Vec<&str> = d.effects.iter().map(|e| e.name.as_str()).collect();
+    let verdict = format!(
+        "Verdict: {} {}. Hidden was {hidden}.",
+        d.verdict,
+        if names.is_empty() { String::new() } else { format!("({})", names.join(", ")) }
+    );
+    report.callout(if findings.right { Callout::Good } else { Callout::Bad }, &verdict);
+    report.heading("The error falls");
+    let stages = stage_rms(findings);
+    let groups: Vec<ErrorGroup> = (0..AXES)
+        .map(|i| ErrorGroup {
+            name: format!("axis {}", i + 1),
+            values: stages.iter().map(|s| s[i]).collect(),
+            floor: Some(d.noise_floor[i]),
+        })
+        .collect();
+    report.figure(
+        &falling_error(
+            "RMS torque error on the held-out motion",
+            "RMS / N·m",
+            &["as delivered", "identified", "effect added"],
+            &groups,
+        ),
+        "Each axis against the noise of its torque sensor (dashed).",
+    );
+    let rows: Vec<Vec<String>> = d
+        .channels
+        .iter()
+        .enumerate()
+        .map(|(c, channel)| {
+            let mut row = vec![format!("{channel} / {}", channel.unit())];
+            row.extend(stages.iter().map(|s| format!("{:.4}", s[c])));
+            row.push(format!("{:.4}", d.noise_floor[c]));
+            row
+        })
+        .collect();
+    report.table(&["RMS, held out", "as delivered", "identified", "effect added", "noise floor"], &rows);
+    report.heading("Where the model fails");
+    for finding in findings.comparison.findings.iter().take(6) {
+        report.paragraph(&finding.sentence);
+    }
+    if let Some((torques, phase, spectra)) = residual_figures(campaign, findings) {
+        report.figure(&torques, "Held-out motion: measured torque, identified model and what it leaves.");
+        report.figure(&phase, "Residual of the arms before and after, against joint speed.");
+        report.figure(&spectra, "Spectrum of the residuals of axis 1.");
+    }
+    report.heading("Which effect is missing");
+    let rows: Vec<RankRow> = d
+        .candidates
+        .iter()
+        .map(|c| RankRow {
+            name: c.name.clone(),
+            // What the data cannot test has no share that means anything.
+            share: if c.standing == Standing::Untestable { f64::NAN } else { c.explained },
+            note: c.standing.to_string(),
+            highlight: names.contains(&c.name.as_str()),
+        })
+        .collect();
+    report.figure(
+        &ranking("Candidates", "share of the error above the noise that it could explain alone / %", &rows),
+        "Every absent effect, tried on the measurement as if nothing else were missing, and where it ended up.",
+    );
+    for e in &d.effects {
+        let rows: Vec<Vec<String>> = e
+            .parameters
+            .iter()
+            .map(|p| {
+                vec![
+                    format!("{}.{}", e.name, p.name),
+                    format!("{:.5}", p.value),
+                    format!("{:.5}", p.std),
+                    p.unit.into(),
+                ]
+            })
+            .collect();
+        report.table(&["parameter", "estimate", "standard error", "unit"], &rows);
+    }
+    if !d.budget.effects.is_empty() {
+        report.heading("Error budget");
+        report.figure(
+            &crate::command::diagnose::budget::figure(&d.budget),
+            "What the noise leaves, what each added effect explains, and what nothing explains yet; held-out motion.",
+        );
+        let number = |x: f64| crate::terminal::significant(x, 4);
+        let row = |c: &deltatwin::diagnosis::budget::Change| {
+            let numbers = [c.before.value, c.before.std, c.after.value, c.after.std].map(number);
+            std::iter::once(c.before.name.clone()).chain(numbers).chain([c.before.unit.into()]).collect::<Vec<_>>()
+        };
+        let rows: Vec<Vec<String>> = d.changes.iter().map(row).collect();
+        if !rows.is_empty() {
+            report.paragraph("Parameters that the addition moved by more than three standard errors, or by a tenth:");
+            report.table(&["parameter", "before", "std", "after", "std", "unit"], &rows);
+        }
+    }
+    if let Some(next) = &d.next_experiment {
+        report.callout(Callout::Note, &format!("Next experiment, {}.", next.what));
+    }
+    report
+}
+
+/// RMS on the held-out motion: model as delivered, identified, with the effect.
+pub fn stage_rms(findings: &Findings) -> [Vec<f64>; 3] {
+    let d = &findings.diagnosis;
+    let delivered = findings.comparison.held_out_rms.clone().unwrap_or_else(|| findings.comparison.rms.clone());
+    [delivered, d.rms_before.clone(), d.rms_after.clone()]
+}
+
+fn residual_figures(
+    campaign: &Campaign,
+    findings: &Findings,
+) -> Option<(deltatwin_report::Figure, deltatwin_report::Figure, deltatwin_report::Figure)> {
+    let trace = &findings.validation;
+    let before_model = &findings.identified.model;
+    let predicted = predict(&Plant::new(before_model, &campaign.validation.setup), trace).ok()?;
+    let before = residuals(before_model, std::slice::from_ref(trace)).ok()?.remove(0);
+    let after = residuals(&findings.diagnosis.model, std::slice::from_ref(trace)).ok()?.remove(0);
+    let stack: Vec<Panel> = (0..AXES)
+        .map(|i| Panel {
+            title: format!("axis {}", i + 1),
+            y_label: "torque / N·m".into(),
+            curves: vec![
+                Curve::new("measured", trace.t.clone(), trace.measured[i].clone()).color(Color::MEASURED),
+                Curve::new("identified model", trace.t.clone(), predicted[i].clone()).color(Color::MODEL),
+                Curve::new("residual", trace.t.clone(), before[i].clone()).color(Color::RESIDUAL).style(Style::Thin),
+            ],
+        })
+        .collect();
+    let speed: Vec<f64> = (0..3).flat_map(|i| trace.joints.iter().map(move |j| j.qd[i])).collect();
+    let all = |r: &[Vec<f64>]| -> Vec<f64> { r[..3].concat() };
+    let phase = scatter_binned(
+        "Residual of the arms over joint speed",
+        "joint speed / rad/s",
+        "residual / N·m",
+        &[
+            Curve::new("identified", speed.clone(), all(&before)).color(Color::RESIDUAL),
+            Curve::new("effect added", speed, all(&after)).color(Color::IMPROVED),
+        ],
+        40,
+    );
+    let line = |r: &[f64]| amplitude_spectrum(r, trace.dt);
+    let (f, a) = line(&before[0]);
+    let (g, b) = line(&after[0]);
+    let spectra = spectrum(
+        "Residual of axis 1",
+        "frequency / Hz",
+        "amplitude / N·m",
+        &[
+            Curve::new("identified", f, a).color(Color::RESIDUAL),
+            Curve::new("effect added", g, b).color(Color::IMPROVED),
+        ],
+        &[],
+    );
+    Some((panels("Torques of the held-out motion", "time / s", &stack), phase, spectra))
+}
+
+/// Single-sided amplitude spectrum without the mean.
+fn amplitude_spectrum(x: &[f64], dt: f64) -> (Vec<f64>, Vec<f64>) {
+    let n = x.len();
+    let mut buffer = x.to_vec();
+    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
+    let mut out = fft.make_output_vec();
+    if fft.process(&mut buffer, &mut out).is_err() {
+        return (Vec::new(), Vec::new());
+    }
+    let frequency = |k: usize| k as f64 / (n as f64 * dt);
+    out.iter().enumerate().skip(1).map(|(k, z)| (frequency(k), 2.0 * z.norm() / n as f64)).unzip()
+}

@@ -1,0 +1,264 @@
+//! A robot with hidden effects and what was measured on it.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use thiserror::Error;
+
+use super::motion::{Motion, MotionKind};
+use super::noise::{self, Noise};
+use super::outside::Outside;
+use super::size::{Hidden, Size, Sizer};
+use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::effects::rigid_bodies::{self, RigidBodies};
+use deltatwin::effects::{self, Effect, Role};
+use deltatwin::identification::FitError;
+use deltatwin::model::{AXES, Model};
+use deltatwin::recording::{Payload, Recording, Setup};
+use deltatwin::scenario::Sensors;
+use deltatwin::twin::{Options, Report, SimulationError, simulate};
+
+/// A campaign to be made. Everything about it follows from these values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Draws the robot, the motions, the values of the effects and the noise, each on its own.
+    pub seed: u64,
+    /// Names of the effects to hide; none hides nothing.
+    pub effects: Vec<String>,
+    /// A law outside the library to hide as well.
+    pub outside: Option<Outside>,
+    /// How much of them.
+    pub size: Size,
+    /// Noise of the torques.
+    pub noise: Noise,
+    /// What the robot does.
+    pub motion: MotionKind,
+    /// Whether strut 1 has a force sensor at the elbow.
+    pub strut_sensor: bool,
+    /// Whether the robot carries 2.5 kg off its axis.
+    pub payload: bool,
+    /// Length of each recording, s.
+    pub duration: f64,
+}
+
+impl Default for Case {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            effects: Vec::new(),
+            outside: None,
+            size: Size::Medium,
+            noise: Noise::White,
+            motion: MotionKind::Wideband,
+            strut_sensor: true,
+            payload: true,
+            duration: 20.0,
+        }
+    }
+}
+
+/// What was hidden and what was measured.
+pub struct Campaign {
+    /// What was asked for.
+    pub case: Case,
+    /// What is hidden.
+    pub hidden: Vec<Hidden>,
+    /// The user's model: right in structure but for what is hidden, a few percent off in its numbers.
+    pub model: Model,
+    /// The robot.
+    pub robot: Model,
+    /// Recording to learn from.
+    pub measurement: Recording,
+    /// Another motion of the same robot to judge on.
+    pub validation: Recording,
+    /// What the twin says of the two runs.
+    pub reports: [Report; 2],
+}
+
+/// Why a campaign cannot be made.
+#[derive(Debug, Error)]
+pub enum CampaignError {
+    /// No such effect to hide.
+    #[error("cannot hide `{name}`: expected `none` or one of {}", .known.join(", "))]
+    Effect {
+        /// What was asked for.
+        name: String,
+        /// What can be hidden.
+        known: Vec<&'static str>,
+    },
+    /// The model cannot be refitted along the drawn motion.
+    #[error("the effect cannot be sized: {0}")]
+    Size(#[from] FitError),
+    /// The twin stopped.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+}
+
+/// Standard deviation of the torques' noise on a delta robot, N·m.
+const TORQUE_NOISE: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
+/// The payload of campaigns that have one.
+const PAYLOAD: (f64, [f64; 3], f64) = (2.5, [0.03, -0.02, -0.08], 0.012);
+
+/// Streams of random numbers, so that what one draws does not change the others.
+enum Stream {
+    Robot,
+    Motion,
+    Effects,
+    Noise,
+}
+
+impl Case {
+    /// Random numbers of the case for one purpose.
+    fn random(&self, stream: Stream) -> ChaCha8Rng {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(stream as u64);
+        rng
+    }
+
+    fn setup(&self) -> Setup {
+        let (mass, com, inertia_zz) = PAYLOAD;
+        let payload = if self.payload { Payload::new(mass, com, inertia_zz) } else { Payload::default() };
+        Setup { payload, torque_noise: Some(TORQUE_NOISE), ..Setup::default() }
+    }
+}
+
+/// Effects that can be hidden from a model: those it lacks and a measured motion shows.
+pub fn hideable(model: &Model) -> Vec<&'static dyn Effect> {
+    let carried = |e: &dyn Effect| model.effects.iter().any(|a| a.effect.name() == e.name());
+    effects::REGISTRY
+        .iter()
+        .copied()
+        .filter(|e| e.name() != rigid_bodies::NAME && e.identifiable() && !e.parameters().is_empty() && !carried(*e))
+        .filter(|e| model.mechanism.has(e.acts_on(), model.assembled))
+        .collect()
+}
+
+/// Makes a campaign on an assembled delta robot; `progress` gets the run (0 or 1) and the simulated time.
+pub fn campaign(model: &Model, case: &Case, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
+    let outside: Vec<&'static dyn Effect> = case.outside.iter().map(|law| law.effect() as _).collect();
+    campaign_with(model, case, &outside, progress)
+}
+
+/// The same with effects beyond the registry, such as formulas, hidden as well.
+pub fn campaign_with(
+    model: &Model,
+    case: &Case,
+    beyond: &[&'static dyn Effect],
+    progress: &(dyn Fn(usize, f64) + Sync),
+) -> Result<Campaign, CampaignError> {
+    let quiet = quiet_campaign(model, case, beyond, progress)?;
+    let [measurement, validation] = quiet.noisy(case);
+    Ok(Campaign { measurement, validation, ..quiet })
+}
+
+/// The same before torques and forces get their noise; encoders are quantised.
+pub fn quiet_campaign(
+    model: &Model,
+    case: &Case,
+    beyond: &[&'static dyn Effect],
+    progress: &(dyn Fn(usize, f64) + Sync),
+) -> Result<Campaign, CampaignError> {
+    let known = hideable(model);
+    let find = |name: &String| {
+        known.iter().copied().find(|e| e.name() == name).ok_or_else(|| CampaignError::Effect {
+            name: name.clone(),
+            known: known.iter().map(|e| e.name()).collect(),
+        })
+    };
+    let mut wanted = case.effects.iter().map(find).collect::<Result<Vec<_>, _>>()?;
+    wanted.extend(beyond);
+    let setup = case.setup();
+    let mut robot = model.clone();
+    perturb(&mut robot, &mut case.random(Stream::Robot));
+    let believed = Plant::new(model, &setup);
+    let mut rng = case.random(Stream::Motion);
+    let motions = [0, 1].map(|_| Motion::draw(case.motion, model, &believed, &mut rng));
+    let mut channels = Channel::of_drives(model.mechanism);
+    let mut sigma = TORQUE_NOISE[..channels.len()].to_vec();
+    if case.strut_sensor {
+        channels.push(Channel::StrutUpper(0));
+        sigma.push(model.noise.strut_force);
+    }
+    let mut hidden = Vec::new();
+    if !wanted.is_empty() {
+        let sizer = Sizer::new(&robot, &setup, &motions[0], case.duration, &channels, &sigma)?;
+        let mut rng = case.random(Stream::Effects);
+        for effect in wanted {
+            hidden.push(sizer.draw(effect, case.size, &mut rng)?);
+        }
+    }
+    robot.effects.extend(hidden.iter().map(|h| h.active.clone()));
+    let run = |k: usize| {
+        let options = Options {
+            duration: case.duration,
+            noise_seed: Some(0),
+            sensors: Sensors {
+                strut_upper: std::array::from_fn(|i| case.strut_sensor && i == 0),
+                ee: false,
+                ..Sensors::default()
+            },
+            ..Options::default()
+        };
+        // The twin's own sensors quantise; the noise comes after.
+        let quiet = Setup { torque_noise: Some([0.0; AXES]), ..setup };
+        let mut machine = robot.clone();
+        machine.noise.strut_force = 0.0;
+        let measured = simulate(&machine, &quiet, &believed, &|t| motions[k].at(t), &options, &mut |t| {
+            progress(k, t);
+            true
+        });
+        measured.map(|(recording, report)| (Recording { setup, ..recording }, report))
+    };
+    let (first, second) = rayon::join(|| run(0), || run(1));
+    let ((measurement, a), (validation, b)) = (first?, second?);
+    Ok(Campaign {
+        case: case.clone(),
+        hidden,
+        model: model.clone(),
+        robot,
+        measurement: Recording { name: "measurement".into(), ..measurement },
+        validation: Recording { name: "validation".into(), ..validation },
+        reports: [a, b],
+    })
+}
+
+impl Campaign {
+    /// Both recordings with the noise of `case`, in the digits that a measuring system would write.
+    pub fn noisy(&self, case: &Case) -> [Recording; 2] {
+        let force = self.model.noise.strut_force;
+        let mut rng = case.random(Stream::Noise);
+        [&self.measurement, &self.validation].map(|quiet| {
+            let mut recording = quiet.clone();
+            let signals = &mut recording.signals;
+            noise::lay(case.noise, &TORQUE_NOISE, force, signals, &mut rng);
+            signals.t.iter_mut().for_each(|t| *t = rounded(*t, 1e7));
+            signals.q.iter_mut().flatten().for_each(|q| *q = rounded(*q, 1e9));
+            signals.tau.iter_mut().flatten().for_each(|tau| *tau = rounded(*tau, 1e4));
+            signals.strut_upper.iter_mut().flatten().flatten().for_each(|f| *f = rounded(*f, 1e3));
+            recording
+        })
+    }
+}
+
+/// `x` to the nearest of so many per unit.
+fn rounded(x: f64, per_unit: f64) -> f64 {
+    (x * per_unit).round() / per_unit
+}
+
+/// Moves inertia by up to ±3 % and friction by up to ±5 %, as a real machine departs from its data sheet.
+pub fn perturb(model: &mut Model, rng: &mut ChaCha8Rng) {
+    let bodies = RigidBodies::of(model.mechanism, model.assembled);
+    let mut links: Vec<f64> = bodies.values(&model.bodies);
+    for x in &mut links {
+        *x *= 1.0 + rng.random_range(-0.03..0.03);
+    }
+    bodies.set_values(&mut model.bodies, &links);
+    for active in &mut model.effects {
+        let entries = active.entries();
+        for (x, entry) in active.values.iter_mut().zip(entries) {
+            if entry.parameter.role != Role::Fixed {
+                *x *= 1.0 + rng.random_range(-0.05..0.05);
+            }
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! What the diagnosis says about a campaign, and whether it is right.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use deltatwin::diagnosis::{self, Diagnosis, diagnose};
+use deltatwin::effects;
+use deltatwin::identification::Trace;
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
+
+/// A set of effects that cannot be told apart names nothing if it is larger.
+pub const LARGEST_SET: usize = 3;
+/// Claimed probability from which a wrong name is confidently wrong.
+pub const CONFIDENT: f64 = 0.9;
+
+/// What is hidden in a campaign, as far as grading needs it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Names of the hidden effects.
+    pub effects: Vec<String>,
+    /// Values of their parameters, by `effect.parameter`, as far as they are stated under the names of the library.
+    pub values: Vec<(String, f64)>,
+    /// Part of the machine where what is outside the library acts, if stated.
+    pub place: Option<String>,
+    /// Size, if stated.
+    pub size: Option<String>,
+    /// Kind of noise, if stated.
+    pub noise: Option<String>,
+    /// Expected RMS residual over the noise on the channel that sized the first effect, if stated.
+    pub rise: Option<f64>,
+    /// Whether some effect could not be made as large as asked for.
+    pub limited: bool,
+}
+
+/// What the diagnosis said.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// `none`, `effect`, `several`, `ambiguous` or `unknown`.
+    pub verdict: String,
+    /// Effects in the order named.
+    pub effects: Vec<Named>,
+    /// Sets that the data cannot tell apart.
+    pub indistinguishable: Vec<Vec<String>>,
+    /// Channels of the following arrays.
+    pub channels: Vec<String>,
+    /// RMS residual of the refitted model on the held-out motion.
+    pub rms_before: Vec<f64>,
+    /// The same with what was found.
+    pub rms_after: Vec<f64>,
+    /// Standard deviation of the sensor noise.
+    pub noise_floor: Vec<f64>,
+    /// Part of the machine where something acts that no known effect explains.
+    #[serde(default)]
+    pub location: Option<String>,
+    /// Share of the explainable held-out error that a formula for it takes.
+    #[serde(default)]
+    pub formula: Option<f64>,
+    /// Time the diagnosis took, derivatives included, s.
+    pub seconds: f64,
+    /// Why there is no answer.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub failure: Option<String>,
+}
+
+/// An effect that was named.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Named {
+    /// Its name.
+    pub name: String,
+    /// Claimed probability.
+    pub probability: f64,
+    /// Share of the explainable error it explains.
+    pub explained: f64,
+    /// Value and standard error of its parameters.
+    pub parameters: BTreeMap<String, (f64, Option<f64>)>,
+}
+
+/// Asks the diagnosis which effect `model` lacks, from a recording to learn from and one to judge on.
+pub fn judge(model: &Model, [measurement, validation]: &[Recording; 2]) -> Answer {
+    let start = Instant::now();
+    let (trace, held_out) = (Trace::new(measurement), Trace::new(validation));
+    let result = diagnose(model, &[trace], &[held_out], &mut |_| {});
+    let seconds = start.elapsed().as_secs_f64();
+    match result {
+        Ok(diagnosis) => Answer { seconds, ..Answer::from(&diagnosis) },
+        Err(e) => Answer { verdict: "failed".into(), failure: Some(e.to_string()), seconds, ..Answer::default() },
+    }
+}
+
+impl From<&Diagnosis> for Answer {
+    fn from(d: &Diagnosis) -> Self {
+        let named = |e: &diagnosis::Named| Named {
+            name: e.name.clone(),
+            probability: e.confidence.probability(),
+            explained: e.explained,
+            parameters: e
+                .parameters
+                .iter()
+                .map(|p| (p.name.clone(), (p.value, Some(p.std).filter(|s| s.is_finite()))))
+                .collect(),
+        };
+        Self {
+            verdict: d.verdict.to_string(),
+            effects: d.effects.iter().map(named).collect(),
+            indistinguishable: d.indistinguishable.clone(),
+            channels: d.channels.iter().map(ToString::to_string).collect(),
+            rms_before: d.rms_before.clone(),
+            rms_after: d.rms_after.clone(),
+            noise_floor: d.noise_floor.clone(),
+            location: d.unexplained.as_ref().map(|u| u.location.clone()),
+            formula: d.unexplained.as_ref().and_then(|u| {
+                let energy = |rms: &[f64]| -> f64 {
+                    rms.iter().zip(&d.noise_floor).map(|(r, f)| (r / f).powi(2) - 1.0).sum::<f64>()
+                };
+                let (before, after) = (energy(&d.rms_before), energy(&u.rms));
+                (before > 0.0).then(|| (1.0 - after / before).clamp(0.0, 1.0))
+            }),
+            ..Self::default()
+        }
+    }
+}
+
+impl Answer {
+    /// Largest held-out RMS residual with what was found over the noise.
+    pub fn held_out_ratio(&self) -> Option<f64> {
+        let ratios = self.rms_after.iter().zip(&self.noise_floor).map(|(r, f)| r / f);
+        ratios.fold(None, |worst, r| Some(worst.map_or(r, |w: f64| w.max(r))))
+    }
+
+    /// Whether `name` was named, alone or in a set small enough to mean something.
+    fn names(&self, name: &str) -> bool {
+        self.effects.iter().any(|e| e.name == name) || self.in_small_set(name)
+    }
+
+    /// Whether `name` is in a set small enough to mean something.
+    pub fn in_small_set(&self, name: &str) -> bool {
+        self.indistinguishable.iter().any(|set| set.len() <= LARGEST_SET && set.iter().any(|n| n == name))
+    }
+}
+
+/// How good an answer is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Grade {
+    /// The truth: its effect first or in a set of at most three, unless the verdict is `unknown`; `none` of nothing;
+    /// `unknown` of what is outside the library.
+    Right,
+    /// One of two effects.
+    Half,
+    /// `none` or `unknown` was said although something known is hidden.
+    Missed,
+    /// Something else was named.
+    Wrong,
+    /// Something else was named alone with a probability of 0.9 or more.
+    ConfidentlyWrong,
+    /// There was no answer.
+    Failed,
+}
+
+/// What kind of question a truth is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Question {
+    /// Nothing is hidden.
+    Nothing,
+    /// One effect of the library.
+    One,
+    /// Two or more of them.
+    Several,
+    /// Something that is not in the library.
+    Outside,
+}
+
+impl Question {
+    /// Of a truth.
+    pub fn of(truth: &Truth) -> Self {
+        let known = |name: &String| name != FORMULA && effects::find(name).is_some();
+        match truth.effects.len() {
+            0 => Self::Nothing,
+            _ if !truth.effects.iter().all(known) => Self::Outside,
+            1 => Self::One,
+            _ => Self::Several,
+        }
+    }
+}
+
+/// The effect through which campaigns hide what is outside the library.
+const FORMULA: &str = "formula";
+
+impl std::fmt::Display for Grade {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Right => "right",
+            Self::Half => "half",
+            Self::Missed => "missed",
+            Self::Wrong => "wrong",
+            Self::ConfidentlyWrong => "confidently wrong",
+            Self::Failed => "failed",
+        })
+    }
+}
+
+impl Grade {
+    /// Grades an answer.
+    pub fn of(truth: &Truth, answer: &Answer) -> Self {
+        if answer.failure.is_some() {
+            return Self::Failed;
+        }
+        let wrong = || {
+            let certain = answer.indistinguishable.is_empty()
+                && answer.verdict != "unknown"
+                && answer.effects.first().is_some_and(|e| e.probability >= CONFIDENT);
+            if certain { Self::ConfidentlyWrong } else { Self::Wrong }
+        };
+        let named_nothing = matches!(answer.verdict.as_str(), "none" | "unknown");
+        match Question::of(truth) {
+            Question::Nothing if answer.verdict == "none" => Self::Right,
+            Question::Nothing => wrong(),
+            Question::Outside if answer.verdict == "unknown" => Self::Right,
+            Question::Outside if answer.verdict == "none" => Self::Missed,
+            Question::Outside => wrong(),
+            Question::One => {
+                let name = &truth.effects[0];
+                let first = answer.effects.first().is_some_and(|e| e.name == *name);
+                match named_nothing {
+                    true => Self::Missed,
+                    false if first || answer.in_small_set(name) => Self::Right,
+                    false => wrong(),
+                }
+            }
+            Question::Several => {
+                let found = truth.effects.iter().filter(|n| answer.names(n)).count();
+                match found {
+                    _ if named_nothing => Self::Missed,
+                    0 => wrong(),
+                    n if n == truth.effects.len() => Self::Right,
+                    _ => Self::Half,
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! What is outside the library of effects: laws that no effect has, hidden as formulas.
+
+use deltatwin::effects::formula::{Expression, Formula, Place, Term};
+
+/// A law outside the library.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outside {
+    /// Name in files.
+    pub name: &'static str,
+    /// Where it acts, as in a model file.
+    pub at: &'static str,
+    /// Force there per unit of coefficient, N·m or N.
+    pub law: &'static str,
+}
+
+const fn law(name: &'static str, at: &'static str, law: &'static str) -> Outside {
+    Outside { name, at, law }
+}
+
+/// Laws that no effect of the library has.
+pub const LAWS: [Outside; 27] = [
+    law("cogging", "drive2", "cos(51*q2 + 0.4)"),
+    law("cable_spring", "drive3", "0.3 - q3"),
+    law("worn_sector", "drive1", "-tanh(60*qd1) * exp(-((q1 - 0.15)/0.12)^2)"),
+    law("churning", "drive2", "-qd2^3"),
+    law("magnet", "platform_z", "-1/(z + 1.6)^2"),
+    law("rail", "platform_y", "-sin(9*y)"),
+    law("crosstalk", "drive3", "-0.2*qd1*abs(qd2)"),
+    law("hum", "drive1", "sin(2*pi*11.7*t)"),
+    law("creep", "drive2", "sqrt(t) - 3"),
+    law("windage", "drive3", "-qd3*abs(qd3)"),
+    law("tilting_bearing", "drive4", "-tanh(20*qd4) * (1 + 3*x)"),
+    law("bellows", "telescope", "-(s - 1.1)^3"),
+    law("fine_cogging", "drive1", "sin(47*q1 + 0.7)"),
+    law("arm_spring", "drive2", "0.3 - q2"),
+    law("growing_friction", "drive3", "-tanh(50*qd3) * max(0, q3 - 0.3)"),
+    law("cubic_friction", "drive1", "-qd1^3"),
+    law("near_magnet", "platform_z", "-1/(z + 1.5)^2"),
+    law("lateral_field", "platform_x", "sin(15*x)"),
+    law("sticking_pose", "drive2", "-tanh(30*qd2) * exp(-((q2 - 0.4)/0.1)^2)"),
+    law("linear_drift", "drive1", "t"),
+    law("speed_product", "drive3", "-abs(qd1*qd2)"),
+    law("height_friction", "drive4", "-tanh(20*qd4) * (z + 1.2)"),
+    law("slow_hum", "drive2", "sin(2*pi*7.3*t)"),
+    law("eccentric_gear", "drive1", "qd1 * cos(5*q1)"),
+    law("worn_bush", "telescope", "-tanh(20*sd) * (s - 1.0)"),
+    law("drag_along_x", "platform_x", "-vx*abs(vx)"),
+    law("root_of_force", "drive2", "-tanh(50*qd2) * sqrt(abs(strut3_upper))"),
+];
+
+impl Outside {
+    /// The law called `name`.
+    pub fn named(name: &str) -> Option<Self> {
+        LAWS.iter().copied().find(|law| law.name == name)
+    }
+
+    /// The effect that hides it.
+    pub fn effect(self) -> &'static Formula {
+        let at = Place::named(self.at).expect("a place of a formula");
+        let law = Expression::parse(self.law).expect("an expression");
+        Formula::new(vec![(Term { name: self.name.into(), at, law }, 1.0)], false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_law_is_a_formula_and_found_by_its_name() {
+        for law in LAWS {
+            assert_eq!(Outside::named(law.name), Some(law));
+            assert_eq!(law.effect().terms.len(), 1);
+            assert!(Place::named(law.at).is_some());
+        }
+        assert_eq!(Outside::named("gremlins"), None);
+    }
+}

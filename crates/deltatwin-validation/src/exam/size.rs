@@ -1,0 +1,353 @@
+//! How large a hidden effect is made: by what it leaves after the model has been refitted.
+//!
+//! Along the desired motion, with B the columns of the model's own parameters and z the effect's contribution, both in units
+//! of the channels' noise σ, a refit leaves r = z − B·(BᵀB + γ)⁻¹Bᵀz. An effect of medium size raises the RMS residual √(σ² + r²) of
+//! the channel where it shows most by 20–60 %. That finds the channel and a first scale; the refit itself, with its
+//! limits on bodies and friction, corrects the scale.
+
+use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::motion::Motion;
+use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::effects::{ActiveEffect, Role};
+use deltatwin::identification::filtering::MIN_HALF_WIDTH;
+use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, own_size};
+use deltatwin::identification::{Trace, columns, predict};
+use deltatwin::model::{AXES, Model};
+use deltatwin::recording::Setup;
+
+/// How much of an effect is hidden.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
+pub enum Size {
+    /// 0.4 of the medium parameter.
+    Small,
+    /// Raises the refitted RMS residual by 20–60 %.
+    #[default]
+    Medium,
+    /// 2.5 of the medium parameter.
+    Large,
+}
+
+impl Size {
+    /// All sizes.
+    pub const ALL: [Self; 3] = [Self::Small, Self::Medium, Self::Large];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Small => "small",
+            Self::Medium => "medium",
+            Self::Large => "large",
+        }
+    }
+
+    /// Parameter over that of medium size.
+    pub fn factor(self) -> f64 {
+        match self {
+            Self::Small => 0.4,
+            Self::Medium => 1.0,
+            Self::Large => 2.5,
+        }
+    }
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// What an effect leaves after a refit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rise {
+    /// The channel on which the size was set.
+    pub channel: Channel,
+    /// Expected RMS residual over the noise, by channel.
+    pub ratios: Vec<(Channel, f64)>,
+    /// Whether its range, or what a body can be, keeps the effect from the size that was asked for.
+    pub limited: bool,
+}
+
+/// An effect with its values and what they leave.
+#[derive(Clone)]
+pub struct Hidden {
+    /// The effect with its values.
+    pub active: ActiveEffect,
+    /// What it leaves after a refit of the model.
+    pub rise: Rise,
+}
+
+/// RMS of the residual over the noise that an effect of medium size leaves.
+pub const MEDIUM: (f64, f64) = (1.2, 1.6);
+/// An effect that needs more than this times its usual magnitude to be of medium size in the torques is taken for
+/// invisible there.
+const VISIBLE: f64 = 100.0;
+/// RMS in units of the noise below which nobody sees an effect.
+const SILENT: f64 = 0.05;
+/// Corrections of the medium size by the refit itself.
+const CORRECTIONS: usize = 2;
+/// Spacing of the instants, s.
+const SPACING: f64 = 2e-3;
+/// Information of the prior of a fit, per own size squared, for fewer samples than a recording has.
+const PRIOR: f64 = 1e-2;
+
+/// Effects that come with one sign although their law allows both: friction falls as a drive warms, limbs gain mass.
+const POSITIVE: [&str; 2] = ["thermal_friction_drift", "limb_asymmetry"];
+/// Effects of which a machine has one item wrong, not all.
+const SINGLE: [&str; 3] = ["limb_asymmetry", "torque_gain_error", "strut_length_error"];
+
+/// The problem of sizing effects along one motion.
+pub struct Sizer<'a> {
+    robot: &'a Model,
+    setup: &'a Setup,
+    trace: Trace,
+    noise: Vec<f64>,
+    /// Columns of the robot's own parameters in units of noise and own size.
+    base: DMatrix<f64>,
+    inverse: DMatrix<f64>,
+    /// Information of the prior of a refit.
+    prior: f64,
+}
+
+impl<'a> Sizer<'a> {
+    /// For a robot that measures `channels` with `noise` along `motion`.
+    pub fn new(
+        robot: &'a Model,
+        setup: &'a Setup,
+        motion: &Motion,
+        duration: f64,
+        channels: &[Channel],
+        noise: &[f64],
+    ) -> Result<Self, FitError> {
+        let plant = Plant::new(robot, setup);
+        let n = (duration / SPACING).ceil() as usize;
+        let t: Vec<f64> = (0..n).map(|k| k as f64 * SPACING).collect();
+        let joints = t.iter().map(|&t| motion.at(t).joints(&plant.geometry)).collect::<Result<_, _>>();
+        let joints = joints.map_err(|source| FitError::Kinematics { recording: "desired".into(), source })?;
+        let trace = Trace {
+            name: "desired".into(),
+            setup: *setup,
+            joints,
+            channels: channels.to_vec(),
+            measured: vec![vec![0.0; n]; channels.len()],
+            segments: std::iter::once(0..n).collect(),
+            dt: SPACING,
+            // As of angles with noise: nothing is trimmed.
+            readings: deltatwin::identification::EncoderReadings::default(),
+            half_width: [MIN_HALF_WIDTH + 1; AXES],
+            t,
+        };
+        let all = columns(&plant, &trace, None).map_err(kinematics(&trace))?;
+        let own: Vec<DVector<f64>> = plant
+            .parameters()
+            .iter()
+            .zip(&all)
+            .filter(|(p, _)| p.role != Role::Fixed)
+            .map(|(p, column)| own_size(p) * stacked(column, noise))
+            .collect();
+        let base = DMatrix::from_columns(&own);
+        let m = base.ncols();
+        // The prior of a fit whose samples are as dense as the robot's.
+        let prior = PRIOR * robot.sample_time / SPACING;
+        let normal = base.tr_mul(&base) + DMatrix::identity(m, m) * prior;
+        let inverse = normal.cholesky().map_or_else(|| DMatrix::zeros(m, m), |c| c.inverse());
+        Ok(Self { robot, setup, trace, noise: noise.to_vec(), base, inverse, prior })
+    }
+
+    /// Draws the values of an effect of the given size.
+    pub fn draw(
+        &self,
+        effect: &'static dyn deltatwin::effects::Effect,
+        size: Size,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Hidden, FitError> {
+        let active = self.shaped(effect, rng);
+        let mut direction = direction(&active, rng);
+        let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
+        if active.has_gears() {
+            // Gears that leave so little would be ten times as stiff as any: medium is their usual compliance.
+            return self.hidden(active, &direction, size.factor(), None);
+        }
+        let left = self.left(&active, &direction)?;
+        let mut most = self.most(&active, &direction);
+        // Scale of the direction at which a channel's residual rises as wanted.
+        let needed = |c: usize| (wanted * wanted - 1.0f64).sqrt() / left[c].max(f64::MIN_POSITIVE);
+        let best = |torque: bool| {
+            let own = (0..left.len()).filter(|&c| self.trace.channels[c].drive().is_some() == torque);
+            own.min_by(|&a, &b| needed(a).total_cmp(&needed(b)))
+        };
+        let torque = best(true).expect("a machine has drives");
+        let channel = match best(false) {
+            Some(strut) if needed(torque) > VISIBLE.min(most) && needed(strut) < needed(torque).min(most) => strut,
+            _ => torque,
+        };
+        if needed(channel) > most && !POSITIVE.contains(&effect.name()) {
+            // The other way there may be more room.
+            let other: Vec<f64> = direction.iter().map(|d| -d).collect();
+            let room = self.most(&active, &other);
+            if room > most {
+                (direction, most) = (other, room);
+            }
+        }
+        let mut medium = needed(channel);
+        // The law need not be linear, and a refit cannot take what no body and no friction can have.
+        for _ in 0..CORRECTIONS {
+            if medium < most {
+                let exact = self.left_exactly(&active, &direction, medium)?[channel].max(f64::MIN_POSITIVE);
+                medium *= ((wanted * wanted - 1.0f64).sqrt() / exact).clamp(0.2, 5.0);
+            }
+        }
+        let asked = size.factor() * medium;
+        // What cannot be seen at any size keeps its usual one.
+        let scale = if medium > most && left[channel] * most < SILENT { most.min(1.0) } else { asked.min(most) };
+        self.hidden(active, &direction, scale, Some((channel, scale < asked)))
+    }
+
+    /// The effect at `scale` times `direction`, sized by a channel (the one where it shows most if none is given) and limited
+    /// or not.
+    fn hidden(
+        &self,
+        mut active: ActiveEffect,
+        direction: &[f64],
+        scale: f64,
+        sized: Option<(usize, bool)>,
+    ) -> Result<Hidden, FitError> {
+        let left = self.left_exactly(&active, direction, scale)?;
+        for (value, d) in active.values.iter_mut().zip(direction).filter(|(_, d)| **d != 0.0) {
+            *value = scale * d;
+        }
+        let most = (0..left.len()).max_by(|&a, &b| left[a].total_cmp(&left[b])).unwrap_or(0);
+        let (channel, limited) = sized.unwrap_or((most, false));
+        let ratios = self.trace.channels.iter().zip(&left).map(|(&c, l)| (c, l.hypot(1.0))).collect();
+        Ok(Hidden { active, rise: Rise { channel: self.trace.channels[channel], ratios, limited } })
+    }
+
+    /// The effect without action, with the robot's constants and a drawn shape.
+    fn shaped(&self, effect: &'static dyn deltatwin::effects::Effect, rng: &mut ChaCha8Rng) -> ActiveEffect {
+        let mut active = ActiveEffect::absent_on(effect, self.robot.host());
+        let entries = active.entries();
+        let grids = effect.shape_grids();
+        // Of several that are searched only one departs from its usual value.
+        let chosen = if grids.len() > 1 { rng.random_range(0..grids.len()) } else { 0 };
+        let mut shape = 0;
+        for (value, entry) in active.values.iter_mut().zip(&entries) {
+            let p = entry.parameter;
+            match p.role {
+                Role::Fixed => *value = effect.constant(&p, self.robot).unwrap_or(*value),
+                Role::Shape => {
+                    let usual = effect.constant(&p, self.robot).unwrap_or(p.default);
+                    *value = usual;
+                    if grids.len() == 1 || shape == chosen {
+                        // Between the inner starting points of a search for it.
+                        let grid = grids[chosen];
+                        let inner = |i: usize| grid.get(i).copied().unwrap_or(1.0);
+                        let (a, b) = (inner(1), inner(grid.len().saturating_sub(2)));
+                        let factor = a * (b / a).powf(rng.random_range(0.0..1.0));
+                        *value = (factor * usual).clamp(p.range.0, p.range.1);
+                    }
+                    shape += 1;
+                }
+                Role::Linear => {}
+            }
+        }
+        active
+    }
+
+    /// RMS per channel of what a refit leaves of the effect with its linear parameters at `direction`, in units of noise.
+    fn left(&self, active: &ActiveEffect, direction: &[f64]) -> Result<Vec<f64>, FitError> {
+        let all =
+            columns(&Plant::new(self.robot, self.setup), &self.trace, Some(active)).map_err(kinematics(&self.trace))?;
+        let n = self.trace.len();
+        let mut z = DVector::zeros(n * self.noise.len());
+        for (column, d) in all.iter().zip(direction).filter(|(_, d)| **d != 0.0) {
+            z += *d * stacked(column, &self.noise);
+        }
+        let imitated = &self.base * (&self.inverse * self.base.tr_mul(&z));
+        let r = z - imitated;
+        Ok((0..self.noise.len()).map(|c| (r.rows(c * n, n).norm_squared() / n as f64).sqrt()).collect())
+    }
+
+    /// The same of `scale` times `direction` by the refit itself, with all its limits, along the motion without noise.
+    fn left_exactly(&self, active: &ActiveEffect, direction: &[f64], scale: f64) -> Result<Vec<f64>, FitError> {
+        let with = self.with(active, direction, scale);
+        let mut trace = self.trace.clone();
+        trace.measured = predict(&Plant::new(&with, self.setup), &trace).map_err(kinematics(&trace))?;
+        let options = Options { prior_information: Some(self.prior), ..Options::default() };
+        let refitted = fit_with(self.robot, &[trace], std::slice::from_ref(&self.noise), &options)?;
+        Ok(refitted.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())
+    }
+
+    /// The robot with `scale` times `direction` of an effect.
+    fn with(&self, active: &ActiveEffect, direction: &[f64], scale: f64) -> Model {
+        let mut there = active.clone();
+        for (value, d) in there.values.iter_mut().zip(direction).filter(|(_, d)| **d != 0.0) {
+            *value = scale * d;
+        }
+        let mut robot = self.robot.clone();
+        robot.effects.push(there);
+        robot
+    }
+
+    /// Largest multiple of `direction` that is in the parameters' range and leaves bodies that can be.
+    fn most(&self, active: &ActiveEffect, direction: &[f64]) -> f64 {
+        let reach = |(entry, d): (&deltatwin::effects::Entry, &f64)| {
+            let (low, high) = entry.parameter.range;
+            (if *d > 0.0 { high } else { low }) / d
+        };
+        let entries = active.entries();
+        let high = entries.iter().zip(direction).filter(|(_, d)| **d != 0.0).map(reach).fold(f64::INFINITY, f64::min);
+        let possible = |scale: f64| {
+            let bodies = Plant::new(&self.with(active, direction, scale), self.setup).bodies;
+            bodies.0.iter().all(|b| b.min_eigenvalue() >= -POSSIBLE * b.mass.max(b.tensor.trace()).max(1e-3))
+        };
+        if possible(high) {
+            return high;
+        }
+        let (mut low, mut high) = (0.0, high);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if possible(middle) { low = middle } else { high = middle }
+        }
+        low
+    }
+}
+
+/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is rounding.
+const POSSIBLE: f64 = 1e-10;
+
+/// Linear parameters at half to one and a half of their usual magnitude, of either sign where that is allowed; zero
+/// elsewhere.
+fn direction(active: &ActiveEffect, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let both = !POSITIVE.contains(&active.effect.name());
+    let mut direction: Vec<f64> = active
+        .entries()
+        .iter()
+        .map(|entry| {
+            let p = entry.parameter;
+            let drawn = p.default * rng.random_range(0.5..1.5);
+            // A formula states its sign itself.
+            let either = both && p.range.0 < 0.0 && active.effect.formula().is_none();
+            let sign = if rng.random_bool(0.5) && either { -1.0 } else { 1.0 };
+            if p.role == Role::Linear { sign * drawn } else { 0.0 }
+        })
+        .collect();
+    if SINGLE.contains(&active.effect.name()) {
+        // Of torque gains, those of arms: nothing but axis 4's own parameters shows a gain of axis 4.
+        let arms = active.host.mechanism.arms();
+        let candidates: Vec<usize> = (0..direction.len()).filter(|&i| direction[i] != 0.0).collect();
+        let n = if active.effect.name() == "torque_gain_error" { arms } else { candidates.len() };
+        let kept = candidates[rng.random_range(0..n)];
+        direction.iter_mut().enumerate().filter(|(i, _)| *i != kept).for_each(|(_, d)| *d = 0.0);
+    }
+    direction
+}
+
+/// Channel by channel in units of its noise.
+fn stacked(column: &[Vec<f64>], noise: &[f64]) -> DVector<f64> {
+    DVector::from_iterator(
+        column.iter().map(Vec::len).sum(),
+        column.iter().zip(noise).flat_map(|(c, s)| c.iter().map(move |x| x / s)),
+    )
+}

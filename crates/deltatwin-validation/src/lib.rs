@@ -1,0 +1,5 @@
+//! What deltatwin says of itself: exams of the diagnosis on hidden effects, the demo, and the reproduction of the paper.
+
+pub mod demo;
+pub mod exam;
+pub mod reproduce;

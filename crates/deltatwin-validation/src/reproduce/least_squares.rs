@@ -1,0 +1,141 @@
+//! Weighted least squares on a stacked regressor (eq. 9), as the paper applies it: no prior, no consistency.
+
+use nalgebra::{DMatrix, DVector};
+
+use deltatwin::dynamics::{Plant, PlantParameter};
+use deltatwin::effects::Role;
+use deltatwin::identification::base_parameters::independent;
+use deltatwin::identification::{Trace, columns};
+use deltatwin::kinematics::KinematicsError;
+use deltatwin::model::{AXES, Model};
+
+/// Blocks of time for the standard errors.
+const BLOCKS: usize = 50;
+
+/// Regressor and torques of a recording: one row per axis and sample.
+pub struct Stack {
+    /// What the columns multiply.
+    pub parameters: Vec<PlantParameter>,
+    /// `[column][axis][sample]`, zero where a column does not act.
+    columns: Vec<[Vec<f64>; AXES]>,
+    /// `[axis][sample]`, N·m.
+    torque: [Vec<f64>; AXES],
+}
+
+/// Least-squares estimate.
+pub struct Solution {
+    /// Values; zero for columns that depend on others.
+    pub values: Vec<f64>,
+    /// Standard errors, from sums of the scores over blocks of time, right for residuals that are not white.
+    pub std: Vec<f64>,
+    /// Columns that were estimated: the base parameters.
+    pub base: Vec<usize>,
+}
+
+impl Stack {
+    /// All parameters of `model` that enter linearly.
+    pub fn new(model: &Model, trace: &Trace) -> Result<Self, KinematicsError> {
+        let plant = Plant::new(model, &trace.setup);
+        let all = columns(&plant, trace, None)?;
+        let (parameters, columns) = plant
+            .parameters()
+            .into_iter()
+            .zip(all)
+            .filter(|(p, _)| p.role == Role::Linear)
+            .map(|(p, mut column)| (p, std::array::from_fn(|axis| std::mem::take(&mut column[axis]))))
+            .unzip();
+        Ok(Self { parameters, columns, torque: std::array::from_fn(|axis| trace.measured[axis].clone()) })
+    }
+
+    /// One parameter of its own for every axis a column acts on, in the order of the axes (eq. 46–47).
+    ///
+    /// Without couplings the axes then share nothing. Also returns the axis of each column.
+    pub fn by_axis(self) -> (Self, Vec<usize>) {
+        let samples = self.torque[0].len();
+        let (mut parameters, mut columns, mut axes) = (Vec::new(), Vec::new(), Vec::new());
+        for axis in 0..AXES {
+            for (parameter, column) in self.parameters.iter().zip(&self.columns) {
+                if column[axis].iter().any(|x| *x != 0.0) {
+                    let only = |a: usize| if a == axis { column[a].clone() } else { vec![0.0; samples] };
+                    parameters.push(parameter.clone());
+                    columns.push(std::array::from_fn(only));
+                    axes.push(axis);
+                }
+            }
+        }
+        (Self { parameters, columns, torque: self.torque }, axes)
+    }
+
+    /// Minimises Σ (residual / scale)², `scale` per axis in N·m.
+    pub fn solve(&self, scale: &[f64; AXES]) -> Solution {
+        let (samples, n) = (self.torque[0].len(), self.columns.len());
+        let row = |k: usize| (k / samples, k % samples);
+        let weighted = |axis: usize, x: f64| x / scale[axis];
+        // Columns of length one: the pivots say what the data tell, whatever the units.
+        let length: Vec<f64> = self
+            .columns
+            .iter()
+            .map(|c| {
+                let squares = |axis: usize| c[axis].iter().map(move |x| weighted(axis, *x).powi(2)).sum::<f64>();
+                (0..AXES).map(squares).sum::<f64>().sqrt().max(f64::MIN_POSITIVE)
+            })
+            .collect();
+        let matrix = DMatrix::from_fn(AXES * samples, n, |k, j| {
+            let (axis, sample) = row(k);
+            weighted(axis, self.columns[j][axis][sample]) / length[j]
+        });
+        let torque = DVector::from_fn(AXES * samples, |k, _| {
+            let (axis, sample) = row(k);
+            weighted(axis, self.torque[axis][sample])
+        });
+        let base = independent(&matrix.tr_mul(&matrix), 0.0);
+        let reduced = matrix.select_columns(&base);
+        let qr = reduced.clone().qr();
+        let mut right = torque.clone();
+        qr.q_tr_mul(&mut right);
+        let r = qr.r();
+        let x = r.solve_upper_triangular(&right.rows(0, base.len()).into_owned()).expect("independent columns");
+        let residual = torque - &reduced * &x;
+        let inverse = r.try_inverse().expect("independent columns");
+        let covariance = covariance(&reduced, &residual, &inverse, samples);
+        let (mut values, mut std) = (vec![0.0; n], vec![f64::INFINITY; n]);
+        for (i, &k) in base.iter().enumerate() {
+            values[k] = x[i] / length[k];
+            std[k] = covariance[(i, i)].max(0.0).sqrt() / length[k];
+        }
+        Solution { values, std, base }
+    }
+
+    /// Torques that the parameter values give, `[axis][sample]`.
+    pub fn torques(&self, values: &[f64]) -> [Vec<f64>; AXES] {
+        std::array::from_fn(|axis| {
+            let mut sum = vec![0.0; self.torque[axis].len()];
+            for (column, value) in self.columns.iter().zip(values).filter(|(_, v)| **v != 0.0) {
+                for (s, x) in sum.iter_mut().zip(&column[axis]) {
+                    *s += value * x;
+                }
+            }
+            sum
+        })
+    }
+}
+
+/// R⁻¹ (Σ s sᵀ) R⁻ᵀ of the scores s of blocks of time, all axes together.
+fn covariance(rows: &DMatrix<f64>, residual: &DVector<f64>, inverse: &DMatrix<f64>, samples: usize) -> DMatrix<f64> {
+    let n = rows.ncols();
+    let length = samples.div_ceil(BLOCKS).max(1);
+    let mut meat = DMatrix::zeros(n, n);
+    let mut blocks: f64 = 0.0;
+    for start in (0..samples).step_by(length) {
+        let count = length.min(samples - start);
+        let mut score = DVector::zeros(n);
+        for axis in 0..AXES {
+            let first = axis * samples + start;
+            score += rows.rows(first, count).tr_mul(&residual.rows(first, count));
+        }
+        meat += &score * score.transpose();
+        blocks += 1.0;
+    }
+    let normal = inverse * inverse.transpose();
+    &normal * meat * &normal * (blocks / (blocks - 1.0).max(1.0))
+}

@@ -1,0 +1,240 @@
+//! The page: one section per table or figure of the paper, as Markdown and as JSON.
+
+use std::fmt::Write as _;
+
+use serde_json::{Value, json};
+
+use deltatwin_report::Figure;
+use crate::terminal::significant;
+
+/// An estimate with its standard error, if it has one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Value.
+    pub value: f64,
+    /// Standard error; infinite where the data do not determine the value alone.
+    pub std: Option<f64>,
+}
+
+impl Estimate {
+    /// With a standard error.
+    pub fn new(value: f64, std: f64) -> Self {
+        Self { value, std: Some(std) }
+    }
+
+    /// Without.
+    pub fn plain(value: f64) -> Self {
+        Self { value, std: None }
+    }
+
+    fn text(&self) -> String {
+        match self.std {
+            None => significant(self.value, 4),
+            Some(std) if std.is_finite() && std > 0.0 => {
+                // As many digits as the standard error's second.
+                let decimals = (1 - std.log10().floor() as i32).max(0) as usize;
+                match decimals {
+                    0..=6 => format!("{:.decimals$} ± {std:.decimals$}", self.value),
+                    _ => format!("{} ± {}", significant(self.value, 4), significant(std, 2)),
+                }
+            }
+            Some(_) => format!("{} (not alone)", significant(self.value, 4)),
+        }
+    }
+}
+
+/// One quantity: what was estimated, what is true of the twin, what the paper prints.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// What.
+    pub quantity: String,
+    /// Its unit.
+    pub unit: &'static str,
+    /// One per estimate column of the table.
+    pub ours: Vec<Option<Estimate>>,
+    /// The twin's own value.
+    pub truth: Option<f64>,
+    /// The paper's.
+    pub paper: Option<f64>,
+}
+
+impl Row {
+    /// A single estimate beside truth and paper.
+    pub fn new(quantity: impl Into<String>, unit: &'static str, ours: Estimate) -> Self {
+        Self { quantity: quantity.into(), unit, ours: vec![Some(ours)], truth: None, paper: None }
+    }
+
+    /// With the twin's own value.
+    #[must_use]
+    pub fn truth(mut self, truth: f64) -> Self {
+        self.truth = Some(truth);
+        self
+    }
+
+    /// With the paper's.
+    #[must_use]
+    pub fn paper(mut self, paper: f64) -> Self {
+        self.paper = Some(paper);
+        self
+    }
+
+    /// Distance of the estimate in `column` from the truth in standard errors.
+    pub fn errors(&self, column: usize) -> Option<f64> {
+        let Estimate { value, std } = self.ours.get(column).copied().flatten()?;
+        Some((value - self.truth?) / std.filter(|s| s.is_finite())?)
+    }
+}
+
+/// Ours beside the paper's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// Titles of the estimate columns.
+    pub titles: Vec<String>,
+    /// Rows.
+    pub rows: Vec<Row>,
+}
+
+impl Comparison {
+    /// A table with one estimate column.
+    pub fn new(title: &str, rows: Vec<Row>) -> Self {
+        Self { titles: vec![title.into()], rows }
+    }
+
+    /// The rows whose estimate in `column` lies further than three standard errors from the truth, and how many have both.
+    pub fn misses(&self, column: usize) -> (Vec<&str>, usize) {
+        let judged: Vec<(&str, f64)> =
+            self.rows.iter().filter_map(|r| Some((r.quantity.as_str(), r.errors(column)?))).collect();
+        (judged.iter().filter(|(_, e)| e.abs() > 3.0).map(|(name, _)| *name).collect(), judged.len())
+    }
+
+    /// The same in words.
+    pub fn hits(&self, column: usize) -> String {
+        match self.misses(column) {
+            (missed, n) if missed.is_empty() => {
+                format!("All {n} estimates lie within three standard errors of the twin's own values.")
+            }
+            (missed, n) => format!(
+                "{} of {n} estimates lie within three standard errors of the twin's own values, not {}.",
+                n - missed.len(),
+                missed.join(", ")
+            ),
+        }
+    }
+
+    fn markdown(&self) -> String {
+        let truth = self.rows.iter().any(|r| r.truth.is_some());
+        let paper = self.rows.iter().any(|r| r.paper.is_some());
+        let mut header = vec!["quantity".to_string()];
+        header.extend(self.titles.iter().cloned());
+        header.extend(truth.then(|| "twin's truth".into()));
+        header.extend(paper.then(|| "paper".into()));
+        header.push("unit".into());
+        let last = header.len() - 1;
+        let mut out = format!("| {} |\n|", header.join(" | "));
+        for k in 0..header.len() {
+            out += if k == 0 || k == last { "---|" } else { "---:|" };
+        }
+        out.push('\n');
+        let number = |x: Option<f64>| x.map_or("–".into(), |x| significant(x, 4));
+        for row in &self.rows {
+            let mut cells = vec![row.quantity.clone()];
+            cells.extend(row.ours.iter().map(|e| e.map_or("–".into(), |e| e.text())));
+            cells.extend(truth.then(|| number(row.truth)));
+            cells.extend(paper.then(|| number(row.paper)));
+            cells.push(row.unit.into());
+            let _ = writeln!(out, "| {} |", cells.join(" | "));
+        }
+        out
+    }
+
+    fn json(&self) -> Value {
+        let estimate = |e: &Option<Estimate>| match e {
+            Some(e) => json!({ "value": e.value, "std": e.std.filter(|s| s.is_finite()) }),
+            None => Value::Null,
+        };
+        let rows: Vec<Value> = self
+            .rows
+            .iter()
+            .map(|r| {
+                let ours: Vec<Value> = r.ours.iter().map(estimate).collect();
+                json!({ "quantity": r.quantity, "unit": r.unit, "ours": ours, "truth": r.truth, "paper": r.paper })
+            })
+            .collect();
+        json!({ "columns": self.titles, "rows": rows })
+    }
+}
+
+/// A figure with its file name, without extension, and caption.
+pub struct Plot {
+    /// File stem.
+    pub name: &'static str,
+    /// The figure.
+    pub figure: Figure,
+    /// What it shows.
+    pub caption: String,
+}
+
+/// One table or figure of the paper.
+pub struct Section {
+    /// Key in JSON, e.g. `table_1`.
+    pub key: &'static str,
+    /// Heading.
+    pub title: String,
+    /// What was done.
+    pub text: String,
+    /// Numbers.
+    pub tables: Vec<Comparison>,
+    /// Figures.
+    pub plots: Vec<Plot>,
+    /// Whether it agrees with the paper, and why not where it does not.
+    pub agreement: String,
+}
+
+impl Section {
+    /// Markdown; figures are referred to by file name.
+    pub fn markdown(&self) -> String {
+        let mut out = format!("## {}\n\n{}\n\n", self.title, self.text);
+        for table in &self.tables {
+            out += &format!("{}\n", table.markdown());
+        }
+        for plot in &self.plots {
+            let _ = write!(out, "![{}]({}.svg)\n\n*{}*\n\n", plot.figure.title(), plot.name, plot.caption);
+        }
+        if !self.agreement.is_empty() {
+            let _ = write!(out, "**Agreement.** {}\n\n", self.agreement);
+        }
+        out
+    }
+
+    /// Tables and agreement.
+    pub fn json(&self) -> Value {
+        let tables: Vec<Value> = self.tables.iter().map(Comparison::json).collect();
+        json!({ "title": self.title, "tables": tables, "agreement": self.agreement })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_show_what_is_known_of_them() {
+        assert_eq!(Estimate::new(0.15024, 0.00031).text(), "0.15024 ± 0.00031");
+        assert_eq!(Estimate::new(12.3456, 2.0).text(), "12.3 ± 2.0");
+        assert_eq!(Estimate::new(1.93e-5, 4.4e-8).text(), "1.930e-5 ± 4.4e-8");
+        assert_eq!(Estimate::plain(0.1234567).text(), "0.1235");
+        assert_eq!(Estimate::new(2.0, f64::INFINITY).text(), "2.000 (not alone)");
+    }
+
+    #[test]
+    fn a_table_beside_the_paper() {
+        let near = Row::new("m", "kg", Estimate::new(1.0, 0.1)).truth(1.2).paper(1.12);
+        let far = Row::new("c", "m", Estimate::new(1.0, 0.1)).truth(1.4);
+        let table = Comparison::new("identified", vec![near, far]);
+        let text = "| quantity | identified | twin's truth | paper | unit |\n|---|---:|---:|---:|---|\n\
+                    | m | 1.00 ± 0.10 | 1.200 | 1.120 | kg |\n| c | 1.00 ± 0.10 | 1.400 | – | m |\n";
+        assert_eq!(table.markdown(), text);
+        assert_eq!(table.misses(0), (vec!["c"], 2));
+        assert!(table.hits(0).starts_with("1 of 2 estimates lie") && table.hits(0).ends_with("not c."));
+    }
+}

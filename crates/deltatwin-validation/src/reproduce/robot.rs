@@ -1,0 +1,61 @@
+//! The robot that stands in for the real one, assembled and taken apart.
+//!
+//! One machine throughout: the arms and arm drives of the disassembled model (the paper's Table 1) carry the struts,
+//! platform and telescope of the assembled one (Tables 3 and 4) and, if wished, the friction of its ball sockets.
+
+use nalgebra::Vector3;
+
+use super::paper;
+use deltatwin::effects::{ActiveEffect, find};
+use deltatwin::model::bodies::{ARM, ROTOR, STRUT};
+use deltatwin::model::{ARMS, Inertia, Model, STRUTS};
+
+/// Effects in the ball sockets.
+const SOCKET_FRICTION: [&str; 3] = ["ball_socket_viscous", "ball_socket_coulomb", "ball_socket_load_dependent"];
+const DRIVE_FRICTION: &str = "drive_friction";
+
+/// `assembled` with the arms, the rotor and the arm drives' friction of `disassembled`.
+pub fn one_machine(mut assembled: Model, disassembled: &Model) -> Model {
+    for body in (ARM..STRUT).chain([ROTOR]) {
+        assembled.bodies[body] = disassembled.bodies[body];
+    }
+    let own = disassembled.effects.iter().find(|a| a.effect.name() == DRIVE_FRICTION);
+    let target = assembled.effects.iter_mut().find(|a| a.effect.name() == DRIVE_FRICTION);
+    if let (Some(own), Some(target)) = (own, target) {
+        for block in [0, 1] {
+            for arm in 0..ARMS {
+                let at = target.values().index(block, arm);
+                target.values[at] = own.values().block(block)[arm];
+            }
+        }
+    }
+    assembled
+}
+
+/// The same robot with balls that turn freely.
+pub fn without_socket_friction(robot: &Model) -> Model {
+    let mut free = robot.clone();
+    free.effects.retain(|a| !SOCKET_FRICTION.contains(&a.effect.name()));
+    free
+}
+
+/// A weight, kg, on the elbow of every arm (section 6.2.1; the paper does not say where on the arm it hung).
+pub fn with_arm_weights(robot: &Model, mass: f64) -> Model {
+    let mut loaded = robot.clone();
+    for arm in ARM..STRUT {
+        loaded.bodies[arm] += Inertia::point(mass, Vector3::x() * robot.geometry.arm_length);
+    }
+    loaded
+}
+
+/// The measurement strut of 340 g in place of strut 1 (section 6.5): what it weighs more, spread evenly along it.
+pub fn with_measurement_strut(robot: &Model) -> Model {
+    let mut measuring = robot.clone();
+    let mut extra = [0.0; STRUTS];
+    extra[0] = paper::MEASUREMENT_STRUT - robot.bodies[STRUT].mass;
+    let lengths = [[robot.geometry.strut_length[0]], [robot.geometry.arm_length]];
+    let effect = find("limb_asymmetry").expect("a registered effect");
+    measuring.effects.retain(|a| a.effect.name() != effect.name());
+    measuring.effects.push(ActiveEffect::new(effect, &[&extra, &[0.0; ARMS], &lengths[0], &lengths[1]]));
+    measuring
+}

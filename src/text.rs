@@ -1,0 +1,42 @@
+//! Numbers as text, and suggestions for misspelt names.
+
+/// A number with `digits` significant digits, plain where that is short.
+pub fn significant(x: f64, digits: usize) -> String {
+    if x == 0.0 || !x.is_finite() {
+        return if x == 0.0 { "0".into() } else { "—".into() };
+    }
+    let exponent = x.abs().log10().floor() as i32;
+    if (-4..6).contains(&exponent) {
+        let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
+        format!("{x:.decimals$}")
+    } else {
+        format!("{x:.*e}", digits - 1)
+    }
+}
+
+/// The known name that `wrong` is most likely meant to be; `None` where all are too far from it.
+///
+/// Near is a Damerau–Levenshtein distance of at most a third of the name's length (at least two), or one name within the
+/// other from three letters on.
+pub fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let distances = known.into_iter().map(|name| (strsim::damerau_levenshtein(wrong, name), name));
+    let within = |name: &str| wrong.len() > 2 && (name.contains(wrong) || wrong.contains(name));
+    distances
+        .filter(|(distance, name)| *distance <= name.len().div_ceil(3).max(2) || within(name))
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, name)| name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_near_names_are_suggested() {
+        let known = ["air_drag", "base_tilt", "hose_spring"];
+        assert_eq!(nearest("air_darg", known), Some("air_drag"));
+        assert_eq!(nearest("spring", known), Some("hose_spring"));
+        assert_eq!(nearest("quantum_foam", known), None);
+        assert_eq!(nearest("xyz", known), None);
+    }
+}
