@@ -144,7 +144,7 @@ pub enum Weighing {
 /// How the possible parameters of least cost are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Consistency {
-    /// Convex programme with second-order cones, and log-Cholesky where its solver finds no solution.
+    /// Convex programme with second-order cones, and log-Cholesky where its solver proves none.
     #[default]
     Cones,
     /// Log-Cholesky variables, in which every value is possible.
@@ -230,6 +230,8 @@ const NEARLY_NOTHING: f64 = 0.2;
 const MIN_SAMPLES: usize = 200;
 /// Cost of becoming possible beyond which it is no chance: five standard errors of one parameter.
 const NOTABLE: f64 = 12.5;
+/// Gap, relative to the cost, up to which the convex programme's answer is taken.
+const CERTIFIED: f64 = 1e-5;
 const MAX_ITERATIONS: usize = 8;
 /// Fall of the cost that still counts as progress, in units of the mean cost of a residual if that is above the noise's:
 /// a parameter moved by its own standard error changes the cost by about one of them.
@@ -633,7 +635,7 @@ impl<'a> Regression<'a> {
             return (cost.centre, cost.classes, None);
         }
         let convex = match self.consistency {
-            Consistency::Cones => cones::minimise(&cost),
+            Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= CERTIFIED * cost.of(&c.x)),
             Consistency::LogCholesky => None,
         };
         let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
