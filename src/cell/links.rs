@@ -10,31 +10,31 @@ use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, 
 use crate::model::{ARMS, Geometry, STRUTS};
 
 /// Radius of an arm's tube, m; estimate from pictures.
-pub(crate) const ARM_RADIUS: f64 = 0.03;
+pub const ARM_RADIUS: f64 = 0.03;
 /// Arm's tube ends this far before the ball line, where the struts are, m; estimate.
-pub(crate) const ARM_TRIM: f64 = 0.06;
+pub const ARM_TRIM: f64 = 0.06;
 /// Radius of the balls, m; CAD.
-pub(crate) const BALL_RADIUS: f64 = 0.0095;
+pub const BALL_RADIUS: f64 = 0.0095;
 /// Radius of a strut's tube, m; CAD, outside diameter 16 mm.
-pub(crate) const STRUT_RADIUS: f64 = 0.008;
+pub const STRUT_RADIUS: f64 = 0.008;
 /// Gap between a strut's rounded end and the ball, m, so that neighbours do not touch.
 const STRUT_GAP: f64 = 1e-3;
 /// Half the thickness of the platform, m; estimate.
-pub(crate) const PLATFORM_THICKNESS: f64 = 0.012;
+pub const PLATFORM_THICKNESS: f64 = 0.012;
 /// The plate's middle line lies this far inside the ball pairs, m; estimate.
-pub(crate) const PLATFORM_INSET: f64 = 0.015;
+pub const PLATFORM_INSET: f64 = 0.015;
 /// Radius of the flange face, m; estimate.
-pub(crate) const FLANGE_RADIUS: f64 = 0.025;
+pub const FLANGE_RADIUS: f64 = 0.025;
 /// Rounding of the flange's rim, m; estimate.
 const FLANGE_ROUNDING: f64 = 0.005;
 /// Radius of the telescope's upper rod, m; CAD, diameter 14.5 mm.
-pub(crate) const ROD_RADIUS: f64 = 0.00725;
+pub const ROD_RADIUS: f64 = 0.00725;
 /// The rod ends this far before the lower Hooke joint when the telescope is shortest, m; CAD, 812 − 760 mm.
-pub(crate) const ROD_CLEARANCE: f64 = 0.052;
+pub const ROD_CLEARANCE: f64 = 0.052;
 /// Radius of the telescope's lower tube, m; CAD, outside diameter 27.5 mm.
-pub(crate) const TUBE_RADIUS: f64 = 0.01375;
+pub const TUBE_RADIUS: f64 = 0.01375;
 /// The tube ends this far before the upper Hooke joint when the telescope is shortest, m; CAD, 812 − 776.5 mm.
-pub(crate) const TUBE_CLEARANCE: f64 = 0.0355;
+pub const TUBE_CLEARANCE: f64 = 0.0355;
 /// Underside of the frame's plate above the shaft plane, m, so that raised arms clear it; estimate from pictures.
 const FRAME_BOTTOM: f64 = 0.1;
 /// Corners of the plate and of the flange's rim.

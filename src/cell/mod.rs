@@ -10,7 +10,7 @@ mod contact;
 mod hooks;
 mod hull;
 pub mod law;
-pub(crate) mod links;
+pub mod links;
 pub mod mesh;
 mod neighbours;
 pub mod object;

@@ -26,6 +26,16 @@ pub enum Channel {
 }
 
 impl Channel {
+    /// Title in tables and figures.
+    pub fn title(self) -> String {
+        match self {
+            Self::Torque(i) => format!("axis {} torque", i + 1),
+            Self::Force(i) => format!("axis {} force", i + 1),
+            Self::StrutUpper(i) => format!("strut {} upper force", i + 1),
+            Self::StrutLower(i) => format!("strut {} lower force", i + 1),
+        }
+    }
+
     /// The four drive torques.
     pub const TORQUES: [Self; AXES] = [Self::Torque(0), Self::Torque(1), Self::Torque(2), Self::Torque(3)];
 

@@ -514,7 +514,7 @@ fn remove_absent_effects(root: &mut Table, model: &Model) {
 }
 
 /// Writes `text` beside `path` and renames it, so a reader never sees half of it.
-pub(crate) fn replace_file(path: &Path, text: &str) -> std::io::Result<()> {
+pub fn replace_file(path: &Path, text: &str) -> std::io::Result<()> {
     use std::io::Write;
     // through a symbolic link, to the file itself
     let path = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());

@@ -89,7 +89,8 @@ pub enum WriteError {
 }
 
 impl WriteError {
-    pub(super) fn invalid(file: &Path, problem: impl Into<String>) -> Self {
+    /// An error of what was to be written to `file`.
+    pub fn invalid(file: &Path, problem: impl Into<String>) -> Self {
         Self::Invalid { file: file.into(), problem: problem.into() }
     }
 }

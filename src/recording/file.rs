@@ -25,7 +25,7 @@ pub(super) fn beside(path: &Path) -> io::Result<NamedTempFile> {
 }
 
 /// Lets `write` fill a temporary file, then renames it to `path`.
-pub(crate) fn replace<E: Into<io::Error>>(
+pub fn replace<E: Into<io::Error>>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
 ) -> Result<(), WriteError> {

@@ -10,7 +10,7 @@ pub mod csv;
 mod difference;
 mod epoch;
 mod error;
-pub(crate) mod file;
+pub mod file;
 mod payload;
 pub mod setup;
 

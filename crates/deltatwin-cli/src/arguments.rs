@@ -1,12 +1,12 @@
 //! The commands.
 
 use clap::{Parser, Subcommand};
-use deltatwin::{
-    check, comparison, constraint_forces, demo, diagnosis, effects, exam, excitation, identification, planner,
-    recording, reproduce, twin,
+#[cfg(feature = "viewer")]
+use crate::command::replay;
+use crate::command::{
+    check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce, shell,
+    simulate,
 };
-
-use crate::shell;
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
 #[derive(Parser)]
@@ -19,24 +19,24 @@ pub struct Cli {
 /// One variant per command.
 #[derive(Subcommand)]
 pub enum Command {
-    Demo(demo::command::Args),
-    Reproduce(reproduce::command::Args),
-    Simulate(twin::command::Args),
-    Import(recording::command::import::Args),
-    Export(recording::command::export::Args),
-    Excite(excitation::command::Args),
-    Identify(identification::command::Args),
-    Noise(identification::noise::Args),
-    Compare(comparison::command::Args),
-    Diagnose(diagnosis::command::diagnose::Args),
-    Add(diagnosis::command::add::Args),
-    Exam(exam::command::Args),
-    Effects(effects::command::Args),
-    Forces(constraint_forces::command::Args),
-    Plan(planner::command::Args),
+    Demo(demo::Args),
+    Reproduce(reproduce::Args),
+    Simulate(simulate::Args),
+    Import(convert::import::Args),
+    Export(convert::export::Args),
+    Excite(excite::Args),
+    Identify(identify::Args),
+    Noise(noise::Args),
+    Compare(compare::Args),
+    Diagnose(diagnose::diagnose::Args),
+    Add(diagnose::add::Args),
+    Exam(exam::Args),
+    Effects(effects::Args),
+    Forces(forces::Args),
+    Plan(plan::Args),
     #[cfg(feature = "viewer")]
-    Replay(deltatwin::replay::command::Args),
-    Check(check::command::Args),
+    Replay(replay::Args),
+    Check(check::Args),
     Completions(shell::Completions),
     Man(shell::Man),
 }

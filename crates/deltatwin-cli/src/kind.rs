@@ -1,7 +1,5 @@
 //! What a file is and whether it is right: models, scenarios, setups, recordings.
 
-pub mod command;
-
 use std::path::Path;
 
 use miette::{IntoDiagnostic, WrapErr, miette};

@@ -1,15 +1,18 @@
 //! The `deltatwin` command line.
 
-mod cli;
-mod shell;
+mod arguments;
+mod command;
+mod data;
+mod kind;
+mod terminal;
 
 use std::process::ExitCode;
 
 use clap::Parser;
-use cli::{Cli, Command};
-use deltatwin::{
-    check, comparison, constraint_forces, demo, diagnosis, effects, exam, excitation, identification, planner,
-    recording, reproduce, terminal, twin,
+use arguments::{Cli, Command};
+use command::{
+    check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce, shell,
+    simulate,
 };
 use miette::MietteHandlerOpts;
 
@@ -28,7 +31,7 @@ fn main() -> ExitCode {
             usage.exit()
         }
     };
-    match run(cli.command.unwrap_or_else(|| Command::Demo(demo::command::Args::default()))) {
+    match run(cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default()))) {
         Ok(status) => ExitCode::from(status),
         Err(report) => {
             eprintln!("{report:?}");
@@ -51,24 +54,24 @@ fn print_json_error(message: &str, causes: &[String], help: Option<String>) {
 
 fn run(command: Command) -> miette::Result<u8> {
     match &command {
-        Command::Demo(args) => demo::command::run(args),
-        Command::Reproduce(args) => reproduce::command::run(args),
-        Command::Simulate(args) => twin::command::run(args),
-        Command::Import(args) => recording::command::import::run(args),
-        Command::Export(args) => recording::command::export::run(args),
-        Command::Excite(args) => excitation::command::run(args),
-        Command::Identify(args) => identification::command::run(args),
-        Command::Noise(args) => identification::noise::run(args),
-        Command::Compare(args) => comparison::command::run(args),
-        Command::Diagnose(args) => diagnosis::command::diagnose::run(args),
-        Command::Add(args) => diagnosis::command::add::run(args),
-        Command::Exam(args) => exam::command::run(args),
-        Command::Effects(args) => effects::command::run(args),
-        Command::Forces(args) => constraint_forces::command::run(args),
-        Command::Plan(args) => planner::command::run(args),
+        Command::Demo(args) => demo::run(args),
+        Command::Reproduce(args) => reproduce::run(args),
+        Command::Simulate(args) => simulate::run(args),
+        Command::Import(args) => convert::import::run(args),
+        Command::Export(args) => convert::export::run(args),
+        Command::Excite(args) => excite::run(args),
+        Command::Identify(args) => identify::run(args),
+        Command::Noise(args) => noise::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Diagnose(args) => diagnose::diagnose::run(args),
+        Command::Add(args) => diagnose::add::run(args),
+        Command::Exam(args) => exam::run(args),
+        Command::Effects(args) => effects::run(args),
+        Command::Forces(args) => forces::run(args),
+        Command::Plan(args) => plan::run(args),
         #[cfg(feature = "viewer")]
-        Command::Replay(args) => deltatwin::replay::command::run(args),
-        Command::Check(args) => check::command::run(args),
+        Command::Replay(args) => command::replay::run(args),
+        Command::Check(args) => check::run(args),
         Command::Completions(args) => shell::completions(args),
         Command::Man(args) => shell::man(args),
     }

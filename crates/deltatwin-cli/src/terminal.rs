@@ -13,6 +13,7 @@ use deltatwin::dynamics::Channel;
 use deltatwin::identification::Estimate;
 use deltatwin::model::{Mechanism, Model};
 use deltatwin::recording::file;
+use deltatwin::text::significant;
 use deltatwin_report::Figure;
 
 mod bars;
@@ -163,16 +164,6 @@ pub fn channel_names(channels: &[Channel]) -> Value {
     channels.iter().map(|c| json!(c.to_string())).collect()
 }
 
-/// Title of a channel in tables.
-pub fn channel_title(channel: Channel) -> String {
-    match channel {
-        Channel::Torque(i) => format!("axis {} torque", i + 1),
-        Channel::Force(i) => format!("axis {} force", i + 1),
-        Channel::StrutUpper(i) => format!("strut {} upper force", i + 1),
-        Channel::StrutLower(i) => format!("strut {} lower force", i + 1),
-    }
-}
-
 /// Rows of text in aligned columns: the first column to the left, `right` says which of the others to the right.
 pub struct Table {
     rows: Vec<Vec<String>>,
@@ -199,7 +190,7 @@ impl Table {
         for (c, &channel) in channels.iter().enumerate() {
             let values = series.iter().map(|(_, v)| significant(v[c], 4));
             table.row(
-                std::iter::once(channel_title(channel)).chain(values).chain(std::iter::once(channel.unit().into())),
+                std::iter::once(channel.title()).chain(values).chain(std::iter::once(channel.unit().into())),
             );
         }
         table

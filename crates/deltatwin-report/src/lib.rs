@@ -1,5 +1,6 @@
-//! Figures and the report page: generic drawing and HTML, no knowledge of the robot.
+//! Figures and pages: [`figure`] and [`html`] know nothing of the robot, [`drawing`] draws what the library finds.
 
+pub mod drawing;
 pub mod figure;
 pub mod html;
 

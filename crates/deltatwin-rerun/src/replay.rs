@@ -1,7 +1,5 @@
 //! A recording as a moving robot with measured and predicted torques in Rerun.
 
-pub mod command;
-
 use std::path::Path;
 
 use miette::IntoDiagnostic;

@@ -10,7 +10,7 @@ use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, 
 use deltatwin::recording::{Recording, Signals, WriteError};
 
 /// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
-pub(super) fn write(
+pub fn write(
     path: &Path,
     plant: &Plant,
     options: &Options,
@@ -24,7 +24,7 @@ pub(super) fn write(
 }
 
 /// Frames and events of a run without curves.
-pub(super) fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], events: &[Event]) -> Scene<'a> {
+pub fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], events: &[Event]) -> Scene<'a> {
     let times = frames.iter().map(|f| f.t).collect();
     let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
     scene.loose = Some(frames.iter().map(loose).collect());
@@ -36,7 +36,7 @@ pub(super) fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame]
 }
 
 /// Curves of the true loads on struts and sockets, where `signals` measure none.
-pub(super) fn loads(plant: &Plant, frames: &[Frame], signals: &Signals) -> Vec<Series> {
+pub fn loads(plant: &Plant, frames: &[Frame], signals: &Signals) -> Vec<Series> {
     if !plant.has(Part::Linkage) {
         return Vec::new();
     }

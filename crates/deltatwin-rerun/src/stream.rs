@@ -8,7 +8,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
-use deltatwin::twin::{Event, Frame, Options, Watcher, show};
+use deltatwin::twin::{Event, Frame, Options, Watcher};
+use crate::show;
 use deltatwin::dynamics::Plant;
 use deltatwin::recording::Signals;
 use crate::scene::{Live, Scene, Viewer, drives};
@@ -23,44 +24,6 @@ const PATIENCE: Duration = Duration::from_secs(8);
 /// A frame, and what happened since the one before.
 type Update = (Option<Frame>, Vec<Event>);
 
-/// Where to look at a run while it goes on.
-#[derive(clap::Args, Clone, Debug)]
-pub struct StreamArgs {
-    /// Stream to the Rerun viewer at this address while the twin runs, such as rerun+http://127.0.0.1:9876/proxy.
-    #[arg(long, value_name = "URL", conflicts_with = "spawn")]
-    connect: Option<String>,
-    /// Stream to a Rerun viewer on this machine, which is started if none runs; `rerun` must be in the path.
-    #[arg(long)]
-    spawn: bool,
-}
-
-impl StreamArgs {
-    /// Whether a stream was asked for.
-    pub fn wanted(&self) -> bool {
-        self.spawn || self.connect.is_some()
-    }
-
-    /// Opens the stream that was asked for, with a frame every `spacing` s; without a viewer there is a warning.
-    pub fn open(&self, name: &str, plant: &Plant, options: &mut Options, spacing: f64) -> Option<Stream> {
-        let viewer = match &self.connect {
-            Some(url) => Viewer::Connect(url.clone()),
-            None if self.spawn => Viewer::Spawn,
-            None => return None,
-        };
-        match Stream::open(&viewer, name, plant, options, spacing) {
-            Ok((stream, watcher)) => {
-                options.watcher = Some(watcher);
-                Some(stream)
-            }
-            Err(problem) => {
-                let who = self.connect.as_deref().unwrap_or("rerun");
-                eprintln!("warning: {who}: {problem}; the run goes on without a viewer");
-                None
-            }
-        }
-    }
-}
-
 /// A stream of one run.
 pub struct Stream {
     done: Receiver<Result<(), String>>,
@@ -69,7 +32,11 @@ pub struct Stream {
 }
 
 impl Stream {
-    fn open(
+    /// Opens a stream to `viewer`, with a frame every `spacing` s, and what is to watch the run.
+    ///
+    /// # Errors
+    /// If no viewer answers or none can be started.
+    pub fn open(
         viewer: &Viewer,
         name: &str,
         plant: &Plant,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::{Verified, check_as};
+use crate::kind::{Verified, check_as};
 use deltatwin::gate::combined;
 use crate::command::gate::{json as gate_json, line};
 use deltatwin::model::Model;

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use deltatwin::comparison::{Comparison, Finding, compare};
 use crate::command::gate::{guard, json as gate_json};
-use deltatwin::identification::{Data, DataArgs};
+use crate::data::{Data, DataArgs};
 use deltatwin::model::Model;
 use crate::terminal::{BAD_ANSWER, DONE, Table, channel_names, insert_channels, say, spinner, warn};
 

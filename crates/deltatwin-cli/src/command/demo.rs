@@ -106,7 +106,7 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     #[cfg(feature = "viewer")]
     {
         let path = folder.join("validation.rrd");
-        crate::replay::write(&path, &campaign.validation, &findings.identified.model)?;
+        deltatwin_rerun::replay::write(&path, &campaign.validation, &findings.identified.model)?;
         files.push(path);
     }
     Ok(files)

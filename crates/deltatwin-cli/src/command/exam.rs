@@ -14,9 +14,8 @@ use deltatwin_validation::exam::size::Size;
 use deltatwin_validation::exam::{Grade, figures, folder, judge};
 use deltatwin::model::{Mechanism, Model};
 use deltatwin::recording::Recording;
-use crate::terminal::{
-    DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, significant, warn, write_figure,
-};
+use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, warn, write_figure};
+use deltatwin::text::significant;
 
 /// Examine the diagnosis: hide effects in a robot, judge what is said about it, count.
 ///

@@ -13,9 +13,8 @@ use deltatwin::excitation::prospect::{Prospect, duration, in_words};
 use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design, median, scenario};
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::model::{Mechanism, Model};
-use crate::terminal::{
-    DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say, significant,
-};
+use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say};
+use deltatwin::text::significant;
 
 /// Design a motion that tells most about the parameters of a model.
 ///
@@ -35,7 +34,7 @@ pub struct Args {
     pub output: PathBuf,
     /// What is optimised.
     #[arg(long, value_enum, default_value_t)]
-    pub objective: Objective,
+    pub objective: Measure,
     /// Base frequency, Hz; the motion repeats after its inverse.
     #[arg(long, default_value_t = 0.1)]
     pub frequency: f64,
@@ -78,6 +77,25 @@ const SHOWN: usize = 8;
 const LONGEST: f64 = 3600.0;
 
 /// Reads `X,Y,Z,R`.
+/// What the design makes small.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Measure {
+    /// −log det of the information: the volume of the confidence ellipsoid, whatever the units of the parameters.
+    #[default]
+    Logdet,
+    /// Condition number of the weighted regressor with columns in units of the parameters' own sizes.
+    Condition,
+}
+
+impl From<Measure> for Objective {
+    fn from(chosen: Measure) -> Self {
+        match chosen {
+            Measure::Logdet => Self::Logdet,
+            Measure::Condition => Self::Condition,
+        }
+    }
+}
+
 fn hemisphere(text: &str) -> Result<Hemisphere, String> {
     let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
     match numbers[..] {
@@ -106,7 +124,7 @@ impl Args {
             return Err(miette!("--periods makes the run {length} s long; expected at most {LONGEST} s"));
         }
         Ok(Options {
-            objective: self.objective,
+            objective: self.objective.into(),
             frequency,
             harmonics: self.harmonics as usize,
             periods: self.periods as usize,

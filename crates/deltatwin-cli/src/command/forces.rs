@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
-use crate::check::{Kind, kind};
+use crate::kind::{Kind, kind};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::Trace;
 use deltatwin::kinematics::JointState;
@@ -16,9 +16,8 @@ use deltatwin::model::{ARMS, Model, STRUTS};
 use deltatwin::recording::{Recording, Setup, file};
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 use deltatwin::scenario::Scenario;
-use crate::terminal::{
-    DONE, Table, assembled_robot, check_output, path, say, significant, spinner, warn, write_figure,
-};
+use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
+use deltatwin::text::significant;
 
 /// Compute the constraint forces of a motion.
 ///
@@ -42,10 +41,29 @@ pub struct Args {
     pub setup: Option<PathBuf>,
     /// Which loads enter: all, or those of the paper's reduced model.
     #[arg(long, value_enum, default_value_t)]
-    pub loads: Detail,
+    pub loads: Which,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Which loads enter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Which {
+    /// The paper's reduced model: struts only along their axes, no telescope but the mass of its lower part on the platform.
+    Reduced,
+    /// All of them.
+    #[default]
+    Complete,
+}
+
+impl From<Which> for Detail {
+    fn from(chosen: Which) -> Self {
+        match chosen {
+            Which::Reduced => Self::Reduced,
+            Which::Complete => Self::Complete,
+        }
+    }
 }
 
 /// A motion with what was measured along it.
@@ -75,7 +93,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let one = |(k, (t, joints)): (usize, (&f64, &JointState))| {
         let pose = plant.motion(joints)?;
-        Ok(constraint_forces(&plant, *t, &pose, &states, args.loads).map_err(|e| e.at_sample(k))?.to_array())
+        Ok(constraint_forces(&plant, *t, &pose, &states, args.loads.into()).map_err(|e| e.at_sample(k))?.to_array())
     };
     let forces: Result<Vec<_>, deltatwin::kinematics::KinematicsError> =
         motion.t.par_iter().zip(&motion.joints).enumerate().map(one).collect();

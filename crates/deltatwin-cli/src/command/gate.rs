@@ -5,9 +5,10 @@ use serde_json::{Value, json};
 
 use deltatwin::gate::{Finding, combined, examine};
 use deltatwin::dynamics::Channel;
-use deltatwin::identification::{Data, DataArgs};
+use crate::data::{Data, DataArgs};
 use deltatwin::model::Model;
-use crate::terminal::{significant, warn};
+use crate::terminal::{warn};
+use deltatwin::text::significant;
 
 /// A residual so many times the noise is no answer.
 const MUCH: f64 = 10.0;

@@ -11,15 +11,15 @@ use serde_json::{Map, Value, json};
 use self::how::How;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{FitError, Moved, Unidentified, channel_rms, residuals};
-use deltatwin::identification::{BaseParameter, Data, DataArgs, Estimate, Fit, fit_with};
+use crate::data::{Data, DataArgs};
+use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
 use deltatwin::dynamics::{Channel, Plant};
 use crate::command::gate::{guard, much_is_left};
 use deltatwin::identification::trace::noise_floor as floor;
 use deltatwin::model::bodies::{Inertia, body_name};
 use deltatwin::model::{Model, Provenance};
-use crate::terminal::{
-    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, significant, spinner, today, warn,
-};
+use crate::terminal::{DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, spinner, today, warn};
+use deltatwin::text::significant;
 
 /// Estimate the parameters of a model from recordings.
 #[derive(clap::Args, Clone, Debug)]

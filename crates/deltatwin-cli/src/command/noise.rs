@@ -3,11 +3,13 @@
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
-use deltatwin::identification::{Data, DataArgs, Trace};
+use crate::data::{Data, DataArgs};
+use deltatwin::identification::Trace;
 use deltatwin::dynamics::Channel;
 use deltatwin::evidence::noise::{covariance, difference_covariance, rests};
 use deltatwin::model::AXES;
-use crate::terminal::{BAD_ANSWER, DONE, Table, say, significant, warn};
+use crate::terminal::{BAD_ANSWER, DONE, Table, say, warn};
+use deltatwin::text::significant;
 
 /// Covariance of the torque noise, from rests and from differences.
 #[derive(clap::Args, Clone, Debug)]

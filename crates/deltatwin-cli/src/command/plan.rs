@@ -8,12 +8,12 @@ use serde_json::{Map, Value, json};
 
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::{Execution, execute};
-use deltatwin::planner::{Limits, Machine, Options, Plan, PlanError, Task, figures, plan};
+use deltatwin::planner::{Limits, Machine, Options, Plan, PlanError, Task, plan};
 use deltatwin::dynamics::Plant;
 use deltatwin::recording::Recording;
-use crate::terminal::{
-    BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, significant, spinner, warn, write_figure,
-};
+use deltatwin_report::drawing;
+use crate::terminal::{BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
+use deltatwin::text::significant;
 
 /// Plan the fastest motion along a path.
 ///
@@ -91,13 +91,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(folder) = &args.figure {
         std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
         let mut all = vec![
-            ("path", figures::path(&curve)),
-            ("speed", figures::speed(&found)),
-            ("drives", figures::drives(&found, &task.limits)),
-            ("forces", figures::forces(&planned, &task.limits)),
+            ("path", drawing::plan::path(&curve)),
+            ("speed", drawing::plan::speed(&found)),
+            ("drives", drawing::plan::drives(&found, &task.limits)),
+            ("forces", drawing::plan::forces(&planned, &task.limits)),
         ];
         if let Some(execution) = &execution {
-            let [torques, struts, acceleration] = figures::execution(&planned, execution);
+            let [torques, struts, acceleration] = drawing::plan::execution(&planned, execution);
             all.extend([
                 ("executed-torques", torques),
                 ("executed-forces", struts),

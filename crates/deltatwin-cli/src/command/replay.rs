@@ -26,7 +26,7 @@ pub struct Args {
 }
 
 /// Model that a recording is compared with unless another is named.
-const SHIPPED: &str = include_str!("../../models/irb360-6-1600.toml");
+const SHIPPED: &str = include_str!("../../../../models/irb360-6-1600.toml");
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {

@@ -56,6 +56,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             *done += share * STEPS;
             progress.set_position(*done as u64);
         }
+        !interrupted()
     });
     progress.finish_and_clear();
     if interrupted() {

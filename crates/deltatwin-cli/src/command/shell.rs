@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use clap::CommandFactory;
 use clap_complete::Shell;
-use deltatwin::terminal::{DONE, say};
+use crate::terminal::{DONE, say};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 
-use crate::cli::Cli;
+use crate::arguments::Cli;
 
 const NAME: &str = "deltatwin";
 

@@ -1,5 +1,8 @@
 //! `deltatwin simulate`.
 
+#[cfg(feature = "viewer")]
+mod view;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -16,9 +19,7 @@ use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::model::Model;
 use deltatwin::recording::{Context, Difference, Recording, WriteError};
 use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
-use crate::terminal::{
-    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say,
-};
+use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say};
 
 /// Run the twin.
 ///
@@ -52,7 +53,7 @@ pub struct Args {
     pub rrd: Option<PathBuf>,
     #[cfg(feature = "viewer")]
     #[command(flatten)]
-    pub(super) viewer: deltatwin::twin::stream::StreamArgs,
+    viewer: view::View,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -149,7 +150,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         .collect();
     progress.finish_and_clear();
     #[cfg(feature = "viewer")]
-    if let Some(problem) = stream.and_then(deltatwin::twin::stream::Stream::finish) {
+    if let Some(problem) = stream.and_then(deltatwin_rerun::stream::Stream::finish) {
         eprintln!("warning: {problem}");
     }
     let mut status = DONE;
@@ -221,7 +222,7 @@ fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         let plant = Plant::new(&job.machine, &job.scenario.setup);
-        deltatwin::twin::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report)?;
+        deltatwin_rerun::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report)?;
     }
     #[cfg(not(feature = "viewer"))]
     let _ = args;

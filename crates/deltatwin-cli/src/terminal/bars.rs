@@ -1,6 +1,6 @@
 //! Errors against the noise floor, at a glance.
 
-use super::{channel_title, significant};
+use deltatwin::text::significant;
 use deltatwin::dynamics::Channel;
 
 /// Columns of a bar per noise floor, and floors that fit into it.
@@ -16,7 +16,7 @@ pub fn error_bars(channels: &[Channel], held_out: bool, before: &[f64], after: &
     for (c, &channel) in channels.iter().enumerate() {
         let [b, a, f] = [before[c], after[c], floor[c]].map(|x| significant(x, 4));
         let bar = bar(before[c] / floor[c], after[c] / floor[c]);
-        text += &format!("  {:<20} {b:>8} → {a:>8} {f:>8} {:<4} {bar}\n", channel_title(channel), channel.unit());
+        text += &format!("  {:<20} {b:>8} → {a:>8} {f:>8} {:<4} {bar}\n", channel.title(), channel.unit());
     }
     text + "  █ left   ░ taken away   │ noise floor   » beyond the scale"
 }

@@ -15,7 +15,7 @@ use rerun::{RecordingStream, TimeColumn, archetypes as a};
 pub use live::{Live, Viewer};
 pub use scene::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
 
-use super::{WriteError, file};
+use deltatwin::recording::{WriteError, file};
 use deltatwin::model::AXES;
 
 /// Name of the timeline, s.

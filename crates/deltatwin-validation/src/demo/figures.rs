@@ -100,10 +100,10 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
     if !d.budget.effects.is_empty() {
         report.heading("Error budget");
         report.figure(
-            &crate::command::diagnose::budget::figure(&d.budget),
+            &deltatwin_report::drawing::budget::figure(&d.budget),
             "What the noise leaves, what each added effect explains, and what nothing explains yet; held-out motion.",
         );
-        let number = |x: f64| crate::terminal::significant(x, 4);
+        let number = |x: f64| deltatwin::text::significant(x, 4);
         let row = |c: &deltatwin::diagnosis::budget::Change| {
             let numbers = [c.before.value, c.before.std, c.after.value, c.after.std].map(number);
             std::iter::once(c.before.name.clone()).chain(numbers).chain([c.before.unit.into()]).collect::<Vec<_>>()

@@ -1,7 +1,6 @@
 //! The whole loop on one machine: hide an effect in a robot, measure it, and let the model find out.
 
-pub mod command;
-mod figures;
+pub mod figures;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -15,10 +14,10 @@ use crate::exam::judge::Truth;
 use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, campaign};
 use deltatwin::identification::{Fit, FitError, Trace, fit};
 use deltatwin::model::Model;
-use crate::terminal::significant;
+use deltatwin::text::significant;
 
 /// The demo's machine: the shipped model of the IRB 360-6/1600.
-pub const MODEL: &str = include_str!("../../models/irb360-6-1600.toml");
+pub const MODEL: &str = include_str!("../../../../models/irb360-6-1600.toml");
 
 /// Length of each recording, s.
 pub const DURATION: f64 = 20.0;

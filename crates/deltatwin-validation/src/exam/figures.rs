@@ -3,7 +3,7 @@
 use super::score::{IN_A_SET, Judged, Rate, Score};
 use super::size::Size;
 use super::{Grade, judge::Question};
-use deltatwin_report::{self, Cell, Color, Curve, Figure, Style, matrix, rates, time_series};
+use deltatwin_report::{Cell, Color, Curve, Figure, Style, matrix, rates, time_series};
 
 /// All figures with the names of their files.
 pub fn all(score: &Score, judged: &[Judged]) -> Vec<(&'static str, Figure)> {
@@ -68,7 +68,7 @@ fn power(judged: &[Judged]) -> Figure {
     known.sort_by(|a, b| a.0.total_cmp(&b.0));
     const GROUPS: usize = 8;
     const FEWEST: usize = 10;
-    let points: Vec<report::Rate> = known
+    let points: Vec<deltatwin_report::Rate> = known
         .chunks(known.len().div_ceil(GROUPS).max(FEWEST))
         .map(|group| {
             let x = group.iter().map(|(x, _)| x.max(1e-3).ln()).sum::<f64>() / group.len() as f64;
@@ -84,13 +84,13 @@ fn power(judged: &[Judged]) -> Figure {
     )
 }
 
-fn point(x: f64, rate: Rate) -> report::Rate {
+fn point(x: f64, rate: Rate) -> deltatwin_report::Rate {
     let [low, high] = rate.interval();
-    report::Rate { x, share: rate.share().unwrap_or(0.0), low, high, of: rate.of }
+    deltatwin_report::Rate { x, share: rate.share().unwrap_or(0.0), low, high, of: rate.of }
 }
 
 fn reliability(score: &Score) -> Figure {
-    let points: Vec<report::Rate> = score.reliability.iter().map(|r| point(r.claimed, r.right)).collect();
+    let points: Vec<deltatwin_report::Rate> = score.reliability.iter().map(|r| point(r.claimed, r.right)).collect();
     rates(
         "Reliability of the effect named first",
         "claimed probability",

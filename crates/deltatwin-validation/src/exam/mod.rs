@@ -4,8 +4,7 @@
 //! truth and answer beside each other; [`judge`] asks the diagnosis and grades its answer.
 
 pub mod campaign;
-pub mod command;
-mod figures;
+pub mod figures;
 pub mod folder;
 pub mod judge;
 pub mod motion;

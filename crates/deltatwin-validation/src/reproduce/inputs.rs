@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use deltatwin::model::write::replace_file;
 
 macro_rules! shipped {
-    ($($path:literal),* $(,)?) => { &[$(($path, include_str!(concat!("../../", $path)))),*] };
+    ($($path:literal),* $(,)?) => { &[$(($path, include_str!(concat!("../../../../", $path)))),*] };
 }
 
 /// Path relative to the project's folder, and text.

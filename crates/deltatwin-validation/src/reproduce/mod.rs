@@ -5,10 +5,9 @@
 
 pub mod arms;
 pub mod assembled;
-pub mod command;
 mod figures;
 pub mod friction_curve;
-mod inputs;
+pub mod inputs;
 pub mod least_squares;
 pub mod page;
 pub mod paper;

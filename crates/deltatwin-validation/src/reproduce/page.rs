@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use deltatwin_report::Figure;
-use crate::terminal::significant;
+use deltatwin::text::significant;
 
 /// An estimate with its standard error, if it has one.
 #[derive(Clone, Copy, Debug, PartialEq)]

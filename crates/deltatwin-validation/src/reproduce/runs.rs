@@ -11,7 +11,6 @@ use deltatwin::kinematics::JointState;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::Scenario;
-use crate::terminal::interrupted;
 use deltatwin::twin::{Options, simulate};
 
 /// A scenario on a machine.
@@ -100,7 +99,7 @@ const FILES: [&str; 7] = [
 impl Campaign {
     /// Runs the scenarios of `folder` on all cores. `progress` gets the simulated time of all runs added up as a share of
     /// what there is.
-    pub fn run(folder: &Path, seed: u64, progress: &(dyn Fn(f64) + Sync)) -> miette::Result<Self> {
+    pub fn run(folder: &Path, seed: u64, progress: &(dyn Fn(f64) -> bool + Sync)) -> miette::Result<Self> {
         let read = |name: &str| Scenario::read(&folder.join(name).with_extension("toml"));
         let scenarios = FILES.iter().map(|f| read(f)).collect::<Result<Vec<_>, _>>()?;
         let [arms, arms_check, rest, curve, excitation, verification, strut] = &scenarios[..] else {
@@ -147,7 +146,7 @@ impl Campaign {
     }
 }
 
-fn all(jobs: &[Job], seed: u64, progress: &(dyn Fn(f64) + Sync)) -> miette::Result<Vec<Run>> {
+fn all(jobs: &[Job], seed: u64, progress: &(dyn Fn(f64) -> bool + Sync)) -> miette::Result<Vec<Run>> {
     let total: f64 = jobs.iter().map(Job::duration).sum();
     // Longest first, so that no core waits for the last one.
     let mut order: Vec<usize> = (0..jobs.len()).collect();
@@ -155,9 +154,9 @@ fn all(jobs: &[Job], seed: u64, progress: &(dyn Fn(f64) + Sync)) -> miette::Resu
     let one = |k: &usize| {
         let mut last = 0.0;
         let run = jobs[*k].run(seed.wrapping_mul(100).wrapping_add(*k as u64), &mut |t| {
-            progress((t - last) / total);
+            let done = (t - last) / total;
             last = t;
-            !interrupted()
+            progress(done)
         });
         run.map(|run| (*k, run))
     };

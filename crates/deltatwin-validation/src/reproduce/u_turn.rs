@@ -12,12 +12,12 @@ use deltatwin::dynamics::Plant;
 use deltatwin::model::Model;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::{Execution, execute};
-use deltatwin::planner::{Curve, Limit, Limits, Machine, Plan, Task, figures, plan};
+use deltatwin::planner::{Curve, Limit, Limits, Machine, Plan, Task, plan};
 use deltatwin::recording::Recording;
-use deltatwin_report::{Color, Curve as Line, time_series};
+use deltatwin_report::{Color, Curve as Line, drawing, time_series};
 
 /// The path with its payload and limits.
-const U_TURN: &str = include_str!("../../scenarios/u-turn.toml");
+const U_TURN: &str = include_str!("../../../../scenarios/u-turn.toml");
 /// Shares of the path between which each half has its corner.
 const HALVES: [[f64; 2]; 2] = [[0.1, 0.4], [0.6, 0.9]];
 /// Shares of the path between which it runs straight across.
@@ -154,7 +154,7 @@ fn speed(variants: &[Variant; 3], titles: &[String], row: MakeRow) -> Section {
         tables: vec![Comparison { titles: titles.to_vec(), rows }],
         plots: vec![Plot {
             name: "figure-15",
-            figure: figures::speed(&first.plan),
+            figure: drawing::plan::speed(&first.plan),
             caption: "Squared path speed of the paper's model on the robot with socket friction.".into(),
         }],
         agreement: format!(
@@ -190,8 +190,8 @@ fn forces(variants: &[Variant; 3], titles: &[String], row: MakeRow) -> Section {
     ];
     rows[0].paper = Some(printed::STRUT_FORCE);
     let [first, free, complete] = variants;
-    let torques = figures::execution(&first.planned, &first.executed)[0].clone();
-    let [_, executed, _] = figures::execution(&first.planned, &first.executed);
+    let torques = drawing::plan::execution(&first.planned, &first.executed)[0].clone();
+    let [_, executed, _] = drawing::plan::execution(&first.planned, &first.executed);
     Section {
         key: "figure_16",
         title: "Fig. 16: strut forces of the time-optimal motion".into(),
@@ -202,7 +202,7 @@ fn forces(variants: &[Variant; 3], titles: &[String], row: MakeRow) -> Section {
         plots: vec![
             Plot {
                 name: "figure-16",
-                figure: figures::forces(&first.planned, &first.task.limits),
+                figure: drawing::plan::forces(&first.planned, &first.task.limits),
                 caption: "Planned strut forces at the elbows; tension positive.".into(),
             },
             Plot {
@@ -238,7 +238,7 @@ fn acceleration(variants: &[Variant; 3], titles: &[String], row: MakeRow) -> Sec
         row("executed − planned acceleration, largest".into(), "m/s²", &|v| v.executed.acceleration[1]),
     ];
     let first = &variants[0];
-    let [_, _, figure] = figures::execution(&first.planned, &first.executed);
+    let [_, _, figure] = drawing::plan::execution(&first.planned, &first.executed);
     Section {
         key: "figure_17",
         title: "Fig. 17: acceleration of the end effector".into(),

@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 
 use deltatwin::diagnosis::budget::{Budget, Change};
 use deltatwin::model::Added;
-use deltatwin_report::{Figure, StackedBar, stacked};
-use crate::terminal::{Table, WIDTH, channel_names, channel_title, say, significant, wrapped};
+use crate::terminal::{Table, WIDTH, channel_names, say, wrapped};
+use deltatwin::text::significant;
 
 /// Shares of every channel, and parameters that moved.
 pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::Result<()> {
@@ -27,7 +27,7 @@ pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::
         let parts = std::iter::once(shares.noise).chain(shares.effects).chain([shares.unexplained]);
         let parts: Vec<f64> = parts.collect();
         is_negative |= parts.iter().any(|share| *share < 0.0);
-        table.row(std::iter::once(channel_title(channel)).chain(parts.into_iter().map(percent)));
+        table.row(std::iter::once(channel.title()).chain(parts.into_iter().map(percent)));
     }
     say(format!("\n{table}"))?;
     if is_negative {
@@ -69,17 +69,4 @@ pub fn json(budget: &Budget) -> Value {
         "effects": budget.effects.iter().enumerate().map(effect).collect::<Vec<_>>(),
         "unexplained": shares.iter().map(|s| s.unexplained).collect::<Vec<_>>(),
     })
-}
-
-/// The budget as stacked bars, one per channel.
-pub fn figure(budget: &Budget) -> Figure {
-    let names = budget.effects.iter().map(|(name, _)| name.as_str());
-    let parts: Vec<&str> = std::iter::once("noise").chain(names).chain(["unexplained"]).collect();
-    let bar = |(c, &channel)| {
-        let shares = budget.shares(c);
-        let all = std::iter::once(shares.noise).chain(shares.effects).chain([shares.unexplained]);
-        StackedBar { name: channel_title(channel), shares: all.collect() }
-    };
-    let bars: Vec<StackedBar> = budget.channels.iter().enumerate().map(bar).collect();
-    stacked("Error budget", "share of the mean square error of the model without the effects / %", &parts, &bars)
 }

@@ -2,7 +2,8 @@
 
 use super::budget;
 use deltatwin::diagnosis::Diagnosis;
-use crate::terminal::{Table, grouped, say, significant, wrapped};
+use crate::terminal::{Table, grouped, say, wrapped};
+use deltatwin::text::significant;
 
 /// Prints the details.
 pub fn print(d: &Diagnosis) -> miette::Result<()> {

@@ -11,9 +11,11 @@ use deltatwin::dynamics::Plant;
 use deltatwin::excitation::scenario::write_plan;
 use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
-use deltatwin::identification::{Data, DataArgs, Trace};
+use crate::data::{Data, DataArgs};
+use deltatwin::identification::Trace;
 use deltatwin::model::Model;
 use deltatwin::recording::Configuration;
+use deltatwin_report::drawing;
 use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
 
 /// Find the physical effect that a model lacks.
@@ -110,7 +112,7 @@ fn write(
         .figure
         .as_deref()
         .zip(answer.unexplained.as_ref())
-        .map(|(path, u)| write_figure(path, &u.shape.figure(&format!("What acts on {}", u.location), u.unit)));
+        .map(|(path, u)| write_figure(path, &drawing::shape::shape(&u.shape, &format!("What acts on {}", u.location), u.unit)));
     let next = scenario.map(|(next, output)| {
         let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
         write_plan(&next.experiment, &comments, SEED, (model, &args.model), output)?;

@@ -4,8 +4,10 @@ use super::diagnose::Args;
 use super::unexplained;
 use deltatwin::diagnosis::candidates::{Standing, Untestable};
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, Verdict};
-use deltatwin::identification::{DataArgs, Estimate};
-use crate::terminal::{Table, channel_title, command, error_bars, grouped, say, significant, wrapped};
+use crate::data::DataArgs;
+use deltatwin::identification::Estimate;
+use crate::terminal::{Table, command, error_bars, grouped, say, wrapped};
+use deltatwin::text::significant;
 
 /// Candidates that are shown beside those that were found and those that cannot be told from them.
 const OTHERS: usize = 3;
@@ -82,7 +84,7 @@ fn left(d: &Diagnosis) -> String {
         1 => String::new(),
         n => format!(" and more than 1.15 times on {} other{}", n - 1, if n == 2 { "" } else { "s" }),
     };
-    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), channel_title(*worst))
+    format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title())
 }
 
 /// Parameters with their standard errors in a row.

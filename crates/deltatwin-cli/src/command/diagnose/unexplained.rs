@@ -7,7 +7,8 @@ use deltatwin::diagnosis::left::Rest;
 use deltatwin::diagnosis::unknown::Shape;
 use deltatwin::effects::formula::Place;
 use deltatwin::identification::Estimate;
-use crate::terminal::{say, significant, wrapped};
+use crate::terminal::{say, wrapped};
+use deltatwin::text::significant;
 
 /// As JSON; `explained` is the share of the explainable error that the named effects and the formula take.
 pub fn json(u: &Unexplained, explained: f64) -> Value {

@@ -12,14 +12,14 @@ use deltatwin::model::{BodyParameters, LinkParameters, Model};
 #[derive(clap::Args, Clone, Debug)]
 pub struct How {
     /// What the rows of the regression are weighed with.
-    #[arg(long, value_enum, default_value_t = Weighing::Noise)]
-    weighing: Weighing,
+    #[arg(long, value_enum, default_value_t)]
+    weighing: Weights,
     /// Let outliers count less (Huber's loss).
     #[arg(long)]
     robust: bool,
-    /// Way to physically consistent parameters; both lead to the same ones, and each checks the other.
-    #[arg(long, value_enum, default_value_t = Consistency::Cones)]
-    method: Consistency,
+    /// Way to physically consistent parameters; both lead to the same ones.
+    #[arg(long, value_enum, default_value_t)]
+    method: Programme,
     /// Model whose parameters are the regularisation values, instead of MODEL itself.
     #[arg(long, value_name = "MODEL")]
     prior: Option<PathBuf>,
@@ -44,6 +44,44 @@ pub struct How {
     /// How rates and accelerations come from the angles.
     #[arg(long, value_enum, default_value_t = Derivatives::Reversals)]
     derivatives: Derivatives,
+}
+
+/// What the rows of the regression are weighed with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Weights {
+    /// Noise of the channels: W = Σ⁻¹.
+    #[default]
+    Noise,
+    /// Largest measured value of the channels: W = diag(max |τ|)⁻².
+    Maximum,
+}
+
+impl From<Weights> for Weighing {
+    fn from(chosen: Weights) -> Self {
+        match chosen {
+            Weights::Noise => Self::Noise,
+            Weights::Maximum => Self::Maximum,
+        }
+    }
+}
+
+/// Ways to physically consistent parameters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Programme {
+    /// Convex programme with second-order cones, and log-Cholesky where its solver proves none.
+    #[default]
+    Cones,
+    /// Log-Cholesky variables, in which every value is possible.
+    LogCholesky,
+}
+
+impl From<Programme> for Consistency {
+    fn from(chosen: Programme) -> Self {
+        match chosen {
+            Programme::Cones => Self::Cones,
+            Programme::LogCholesky => Self::LogCholesky,
+        }
+    }
 }
 
 /// Limbs of the assembled robot.
@@ -83,9 +121,9 @@ impl How {
     /// Options of a fit.
     pub fn options<'a>(&'a self, prior: Option<&'a Model>) -> Options<'a> {
         Options {
-            weighing: self.weighing,
+            weighing: self.weighing.into(),
             robust: self.robust,
-            consistency: self.method,
+            consistency: self.method.into(),
             prior,
             prior_information: Some(self.regularisation),
             weights: &self.gamma,

@@ -5,10 +5,12 @@ use serde_json::{Map, Value, json};
 
 use super::{Args, correction, print_correction, print_unidentified, refusal, unidentified};
 use deltatwin::identification::fit::Options;
-use deltatwin::identification::{Data, PayloadFit, identify_payload};
+use crate::data::Data;
+use deltatwin::identification::{PayloadFit, identify_payload};
 use deltatwin::model::Model;
 use deltatwin::recording::Setup;
-use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, significant, spinner};
+use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, spinner};
+use deltatwin::text::significant;
 
 /// Identifies the payload and writes the setup that states it.
 pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {

@@ -6,7 +6,7 @@ use deltatwin::planner::verify::checked;
 use deltatwin::planner::{Curve, Limit, Plan};
 use deltatwin::model::{AXES, STRUTS};
 use deltatwin::recording::{Recording, Signals};
-use deltatwin_report::{Color, Curve as Line, Figure, Panel, Style, panels, time_series};
+use crate::{Color, Curve as Line, Figure, Panel, Style, panels, time_series};
 
 /// The maximum velocity curve is drawn up to this much of the largest z.
 const CLIPPED: f64 = 1.6;

@@ -1,0 +1,20 @@
+//! The commands, one file each.
+
+pub mod check;
+pub mod compare;
+pub mod convert;
+pub mod demo;
+pub mod diagnose;
+pub mod effects;
+pub mod exam;
+pub mod excite;
+pub mod forces;
+pub mod gate;
+pub mod identify;
+pub mod noise;
+pub mod plan;
+#[cfg(feature = "viewer")]
+pub mod replay;
+pub mod reproduce;
+pub mod shell;
+pub mod simulate;

@@ -1,0 +1,21 @@
+//! What a force of unknown origin looks like.
+
+use deltatwin::diagnosis::unknown::Shape;
+use crate::{Color, Curve, Figure, Style, time_series};
+
+/// A force over the variable it depends on most, with its simultaneous 95 % band.
+pub fn shape(shape: &Shape, title: &str, unit: &str) -> Figure {
+    let curve = |label: &str, y: &[f64]| Curve::new(label, shape.x.clone(), y.to_vec());
+    let band = Color::CYCLE[1];
+    let curves = [
+        curve("mean of what acts", &shape.mean).color(Color::CYCLE[0]),
+        curve("simultaneous 95 % band", &shape.low).color(band).style(Style::Dashed),
+        curve("", &shape.high).color(band).style(Style::Dashed),
+    ];
+    let what = if shape.along { "force along the motion" } else { "force" };
+    let over = match shape.period {
+        Some((length, _)) => format!("{} within a period of {length:.4} / {}", shape.variable, shape.variable_unit),
+        None => format!("{} / {}", shape.variable, shape.variable_unit),
+    };
+    time_series(title, &over, &format!("{what} / {unit}"), &curves)
+}
