@@ -25,7 +25,7 @@ fn trace(samples: usize) -> Trace {
     let model = common::model("irb360-6-1600");
     let mut robot = model.clone();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    deltatwin::exam::perturb(&mut robot, &mut rng);
+    deltatwin_validation::exam::perturb(&mut robot, &mut rng);
     let setup = Setup::default();
     let plant = Plant::new(&model, &setup);
     let motion = FourierMotion::random(&plant, &MotionLimits::of(&model, 0.45), 0.1, 10, &mut rng);

@@ -8,7 +8,6 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::defaults;
-use deltatwin::check;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, REGISTRY, find};
 use deltatwin::kinematics::JointState;
@@ -23,7 +22,7 @@ const AGREEMENT: f64 = 1e-9;
 
 fn files() -> Vec<PathBuf> {
     let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
-    let is_run = |p: &PathBuf| matches!(check::kind(p), Ok(check::Kind::Scenario));
+    let is_run = |p: &PathBuf| common::is_scenario(p);
     let mut files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_run(p)).collect();
     files.sort();
     assert!(files.len() >= 12, "{files:?}");

@@ -49,7 +49,7 @@ fn excitation(seed: u64) -> impl Fn(f64) -> JointState {
 
 fn robot() -> Model {
     let mut robot = common::model("irb360-6-1600");
-    deltatwin::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
+    deltatwin_validation::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
     robot
 }
 

@@ -44,7 +44,7 @@ fn twenty_seconds_with_all_frictions_keep_loops_closed_and_energy_balanced() {
 /// The robot of the paper's model, a few percent away from it.
 fn perturbed() -> Model {
     let mut robot = model("irb360-6-1600");
-    deltatwin::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
+    deltatwin_validation::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
     robot
 }
 

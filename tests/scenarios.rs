@@ -5,7 +5,6 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use deltatwin::cell::Cell;
-use deltatwin::check;
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Trace, swapped};
 use deltatwin::kinematics::JointState;
@@ -24,7 +23,7 @@ const LONGEST: f64 = 2.0;
 
 fn files() -> Vec<PathBuf> {
     let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
-    let is_run = |p: &PathBuf| matches!(check::kind(p), Ok(check::Kind::Scenario));
+    let is_run = |p: &PathBuf| common::is_scenario(p);
     let mut files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_run(p)).collect();
     files.sort();
     assert!(files.len() >= 12, "{files:?}");

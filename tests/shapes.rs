@@ -88,7 +88,7 @@ const LAWS: [(&str, Law); 8] = [
 fn measured(law: Law, seed: u64) -> Trace {
     let setup = Setup { torque_noise: Some(NOISE), ..Setup::default() };
     let mut robot = model("irb360-6-1600");
-    deltatwin::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
+    deltatwin_validation::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
     let course = Course::RandomFourier { seed, frequency: 0.2, harmonics: 8, share: 0.7 };
     let motion = course.on(&robot, &setup).unwrap();
     let n = (LENGTH / PERIOD) as usize;

@@ -33,7 +33,7 @@ fn nominal() -> Model {
 /// The nominal robot, a few percent off, with an effect.
 fn robot(name: &str, blocks: &[&[f64]]) -> Model {
     let mut robot = nominal();
-    deltatwin::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
+    deltatwin_validation::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
     robot.effects.push(ActiveEffect::new(find(name).expect("registered"), blocks));
     robot
 }

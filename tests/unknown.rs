@@ -8,10 +8,10 @@ use common::model;
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
 use deltatwin::effects::{ActiveEffect, Effect, find};
-use deltatwin::exam::{Case, campaign_with};
 use deltatwin::identification::Trace;
 use deltatwin::model::Model;
 use deltatwin::model::write::updated_text;
+use deltatwin_validation::exam::{Case, campaign_with};
 
 /// Known physics in another shape than the library's.
 const OTHERWISE: [(&str, &[(&str, &str)]); 4] = [

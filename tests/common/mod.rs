@@ -1,7 +1,7 @@
 //! Shared by the integration tests.
 #![allow(dead_code)]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
@@ -11,9 +11,26 @@ use deltatwin::recording::{Payload, Setup};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+/// Folder of the shipped models and scenarios.
+pub fn root() -> PathBuf {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    package.ancestors().find(|p| p.join("scenarios").is_dir()).expect("the root of the workspace").into()
+}
+
+/// Shipped files are named from the root from now on, as in a shell that stands there.
+pub fn at_root() {
+    std::env::set_current_dir(root()).expect("a folder");
+}
+
+/// Whether a file describes a run of the twin.
+pub fn is_scenario(path: &Path) -> bool {
+    let table: toml::Table = std::fs::read_to_string(path).expect("a file").parse().expect("TOML");
+    table.contains_key("motion") && table.contains_key("duration")
+}
+
 /// The shipped model called `name`.
 pub fn model(name: &str) -> Model {
-    Model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model")
+    Model::read(&root().join(format!("models/{name}.toml"))).expect("a shipped model")
 }
 
 /// Numbers of Table 3 on the geometry of the IRB 360-6/1600, no effects, no payload, and no hard stops: smooth motion

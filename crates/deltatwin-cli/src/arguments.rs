@@ -1,12 +1,12 @@
 //! The commands.
 
-use clap::{Parser, Subcommand};
 #[cfg(feature = "viewer")]
 use crate::command::replay;
 use crate::command::{
     check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce, shell,
     simulate,
 };
+use clap::{Parser, Subcommand};
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
 #[derive(Parser)]

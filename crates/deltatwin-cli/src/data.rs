@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use deltatwin::dynamics::Channel;
 use deltatwin::identification::Trace;
 use deltatwin::identification::derivatives::Method;
-use deltatwin::dynamics::Channel;
 use deltatwin::model::Model;
 use deltatwin::recording::{Mapping, ReadError, Reading, Recording};
 

@@ -8,8 +8,8 @@ mod terminal;
 
 use std::process::ExitCode;
 
-use clap::Parser;
 use arguments::{Cli, Command};
+use clap::Parser;
 use command::{
     check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce, shell,
     simulate,

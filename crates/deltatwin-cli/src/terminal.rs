@@ -189,9 +189,7 @@ impl Table {
         let mut table = Self::new(&header, &[series.len() + 1]);
         for (c, &channel) in channels.iter().enumerate() {
             let values = series.iter().map(|(_, v)| significant(v[c], 4));
-            table.row(
-                std::iter::once(channel.title()).chain(values).chain(std::iter::once(channel.unit().into())),
-            );
+            table.row(std::iter::once(channel.title()).chain(values).chain(std::iter::once(channel.unit().into())));
         }
         table
     }

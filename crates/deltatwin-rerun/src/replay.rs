@@ -4,11 +4,11 @@ use std::path::Path;
 
 use miette::IntoDiagnostic;
 
+use crate::scene::{Scene, Series, measured, write_rrd};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Trace, predict};
 use deltatwin::model::{AXES, Model};
 use deltatwin::recording::Recording;
-use crate::scene::{Scene, Series, measured, write_rrd};
 
 /// Frames per second of the moving robot.
 const FRAMES: f64 = 50.0;

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use deltatwin::twin::origin::note;
-use deltatwin::twin::{Event, Frame, Options, Report};
+use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
 use deltatwin::dynamics::Plant;
 use deltatwin::model::{Part, STRUTS};
-use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
 use deltatwin::recording::{Recording, Signals, WriteError};
+use deltatwin::twin::origin::note;
+use deltatwin::twin::{Event, Frame, Options, Report};
 
 /// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
 pub fn write(

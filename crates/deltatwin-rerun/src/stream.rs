@@ -8,11 +8,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
-use deltatwin::twin::{Event, Frame, Options, Watcher};
+use crate::scene::{Live, Scene, Viewer, drives};
 use crate::show;
 use deltatwin::dynamics::Plant;
 use deltatwin::recording::Signals;
-use crate::scene::{Live, Scene, Viewer, drives};
+use deltatwin::twin::{Event, Frame, Options, Watcher};
 
 /// Frames that wait at most.
 const QUEUE: usize = 1000;

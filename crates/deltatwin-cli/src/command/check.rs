@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use crate::kind::{Verified, check_as};
-use deltatwin::gate::combined;
 use crate::command::gate::{json as gate_json, line};
+use crate::kind::{Verified, check_as};
+use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
+use deltatwin::gate::combined;
 use deltatwin::model::Model;
 use deltatwin::recording::{Mapping, Reading};
-use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
 
 /// Validate files: models, scenarios, setups, recordings.
 #[derive(clap::Args, Clone, Debug)]

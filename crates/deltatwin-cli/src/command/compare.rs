@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use miette::IntoDiagnostic;
 use serde_json::{Map, Value, json};
 
-use deltatwin::comparison::{Comparison, Finding, compare};
 use crate::command::gate::{guard, json as gate_json};
 use crate::data::{Data, DataArgs};
-use deltatwin::model::Model;
 use crate::terminal::{BAD_ANSWER, DONE, Table, channel_names, insert_channels, say, spinner, warn};
+use deltatwin::comparison::{Comparison, Finding, compare};
+use deltatwin::model::Model;
 
 /// Show where a model fails to predict recordings.
 #[derive(clap::Args, Clone, Debug)]

@@ -8,8 +8,8 @@ use std::path::Path;
 use miette::IntoDiagnostic;
 use serde_json::json;
 
-use deltatwin::recording::{Reading, Recording};
 use crate::terminal::{DONE, check_output, path, say, warn};
+use deltatwin::recording::{Reading, Recording};
 
 /// Reads `from` and writes it as `to`.
 fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {

@@ -8,11 +8,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 
-use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, figures, hidden, investigate, measure};
-use deltatwin::dynamics::Channel;
-use deltatwin_validation::exam::Campaign;
-use deltatwin::model::{Model, Provenance};
 use crate::terminal::{today, wrapped};
+use deltatwin::dynamics::Channel;
+use deltatwin::model::{Model, Provenance};
+use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, figures, hidden, investigate, measure};
+use deltatwin_validation::exam::Campaign;
 
 /// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
 #[derive(clap::Args, Debug, Clone)]

@@ -3,9 +3,9 @@
 use miette::miette;
 use serde_json::{Value, json};
 
+use crate::terminal::{DONE, Table, say};
 use deltatwin::effects::{Count, Effect, Parameter, REGISTRY, Role, find};
 use deltatwin::text::nearest;
-use crate::terminal::{DONE, Table, say};
 
 /// List the physical effects, or describe one.
 #[derive(clap::Args, Clone, Debug)]

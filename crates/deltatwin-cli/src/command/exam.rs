@@ -5,6 +5,10 @@ use std::path::{Path, PathBuf};
 use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
+use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, warn, write_figure};
+use deltatwin::model::{Mechanism, Model};
+use deltatwin::recording::Recording;
+use deltatwin::text::significant;
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
 use deltatwin_validation::exam::motion::MotionKind;
 use deltatwin_validation::exam::noise::Noise;
@@ -12,10 +16,6 @@ use deltatwin_validation::exam::plan::{NOTHING, Plan, seed};
 use deltatwin_validation::exam::score::{Judged, Score};
 use deltatwin_validation::exam::size::Size;
 use deltatwin_validation::exam::{Grade, figures, folder, judge};
-use deltatwin::model::{Mechanism, Model};
-use deltatwin::recording::Recording;
-use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, warn, write_figure};
-use deltatwin::text::significant;
 
 /// Examine the diagnosis: hide effects in a robot, judge what is said about it, count.
 ///

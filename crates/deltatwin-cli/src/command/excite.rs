@@ -7,13 +7,13 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 
+use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say};
+use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::excitation::discriminate::{Discrimination, discriminate};
 use deltatwin::excitation::experiments::{Experiment, Kind};
 use deltatwin::excitation::prospect::{Prospect, duration, in_words};
 use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design, median, scenario};
-use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::model::{Mechanism, Model};
-use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, check_output, interrupted, path, say};
 use deltatwin::text::significant;
 
 /// Design a motion that tells most about the parameters of a model.

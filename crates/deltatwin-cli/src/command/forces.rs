@@ -7,17 +7,17 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
-use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use crate::kind::{Kind, kind};
+use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
+use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::Trace;
 use deltatwin::kinematics::JointState;
 use deltatwin::model::{ARMS, Model, STRUTS};
 use deltatwin::recording::{Recording, Setup, file};
-use deltatwin_report::{Color, Curve, Panel, Style, panels};
 use deltatwin::scenario::Scenario;
-use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
 use deltatwin::text::significant;
+use deltatwin_report::{Color, Curve, Panel, Style, panels};
 
 /// Compute the constraint forces of a motion.
 ///

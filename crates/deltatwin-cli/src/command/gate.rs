@@ -3,11 +3,11 @@
 use miette::miette;
 use serde_json::{Value, json};
 
-use deltatwin::gate::{Finding, combined, examine};
-use deltatwin::dynamics::Channel;
 use crate::data::{Data, DataArgs};
+use crate::terminal::warn;
+use deltatwin::dynamics::Channel;
+use deltatwin::gate::{Finding, combined, examine};
 use deltatwin::model::Model;
-use crate::terminal::{warn};
 use deltatwin::text::significant;
 
 /// A residual so many times the noise is no answer.

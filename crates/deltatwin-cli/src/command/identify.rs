@@ -9,16 +9,18 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Map, Value, json};
 
 use self::how::How;
+use crate::command::gate::{guard, much_is_left};
+use crate::data::{Data, DataArgs};
+use crate::terminal::{
+    DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, spinner, today, warn,
+};
+use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{FitError, Moved, Unidentified, channel_rms, residuals};
-use crate::data::{Data, DataArgs};
-use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
-use deltatwin::dynamics::{Channel, Plant};
-use crate::command::gate::{guard, much_is_left};
 use deltatwin::identification::trace::noise_floor as floor;
+use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
 use deltatwin::model::bodies::{Inertia, body_name};
 use deltatwin::model::{Model, Provenance};
-use crate::terminal::{DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, spinner, today, warn};
 use deltatwin::text::significant;
 
 /// Estimate the parameters of a model from recordings.

@@ -4,11 +4,11 @@ use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
 use crate::data::{Data, DataArgs};
-use deltatwin::identification::Trace;
+use crate::terminal::{BAD_ANSWER, DONE, Table, say, warn};
 use deltatwin::dynamics::Channel;
 use deltatwin::evidence::noise::{covariance, difference_covariance, rests};
+use deltatwin::identification::Trace;
 use deltatwin::model::AXES;
-use crate::terminal::{BAD_ANSWER, DONE, Table, say, warn};
 use deltatwin::text::significant;
 
 /// Covariance of the torque noise, from rests and from differences.

@@ -6,14 +6,14 @@ use std::time::Instant;
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
+use crate::terminal::{BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
+use deltatwin::dynamics::Plant;
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::{Execution, execute};
 use deltatwin::planner::{Limits, Machine, Options, Plan, PlanError, Task, plan};
-use deltatwin::dynamics::Plant;
 use deltatwin::recording::Recording;
-use deltatwin_report::drawing;
-use crate::terminal::{BAD_ANSWER, DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
 use deltatwin::text::significant;
+use deltatwin_report::drawing;
 
 /// Plan the fastest motion along a path.
 ///

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use crate::terminal::{DONE, check_output, path, say, spinner, warn};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
-use crate::terminal::{DONE, check_output, path, say, spinner, warn};
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques.
 #[derive(clap::Args, Clone, Debug)]

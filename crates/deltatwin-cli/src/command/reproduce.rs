@@ -6,10 +6,10 @@ use std::time::Instant;
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
+use crate::terminal::{DONE, INTERRUPTED, bar, catch_interrupt, interrupted, path, say, spinner};
+use deltatwin::model::write::replace_file;
 use deltatwin_validation::reproduce::runs::Campaign;
 use deltatwin_validation::reproduce::{inputs, markdown, sections};
-use deltatwin::model::write::replace_file;
-use crate::terminal::{DONE, INTERRUPTED, bar, catch_interrupt, interrupted, path, say, spinner};
 
 /// Repeat the paper's experiments on the twin and set the results beside the paper's numbers.
 ///

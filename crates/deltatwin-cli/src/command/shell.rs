@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use crate::terminal::{DONE, say};
 use clap::CommandFactory;
 use clap_complete::Shell;
-use crate::terminal::{DONE, say};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 

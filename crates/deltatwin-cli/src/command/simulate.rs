@@ -11,15 +11,17 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use deltatwin::twin::origin::{origin, with_run};
-use deltatwin::twin::sockets::socket_name;
-use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
+use crate::terminal::{
+    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say,
+};
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::model::Model;
 use deltatwin::recording::{Context, Difference, Recording, WriteError};
 use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
-use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say};
+use deltatwin::twin::origin::{origin, with_run};
+use deltatwin::twin::sockets::socket_name;
+use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
 
 /// Run the twin.
 ///

@@ -1,7 +1,7 @@
 //! Errors against the noise floor, at a glance.
 
-use deltatwin::text::significant;
 use deltatwin::dynamics::Channel;
+use deltatwin::text::significant;
 
 /// Columns of a bar per noise floor, and floors that fit into it.
 const FLOOR: usize = 8;

@@ -1,12 +1,12 @@
 //! Figures of a plan and of its execution (paper Fig. 14–17).
 
+use crate::{Color, Curve as Line, Figure, Panel, Style, panels, time_series};
+use deltatwin::model::{AXES, STRUTS};
 use deltatwin::planner::limits::Limits;
 use deltatwin::planner::validation::{Execution, acceleration};
 use deltatwin::planner::verify::checked;
 use deltatwin::planner::{Curve, Limit, Plan};
-use deltatwin::model::{AXES, STRUTS};
 use deltatwin::recording::{Recording, Signals};
-use crate::{Color, Curve as Line, Figure, Panel, Style, panels, time_series};
 
 /// The maximum velocity curve is drawn up to this much of the largest z.
 const CLIPPED: f64 = 1.6;

@@ -1,7 +1,7 @@
 //! What a force of unknown origin looks like.
 
-use deltatwin::diagnosis::unknown::Shape;
 use crate::{Color, Curve, Figure, Style, time_series};
+use deltatwin::diagnosis::unknown::Shape;
 
 /// A force over the variable it depends on most, with its simultaneous 95 % band.
 pub fn shape(shape: &Shape, title: &str, unit: &str) -> Figure {

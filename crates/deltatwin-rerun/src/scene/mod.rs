@@ -15,8 +15,8 @@ use rerun::{RecordingStream, TimeColumn, archetypes as a};
 pub use live::{Live, Viewer};
 pub use scene::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
 
-use deltatwin::recording::{WriteError, file};
 use deltatwin::model::AXES;
+use deltatwin::recording::{WriteError, file};
 
 /// Name of the timeline, s.
 const TIME: &str = "time";
@@ -166,24 +166,8 @@ mod tests {
         Motion::assembled(g, &joints).expect("a pose within reach")
     }
 
-    /// The SDK's file writer waited for ever here.
-    #[test]
-    #[cfg(target_os = "linux")]
-    fn a_full_disk_is_an_error() {
-        let full = Path::new("/dev/full");
-        let mut out = std::fs::OpenOptions::new().write(true).open(full).unwrap();
-        let g = deltatwin::effects::testing::geometry();
-        let motion = Motion::disassembled(&g, &JointState::default());
-        let scene = Scene::new(Mechanism::default(), &g, vec![0.0], vec![motion.poses()]);
-        let bytes = encode("full", &scene).unwrap();
-        assert!(out.write_all(&bytes).is_err());
-        // A folder that takes no file.
-        assert!(write_rrd(Path::new("/proc/full.rrd"), "full", &scene).is_err());
-    }
-
-    #[test]
-    fn a_scene_is_written() {
-        let g = Geometry {
+    fn geometry() -> Geometry {
+        Geometry {
             base_radius: 0.2,
             arm_length: 0.35,
             strut_length: [0.95; ARMS],
@@ -195,7 +179,27 @@ mod tests {
             flange_height: -0.05,
             arm_limits: [-0.9, 1.9],
             telescope_limits: [0.65, 1.25],
-        };
+        }
+    }
+
+    /// The SDK's file writer waited for ever here.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_full_disk_is_an_error() {
+        let full = Path::new("/dev/full");
+        let mut out = std::fs::OpenOptions::new().write(true).open(full).unwrap();
+        let g = geometry();
+        let motion = Motion::disassembled(&g, &JointState::default());
+        let scene = Scene::new(Mechanism::default(), &g, vec![0.0], vec![motion.poses()]);
+        let bytes = encode("full", &scene).unwrap();
+        assert!(out.write_all(&bytes).is_err());
+        // A folder that takes no file.
+        assert!(write_rrd(Path::new("/proc/full.rrd"), "full", &scene).is_err());
+    }
+
+    #[test]
+    fn a_scene_is_written() {
+        let g = geometry();
         let times: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.02).collect();
         let motions: Vec<Motion> = times.iter().map(|t| lift(&g, 0.3 + 0.4 * (3.0 * t).sin())).collect();
         let residual: Vec<[f64; AXES]> = times.iter().map(|t| [0.0, 3.5, 3.0 * t, 9.0]).collect();

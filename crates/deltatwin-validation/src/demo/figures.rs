@@ -1,9 +1,9 @@
 //! Figures and report of a demo.
 
 use super::{Findings, describe};
+use crate::exam::Campaign;
 use deltatwin::diagnosis::candidates::Standing;
 use deltatwin::dynamics::Plant;
-use crate::exam::Campaign;
 use deltatwin::identification::fit::residuals;
 use deltatwin::identification::predict;
 use deltatwin::model::AXES;

@@ -7,11 +7,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use thiserror::Error;
 
+use crate::exam::judge::Truth;
+use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, campaign};
 use deltatwin::comparison::{Comparison, compare};
 use deltatwin::diagnosis::{Diagnosis, DiagnosisError, diagnose};
 use deltatwin::effects::Role;
-use crate::exam::judge::Truth;
-use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, campaign};
 use deltatwin::identification::{Fit, FitError, Trace, fit};
 use deltatwin::model::Model;
 use deltatwin::text::significant;

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 
-use deltatwin_report::Figure;
 use deltatwin::text::significant;
+use deltatwin_report::Figure;
 
 /// An estimate with its standard error, if it has one.
 #[derive(Clone, Copy, Debug, PartialEq)]

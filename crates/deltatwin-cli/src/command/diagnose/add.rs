@@ -6,13 +6,15 @@ use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value};
 
 use super::budget;
-use deltatwin::diagnosis::{Addition, add, parameters_of};
 use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
+use crate::terminal::{
+    DONE, Table, channel_names, check_output, error_bars, estimates, insert_channels, path, say, spinner, warn,
+};
+use deltatwin::diagnosis::{Addition, add, parameters_of};
 use deltatwin::identification::Estimate;
 use deltatwin::model::Model;
-use crate::terminal::{DONE, Table, channel_names, check_output, error_bars, estimates, insert_channels, path, say, spinner, warn};
 use deltatwin::text::significant;
 
 /// Add an effect to a model, refit, and see the error fall.

@@ -2,9 +2,9 @@
 
 use serde_json::{Value, json};
 
+use crate::terminal::{Table, WIDTH, channel_names, say, wrapped};
 use deltatwin::diagnosis::budget::{Budget, Change};
 use deltatwin::model::Added;
-use crate::terminal::{Table, WIDTH, channel_names, say, wrapped};
 use deltatwin::text::significant;
 
 /// Shares of every channel, and parameters that moved.

@@ -1,8 +1,8 @@
 //! What `--verbose` adds to a diagnosis: all parameters, all candidates with their p-values, the error budget.
 
 use super::budget;
-use deltatwin::diagnosis::Diagnosis;
 use crate::terminal::{Table, grouped, say, wrapped};
+use deltatwin::diagnosis::Diagnosis;
 use deltatwin::text::significant;
 
 /// Prints the details.

@@ -6,17 +6,17 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 
 use super::time::Allowance;
 use super::{details, json, screen};
-use deltatwin::diagnosis::{Diagnosis, NextExperiment, diagnose_within};
-use deltatwin::dynamics::Plant;
-use deltatwin::excitation::scenario::write_plan;
 use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
+use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
+use deltatwin::diagnosis::{Diagnosis, NextExperiment, diagnose_within};
+use deltatwin::dynamics::Plant;
+use deltatwin::excitation::scenario::write_plan;
 use deltatwin::identification::Trace;
 use deltatwin::model::Model;
 use deltatwin::recording::Configuration;
 use deltatwin_report::drawing;
-use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
 
 /// Find the physical effect that a model lacks.
 #[derive(clap::Args, Clone, Debug)]
@@ -108,11 +108,9 @@ fn write(
     model: &Model,
     scenario: Option<(&NextExperiment, &Path)>,
 ) -> miette::Result<()> {
-    let figure = args
-        .figure
-        .as_deref()
-        .zip(answer.unexplained.as_ref())
-        .map(|(path, u)| write_figure(path, &drawing::shape::shape(&u.shape, &format!("What acts on {}", u.location), u.unit)));
+    let figure = args.figure.as_deref().zip(answer.unexplained.as_ref()).map(|(path, u)| {
+        write_figure(path, &drawing::shape::shape(&u.shape, &format!("What acts on {}", u.location), u.unit))
+    });
     let next = scenario.map(|(next, output)| {
         let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
         write_plan(&next.experiment, &comments, SEED, (model, &args.model), output)?;

@@ -5,9 +5,9 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::{budget, unexplained};
+use crate::terminal::{channel_names, estimates, insert_channels, path};
 use deltatwin::diagnosis::confidence::{Confidence, Truth};
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment};
-use crate::terminal::{channel_names, estimates, insert_channels, path};
 
 /// The one object; `model` and `scenario` are the files that are written.
 pub fn diagnosis(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Value {

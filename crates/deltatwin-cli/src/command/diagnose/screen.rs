@@ -2,11 +2,11 @@
 
 use super::diagnose::Args;
 use super::unexplained;
+use crate::data::DataArgs;
+use crate::terminal::{Table, command, error_bars, grouped, say, wrapped};
 use deltatwin::diagnosis::candidates::{Standing, Untestable};
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, Verdict};
-use crate::data::DataArgs;
 use deltatwin::identification::Estimate;
-use crate::terminal::{Table, command, error_bars, grouped, say, wrapped};
 use deltatwin::text::significant;
 
 /// Candidates that are shown beside those that were found and those that cannot be told from them.

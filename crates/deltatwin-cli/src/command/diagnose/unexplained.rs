@@ -2,12 +2,12 @@
 
 use serde_json::{Value, json};
 
+use crate::terminal::{say, wrapped};
 use deltatwin::diagnosis::Unexplained;
 use deltatwin::diagnosis::left::Rest;
 use deltatwin::diagnosis::unknown::Shape;
 use deltatwin::effects::formula::Place;
 use deltatwin::identification::Estimate;
-use crate::terminal::{say, wrapped};
 use deltatwin::text::significant;
 
 /// As JSON; `explained` is the share of the explainable error that the named effects and the formula take.

@@ -4,12 +4,12 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::{Map, Value, json};
 
 use super::{Args, correction, print_correction, print_unidentified, refusal, unidentified};
-use deltatwin::identification::fit::Options;
 use crate::data::Data;
+use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, spinner};
+use deltatwin::identification::fit::Options;
 use deltatwin::identification::{PayloadFit, identify_payload};
 use deltatwin::model::Model;
 use deltatwin::recording::Setup;
-use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, spinner};
 use deltatwin::text::significant;
 
 /// Identifies the payload and writes the setup that states it.

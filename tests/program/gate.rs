@@ -2,6 +2,7 @@
 //!
 //! Measurements are made by inverse dynamics along planned motions, with quantised angles and noise of the torques.
 
+#[path = "../common/mod.rs"]
 mod common;
 
 use std::f64::consts::FRAC_PI_2;
@@ -10,13 +11,13 @@ use std::path::Path;
 
 use common::model;
 use deltatwin::dynamics::{Channel, Plant};
-use deltatwin::exam::motion::Motion;
-use deltatwin::exam::size::Sizer;
-use deltatwin::exam::{MotionKind, Size, hideable, perturb};
 use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
 use deltatwin::identification::{EncoderReadings, Trace, predict};
 use deltatwin::model::Model;
 use deltatwin::recording::{Mapping, Payload, Reading, Recording, Setup, Signals};
+use deltatwin_validation::exam::motion::Motion;
+use deltatwin_validation::exam::size::Sizer;
+use deltatwin_validation::exam::{MotionKind, Size, hideable, perturb};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -111,6 +112,7 @@ fn each(signals: &mut Signals, change: impl Fn(&mut [f64; 4], &mut [f64; 4])) {
 
 #[test]
 fn a_good_recording_passes() {
+    common::at_root();
     for seed in 0..4 {
         let recording = measured(&robot(seed), &motion(20 + seed), Payload::default(), seed);
         let found = examine(&nominal(), &Trace::new(&recording));
@@ -120,6 +122,7 @@ fn a_good_recording_passes() {
 
 #[test]
 fn signs_are_named_and_mended() {
+    common::at_root();
     let found = found_and_mended(|s| each(s, |_, tau| tau[0] = -tau[0]));
     assert_eq!(problems(&found), [(Some(1), Problem::TorqueSign)]);
     assert_eq!(found[0].remedy.to_string(), "--map \"tau1=-tau1\"");
@@ -147,6 +150,7 @@ fn signs_are_named_and_mended() {
 
 #[test]
 fn factors_are_named_and_mended() {
+    common::at_root();
     let found = found_and_mended(|s| each(s, |_, tau| *tau = tau.map(|x| x / 33.0)));
     assert_eq!(problems(&found), [1, 2, 3, 4].map(|k| (Some(k), Problem::MotorSide)));
     assert_eq!(found[0].remedy.to_string(), "--map \"tau1=33*tau1\"");
@@ -158,6 +162,7 @@ fn factors_are_named_and_mended() {
 
 #[test]
 fn orders_are_named_and_mended() {
+    common::at_root();
     // An arm never turns as far as axis 4: this is told without a model.
     let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
     each(&mut recording.signals, |q, tau| {
@@ -186,6 +191,7 @@ fn is_refused(change: impl Fn(&mut Signals)) -> bool {
 /// Known gap: on this motion a quarter turn is refused as unrelated, without the remedy.
 #[test]
 fn a_quarter_turn_is_refused() {
+    common::at_root();
     assert!(is_refused(|s| each(s, |q, _| (0..3).for_each(|i| q[i] += FRAC_PI_2))));
     // Counted from the vertical, upward.
     assert!(is_refused(|s| {
@@ -198,6 +204,7 @@ fn a_quarter_turn_is_refused() {
 
 #[test]
 fn a_zero_between_the_tried_ones_is_named_and_mended() {
+    common::at_root();
     let found = found_and_mended(|s| each(s, |q, _| (0..3).for_each(|i| q[i] -= 0.5)));
     assert_eq!(problems(&found), [1, 2, 3].map(|k| (Some(k), Problem::Zero)));
     assert!((found[0].evidence.value.unwrap().0 - 0.5).abs() < 0.05, "{found:?}");
@@ -205,6 +212,7 @@ fn a_zero_between_the_tried_ones_is_named_and_mended() {
 
 #[test]
 fn a_lag_is_named_and_mended() {
+    common::at_root();
     let found = found_and_mended(|s| {
         let late: Vec<[f64; 4]> = (0..s.tau.len()).map(|k| s.tau[k.saturating_sub(4)]).collect();
         s.tau = late;
@@ -217,6 +225,7 @@ fn a_lag_is_named_and_mended() {
 
 #[test]
 fn an_offset_is_named_and_mended() {
+    common::at_root();
     let found = found_and_mended(|s| each(s, |_, tau| tau[0] += 2.0));
     assert_eq!(problems(&found), [(Some(1), Problem::Offset)]);
     assert!(!found[0].severe);
@@ -226,6 +235,7 @@ fn an_offset_is_named_and_mended() {
 
 #[test]
 fn a_payload_that_is_not_stated_is_named() {
+    common::at_root();
     let payload = Payload::new(2.5, [0.0; 3], 0.01);
     let mut recording = measured(&robot(3), &motion(5), payload, 7);
     recording.setup.payload = Payload::default();
@@ -242,6 +252,7 @@ fn a_payload_that_is_not_stated_is_named() {
 
 #[test]
 fn another_robots_model_is_told() {
+    common::at_root();
     let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
     let found = examine(&model("irb360-1-1130"), &Trace::new(&recording));
     // On this motion the smaller robot's lighter links look like a load of their own: it is told, and a fit may go on.
@@ -253,6 +264,7 @@ fn another_robots_model_is_told() {
 /// What the diagnosis is there to find must reach it, at any size that occurs.
 #[test]
 fn no_effect_of_the_catalogue_is_refused() {
+    common::at_root();
     let model = nominal();
     let setup = Setup { torque_noise: Some(NOISE), ..Setup::default() };
     for seed in [1, 2] {
@@ -273,6 +285,7 @@ fn no_effect_of_the_catalogue_is_refused() {
 /// A file with other names, other units and times since 1970 is the same recording.
 #[test]
 fn other_names_and_units_are_the_same_recording() {
+    common::at_root();
     let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("log.csv");
@@ -309,6 +322,7 @@ fn run(arguments: &[&str]) -> std::process::Output {
 
 #[test]
 fn commands_stop_at_the_gate_and_go_on_with_the_remedy() {
+    common::at_root();
     const MODEL: &str = "models/irb360-6-1600.toml";
     let mut recording = measured(&robot(3), &motion(5), Payload::default(), 7);
     each(&mut recording.signals, |_, tau| tau[1] = -tau[1]);
@@ -340,6 +354,7 @@ fn commands_stop_at_the_gate_and_go_on_with_the_remedy() {
 /// A constant torque is one sentence, and the model that made the data has nothing to be said of.
 #[test]
 fn compare_has_one_sentence_for_one_cause() {
+    common::at_root();
     let machine = robot(3);
     let recording = measured(&machine, &motion(5), Payload::default(), 7);
     let plain = deltatwin::comparison::compare(&machine, &[Trace::new(&recording)], &[]).unwrap();

@@ -1,5 +1,8 @@
 //! Laws that give no number, steps that are too long, runs that fail under way: what is said, written and returned.
 
+#[path = "../common/mod.rs"]
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -47,6 +50,7 @@ fn files(folder: &TempDir, change: impl Fn(String) -> String) -> [PathBuf; 2] {
 
 #[test]
 fn a_law_without_a_number_is_named_where_it_is_first_met() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let [model, scenario] = files(&folder, |text| text + ROOT);
     let recording = folder.path().join("run.csv");
@@ -80,6 +84,7 @@ fn a_law_without_a_number_is_named_where_it_is_first_met() {
 
 #[test]
 fn division_of_nothing_by_nothing_is_refused_at_once() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let [_, scenario] = files(&folder, |text| text + &ROOT.replace("sqrt(q1 - 0.1)", "0/0"));
     let said = ends(&["simulate", text(&scenario)], 1);
@@ -88,6 +93,7 @@ fn division_of_nothing_by_nothing_is_refused_at_once() {
 
 #[test]
 fn a_run_whose_energy_does_not_close_is_no_success() {
+    common::at_root();
     for (sample_time, cause) in [("0.02", "the energy balance does not close"), ("0.05", "the integration diverged")] {
         let folder = TempDir::new().unwrap();
         let slow = |text: String| text.replace("sample_time = 400e-6 ", &format!("sample_time = {sample_time} "));

@@ -1,19 +1,22 @@
 //! The paper's experiments on shortened scenarios: what the physics demands of their results.
 
+#[path = "../common/mod.rs"]
+mod common;
+
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use deltatwin::identification::fit::channel_rms;
 use deltatwin::model::{ARMS, AXES};
-use deltatwin::reproduce::page::{Comparison, Row};
-use deltatwin::reproduce::runs::Campaign;
-use deltatwin::reproduce::{arms, assembled, friction_curve, sections};
+use deltatwin_validation::reproduce::page::{Comparison, Row};
+use deltatwin_validation::reproduce::runs::Campaign;
+use deltatwin_validation::reproduce::{arms, assembled, friction_curve, sections};
 use tempfile::TempDir;
 
 /// The shipped scenarios, shortened.
 fn shortened() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    let models = common::root().join("models");
     for entry in std::fs::read_dir("scenarios/reproduce").unwrap() {
         let file: PathBuf = entry.unwrap().path();
         let text = std::fs::read_to_string(&file).unwrap();
@@ -44,8 +47,9 @@ fn near(rows: &[Row]) {
 
 #[test]
 fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives() {
+    common::at_root();
     let folder = shortened();
-    let campaign = Campaign::run(folder.path(), 1, &|_| ()).unwrap();
+    let campaign = Campaign::run(folder.path(), 1, &|_| true).unwrap();
 
     // Σ from rests: 1250 samples at each of six poses give a standard error of 0.8 %.
     let sigma = arms::noise(&campaign);
@@ -96,9 +100,10 @@ fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives(
 
 #[test]
 fn every_section_has_its_figures_and_numbers() {
+    common::at_root();
     let folder = shortened();
-    let campaign = Campaign::run(folder.path(), 2, &|_| ()).unwrap();
-    let sections = sections(&campaign, &|_| ()).unwrap();
+    let campaign = Campaign::run(folder.path(), 2, &|_| true).unwrap();
+    let sections = sections(&campaign, &|_| true).unwrap();
     let keys: Vec<&str> = sections.iter().map(|s| s.key).collect();
     let expected = [
         "covariance",
@@ -141,6 +146,7 @@ fn every_section_has_its_figures_and_numbers() {
 
 #[test]
 fn the_command_writes_a_page_and_says_what_is_missing() {
+    common::at_root();
     let folder = shortened();
     let output = folder.path().join("out");
     let run = |scenarios: &Path| {

@@ -1,5 +1,8 @@
 //! Every model with every kind of recording and option: an answer or a refusal that says what of, never a panic.
 
+#[path = "../common/mod.rs"]
+mod common;
+
 use std::path::Path;
 use std::process::Output;
 
@@ -98,6 +101,7 @@ fn fault(arguments: &[String], out: &Output) -> Option<String> {
 
 #[test]
 fn every_combination_is_answered_or_refused_by_name() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     RECORDINGS.par_iter().for_each(|(name, scenario)| record(folder.path(), name, scenario));
     let mut lines = Vec::new();

@@ -1,5 +1,8 @@
 //! The program itself: every command, its exit status, what it says and what it leaves behind.
 
+#[path = "../common/mod.rs"]
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -55,6 +58,7 @@ fn smoke(folder: &TempDir) -> String {
 /// Torque noise at rest and from differences against each other and against the truth model's 0.5 and 0.05 N·m.
 #[test]
 fn noise_at_rest_and_from_differences_agree() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let run = folder.path().join("rest.mcap").display().to_string();
     done(&["simulate", "scenarios/static-poses.toml", "-o", &run]);
@@ -78,6 +82,7 @@ fn noise_at_rest_and_from_differences_agree() {
 
 #[test]
 fn every_command_explains_itself_with_an_example() {
+    common::at_root();
     let top = done(&["--help"]);
     for command in [
         "demo",
@@ -108,6 +113,7 @@ fn every_command_explains_itself_with_an_example() {
 
 #[test]
 fn every_shipped_file_is_right() {
+    common::at_root();
     let files: Vec<String> =
         ["models", "scenarios"].iter().flat_map(|f| toml_files(f)).map(|p| p.display().to_string()).collect();
     assert!(files.len() >= 7, "{files:?}");
@@ -128,6 +134,7 @@ fn every_shipped_file_is_right() {
 
 #[test]
 fn the_library_of_effects_is_listed_and_described() {
+    common::at_root();
     let names: Vec<String> = json(&["effects"])["effects"]
         .as_array()
         .unwrap()
@@ -142,6 +149,7 @@ fn the_library_of_effects_is_listed_and_described() {
 
 #[test]
 fn simulate_then_identify() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let mcap = path(&folder, "smoke.mcap");
     let run = json(&["simulate", SMOKE, "-o", &mcap]);
@@ -172,6 +180,7 @@ fn simulate_then_identify() {
 
 #[test]
 fn excite_writes_a_scenario_that_runs() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let scenario = path(&folder, "excite.toml");
     let few = ["--starts", "1", "--iterations", "3", "--harmonics", "2", "--frequency", "2"];
@@ -215,6 +224,7 @@ fn excite_writes_a_scenario_that_runs() {
 
 #[test]
 fn excite_plans_for_telling_two_effects_apart() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let scenario = path(&folder, "tell.toml");
     let plan = |a: &'static str, b: &'static str| {
@@ -237,6 +247,7 @@ fn excite_plans_for_telling_two_effects_apart() {
 
 #[test]
 fn compare_and_add_answer_in_json() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let csv = smoke(&folder);
     let answer = json(&["compare", MODEL, &csv]);
@@ -267,6 +278,7 @@ fn compare_and_add_answer_in_json() {
 
 #[test]
 fn export_and_import_lose_nothing() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let [mcap, csv, again, last] = ["a.mcap", "a.csv", "b.mcap", "b.csv"].map(|n| path(&folder, n));
     done(&["simulate", SMOKE, "-o", &mcap]);
@@ -292,6 +304,7 @@ fn damaged(folder: &TempDir, name: &str, good: &str, change: impl Fn(usize, Vec<
 
 #[test]
 fn bad_measurements_are_refused_in_one_message() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let good = std::fs::read_to_string(smoke(&folder)).unwrap();
     let set = |line: usize, column: usize, value: &'static str| {
@@ -338,6 +351,7 @@ fn bad_measurements_are_refused_in_one_message() {
 
 #[test]
 fn misspelt_keys_are_named_with_their_line() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let text = std::fs::read_to_string(MODEL).unwrap();
     let line = 1 + text.lines().position(|l| l.starts_with("arm_length")).unwrap();
@@ -357,6 +371,7 @@ fn misspelt_keys_are_named_with_their_line() {
 /// Programs that ask for JSON get it in every case.
 #[test]
 fn errors_are_json_too() {
+    common::at_root();
     let error = |arguments: &[&str]| {
         let out = run(arguments);
         assert_eq!(out.status.code(), Some(2), "{arguments:?}");
@@ -373,6 +388,7 @@ fn errors_are_json_too() {
 
 #[test]
 fn shells_and_manuals_know_every_command() {
+    common::at_root();
     let script = done(&["completions", "bash"]);
     assert!(script.contains("diagnose") && script.contains("--held-out"));
     let folder = TempDir::new().unwrap();
@@ -384,9 +400,10 @@ fn shells_and_manuals_know_every_command() {
 /// Recordings of several scenarios never overwrite each other.
 #[test]
 fn runs_have_names_of_their_own() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let text =
-        std::fs::read_to_string(SMOKE).unwrap().replace("../models", &format!("{}/models", env!("CARGO_MANIFEST_DIR")));
+        std::fs::read_to_string(SMOKE).unwrap().replace("../models", &format!("{}/models", common::root().display()));
     let (a, b) = (path(&folder, "run.v1.toml"), path(&folder, "run.v2.toml"));
     std::fs::write(&a, &text).unwrap();
     std::fs::write(&b, &text).unwrap();
@@ -411,6 +428,7 @@ fn runs_have_names_of_their_own() {
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_is_kept() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let mcap = path(&folder, "cut.mcap");
     let child = std::process::Command::new(assert_cmd::cargo::cargo_bin("deltatwin"))
@@ -431,6 +449,7 @@ fn an_interrupted_run_is_kept() {
 
 #[test]
 fn runs_repeat_bit_by_bit_alone_and_together() {
+    common::at_root();
     let folder = tempfile::tempdir().unwrap();
     let (alone, together) = (path(&folder, "alone.mcap"), path(&folder, "runs"));
     done(&["simulate", SMOKE, "-o", &alone]);
@@ -447,6 +466,7 @@ fn runs_repeat_bit_by_bit_alone_and_together() {
 
 #[test]
 fn plan_run_and_forces() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let (table, figures) = (path(&folder, "u-turn.csv"), path(&folder, "figures"));
     let answer = json(&["plan", MODEL, "scenarios/u-turn.toml", "-o", &table, "--figure", &figures, "--twin", MODEL]);
@@ -500,6 +520,7 @@ fn run_status(arguments: &[&str]) -> String {
 /// An answer that took a while is not lost because a file cannot be written: it stands on stdout, the error after it.
 #[test]
 fn a_failed_write_loses_no_answer() {
+    common::at_root();
     let folder = TempDir::new().unwrap();
     let csv = path(&folder, "axis.csv");
     done(&["simulate", "scenarios/servo-axis.toml", "-o", &csv]);

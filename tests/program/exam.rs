@@ -1,5 +1,6 @@
 //! The exam: campaigns are what they are asked to be, their folders are read back, and the command resumes.
 
+#[path = "../common/mod.rs"]
 mod common;
 
 use std::path::Path;
@@ -7,9 +8,9 @@ use std::process::Output;
 
 use assert_cmd::Command;
 use common::model;
-use deltatwin::exam::{self, Campaign, Case, Grade, MotionKind, Noise, Size, campaign, folder, judge};
 use deltatwin::identification::{Trace, fit};
 use deltatwin::recording::Recording;
+use deltatwin_validation::exam::{self, Campaign, Case, Grade, MotionKind, Noise, Size, campaign, folder, judge};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -36,6 +37,7 @@ fn refitted(campaign: &Campaign) -> f64 {
 /// A force law of one drive, one of all struts, a sensor, an inertia: what a refit leaves is what was asked for.
 #[test]
 fn sizes_come_out_as_asked() {
+    common::at_root();
     let (low, high) = exam::size::MEDIUM;
     for (name, seed) in
         [("drive_coulomb_asymmetry", 3), ("ball_socket_viscous", 4), ("torque_bias", 5), ("rotor_inertia", 6)]
@@ -60,12 +62,14 @@ fn sizes_come_out_as_asked() {
 
 #[test]
 fn what_no_motion_shows_is_called_limited() {
+    common::at_root();
     let hidden = made(&Case { duration: 2.0, ..of("telescope_end_stop", 1) }).hidden;
     assert!(hidden[0].rise.limited && hidden[0].rise.ratios.iter().all(|(_, r)| *r < 1.01), "{:?}", hidden[0].rise);
 }
 
 #[test]
 fn every_effect_and_every_motion_can_be_hidden_within_its_range() {
+    common::at_root();
     let nominal = model("irb360-6-1600");
     let names: Vec<&str> = exam::hideable(&nominal).iter().map(|e| e.name()).collect();
     assert!(names.len() > 20 && !names.contains(&"drive_friction") && !names.contains(&"rigid_bodies"), "{names:?}");
@@ -87,6 +91,7 @@ fn every_effect_and_every_motion_can_be_hidden_within_its_range() {
 
 #[test]
 fn a_campaign_follows_from_its_case() {
+    common::at_root();
     let case = Case { noise: Noise::Speed, strut_sensor: false, payload: false, duration: 1.0, ..of("torque_bias", 7) };
     let (first, again) = (made(&case), made(&case));
     assert_eq!(first.measurement, again.measurement);
@@ -103,6 +108,7 @@ fn a_campaign_follows_from_its_case() {
 
 #[test]
 fn a_folder_is_read_back() {
+    common::at_root();
     let dir = TempDir::new().unwrap();
     let folder = dir.path().join("one");
     let c = made(&Case { duration: 1.0, ..of("torque_gain_error", 2) });
@@ -123,6 +129,7 @@ fn a_folder_is_read_back() {
 
 #[test]
 fn answers_are_graded_by_their_truth() {
+    common::at_root();
     let truth = |names: &[&str]| judge::Truth {
         effects: names.iter().map(|n| n.to_string()).collect(),
         ..judge::Truth::default()
@@ -177,6 +184,7 @@ fn refused(arguments: &[&str]) -> String {
 /// Makes, judges, and takes up what is there; the same campaigns as from another tool's folder.
 #[test]
 fn an_exam_resumes_and_judges_what_it_finds() {
+    common::at_root();
     let dir = TempDir::new().unwrap();
     let root = dir.path().display().to_string();
     let ask = ["exam", MODEL, "--effects", "torque_bias", "--null", "0", "--duration", "4", "--no-strut", "-o", &root];
@@ -209,6 +217,7 @@ fn an_exam_resumes_and_judges_what_it_finds() {
 
 #[test]
 fn mistakes_are_named() {
+    common::at_root();
     let dir = TempDir::new().unwrap();
     let root = dir.path().display().to_string();
     let text = refused(&["exam", MODEL, "--effects", "gremlins", "-o", &root]);
