@@ -52,11 +52,6 @@ pub struct Verified {
     pub gate: Option<Vec<Finding>>,
 }
 
-/// Checks a file of any kind.
-pub fn check(path: &Path) -> miette::Result<Verified> {
-    check_as(path, &Reading::default(), None)
-}
-
 /// Checks a file of any kind; recordings are read as `how` says and examined against `model`.
 ///
 /// # Errors
