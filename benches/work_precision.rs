@@ -3,7 +3,7 @@
 //! One 10 s closed-loop motion, feed-forward plus PD held over each step; the error is taken against the same loop with
 //! 16 steps per hold. Only the step calls are timed. Prints a table and draws `docs/work-precision.svg`.
 //!
-//! cargo bench --no-default-features --bench work_precision
+//! cargo bench -p deltatwin --bench work_precision
 
 #[path = "../tests/common/mod.rs"]
 mod common;

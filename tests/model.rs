@@ -454,6 +454,10 @@ fn line<'a>(text: &'a str, table: &str, key: &str) -> &'a str {
     text[from..].lines().find(|l| l.starts_with(&format!("{key} ="))).unwrap()
 }
 
+fn errors(parameters: &[Estimate]) -> impl Iterator<Item = (String, f64)> {
+    parameters.iter().map(|p| (p.name.clone(), p.std))
+}
+
 #[test]
 fn fitted_numbers_state_their_source_and_the_others_keep_theirs() {
     let text = nominal();
@@ -465,7 +469,7 @@ fn fitted_numbers_state_their_source_and_the_others_keep_theirs() {
         parameters.push(estimate("rigid_bodies.arm_inertia_yy", 0.00123));
         parameters.push(estimate("rigid_bodies.platform_mass", f64::INFINITY));
         parameters.push(estimate("ball_socket_coulomb.moment", 6.2e-5));
-        Provenance::new("identify", "2026-11-22".into(), vec![recording.into()], &parameters)
+        Provenance::new("identify", "2026-11-22".into(), vec![recording.into()], errors(&parameters))
     };
     m.effects[0].values[..3].copy_from_slice(&[4.5, 4.6, 7.3]);
     m.bodies[PLATFORM].mass = 1.3;
@@ -513,7 +517,7 @@ fn comments_between_numbers_do_not_outlive_them() {
     let mut m = parse(&text).unwrap();
     m.effects[0].values[..3].copy_from_slice(&[4.5, 4.6, 7.3]);
     let parameters = [Estimate { name: "drive_friction.coulomb_1".into(), unit: "N·m", value: 4.5, std: 0.1 }];
-    let provenance = Provenance::new("identify", "2026-11-22".into(), vec!["run.csv".into()], &parameters);
+    let provenance = Provenance::new("identify", "2026-11-22".into(), vec!["run.csv".into()], errors(&parameters));
     let new = fitted_text(&text, &m, &provenance).unwrap();
     assert_same(&parse(&new).unwrap(), &m);
     assert!(!new.contains("guess") && new.contains("; was 4.667, 4.376, 6.466"), "{new}");

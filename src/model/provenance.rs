@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::identification::Estimate;
-
 /// What a model file says of the numbers that a fit moved: made from which recordings, when and by what program.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Provenance {
@@ -21,14 +19,19 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Of a fit made by `command` on a day.
-    pub fn new(command: &str, date: String, recordings: Vec<String>, parameters: &[Estimate]) -> Self {
+    /// Of a fit made by `command` on a day; `errors` are names of parameters with their standard errors.
+    pub fn new(
+        command: &str,
+        date: String,
+        recordings: Vec<String>,
+        errors: impl IntoIterator<Item = (String, f64)>,
+    ) -> Self {
         Self {
             command: command.into(),
             program: format!("{} {}", env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION")),
             date,
             recordings,
-            errors: parameters.iter().map(|p| (p.name.clone(), p.std)).collect(),
+            errors: errors.into_iter().collect(),
         }
     }
 

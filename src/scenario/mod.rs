@@ -231,7 +231,7 @@ mod tests {
         let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
         let is_run = |p: &PathBuf| {
             let table: toml::Table = std::fs::read_to_string(p).unwrap().parse().unwrap();
-            table.contains_key("motion") && table.contains_key("duration")
+            table.contains_key("motion")
         };
         let files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_run(p)).collect();
         assert!(files.len() >= 12, "{files:?}");

@@ -28,7 +28,7 @@ pub enum Command {
     Identify(identify::Args),
     Noise(noise::Args),
     Compare(compare::Args),
-    Diagnose(diagnose::diagnose::Args),
+    Diagnose(diagnose::Args),
     Add(diagnose::add::Args),
     Exam(exam::Args),
     Effects(effects::Args),

@@ -63,7 +63,7 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Identify(args) => identify::run(args),
         Command::Noise(args) => noise::run(args),
         Command::Compare(args) => compare::run(args),
-        Command::Diagnose(args) => diagnose::diagnose::run(args),
+        Command::Diagnose(args) => diagnose::run(args),
         Command::Add(args) => diagnose::add::run(args),
         Command::Exam(args) => exam::run(args),
         Command::Effects(args) => effects::run(args),

@@ -92,7 +92,12 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     }
     let path = folder.join("model.toml");
     let recordings = vec![campaign.measurement.name.clone()];
-    let provenance = Provenance::new("demo", today(), recordings, &findings.diagnosis.parameters[1]);
+    let provenance = Provenance::new(
+        "demo",
+        today(),
+        recordings,
+        findings.diagnosis.parameters[1].iter().map(|p| (p.name.clone(), p.std)),
+    );
     match findings.diagnosis.model.write_fitted(&path, &provenance) {
         Ok(()) => files.push(path),
         Err(why) => eprintln!("no model file: {why}"),

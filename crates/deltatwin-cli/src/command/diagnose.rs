@@ -1,10 +1,154 @@
-//! `deltatwin diagnose` and `deltatwin add`.
+//! `deltatwin diagnose`.
 
 pub mod add;
 pub mod budget;
 mod details;
-pub mod diagnose;
 mod json;
 mod screen;
 mod time;
 mod unexplained;
+
+use std::path::{Path, PathBuf};
+
+use self::time::Allowance;
+use miette::{IntoDiagnostic, WrapErr, miette};
+
+use crate::command::gate::{guard, much_is_left};
+use crate::command::identify::provenance;
+use crate::data::{Data, DataArgs};
+use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
+use deltatwin::diagnosis::{Diagnosis, NextExperiment, diagnose_within};
+use deltatwin::dynamics::Plant;
+use deltatwin::excitation::scenario::write_plan;
+use deltatwin::identification::Trace;
+use deltatwin::model::Model;
+use deltatwin::recording::Configuration;
+use deltatwin_report::drawing;
+
+/// Find the physical effect that a model lacks.
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = "Example: deltatwin diagnose models/irb360-6-1600.toml run.mcap --held-out other.mcap")]
+pub struct Args {
+    /// Model file.
+    pub model: PathBuf,
+    #[command(flatten)]
+    pub(super) data: DataArgs,
+    /// Model file to write: refitted, with the effects that were found.
+    #[arg(short, long, value_name = "MODEL2")]
+    pub output: Option<PathBuf>,
+    /// Effect whose parameters are known and stay as they are (`rigid_bodies` for the links); may be given several times.
+    #[arg(long, value_name = "EFFECT")]
+    pub hold: Vec<String>,
+    /// Scenario file to write: the experiment that is proposed next, if there is one and it has a motion of its own.
+    #[arg(long, value_name = "SCENARIO")]
+    pub next: Option<PathBuf>,
+    /// Figure to write: what acts where no known effect explains it.
+    #[arg(long, value_name = "SVG")]
+    pub figure: Option<PathBuf>,
+    /// Show all candidates with their p-values, the error budget and the parameters that moved.
+    #[arg(short, long)]
+    pub verbose: bool,
+    /// Time after which the best answer so far is given, with what was not tried; by default what two idle cores do in 15 s for
+    /// every 50 000 samples of all recordings, and not less than 30 s. Ctrl-C ends it, too.
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub time_limit: Option<f64>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a number of seconds above 0".into()),
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> miette::Result<u8> {
+    let model = Model::read(&args.model)?;
+    if let Some(output) = &args.output {
+        let mut inputs = Data::inputs(&args.data);
+        inputs.push(&args.model);
+        check_output(output, &inputs, &["toml"])?;
+    }
+    if let Some(output) = &args.next {
+        let mut inputs = Data::inputs(&args.data);
+        inputs.push(&args.model);
+        check_output(output, &inputs, &["toml"])?;
+    }
+    let data = Data::read(&args.data, &model)?;
+    warn(&data.warnings);
+    guard(&model, &data, &args.data)?;
+    known(&args.hold, &model, &data.traces[0])?;
+    let progress = spinner("diagnose");
+    let samples: usize = data.traces.iter().chain(&data.held_out).map(Trace::len).sum();
+    let allowance = Allowance::new(args.time_limit, samples);
+    catch_interrupt()?;
+    let clock = || allowance.passed();
+    let answer = diagnose_within(&clock, &model, &args.hold, &data.traces, &data.held_out, &mut |what| {
+        progress.set_message(format!("diagnose: {what}"));
+    });
+    progress.finish_and_clear();
+    let names: Vec<&str> = data.traces.iter().map(|t| t.name.as_str()).collect();
+    let answer = answer.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
+    warn(&much_is_left(&answer.channels, &answer.rms_after, &answer.noise_floor));
+    let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
+    let file = scenario.map(|(_, file)| file);
+    if args.json {
+        say(json::diagnosis(&answer, args.output.as_deref(), file))?;
+    } else {
+        screen::print(&answer, args)?;
+        if args.verbose {
+            details::print(&answer)?;
+        }
+        say("")?;
+    }
+    write(&answer, args, &model, scenario)?;
+    Ok(DONE)
+}
+
+/// Writes what was asked for, after the answer: a file that cannot be written loses no other.
+fn write(
+    answer: &Diagnosis,
+    args: &Args,
+    model: &Model,
+    scenario: Option<(&NextExperiment, &Path)>,
+) -> miette::Result<()> {
+    let figure = args.figure.as_deref().zip(answer.unexplained.as_ref()).map(|(path, u)| {
+        write_figure(path, &drawing::shape::shape(&u.shape, &format!("What acts on {}", u.location), u.unit))
+    });
+    let next = scenario.map(|(next, output)| {
+        let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
+        write_plan(&next.experiment, &comments, SEED, (model, &args.model), output)?;
+        if args.json { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
+    });
+    let model = args.output.as_deref().map(|output| {
+        let provenance = provenance("diagnose", &args.data, &answer.parameters[1]);
+        crate::command::identify::write(&answer.model, output, &provenance, args.json)
+    });
+    [figure, next, model].into_iter().flatten().collect()
+}
+
+/// Refuses names of effects that the machine of the data does not have.
+fn known(held: &[String], model: &Model, trace: &Trace) -> miette::Result<()> {
+    let parameters = Plant::new(model, &trace.setup).parameters();
+    match held.iter().find(|name| !parameters.iter().any(|p| p.effect == *name)) {
+        Some(name) => Err(miette!("--hold {name}: the model has no such effect")),
+        None => Ok(()),
+    }
+}
+
+/// Whether a proposal has a scenario: not if its motion is that of the data, or of the machine taken apart.
+fn writable(next: &NextExperiment, model: &Model) -> bool {
+    let apart = next.experiment.trace.setup.configuration != Configuration::Assembled && model.assembled;
+    if apart {
+        warn(&["no scenario written: the next experiment needs the model of the machine taken apart".into()]);
+    } else if next.experiment.course.is_none() {
+        warn(&["no scenario written: the next experiment repeats the motion of the data".into()]);
+    }
+    !apart && next.experiment.course.is_some()
+}
+
+/// Seed of the sensor noise when the twin runs a proposal.
+const SEED: u64 = 1;

@@ -104,7 +104,12 @@ fn refusal(error: FitError) -> miette::Report {
 
 /// Where the numbers come from that a command fits today.
 pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]) -> Provenance {
-    Provenance::new(command, today(), data.data.iter().map(|f| f.display().to_string()).collect(), parameters)
+    Provenance::new(
+        command,
+        today(),
+        data.data.iter().map(|f| f.display().to_string()).collect(),
+        parameters.iter().map(|p| (p.name.clone(), p.std)),
+    )
 }
 
 /// Writes a fitted model, after its answer was printed; says so unless `quietly`.

@@ -1,7 +1,7 @@
 //! The moving robot, what is around it and its signals for Rerun: as a recording (`.rrd`), or live in a viewer.
 
+mod content;
 mod live;
-mod scene;
 mod solids;
 
 use std::io::Write;
@@ -12,8 +12,8 @@ use rerun::components::Color;
 use rerun::external::re_sdk_types::blueprint::components::PanelState;
 use rerun::{RecordingStream, TimeColumn, archetypes as a};
 
+pub use content::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
 pub use live::{Live, Viewer};
-pub use scene::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
 
 use deltatwin::model::AXES;
 use deltatwin::recording::{WriteError, file};

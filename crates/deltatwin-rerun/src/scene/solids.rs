@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 use rerun::components::FillMode;
 use rerun::{EntityPath, EntityPathPart, RecordingStream, TimeColumn, archetypes as a};
 
-use super::scene::{Scene, Thing};
+use super::content::{Scene, Thing};
 use super::{AXIS, Outcome, TIME, color};
 use deltatwin::cell::links::{
     ARM_RADIUS, ARM_TRIM, BALL_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS,

@@ -1,6 +1,6 @@
 //! A diagnosis on one screen: the verdict, the error before and after against the noise, what to type next.
 
-use super::diagnose::Args;
+use super::Args;
 use super::unexplained;
 use crate::data::DataArgs;
 use crate::terminal::{Table, command, error_bars, grouped, say, wrapped};

@@ -1,0 +1,76 @@
+//! Data flow one way: a folder of the library uses those above it in `lib.rs`, and the library knows no command line, no
+//! picture and no viewer.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Edges that run upstream: the reader of models knows the effects' parameters.
+const UPSTREAM: [(&str, &str); 1] = [("model", "effects")];
+
+/// Crates that only those around the library may use.
+const OUTSIDE: [&str; 9] =
+    ["clap", "clap_complete", "clap_mangen", "indicatif", "plotters", "rerun", "ctrlc", "textwrap", "deltatwin-cli"];
+
+fn is_test(file: &Path) -> bool {
+    file.file_stem().is_some_and(|s| s == "tests" || s == "testing")
+}
+
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Code without its unit tests, which may use everything.
+fn product(text: &str) -> &str {
+    text.split("#[cfg(test)]\nmod tests {").next().unwrap_or(text)
+}
+
+#[test]
+fn folders_use_those_above_them() {
+    let lib = std::fs::read_to_string("src/lib.rs").expect("a file");
+    let order: Vec<&str> =
+        lib.lines().filter_map(|l| l.strip_prefix("pub mod ")).map(|l| l.trim_end_matches(';')).collect();
+    assert!(order.len() > 10, "{order:?}");
+    let place = |name: &str| order.iter().position(|m| *m == name);
+    let mut files = Vec::new();
+    sources(Path::new("src"), &mut files);
+    let (mut upstream, mut edges) = (BTreeSet::new(), 0);
+    for file in files {
+        let inside = file.strip_prefix("src").expect("below src");
+        let folder = inside.iter().next().expect("a name").to_string_lossy();
+        let Some(own) = place(folder.trim_end_matches(".rs")) else { continue };
+        let text = std::fs::read_to_string(&file).expect("a file");
+        for used in product(&text).split("crate::").skip(1).filter(|_| !is_test(&file)) {
+            let name: String = used.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+            edges += 1;
+            if place(&name).is_some_and(|there| there > own) {
+                upstream.insert((order[own].to_string(), name));
+            }
+        }
+    }
+    assert!(edges > 500, "{edges}");
+    let known = UPSTREAM.iter().map(|(from, to)| (from.to_string(), to.to_string())).collect();
+    assert_eq!(upstream, known);
+}
+
+#[test]
+fn the_library_stands_alone() {
+    let manifest: toml::Table = std::fs::read_to_string("Cargo.toml").expect("a file").parse().expect("TOML");
+    let used = manifest["dependencies"].as_table().expect("a table");
+    let wrong: Vec<&&str> = OUTSIDE.iter().filter(|name| used.contains_key(**name)).collect();
+    assert!(wrong.is_empty() && used.len() > 5, "{wrong:?}");
+    let mut files = Vec::new();
+    sources(Path::new("src"), &mut files);
+    for file in files.iter().filter(|f| !is_test(f)) {
+        let text = std::fs::read_to_string(file).expect("a file");
+        for word in ["println!(", "print!(", "eprintln!("] {
+            assert!(!product(&text).contains(word), "{}: {word}", file.display());
+        }
+    }
+}
