@@ -41,7 +41,7 @@ impl Inertia {
 
     /// The same body about another point of it, in which its frame's origin stands at `origin`.
     ///
-    /// With h the first moment and x = [origin]×, h′ = h + m·origin and Θ′ = Θ − x[h]× − [h]×x − m·x².
+    /// With h the first moment and `x = [origin]×`: `h′ = h + m·origin` and `Θ′ = Θ − x[h]× − [h]×x − m·x²`.
     pub fn seen_from(&self, origin: &Vector3<f64>) -> Self {
         let (x, h) = (origin.cross_matrix(), self.first_moment.cross_matrix());
         Self {

@@ -10,7 +10,11 @@ use clap::{Parser, Subcommand};
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
 #[derive(Parser)]
-#[command(version, after_help = "Without a command, deltatwin runs the demo. Example: deltatwin demo --seed 7")]
+#[command(
+    name = "deltatwin",
+    version,
+    after_help = "Without a command, deltatwin runs the demo. Example: deltatwin demo --seed 7"
+)]
 pub struct Cli {
     #[command(subcommand)]
     pub command: Option<Command>,

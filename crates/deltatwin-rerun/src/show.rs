@@ -72,7 +72,7 @@ mod tests {
     /// The platform has run into the block and two limbs have come off.
     #[test]
     fn a_crash_is_shown_as_it_was() {
-        let scenario = Scenario::read(Path::new("scenarios/crash.toml")).unwrap();
+        let scenario = Scenario::read(Path::new("../../scenarios/crash.toml")).unwrap();
         let model = Model::read(&scenario.model).unwrap();
         let motion = scenario.motion(&model).unwrap();
         let plant = Plant::new(&model, &scenario.setup);

@@ -48,7 +48,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let scenarios = unpack(folder.path()).unwrap();
         let carried: Vec<_> = std::fs::read_dir(&scenarios).unwrap().map(|e| e.unwrap().path()).collect();
-        let shipped = std::fs::read_dir("scenarios/reproduce").unwrap();
+        let shipped = std::fs::read_dir("../../scenarios/reproduce").unwrap();
         assert_eq!(carried.len(), shipped.filter(|e| e.as_ref().unwrap().path().extension().is_some()).count());
         for file in carried {
             let scenario = Scenario::read(&file).unwrap();
