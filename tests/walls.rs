@@ -11,8 +11,9 @@ const UPSTREAM: [(&str, &str); 1] = [("model", "effects")];
 const OUTSIDE: [&str; 9] =
     ["clap", "clap_complete", "clap_mangen", "indicatif", "plotters", "rerun", "ctrlc", "textwrap", "deltatwin-cli"];
 
+/// Files of unit tests.
 fn is_test(file: &Path) -> bool {
-    file.file_stem().is_some_and(|s| s == "tests" || s == "testing")
+    file.file_stem().is_some_and(|s| s == "tests" || s == "testing") || file.starts_with("src/evidence/campaign")
 }
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
