@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 const UPSTREAM: [(&str, &str); 1] = [("model", "effects")];
 
 /// Crates that only those around the library may use.
-const OUTSIDE: [&str; 9] =
-    ["clap", "clap_complete", "clap_mangen", "indicatif", "plotters", "rerun", "ctrlc", "textwrap", "deltatwin-cli"];
+const OUTSIDE: [&str; 8] =
+    ["clap", "clap_complete", "clap_mangen", "indicatif", "plotters", "rerun", "ctrlc", "textwrap"];
 
 /// Files of unit tests.
 fn is_test(file: &Path) -> bool {

@@ -3,8 +3,8 @@
 #[cfg(feature = "viewer")]
 use crate::command::replay;
 use crate::command::{
-    check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce, shell,
-    simulate,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce,
+    shell, simulate,
 };
 use clap::{Parser, Subcommand};
 
@@ -33,7 +33,7 @@ pub enum Command {
     Noise(noise::Args),
     Compare(compare::Args),
     Diagnose(diagnose::Args),
-    Add(diagnose::add::Args),
+    Add(add::Args),
     Exam(exam::Args),
     Effects(effects::Args),
     Forces(forces::Args),

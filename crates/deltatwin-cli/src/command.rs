@@ -1,5 +1,6 @@
 //! The commands, one file each.
 
+pub mod add;
 pub mod check;
 pub mod compare;
 pub mod convert;

@@ -11,8 +11,8 @@ use std::process::ExitCode;
 use arguments::{Cli, Command};
 use clap::Parser;
 use command::{
-    check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce, shell,
-    simulate,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce,
+    shell, simulate,
 };
 use miette::MietteHandlerOpts;
 
@@ -64,7 +64,7 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Noise(args) => noise::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Diagnose(args) => diagnose::run(args),
-        Command::Add(args) => diagnose::add::run(args),
+        Command::Add(args) => add::run(args),
         Command::Exam(args) => exam::run(args),
         Command::Effects(args) => effects::run(args),
         Command::Forces(args) => forces::run(args),

@@ -52,7 +52,8 @@ impl<'a> Wanted<'a> {
 /// Derivatives of the predicted channels by parameter: `[parameter][channel][sample]`.
 ///
 /// With `candidate` None: all parameters of the plant, in the order of [`Plant::parameters`] (zero series for fixed
-/// ones). With a candidate effect: its parameters, as if it stood in the plant with the values it has.
+/// ones). With a candidate effect: its parameters, as if it stood in the plant with the values it has; of a sensor that has
+/// values, secants from none of it to them.
 pub fn columns(
     plant: &Plant,
     trace: &Trace,
@@ -216,12 +217,10 @@ impl<'a> Differences<'a> {
             if !wanted.has_column(entry) {
                 return Ok(none[k].clone());
             }
-            let secant = is_sensor && wanted.is_candidate && active.values[k] != 0.0;
-            let (step, of) = match difference(entry) {
-                _ if secant => (active.values[k], None),
-                step => (step, Some((k, step))),
-            };
-            let slope = slope(&predicted(of)?, &unmoved, step);
+            let is_secant = is_sensor && wanted.is_candidate && active.values[k] != 0.0;
+            let step = if is_secant { active.values[k] } else { difference(entry) };
+            let moved = predicted((!is_secant).then_some((k, step)))?;
+            let slope = slope(&moved, &unmoved, step);
             Ok(if is_sensor { means(self.trace, slope, self.block) } else { slope })
         };
         active.entries().par_iter().enumerate().map(column).collect()

@@ -1,6 +1,5 @@
 //! `deltatwin diagnose`.
 
-pub mod add;
 pub mod budget;
 mod details;
 mod json;

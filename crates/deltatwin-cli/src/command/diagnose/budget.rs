@@ -1,4 +1,4 @@
-//! The error budget on the terminal, in JSON and as a figure.
+//! The error budget on the terminal and in JSON.
 
 use serde_json::{Value, json};
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value};
 
-use super::budget;
+use super::diagnose::budget;
 use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
