@@ -2,7 +2,7 @@
 
 mod common;
 
-use deltatwin::diagnosis::{Verdict, diagnose, diagnose_holding};
+use deltatwin::diagnosis::{self, Verdict, diagnose, diagnose_with};
 use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
 use deltatwin::identification::fit::{FitError, Options};
 use deltatwin::identification::{EncoderReadings, PayloadFit, Trace, identify_payload, predict};
@@ -214,7 +214,9 @@ fn a_payload_that_hangs_lower_than_stated_is_named() {
     let held = [told(true, 4)];
     // Known gap: with the links' own parameters free the answer is `unknown`, with a set that holds the name.
     // Of a robot that is known the height comes with its value.
-    let known = diagnose_holding(&model, &["rigid_bodies".into()], &[told(true, 3)], &held, &mut |_| {}).unwrap();
+    let fixed = ["rigid_bodies".to_string()];
+    let options = diagnosis::Options { fixed: &fixed, ..diagnosis::Options::default() };
+    let known = diagnose_with(&model, &[told(true, 3)], &held, &options, &mut |_| {}).unwrap();
     let found = known.effects.iter().find(|e| e.name == NAME).expect("named");
     let height = found.parameters.iter().find(|p| p.name == "first_moment_z").expect("estimated");
     assert!(height.identified() && (height.value + 0.25).abs() < 4.0 * height.std.max(1e-4), "{height:?}");

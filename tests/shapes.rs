@@ -18,7 +18,7 @@
 mod common;
 
 use common::model;
-use deltatwin::diagnosis::{Diagnosis, diagnose, diagnose_within};
+use deltatwin::diagnosis::{Diagnosis, Options, diagnose, diagnose_with};
 use deltatwin::dynamics::Channel;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::ActiveEffect;
@@ -182,7 +182,8 @@ fn a_spring_of_finite_length_is_found_with_its_length() {
 fn without_time_there_is_an_answer_and_what_was_not_tried() {
     let measurement = measured(LAWS[1].1, 9);
     let nominal = model("irb360-6-1600");
-    let d = diagnose_within(&|| f64::INFINITY, &nominal, &[], &[measurement], &[], &mut |_| {}).unwrap();
+    let options = Options { clock: &|| f64::INFINITY, ..Options::default() };
+    let d = diagnose_with(&nominal, &[measurement], &[], &options, &mut |_| {}).unwrap();
     println!("{} not tried: {:?}", d.verdict, d.not_tried);
     assert!(d.effects.is_empty() && d.next_experiment.is_none() && d.unexplained.is_none());
     assert!(d.not_tried.iter().any(|n| n == "hose_spring"), "{:?}", d.not_tried);

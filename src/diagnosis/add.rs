@@ -1,17 +1,15 @@
 //! An effect added to a model by hand: what it explains, and what it does to the other parameters.
 
-use std::sync::atomic::AtomicBool;
-
 use super::budget::{self, Budget, Change};
+use super::fitting::{Fitting, Options};
 use super::judge::{Judge, Judged};
 use super::search::with_effects;
-use super::{DiagnosisError, Fitting, check, problem};
+use super::{DiagnosisError, check, problem};
 use crate::dynamics::in_configuration;
 use crate::effects;
 use crate::evidence::{self, Chosen};
 use crate::identification::Trace;
 use crate::identification::fit::{Estimate, Fit};
-use crate::identification::trace::noise_floor as floor;
 use crate::model::Model;
 
 /// An effect added to a model.
@@ -47,8 +45,8 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     }
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?];
-    let fitting =
-        Fitting { traces, noise: floor(model, traces), held: &[], clock: &|| 0.0, tried: AtomicBool::new(false) };
+    let options = Options::default();
+    let fitting = Fitting::new(model, traces, &options);
     let judge = Judge::new(&fitting, model, held_out);
     let before = judge.fit(model)?;
     let problem = fitting.problem(&before.fit, &candidates)?;
@@ -56,13 +54,7 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
     let with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));
     let Judged { mut fit, rms } = judge.fit(&with)?;
-    let budget = Budget {
-        channels: traces[0].channels.clone(),
-        rms_before: before.rms,
-        noise_floor: judge.floor.clone(),
-        effects: vec![(effect.into(), rms)],
-        held_out: !held_out.is_empty(),
-    };
+    let budget = judge.budget(before.rms, vec![(effect.into(), rms)]);
     fit.model.history.extend(budget.history());
     let changes = budget::changes(&before.fit, &fit);
     Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.fit.parameters, fit })

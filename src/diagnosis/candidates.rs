@@ -1,7 +1,8 @@
 //! What the data say about every candidate, found or not, by one ranking each: p and probability belong together.
 
-use super::Named;
-use crate::evidence::{Assessment, Outcome, Ranking, Settings, Visibility};
+use super::answer::Named;
+use super::search::{DELAY, Found};
+use crate::evidence::{Assessment, Visibility};
 
 /// What the data say about one candidate.
 #[derive(Clone, Debug)]
@@ -102,16 +103,10 @@ fn untestable(a: &Assessment) -> Option<Untestable> {
     }
 }
 
-/// Reports of all candidates, those that are named first. `all` assesses them before anything was found; `lag` is what the
-/// model was given before the search because the torques are recorded late.
-pub(super) fn reports(
-    all: &Ranking,
-    outcome: &Outcome,
-    settings: &Settings,
-    effects: &[Named],
-    sets: &[Vec<String>],
-    lag: Option<&str>,
-) -> Vec<CandidateReport> {
+/// Reports of all candidates, those that are named first.
+pub(super) fn reports(found: &Found, effects: &[Named], sets: &[Vec<String>]) -> Vec<CandidateReport> {
+    let Found { all, outcome, settings, .. } = found;
+    let lag = found.sampling_lag.map(|_| DELAY);
     let report = |alone: &Assessment| {
         let name = &alone.name;
         let own = outcome.findings.iter().find(|f| f.chosen.candidate == alone.candidate);

@@ -5,8 +5,14 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::effects::{ActiveEffect, Role};
+use super::answer::Verdict;
+use super::conclusion::Conclusion;
+use super::fitting::Fitting;
+use super::problem;
+use super::search::{Found, without_effects};
+use crate::effects::ActiveEffect;
 use crate::evidence::whiten::ArFilter;
+use crate::evidence::{Assessment, Finding, Visibility};
 use crate::excitation::experiments::{Bench, Experiment};
 use crate::excitation::prospect::{Comparison, Information, Noise, Prospect, SURE, in_words, prospect, ranked, which};
 use crate::identification::Trace;
@@ -150,6 +156,55 @@ impl Open<'_> {
     }
 }
 
+/// The experiment that tells the members of the first set apart; without a set, the one that shows what the data could not.
+pub(super) fn next(
+    conclusion: &Conclusion,
+    found: &Found,
+    candidates: &[Vec<ActiveEffect>],
+    fitting: &Fitting,
+) -> Option<NextExperiment> {
+    let ranking = &found.outcome.remaining;
+    let end = &conclusion.end.fit.model;
+    let open = |model| Open {
+        model,
+        held: fitting.fixed,
+        traces: fitting.traces,
+        filters: &ranking.filters,
+        stride: problem::BLOCK,
+        blocks: ranking.blocks,
+    };
+    if conclusion.verdict == Verdict::Unknown {
+        return None;
+    }
+    match found.outcome.findings.iter().find(|f| f.ranking.confidence_set().len() > 1) {
+        Some(finding) => {
+            let rivals = rivals(finding, end, candidates);
+            let names: Vec<&str> = rivals.iter().map(|a| a.effect.name()).collect();
+            open(&without_effects(end, &names)).tell(&rivals)
+        }
+        None => {
+            let unseen = ranking.candidates.iter().filter(|a| a.visibility != Visibility::Visible);
+            let effects: Vec<ActiveEffect> =
+                unseen.map(|a| candidates[a.candidate][a.variant].at_usual_size()).collect();
+            if effects.is_empty() { None } else { open(end).see(&effects) }
+        }
+    }
+}
+
+/// The effects that the data do not tell apart, the one that was added first: as fitted if it is in the model, else of the
+/// size that its test found.
+fn rivals(finding: &Finding, model: &Model, candidates: &[Vec<ActiveEffect>]) -> Vec<ActiveEffect> {
+    let own = finding.chosen.candidate;
+    let with_size = |a: &&Assessment| {
+        let fitted = model.effects.iter().find(|e| e.effect.name() == a.name).filter(|_| a.candidate == own);
+        let estimated = a.coefficients.iter().map(|c| (c.name.clone(), c.value));
+        fitted.cloned().unwrap_or_else(|| sized(&candidates[a.candidate][a.variant], estimated))
+    };
+    let mut set = finding.ranking.confidence_set();
+    set.sort_by_key(|a| a.candidate != own);
+    set.iter().map(with_size).collect()
+}
+
 /// Seed of the random motions that are proposed.
 const SEED: u64 = 17;
 
@@ -185,17 +240,6 @@ fn proposal(experiment: &Experiment, promise: &Prospect, ranked: &[(Experiment, 
         experiment: experiment.clone(),
         others: ranked.iter().skip(1).take(MENTIONED).map(other).collect(),
     }
-}
-
-/// An absent effect at its usual size, where its machine has it.
-pub fn usual(active: &ActiveEffect) -> ActiveEffect {
-    let mut sized = active.clone();
-    for (value, entry) in sized.values.iter_mut().zip(active.entries()) {
-        if entry.parameter.role == Role::Linear {
-            *value = entry.parameter.default;
-        }
-    }
-    sized
 }
 
 /// `active` with the sizes that the evidence found for it, `(name, value)` with the effect's name before each.

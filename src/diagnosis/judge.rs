@@ -1,6 +1,8 @@
 //! Whether an effect is worth its name, on data it was not found in.
 
-use super::{Fitting, problem};
+use super::budget::Budget;
+use super::fitting::Fitting;
+use super::problem;
 use crate::evidence::Problem;
 use crate::evidence::drift::Noise;
 use crate::identification::Trace;
@@ -35,16 +37,38 @@ pub(super) struct Judged {
 /// The data to find effects in and those to judge them by.
 pub(super) struct Judge<'a> {
     pub fitting: &'a Fitting<'a>,
-    /// Those held out; without any, those to find in.
-    held_out: &'a [Trace],
+    /// Recordings that no fit sees; may be none.
+    pub held_out: &'a [Trace],
     /// Their noise floor.
     pub floor: Vec<f64>,
 }
 
 impl<'a> Judge<'a> {
     pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Trace]) -> Self {
-        let held_out = if held_out.is_empty() { fitting.traces } else { held_out };
-        Self { fitting, held_out, floor: floor(model, held_out) }
+        let mut judge = Self { fitting, held_out, floor: Vec::new() };
+        judge.floor = floor(model, judge.data());
+        judge
+    }
+
+    /// The recordings to judge by: those held out; without any, those fitted to.
+    pub fn data(&self) -> &'a [Trace] {
+        if self.held_out.is_empty() { self.fitting.traces } else { self.held_out }
+    }
+
+    /// Whether residuals on the data to judge by lie clearly above the noise of some channel.
+    pub fn is_more_than_noise(&self, rms: &[f64]) -> bool {
+        rms.iter().zip(&self.floor).any(|(r, floor)| r / floor.max(f64::MIN_POSITIVE) > UNEXPLAINED)
+    }
+
+    /// An error budget on the data judged by.
+    pub fn budget(&self, rms_before: Vec<f64>, effects: Vec<(String, Vec<f64>)>) -> Budget {
+        Budget {
+            channels: self.fitting.traces[0].channels.clone(),
+            rms_before,
+            noise_floor: self.floor.clone(),
+            effects,
+            held_out: !self.held_out.is_empty(),
+        }
     }
 
     /// Refits a model.
@@ -60,12 +84,12 @@ impl<'a> Judge<'a> {
             rms.iter().zip(floor).any(|(r, f)| *r > UNEXPLAINED * f)
         };
         Ok(above(self.fitting.traces, &judged.residuals, &self.fitting.noise)
-            && above(self.held_out, &residuals(&judged.model, self.held_out)?, &self.floor))
+            && above(self.data(), &residuals(&judged.model, self.data())?, &self.floor))
     }
 
     /// Judges a fit.
     pub fn of(&self, fit: Fit) -> Result<Judged, FitError> {
-        Ok(Judged { rms: channel_rms(&residuals(&fit.model, self.held_out)?), fit })
+        Ok(Judged { rms: channel_rms(&residuals(&fit.model, self.data())?), fit })
     }
 
     /// Whether what `with` has and `without` has not is worth a name.

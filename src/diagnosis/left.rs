@@ -1,11 +1,12 @@
 //! What is left after everything that was found, in units of the noise.
 
+use super::answer::Verdict;
+use super::conclusion::Conclusion;
+use super::judge::Judge;
 use super::judge::UNEXPLAINED;
 use super::unknown::{self, Shape};
-use super::{Fitting, Verdict};
 use crate::dynamics::Channel;
-use crate::identification::Trace;
-use crate::identification::fit::{Fit, FitError};
+use crate::identification::fit::FitError;
 
 /// Error that is left, in units of the noise.
 #[derive(Clone, Debug)]
@@ -30,7 +31,20 @@ pub struct Rest {
 }
 
 impl Left {
-    pub(super) fn new(rms: &[f64], floor: &[f64], named: bool, verdict: Verdict) -> Self {
+    /// What a conclusion leaves, with a look at it where no formula was found for it.
+    pub(super) fn of(conclusion: &Conclusion, judge: &Judge) -> Result<Self, FitError> {
+        let mut left = Self::new(&conclusion.end.rms, &judge.floor, !conclusion.effects.is_empty(), conclusion.verdict);
+        if left.is_more_than_noise() && conclusion.unexplained.is_none() {
+            let worst = left.channels(&judge.data()[0].channels);
+            left.sight = match worst.iter().find_map(|(channel, _)| channel.drive()) {
+                Some(drive) => unknown::look(&conclusion.end.fit, judge, drive)?,
+                None => None,
+            };
+        }
+        Ok(left)
+    }
+
+    fn new(rms: &[f64], floor: &[f64], named: bool, verdict: Verdict) -> Self {
         let ratios: Vec<f64> = rms.iter().zip(floor).map(|(r, f)| r / f.max(f64::MIN_POSITIVE)).collect();
         let above = ratios.iter().any(|r| *r > UNEXPLAINED);
         Self { ratios, beside: named && (above || verdict == Verdict::Unknown), sight: None }
@@ -52,17 +66,6 @@ impl Left {
         let mut above: Vec<(Channel, f64)> = all.filter(|(_, ratio)| *ratio > UNEXPLAINED).collect();
         above.sort_by(|a, b| b.1.total_cmp(&a.1));
         above
-    }
-
-    /// Looks at the rest of a fit where it is largest.
-    pub(super) fn look(&mut self, fit: &Fit, fitting: &Fitting, held_out: &[Trace]) -> Result<(), FitError> {
-        let traces = if held_out.is_empty() { fitting.traces } else { held_out };
-        let worst = self.channels(&traces[0].channels);
-        self.sight = match worst.iter().find_map(|(channel, _)| channel.drive()) {
-            Some(drive) => unknown::look(fit, fitting, traces, drive)?,
-            None => None,
-        };
-        Ok(())
     }
 }
 

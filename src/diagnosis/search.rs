@@ -6,8 +6,9 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use super::fitting::Fitting;
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant};
-use super::{DiagnosisError, Fitting, problem, without_effects};
+use super::{DiagnosisError, problem};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
@@ -235,7 +236,7 @@ impl Search<'_> {
             let is_lag = self.may_lag && names.last() == Some(&DELAY);
             let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
             if !is_lag && !is_nonlinear(&model) {
-                fitting.has_tried();
+                fitting.tried();
                 return Ok(Refit::Same);
             }
             let newest = chosen.last().map(|c| (c, self.shape(c)));
@@ -260,7 +261,7 @@ impl Search<'_> {
                 Ok(Ok(next))
             };
             let made = step();
-            fitting.has_tried();
+            fitting.tried();
             // Where the data lead to a machine that cannot be, the newest effect is not what they show.
             let selection = match made {
                 Ok(Ok(next)) => return Ok(Refit::New(Box::new(next))),
@@ -364,7 +365,7 @@ impl Search<'_> {
             next.candidates[c.candidate].variants[c.variant].columns.clear();
         }
         for owned in self.fits.columns(chosen, fitted, fitting)?.iter() {
-            if fitting.holds(&owned.column.name) {
+            if fitting.is_fixed(&owned.column.name) {
                 continue;
             }
             let Some(i) = names.iter().position(|n| *n == owned.effect) else {
@@ -404,6 +405,13 @@ pub(super) fn with_effects(
         model.effects.push(active);
     }
     model
+}
+
+/// The model without the effects named.
+pub(super) fn without_effects(model: &Model, names: &[&str]) -> Model {
+    let mut reduced = model.clone();
+    reduced.effects.retain(|a| !names.contains(&a.effect.name()));
+    reduced
 }
 
 /// Whether a candidate may take enough from some channel, by its columns, to be confirmed after a fit.

@@ -9,14 +9,13 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
-use super::judge::{is_relevant, relative_energy, wanders_in};
+use super::fitting::{Fitting, Stage};
+use super::judge::{Judge, is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
-use super::{EXPERIMENT, Fitting};
+use super::search::Found as Outcome;
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
-use crate::evidence::Stop;
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
-use crate::identification::prediction::Channels;
 use crate::identification::trace::noise_floor;
 use crate::identification::{Fit, Trace};
 use crate::model::Model;
@@ -82,97 +81,122 @@ impl Unexplained {
     }
 }
 
-/// What speaks for something unknown before it is looked for.
-#[derive(Clone, Copy)]
-pub(super) struct Doubt {
-    /// Number of effects that are named.
-    pub named: usize,
-    /// Whether they leave clearly more than noise on the data judged by.
-    pub is_more_than_noise: bool,
-}
-
-/// Looks for a law that explains clearly more than the effects in `end`, the fit `start` with the named effects added, or
-/// that explains what they leave above the noise.
+/// Looks for a law that explains clearly more than the effects found, or that explains what they leave above the noise.
 ///
-/// Without `held_out` a part of the traces is kept back to judge by.
+/// Without held-out data a part of the recordings is kept back to judge by.
+///
+/// # Errors
+/// If the model with the law cannot be fitted.
 pub(super) fn explain(
-    [start, end]: [&Fit; 2],
-    Doubt { named, is_more_than_noise }: Doubt,
-    fitting: &Fitting,
-    held_out: &[Trace],
+    found: &Outcome,
+    judge: &Judge,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Option<Unexplained>, FitError> {
     progress("is it explained?");
-    let after = Search::new(&end.model, fitting, held_out)?;
-    let stop = || (fitting.clock)() >= EXPERIMENT;
-    let with_named = after.formula(&stop);
+    let after = Search::new(&found.end.fit.model, judge)?;
+    let with_named = after.formula();
     if with_named.terms.is_empty() {
         return Ok(None);
     }
-    let (before, alone) = if named == 0 {
-        (None, with_named.clone())
-    } else {
-        progress("is there a better explanation?");
-        let before = Search::new(&start.model, fitting, held_out)?;
-        let alone = before.formula(&stop);
-        (Some(before), alone)
+    let named = found.outcome.findings.len();
+    let before = match named {
+        0 => None,
+        _ => {
+            progress("is there a better explanation?");
+            Some(Search::new(&found.start.fit.model, judge)?)
+        }
     };
-    let sum = |x: &[f64]| x.iter().sum::<f64>();
-    let explainable = sum(&alone.before) - sum(&alone.after).min(sum(&with_named.after));
-    let beside_named = sum(&alone.after) > sum(&with_named.after) + WORTH_NAMING * explainable;
-    let (search, base, best) = if beside_named {
-        (&after, &end.model, with_named.clone())
-    } else {
-        (before.as_ref().unwrap_or(&after), &start.model, alone)
-    };
-    let left = (sum(&with_named.before) - sum(&best.after)) / explainable.max(f64::MIN_POSITIVE);
-    let at_one_place =
-        best.terms.iter().all(|t| same_part(search.find.places[t.place], search.find.places[best.terms[0].place]));
-    let threshold = match (beside_named, at_one_place) {
-        (true, _) => LEFT_BESIDE,
-        (false, true) => LEFT_AT_ONE_PLACE,
-        (false, false) => LEFT_AT_SEVERAL,
-    };
-    let replaces = named == 0 || (left >= threshold && gain(&with_named.before, &best.after).1 >= BETTER);
-    if !replaces && !is_more_than_noise {
+    let alone = before.as_ref().map_or_else(|| with_named.clone(), Search::formula);
+    let is_more_than_noise = judge.is_more_than_noise(&found.end.rms);
+    let Some(choice) = Choice::between(alone, with_named, &after.find.places, named, is_more_than_noise) else {
         return Ok(None);
-    }
-    // What the names leave is relative to what they explain; the noise is not.
-    let (search, base, best, beside_named) =
-        if replaces { (search, base, best, beside_named) } else { (&after, &end.model, with_named.clone(), true) };
+    };
+    let (search, base) = match before.as_ref().filter(|_| !choice.keeps_named) {
+        Some(before) => (before, &found.start.fit.model),
+        None => (&after, &found.end.fit.model),
+    };
     progress("where it acts");
-    let fit = fitting.fit(&with_formula(base, &search.find, &best.terms))?;
-    let judge = if held_out.is_empty() { fitting.traces } else { held_out };
-    let (without, with) = (residuals(&end.model, judge)?, residuals(&fit.model, judge)?);
-    let rms = channel_rms(&with);
-    let floor = noise_floor(&end.model, judge);
-    let energy = |residuals: &[Channels]| relative_energy(&channel_rms(residuals), &floor);
-    if energy(&without) - energy(&with) < WORTH_SHOWING * (energy(&without) - floor.len() as f64) {
-        return Ok(None);
-    }
-    // As of names: a trifle is what smoothing blurs, and noise may drift.
-    if !is_relevant(&channel_rms(&without), &rms) || wanders_in(judge, &without, &with) || fitting.wanders(end, &fit)? {
-        return Ok(None);
-    }
-    let shares = search.shares(best.gain(), &stop);
-    let place = strongest(&search.find, &best.terms);
+    let terms = &choice.formula.terms;
+    let fit = judge.fitting.fit(&with_formula(base, &search.find, terms))?;
+    let Some(rms) = confirmed(&found.end.fit, &fit, judge)? else { return Ok(None) };
+    let place = strongest(&search.find, terms);
     Ok(Some(Unexplained {
-        location: location(&search.find, &best.terms),
-        shares,
-        left: left.clamp(0.0, 1.0),
-        shape: Shape::new(&search.find, &best.terms, place, base.mechanism),
+        location: location(&search.find, terms),
+        shares: search.shares(choice.formula.gain()),
+        left: choice.left.clamp(0.0, 1.0),
+        shape: Shape::new(&search.find, terms, place, base.mechanism),
         unit: base.mechanism.unit(search.find.places[place].unit()),
         terms: estimates(&fit),
-        beside_named: beside_named && named > 0,
-        replaces,
+        beside_named: choice.keeps_named && named > 0,
+        replaces: choice.replaces,
         fit,
         rms,
     }))
 }
 
-/// What is left of a fit on a drive, along `traces`, where no formula explains it; none without data there.
-pub(super) fn look(fit: &Fit, fitting: &Fitting, traces: &[Trace], drive: usize) -> Result<Option<Rest>, FitError> {
-    let sight = Sight::new(&fit.model, traces, &fitting.noise, &|parameter| fitting.holds(parameter))?;
+/// The formula that explains most, and what it means for the effects named.
+struct Choice {
+    formula: Formulation,
+    /// Whether the named effects stay beside it.
+    keeps_named: bool,
+    /// Whether it is worth more than the names: the model gets it.
+    replaces: bool,
+    /// Share of the explainable error that the named effects leave to it.
+    left: f64,
+}
+
+impl Choice {
+    /// Chooses between a formula `alone` and one beside `named` effects; none if neither is worth more than the names and
+    /// these leave no more than noise.
+    fn between(
+        alone: Formulation,
+        with_named: Formulation,
+        places: &[Place],
+        named: usize,
+        is_more_than_noise: bool,
+    ) -> Option<Self> {
+        let sum = |x: &[f64]| x.iter().sum::<f64>();
+        let (before, after) = (sum(&with_named.before), sum(&with_named.after));
+        let explainable = sum(&alone.before) - sum(&alone.after).min(after);
+        let keeps_named = sum(&alone.after) > after + WORTH_NAMING * explainable;
+        let best = if keeps_named { &with_named } else { &alone };
+        let left = (before - sum(&best.after)) / explainable.max(f64::MIN_POSITIVE);
+        let is_at_one_place = best.terms.iter().all(|t| same_part(places[t.place], places[best.terms[0].place]));
+        let threshold = match (keeps_named, is_at_one_place) {
+            (true, _) => LEFT_BESIDE,
+            (false, true) => LEFT_AT_ONE_PLACE,
+            (false, false) => LEFT_AT_SEVERAL,
+        };
+        let replaces = named == 0 || (left >= threshold && gain(&with_named.before, &best.after).1 >= BETTER);
+        match (replaces, keeps_named) {
+            (true, true) => Some(Self { formula: with_named, keeps_named, replaces, left }),
+            (true, false) => Some(Self { formula: alone, keeps_named, replaces, left }),
+            // What the names leave is relative to what they explain; the noise is not.
+            (false, _) if is_more_than_noise => Some(Self { formula: with_named, keeps_named: true, replaces, left }),
+            (false, _) => None,
+        }
+    }
+}
+
+/// RMS residuals of the fit `with` a formula on the data to judge by, if it takes enough from those of the fit `without` to be
+/// worth showing: a trifle is what smoothing blurs, and noise may drift.
+fn confirmed(without: &Fit, with: &Fit, judge: &Judge) -> Result<Option<Vec<f64>>, FitError> {
+    let traces = judge.data();
+    let (before, after) = (residuals(&without.model, traces)?, residuals(&with.model, traces)?);
+    let rms = channel_rms(&after);
+    let floor = noise_floor(&without.model, traces);
+    let energy = |rms: &[f64]| relative_energy(rms, &floor);
+    let unexplained = energy(&channel_rms(&before)) - floor.len() as f64;
+    let takes_enough = energy(&channel_rms(&before)) - energy(&rms) >= WORTH_SHOWING * unexplained
+        && is_relevant(&channel_rms(&before), &rms)
+        && !wanders_in(traces, &before, &after)
+        && !judge.fitting.wanders(without, with)?;
+    Ok(takes_enough.then_some(rms))
+}
+
+/// What is left of a fit on a drive in the data to judge by, where no formula explains it; none without data there.
+pub(super) fn look(fit: &Fit, judge: &Judge, drive: usize) -> Result<Option<Rest>, FitError> {
+    let sight = sight(&fit.model, judge.data(), judge.fitting)?;
     let Some(place) = sight.places.iter().position(|p| *p == Place::Drive(drive)) else { return Ok(None) };
     let machine = fit.model.mechanism;
     Ok(Some(Rest {
@@ -182,13 +206,17 @@ pub(super) fn look(fit: &Fit, fitting: &Fitting, traces: &[Trace], drive: usize)
     }))
 }
 
+fn sight(model: &Model, traces: &[Trace], fitting: &Fitting) -> Result<Sight, FitError> {
+    Sight::new(model, traces, &fitting.noise, &|parameter| fitting.is_fixed(parameter))
+}
+
 /// A number as it is read by a person.
 fn six_digits(x: f64) -> String {
     format!("{:?}", format!("{x:.5e}").parse().unwrap_or(x))
 }
 
 /// Data to find with and to judge by, and the library for them.
-struct Search {
+struct Search<'a> {
     find: Sight,
     /// Instants to find with.
     found: Vec<usize>,
@@ -196,13 +224,14 @@ struct Search {
     judge: Option<Sight>,
     judged: Vec<usize>,
     atoms: Vec<Atom>,
+    fitting: &'a Fitting<'a>,
 }
 
-impl Search {
-    fn new(model: &Model, fitting: &Fitting, held_out: &[Trace]) -> Result<Self, FitError> {
-        let sight = |traces| Sight::new(model, traces, &fitting.noise, &|parameter| fitting.holds(parameter));
-        let find = sight(fitting.traces)?;
-        let judge = if held_out.is_empty() { None } else { Some(sight(held_out)?) };
+impl<'a> Search<'a> {
+    fn new(model: &Model, judge: &Judge<'a>) -> Result<Self, FitError> {
+        let fitting = judge.fitting;
+        let find = sight(model, fitting.traces, fitting)?;
+        let judge = if judge.held_out.is_empty() { None } else { Some(sight(model, judge.held_out, fitting)?) };
         let (found, judged) = match &judge {
             Some(judge) => ((0..find.len()).collect(), (0..judge.len()).collect()),
             None => find.halves(),
@@ -212,7 +241,12 @@ impl Search {
         if fitting.traces.len() == 1 {
             atoms.extend(hums(&find.places, &find.residual, time));
         }
-        Ok(Self { find, found, judge, judged, atoms })
+        Ok(Self { find, found, judge, judged, atoms, fitting })
+    }
+
+    /// Whether the time is up.
+    fn is_late(&self) -> bool {
+        !self.fitting.has_time_for(Stage::NextExperiment)
     }
 
     fn pursuit(&self) -> Pursuit<'_> {
@@ -220,12 +254,12 @@ impl Search {
         Pursuit::new(&self.atoms, (&self.find, self.found.clone()), (judge, self.judged.clone()))
     }
 
-    fn formula(&self, stop: Stop) -> Formulation {
-        self.pursuit().formula(MOST, |_| true, stop)
+    fn formula(&self) -> Formulation {
+        self.pursuit().formula(MOST, |_| true, &|| self.is_late())
     }
 
     /// What a formula at each part of the machine alone takes, relative to `all`; best first.
-    fn shares(&self, all: f64, stop: Stop) -> Vec<(String, f64)> {
+    fn shares(&self, all: f64) -> Vec<(String, f64)> {
         let pursuit = self.pursuit();
         let mut parts: Vec<Place> = Vec::new();
         for &place in &self.find.places {
@@ -234,10 +268,10 @@ impl Search {
             }
         }
         let share = |part: &Place| {
-            let there = pursuit.formula(AT_ONE_PLACE, |p| same_part(self.find.places[p], *part), stop);
+            let there = pursuit.formula(AT_ONE_PLACE, |p| same_part(self.find.places[p], *part), &|| self.is_late());
             (part.region(), (there.gain() / all.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0))
         };
-        let mut shares: Vec<(String, f64)> = parts.iter().take_while(|_| !stop()).map(share).collect();
+        let mut shares: Vec<(String, f64)> = parts.iter().take_while(|_| !self.is_late()).map(share).collect();
         shares.sort_by(|a, b| b.1.total_cmp(&a.1));
         shares
     }

@@ -16,7 +16,7 @@ use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
 use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
-use deltatwin::diagnosis::{Diagnosis, NextExperiment, diagnose_within};
+use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, diagnose_with};
 use deltatwin::dynamics::Plant;
 use deltatwin::excitation::scenario::write_plan;
 use deltatwin::identification::Trace;
@@ -85,7 +85,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let allowance = Allowance::new(args.time_limit, samples);
     catch_interrupt()?;
     let clock = || allowance.passed();
-    let answer = diagnose_within(&clock, &model, &args.hold, &data.traces, &data.held_out, &mut |what| {
+    let options = Options { fixed: &args.hold, clock: &clock };
+    let answer = diagnose_with(&model, &data.traces, &data.held_out, &options, &mut |what| {
         progress.set_message(format!("diagnose: {what}"));
     });
     progress.finish_and_clear();

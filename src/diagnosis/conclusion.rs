@@ -1,0 +1,197 @@
+//! What the outcome of a search means: the effects named, their confidence, the sets that data cannot tell apart, and the
+//! verdict.
+
+use super::DiagnosisError;
+use super::answer::{Diagnosis, Named, Verdict};
+use super::budget::{Budget, changes};
+use super::candidates;
+use super::confidence::Confidence;
+use super::experiment::NextExperiment;
+use super::judge::{Judge, Judged, relative_energy};
+use super::left::Left;
+use super::problem;
+use super::search::{Found, without_effects};
+use super::unknown::Unexplained;
+use crate::effects;
+use crate::evidence::{Finding, Visibility};
+use crate::identification::fit::{Estimate, Fit, FitError};
+use crate::model::Model;
+
+/// Share of the explainable error that named effects may leave before something unknown is concluded.
+const MAX_LEFT: f64 = 0.5;
+
+/// What is said of the model.
+pub(super) struct Conclusion {
+    pub verdict: Verdict,
+    /// Effects that are missing, in the order found.
+    pub effects: Vec<Named>,
+    /// Sets of effects the data cannot tell apart, each led by the one that was found.
+    pub indistinguishable: Vec<Vec<String>>,
+    /// The model with all that was found, with its residuals on the data to judge by.
+    pub end: Judged,
+    /// What no known effect explains.
+    pub unexplained: Option<Unexplained>,
+    /// What the time did not allow.
+    pub not_tried: Vec<String>,
+}
+
+impl Conclusion {
+    /// Names what was found.
+    pub fn new(found: &Found, judge: &Judge) -> Result<Self, DiagnosisError> {
+        let effects = named(found, &judge.floor)?;
+        let indistinguishable = indistinguishable(found);
+        let leaves_more = judge.leaves_more(&found.end.fit)?;
+        let rms = [&found.start.rms[..], &found.end.rms, &judge.floor];
+        let verdict = verdict(effects.len(), rms, leaves_more, !indistinguishable.is_empty());
+        let (end, not_tried) = (found.end.clone(), found.not_tried.clone());
+        Ok(Self { verdict, effects, indistinguishable, end, unexplained: None, not_tried })
+    }
+
+    /// Gives way to a formula that explains more than the names, if it does.
+    pub fn revise(&mut self, unexplained: Option<Unexplained>) {
+        self.unexplained = unexplained;
+        let Some(formula) = self.unexplained.as_ref().filter(|u| u.replaces) else { return };
+        // Named effects stay only where they add to it.
+        if !formula.beside_named {
+            self.effects.clear();
+            self.indistinguishable.clear();
+        }
+        self.end = Judged { fit: formula.fit.clone(), rms: formula.rms.clone() };
+        self.verdict = Verdict::Unknown;
+    }
+
+    /// Gives the named effects their parameters in the final model, and the confidence that the final verdict leaves them.
+    pub fn settle(&mut self) {
+        for named in &mut self.effects {
+            if self.verdict == Verdict::Unknown {
+                // Where something else is the matter, a name is worth what it explains.
+                named.confidence.doubt(named.explained);
+            }
+            named.parameters = parameters_of(&self.end.fit, &named.name);
+        }
+    }
+
+    /// Whether a formula is in the final model.
+    fn has_formula(&self) -> bool {
+        self.unexplained.as_ref().is_some_and(|u| u.replaces)
+    }
+
+    /// Residuals with the effects added one after another, the formula last if the model has got one.
+    fn budget(&self, start: &Judged, judge: &Judge) -> Result<Budget, FitError> {
+        let mut added: Vec<&str> = self.effects.iter().map(|e| e.name.as_str()).collect();
+        added.extend(self.has_formula().then_some(effects::formula::NAME));
+        let mut stages = Vec::new();
+        for (i, name) in added.iter().enumerate() {
+            let later = &added[i + 1..];
+            let rms = match later.is_empty() {
+                true => self.end.rms.clone(),
+                false => judge.fit(&without_effects(&self.end.fit.model, later))?.rms,
+            };
+            stages.push((name.to_string(), rms));
+        }
+        Ok(judge.budget(start.rms.clone(), stages))
+    }
+
+    /// The answer: the conclusion with what was found on the way.
+    pub fn answer(
+        self,
+        found: Found,
+        left: Left,
+        next_experiment: Option<NextExperiment>,
+        mounted: &Model,
+        judge: &Judge,
+    ) -> Result<Diagnosis, DiagnosisError> {
+        let budget = self.budget(&found.start, judge)?;
+        let candidates = candidates::reports(&found, &self.effects, &self.indistinguishable);
+        let twin_only: Vec<String> = problem::beyond(mounted).into_iter().map(|e| e.name().into()).collect();
+        let unseen = unseen(&found, &twin_only);
+        let Judged { fit: start, rms: rms_before } = found.start;
+        let Judged { fit: end, rms: rms_after } = self.end;
+        let mut model = end.model.clone();
+        model.history.extend(budget.history());
+        Ok(Diagnosis {
+            verdict: self.verdict,
+            channels: budget.channels.clone(),
+            noise_floor: judge.floor.clone(),
+            rms_before,
+            rms_after,
+            effects: self.effects,
+            candidates,
+            indistinguishable: self.indistinguishable,
+            unseen_parameters: problem::not_excited(&found.problem, &unseen),
+            unseen,
+            twin_only,
+            next_experiment,
+            budget,
+            changes: changes(&start, &end),
+            parameters: [start.parameters, end.parameters],
+            left,
+            not_tried: self.not_tried,
+            unexplained: self.unexplained,
+            sampling_lag: found.sampling_lag,
+            model,
+        })
+    }
+}
+
+/// Names of the effects that the data could not show at their usual size, those of the twin alone last.
+fn unseen(found: &Found, twin_only: &[String]) -> Vec<String> {
+    let named = found.outcome.found();
+    let hidden = found.all.candidates.iter().filter(|a| a.visibility != Visibility::Visible);
+    let unnamed = hidden.filter(|a| !named.contains(&a.candidate)).map(|a| a.name.clone());
+    unnamed.chain(twin_only.iter().cloned()).collect()
+}
+
+/// The effects found, each with the confidence in its name and the share of the explainable error that goes with it.
+fn named(found: &Found, floor: &[f64]) -> Result<Vec<Named>, DiagnosisError> {
+    let problem = found.outcome.refitted.as_ref().unwrap_or(&found.problem);
+    let one = |(finding, without): (&Finding, &Vec<f64>)| {
+        Ok(Named {
+            name: problem.candidates[finding.chosen.candidate].name.clone(),
+            confidence: Confidence::of(finding, problem, &found.settings)?,
+            explained: explained(&found.start.rms, without, &found.end.rms, floor),
+            parameters: Vec::new(),
+        })
+    };
+    found.outcome.findings.iter().zip(&found.without).map(one).collect()
+}
+
+/// Sets of more than one effect between which the data do not decide.
+fn indistinguishable(found: &Found) -> Vec<Vec<String>> {
+    let set = |finding: &Finding| {
+        let own = &found.problem.candidates[finding.chosen.candidate].name;
+        let rivals = finding.ranking.confidence_set().into_iter().map(|a| &a.name).filter(|name| *name != own);
+        std::iter::once(own).chain(rivals).cloned().collect::<Vec<String>>()
+    };
+    found.outcome.findings.iter().map(set).filter(|set| set.len() > 1).collect()
+}
+
+fn verdict(named: usize, [before, after, floor]: [&[f64]; 3], leaves_more: bool, is_ambiguous: bool) -> Verdict {
+    let excess = |rms: &[f64]| relative_energy(rms, floor) - floor.len() as f64;
+    let left = excess(after) / excess(before).max(f64::MIN_POSITIVE);
+    match named {
+        n if leaves_more && (n == 0 || left > MAX_LEFT) => Verdict::Unknown,
+        0 => Verdict::None,
+        _ if is_ambiguous => Verdict::Ambiguous,
+        1 => Verdict::Effect,
+        _ => Verdict::Several,
+    }
+}
+
+/// Share of the explainable error that goes from `without` to `with`.
+///
+/// All arguments are RMS residuals per channel on the same data; explainable is what `before` has above the noise `floor`.
+pub(super) fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[f64]) -> f64 {
+    let explainable = relative_energy(before, floor) - floor.len() as f64;
+    if explainable <= 0.0 {
+        return 0.0;
+    }
+    ((relative_energy(without, floor) - relative_energy(with, floor)) / explainable).clamp(0.0, 1.0)
+}
+
+/// Estimates of one effect, with its name left out of theirs.
+pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
+    let prefix = format!("{effect}.");
+    let own = |p: &Estimate| p.name.strip_prefix(&prefix).map(|name| Estimate { name: name.into(), ..p.clone() });
+    fit.parameters.iter().filter_map(own).collect()
+}
