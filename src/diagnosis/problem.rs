@@ -103,11 +103,7 @@ pub fn problem(
     let mut columns = columns.into_iter();
     let mut candidate = |shapes: &Vec<ActiveEffect>| {
         let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
-        Candidate {
-            name: shapes[0].effect.name().into(),
-            variants: shapes.iter().map(variant).collect(),
-            generic: false,
-        }
+        Candidate { name: shapes[0].effect.name().into(), variants: shapes.iter().map(variant).collect() }
     };
     Ok(Problem {
         channels: traces[0]

@@ -57,7 +57,7 @@ pub fn confusion(
     runs: usize,
 ) -> Result<Option<Confusion>, Error> {
     let Some(winner) = ranking.best else { return Ok(None) };
-    let named = |i: &usize| !ranking.candidates[*i].generic && ranking.candidates[*i].rank > 0;
+    let named = |i: &usize| ranking.candidates[*i].rank > 0;
     let ranked: Vec<usize> = ranking.order.iter().copied().filter(named).collect();
     let rival = |&&i: &&usize| {
         let a = &ranking.candidates[i];

@@ -49,7 +49,7 @@ pub fn contribution<'b>(entry: &Entry<'b>) -> Contribution<'b> {
     }
 }
 
-pub fn estimates(entry: &Entry<'_>, blockwise: &[DMatrix<f64>]) -> Vec<Estimate> {
+fn estimates(entry: &Entry<'_>, blockwise: &[DMatrix<f64>]) -> Vec<Estimate> {
     let basis = &entry.projected.basis;
     let covariance = basis * sandwich(&entry.scores, blockwise) * basis.transpose();
     let value = basis * &entry.scores.sum;
@@ -71,14 +71,29 @@ pub fn base_estimates(fit: &BaseFit<'_>, inverse: &DMatrix<f64>, rest: &Remainde
     fit.columns.iter().enumerate().map(one).collect()
 }
 
-/// Everything about a candidate that needs neither flips nor a second pass.
+/// How likely a candidate is by chance, over its variants.
+pub struct Chance {
+    /// Score statistic of the variant with the smallest p.
+    pub score: f64,
+    pub p_marginal: f64,
+    pub p_adjusted: f64,
+}
+
+/// What a candidate's fit does to the residual of each channel.
+pub struct Gain {
+    pub sum_of_squares: Vec<f64>,
+    pub relevance: Vec<f64>,
+    pub explained_share: Option<f64>,
+}
+
+/// The assessment of a candidate by its best variant, before it is compared with the winner.
 pub fn describe(
     entry: &Entry<'_>,
     problem: &Problem,
-    fit: &BaseFit<'_>,
-    rest: &Remainder,
+    (fit, rest): (&BaseFit<'_>, &Remainder),
+    blockwise: &[DMatrix<f64>],
+    (chance, gain): (Chance, Gain),
     settings: &Settings,
-    variants: usize,
 ) -> Assessment {
     let candidate = &problem.candidates[entry.candidate];
     let projected = &entry.projected;
@@ -109,11 +124,10 @@ pub fn describe(
     absorbed_by.truncate(5);
     let f = f_of(entry, rest);
     let rank = projected.rank();
-    let freedom = rank as f64 + f64::from(u8::from(variants > 1));
+    let freedom = rank as f64 + searched(problem, entry.candidate);
     Assessment {
         candidate: entry.candidate,
         name: candidate.name.clone(),
-        generic: candidate.generic,
         variant: entry.index,
         label: entry.variant.label.clone(),
         visibility,
@@ -122,15 +136,15 @@ pub fn describe(
         absorbed_by,
         rank,
         f_statistic: f,
-        log_evidence: if rank > 0 { ln_chi2_tail(rank as f64 * f, freedom) } else { 0.0 },
-        score: entry.scores.statistic,
-        p_marginal: 1.0,
-        p_adjusted: 1.0,
-        relevance: Vec::new(),
-        explained_share: None,
-        coefficients: Vec::new(),
-        base_change: Vec::new(),
-        sum_of_squares: Vec::new(),
+        ln_p: if rank > 0 { ln_chi2_tail(rank as f64 * f, freedom) } else { 0.0 },
+        score: chance.score,
+        p_marginal: chance.p_marginal,
+        p_adjusted: chance.p_adjusted,
+        relevance: gain.relevance,
+        explained_share: gain.explained_share,
+        coefficients: estimates(entry, blockwise),
+        base_change: contribution(entry).imitation.iter().map(|x| -x).collect(),
+        sum_of_squares: gain.sum_of_squares,
         t_against_best: 0.0,
         overlap: 0.0,
         indistinguishable: false,

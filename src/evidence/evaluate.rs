@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::base_fit::{BaseFit, sum};
-use super::describe::{Entry, base_estimates, contribution, describe, estimates, f_of};
+use super::describe::{Chance, Entry, Gain, base_estimates, contribution, describe, f_of};
 use super::gram::{BlockGram, Blocks, cut, usable};
 use super::predict::{Contribution, Effect, effects, squares};
 use super::problem::{Chosen, Problem, Settings, Variant};
@@ -12,23 +12,14 @@ use super::ranking::{Assessment, Ranking};
 use super::score::{Remainder, Scores, block_grams, obvious};
 use super::{Error, flip};
 
-/// Assess every candidate that is not among `chosen`, whose columns join the base.
+/// Assesses every candidate that is not among `chosen`, whose columns join the base.
+///
+/// # Errors
+/// If the problem is not consistent, too short for the tests, or not finite.
 pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Result<Ranking, Error> {
-    let all: Vec<usize> = (0..problem.candidates.len()).collect();
-    evaluate_only(problem, chosen, &all, settings)
-}
-
-/// Assess the candidates listed in `only`, without those among `chosen`.
-pub fn evaluate_only(
-    problem: &Problem,
-    chosen: &[Chosen],
-    only: &[usize],
-    settings: &Settings,
-) -> Result<Ranking, Error> {
     problem.check()?;
-    let tested: Vec<usize> = (0..problem.candidates.len())
-        .filter(|i| only.contains(i) && chosen.iter().all(|c| c.candidate != *i))
-        .collect();
+    let is_open = |i: &usize| chosen.iter().all(|c| c.candidate != *i);
+    let tested: Vec<usize> = (0..problem.candidates.len()).filter(is_open).collect();
     let base = BaseFit::new(problem, chosen, settings)?;
     let places = tested.iter().flat_map(|&j| (0..problem.candidates[j].variants.len()).map(move |v| (j, v))).collect();
     let entries = base.assess(problem, places)?;
@@ -41,7 +32,7 @@ const PLAINLY_MORE: f64 = 2.0;
 /// The candidate that goes first: the likeliest, unless it leaves most of the error to another. Whitening weighs by
 /// rarity; where an error dwarfs the noise, a law of the wrong kind that mends its fast part would lead.
 fn leader(order: &[usize], candidates: &[Assessment], settings: &Settings) -> Option<usize> {
-    let passing = || order.iter().copied().filter(|&i| !candidates[i].generic && candidates[i].passes(settings));
+    let passing = || order.iter().copied().filter(|&i| candidates[i].passes(settings));
     let share = |i: usize| candidates[i].explained_share.unwrap_or(0.0);
     let likeliest = passing().next()?;
     let most = passing().max_by(|&a, &b| share(a).total_cmp(&share(b)))?;
@@ -104,91 +95,141 @@ impl<'a> BaseFit<'a> {
         chosen: &[Chosen],
         settings: &Settings,
     ) -> Result<Ranking, Error> {
-        let Entries { list, grams, inverse, rest } = entries;
-        let (channels, n) = (problem.channels.len(), problem.samples);
-        self.update(&rest.base);
-        let before = squares(&self.residual, channels, n, &problem.segments);
-        let samples = usable(&problem.segments, 0);
-        let rms = |ss: f64| (ss / samples.max(1) as f64).sqrt();
-        let given = |c: usize| problem.channels[c].noise_sigma.filter(|s| *s > 0.0 && s.is_finite());
-        let noise: Vec<f64> = (0..channels).map(|c| given(c).unwrap_or(rms(before[c])).max(self.floor[c])).collect();
-        let floor_known = (0..channels).all(|c| given(c).is_some() || before[c] <= 0.0);
-
+        self.update(&entries.rest.base);
+        let levels = Levels::new(&self, problem);
         let groups: Vec<Vec<&Entry<'_>>> =
-            tested.iter().map(|j| list.iter().filter(|e| e.candidate == *j).collect()).collect();
-        let p: Vec<f64> = groups.iter().map(|g| g.iter().map(|e| e.scores.p).fold(1.0, f64::min)).collect();
-        let stacked: Vec<&DMatrix<f64>> = list.iter().map(|e| &e.scores.standard).collect();
-        let adjusted = flip::family_wise(&stacked, &p, self.blocks.len(), settings.flips, settings.seed);
-
-        let best: Vec<Option<&Entry<'_>>> =
-            groups.iter().map(|g| g.iter().copied().max_by(|a, b| f_of(a, &rest).total_cmp(&f_of(b, &rest)))).collect();
-        let present: Vec<&Entry<'_>> = best.iter().copied().flatten().collect();
+            tested.iter().map(|j| entries.list.iter().filter(|e| e.candidate == *j).collect()).collect();
+        let chances = entries.chances(&groups, self.blocks.len(), settings);
+        let f = |e: &Entry<'_>| f_of(e, &entries.rest);
+        let best = groups.iter().map(|g| g.iter().copied().max_by(|a, b| f(a).total_cmp(&f(b))));
+        let (chances, present): (Vec<Chance>, Vec<&Entry<'_>>) =
+            chances.into_iter().zip(best).filter_map(|(chance, best)| Some((chance, best?))).unzip();
         let blockwise: Vec<Vec<DMatrix<f64>>> =
-            present.iter().map(|e| block_grams(&grams, e.group, e.at, &e.projected)).collect();
-        let contributions: Vec<Contribution<'_>> = present.iter().map(|e| contribution(e)).collect();
-        let columns: Vec<&[f64]> = self.columns.iter().map(|c| c.values.as_slice()).collect();
-        let whole: Blocks = cut(&problem.segments, 0, self.blocks.len());
-        let done = effects(&columns, &self.residual, &contributions, channels, n, &whole);
-
-        let mut candidates = Vec::new();
-        for (i, entry) in present.iter().enumerate() {
-            let Some(group) = tested.iter().position(|j| *j == entry.candidate) else {
-                continue;
-            };
-            let least = groups[group].iter().min_by(|a, b| a.scores.p.total_cmp(&b.scores.p));
-            let mut a = describe(entry, problem, &self, &rest, settings, groups[group].len());
-            a.score = least.map_or(0.0, |e| e.scores.statistic);
-            (a.p_marginal, a.p_adjusted) = (p[group], adjusted[group]);
-            if obvious(&entry.scores, &blockwise[i], list.len()) {
-                a.p_adjusted = a.p_adjusted.min(1.0 / (settings.flips + 1) as f64);
+            present.iter().map(|e| block_grams(&entries.grams, e.group, e.at, &e.projected)).collect();
+        let gains = self.gains(problem, &present, &levels, &entries.rest);
+        let mut candidates: Vec<Assessment> = Vec::new();
+        for (i, (mut chance, gain)) in chances.into_iter().zip(gains).enumerate() {
+            if obvious(&present[i].scores, &blockwise[i], entries.list.len()) {
+                chance.p_adjusted = chance.p_adjusted.min(1.0 / (settings.flips + 1) as f64);
             }
-            a.coefficients = estimates(entry, &blockwise[i]);
-            a.base_change = contributions[i].imitation.iter().map(|x| -x).collect();
-            let Effect { energy, product } = &done[i];
-            a.sum_of_squares = (0..channels).map(|c| (before[c] - 2.0 * product[c] + energy[c]).max(0.0)).collect();
-            a.relevance = (0..channels).map(|c| if noise[c] > 0.0 { rms(energy[c]) / noise[c] } else { 0.0 }).collect();
-            a.explained_share = if floor_known {
-                let excess = |ss: &[f64]| -> f64 {
-                    let one = |c: usize| ss[c] / (samples.max(1) as f64 * noise[c] * noise[c]) - 1.0;
-                    (0..channels).filter(|&c| noise[c] > 0.0).map(one).sum()
-                };
-                let old = excess(&before);
-                (old > 0.0).then(|| 1.0 - excess(&a.sum_of_squares) / old)
-            } else {
-                (rest.energy > 0.0).then(|| (entry.scores.sum.norm_squared() / rest.energy).min(1.0))
-            };
-            candidates.push(a);
+            let fit = (&self, &entries.rest);
+            candidates.push(describe(present[i], problem, fit, &blockwise[i], (chance, gain), settings));
         }
-        let mut order: Vec<usize> = (0..candidates.len()).collect();
-        order.sort_by(|&a, &b| {
-            let (x, y) = (&candidates[a], &candidates[b]);
-            x.log_evidence.total_cmp(&y.log_evidence).then(y.f_statistic.total_cmp(&x.f_statistic))
-        });
-        let winner = leader(&order, &candidates, settings);
-        if let Some(place) = winner.and_then(|w| order.iter().position(|&i| i == w)) {
-            order[..=place].rotate_right(1);
-        }
+        let (order, winner) = ordered(&candidates, settings);
         if let Some(w) = winner {
             self.compare(problem, &present, &blockwise, w, &mut candidates);
         }
-        let base = base_estimates(&self, &inverse, &rest);
         Ok(Ranking {
             chosen: chosen.to_vec(),
             candidates,
             order,
             best: winner,
-            base,
-            base_rank: rest.rank,
-            noise,
-            floor_known,
+            base: base_estimates(&self, &entries.inverse, &entries.rest),
+            base_rank: entries.rest.rank,
+            noise: levels.noise,
+            floor_known: levels.floor_known,
             residual: self.residual,
-            sum_of_squares: before,
-            rows: rest.rows,
-            samples,
+            sum_of_squares: levels.before,
+            rows: entries.rest.rows,
+            samples: levels.samples,
             blocks: self.blocks.len(),
             correlation_time: self.correlation_time,
             blocks_too_short: self.blocks_too_short,
             filters: self.filters,
         })
     }
+
+    /// What the fit of each candidate does to the residual.
+    fn gains(&self, problem: &Problem, present: &[&Entry<'_>], levels: &Levels, rest: &Remainder) -> Vec<Gain> {
+        let channels = problem.channels.len();
+        let contributions: Vec<Contribution<'_>> = present.iter().map(|e| contribution(e)).collect();
+        let columns: Vec<&[f64]> = self.columns.iter().map(|c| c.values.as_slice()).collect();
+        let whole: Blocks = cut(&problem.segments, 0, self.blocks.len());
+        let done = effects(&columns, &self.residual, &contributions, channels, problem.samples, &whole);
+        let gain = |(entry, Effect { energy, product }): (&&Entry<'_>, &Effect)| {
+            let after = |c: usize| (levels.before[c] - 2.0 * product[c] + energy[c]).max(0.0);
+            let sum_of_squares: Vec<f64> = (0..channels).map(after).collect();
+            let explained_share = match levels.floor_known {
+                true => levels.explained(&sum_of_squares),
+                false => (rest.energy > 0.0).then(|| (entry.scores.sum.norm_squared() / rest.energy).min(1.0)),
+            };
+            Gain { sum_of_squares, relevance: levels.in_units_of_noise(energy), explained_share }
+        };
+        present.iter().zip(&done).map(gain).collect()
+    }
+}
+
+impl Entries<'_> {
+    /// Score, smallest marginal p and family-wise p of every candidate, from common sign flips of all variants.
+    fn chances(&self, groups: &[Vec<&Entry<'_>>], blocks: usize, settings: &Settings) -> Vec<Chance> {
+        let p: Vec<f64> = groups.iter().map(|g| g.iter().map(|e| e.scores.p).fold(1.0, f64::min)).collect();
+        let stacked: Vec<&DMatrix<f64>> = self.list.iter().map(|e| &e.scores.standard).collect();
+        let adjusted = flip::family_wise(&stacked, &p, blocks, settings.flips, settings.seed);
+        let score = |group: &[&Entry<'_>]| {
+            let least = group.iter().min_by(|a, b| a.scores.p.total_cmp(&b.scores.p));
+            least.map_or(0.0, |e| e.scores.statistic)
+        };
+        let chance = |((group, p_marginal), p_adjusted): ((&Vec<&Entry<'_>>, f64), f64)| Chance {
+            score: score(group),
+            p_marginal,
+            p_adjusted,
+        };
+        groups.iter().zip(p).zip(adjusted).map(chance).collect()
+    }
+}
+
+/// Residual of the base fit and noise, per channel.
+struct Levels {
+    /// Sum of squares of the residual.
+    before: Vec<f64>,
+    /// Samples that it covers.
+    samples: usize,
+    /// Noise that sizes are relative to: the given one, else the residual's RMS.
+    noise: Vec<f64>,
+    /// Whether the noise of every channel was given.
+    floor_known: bool,
+}
+
+impl Levels {
+    fn new(fit: &BaseFit<'_>, problem: &Problem) -> Self {
+        let channels = problem.channels.len();
+        let before = squares(&fit.residual, channels, problem.samples, &problem.segments);
+        let samples = usable(&problem.segments, 0);
+        let given = |c: usize| problem.channels[c].noise_sigma.filter(|s| *s > 0.0 && s.is_finite());
+        let rms = |c: usize| (before[c] / samples.max(1) as f64).sqrt();
+        let noise = (0..channels).map(|c| given(c).unwrap_or(rms(c)).max(fit.floor[c])).collect();
+        let floor_known = (0..channels).all(|c| given(c).is_some() || before[c] <= 0.0);
+        Self { before, samples, noise, floor_known }
+    }
+
+    /// RMS of signals with the given energies, in units of the noise.
+    fn in_units_of_noise(&self, energy: &[f64]) -> Vec<f64> {
+        let rms = |energy: f64| (energy / self.samples.max(1) as f64).sqrt();
+        energy.iter().zip(&self.noise).map(|(e, n)| if *n > 0.0 { rms(*e) / n } else { 0.0 }).collect()
+    }
+
+    /// Share of the variance above the noise, summed over channels in its units, that goes when `after` is left.
+    fn explained(&self, after: &[f64]) -> Option<f64> {
+        let samples = self.samples.max(1) as f64;
+        let excess = |squares: &[f64]| -> f64 {
+            let channels = squares.iter().zip(&self.noise).filter(|(_, n)| **n > 0.0);
+            channels.map(|(s, n)| s / (samples * n * n) - 1.0).sum()
+        };
+        let before = excess(&self.before);
+        (before > 0.0).then(|| 1.0 - excess(after) / before)
+    }
+}
+
+/// Candidates by the tail probability of their fit, the winner first, if one passes.
+fn ordered(candidates: &[Assessment], settings: &Settings) -> (Vec<usize>, Option<usize>) {
+    let mut order: Vec<usize> = (0..candidates.len()).collect();
+    order.sort_by(|&a, &b| {
+        let (x, y) = (&candidates[a], &candidates[b]);
+        x.ln_p.total_cmp(&y.ln_p).then(y.f_statistic.total_cmp(&x.f_statistic))
+    });
+    let winner = leader(&order, candidates, settings);
+    if let Some(place) = winner.and_then(|w| order.iter().position(|&i| i == w)) {
+        order[..=place].rotate_right(1);
+    }
+    (order, winner)
 }

@@ -17,7 +17,6 @@
 //! - Kline & Santos 2012, "A score based approach to wild bootstrap inference": sign flips of block scores.
 //! - Westfall & Young 1993, Romano & Wolf 2005: the smallest p over candidates, with their correlation kept.
 //! - Hansen, Lunde & Nason 2011, "The model confidence set"; Vuong 1989 for a pair.
-//! - Langsrud 2005, "Rotation tests": what repeats tell without a noise model.
 
 #![allow(clippy::single_range_in_vec_init, reason = "a list of segments often has one")]
 
@@ -35,7 +34,6 @@ mod predict;
 pub mod problem;
 mod project;
 pub mod ranking;
-pub mod repeats;
 mod score;
 pub mod select;
 pub mod separation;
@@ -48,9 +46,9 @@ mod campaign;
 
 pub use confusion::{Confusion, confusion};
 pub use error::Error;
-pub use evaluate::{evaluate, evaluate_only};
+pub use evaluate::evaluate;
 pub(crate) use gram::dot;
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, Visibility};
-pub use select::{Finding, Outcome, Refit, Step, Verdict, select, select_with};
+pub use select::{Finding, Outcome, Refit, Step, select, select_with};
 pub use stop::{NEVER, Stop};

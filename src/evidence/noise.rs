@@ -1,23 +1,8 @@
-//! Noise without a model: at rest, from differences; correlation time, whiteness.
+//! Noise without a model: at rest, from differences; correlation time.
 
 use std::ops::Range;
 
 use nalgebra::DMatrix;
-
-use super::problem::Problem;
-use super::ranking::Ranking;
-use super::special::chi2_tail;
-
-/// Order of the differences in [`noise_floor`].
-const ORDER: usize = 6;
-
-/// Noise floor of every channel of `y`, from sixth differences; see [`difference_sigma`].
-pub fn noise_floor(problem: &Problem) -> Vec<Option<f64>> {
-    let n = problem.samples;
-    let series = |c: usize| problem.y.get(c * n..(c + 1) * n);
-    let channels = 0..problem.channels.len();
-    channels.map(|c| difference_sigma(series(c)?, &problem.segments, ORDER)).collect()
-}
 
 /// Differences over which noise is taken to be as large.
 const STRETCH: usize = 500;
@@ -150,65 +135,6 @@ pub fn correlation_time(segments: &[Vec<f64>]) -> f64 {
     time.max(1.0)
 }
 
-/// Portmanteau test of slow structure in one channel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Whiteness {
-    /// Ljung–Box statistic of the window means.
-    pub statistic: f64,
-    /// Lags.
-    pub lags: usize,
-    /// Its χ² tail. A report, not a test of the model: noise of the machine is seldom white.
-    pub p: f64,
-}
-
-/// Ljung–Box test on means over windows of `window` samples: sensitive to what is slower than two windows, blind above.
-pub fn whiteness(series: &[f64], segments: &[Range<usize>], window: usize, lags: usize) -> Option<Whiteness> {
-    let window = window.max(1);
-    let mut means: Vec<Vec<f64>> = Vec::new();
-    for s in segments {
-        let part = series.get(s.clone())?;
-        means.push(part.chunks_exact(window).map(|w| w.iter().sum::<f64>() / window as f64).collect());
-    }
-    let n: usize = means.iter().map(Vec::len).sum();
-    if lags == 0 || n < 4 * lags {
-        return None;
-    }
-    let centre = means.iter().flatten().sum::<f64>() / n as f64;
-    means.iter_mut().flatten().for_each(|x| *x -= centre);
-    let covariance = |lag: usize| -> f64 {
-        let products = |s: &Vec<f64>| s.iter().skip(lag).zip(s).map(|(a, b)| a * b).sum::<f64>();
-        means.iter().map(products).sum()
-    };
-    let pairs = |lag: usize| means.iter().map(|s| s.len().saturating_sub(lag)).sum::<usize>() as f64;
-    let variance = covariance(0) / n as f64;
-    if variance.is_nan() || variance <= 0.0 {
-        return None;
-    }
-    // Var of the product sum over `pairs` products is pairs·σ⁴: with one segment this is Ljung & Box's n(n+2)/(n−k).
-    let term = |k: usize| {
-        let products = pairs(k);
-        if products < 1.0 { 0.0 } else { (covariance(k) / variance).powi(2) / products * (1.0 + 2.0 / n as f64) }
-    };
-    let statistic: f64 = (1..=lags).map(term).sum();
-    Some(Whiteness { statistic, lags, p: chi2_tail(statistic, lags as f64) })
-}
-
-/// [`whiteness`] of the whitened residual of every channel.
-pub fn residual_whiteness(problem: &Problem, ranking: &Ranking, window: usize, lags: usize) -> Vec<Option<Whiteness>> {
-    let n = problem.samples;
-    let one = |(c, filter): (usize, &super::whiten::ArFilter)| {
-        let segments = problem.segments.iter().map(|s| s.start + filter.order()..s.end);
-        let segments: Vec<_> = segments.filter(|s| s.start < s.end).collect();
-        let series = ranking.residual.get(c * n..(c + 1) * n)?;
-        let mut white = vec![0.0; n];
-        for s in &segments {
-            filter.apply(series, s.clone(), white.get_mut(s.clone())?);
-        }
-        whiteness(&white, &segments, window, lags)
-    };
-    ranking.filters.iter().enumerate().map(one).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -299,16 +225,5 @@ mod tests {
         assert!((correlation_time(&[x]) - 9.0).abs() < 1.5);
         assert!((correlation_time(&[white(100_000, 4)]) - 1.0).abs() < 0.1);
         assert_eq!(correlation_time(&[]), 1.0);
-    }
-
-    /// 400 white series: the share below 5 % is within three standard errors (1.1 points) of 5 %.
-    #[test]
-    fn whiteness_holds_its_level_and_sees_drift() {
-        let p = |x: &[f64]| whiteness(x, &[0..2000, 2000..5000], 10, 8).unwrap().p;
-        let alarms = (0..400).filter(|s| p(&white(5000, 100 + s)) < 0.05).count();
-        assert!((7..=34).contains(&alarms), "{alarms}");
-        let drift: Vec<f64> = white(5000, 9).iter().enumerate().map(|(i, e)| e + (0.01 * i as f64).sin()).collect();
-        assert!(p(&drift) < 1e-6);
-        assert_eq!(whiteness(&[], &[], 10, 8), None);
     }
 }

@@ -49,8 +49,6 @@ pub struct Candidate {
     pub name: String,
     /// Grid over a nonlinear shape parameter; one entry if there is none.
     pub variants: Vec<Variant>,
-    /// A shape without physical meaning: it can object to a named effect but is never named itself.
-    pub generic: bool,
 }
 
 /// A candidate at one value of its shape parameter.

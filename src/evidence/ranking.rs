@@ -46,8 +46,6 @@ pub struct Assessment {
     pub candidate: usize,
     /// Its name.
     pub name: String,
-    /// Whether it is a shape without physical meaning.
-    pub generic: bool,
     /// Variant that fits best.
     pub variant: usize,
     /// That variant's label.
@@ -66,7 +64,7 @@ pub struct Assessment {
     pub f_statistic: f64,
     /// Natural logarithm of the χ² tail of rank × F, with one degree of freedom added for a searched shape. Candidates of
     /// different sizes are ordered by it.
-    pub log_evidence: f64,
+    pub ln_p: f64,
     /// Score statistic T of the variant with the smallest p.
     pub score: f64,
     /// Smallest marginal p over the variants.
@@ -83,11 +81,11 @@ pub struct Assessment {
     pub base_change: Vec<f64>,
     /// Residual sum of squares per channel with the candidate added.
     pub sum_of_squares: Vec<f64>,
-    /// t of the block losses against the best named candidate; positive: this one fits worse.
+    /// t of the block losses against the best candidate; positive: this one fits worse.
     pub t_against_best: f64,
     /// Share of the best candidate's visible effect that this candidate's columns can imitate.
     pub overlap: f64,
-    /// Whether the data cannot tell it from the best named candidate (true for that one too).
+    /// Whether the data cannot tell it from the best candidate (true for that one too).
     pub indistinguishable: bool,
 }
 
@@ -112,7 +110,7 @@ pub struct Ranking {
     pub candidates: Vec<Assessment>,
     /// Positions in `candidates`, best evidence first.
     pub order: Vec<usize>,
-    /// Best named candidate that is significant and relevant: position in `candidates`.
+    /// Best candidate that is significant and relevant: position in `candidates`.
     pub best: Option<usize>,
     /// Base parameters, then those of the chosen effects.
     pub base: Vec<Estimate>,
@@ -147,19 +145,14 @@ impl Ranking {
         self.candidates.iter().find(|a| a.candidate == candidate)
     }
 
-    /// The best named candidate that is significant and relevant.
+    /// The best candidate that is significant and relevant.
     pub fn winner(&self) -> Option<&Assessment> {
         self.best.map(|i| &self.candidates[i])
     }
 
-    /// Named candidates the data cannot tell from the best one, best first; empty without a best one.
+    /// Candidates the data cannot tell from the best one, best first; empty without a best one.
     pub fn confidence_set(&self) -> Vec<&Assessment> {
         let all = self.order.iter().map(|&i| &self.candidates[i]);
-        all.filter(|a| self.best.is_some() && a.indistinguishable && !a.generic).collect()
-    }
-
-    /// Generic candidates that are significant and relevant.
-    pub fn objections(&self, settings: &Settings) -> Vec<&Assessment> {
-        self.candidates.iter().filter(|a| a.generic && a.passes(settings)).collect()
+        all.filter(|a| self.best.is_some() && a.indistinguishable).collect()
     }
 }

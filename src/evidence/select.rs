@@ -1,7 +1,6 @@
-//! One effect at a time: forward selection, backward removal, and the verdict.
+//! One effect at a time: forward selection and backward removal.
 
 use super::Error;
-use super::compare::critical;
 use super::evaluate::evaluate;
 use super::problem::{Chosen, Problem, Settings};
 use super::ranking::Ranking;
@@ -25,19 +24,6 @@ pub struct Finding {
     pub ranking: Ranking,
 }
 
-/// What the procedure concludes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// No candidate, named or generic, explains anything beyond chance.
-    NothingFound,
-    /// Every found effect is the only one that explains what it explains.
-    Named,
-    /// At least one found effect has rivals the data cannot tell from it.
-    CannotTell,
-    /// Something is missing that the named candidates do not explain.
-    Unknown,
-}
-
 /// What becomes of the problem when an effect was added.
 pub enum Refit {
     /// It stays as it is.
@@ -59,10 +45,6 @@ pub struct Outcome {
     pub removed: Vec<Chosen>,
     /// Assessment with all found effects in the base.
     pub remaining: Ranking,
-    /// Candidates whose generic shape fits significantly better than the found effect it competes with.
-    pub beaten_by: Vec<usize>,
-    /// Conclusion.
-    pub verdict: Verdict,
     /// The problem as last refitted; `None` if it never was.
     pub refitted: Option<Problem>,
     /// Whether it was stopped while some candidate still passed.
@@ -129,14 +111,7 @@ where
     if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
         remaining = evaluate(last, &chosen, settings)?;
     }
-    let beaten_by = beaten_by(&findings, settings);
-    let verdict = match () {
-        () if !beaten_by.is_empty() || !remaining.objections(settings).is_empty() => Verdict::Unknown,
-        () if findings.is_empty() => Verdict::NothingFound,
-        () if findings.iter().any(|f| f.ranking.confidence_set().len() > 1) => Verdict::CannotTell,
-        () => Verdict::Named,
-    };
-    Ok(Outcome { steps, findings, removed, remaining, beaten_by, verdict, refitted, cut_short })
+    Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short })
 }
 
 /// The finding of a step, with only the effects added before it in the base.
@@ -183,22 +158,4 @@ fn prune(
         }
     }
     Ok((Vec::new(), removed))
-}
-
-/// Generic candidates that have more evidence than a finding and significantly smaller block losses.
-fn beaten_by(findings: &[Finding], settings: &Settings) -> Vec<usize> {
-    let mut out: Vec<usize> = Vec::new();
-    for f in findings {
-        let limit = critical(f.ranking.blocks);
-        let Some(own) = f.ranking.winner() else {
-            continue;
-        };
-        let better = f.ranking.candidates.iter().filter(|a| {
-            a.generic && a.passes(settings) && a.log_evidence < own.log_evidence && a.t_against_best < -limit
-        });
-        out.extend(better.map(|a| a.candidate));
-    }
-    out.sort_unstable();
-    out.dedup();
-    out
 }

@@ -50,11 +50,6 @@ pub fn ln_chi2_tail(x: f64, k: f64) -> f64 {
     -h + (a - 1.0) * h.ln() - ln_gamma(a) + ((a - 1.0) / h).ln_1p()
 }
 
-/// `P(χ²(k) > x)`.
-pub fn chi2_tail(x: f64, k: f64) -> f64 {
-    ln_chi2_tail(x, k).exp()
-}
-
 /// Quantile of Student's t; infinite without degrees of freedom.
 pub fn t_quantile(p: f64, d: f64) -> f64 {
     StudentsT::new(0.0, 1.0, d).map_or(f64::INFINITY, |t| t.inverse_cdf(p))

@@ -57,7 +57,7 @@ fn noise(rng: &mut ChaCha8Rng, n: usize, uneven: bool) -> Vec<f64> {
     out
 }
 
-/// Ten base columns, twelve candidates: eight single columns, two of three columns, one shape grid, one generic group.
+/// Ten base columns, twelve candidates: eight single columns, two of three columns, one shape grid, one of four columns.
 fn null_problem(seed: u64, uneven: bool) -> Problem {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let base: Vec<Column> = (0..10).map(|i| column(&format!("base {i}"), smooth(&mut rng, C, N))).collect();
@@ -80,7 +80,7 @@ fn null_problem(seed: u64, uneven: bool) -> Problem {
             });
             variants = grid.to_vec();
         }
-        candidates.push(Candidate { name, variants, generic: k == 11 });
+        candidates.push(Candidate { name, variants });
     }
     let mut y = noise(&mut rng, N, uneven);
     for b in &base {
