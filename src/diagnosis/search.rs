@@ -42,10 +42,10 @@ pub(super) struct Found {
     pub not_tried: Vec<String>,
 }
 
-/// Candidates and variants that a fit holds.
+/// Candidates and variants that a fit has.
 type Key = Vec<(usize, usize)>;
 
-/// Fits made so far from one start, by the effects that they hold.
+/// Fits made so far from one start, by the effects that they have.
 #[derive(Default)]
 struct Fits {
     judged: RefCell<Vec<(Key, Judged)>>,
@@ -53,8 +53,8 @@ struct Fits {
 }
 
 /// What a set of effects is known by, in whatever order they were added.
-fn key(chosen: &[Chosen]) -> Vec<(usize, usize)> {
-    let mut key: Vec<_> = chosen.iter().map(|c| (c.candidate, c.variant)).collect();
+fn key(chosen: &[Chosen]) -> Key {
+    let mut key: Key = chosen.iter().map(|c| (c.candidate, c.variant)).collect();
     key.sort_unstable();
     key
 }
@@ -90,7 +90,19 @@ enum Selection {
     /// The delay found is the recorder's.
     Lag(ActiveEffect),
     /// The effect of that name does not stand.
-    Refused(&'static str),
+    Refused(String),
+}
+
+/// What is known of a delay of less than half a sample: a controller holds its torque from one sample to the next, so that
+/// it is a property of the recording and no effect.
+#[derive(Clone, Copy, PartialEq)]
+enum Lag {
+    /// A delay that is found may be the recorder's.
+    Possible,
+    /// The recorder's delay is in the model.
+    InModel,
+    /// Beside the other effects it was longer: a delay that is found is an effect.
+    Excluded,
 }
 
 /// Selects effects until all that were found stand.
@@ -100,210 +112,289 @@ pub(super) fn find(
     candidates: &[Vec<ActiveEffect>],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, DiagnosisError> {
-    let fitting = judge.fitting;
-    let dt = fitting.traces[0].dt;
-    let mut settings =
-        Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
     progress("columns of the candidates");
-    let mut problem = fitting.problem(&start, candidates)?;
-    let mut start = judge.of(start)?;
-    let alone = (start.clone(), problem.clone());
-    // Stop at the noise floor: there is nothing to explain where no channel lies above it.
-    if start.rms.iter().zip(&judge.floor).all(|(r, f)| r <= f) {
-        settings.max_steps = 0;
-    }
-    let mut all: Option<Ranking> = None;
-    let mut refused: Vec<&str> = Vec::new();
-    let (mut lags, mut may_lag) = (false, true);
-    let mut fits = Fits::default();
+    let mut search = Search::new(start, judge, candidates)?;
     loop {
-        let mut stated = problem.clone();
-        for c in &mut stated.candidates {
-            if refused.contains(&c.name.as_str()) || (lags && c.name == DELAY) {
-                c.variants.clear();
-            }
-        }
         progress("evidence");
-        let search = Search { start: &start, judge, candidates, may_lag: may_lag && !lags, fits: &fits };
-        let wrong = match search.select(&stated, &settings, &mut all, progress)? {
+        let (outcome, end) = match search.select(progress)? {
+            Selection::Complete(complete) => *complete,
             Selection::Lag(late) => {
-                lags = true;
-                let mut model = start.fit.model.clone();
-                model.effects.push(late);
-                start = judge.fit(&model)?;
-                fits = Fits::default();
-                if !fitting.is_late() {
-                    problem = fitting.problem(&start.fit, candidates)?;
-                }
+                search.accept_lag(late)?;
                 continue;
             }
-            Selection::Refused(name) => name,
-            Selection::Complete(complete) => {
-                let (mut outcome, mut end) = *complete;
-                let sampling_lag = delay(&end.fit.model).filter(|_| lags).map(|late| late.values[0]);
-                if sampling_lag.is_some_and(|late| late.abs() >= 0.5 * dt) {
-                    // Beside what else was found it is a delay.
-                    (lags, may_lag) = (false, false);
-                    (start, problem) = alone.clone();
-                    fits = Fits::default();
-                    continue;
-                }
-                let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
-                let judged = if outcome.cut_short || fitting.is_late() {
-                    let standing = search.longest_standing(&chosen)?;
-                    end = standing.0;
-                    outcome.findings.truncate(standing.1.len());
-                    Ok(standing.1)
-                } else {
-                    search.stand(&chosen, &end)?
-                };
-                match judged {
-                    Ok(without) => {
-                        let all = all.unwrap_or_else(|| outcome.remaining.clone());
-                        let not_tried = match outcome.cut_short {
-                            true => untried(&outcome, &chosen[without.len()..], candidates, &settings),
-                            false => Vec::new(),
-                        };
-                        return Ok(Found {
-                            start,
-                            end,
-                            without,
-                            outcome,
-                            all,
-                            problem,
-                            settings,
-                            sampling_lag,
-                            not_tried,
-                        });
-                    }
-                    Err(name) => name,
-                }
+            Selection::Refused(name) => {
+                search.refuse(name, progress);
+                continue;
             }
         };
-        progress(&format!("without {wrong}"));
-        match refused.len() < MAX_REFUSED {
-            true => refused.push(wrong),
-            // After so many refusals no name is worth trusting.
-            false => settings.max_steps = 0,
+        if search.sampling_lag(&end).is_some_and(|late| late.abs() >= search.half_sample()) {
+            search.exclude_lag();
+            continue;
+        }
+        match search.confirm(outcome, end)? {
+            Ok(standing) => return Ok(search.found(standing)),
+            Err(name) => search.refuse(name, progress),
         }
     }
 }
 
+/// Effects that were added, with the fit that has them.
+type Refitted = (Vec<Chosen>, Judged);
+
+/// Effects that stand on the data judged by.
+struct Standing {
+    outcome: Outcome,
+    /// The fit with them.
+    end: Judged,
+    /// RMS residuals without each of them.
+    without: Vec<Vec<f64>>,
+    not_tried: Vec<String>,
+}
+
+/// Forward selection, again and again, from one refitted model.
+struct Search<'a> {
+    judge: &'a Judge<'a>,
+    candidates: &'a [Vec<ActiveEffect>],
+    settings: Settings,
+    /// The model that effects are added to.
+    start: Judged,
+    /// Its linearised problem.
+    problem: Problem,
+    /// Both without a lag of the recorder.
+    without_lag: (Judged, Problem),
+    lag: Lag,
+    /// Effects that did not stand.
+    refused: Vec<String>,
+    /// The assessment before anything was added or refused.
+    all: Option<Ranking>,
+    fits: Fits,
+}
+
 /// Names of what an outcome that was cut short leaves open: `unjudged` effects, and candidates that still pass.
-fn untried(
-    outcome: &Outcome,
-    unjudged: &[Chosen],
-    candidates: &[Vec<ActiveEffect>],
-    settings: &Settings,
-) -> Vec<String> {
+fn untried(outcome: &Outcome, unjudged: Vec<String>, settings: &Settings) -> Vec<String> {
     let ranking = &outcome.remaining;
     let passing = ranking.order.iter().map(|&i| &ranking.candidates[i]).filter(|a| a.passes(settings));
-    let unjudged = unjudged.iter().map(|c| candidates[c.candidate][0].effect.name().to_string());
-    unjudged.chain(passing.map(|a| a.name.clone())).collect()
+    unjudged.into_iter().chain(passing.map(|a| a.name.clone())).collect()
 }
 
 fn delay(model: &Model) -> Option<&ActiveEffect> {
     model.effects.iter().find(|a| a.effect.name() == DELAY)
 }
 
-struct Search<'a> {
-    start: &'a Judged,
-    judge: &'a Judge<'a>,
-    candidates: &'a [Vec<ActiveEffect>],
-    /// Whether a delay of less than half a sample is the recorder's: a controller holds its torque from one sample to the
-    /// next.
-    may_lag: bool,
-    fits: &'a Fits,
-}
+impl<'a> Search<'a> {
+    fn new(start: Fit, judge: &'a Judge<'a>, candidates: &'a [Vec<ActiveEffect>]) -> Result<Self, DiagnosisError> {
+        let mut settings =
+            Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
+        let problem = judge.fitting.problem(&start, candidates)?;
+        let start = judge.of(start)?;
+        // There is nothing to explain where no channel lies above its noise.
+        if start.rms.iter().zip(&judge.floor).all(|(r, f)| r <= f) {
+            settings.max_steps = 0;
+        }
+        Ok(Self {
+            judge,
+            candidates,
+            settings,
+            without_lag: (start.clone(), problem.clone()),
+            start,
+            problem,
+            lag: Lag::Possible,
+            refused: Vec::new(),
+            all: None,
+            fits: Fits::default(),
+        })
+    }
 
-impl Search<'_> {
+    /// Puts the recorder's delay into the model to start from.
+    fn accept_lag(&mut self, late: ActiveEffect) -> Result<(), DiagnosisError> {
+        self.lag = Lag::InModel;
+        let mut model = self.start.fit.model.clone();
+        model.effects.push(late);
+        self.start = self.judge.fit(&model)?;
+        self.fits = Fits::default();
+        if !self.judge.fitting.is_late() {
+            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the recorder's delay out of the model again: beside what else was found it is an effect.
+    fn exclude_lag(&mut self) {
+        self.lag = Lag::Excluded;
+        (self.start, self.problem) = self.without_lag.clone();
+        self.fits = Fits::default();
+    }
+
+    fn refuse(&mut self, name: String, progress: &mut dyn FnMut(&str)) {
+        progress(&format!("without {name}"));
+        match self.refused.len() < MAX_REFUSED {
+            true => self.refused.push(name),
+            // After so many refusals no name is worth trusting.
+            false => self.settings.max_steps = 0,
+        }
+    }
+
+    /// The recorder's delay in a fit, s.
+    fn sampling_lag(&self, end: &Judged) -> Option<f64> {
+        delay(&end.fit.model).filter(|_| self.lag == Lag::InModel).map(|late| late.values[0])
+    }
+
+    /// Half the sampling period, s.
+    fn half_sample(&self) -> f64 {
+        0.5 * self.judge.fitting.traces[0].dt
+    }
+
+    /// The problem without the candidates that were refused.
+    fn stated(&self) -> Problem {
+        let mut stated = self.problem.clone();
+        for c in &mut stated.candidates {
+            if self.refused.contains(&c.name) || (self.lag == Lag::InModel && c.name == DELAY) {
+                c.variants.clear();
+            }
+        }
+        stated
+    }
+
+    /// Whether what a selection ended with stands on the data judged by; if not, the name that does not.
+    fn confirm(&self, mut outcome: Outcome, end: Judged) -> Result<Result<Standing, String>, FitError> {
+        let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
+        if !outcome.cut_short && !self.judge.fitting.is_late() {
+            let without = self.stand(&chosen, &end)?;
+            return Ok(without.map(|without| Standing { outcome, end, without, not_tried: Vec::new() }));
+        }
+        let (end, without) = self.longest_standing(&chosen)?;
+        outcome.findings.truncate(without.len());
+        let unjudged = self.names(&chosen[without.len()..]);
+        let not_tried = if outcome.cut_short { untried(&outcome, unjudged, &self.settings) } else { Vec::new() };
+        Ok(Ok(Standing { outcome, end, without, not_tried }))
+    }
+
+    fn found(self, standing: Standing) -> Found {
+        let sampling_lag = self.sampling_lag(&standing.end);
+        let Standing { outcome, end, without, not_tried } = standing;
+        Found {
+            start: self.start,
+            end,
+            without,
+            all: self.all.unwrap_or_else(|| outcome.remaining.clone()),
+            outcome,
+            problem: self.problem,
+            settings: self.settings,
+            sampling_lag,
+            not_tried,
+        }
+    }
+
     /// Forward selection; the model is refitted after every addition if any parameter enters its prediction nonlinearly: the
     /// error of an old linearisation looks like further effects.
-    /// `all` becomes the assessment before anything was added.
-    fn select(
-        &self,
-        stated: &Problem,
-        settings: &Settings,
-        all: &mut Option<Ranking>,
-        progress: &mut dyn FnMut(&str),
-    ) -> Result<Selection, DiagnosisError> {
+    fn select(&mut self, progress: &mut dyn FnMut(&str)) -> Result<Selection, DiagnosisError> {
+        let (stated, fitting) = (self.stated(), self.judge.fitting);
         let mut stopped: Option<Selection> = None;
-        let mut last: Option<(Vec<Chosen>, Judged)> = None;
-        let fitting = self.judge.fitting;
-        let outcome = evidence::select_with(stated, settings, &|| fitting.is_late(), |chosen, ranking| {
+        let mut last: Option<Refitted> = None;
+        let mut all = self.all.take();
+        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), |chosen, ranking| {
             all.get_or_insert_with(|| ranking.clone());
-            let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
-            let is_lag = self.may_lag && names.last() == Some(&DELAY);
-            let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
-            if !is_lag && !is_nonlinear(&model) {
-                fitting.tried();
-                return Ok(Refit::Same);
-            }
-            let newest = chosen.last().map(|c| (c, self.shape(c)));
-            let refused = newest.map_or("", |(_, a)| a.effect.name());
-            // What takes long must be worth it at once.
-            let gears = newest.filter(|(_, a)| a.has_gears()).map(|(c, _)| c);
-            progress(&format!("refit with {}", names.join(", ")));
-            let mut step = || -> Result<Result<Problem, Selection>, FitError> {
-                if gears.is_some_and(|c| !promises(ranking, c)) {
-                    return Ok(Err(Selection::Refused(refused)));
-                }
-                let fitted = self.refit(chosen, Some(ranking))?;
-                if let Some(late) = self.lag(&fitted.fit, &names) {
-                    return Ok(Err(Selection::Lag(late)));
-                }
-                let before = last.as_ref().map_or(self.start, |(_, before)| before);
-                if gears.is_some() && !self.judge.confirms(before, &fitted)? {
-                    return Ok(Err(Selection::Refused(refused)));
-                }
-                let next = self.relinearised(&fitted.fit, stated, chosen, &names)?;
-                last = Some((chosen.to_vec(), fitted));
-                Ok(Ok(next))
-            };
-            let made = step();
-            fitting.tried();
-            // Where the data lead to a machine that cannot be, the newest effect is not what they show.
-            let selection = match made {
-                Ok(Ok(next)) => return Ok(Refit::New(Box::new(next))),
-                Ok(Err(selection)) => selection,
-                Err(_) => Selection::Refused(refused),
-            };
-            if fitting.is_late() && matches!(selection, Selection::Refused(_)) {
-                return Ok(Refit::Withdraw);
-            }
-            stopped = Some(selection);
-            Err(String::new())
+            self.added(chosen, ranking, &stated, &mut last, progress).map_err(|selection| {
+                stopped = Some(selection);
+                String::new()
+            })
         });
+        self.all = all;
         if let Some(stopped) = stopped {
             return Ok(stopped);
         }
-        let outcome = outcome?;
+        self.complete(outcome?, last, progress)
+    }
+
+    /// What becomes of the problem when the last of `chosen` was added, or why the selection ends with it.
+    fn added(
+        &self,
+        chosen: &[Chosen],
+        ranking: &Ranking,
+        stated: &Problem,
+        last: &mut Option<Refitted>,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<Refit, Selection> {
+        let fitting = self.judge.fitting;
+        let names = self.names(chosen);
+        let is_lag = self.lag == Lag::Possible && names.last().is_some_and(|name| name == DELAY);
+        let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
+        if !is_lag && !is_nonlinear(&model) {
+            fitting.tried();
+            return Ok(Refit::Same);
+        }
+        progress(&format!("refit with {}", names.join(", ")));
+        let before = last.as_ref().map_or(&self.start, |(_, before)| before);
+        let made = self.refit_worth_it(chosen, ranking, before).and_then(|fitted| match fitted {
+            Ok(fitted) => Ok(Ok((self.relinearised(&fitted.fit, stated, chosen)?, fitted))),
+            Err(selection) => Ok(Err(selection)),
+        });
+        fitting.tried();
+        // Where the data lead to a machine that cannot be, the newest effect is not what they show.
+        match made.unwrap_or_else(|_| Err(self.refusal(chosen))) {
+            Ok((next, fitted)) => {
+                *last = Some((chosen.to_vec(), fitted));
+                Ok(Refit::New(Box::new(next)))
+            }
+            Err(Selection::Refused(_)) if fitting.is_late() => Ok(Refit::Withdraw),
+            Err(selection) => Err(selection),
+        }
+    }
+
+    /// The fit with the effects chosen. Elastic gears take long to fit: they must promise enough before and keep it after.
+    fn refit_worth_it(
+        &self,
+        chosen: &[Chosen],
+        ranking: &Ranking,
+        before: &Judged,
+    ) -> Result<Result<Judged, Selection>, FitError> {
+        let gears = chosen.last().filter(|c| self.shape(c).has_gears());
+        if gears.is_some_and(|c| !promises(ranking, c)) {
+            return Ok(Err(self.refusal(chosen)));
+        }
+        let fitted = self.refit(chosen, Some(ranking))?;
+        if let Some(late) = self.recorded_lag(&fitted.fit, chosen) {
+            return Ok(Err(Selection::Lag(late)));
+        }
+        let keeps = gears.is_none() || self.judge.confirms(before, &fitted)?;
+        Ok(if keeps { Ok(fitted) } else { Err(self.refusal(chosen)) })
+    }
+
+    /// The last of `chosen` does not stand.
+    fn refusal(&self, chosen: &[Chosen]) -> Selection {
+        Selection::Refused(self.names(chosen).pop().unwrap_or_default())
+    }
+
+    /// The regular end of a selection, with the fit of all that was chosen.
+    fn complete(
+        &self,
+        outcome: Outcome,
+        last: Option<Refitted>,
+        progress: &mut dyn FnMut(&str),
+    ) -> Result<Selection, DiagnosisError> {
         let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
         let end = match last {
             _ if chosen.is_empty() => self.start.clone(),
             Some((before, fitted)) if before == chosen => fitted,
             _ => {
-                let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
-                progress(&format!("refit with {}", names.join(", ")));
-                match (self.refit(&chosen, None), chosen.last()) {
-                    (Ok(end), _) => end,
-                    (Err(_), Some(newest)) => return Ok(Selection::Refused(self.shape(newest).effect.name())),
-                    (Err(e), None) => return Err(e.into()),
+                progress(&format!("refit with {}", self.names(&chosen).join(", ")));
+                match self.refit(&chosen, None) {
+                    Ok(end) => end,
+                    Err(_) => return Ok(self.refusal(&chosen)),
                 }
             }
         };
-        let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
-        Ok(match self.lag(&end.fit, &names) {
+        Ok(match self.recorded_lag(&end.fit, &chosen) {
             Some(late) => Selection::Lag(late),
             None => Selection::Complete(Box::new((outcome, end))),
         })
     }
 
     /// RMS residuals without each of the effects chosen; or the name of one that does not stand.
-    fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, &'static str>, FitError> {
+    fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
         if let Some(c) = chosen.iter().find(|c| is_impossible(&end.fit, name(c))) {
-            return Ok(Err(name(c)));
+            return Ok(Err(name(c).into()));
         }
         let mut all = Vec::new();
         for c in chosen {
@@ -312,7 +403,7 @@ impl Search<'_> {
             let without = if others.is_empty() { Ok(self.start.clone()) } else { self.fits.of(&others, make) };
             match without {
                 Ok(without) if self.judge.confirms(&without, end)? => all.push(without.rms),
-                _ => return Ok(Err(name(c))),
+                _ => return Ok(Err(name(c).into())),
             }
         }
         Ok(Ok(all))
@@ -332,6 +423,10 @@ impl Search<'_> {
         Ok((end, without))
     }
 
+    fn names(&self, chosen: &[Chosen]) -> Vec<String> {
+        chosen.iter().map(|c| self.shape(c).effect.name().to_string()).collect()
+    }
+
     fn shape(&self, chosen: &Chosen) -> &ActiveEffect {
         &self.candidates[chosen.candidate][chosen.variant]
     }
@@ -341,21 +436,16 @@ impl Search<'_> {
         self.fits.of(chosen, make)
     }
 
-    /// A delay among the effects found that is a way of recording.
-    fn lag(&self, fit: &Fit, names: &[&str]) -> Option<ActiveEffect> {
-        let late = delay(&fit.model).filter(|_| self.may_lag && names.contains(&DELAY))?;
-        (late.values[0].abs() < 0.5 * self.judge.fitting.traces[0].dt).then(|| late.clone())
+    /// A delay among the effects chosen that is the recorder's.
+    fn recorded_lag(&self, fit: &Fit, chosen: &[Chosen]) -> Option<ActiveEffect> {
+        let is_chosen = chosen.iter().any(|c| self.shape(c).effect.name() == DELAY);
+        let late = delay(&fit.model).filter(|_| self.lag == Lag::Possible && is_chosen)?;
+        (late.values[0].abs() < self.half_sample()).then(|| late.clone())
     }
 
     /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
-    fn relinearised(
-        &self,
-        fitted: &Fit,
-        stated: &Problem,
-        chosen: &[Chosen],
-        names: &[&str],
-    ) -> Result<Problem, FitError> {
-        let fitting = self.judge.fitting;
+    fn relinearised(&self, fitted: &Fit, stated: &Problem, chosen: &[Chosen]) -> Result<Problem, FitError> {
+        let (fitting, names) = (self.judge.fitting, self.names(chosen));
         let mut next = Problem {
             y: problem::residual_series(fitting.traces, &fitted.residuals),
             base: Vec::new(),
