@@ -70,8 +70,14 @@ fn no_jerk(limits: Limits) -> Limits {
     Limits { jerk: [f64::INFINITY; 4], ..limits }
 }
 
-const QUICK: Options =
-    Options { intervals: 100, objective: Objective::Time, certify: false, tighten: false, refine: false };
+const QUICK: Options = Options {
+    intervals: 100,
+    objective: Objective::Time,
+    certify: false,
+    tighten: false,
+    refine: false,
+    clock: || 0.0,
+};
 
 #[test]
 fn derivatives_of_paths_are_consistent_and_continuous() {

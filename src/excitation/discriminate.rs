@@ -4,8 +4,6 @@
 //! excitation, with δ² in place of the volume of the confidence ellipsoid. Where an effect depends on more than the instant
 //! (delay, elastic gears, own states) the best of several random series stands for it.
 
-use std::time::Instant;
-
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -156,7 +154,6 @@ fn searched(
     if pair.iter().any(|a| a.states() > 0 || a.effect.gear_springs(&a.values()).is_some()) {
         return None;
     }
-    let deadline = options.budget.map(|b| Instant::now() + b);
     let limits = Limits::of(base, options.share, options.hemisphere);
     let [exact, soft] = [false, true].map(|soft| Machine::new(base, limits, soft).with_candidates(pair));
     let merit = Difference::of(&soft);
@@ -166,12 +163,11 @@ fn searched(
     let fine = Basis::new(options.frequency, options.harmonics, FINER * instants);
     let scale = scale(base, options);
     let search = Search { machine: &soft, basis: &basis, objective: &objective, scale: &scale };
-    let go_on = || deadline.is_none_or(|d| Instant::now() < d) && go_on();
     let found: Vec<Found> = (0..options.starts.max(1) as u64)
         .into_par_iter()
         .filter_map(|k| {
             let start = shrunk(&exact, &basis, &draw(base, &exact, &limits, options, k), SHRINK)?.0;
-            Some(search.run(&basis.vector(&start), options.iterations, &go_on))
+            Some(search.run(&basis.vector(&start), options.iterations, go_on))
         })
         .collect();
     let best = found.iter().min_by(|a, b| a.value.total_cmp(&b.value))?;

@@ -21,8 +21,6 @@ pub mod series;
 pub use information::{Merit, Objective};
 pub use limits::{Hemisphere, Limits};
 
-use std::time::{Duration, Instant};
-
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -61,8 +59,6 @@ pub struct Options {
     pub starts: usize,
     /// Largest number of steps of each search.
     pub iterations: usize,
-    /// Longest time of the search; a search that it cuts short depends on the speed of the computer.
-    pub budget: Option<Duration>,
 }
 
 impl Default for Options {
@@ -78,7 +74,6 @@ impl Default for Options {
             randoms: 20,
             starts: 4,
             iterations: 80,
-            budget: None,
         }
     }
 }
@@ -136,9 +131,8 @@ const MOST_TRIALS: i32 = 200;
 
 /// Designs a motion for `model`; `go_on` is asked before every step of a search, from several threads.
 ///
-/// The result depends on the options only, not on the number of threads, unless the budget or `go_on` ends a search.
+/// The result depends on the options only, not on the number of threads, unless `go_on` ends a search.
 pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync)) -> Result<Design, ExcitationError> {
-    let deadline = options.budget.map(|b| Instant::now() + b);
     let limits = Limits::of(model, options.share, options.hemisphere);
     let run = options.periods as f64 / options.frequency / model.sample_time;
     let columns = base_columns(model, limits, options, run)?;
@@ -171,10 +165,9 @@ pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync
     let scale = scale(model, options);
     let objective = |information: &DMatrix<f64>| options.objective.value(information);
     let search = Search { machine: &soft, basis: &basis, objective: &objective, scale: &scale };
-    let go_on = || deadline.is_none_or(|d| Instant::now() < d) && go_on();
     let found: Vec<search::Found> = order[..options.starts.min(order.len())]
         .par_iter()
-        .map(|&k| search.run(&basis.vector(&drawn[k].start), options.iterations, &go_on))
+        .map(|&k| search.run(&basis.vector(&drawn[k].start), options.iterations, go_on))
         .collect();
     let best = found.iter().min_by(|a, b| a.value.total_cmp(&b.value)).and_then(|f| f.x.as_deref());
     let motion = best.map_or_else(|| drawn[first].start.clone(), |x| basis.motion(x));

@@ -10,7 +10,7 @@ use super::verify::{self, CHECKED, Use};
 use super::{Curve, Objective, PlanError, Profile};
 
 /// How to plan.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Intervals of the path.
     pub intervals: usize,
@@ -22,6 +22,8 @@ pub struct Options {
     pub tighten: bool,
     /// Whether intervals are split where no limit is reached, see [`refine`].
     pub refine: bool,
+    /// Seconds since some fixed instant, from which [`Plan::solve_s`] and [`Plan::verify_s`] come; they are zero by default.
+    pub clock: fn() -> f64,
 }
 
 /// Gap of the bound with jerk limits at which it is no further tightened.
@@ -29,7 +31,14 @@ pub const ENOUGH: f64 = 5e-3;
 
 impl Default for Options {
     fn default() -> Self {
-        Self { intervals: 200, objective: Objective::default(), certify: true, tighten: false, refine: true }
+        Self {
+            intervals: 200,
+            objective: Objective::default(),
+            certify: true,
+            tighten: false,
+            refine: true,
+            clock: || 0.0,
+        }
     }
 }
 

@@ -20,7 +20,7 @@ use crate::scenario::read::file::File;
 type Result<T> = std::result::Result<T, ScenarioError>;
 
 /// What a path file asks for.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Task {
     /// Name for reports, the file's stem.
     pub name: String,
@@ -175,15 +175,13 @@ fn options(file: &File, keys: &SearchKeys, limits: &Limits) -> Result<Options> {
             None if limits.has_jerk() => default.intervals,
             None => WITHOUT_JERK,
         },
-        certify: default.certify,
-        tighten: default.tighten,
-        refine: default.refine,
         objective: match &keys.objective {
             Some(word) => {
                 file.choice("search.objective", word, &[("time", Objective::Time), ("speed", Objective::Speed)])?
             }
             None => default.objective,
         },
+        ..default
     })
 }
 
@@ -322,9 +320,10 @@ mod tests {
         assert_eq!(task.limits.bearing_force, f64::INFINITY);
         // Without limits there is none on jerk.
         let expected = Options { intervals: 1000, ..Options::default() };
-        assert_eq!((task.options, task.setup.payload.mass), (expected, 1.0));
+        let chosen = |o: &Options| (o.intervals, o.objective, o.certify, o.tighten, o.refine);
+        assert_eq!((chosen(&task.options), task.setup.payload.mass), (chosen(&expected), 1.0));
         let limited = parse(&format!("{GOOD}jerk = [1e3, 1e3, 1e3, 1e3]\n")).unwrap();
-        assert_eq!(limited.options, Options::default());
+        assert_eq!(chosen(&limited.options), chosen(&Options::default()));
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! The search for the fastest motion: without jerk limits, then with them on finer and finer grids, checked in the end.
 
-use std::time::Instant;
-
 use super::accept::{accept, tighten};
 use super::certificate::Above;
 use super::coefficients::{Machine, Reference};
@@ -106,12 +104,12 @@ impl<'a> Search<'a> {
 
     /// Passes until the force laws are linearised at what they find; checked and repeated with less room if asked for.
     fn without_jerk(&mut self, grid: &[f64], check: bool) -> Result<(Profile, Passes, Option<Vec<Use>>), PlanError> {
-        let start = Instant::now();
+        let start = (self.options.clock)();
         let mut stations = Stations::new(self.machine, self.curve, self.limits, grid)?;
         let mut room = Room::full(grid.len());
         let mut jerk_room = Vec::new();
         let mut found = self.passes(&mut stations, &room, None)?;
-        self.solve_s += start.elapsed().as_secs_f64();
+        self.solve_s += (self.options.clock)() - start;
         let (mut round, mut fine) = (0, false);
         loop {
             let profile = Profile::linear(grid, &found.z);
@@ -128,13 +126,13 @@ impl<'a> Search<'a> {
                 continue;
             }
             round += 1;
-            let start = Instant::now();
+            let start = (self.options.clock)();
             match self.passes(&mut stations, &room, Some(&found)) {
                 Ok(next) => found = next,
                 // No motion with less room: what was found last is what there is.
                 Err(_) => (fine, round) = (true, ROUNDS),
             }
-            self.solve_s += start.elapsed().as_secs_f64();
+            self.solve_s += (self.options.clock)() - start;
         }
     }
 
@@ -204,9 +202,9 @@ impl<'a> Search<'a> {
         let (mut programme, change) = self.refined(unlimited, intervals)?;
         if self.options.objective == Objective::Speed {
             let fastest = programme.at.z.clone();
-            let start = Instant::now();
+            let start = (self.options.clock)();
             self.programmes(&mut programme, Objective::Speed, true)?;
-            self.solve_s += start.elapsed().as_secs_f64();
+            self.solve_s += (self.options.clock)() - start;
             let slower = |i: &usize| programme.at.z[*i] < RESTING * fastest[*i];
             if let Some(i) = programme.stations.moving().find(slower) {
                 return Err(PlanError::Rests { s: programme.stations.list[i].point.s });
@@ -228,13 +226,13 @@ impl<'a> Search<'a> {
                 continue;
             }
             round += 1;
-            let start = Instant::now();
+            let start = (self.options.clock)();
             let last = (programme.at.clone(), programme.bound);
             if self.programmes(&mut programme, self.options.objective, true).is_err() {
                 (programme.at, programme.bound) = last;
                 (fine, round) = (true, ROUNDS);
             }
-            self.solve_s += start.elapsed().as_secs_f64();
+            self.solve_s += (self.options.clock)() - start;
         }
     }
 
@@ -276,7 +274,7 @@ impl<'a> Search<'a> {
         unlimited: bool,
         finest: bool,
     ) -> Result<Sequence, PlanError> {
-        let start = Instant::now();
+        let start = (self.options.clock)();
         let mut stations = Stations::new(self.machine, &self.eased, self.limits, &grid)?;
         let near = match unlimited {
             true => eased(profile, &self.eased, &grid),
@@ -288,7 +286,7 @@ impl<'a> Search<'a> {
             false => Sequence::near(stations, self.limits, near),
         };
         let done = self.programmes(&mut programme, Objective::Time, finest);
-        self.solve_s += start.elapsed().as_secs_f64();
+        self.solve_s += (self.options.clock)() - start;
         done.map(|()| programme)
     }
 
@@ -333,10 +331,10 @@ impl<'a> Search<'a> {
         if profile.stalls() {
             return Err(PlanError::Unsolved);
         }
-        let start = Instant::now();
+        let start = (self.options.clock)();
         let points = if fine { FINER.max(PLACES / profile.pieces.len()) } else { FINER };
         let uses = verify::uses(self.machine, curve, self.limits, profile, points)?;
-        self.verify_s += start.elapsed().as_secs_f64();
+        self.verify_s += (self.options.clock)() - start;
         Ok(uses)
     }
 }

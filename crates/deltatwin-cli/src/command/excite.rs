@@ -110,14 +110,15 @@ fn hemisphere(text: &str) -> Result<Hemisphere, String> {
     }
 }
 
+fn within(option: &str, value: f64, low: f64, high: f64, unit: &str) -> miette::Result<f64> {
+    match (low..=high).contains(&value) {
+        true => Ok(value),
+        false => Err(miette!("--{option} is {value}; expected a number from {low} to {high}{unit}")),
+    }
+}
+
 impl Args {
     fn options(&self) -> miette::Result<Options> {
-        let within = |option: &str, value: f64, low: f64, high: f64, unit: &str| {
-            if (low..=high).contains(&value) {
-                return Ok(value);
-            }
-            Err(miette!("--{option} is {value}; expected a number from {low} to {high}{unit}"))
-        };
         let frequency = within("frequency", self.frequency, 1e-3, 20.0, " Hz")?;
         let length = self.periods as f64 / frequency;
         if length > LONGEST {
@@ -133,7 +134,6 @@ impl Args {
             seed: self.seed,
             starts: self.starts as usize,
             iterations: self.iterations as usize,
-            budget: Some(Duration::from_secs_f64(within("budget", self.budget, 0.0, 1e6, " s")?)),
             ..Options::default()
         })
     }
@@ -142,6 +142,7 @@ impl Args {
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let options = args.options()?;
+    let budget = Duration::from_secs_f64(within("budget", args.budget, 0.0, 1e6, " s")?);
     let model = Model::read(&args.model)?;
     if !model.assembled {
         let what = match model.mechanism {
@@ -158,19 +159,17 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     catch_interrupt()?;
     let start = Instant::now();
     let progress = bar("excite", args.starts * args.iterations);
+    let go_on = || {
+        progress.inc(1);
+        start.elapsed() < budget && !interrupted()
+    };
     if let Some([a, b]) = args.discriminate.as_deref() {
-        let planned = discriminate(&model, [a, b], &options, &|| {
-            progress.inc(1);
-            !interrupted()
-        });
+        let planned = discriminate(&model, [a, b], &options, &go_on);
         progress.finish_and_clear();
         let planned = planned.into_diagnostic().wrap_err_with(|| args.model.display().to_string())?;
         return tell(&planned, args, &model, start.elapsed().as_secs_f64());
     }
-    let designed = design(&model, &options, &|| {
-        progress.inc(1);
-        !interrupted()
-    });
+    let designed = design(&model, &options, &go_on);
     progress.finish_and_clear();
     let designed = designed.into_diagnostic().wrap_err_with(|| args.model.display().to_string())?;
     let solve = start.elapsed().as_secs_f64();

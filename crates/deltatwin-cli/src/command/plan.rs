@@ -1,6 +1,7 @@
 //! `deltatwin plan`.
 
 use std::path::PathBuf;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use miette::{IntoDiagnostic, WrapErr};
@@ -63,7 +64,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let curve = task.shape.curve();
     let progress = spinner("plan");
     let start = Instant::now();
-    let options = Options { tighten: args.tighten, ..task.options };
+    let options = Options { tighten: args.tighten, clock: seconds, ..task.options };
     let found = plan(&machine, &curve, &task.limits, &options);
     progress.finish_and_clear();
     let found = match found {
@@ -116,6 +117,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         print(args, &task, &found, execution.as_ref(), &written)?;
     }
     Ok(DONE)
+}
+
+/// Seconds since it was first asked for.
+fn seconds() -> f64 {
+    static BEGUN: OnceLock<Instant> = OnceLock::new();
+    BEGUN.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
 fn to_json(
