@@ -3,9 +3,9 @@
 use nalgebra::{Quaternion, Vector3};
 
 use super::SingularPose;
+use super::closed::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
 use super::context::Context;
 use super::integrator::System;
-use super::mechanism::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
 use crate::kinematics::Motion;
 use crate::model::bodies::PLATFORM;
 use crate::model::{ARMS, AXES, STRUTS};

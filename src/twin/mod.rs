@@ -8,6 +8,7 @@
 mod absolute;
 mod assembled;
 mod axes;
+mod closed;
 pub mod constraints;
 mod context;
 pub mod controller;
@@ -17,7 +18,7 @@ mod integrator;
 mod layout;
 pub mod loose;
 mod machine;
-mod mechanism;
+
 mod options;
 pub mod origin;
 mod reactions;

@@ -1,0 +1,178 @@
+//! The telescope and the end effector, which hang between the rotor and the platform.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::super::wrench::{STILL, Twist};
+use super::Mechanism;
+use super::equations::Loads;
+use crate::dynamics::{Plant, inertial_wrench};
+use crate::kinematics::motion::telescope_rotation;
+use crate::kinematics::{BodyMotion, Motion, Telescope};
+use crate::model::Geometry;
+use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+
+/// The telescope and the end effector move with (v_h, Ω, ω): velocity of the lower Hooke joint, rotor rate and platform
+/// angular velocity. ω_T = A v_h + b Ω; end effector relative to the platform: κ = c_v·v_h + c_Ω Ω + c_ω·ω about z_P.
+pub(super) struct Chain {
+    pub hooke: Vector3<f64>,
+    pub a: Matrix3<f64>,
+    pub b: Vector3<f64>,
+    pub pivot: Vector3<f64>,
+    pub c_v: Vector3<f64>,
+    pub c_rotor: f64,
+    pub c_omega: Vector3<f64>,
+}
+
+/// Accelerations at zero ν̇ of the telescope's end and of end effector and telescope.
+pub(super) struct ChainBias {
+    pub hooke: Vector3<f64>,
+    pub telescope: Vector3<f64>,
+    pub end_effector: Twist,
+}
+
+impl Chain {
+    pub fn zero() -> Self {
+        let z = Vector3::zeros();
+        Self { hooke: z, a: Matrix3::zeros(), b: z, pivot: z, c_v: z, c_rotor: 0.0, c_omega: z }
+    }
+
+    /// κ per unit of the platform's v and ω and of the rotor rate.
+    pub fn relative(&self) -> (Vector3<f64>, Vector3<f64>, f64) {
+        // v_h = v + ω × r_h
+        (self.c_v, self.c_omega + self.hooke.cross(&self.c_v), self.c_rotor)
+    }
+
+    /// Mass of both telescope parts in (v_h, Ω): ½ m v_h² + ω_T·(h × v_h) + ½ ω_T·Θ ω_T.
+    pub fn telescope_mass(&self, plant: &Plant, motion: &Motion) -> (Matrix3<f64>, Vector3<f64>, f64) {
+        let (upper, lower) = (&plant.bodies[TELESCOPE_UPPER], &plant.bodies[TELESCOPE_LOWER]);
+        let rotation = &motion.bodies[TELESCOPE_UPPER].rotation;
+        let theta = rotation * (upper.tensor + lower.tensor) * rotation.transpose();
+        let h = rotation * lower.first_moment;
+        let turned = theta * self.a;
+        let cross = self.a.tr_mul(&h.cross_matrix());
+        let vv = Matrix3::from_diagonal_element(lower.mass) + self.a.tr_mul(&turned) + cross + cross.transpose();
+        (vv, self.b.cross(&h) + turned.tr_mul(&self.b), self.b.dot(&(theta * self.b)))
+    }
+
+    pub fn bias(&self, motion: &Motion, geometry: &Geometry) -> ChainBias {
+        let platform = &motion.bodies[PLATFORM];
+        let omega = platform.angular_velocity;
+        let hooke = omega.cross(&omega.cross(&self.hooke));
+        let telescope = &motion.telescope;
+        let omega_t = motion.bodies[TELESCOPE_UPPER].angular_velocity;
+        let w = telescope.axis;
+        let w_rate = omega_t.cross(&w);
+        let spin = omega_t.dot(&w);
+        let swing = -w.cross(&(hooke + w_rate * (2.0 * telescope.rate))) / telescope.length;
+        // (α_T − α_R)·n + (ω_T − ω_R)·ṅ = 0
+        let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
+        let bar_rate = omega_t.cross(&bar);
+        let rotor = &motion.bodies[ROTOR];
+        let yoke = rotor.rotation.column(0).into_owned();
+        let n = yoke.cross(&bar);
+        let n_rate = rotor.angular_velocity.cross(&yoke).cross(&bar) + yoke.cross(&bar_rate);
+        let open = swing + w_rate * spin;
+        let spin_rate = (-open.dot(&n) - (omega_t - rotor.angular_velocity).dot(&n_rate)) / w.dot(&n);
+        let alpha = open + w * spin_rate;
+        // α_E = κ̇ z_P + κ ω_P × z_P with (α_E − α_T)·n₂ + (ω_E − ω_T)·ṅ₂ = 0
+        let ee = &motion.bodies[END_EFFECTOR];
+        let kappa = (ee.angular_velocity - omega).dot(&self.pivot);
+        let precession = omega.cross(&self.pivot) * kappa;
+        let yoke = ee.rotation.column(0).into_owned();
+        let n = yoke.cross(&bar);
+        let n_rate = ee.angular_velocity.cross(&yoke).cross(&bar) + yoke.cross(&bar_rate);
+        let kappa_rate =
+            ((alpha - precession).dot(&n) - (ee.angular_velocity - omega_t).dot(&n_rate)) / self.pivot.dot(&n);
+        let flange = self.pivot * geometry.flange_height;
+        ChainBias {
+            hooke,
+            telescope: alpha,
+            end_effector: (omega.cross(&omega.cross(&flange)), precession + self.pivot * kappa_rate),
+        }
+    }
+
+    /// Applied minus bias forces at zero ν̇ on the platform and the rotor.
+    pub fn bias_force(&self, loads: &Loads, bias: &ChainBias, loaded: bool) -> ChainForce {
+        let Loads { plant, frame, wrenches, gravity, .. } = loads;
+        let motion = &frame.motion;
+        let net = |body: usize, acceleration: Twist| -> Twist {
+            let mut m = motion.bodies[body];
+            (m.acceleration, m.angular_acceleration) = acceleration;
+            let (force, moment) = inertial_wrench(&plant.bodies[body], &m, gravity);
+            (wrenches[body].0 - force, wrenches[body].1 - moment)
+        };
+        let upper = net(TELESCOPE_UPPER, (Vector3::zeros(), bias.telescope));
+        let lower = net(TELESCOPE_LOWER, (bias.hooke, bias.telescope));
+        let turning = upper.1 + lower.1;
+        let hooke = lower.0 + self.a.tr_mul(&turning);
+        let mut out = ChainForce { force: hooke, moment: self.hooke.cross(&hooke), rotor: self.b.dot(&turning) };
+        // Wrenches of effects and contacts act on a massless end effector too.
+        if loaded || wrenches[END_EFFECTOR] != STILL {
+            let (f, n) = net(END_EFFECTOR, bias.end_effector);
+            let flange = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
+            let about = self.pivot.dot(&n);
+            let (cv, cw, cr) = self.relative();
+            out.force += f + cv * about;
+            out.moment += flange.cross(&f) + n + cw * about;
+            out.rotor += cr * about;
+        }
+        out
+    }
+}
+
+/// Forces of the chain on what it hangs between: force and moment about the platform's origin, torque of the rotor.
+pub(super) struct ChainForce {
+    pub force: Vector3<f64>,
+    pub moment: Vector3<f64>,
+    pub rotor: f64,
+}
+
+impl Mechanism {
+    /// Telescope and end effector between the rotor and the platform.
+    pub(super) fn place_chain(
+        &self,
+        bodies: &mut [BodyMotion; BODIES],
+        chain: &mut Chain,
+        rotor_rate: f64,
+    ) -> Telescope {
+        let g = &self.geometry;
+        let platform = bodies[PLATFORM];
+        let pivot = platform.rotation.column(2).into_owned();
+        let omega = platform.angular_velocity;
+        let hooke = pivot * g.lower_hooke_height;
+        let lower = platform.position + hooke;
+        let lower_velocity = platform.velocity + omega.cross(&hooke);
+        let bar = g.upper_hooke() - lower;
+        let length = bar.norm();
+        let axis = bar / length;
+        let yoke = bodies[ROTOR].rotation.column(0).into_owned();
+        let rotation = telescope_rotation(&axis, &yoke);
+        let cross = rotation.column(1).into_owned();
+        // The Hooke joint passes rotation about the normal n of its cross: (ω_T − Ω z)·n = 0.
+        let n = yoke.cross(&cross);
+        let passed = 1.0 / axis.dot(&n);
+        chain.hooke = hooke;
+        chain.a = (axis * (n.cross(&axis) * passed).transpose() - axis.cross_matrix()) / length;
+        chain.b = axis * (n.z * passed);
+        let omega_t = chain.a * lower_velocity + chain.b * rotor_rate;
+        // End effector: x normal to the telescope's cross axis and the pivot.
+        let x = cross.cross(&pivot).normalize();
+        let n = x.cross(&cross);
+        let passed = 1.0 / pivot.dot(&n);
+        chain.pivot = pivot;
+        chain.c_v = chain.a.tr_mul(&n) * passed;
+        chain.c_rotor = chain.b.dot(&n) * passed;
+        chain.c_omega = -n * passed;
+        let relative = (omega_t - omega).dot(&n) * passed;
+        let flange = pivot * g.flange_height;
+        bodies[END_EFFECTOR].place(
+            Matrix3::from_columns(&[x, pivot.cross(&x), pivot]),
+            platform.position + flange,
+            platform.velocity + omega.cross(&flange),
+            omega + pivot * relative,
+        );
+        bodies[TELESCOPE_UPPER].place(rotation, g.upper_hooke(), Vector3::zeros(), omega_t);
+        bodies[TELESCOPE_LOWER].place(rotation, lower, lower_velocity, omega_t);
+        Telescope { axis, length, rate: -axis.dot(&lower_velocity) }
+    }
+}

@@ -1,0 +1,92 @@
+//! Closing the loops of the assembled mechanism.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::super::SingularPose;
+use super::super::rod::platform_ball;
+use super::pairs::Pairs;
+use super::{Mechanism, OpenVector, PLATFORM_V, Pose, Vector6, join};
+use crate::kinematics::Motion;
+use crate::model::bodies::{PLATFORM, STRUT};
+use crate::model::{ARMS, Geometry, STRUTS};
+
+/// Change of strut length at which the loops count as closed, m.
+const CLOSURE_TOLERANCE: f64 = 1e-14;
+const MAX_CLOSURE_ITERATIONS: usize = 12;
+
+impl Mechanism {
+    /// Restores the struts' lengths by moving the platform, and their rates likewise. Drives and spins stay.
+    pub fn close(&self, pose: &mut Pose, nu: &mut OpenVector) -> Result<(), SingularPose> {
+        if self.springs.is_some() {
+            pose.orientation /= pose.orientation.norm();
+            return Ok(());
+        }
+        let g = &self.geometry;
+        let mut orientation = UnitQuaternion::new_normalize(pose.orientation);
+        let mut rows = [Vector6::zeros(); STRUTS];
+        let mut elbows = [Vector3::zeros(); ARMS];
+        let mut elbow_jacobian = [Vector3::zeros(); ARMS];
+        for i in 0..ARMS {
+            let (s, c) = pose.phi[i].sin_cos();
+            let u = Geometry::radial(i);
+            elbows[i] = u * (g.base_radius + g.arm_length * c) - Vector3::z() * (g.arm_length * s);
+            elbow_jacobian[i] = Vector3::new(s * u.x, s * u.y, c) * -g.arm_length;
+        }
+        let mut closed = false;
+        for _ in 0..MAX_CLOSURE_ITERATIONS {
+            let rotation = orientation.to_rotation_matrix().into_inner();
+            let mut gaps = Vector6::zeros();
+            for s in 0..STRUTS {
+                let ball = rotation * platform_ball(g, s);
+                let span = pose.position + ball - elbows[s / 2] - Geometry::tangential(s / 2) * g.pair_offset(s);
+                let length = span.norm();
+                let u = span / length;
+                gaps[s] = length - self.rods[s].length;
+                rows[s] = join(&u, &ball.cross(&u));
+            }
+            closed = gaps.amax() < CLOSURE_TOLERANCE;
+            if closed {
+                break;
+            }
+            let correction = Pairs::new(&rows)?.solve(&-gaps);
+            pose.position += correction.fixed_rows::<3>(0);
+            orientation = UnitQuaternion::from_scaled_axis(correction.fixed_rows::<3>(3).into_owned()) * orientation;
+        }
+        if !closed {
+            return Err(SingularPose);
+        }
+        pose.orientation = *orientation;
+        let rates = Vector6::from_fn(|s, _| {
+            let u = rows[s].fixed_rows::<3>(0);
+            u.dot(&elbow_jacobian[s / 2]) * nu[s / 2]
+        });
+        let twist = Pairs::new(&rows)?.solve(&rates);
+        nu.fixed_rows_mut::<6>(PLATFORM_V).copy_from(&twist);
+        Ok(())
+    }
+
+    /// The pose of a motion, which must close its loops to within a few millimetres.
+    pub fn pose(&self, motion: &Motion) -> (Pose, OpenVector, [f64; STRUTS]) {
+        let platform = &motion.bodies[PLATFORM];
+        let orientation =
+            *UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(platform.rotation));
+        let mut roll = [0.0; STRUTS];
+        let mut spin = [0.0; STRUTS];
+        for s in 0..STRUTS {
+            let (u, v) = (motion.strut_axis[s], Geometry::tangential(s / 2));
+            let y = (v - u * u.dot(&v)).normalize();
+            let strut = &motion.bodies[STRUT + s];
+            let own = strut.rotation.column(1);
+            roll[s] = own.dot(&u.cross(&y)).atan2(own.dot(&y));
+            spin[s] = strut.angular_velocity.dot(&u);
+        }
+        let q = motion.q;
+        let (v, w) = (platform.velocity, platform.angular_velocity);
+        let d = motion.qd;
+        (
+            Pose { phi: [q[0], q[1], q[2]], psi: q[3], position: platform.position, orientation, roll },
+            OpenVector::from_column_slice(&[d[0], d[1], d[2], d[3], v.x, v.y, v.z, w.x, w.y, w.z]),
+            spin,
+        )
+    }
+}

@@ -1,0 +1,29 @@
+//! Energy of elastic struts.
+
+use super::super::rod;
+use super::{Frame, Mechanism};
+use crate::dynamics::Plant;
+use crate::kinematics::Motion;
+use crate::model::STRUTS;
+
+impl Mechanism {
+    /// What stretched struts have beyond the energy of rigid ones, J: they move linearly between their ends.
+    pub fn stretch_energy(&self, plant: &Plant, motion: &Motion) -> f64 {
+        if self.springs.is_none() {
+            return 0.0;
+        }
+        rod::stretch_energy(&self.rods, plant, motion, &rod::length_rates(plant, motion))
+    }
+
+    /// Power of the elastic struts on the bodies, W.
+    pub fn spring_power(&self, frame: &Frame) -> f64 {
+        let Some(springs) = &self.springs else { return 0.0 };
+        (0..STRUTS)
+            .map(|s| {
+                let stretch = frame.motion.strut_length[s] - self.rods[s].length;
+                let tension = springs[s].stiffness * stretch + springs[s].damping * frame.length_rate[s];
+                -tension * frame.length_rate[s]
+            })
+            .sum()
+    }
+}

@@ -1,0 +1,304 @@
+//! The equations of motion of the open mechanism, and their solution with rigid and with elastic struts.
+
+use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+
+use super::super::SingularPose;
+use super::super::wrench::Twist;
+use super::pairs::Pairs;
+use super::{Frame, Matrix6, Mechanism, OpenVector, Vector6, add, join};
+use crate::dynamics::Plant;
+use crate::effects::StrutSpring;
+use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
+use crate::model::{ARMS, AXES, Geometry, STRUTS};
+
+/// Implicit terms of a Rosenbrock step, added to the equations.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(in crate::twin) struct Implicit {
+    /// h·γ·damping of arms and rotor, kg·m².
+    pub drives: [f64; AXES],
+    /// Torques on arms and rotor, N·m.
+    pub drive_torque: [f64; AXES],
+    /// h·γ·damping + h²γ²·stiffness of the spins, kg·m².
+    pub spins: [f64; STRUTS],
+    /// Moments about the struts' axes, N·m.
+    pub spin_moment: [f64; STRUTS],
+    /// h·γ·damping + h²γ²·stiffness of elastic struts, kg.
+    pub tension: [f64; STRUTS],
+    /// Tensions, N.
+    pub tension_force: [f64; STRUTS],
+}
+
+/// What acts at one configuration and velocity.
+pub(super) struct Loads<'a> {
+    pub plant: &'a Plant,
+    pub frame: &'a Frame,
+    /// On all bodies, about their origins, world axes.
+    pub wrenches: &'a [Twist; BODIES],
+    /// Of the drives, N·m.
+    pub tau: &'a [f64; AXES],
+    pub implicit: &'a Implicit,
+    pub gravity: Vector3<f64>,
+}
+
+/// Applied forces on a strut as forces at its balls, N, world axes.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Ends {
+    pub upper: Vector3<f64>,
+    pub lower: Vector3<f64>,
+}
+
+/// M̂ ν̇ + Bᵀ T = f̂ and B ν̇ = c by their blocks: each drive couples with the platform only.
+pub(super) struct Equations {
+    /// Mass matrix of the platform's twist.
+    platform: Matrix6,
+    platform_force: Vector6,
+    rotor: f64,
+    rotor_coupling: Vector6,
+    rotor_force: f64,
+    /// Inertia of the arms' drives.
+    drive: [f64; ARMS],
+    drive_coupling: [Vector6; ARMS],
+    drive_force: [f64; ARMS],
+    /// Rows of B: of the platform's twist, and of the arm that the strut hangs on.
+    rows: [Vector6; STRUTS],
+    row_drive: [f64; STRUTS],
+    /// c: changes of the struts' length rates at zero ν̇, negative.
+    target: Vector6,
+    pub ends: [Ends; STRUTS],
+}
+
+/// Mass of the platform's side: blocks of v and ω, the rotor and its coupling with them.
+struct PlatformMass {
+    vv: Matrix3<f64>,
+    vw: Matrix3<f64>,
+    ww: Matrix3<f64>,
+    rotor: f64,
+    rotor_v: Vector3<f64>,
+    rotor_w: Vector3<f64>,
+}
+
+impl PlatformMass {
+    /// Of the platform with the rods' masses at its balls, the telescope and the rotor.
+    fn new(loads: &Loads, first: &Vector3<f64>, tensor: &Matrix3<f64>, mass: f64) -> Self {
+        let chain = &loads.frame.jacobians.chain;
+        let mut vv = Matrix3::from_diagonal_element(mass);
+        let mut vw = -first.cross_matrix();
+        let mut ww = *tensor;
+        let (hvv, hvr, hrr) = chain.telescope_mass(loads.plant, &loads.frame.motion);
+        let r = chain.hooke.cross_matrix();
+        vv += hvv;
+        let hr = hvv * r;
+        vw -= hr;
+        ww -= r * hr;
+        let rotor = loads.plant.bodies[ROTOR].tensor[(2, 2)] + hrr + loads.implicit.drives[3];
+        Self { vv, vw, ww, rotor, rotor_v: hvr, rotor_w: chain.hooke.cross(&hvr) }
+    }
+
+    /// Adds the end effector, which turns by κ about the platform's normal.
+    fn add_end_effector(&mut self, loads: &Loads, flange_height: f64) {
+        let chain = &loads.frame.jacobians.chain;
+        let ee = &loads.frame.motion.bodies[END_EFFECTOR];
+        let inertia = &loads.plant.bodies[END_EFFECTOR];
+        let h = ee.rotation * inertia.first_moment;
+        let theta = ee.rotation * inertia.tensor * ee.rotation.transpose();
+        let r = chain.pivot * flange_height;
+        let moment = r * inertia.mass + h;
+        self.vv += Matrix3::from_diagonal_element(inertia.mass);
+        self.vw -= moment.cross_matrix();
+        let (rx, hx) = (r.cross_matrix(), h.cross_matrix());
+        self.ww += theta - hx * rx - rx * hx - rx * rx * inertia.mass;
+        // κ: momentum about the pivot per unit of (v, ω), and its own inertia.
+        let (cv, cw, cr) = chain.relative();
+        let gv = chain.pivot.cross(&h);
+        let tz = theta * chain.pivot;
+        let gw = tz + r.cross(&gv);
+        let own = chain.pivot.dot(&tz);
+        self.vv += cv * gv.transpose() + gv * cv.transpose() + cv * cv.transpose() * own;
+        self.vw += cv * gw.transpose() + gv * cw.transpose() + cv * cw.transpose() * own;
+        self.ww += cw * gw.transpose() + gw * cw.transpose() + cw * cw.transpose() * own;
+        self.rotor += own * cr * cr;
+        self.rotor_v += (gv + cv * own) * cr;
+        self.rotor_w += (gw + cw * own) * cr;
+    }
+
+    fn matrix(&self) -> Matrix6 {
+        let mut mass = Matrix6::zeros();
+        mass.fixed_view_mut::<3, 3>(0, 0).copy_from(&self.vv);
+        mass.fixed_view_mut::<3, 3>(0, 3).copy_from(&self.vw);
+        mass.fixed_view_mut::<3, 3>(3, 0).copy_from(&self.vw.transpose());
+        mass.fixed_view_mut::<3, 3>(3, 3).copy_from(&self.ww);
+        mass
+    }
+}
+
+impl Equations {
+    /// The platform with telescope, rotor and end effector: mass, and applied minus bias forces.
+    pub fn of_platform(mechanism: &Mechanism, loads: &Loads) -> Self {
+        let Loads { plant, frame, wrenches, gravity, .. } = loads;
+        let (motion, jacobians) = (&frame.motion, &frame.jacobians);
+        let platform = &motion.bodies[PLATFORM];
+        let laden = &mechanism.laden_platform;
+        let first = platform.rotation * laden.first_moment;
+        let tensor = platform.rotation * laden.tensor * platform.rotation.transpose();
+        let mut mass = PlatformMass::new(loads, &first, &tensor, laden.mass);
+        if mechanism.loaded {
+            mass.add_end_effector(loads, mechanism.geometry.flange_height);
+        }
+        let (mut force, mut moment) = wrenches[PLATFORM];
+        let omega = platform.angular_velocity;
+        force -= omega.cross(&omega.cross(&first));
+        moment -= omega.cross(&(tensor * omega));
+        let weight = &plant.bodies[PLATFORM];
+        force += gravity * weight.mass;
+        moment += (platform.rotation * weight.first_moment).cross(gravity);
+        let chain = jacobians.chain.bias_force(loads, &jacobians.bias, mechanism.loaded);
+        force += chain.force;
+        moment += chain.moment;
+        Self {
+            platform: mass.matrix(),
+            platform_force: join(&force, &moment),
+            rotor: mass.rotor,
+            rotor_coupling: join(&mass.rotor_v, &mass.rotor_w),
+            rotor_force: chain.rotor + wrenches[ROTOR].1.z + loads.tau[3] + loads.implicit.drive_torque[3],
+            drive: [0.0; ARMS],
+            drive_coupling: [Vector6::zeros(); ARMS],
+            drive_force: [0.0; ARMS],
+            rows: [Vector6::zeros(); STRUTS],
+            row_drive: [0.0; STRUTS],
+            target: Vector6::zeros(),
+            ends: [Ends::default(); STRUTS],
+        }
+    }
+
+    /// Adds inertia, weight and torque of the arms.
+    pub fn add_arms(&mut self, loads: &Loads) {
+        let Loads { plant, frame, wrenches, tau, implicit, gravity } = loads;
+        for i in 0..ARMS {
+            let (arm, v) = (&frame.motion.bodies[ARM + i], Geometry::tangential(i));
+            let inertia = &plant.bodies[ARM + i];
+            self.drive[i] = inertia.tensor[(1, 1)] + implicit.drives[i];
+            let h = arm.rotation * inertia.first_moment;
+            self.drive_force[i] =
+                wrenches[ARM + i].1.dot(&v) + h.cross(gravity).dot(&v) + tau[i] + implicit.drive_torque[i];
+        }
+    }
+
+    /// Adds the struts' masses and forces at their ends, and their length rows.
+    pub fn add_struts(&mut self, mechanism: &Mechanism, loads: &Loads) {
+        let Frame { motion, jacobians, length_rate, .. } = loads.frame;
+        let omega = motion.bodies[PLATFORM].angular_velocity;
+        for s in 0..STRUTS {
+            let (i, rod) = (s / 2, &mechanism.rods[s]);
+            let (u, e, r) = (motion.strut_axis[s], jacobians.elbow[i], jacobians.ball[s]);
+            let ends = mechanism.strut_forces(s, loads);
+            let (bias_a, bias_b) = (jacobians.elbow_bias[i], omega.cross(&omega.cross(&r)));
+            self.drive[i] += rod.aa * e.norm_squared();
+            self.drive_force[i] += e.dot(&(ends.upper - bias_a * rod.aa - bias_b * rod.ab));
+            add(&mut self.drive_coupling[i], &(e * rod.ab), &(r.cross(&e) * rod.ab));
+            // The rods' m_bb is part of the laden platform.
+            let lower = ends.lower - bias_a * rod.ab;
+            add(&mut self.platform_force, &lower, &r.cross(&lower));
+            self.ends[s] = ends;
+            self.rows[s] = join(&u, &r.cross(&u));
+            self.row_drive[s] = -u.dot(&e);
+            let stretch = &jacobians.stretch[s];
+            let along = length_rate[s];
+            self.target[s] =
+                -u.dot(&(bias_b - bias_a)) - (stretch.norm_squared() - along * along) / motion.strut_length[s];
+        }
+    }
+
+    /// ν̇ and the tensions where elastic struts make them a force law: the drives are eliminated.
+    pub fn solve_elastic(
+        &self,
+        mechanism: &Mechanism,
+        springs: &[StrutSpring; STRUTS],
+        loads: &Loads,
+    ) -> Result<(OpenVector, Vector6), SingularPose> {
+        let Loads { frame, implicit, .. } = loads;
+        let (mut mass, mut platform_force) = (self.platform, self.platform_force);
+        let (mut drive, mut drive_force, mut coupling) = (self.drive, self.drive_force, self.drive_coupling);
+        let mut tension = Vector6::zeros();
+        for s in 0..STRUTS {
+            let (i, row, row_drive) = (s / 2, &self.rows[s], self.row_drive[s]);
+            let stretch = frame.motion.strut_length[s] - mechanism.rods[s].length;
+            let law = springs[s].stiffness * stretch + springs[s].damping * frame.length_rate[s];
+            let k = implicit.tension[s];
+            tension[s] = law + implicit.tension_force[s];
+            drive[i] += k * row_drive * row_drive;
+            coupling[i] += row * (k * row_drive);
+            mass += row * row.transpose() * k;
+            drive_force[i] -= row_drive * tension[s];
+            platform_force -= row * tension[s];
+        }
+        let mut f = platform_force - self.rotor_coupling * (self.rotor_force / self.rotor);
+        mass -= self.rotor_coupling * self.rotor_coupling.transpose() / self.rotor;
+        for i in 0..ARMS {
+            mass -= coupling[i] * coupling[i].transpose() / drive[i];
+            f -= coupling[i] * (drive_force[i] / drive[i]);
+        }
+        let x = mass.cholesky().ok_or(SingularPose)?.solve(&f);
+        let arms: [f64; ARMS] = std::array::from_fn(|i| (drive_force[i] - coupling[i].dot(&x)) / drive[i]);
+        let rotor = (self.rotor_force - self.rotor_coupling.dot(&x)) / self.rotor;
+        for s in 0..STRUTS {
+            tension[s] += implicit.tension[s] * (self.rows[s].dot(&x) + self.row_drive[s] * arms[s / 2]);
+        }
+        Ok((open_vector(&arms, rotor, &x), tension))
+    }
+
+    /// ν̇ and the tensions with rigid struts: the platform follows the arms, in the null space of B.
+    pub fn solve_rigid(&self) -> Result<(OpenVector, Vector6), SingularPose> {
+        let (mass, coupling) = (&self.platform, &self.drive_coupling);
+        let pairs = Pairs::new(&self.rows)?;
+        // Platform = offset + Σ follow · φ̈.
+        let offset = pairs.solve(&self.target);
+        let mut follow = [Vector6::zeros(); ARMS];
+        for i in 0..ARMS {
+            let mut column = Vector6::zeros();
+            (column[2 * i], column[2 * i + 1]) = (-self.row_drive[2 * i], -self.row_drive[2 * i + 1]);
+            follow[i] = pairs.solve(&column);
+        }
+        let free = self.platform_force - mass * offset;
+        let carried: [Vector6; ARMS] = std::array::from_fn(|i| mass * follow[i] + coupling[i]);
+        let mut reduced = Matrix4::zeros();
+        let mut f = Vector4::zeros();
+        for i in 0..ARMS {
+            for j in 0..=i {
+                let x = follow[i].dot(&carried[j]) + coupling[i].dot(&follow[j]);
+                reduced[(i, j)] = x;
+                reduced[(j, i)] = x;
+            }
+            reduced[(i, i)] += self.drive[i];
+            let x = self.rotor_coupling.dot(&follow[i]);
+            reduced[(i, 3)] = x;
+            reduced[(3, i)] = x;
+            f[i] = self.drive_force[i] - coupling[i].dot(&offset) + follow[i].dot(&free);
+        }
+        reduced[(3, 3)] = self.rotor;
+        f[3] = self.rotor_force - self.rotor_coupling.dot(&offset);
+        let x = reduced.cholesky().ok_or(SingularPose)?.solve(&f);
+        let twist = offset + follow[0] * x[0] + follow[1] * x[1] + follow[2] * x[2];
+        let left = free - carried[0] * x[0] - carried[1] * x[1] - carried[2] * x[2] - self.rotor_coupling * x[3];
+        Ok((open_vector(&[x[0], x[1], x[2]], x[3], &twist), pairs.solve_transposed(&left)))
+    }
+}
+
+fn open_vector(arms: &[f64; ARMS], rotor: f64, twist: &Vector6) -> OpenVector {
+    let [a, b, c] = *arms;
+    OpenVector::from_column_slice(&[a, b, c, rotor, twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]])
+}
+
+impl Mechanism {
+    /// Applied forces on a strut as forces at its upper and lower ball.
+    fn strut_forces(&self, s: usize, loads: &Loads) -> Ends {
+        let (rod, frame, wrench) = (&self.rods[s], loads.frame, &loads.wrenches[STRUT + s]);
+        let u = frame.motion.strut_axis[s];
+        let length = frame.motion.strut_length[s];
+        let spin = frame.motion.bodies[STRUT + s].angular_velocity.dot(&u);
+        // The spin's angular momentum turns with the axis: moment Θ_xx·σ·u̇ is taken from the applied moment.
+        let axis_rate = (frame.jacobians.stretch[s] - u * frame.length_rate[s]) / length;
+        let moment = wrench.1 - axis_rate * (rod.axial * spin);
+        let couple = moment.cross(&u) / length;
+        Ends { upper: wrench.0 - couple + loads.gravity * rod.weight[0], lower: couple + loads.gravity * rod.weight[1] }
+    }
+}

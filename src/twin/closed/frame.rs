@@ -1,0 +1,132 @@
+//! Motion of all bodies of the assembled mechanism, with the Jacobians and velocity products of its joints.
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::super::rod::platform_ball;
+use super::super::wrench::STILL;
+use super::chain::{Chain, ChainBias};
+use super::{Mechanism, OpenVector, Pose, platform_twist};
+use crate::kinematics::{BodyMotion, Motion, Telescope};
+use crate::model::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
+use crate::model::{ARMS, AXES, Geometry, STRUTS};
+
+/// Linear maps and accelerations of one configuration that the mass matrix and the forces share.
+pub(super) struct Jacobians {
+    /// Velocity of the elbow per unit arm rate.
+    pub elbow: [Vector3<f64>; ARMS],
+    /// Acceleration of the elbow at zero φ̈.
+    pub elbow_bias: [Vector3<f64>; ARMS],
+    /// Lower ball relative to the platform's origin.
+    pub ball: [Vector3<f64>; STRUTS],
+    /// Velocity of the lower relative to the upper ball.
+    pub stretch: [Vector3<f64>; STRUTS],
+    pub chain: Chain,
+    pub bias: ChainBias,
+}
+
+/// Everything the equations need at one configuration and velocity.
+pub(in crate::twin) struct Frame {
+    /// Motion of all bodies; accelerations not set.
+    pub motion: Motion,
+    /// Rate of the roll angles, rad/s.
+    pub roll_rate: [f64; STRUTS],
+    /// Rate of each strut's length, m/s.
+    pub length_rate: [f64; STRUTS],
+    pub(super) jacobians: Jacobians,
+}
+
+impl Frame {
+    /// Room for a frame.
+    pub fn empty() -> Self {
+        let none = Vector3::zeros();
+        Self {
+            motion: Motion {
+                q: [0.0; AXES],
+                qd: [0.0; AXES],
+                qdd: [0.0; AXES],
+                bodies: [BodyMotion::REST; BODIES],
+                strut_axis: [none; STRUTS],
+                strut_length: [0.0; STRUTS],
+                telescope: Telescope { axis: none, length: 0.0, rate: 0.0 },
+            },
+            roll_rate: [0.0; STRUTS],
+            length_rate: [0.0; STRUTS],
+            jacobians: Jacobians {
+                elbow: [none; ARMS],
+                elbow_bias: [none; ARMS],
+                ball: [none; STRUTS],
+                stretch: [none; STRUTS],
+                chain: Chain::zero(),
+                bias: ChainBias { hooke: none, telescope: none, end_effector: STILL },
+            },
+        }
+    }
+
+    /// Rate of strut `s`'s length for open velocities `x`.
+    pub fn along(&self, s: usize, x: &OpenVector) -> f64 {
+        let u = self.motion.strut_axis[s];
+        let (v, omega) = platform_twist(x);
+        u.dot(&(v + omega.cross(&self.jacobians.ball[s]) - self.jacobians.elbow[s / 2] * x[s / 2]))
+    }
+}
+
+impl Mechanism {
+    /// All bodies at a pose with velocities ν and spins.
+    pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
+        let g = &self.geometry;
+        let Frame { motion, roll_rate, length_rate, jacobians } = out;
+        let Motion { q, qd, bodies, strut_axis, strut_length, telescope, .. } = motion;
+        *q = [pose.phi[0], pose.phi[1], pose.phi[2], pose.psi];
+        *qd = [nu[0], nu[1], nu[2], nu[3]];
+        let mut elbows = [Vector3::zeros(); ARMS];
+        for i in 0..ARMS {
+            let (s, c) = pose.phi[i].sin_cos();
+            let (u, v) = (Geometry::radial(i), Geometry::tangential(i));
+            let x = Vector3::new(c * u.x, c * u.y, -s);
+            let z = Vector3::new(s * u.x, s * u.y, c);
+            let shaft = u * g.base_radius;
+            let arm = &mut bodies[ARM + i];
+            arm.rotation = Matrix3::from_columns(&[x, v, z]);
+            arm.position = shaft;
+            arm.angular_velocity = v * nu[i];
+            elbows[i] = shaft + x * g.arm_length;
+            jacobians.elbow[i] = z * -g.arm_length;
+            jacobians.elbow_bias[i] = x * (-g.arm_length * nu[i] * nu[i]);
+        }
+        let velocity = Vector3::new(nu[4], nu[5], nu[6]);
+        let omega = Vector3::new(nu[7], nu[8], nu[9]);
+        let rotation = UnitQuaternion::new_unchecked(pose.orientation).to_rotation_matrix().into_inner();
+        bodies[PLATFORM] =
+            BodyMotion { rotation, position: pose.position, velocity, angular_velocity: omega, ..BodyMotion::REST };
+        for s in 0..STRUTS {
+            let i = s / 2;
+            let v = Geometry::tangential(i);
+            let upper = elbows[i] + v * g.pair_offset(s);
+            let ball = rotation * platform_ball(g, s);
+            let span = pose.position + ball - upper;
+            let length = span.norm();
+            let axis = span / length;
+            let upper_velocity = jacobians.elbow[i] * nu[i];
+            let stretch = velocity + omega.cross(&ball) - upper_velocity;
+            let along = axis.dot(&stretch);
+            let swing = axis.cross(&stretch) / length;
+            // Facing frame: y as near to the pair direction v as possible.
+            let share = axis.dot(&v);
+            let lateral = (1.0 - share * share).sqrt();
+            let y = (v - axis * share) / lateral;
+            let z = axis.cross(&y);
+            let facing_rate = -share / lateral * (stretch - axis * along).dot(&z) / length;
+            let (sin, cos) = pose.roll[s].sin_cos();
+            let roll = Matrix3::from_columns(&[axis, y * cos + z * sin, z * cos - y * sin]);
+            bodies[STRUT + s].place(roll, upper, upper_velocity, swing + axis * spin[s]);
+            (strut_axis[s], strut_length[s]) = (axis, length);
+            (jacobians.ball[s], jacobians.stretch[s]) = (ball, stretch);
+            (roll_rate[s], length_rate[s]) = (spin[s] - facing_rate, along);
+        }
+        let (sin, cos) = pose.psi.sin_cos();
+        let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        bodies[ROTOR].place(turned, g.upper_hooke(), Vector3::zeros(), Vector3::new(0.0, 0.0, nu[3]));
+        *telescope = self.place_chain(bodies, &mut jacobians.chain, nu[3]);
+        jacobians.bias = jacobians.chain.bias(motion, g);
+    }
+}

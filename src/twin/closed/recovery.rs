@@ -1,0 +1,89 @@
+//! Forces in the sockets and accelerations of all bodies from a solution of the open equations.
+
+use nalgebra::Vector3;
+
+use super::super::wrench::{STILL, Twist};
+use super::equations::{Ends, Loads};
+use super::{Frame, Mechanism, OpenVector, Solution, Vector6, platform_twist};
+use crate::kinematics::Reactions;
+use crate::kinematics::motion::SOCKETS;
+use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::model::{ARMS, Geometry, STRUTS};
+
+impl Mechanism {
+    /// The solution with the forces in the sockets and the struts' spins, from open accelerations and tensions.
+    pub(super) fn recover(
+        &self,
+        loads: &Loads,
+        ends: &[Ends; STRUTS],
+        nu_rate: OpenVector,
+        tension: &Vector6,
+    ) -> Solution {
+        let Frame { motion, jacobians, .. } = loads.frame;
+        let omega = motion.bodies[PLATFORM].angular_velocity;
+        let (linear, angular) = platform_twist(&nu_rate);
+        let mut solution = Solution {
+            nu_rate,
+            spin_rate: [0.0; STRUTS],
+            reactions: Reactions::default(),
+            socket_force: [Vector3::zeros(); SOCKETS],
+        };
+        for s in 0..STRUTS {
+            let (i, rod) = (s / 2, &self.rods[s]);
+            let (u, r) = (motion.strut_axis[s], jacobians.ball[s]);
+            let a = jacobians.elbow[i] * nu_rate[i] + jacobians.elbow_bias[i];
+            let b = linear + angular.cross(&r) + omega.cross(&omega.cross(&r));
+            let upper = a * rod.aa + b * rod.ab - ends[s].upper - u * tension[s];
+            let lower = a * rod.ab + b * rod.bb - ends[s].lower + u * tension[s];
+            solution.socket_force[s] = upper;
+            solution.socket_force[STRUTS + s] = lower;
+            solution.reactions.upper[s] = -u.dot(&upper);
+            solution.reactions.lower[s] = u.dot(&lower);
+            let inertia = rod.axial + loads.implicit.spins[s];
+            solution.spin_rate[s] = (loads.wrenches[STRUT + s].1.dot(&u) + loads.implicit.spin_moment[s]) / inertia;
+        }
+        solution
+    }
+
+    /// Accelerations of all bodies for a solution, world axes.
+    pub fn accelerations(&self, frame: &Frame, solution: &Solution) -> [Twist; BODIES] {
+        let Frame { motion, jacobians, .. } = frame;
+        let mut out = [STILL; BODIES];
+        let nu = &solution.nu_rate;
+        for i in 0..ARMS {
+            out[ARM + i].1 = Geometry::tangential(i) * nu[i];
+        }
+        out[ROTOR].1.z = nu[3];
+        let (linear, angular) = platform_twist(nu);
+        out[PLATFORM] = (linear, angular);
+        let omega = motion.bodies[PLATFORM].angular_velocity;
+        for s in 0..STRUTS {
+            let i = s / 2;
+            let (u, length) = (motion.strut_axis[s], motion.strut_length[s]);
+            let a = jacobians.elbow[i] * nu[i] + jacobians.elbow_bias[i];
+            let b = linear + angular.cross(&jacobians.ball[s]) + omega.cross(&omega.cross(&jacobians.ball[s]));
+            let along = frame.length_rate[s];
+            let axis_rate = (jacobians.stretch[s] - u * along) / length;
+            let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
+            // ω = u × Δv / ℓ + σ u; the change of ℓ only matters for elastic struts.
+            let swing = (u.cross(&(b - a)) + axis_rate.cross(&jacobians.stretch[s])
+                - u.cross(&jacobians.stretch[s]) * (along / length))
+                / length;
+            out[STRUT + s] = (a, swing + u * solution.spin_rate[s] + axis_rate * spin);
+        }
+        let chain = &jacobians.chain;
+        let bias = &jacobians.bias;
+        let hooke = linear + angular.cross(&chain.hooke);
+        let turned = chain.a * hooke + chain.b * nu[3];
+        let (cv, cw, cr) = (chain.c_v, chain.c_omega, chain.c_rotor);
+        let relative = cv.dot(&hooke) + cw.dot(&angular) + cr * nu[3];
+        let flange = chain.pivot * self.geometry.flange_height;
+        out[END_EFFECTOR] = (
+            linear + angular.cross(&flange) + bias.end_effector.0,
+            angular + chain.pivot * relative + bias.end_effector.1,
+        );
+        out[TELESCOPE_UPPER].1 = turned + bias.telescope;
+        out[TELESCOPE_LOWER] = (hooke + bias.hooke, turned + bias.telescope);
+        out
+    }
+}
