@@ -159,7 +159,7 @@ impl Search<'_> {
                 break;
             }
             found.iterations = iteration + 1;
-            let step = self.step(&point, &slopes, &gradient, &hessian, penalty, radius);
+            let step = self.step(&point, &slopes, (&gradient, &hessian), (penalty, radius));
             let Some(Step { d, slack, multipliers }) = step else {
                 radius *= 0.25;
                 if radius < LEAST_RADIUS {
@@ -220,10 +220,8 @@ impl Search<'_> {
         &self,
         point: &Point,
         slopes: &[Slopes],
-        gradient: &DVector<f64>,
-        hessian: &DMatrix<f64>,
-        penalty: f64,
-        radius: f64,
+        (gradient, hessian): (&DVector<f64>, &DMatrix<f64>),
+        (penalty, radius): (f64, f64),
     ) -> Option<Step> {
         let n = gradient.len();
         let mut limits: Vec<(Row, DVector<f64>, f64)> = Vec::new();

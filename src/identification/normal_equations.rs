@@ -95,12 +95,12 @@ impl NormalEquations {
         let length = trace.len().div_ceil(BLOCKS).max(MIN_BLOCK);
         let window = if is_local(plant) { length * (WINDOW / length).max(1) } else { trace.len().max(1) };
         let starts: Vec<usize> = (0..trace.len()).step_by(window).collect();
-        let stride = self.stride;
+        let rows = Rows { length, stride: self.stride, sigma, free, weight };
         let parts: Vec<Part> = starts
             .into_par_iter()
             .map(|start| {
                 let range = start..(start + window).min(trace.len());
-                part(plant, trace, range, (length, stride), sigma, free, weight)
+                part(plant, trace, range, rows)
             })
             .collect::<Result<_, _>>()?;
         let mut residuals: Channels = trace.channels.iter().map(|_| Vec::with_capacity(trace.len())).collect();
@@ -133,15 +133,22 @@ struct Part {
     rows: Vec<Vec<f64>>,
 }
 
-fn part(
-    plant: &Plant,
-    trace: &Trace,
-    range: Range<usize>,
-    (length, stride): (usize, usize),
-    sigma: &[f64],
-    free: &[usize],
-    weight: Weight,
-) -> Result<Part, FitError> {
+/// How the rows of a trace are weighed and gathered.
+#[derive(Clone, Copy)]
+struct Rows<'a> {
+    /// Samples of a block.
+    length: usize,
+    /// Every how many samples rows are kept.
+    stride: usize,
+    /// Standard deviation of the noise per channel.
+    sigma: &'a [f64],
+    /// Parameters of the columns.
+    free: &'a [usize],
+    weight: Weight<'a>,
+}
+
+fn part(plant: &Plant, trace: &Trace, range: Range<usize>, of: Rows) -> Result<Part, FitError> {
+    let Rows { length, stride, sigma, free, weight } = of;
     let (around, shift) = surroundings(plant, trace, &range);
     let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(trace))?;
     let residual: Channels = trace

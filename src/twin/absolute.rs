@@ -12,7 +12,7 @@ use super::SingularPose;
 use super::constraints::ROWS;
 use super::context::{Answer, Context};
 use super::forces::spin_restraint;
-use super::integrator::System;
+use super::integrator::{Stage, System};
 use super::loose::{Bearings, Loose, Solution as Constrained, Stretch, Stretches};
 use super::rod::{self, Rod};
 use super::state::BodyState;
@@ -388,15 +388,8 @@ impl Absolute<'_> {
 }
 
 impl System for Absolute<'_> {
-    fn stage(
-        &mut self,
-        t: f64,
-        y: &[f64],
-        sum: &[f64],
-        g: f64,
-        first: bool,
-        k: &mut [f64],
-    ) -> Result<(), SingularPose> {
+    fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
+        let Stage { t, y, sum, g, first } = *stage;
         let mut motion = motion(&self.context.plant, y);
         if first && g > 0.0 {
             self.context.measure_damping(t, y, &mut motion);
@@ -431,7 +424,7 @@ impl System for Absolute<'_> {
             motion.qdd[axis] = solution.bodies[body].1.dot(&direction);
         }
         let struts = self.joints.spring_power(y);
-        self.context.rest_of_stage(t, y, &motion, struts, (sum, g, first), k);
+        self.context.rest_of_stage(stage, &motion, struts, k);
         Ok(())
     }
 

@@ -5,7 +5,7 @@ use nalgebra::{Quaternion, Vector3};
 use super::SingularPose;
 use super::closed::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
 use super::context::Context;
-use super::integrator::System;
+use super::integrator::{Stage, System};
 use crate::kinematics::Motion;
 use crate::model::bodies::PLATFORM;
 use crate::model::{ARMS, AXES, STRUTS};
@@ -117,7 +117,8 @@ impl Assembled<'_> {
     }
 
     /// Implicit terms of a stage.
-    fn implicit(&mut self, t: f64, y: &[f64], frame: &Frame, sum: &[f64], g: f64, base: &OpenVector) -> Implicit {
+    fn implicit(&mut self, stage: &Stage, frame: &Frame, base: &OpenVector) -> Implicit {
+        let Stage { t, y, sum, g, .. } = *stage;
         self.context.scratch.motors.sums = std::array::from_fn(|i| sum[NU + i]);
         let Context { forces, layout, torque, scratch, .. } = &*self.context;
         let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
@@ -164,16 +165,8 @@ fn quaternion_of(frame: &Frame) -> Quaternion<f64> {
 }
 
 impl System for Assembled<'_> {
-    fn stage(
-        &mut self,
-        t: f64,
-        y: &[f64],
-        sum: &[f64],
-        g: f64,
-        first: bool,
-        k: &mut [f64],
-    ) -> Result<(), SingularPose> {
-        self.with_frame(t, y, first, |system, frame| system.stage_at(t, y, frame, sum, g, first, k))
+    fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
+        self.with_frame(stage.t, stage.y, stage.first, |system, frame| system.stage_at(stage, frame, k))
     }
 
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
@@ -186,16 +179,8 @@ impl System for Assembled<'_> {
 
 impl Assembled<'_> {
     /// The stage at a frame.
-    fn stage_at(
-        &mut self,
-        t: f64,
-        y: &[f64],
-        frame: &mut Frame,
-        sum: &[f64],
-        g: f64,
-        first: bool,
-        k: &mut [f64],
-    ) -> Result<(), SingularPose> {
+    fn stage_at(&mut self, stage: &Stage, frame: &mut Frame, k: &mut [f64]) -> Result<(), SingularPose> {
+        let Stage { t, y, sum, g, first } = *stage;
         let (pose, nu, _) = pose(y);
         // Position rates are ν, and ν one step ahead where struts are elastic (their stiffness is implicit).
         let elastic = g > 0.0 && self.mechanism.springs.is_some();
@@ -207,7 +192,7 @@ impl Assembled<'_> {
             if first {
                 self.context.measure_damping(t, y, &mut frame.motion);
             }
-            self.implicit(t, y, frame, sum, g, &rate)
+            self.implicit(stage, frame, &rate)
         } else {
             Implicit::default()
         };
@@ -228,7 +213,7 @@ impl Assembled<'_> {
 
         frame.motion.qdd.copy_from_slice(&solution.nu_rate.as_slice()[..AXES]);
         let struts = self.mechanism.spring_power(frame);
-        self.context.rest_of_stage(t, y, &frame.motion, struts, (sum, g, first), k);
+        self.context.rest_of_stage(stage, &frame.motion, struts, k);
         Ok(())
     }
 }

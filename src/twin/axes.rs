@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::SingularPose;
 use super::context::{Answer, Context};
-use super::integrator::System;
+use super::integrator::{Stage, System};
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, Motion};
 use crate::model::AXES;
@@ -80,15 +80,8 @@ impl Axes<'_> {
 }
 
 impl System for Axes<'_> {
-    fn stage(
-        &mut self,
-        t: f64,
-        y: &[f64],
-        sum: &[f64],
-        g: f64,
-        first: bool,
-        k: &mut [f64],
-    ) -> Result<(), SingularPose> {
+    fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
+        let Stage { t, y, sum, g, first } = *stage;
         let mut motion = motion(&self.context.plant, y, [0.0; AXES]);
         self.context.prepare(t, y, &motion);
         let implicit = if g > 0.0 {
@@ -102,7 +95,7 @@ impl System for Axes<'_> {
         motion.qdd = self.solve(t, y, &motion, &implicit)?;
         k[..AXES].copy_from_slice(&motion.qd);
         k[AXES..LENGTH].copy_from_slice(&motion.qdd);
-        self.context.rest_of_stage(t, y, &motion, 0.0, (sum, g, first), k);
+        self.context.rest_of_stage(stage, &motion, 0.0, k);
         Ok(())
     }
 

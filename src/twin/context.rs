@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 
 use super::SingularPose;
 use super::forces::{Damping, Forces, Motors, Scene, spin_restraint};
+use super::integrator::Stage;
 use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STOPS, WORK_STRUTS};
 use super::stops::{self, Hit, STOPS};
 use super::torque::Torque;
@@ -187,18 +188,11 @@ impl Context {
         scratch.motors.damping = scratch.damping.motors;
     }
 
-    /// Derivatives of what is not mechanics, with the stage's `sum` and `g` = hγ: the effects' own states,
-    /// (1 − g·J)·k = rate + J·sum with their slopes J at the first stage, and the work done. `motion` holds the
+    /// Writes the derivatives of what is not mechanics: the effects' own states, (1 − g·J)·k = rate + J·sum with their slopes
+    /// J at the first stage, and the work done. `motion` holds the
     /// accelerations of the drives, `struts` is the power of elastic struts, W.
-    pub fn rest_of_stage(
-        &mut self,
-        t: f64,
-        y: &[f64],
-        motion: &Motion,
-        struts: f64,
-        (sum, g, first): (&[f64], f64, bool),
-        k: &mut [f64],
-    ) {
+    pub fn rest_of_stage(&mut self, stage: &Stage, motion: &Motion, struts: f64, k: &mut [f64]) {
+        let Stage { t, y, sum, g, first } = *stage;
         let scene = self.scene(t, y);
         let own = self.layout.own();
         let scratch = &mut self.scratch;

@@ -45,19 +45,25 @@ pub(super) static ROS34PW2: Tableau = Tableau {
     b: [2.421_238_070_609_534_6e-1, -1.223_250_583_904_514_7, 1.545_260_255_335_102, 4.358_665_215_084_59e-1],
 };
 
+/// A stage of a step: (1 − hγW) k = f(t, y) + W·s, with s = h Σ γ_ij k_j.
+#[derive(Clone, Copy)]
+pub(super) struct Stage<'a> {
+    /// Time, s.
+    pub t: f64,
+    /// State.
+    pub y: &'a [f64],
+    /// s.
+    pub sum: &'a [f64],
+    /// hγ, s; zero where the method is explicit.
+    pub g: f64,
+    /// Whether it is the first of its step: W is chosen there for the whole step.
+    pub first: bool,
+}
+
 /// What is integrated.
 pub(super) trait System {
-    /// Stage derivative `k` at `y`: (1 − hγW) k = f(t, y) + W·`sum`, with `sum` = h Σ γ_ij k_j and `implicit` = hγ.
-    /// At the first stage of a step (`first`) W is chosen for the whole step.
-    fn stage(
-        &mut self,
-        t: f64,
-        y: &[f64],
-        sum: &[f64],
-        implicit: f64,
-        first: bool,
-        k: &mut [f64],
-    ) -> Result<(), SingularPose>;
+    /// Writes the stage derivative k.
+    fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose>;
 
     /// Puts a state back on the constraints.
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose>;
@@ -92,8 +98,14 @@ impl Stepper {
                 self.sum.fill(0.0);
                 accumulate(&mut self.sum, done, &tableau.gammas[i], h);
             }
-            let at = t + h * tableau.alpha[i].iter().sum::<f64>();
-            system.stage(at, &self.y, &self.sum, h * tableau.gamma, i == 0, &mut rest[0])?;
+            let stage = Stage {
+                t: t + h * tableau.alpha[i].iter().sum::<f64>(),
+                y: &self.y,
+                sum: &self.sum,
+                g: h * tableau.gamma,
+                first: i == 0,
+            };
+            system.stage(&stage, &mut rest[0])?;
         }
         combine(&mut self.y, y, &self.k, &tableau.b, h);
         system.project(&mut self.y)?;
@@ -155,15 +167,8 @@ mod tests {
     }
 
     impl System for Oscillator {
-        fn stage(
-            &mut self,
-            _: f64,
-            y: &[f64],
-            sum: &[f64],
-            g: f64,
-            _: bool,
-            k: &mut [f64],
-        ) -> Result<(), SingularPose> {
+        fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose> {
+            let Stage { y, sum, g, .. } = *stage;
             let ((ks, ds), (kr, dr)) = (self.steep, self.rest);
             let f = -(ks + kr) * y[0] - (ds + dr) * y[1];
             // k0 = y1 + sum1 + g k1, k1 = f − ks (sum0 + g k0) − ds (sum1 + g k1)

@@ -67,9 +67,7 @@ impl<'a> Sensors<'a> {
     pub fn record(
         &self,
         signals: &mut Signals,
-        t: f64,
-        q: &[f64; AXES],
-        tau: &[f64; AXES],
+        (t, q, tau): (f64, &[f64; AXES], &[f64; AXES]),
         snapshot: &Snapshot,
         margins: &[f64; SOCKETS],
         multipliers: Option<[f64; ROWS]>,

@@ -276,7 +276,7 @@ impl<'a> Run<'a> {
         } else {
             None
         };
-        self.sensors.record(&mut self.signals, t, &encoders, &tau, &snapshot, &margins, multipliers);
+        self.sensors.record(&mut self.signals, (t, &encoders, &tau), &snapshot, &margins, multipliers);
         if k.is_multiple_of(self.options.control_period) {
             self.control(t, &encoders, &tau)?;
         }

@@ -40,7 +40,7 @@ impl Sight {
     pub fn new(model: &Model, traces: &[Trace], noise: &[f64], held: &dyn Fn(&str) -> bool) -> Result<Self, FitError> {
         let mut sight = Self::default();
         for (number, (trace, full)) in traces.iter().zip(residuals(model, traces)?).enumerate() {
-            sight.add(model, trace, &full, noise, held, number)?;
+            sight.add(model, (number, trace), &full, noise, held)?;
         }
         Ok(sight)
     }
@@ -65,11 +65,10 @@ impl Sight {
     fn add(
         &mut self,
         model: &Model,
-        trace: &Trace,
+        (number, trace): (usize, &Trace),
         full: &Channels,
         noise: &[f64],
         held: &dyn Fn(&str) -> bool,
-        number: usize,
     ) -> Result<(), FitError> {
         let stride = ((STEP / trace.dt).round() as usize).max(1);
         let thin = trace.averaged(stride);

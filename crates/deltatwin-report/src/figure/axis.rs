@@ -1,6 +1,6 @@
 //! Axes: ranges, ticks, grid and labels.
 
-use super::canvas::{Align, Canvas, shorten, text_width};
+use super::canvas::{Align, Canvas, Lettering, shorten, text_width};
 use super::color::{FRAME, GRID, MINOR, QUIET, TEXT};
 use super::numbers::{fixed, superscript};
 use super::{HUGE, LABEL_SIZE, TICK_SIZE};
@@ -210,7 +210,7 @@ pub(super) fn axes(c: &mut Canvas, r: Rect, x: &Axis, y: &Axis, x_label: Option<
     }
     let shown = shorten(y_label, r.y1 - r.y0 + 30.0, LABEL_SIZE);
     let at = (14.0, 0.5 * (r.y0 + r.y1));
-    c.styled(&shown, at, LABEL_SIZE, TEXT, Align::Middle, false, true);
+    c.styled(&shown, at, Lettering::new(LABEL_SIZE, TEXT, Align::Middle).upright());
 }
 
 pub(super) fn left_margin(width: f64) -> f64 {

@@ -34,6 +34,33 @@ pub(super) enum Align {
     Right,
 }
 
+/// Size, color and place of a text about its point.
+#[derive(Clone, Copy)]
+pub(super) struct Lettering {
+    pub size: f64,
+    pub color: Color,
+    pub align: Align,
+    pub bold: bool,
+    /// Whether it is turned to read from below.
+    pub upright: bool,
+}
+
+impl Lettering {
+    /// Plain text.
+    pub(super) fn new(size: f64, color: Color, align: Align) -> Self {
+        Self { size, color, align, bold: false, upright: false }
+    }
+
+    pub(super) fn bold(self, bold: bool) -> Self {
+        Self { bold, ..self }
+    }
+
+    /// Turned to read from below.
+    pub(super) fn upright(self) -> Self {
+        Self { upright: true, ..self }
+    }
+}
+
 // The backend writes into a string, which cannot fail: its results carry nothing.
 impl Canvas<'_> {
     pub(super) fn line(&mut self, a: (f64, f64), b: (f64, f64), color: Color, width: f64) {
@@ -106,19 +133,11 @@ impl Canvas<'_> {
     }
 
     pub(super) fn write(&mut self, text: &str, at: (f64, f64), size: f64, color: Color, align: Align) {
-        self.styled(text, at, size, color, align, false, false);
+        self.styled(text, at, Lettering::new(size, color, align));
     }
 
-    pub(super) fn styled(
-        &mut self,
-        text: &str,
-        at: (f64, f64),
-        size: f64,
-        color: Color,
-        align: Align,
-        bold: bool,
-        upright: bool,
-    ) {
+    pub(super) fn styled(&mut self, text: &str, at: (f64, f64), lettering: Lettering) {
+        let Lettering { size, color, align, bold, upright } = lettering;
         // A control character would make the file unreadable.
         let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         if text.trim().is_empty() {
@@ -150,7 +169,7 @@ pub(super) fn draw(title: &str, height: f64, body: impl FnOnce(&mut Canvas)) -> 
         let mut canvas = Canvas { backend: SVGBackend::with_string(&mut raw, (w, h)) };
         canvas.bar((0.0, 0.0), (WIDTH, height), WHITE, 1.0);
         let shown = shorten(title, WIDTH - 24.0, TITLE_SIZE * 1.06);
-        canvas.styled(&shown, (12.0, 17.0), TITLE_SIZE, TEXT, Align::Left, true, false);
+        canvas.styled(&shown, (12.0, 17.0), Lettering::new(TITLE_SIZE, TEXT, Align::Left).bold(true));
         body(&mut canvas);
         let _ = canvas.backend.present();
     }

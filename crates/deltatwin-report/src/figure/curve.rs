@@ -135,7 +135,8 @@ pub(super) fn decimate(points: &[Option<(f64, f64)>], x0: f64, x1: f64, columns:
     pieces
 }
 
-pub(super) fn plot(c: &mut Canvas, r: Rect, x: &Axis, y: &Axis, curve: &Curve, color: Color, total: usize) {
+/// Draws one of `total` curves on a panel with its axes.
+pub(super) fn plot(c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), curve: &Curve, color: Color, total: usize) {
     let place = |(vx, vy): (f64, f64)| {
         let p = (r.x(x, vx)?, r.y(y, vy)?);
         r.has(p).then_some(p)

@@ -1,7 +1,7 @@
 //! Errors through the stages of a correction.
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
-use super::canvas::{Align, draw, shorten, text_width};
+use super::canvas::{Align, Lettering, draw, shorten, text_width};
 use super::color::{Color, TEXT, WHITE};
 use super::curve::Style;
 use super::legend::{Entry, Swatch, head, legend};
@@ -88,7 +88,7 @@ pub fn falling_error(title: &str, y_label: &str, stages: &[&str], groups: &[Erro
                 let base = (high - 4.0).max(r.y0 + width);
                 c.bar((x - 6.0, base - width), (x + 6.0, base), WHITE, 0.85);
                 let at = (x, base);
-                c.styled(&text, at, TICK_SIZE.min(bar), TEXT, Align::Left, false, true);
+                c.styled(&text, at, Lettering::new(TICK_SIZE.min(bar), TEXT, Align::Left).upright());
             }
         }
     })

@@ -1,6 +1,6 @@
 //! Shares in rows and columns, such as what was said of what was true.
 
-use super::canvas::{Align, draw, shorten, text_width};
+use super::canvas::{Align, Lettering, draw, shorten, text_width};
 use super::color::{Color, FRAME, GRID, QUIET, TEXT, WHITE};
 use super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
 
@@ -31,7 +31,7 @@ pub fn matrix(title: &str, rows: &[String], columns: &[String], cells: &[Vec<Cel
             let x = x0 + (k as f64 + 0.5) * column;
             let shown = shorten(name, 230.0, LABEL_SIZE);
             if upright {
-                c.styled(&shown, (x, y0 - 6.0), LABEL_SIZE, TEXT, Align::Left, false, true);
+                c.styled(&shown, (x, y0 - 6.0), Lettering::new(LABEL_SIZE, TEXT, Align::Left).upright());
             } else {
                 c.write(&shown, (x, y0 - 10.0), LABEL_SIZE, TEXT, Align::Middle);
             }

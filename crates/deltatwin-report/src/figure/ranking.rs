@@ -1,7 +1,7 @@
 //! Candidates as horizontal bars.
 
 use super::axis::{Axis, Rect, axes, no_data, range};
-use super::canvas::{Align, draw, shorten, text_width};
+use super::canvas::{Align, Lettering, draw, shorten, text_width};
 use super::color::{Color, FRAME, QUIET, TEXT, WHITE};
 use super::numbers::{fixed, significant};
 use super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
@@ -47,7 +47,7 @@ pub fn ranking(title: &str, x_label: &str, rows: &[RankRow]) -> Figure {
             let y = r.y0 + 1.0 + (k as f64 + 0.5) * ROW;
             let name = shorten(&row.name, names, LABEL_SIZE);
             let at = (x0 - 8.0, y);
-            c.styled(&name, at, LABEL_SIZE, TEXT, Align::Right, row.highlight, false);
+            c.styled(&name, at, Lettering::new(LABEL_SIZE, TEXT, Align::Right).bold(row.highlight));
             let note = shorten(&row.note, notes, LABEL_SIZE);
             c.write(&note, (x1 + 10.0, y), LABEL_SIZE, QUIET, Align::Left);
             let Some(axis) = &axis else { continue };

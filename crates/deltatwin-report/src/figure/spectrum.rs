@@ -76,7 +76,7 @@ pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], mar
             }
         }
         for (curve, color) in curves.iter().zip(&colors) {
-            plot(c, r, &x, &y, curve, *color, curves.len());
+            plot(c, (r, &x, &y), curve, *color, curves.len());
         }
     })
 }

@@ -1,7 +1,7 @@
 //! Curves against a common abscissa, in one panel or stacked.
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
-use super::canvas::{Align, draw, shorten};
+use super::canvas::{Align, Lettering, draw, shorten};
 use super::color::{Color, TEXT};
 use super::curve::{Curve, plot, usable};
 use super::legend::{colours, head, legend};
@@ -60,11 +60,11 @@ fn stack(title: &str, x_label: &str, panels: &[Panel], height: f64) -> Figure {
                 continue;
             };
             let name = shorten(&panel.title, r.x1 - r.x0, LABEL_SIZE);
-            c.styled(&name, (r.x0, r.y0 - 10.0), LABEL_SIZE, TEXT, Align::Left, true, false);
+            c.styled(&name, (r.x0, r.y0 - 10.0), Lettering::new(LABEL_SIZE, TEXT, Align::Left).bold(true));
             for curve in &panel.curves {
                 let color = color.next().copied().unwrap_or(Color::MODEL);
                 if let (Some(x), Some(y)) = (&x, y_axis) {
-                    plot(c, r, x, y, curve, color, total);
+                    plot(c, (r, x, y), curve, color, total);
                 }
             }
             if y_axis.is_none() {
