@@ -2,7 +2,7 @@
 //!
 //! The regressor takes one wrench at a time to a drive torque or a strut force, by the virtual motion of that channel
 //! ([`ChannelMap`]). The inverse dynamics takes all wrenches at once to what moves the machine, the transpose of the same
-//! motions ([`reduction`]).
+//! motions (`reduction`).
 
 mod channels;
 mod inverse;

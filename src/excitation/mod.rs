@@ -2,7 +2,7 @@
 //!
 //! The end effector's x, y, z and ψ are Fourier series ([`series`]). Every instant of one period gives rows of the base
 //! regressor and the use of every limit ([`machine`], [`limits`]); the information of all rows is judged by −log det or by
-//! its condition number ([`information`]). Sequential quadratic programming ([`search`]) improves several random motions
+//! its condition number ([`mod@information`]). Sequential quadratic programming ([`search`]) improves several random motions
 //! at once; the best is checked on a grid ten times finer, with all friction laws as they are, and its swing is reduced
 //! by as much as it needs to respect every limit there.
 //!

@@ -1,7 +1,7 @@
 //! Which parameters explain a recording.
 //!
 //! A [`Trace`] holds the smoothed joint motion of a recording; [`predict`] and [`columns`] turn a plant and a trace into
-//! predicted channels and their derivatives by parameter; [`fit`] is weighted least squares on what the data can tell.
+//! predicted channels and their derivatives by parameter; [`mod@fit`] is weighted least squares on what the data can tell.
 
 pub mod base_parameters;
 pub mod consistency;

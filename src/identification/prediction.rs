@@ -1,7 +1,7 @@
 //! What a plant predicts for a trace, and how that changes with each parameter.
 //!
 //! A trace holds what the encoders read. What lies between encoder and joint ([`Kind::Encoder`]) is taken off first:
-//! constant offsets, then the deflection of elastic gears ([`gears`]). With θ the encoder angle less its offset, q the
+//! constant offsets, then the deflection of elastic gears (`gears`). With θ the encoder angle less its offset, q the
 //! joint's, J the rotor's inertia and ID the inverse dynamics with the rotor on the arm, τ = ID(q, q̇, q̈) + J·(θ̈ − q̈).
 //!
 //! Own states of force laws are integrated along the measured motion.
@@ -50,7 +50,7 @@ impl Joints<'_> {
     }
 }
 
-/// Whether a prediction at one sample needs only samples around it (see [`reach`]); own states and elastic gears need
+/// Whether a prediction at one sample needs only samples around it (see `reach`); own states and elastic gears need
 /// all before.
 pub fn is_local(plant: &Plant) -> bool {
     let at_rest = |a: &ActiveEffect| a.states() == 0 || a.effect.kind() == Kind::Encoder;

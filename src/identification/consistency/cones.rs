@@ -1,7 +1,7 @@
 //! The possible bodies of least cost as a convex programme.
 //!
 //! An arrow matrix is positive semidefinite exactly if D ≥ 0 and there are t with tₖDₖ ≥ hₖ² and Σtₖ ≤ m: rotated
-//! second-order cones, no semidefinite one. Bodies with deviation moments have none of that: [`barrier`] finds those.
+//! second-order cones, no semidefinite one. Bodies with deviation moments have none of that: `barrier` finds those.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};

@@ -1,7 +1,7 @@
 //! Possible bodies by construction: the log-Cholesky parametrisation [Rucker & Wensing 2022], for arrow matrices.
 //!
 //! With D = diag(e^{2d}), h = l·√D and m = Σ l² + e^{2μ} every (d, l, μ) is a possible body, and every possible body has
-//! one; bodies with deviation moments have [`Full`](super::full) matrices. The paper's 18 variables for the links of the robot: four for the arm, the strut and either part of the telescope, one for
+//! one; bodies with deviation moments have full matrices. The paper's 18 variables for the links of the robot: four for the arm, the strut and either part of the telescope, one for
 //! the platform and the rotor. Newton's method on the quadratic cost, with dx/dπ and d²x/dπ² in closed form.
 
 use nalgebra::{DMatrix, DVector};

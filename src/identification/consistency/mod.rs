@@ -4,7 +4,7 @@
 //! [[D, h], [hᵀ, m]] with D = ½tr(Θ)·1 − Θ diagonal, and its condition reads D > 0, m > Σ hₖ²/Dₖ. [`classes`] finds how the
 //! parameters fill these entries; two independent ways lead to the possible parameters of least cost:
 //! [`log_cholesky`], in which every value of the variables is a possible body, and [`cones`], a convex programme. With deviation
-//! moments the matrix is full, and a [`barrier`] takes the place of the cones.
+//! moments the matrix is full, and a `barrier` takes the place of the cones.
 
 mod barrier;
 mod class;
