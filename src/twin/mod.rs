@@ -9,6 +9,7 @@ mod absolute;
 mod assembled;
 mod axes;
 pub mod constraints;
+mod contacts;
 mod context;
 pub mod controller;
 pub mod energy;
@@ -31,6 +32,7 @@ pub mod stops;
 mod torque;
 mod wrench;
 
+pub use contacts::{ContactBody, Contacts, Held, NewContacts, Surroundings, Touch};
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
 pub use options::{Options, Watcher};
