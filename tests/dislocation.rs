@@ -545,3 +545,24 @@ fn what_has_fallen_comes_to_rest() {
         assert!(report.kinetic_energy < CREEP, "{name}: {:e} J", report.kinetic_energy);
     }
 }
+
+/// Without what solves contacts a run is complete as long as there is nothing to touch; a broken robot's links pass through
+/// each other.
+#[test]
+fn a_run_without_contacts_has_none_and_takes_no_objects() {
+    let crash = scenario("crash");
+    let machine = Model::read(&crash.model).unwrap();
+    let options = Options { duration: 0.3, ..Options::of(&crash, &machine) };
+    let planning = Model::read(crash.controller_model.as_ref().unwrap()).unwrap();
+    let motion = crash.motion(&planning).unwrap();
+    let believed = Plant::new(&planning, &crash.setup);
+    let run =
+        |options: &Options| simulate(&machine, &crash.setup, &believed, &|t| motion.at(t), options, &mut |_| true);
+    let refused = run(&options).unwrap_err().to_string();
+    assert!(refused.contains("nothing that solves contacts"), "{refused}");
+    let mut clamps = options.clamps.unwrap();
+    clamps.hold[0] = 0.0;
+    let alone = Options { objects: Vec::new(), actions: Vec::new(), clamps: Some(clamps), ..options };
+    let report = run(&alone).unwrap().1;
+    assert!(!of_kind(&report, EventKind::Dislocation).is_empty() && of_kind(&report, EventKind::Contact).is_empty());
+}
