@@ -3,10 +3,16 @@
 mod common;
 
 use common::{defaults, model, reversing};
+use deltatwin::cell::{CellError, Mobility, Object, Shape, Surface};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::REGISTRY;
+use deltatwin::kinematics::{Motion, SocketSet, Target};
 use deltatwin::model::Model;
-use deltatwin::twin::{Torque, Twin};
+use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::twin::{
+    ContactBody, Contacts, EventKind, Held, Options, Surroundings, Torque, Touch, Twin, Twist, simulate,
+};
+use nalgebra::{Isometry3, Vector3};
 
 /// Allocations of ten steps and ten evaluations after the first.
 fn allocations(model: &Model, open: &[usize]) -> [u64; 2] {
@@ -57,4 +63,97 @@ fn a_step_allocates_nothing() {
         }
     }
     assert_eq!(worst, 0);
+}
+
+/// A bath in which the end effector moves: it touches all the time and is braked with 20 N·s/m.
+struct Bath {
+    wrenches: [Twist; BODIES],
+    touches: [Touch; 1],
+}
+
+impl Contacts for Bath {
+    fn near(&mut self, _: &Motion, _: SocketSet, _: f64) -> bool {
+        true
+    }
+
+    fn longest_step(&self) -> f64 {
+        1e-3
+    }
+
+    fn wrenches(&mut self, motion: &Motion, _: SocketSet) -> &[Twist; BODIES] {
+        self.wrenches[END_EFFECTOR].0 = motion.bodies[END_EFFECTOR].velocity * -20.0;
+        &self.wrenches
+    }
+
+    fn touches(&self) -> &[Touch] {
+        &self.touches
+    }
+
+    fn name(&self, body: ContactBody) -> String {
+        format!("{body:?}")
+    }
+
+    fn advance(&mut self, _: f64, _: f64) {}
+
+    fn pick(&mut self, name: &str, _: &Motion) -> Result<Held, CellError> {
+        Err(CellError::NotFree(name.into()))
+    }
+
+    fn release(&mut self, _: &Motion) -> Result<String, CellError> {
+        Err(CellError::Empty)
+    }
+
+    fn poses(&self, _: &Motion) -> Vec<Isometry3<f64>> {
+        vec![Isometry3::identity()]
+    }
+
+    fn kinetic_energy(&self) -> f64 {
+        0.0
+    }
+}
+
+fn bath(surroundings: &Surroundings<'_>) -> Result<Box<dyn Contacts>, CellError> {
+    assert_eq!((surroundings.objects.len(), surroundings.gravity), (1, Vector3::z() * -9.81));
+    let touch = Touch { link: ContactBody::Link(END_EFFECTOR), other: ContactBody::Object(0), force: 1.0 };
+    Ok(Box::new(Bath { wrenches: [(Vector3::zeros(), Vector3::zeros()); BODIES], touches: [touch] }))
+}
+
+#[test]
+fn a_step_with_contacts_allocates_nothing() {
+    let robot = model("irb360-6-1600-truth");
+    let believed = Plant::new(&model("irb360-6-1600"), &common::payload());
+    let water = Object {
+        name: "water".into(),
+        shape: Shape::Sphere { radius: 1.0 },
+        mobility: Mobility::Fixed,
+        position: Vector3::zeros(),
+        yaw: 0.0,
+        surface: Surface::default(),
+    };
+    let mut counts = Vec::new();
+    for substeps in [1, 2, 8] {
+        let options = Options {
+            duration: 0.02,
+            substeps,
+            objects: vec![water.clone()],
+            contacts: Some(bath),
+            ..Options::default()
+        };
+        let desired = |t: f64| Target::Joints(reversing(t));
+        let mut report = None;
+        let counted = allocation_counter::measure(|| {
+            let run = simulate(&robot, &common::payload(), &believed, &desired, &options, &mut |_| true);
+            report = Some(run.expect("a feasible motion").1);
+        });
+        let report = report.expect("a report");
+        println!("{} steps: {} allocations, energy {:.1e}", report.steps, counted.count_total, report.energy_error);
+        let contacts: Vec<_> = report.events.iter().filter(|e| e.kind == EventKind::Contact).collect();
+        assert_eq!(contacts.len(), 1, "{contacts:?}");
+        assert_eq!(contacts[0].what, format!("Link({END_EFFECTOR}) touches Object(0)"));
+        // What the bath takes is in the audit.
+        assert!(report.energy_error < 1e-5, "{:e}", report.energy_error);
+        counts.push((report.steps, counted.count_total));
+    }
+    assert!(counts[1].0 == 2 * counts[0].0 && counts[2].0 == 8 * counts[0].0, "{counts:?}");
+    assert!(counts.iter().all(|c| c.1 == counts[0].1), "{counts:?}");
 }

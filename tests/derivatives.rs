@@ -22,7 +22,7 @@ fn run(file: &str) -> (Recording, Plant) {
     let machine = Model::read(&scenario.model).expect("a model");
     let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).expect("a model");
     let motion = scenario.motion(&planning).expect("a motion");
-    let mut options = Options::of(&scenario, &machine);
+    let mut options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
     (options.sensors.velocity, options.sensors.acceleration) = (true, true);
     let believed = Plant::new(&planning, &scenario.setup);
     let (recording, _) =

@@ -12,7 +12,7 @@ use deltatwin::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_
 use deltatwin::model::{Geometry, Model, Stops};
 use deltatwin::recording::{Payload, Recording, Setup};
 use deltatwin::scenario::{FourierMotion, Scenario};
-use deltatwin::twin::{Clamps, Event, EventKind, Load, Mark, Options, Report, Torque, Twin, simulate};
+use deltatwin::twin::{Clamps, Event, EventKind, Load, Mark, NewContacts, Options, Report, Torque, Twin, simulate};
 use nalgebra::Vector3;
 
 // Falls with exact solutions.
@@ -157,7 +157,8 @@ fn clamps(hold: f64, armed: bool) -> Clamps {
 
 fn options(hold: f64, armed: bool) -> Options {
     let clamps = clamps(hold, armed);
-    let mut options = Options { duration: 0.4, noise_seed: None, clamps: Some(clamps), ..Options::default() };
+    let contacts: Option<NewContacts> = Some(deltatwin_cell::contacts);
+    let mut options = Options { duration: 0.4, noise_seed: None, clamps: Some(clamps), contacts, ..Options::default() };
     (options.sensors.sockets, options.sensors.velocity, options.sensors.acceleration) = (true, true, true);
     (options.sensors.strut_upper, options.sensors.strut_lower) = ([true; 6], [true; 6]);
     options
@@ -397,6 +398,11 @@ fn margins_are_net_of_the_clamp_springs() {
     assert!(gross.iter().any(|m| *m < 0.0) && without.iter().all(|m| *m > 150.0), "{gross:?} {without:?}");
 }
 
+/// A scenario's options, with contacts.
+fn touching(scenario: &Scenario, machine: &Model) -> Options {
+    Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(scenario, machine) }
+}
+
 /// A heavy tilted load breaks the robot, and its drives coast.
 const COAST: &str = r#"
 model = "../models/irb360-6-1600-truth.toml"
@@ -427,7 +433,7 @@ record = ["ee", "sockets"]
 fn a_broken_robot_stays_within_its_hard_stops() {
     let scenario = Scenario::parse(COAST, Path::new("scenarios/coast.toml")).unwrap();
     let machine = Model::read(&scenario.model).unwrap();
-    let options = Options { frames: Some(0.002), ..Options::of(&scenario, &machine) };
+    let options = Options { frames: Some(0.002), ..touching(&scenario, &machine) };
     let worst = |machine: &Model| {
         let report = play_on(machine, &scenario, &options);
         let (mut arm, mut length) = ([0f64; 2], 0f64);
@@ -491,7 +497,7 @@ fn drawn_and_worn_holds_decide_which_socket_goes_first() {
     let machine = Model::read(&worn.model).unwrap();
     let holds = worn.socket_holds(&machine);
     assert_ne!(holds[6], holds[7], "drawn one by one");
-    let report = play(&worn, &Options { duration: 0.3, ..Options::of(&worn, &machine) });
+    let report = play(&worn, &Options { duration: 0.3, ..touching(&worn, &machine) });
     let gone = of_kind(&report, EventKind::Dislocation);
     let (socket, force, hold) = told(&gone[0]);
     // A pull along the opening of a few newtons takes its part of the hold.
@@ -504,7 +510,7 @@ fn drawn_and_worn_holds_decide_which_socket_goes_first() {
     assert!(report.peak_strut_force >= 0.95 * force, "{} at the event, {force}", report.peak_strut_force);
     let mut healthy = worn.clone();
     healthy.sockets.wear = [0.0; SOCKETS];
-    let report = play(&healthy, &Options { duration: 0.3, ..Options::of(&healthy, &machine) });
+    let report = play(&healthy, &Options { duration: 0.3, ..touching(&healthy, &machine) });
     assert!(of_kind(&report, EventKind::Dislocation).is_empty());
 }
 
@@ -512,13 +518,13 @@ fn drawn_and_worn_holds_decide_which_socket_goes_first() {
 fn two_metres_per_second_dislocate_and_five_centimetres_do_not() {
     let crash = scenario("crash");
     let machine = Model::read(&crash.model).unwrap();
-    let report = play(&crash, &Options { duration: 0.3, ..Options::of(&crash, &machine) });
+    let report = play(&crash, &Options { duration: 0.3, ..touching(&crash, &machine) });
     tell("crash", &report);
     let contact = &of_kind(&report, EventKind::Contact)[0];
     let gone = &of_kind(&report, EventKind::Dislocation)[0];
     assert!(contact.t < gone.t && gone.t < contact.t + 0.05, "{contact:?} {gone:?}");
     let touch = scenario("touch");
-    let report = play(&touch, &Options::of(&touch, &machine));
+    let report = play(&touch, &touching(&touch, &machine));
     tell("touch", &report);
     assert!(!of_kind(&report, EventKind::Contact).is_empty());
     assert!(of_kind(&report, EventKind::Dislocation).is_empty());
@@ -533,9 +539,30 @@ fn what_has_fallen_comes_to_rest() {
         let scenario = scenario(name);
         let machine = Model::read(&scenario.model).unwrap();
         let start = std::time::Instant::now();
-        let report = play(&scenario, &Options { duration: 2.5, ..Options::of(&scenario, &machine) });
+        let report = play(&scenario, &Options { duration: 2.5, ..touching(&scenario, &machine) });
         tell(name, &report);
         println!("  {:.1} s of wall clock", start.elapsed().as_secs_f64());
         assert!(report.kinetic_energy < CREEP, "{name}: {:e} J", report.kinetic_energy);
     }
+}
+
+/// Without what solves contacts a run is complete as long as there is nothing to touch; a broken robot's links pass through
+/// each other.
+#[test]
+fn a_run_without_contacts_has_none_and_takes_no_objects() {
+    let crash = scenario("crash");
+    let machine = Model::read(&crash.model).unwrap();
+    let options = Options { duration: 0.3, ..Options::of(&crash, &machine) };
+    let planning = Model::read(crash.controller_model.as_ref().unwrap()).unwrap();
+    let motion = crash.motion(&planning).unwrap();
+    let believed = Plant::new(&planning, &crash.setup);
+    let run =
+        |options: &Options| simulate(&machine, &crash.setup, &believed, &|t| motion.at(t), options, &mut |_| true);
+    let refused = run(&options).unwrap_err().to_string();
+    assert!(refused.contains("nothing that solves contacts"), "{refused}");
+    let mut clamps = options.clamps.unwrap();
+    clamps.hold[0] = 0.0;
+    let alone = Options { objects: Vec::new(), actions: Vec::new(), clamps: Some(clamps), ..options };
+    let report = run(&alone).unwrap().1;
+    assert!(!of_kind(&report, EventKind::Dislocation).is_empty() && of_kind(&report, EventKind::Contact).is_empty());
 }

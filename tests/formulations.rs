@@ -43,6 +43,7 @@ fn play(file: &Path, formulation: Formulation, change: &Change<'_>) -> (Recordin
     let motion = scenario.motion(&planning).unwrap();
     let mut options = Options::of(&scenario, &machine);
     options.formulation = formulation;
+    options.contacts = Some(deltatwin_cell::contacts);
     options.sensors.velocity = true;
     options.sensors.acceleration = true;
     options.sensors.multipliers = true;

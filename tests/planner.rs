@@ -500,7 +500,7 @@ fn executed(planning: &Model, setup: &Setup, limits: &Limits) -> (f64, deltatwin
     let curve = u_turn(planning).shape.curve();
     let found = plan(&machine, &curve, limits, &QUICK).unwrap();
     let planned = trajectory(&machine, &found, setup, 400e-6, "u-turn").unwrap();
-    (found.time, execute(&truth, &plant, &planned).unwrap())
+    (found.time, execute(&truth, &plant, &planned, Some(deltatwin_cell::contacts)).unwrap())
 }
 
 /// A plan that knows the friction of the ball sockets is executed as planned; the identified model, which lumps it into the drives,

@@ -141,6 +141,7 @@ fn draw(seed: u64) -> Random {
             .then(|| PayloadShape { shape: shape(rng), centre: Vector3::new(0.0, 0.0, -0.05) }),
         objects,
         actions,
+        contacts: Some(deltatwin_cell::contacts),
         frames: rng.random_bool(0.1).then_some(0.01),
         ..Options::default()
     };

@@ -4,7 +4,6 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::cell::Cell;
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Trace, swapped};
 use deltatwin::kinematics::JointState;
@@ -12,7 +11,8 @@ use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
 use deltatwin::model::{Inertia, Model};
 use deltatwin::recording::{Payload, Recording, Setup};
 use deltatwin::scenario::{FourierMotion, MotionLimits, Scenario};
-use deltatwin::twin::{EventKind, Options, Report, Twin, simulate};
+use deltatwin::twin::{Contacts, EventKind, Options, Report, Twin, simulate};
+use deltatwin_cell::Cell;
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -36,7 +36,7 @@ fn play(file: &Path, change: impl Fn(&mut Options)) -> (Recording, Report) {
     let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
     let motion = scenario.motion(&planning).unwrap();
     let believed = Plant::new(&planning, &scenario.setup);
-    let mut options = Options::of(&scenario, &machine);
+    let mut options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
     options.duration = options.duration.min(LONGEST);
     change(&mut options);
     simulate(&machine, &scenario.setup, &believed, &|t| motion.at(t), &options, &mut |_| true)
@@ -157,16 +157,16 @@ fn momentum_is_conserved_when_the_gripper_closes() {
         let robot = momenta(&twin);
         let held = cell.pick("can", &motion).unwrap();
         let (after, _) = cell.momentum();
-        let linear = held.twist.velocity * held.inertia.mass;
+        let linear = held.twist.0 * held.inertia.mass;
         assert!((before - after - linear).norm() < 1e-12, "the cell gives what the twin gets");
         assert!(linear.norm() > 0.09, "0.5 kg at 0.2 m/s: {linear}");
         let hand = motion.bodies[END_EFFECTOR];
         let point = Inertia::point(held.inertia.mass, held.inertia.first_moment / held.inertia.mass);
         let own = hand.rotation * (held.inertia.tensor - point.tensor) * hand.rotation.transpose();
-        let angular = own * held.twist.angular_velocity + (held.position - hand.position).cross(&linear);
+        let angular = own * held.twist.1 + (held.position - hand.position).cross(&linear);
         let lever = hand.position - held.position;
-        let velocity = held.twist.velocity + held.twist.angular_velocity.cross(&lever);
-        twin.attach(&held.inertia, &(velocity, held.twist.angular_velocity)).unwrap();
+        let velocity = held.twist.0 + held.twist.1.cross(&lever);
+        twin.attach(&held.inertia, &(velocity, held.twist.1)).unwrap();
         let joined = momenta(&twin);
         for axis in 0..4 {
             let mut unit = [0.0; 4];

@@ -8,8 +8,23 @@ use std::path::{Path, PathBuf};
 const UPSTREAM: [(&str, &str); 1] = [("model", "effects")];
 
 /// Crates that only those around the library may use.
-const OUTSIDE: [&str; 8] =
-    ["clap", "clap_complete", "clap_mangen", "indicatif", "plotters", "rerun", "ctrlc", "textwrap"];
+const OUTSIDE: [&str; 11] = [
+    "clap",
+    "clap_complete",
+    "clap_mangen",
+    "indicatif",
+    "plotters",
+    "rerun",
+    "ctrlc",
+    "textwrap",
+    "rapier3d",
+    "parry3d",
+    "mesh-loader",
+];
+
+/// Crates that one of those around the library alone may use, and which one.
+const ALONE: [(&str, &str); 3] =
+    [("rapier3d", "deltatwin-cell"), ("parry3d", "deltatwin-cell"), ("mesh-loader", "deltatwin-cell")];
 
 /// Files of unit tests.
 fn is_test(file: &Path) -> bool {
@@ -74,4 +89,17 @@ fn the_library_stands_alone() {
             assert!(!product(&text).contains(word), "{}: {word}", file.display());
         }
     }
+}
+
+#[test]
+fn contacts_are_known_to_one_crate() {
+    let mut users = BTreeSet::new();
+    for entry in std::fs::read_dir("crates").expect("a folder") {
+        let manifest = entry.expect("an entry").path().join("Cargo.toml");
+        let manifest: toml::Table = std::fs::read_to_string(manifest).expect("a file").parse().expect("TOML");
+        let name = manifest["package"]["name"].as_str().expect("a name").to_string();
+        let used = manifest["dependencies"].as_table().expect("a table");
+        users.extend(ALONE.iter().filter(|(c, _)| used.contains_key(*c)).map(|(c, _)| (c.to_string(), name.clone())));
+    }
+    assert_eq!(users, ALONE.iter().map(|(c, user)| (c.to_string(), user.to_string())).collect());
 }

@@ -1,4 +1,4 @@
-//! Objects around the robot, as a scenario describes them.
+//! Objects around the robot and on its flange, as a scenario describes them.
 
 use std::sync::Arc;
 
@@ -86,9 +86,25 @@ impl Default for Surface {
     }
 }
 
+/// Refuses objects that cannot be, and a payload's shape with its centre, m, likewise.
+///
+/// # Errors
+/// The first thing that is wrong.
+pub fn check(objects: &[Object], payload: Option<(&Shape, &Vector3<f64>)>) -> Result<(), CellError> {
+    for (i, object) in objects.iter().enumerate() {
+        object.check(i)?;
+        if objects[..i].iter().any(|o| o.name == object.name) {
+            return Err(CellError::DuplicateName(object.name.clone()));
+        }
+    }
+    let Some((shape, centre)) = payload else { return Ok(()) };
+    check_shape("payload", shape)?;
+    check_finite("payload", "position", centre.as_slice())
+}
+
 impl Object {
     /// What is wrong with object `index`, if anything.
-    pub(super) fn check(&self, index: usize) -> Result<(), CellError> {
+    fn check(&self, index: usize) -> Result<(), CellError> {
         if self.name.is_empty() {
             return Err(CellError::NoName(index + 1));
         }
@@ -115,7 +131,7 @@ impl Object {
 }
 
 /// All lengths of the shape are positive.
-pub(super) fn check_shape(object: &str, shape: &Shape) -> Result<(), CellError> {
+fn check_shape(object: &str, shape: &Shape) -> Result<(), CellError> {
     let lengths: &[(&'static str, f64)] = &match *shape {
         Shape::Box { size } => [("size along x", size.x), ("size along y", size.y), ("size along z", size.z)],
         Shape::Cylinder { radius, height } => [("radius", radius), ("height", height), ("height", height)],
@@ -126,7 +142,7 @@ pub(super) fn check_shape(object: &str, shape: &Shape) -> Result<(), CellError> 
     lengths.iter().try_for_each(|&(what, length)| require(object, what, length, length > 0.0, "positive"))
 }
 
-pub(super) fn check_finite(object: &str, what: &'static str, values: &[f64]) -> Result<(), CellError> {
+fn check_finite(object: &str, what: &'static str, values: &[f64]) -> Result<(), CellError> {
     values.iter().try_for_each(|&value| require(object, what, value, true, "finite"))
 }
 

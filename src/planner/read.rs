@@ -10,6 +10,7 @@ use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
 
 use super::shape::first_corner;
 use super::{Limits, Objective, Options, Shape};
+use crate::cell::{MeshReader, no_meshes};
 use crate::constraint_forces::Detail;
 use crate::model::AXES;
 use crate::recording::Setup;
@@ -112,14 +113,23 @@ const NEAREST: f64 = 1e-3;
 impl Task {
     /// Reads a path file; limits it leaves out are those `given`.
     pub fn read(path: &Path, given: Limits) -> Result<Self> {
+        Self::read_with(path, given, no_meshes)
+    }
+
+    /// Reads a path file as [`Self::read`], and with `meshes` the solid of its payload.
+    pub fn read_with(path: &Path, given: Limits, meshes: MeshReader) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
-        Self::parse(&text, path, given)
+        Self::parse_with(&text, path, given, meshes)
     }
 
     /// Reads a path file from `text`; `path` names it in errors.
     pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Self> {
-        let file = File { name: path.display().to_string(), text };
+        Self::parse_with(text, path, given, no_meshes)
+    }
+
+    fn parse_with(text: &str, path: &Path, given: Limits, meshes: MeshReader) -> Result<Self> {
+        let file = File { name: path.display().to_string(), text, meshes };
         let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
         let shape = table.get_mut().remove("path");
         let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;

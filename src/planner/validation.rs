@@ -5,7 +5,7 @@ use crate::model::{AXES, Model, STRUTS};
 use crate::recording::{Recording, Signals};
 use crate::scenario::motion::table::Table;
 use crate::scenario::{DesiredMotion, Sensors};
-use crate::twin::{Clamps, Event, Options, SimulationError, simulate};
+use crate::twin::{Clamps, Event, NewContacts, Options, SimulationError, simulate};
 
 /// What the twin did.
 pub struct Execution {
@@ -29,8 +29,13 @@ pub struct Execution {
 const AFTER: f64 = 0.02;
 
 /// Lets `machine` follow the planned table, with feed-forward of `planning` and feedback. Sockets leave their balls at the
-/// machine's dislocation force.
-pub fn execute(machine: &Model, planning: &Plant, planned: &Recording) -> Result<Execution, SimulationError> {
+/// machine's dislocation force; what comes off meets the rest where `contacts` are solved.
+pub fn execute(
+    machine: &Model,
+    planning: &Plant,
+    planned: &Recording,
+    contacts: Option<NewContacts>,
+) -> Result<Execution, SimulationError> {
     let table = Table {
         file: Default::default(),
         joints: true,
@@ -47,6 +52,7 @@ pub fn execute(machine: &Model, planning: &Plant, planned: &Recording) -> Result
         noise_seed: None,
         sensors: Sensors { strut_upper: all, strut_lower: all, ..Sensors::default() },
         clamps: Some(Clamps { armed: true, ..Clamps::watched(&machine.sockets) }),
+        contacts,
         ..Options::default()
     };
     let (recording, report) = simulate(machine, &planned.setup, planning, &|t| motion.at(t), &options, &mut |_| true)?;

@@ -10,6 +10,7 @@ mod assembled;
 mod axes;
 mod closed;
 pub mod constraints;
+mod contacts;
 mod context;
 pub mod controller;
 pub mod energy;
@@ -32,6 +33,7 @@ pub mod stops;
 mod torque;
 mod wrench;
 
+pub use contacts::{ContactBody, Contacts, Held, NewContacts, Surroundings, Touch};
 pub use controller::Gains;
 pub use machine::{Mark, Snapshot, Twin};
 pub use options::{Options, Watcher};

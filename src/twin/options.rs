@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Clamps, Event, Frame, Gains};
+use super::{Clamps, Event, Frame, Gains, NewContacts};
 use crate::cell::Object;
 use crate::model::Model;
 use crate::scenario::{self, Action, Formulation, HoldTorque, PayloadShape, Scenario, Supervision};
@@ -36,6 +36,9 @@ pub struct Options {
     pub payload_shape: Option<PayloadShape>,
     /// What the gripper does, in order of time.
     pub actions: Vec<Action>,
+    /// What solves contacts where there are objects or sockets may leave their balls. Without it nothing touches, and
+    /// objects are refused.
+    pub contacts: Option<NewContacts>,
     /// Keep the poses of all bodies and objects every so many seconds.
     pub frames: Option<f64>,
     /// Who looks on.
@@ -87,6 +90,7 @@ impl Default for Options {
             objects: Vec::new(),
             payload_shape: None,
             actions: Vec::new(),
+            contacts: None,
             frames: None,
             watcher: None,
         }
@@ -94,7 +98,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// As `scenario` says, for a machine like `model`.
+    /// As `scenario` says, for a machine like `model`, still without what solves contacts.
     pub fn of(scenario: &Scenario, model: &Model) -> Self {
         let gains = Gains::of(model);
         Self {
@@ -120,6 +124,7 @@ impl Options {
             objects: scenario.objects.clone(),
             payload_shape: scenario.payload_shape.clone(),
             actions: scenario.actions.clone(),
+            contacts: None,
             frames: None,
             watcher: None,
         }

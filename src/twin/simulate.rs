@@ -2,6 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
+use super::contacts::{ContactBody, Contacts, Held, Surroundings};
 use super::controller::Controller;
 use super::machine::{Mark, Snapshot, Twin};
 use super::sensors::Sensors;
@@ -12,7 +13,7 @@ use super::{
     Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Options, Pose, Report, SimulationError, SingularPose,
     constraints, energy, stops,
 };
-use crate::cell::{Cell, Held};
+use crate::cell::CellError;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
@@ -116,7 +117,7 @@ struct Run<'a> {
     controller: Controller<'a>,
     sensors: Sensors<'a>,
     clamps: Clamps,
-    cell: Option<Cell>,
+    contacts: Option<Box<dyn Contacts>>,
     held: Option<Inertia>,
     next_action: usize,
     /// Torque of the present control period.
@@ -127,7 +128,8 @@ struct Run<'a> {
     mark: Mark,
     /// Contact wrenches at the present time.
     contact: [Twist; BODIES],
-    touching: Vec<(String, f64)>,
+    /// What has met so far, and when last, s.
+    touching: Vec<(Meeting, f64)>,
     rest_since: Option<f64>,
     rested: bool,
     work: Vec<f64>,
@@ -137,6 +139,44 @@ struct Run<'a> {
     watched: usize,
     signals: Signals,
     report: Report,
+}
+
+/// What can meet again and again, of which only the beginnings are events.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Meeting {
+    /// Two bodies that touch.
+    Contact(ContactBody, ContactBody),
+    /// A freedom and its stop, the upper one or not.
+    Stop(usize, bool),
+}
+
+/// Whether `meeting`, which is on at time `t`, was not on all along; notes it in `known`.
+fn begins(known: &mut Vec<(Meeting, f64)>, meeting: Meeting, t: f64) -> bool {
+    match known.iter_mut().find(|(met, _)| *met == meeting) {
+        Some((_, last)) => t - std::mem::replace(last, t) >= CONTACT_PAUSE,
+        None => {
+            known.push((meeting, t));
+            true
+        }
+    }
+}
+
+/// What solves the contacts of a run; none where nothing can touch.
+fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<Box<dyn Contacts>>, CellError> {
+    if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
+        return Ok(None);
+    }
+    let Some(new) = options.contacts else {
+        return if options.objects.is_empty() { Ok(None) } else { Err(CellError::NoContacts) };
+    };
+    let surroundings = Surroundings {
+        objects: &options.objects,
+        payload: options.payload_shape.as_ref(),
+        geometry: &plant.geometry,
+        gravity: plant.gravity_vector(),
+        start,
+    };
+    new(&surroundings).map(Some)
 }
 
 /// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
@@ -186,16 +226,7 @@ impl<'a> Run<'a> {
                 return Err(SimulationError::Body { body: body_name(body) });
             }
         }
-        let cell = if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
-            None
-        } else {
-            let payload = options.payload_shape.clone().map(|p| (p.shape, p.centre));
-            let refused = |source| SimulationError::Cell { t: 0.0, source };
-            let mut cell = Cell::with_frame(&options.objects, &plant.geometry, payload, plant.gravity_vector())
-                .map_err(refused)?;
-            cell.check_start(&motion).map_err(refused)?;
-            Some(cell)
-        };
+        let contacts = contacts(options, &plant, &motion).map_err(|source| SimulationError::Cell { t: 0.0, source })?;
         let assembled = plant.assembled;
         let mut twin =
             Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
@@ -216,7 +247,7 @@ impl<'a> Run<'a> {
             controller,
             sensors: Sensors::new(model, setup, options.sensors, assembled, options.noise_seed),
             clamps,
-            cell,
+            contacts,
             held: None,
             next_action: 0,
             torque,
@@ -410,8 +441,8 @@ impl<'a> Run<'a> {
                 self.open_sockets(h)?;
             }
             self.watch_stops();
-            if let Some(cell) = &mut self.cell {
-                cell.advance(self.twin.time() - t, (self.twin.time() - t) / h);
+            if let Some(contacts) = &mut self.contacts {
+                contacts.advance(self.twin.time() - t, (self.twin.time() - t) / h);
                 self.contact = self.twin.external_now();
             }
         }
@@ -420,18 +451,18 @@ impl<'a> Run<'a> {
 
     /// Contact wrenches over the coming step, which is shortened to resolve them.
     fn touch(&mut self, h: f64) -> f64 {
-        let Some(cell) = &mut self.cell else { return h };
+        let Some(contacts) = &mut self.contacts else { return h };
         let motion = self.twin.motion();
         let closed = self.twin.closed();
-        if !cell.near(&motion, closed, h) && self.contact.iter().all(|w| *w == STILL) {
+        if !contacts.near(&motion, closed, h) && self.contact.iter().all(|w| *w == STILL) {
             self.twin.set_external(Load::NONE);
             return h;
         }
-        let n = (h / cell.contact_step()).ceil().max(1.0);
+        let n = (h / contacts.longest_step()).ceil().max(1.0);
         let h = h / n;
         // Wrenches go linearly to what they will be at the end of the step, so reactions are continuous in time.
         let ahead = extrapolated(&motion, h);
-        let next = *cell.contact(&ahead, closed);
+        let next = *contacts.wrenches(&ahead, closed);
         let t = self.twin.time();
         let load = if next.iter().chain(&self.contact).all(|w| *w == STILL) {
             Load::NONE
@@ -439,36 +470,28 @@ impl<'a> Run<'a> {
             Load::ramp(t, &self.contact, &next, h)
         };
         self.twin.set_external(load);
-        let touches = cell.touching();
-        for touch in touches {
-            self.meet(t, EventKind::Contact, format!("{} touches {}", touch.link, touch.other));
-        }
+        self.note_touches(t);
         h
+    }
+
+    /// Notes what touches since the contacts were last solved.
+    fn note_touches(&mut self, t: f64) {
+        let Self { contacts: Some(contacts), touching, report, .. } = self else { return };
+        for touch in contacts.touches() {
+            if begins(touching, Meeting::Contact(touch.link, touch.other), t) {
+                let what = format!("{} touches {}", contacts.name(touch.link), contacts.name(touch.other));
+                report.events.push(Event { t, kind: EventKind::Contact, what });
+            }
+        }
     }
 
     /// Notes joints that are in their hard stops.
     fn watch_stops(&mut self) {
         let (t, hits) = (self.twin.time(), *self.twin.hits());
         for (k, hit) in hits.iter().enumerate() {
-            if let Some(hit) = hit {
-                self.meet(t, EventKind::Stop, stops::name(k, hit));
-            }
-        }
-    }
-
-    /// An event for what touches now, unless it has touched all along.
-    fn meet(&mut self, t: f64, kind: EventKind, what: String) {
-        match self.touching.iter_mut().find(|(known, _)| *known == what) {
-            Some((_, last)) => {
-                let anew = t - *last >= CONTACT_PAUSE;
-                *last = t;
-                if anew {
-                    self.event(t, kind, what);
-                }
-            }
-            None => {
-                self.touching.push((what.clone(), t));
-                self.event(t, kind, what);
+            let Some(hit) = hit else { continue };
+            if begins(&mut self.touching, Meeting::Stop(k, hit.above), t) {
+                self.event(t, EventKind::Stop, stops::name(k, hit));
             }
         }
     }
@@ -523,23 +546,23 @@ impl<'a> Run<'a> {
     fn act(&mut self, t: f64) -> Result<(), SimulationError> {
         while let Some(action) = self.options.actions.get(self.next_action).filter(|a| a.t <= t + INSTANT) {
             self.next_action += 1;
-            let Some(cell) = &mut self.cell else { continue };
+            let Some(contacts) = &mut self.contacts else { continue };
             let failed = |source| SimulationError::Cell { t, source };
             let motion = self.twin.motion();
             let singular = SimulationError::Singular { t, pose: pose(&motion, true), cause: Cause::Rank };
             match action.kind {
                 ActionKind::Pick(object) => {
                     let name = self.options.objects[object].name.clone();
-                    let Held { inertia, position, twist, .. } = cell.pick(&name, &motion).map_err(failed)?;
+                    let Held { inertia, position, twist } = contacts.pick(&name, &motion).map_err(failed)?;
                     // Its material point at the end effector's origin.
                     let lever = motion.bodies[END_EFFECTOR].position - position;
-                    let velocity = twist.velocity + twist.angular_velocity.cross(&lever);
-                    self.twin.attach(&inertia, &(velocity, twist.angular_velocity)).map_err(|_| singular)?;
+                    let velocity = twist.0 + twist.1.cross(&lever);
+                    self.twin.attach(&inertia, &(velocity, twist.1)).map_err(|_| singular)?;
                     self.held = Some(inertia);
                     self.event(t, EventKind::Pick, name);
                 }
                 ActionKind::Release => {
-                    let name = cell.release(&motion).map_err(failed)?;
+                    let name = contacts.release(&motion).map_err(failed)?;
                     if let Some(inertia) = self.held.take() {
                         self.twin.detach(&inertia).map_err(|_| singular)?;
                     }
@@ -558,7 +581,7 @@ impl<'a> Run<'a> {
         }
         self.frames += 1;
         let motion = &snapshot.motion;
-        let objects = self.cell.as_ref().map_or_else(Vec::new, |c| c.objects(motion).map(|(_, at, _)| at).collect());
+        let objects = self.contacts.as_ref().map_or_else(Vec::new, |c| c.poses(motion));
         let frame = Frame {
             t,
             q: motion.q,
@@ -579,7 +602,8 @@ impl<'a> Run<'a> {
     }
 
     fn kinetic_energy(&self) -> f64 {
-        energy::kinetic(self.twin.plant(), &self.twin.motion()) + self.cell.as_ref().map_or(0.0, Cell::kinetic_energy)
+        let objects = self.contacts.as_ref().map_or(0.0, |c| c.kinetic_energy());
+        energy::kinetic(self.twin.plant(), &self.twin.motion()) + objects
     }
 
     fn look_for_rest(&mut self) {

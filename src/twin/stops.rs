@@ -33,7 +33,7 @@ pub struct Hit {
     /// How fast it goes deeper, m/s or rad/s.
     pub rate: f64,
     /// Beyond the upper limit rather than the lower one.
-    above: bool,
+    pub above: bool,
 }
 
 /// Every freedom of `plant` that is beyond its limit.

@@ -107,7 +107,7 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
 }
 
 fn scenario(path: &Path) -> miette::Result<String> {
-    let scenario = Scenario::read(path)?;
+    let scenario = Scenario::read_with(path, deltatwin_cell::mesh::read)?;
     let machine = Model::read(&scenario.model)?;
     let controller = scenario.controller_model.as_deref().map(Model::read).transpose()?;
     let planning = controller.as_ref().unwrap_or(&machine);
@@ -125,7 +125,7 @@ fn scenario(path: &Path) -> miette::Result<String> {
 }
 
 fn planned_path(path: &Path) -> miette::Result<String> {
-    let task = Task::read(path, Limits::NONE)?;
+    let task = Task::read_with(path, Limits::NONE, deltatwin_cell::mesh::read)?;
     let curve = task.shape.curve();
     let [from, to] = [0.0, curve.end()].map(|s| curve.at(s)[0]);
     Ok(format!(

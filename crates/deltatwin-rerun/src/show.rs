@@ -67,7 +67,7 @@ mod tests {
     use super::*;
     use deltatwin::model::Model;
     use deltatwin::scenario::Scenario;
-    use deltatwin::twin::simulate;
+    use deltatwin::twin::{NewContacts, simulate};
 
     /// The platform has run into the block and two limbs have come off.
     #[test]
@@ -77,7 +77,8 @@ mod tests {
         let motion = scenario.motion(&model).unwrap();
         let plant = Plant::new(&model, &scenario.setup);
         let run = |frames| {
-            let options = Options { duration: 0.28, frames, ..Options::of(&scenario, &model) };
+            let contacts = Some(deltatwin_cell::contacts as NewContacts);
+            let options = Options { duration: 0.28, frames, contacts, ..Options::of(&scenario, &model) };
             let desired = |t: f64| motion.at(t);
             let (recording, report) =
                 simulate(&model, &scenario.setup, &plant, &desired, &options, &mut |_| true).unwrap();

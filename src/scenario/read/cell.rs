@@ -9,7 +9,6 @@ use toml::Spanned;
 
 use super::Result;
 use super::file::File;
-use crate::cell::mesh::Mesh;
 use crate::cell::{Mobility, Object, Shape, Surface};
 use crate::recording::Payload;
 use crate::scenario::{Action, ActionKind, PayloadShape};
@@ -166,7 +165,7 @@ fn shape(file: &File, table: &str, kind: &Spanned<String>, measures: &Measures) 
 /// The solid in the file called `name`, relative to the scenario.
 fn mesh(file: &File, key: &str, name: &Spanned<String>, scale: f64, convex: bool) -> Result<(Shape, Vector3<f64>)> {
     let path = Path::new(&file.name).parent().unwrap_or(Path::new("")).join(name.get_ref());
-    let (mesh, centre) = Mesh::read(&path, scale, convex).map_err(|e| {
+    let (mesh, centre) = (file.meshes)(&path, scale, convex).map_err(|e| {
         let message = format!("`{key}` is \"{}\": {e}; expected an STL or OBJ file", name.get_ref());
         file.problem(name.span(), message)
     })?;
@@ -350,45 +349,6 @@ mod tests {
         assert!(e.contains("`payload.radius` has no meaning for a payload without `shape`"), "{e}");
         let e = parse(&format!("{GOOD}{load}shape = \"box\"\n")).unwrap_err().to_string();
         assert!(e.contains("shape = \"box\" lacks `payload.size`"), "{e}");
-    }
-
-    /// A pyramid of 60 mm edges and 40 mm height in mm, with its base's middle in the origin.
-    const PYRAMID: &str = "v -30 -30 0\nv 30 -30 0\nv 30 30 0\nv -30 30 0\nv 0 0 40\n\
-                           f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n";
-
-    #[test]
-    fn solids_come_from_files() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("pyramid.obj");
-        std::fs::write(&file, PYRAMID).unwrap();
-        std::fs::write(folder.path().join("open.obj"), PYRAMID.replace("f 4 1 5\n", "")).unwrap();
-        let of = |kind: &str, name: &str, more: &str| {
-            let name = folder.path().join(name);
-            let keys = format!("shape = \"{kind}\"\nfile = {:?}\nscale = 0.001\n{more}", name.to_string_lossy());
-            let object = format!("\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nyaw = 0.5\n{keys}");
-            parse(&format!("{GOOD}{object}"))
-        };
-        for (kind, more) in [("mesh", ""), ("hull", "mobility = \"free\"\nmass = 2\n")] {
-            let scenario = of(kind, "pyramid.obj", more).unwrap();
-            let part = &scenario.objects[0];
-            let Shape::Mesh(mesh) = &part.shape else { panic!("{part:?}") };
-            assert_eq!((mesh.sharp_edges().len(), mesh.corners().len()), (8, 5));
-            // The centre of volume is a quarter of the height up.
-            approx::assert_relative_eq!(part.position, Vector3::new(1.0, 0.0, 0.01), epsilon = 1e-8);
-        }
-        for (kind, name, more, expected) in [
-            ("mesh", "open.obj", "", "it is not closed: the edge from ("),
-            ("mesh", "none.obj", "", "none.obj\": No such file"),
-            ("mesh", "pyramid.obj", "mobility = \"free\"\nmass = 2\n", "\"mesh\" of a free object; expected \"hull\""),
-            ("mesh", "pyramid.obj", "radius = 1\n", "`objects.radius` has no meaning for shape = \"mesh\""),
-            ("sphere", "pyramid.obj", "radius = 1\n", "`objects.file` has no meaning for shape = \"sphere\""),
-        ] {
-            let e = of(kind, name, more).unwrap_err().to_string();
-            assert!(e.contains(expected) && e.contains("test.toml:"), "{expected}\n{e}");
-        }
-        let text = "\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nshape = \"hull\"\n";
-        let e = parse(&format!("{GOOD}{text}")).unwrap_err().to_string();
-        assert!(e.contains("shape = \"hull\" lacks `objects.file`"), "{e}");
     }
 
     #[test]

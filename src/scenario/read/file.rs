@@ -7,11 +7,14 @@ use miette::NamedSource;
 use toml::Spanned;
 
 use super::{Result, ScenarioError};
+use crate::cell::MeshReader;
 
 /// A scenario as text.
 pub(crate) struct File<'a> {
     pub name: String,
     pub text: &'a str,
+    /// Reads the meshes that it names.
+    pub meshes: MeshReader,
 }
 
 impl File<'_> {

@@ -15,6 +15,7 @@ use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
 
 use super::{Course, Formulation, HoldTorque, Scenario};
+use crate::cell::{MeshReader, no_meshes};
 use crate::recording::Setup;
 use file::File;
 
@@ -76,16 +77,26 @@ const SUBSTEPS: usize = 2;
 const DURATION: [f64; 2] = [0.01, 3600.0];
 
 impl Scenario {
-    /// Reads a scenario file; the files it names are relative to it.
+    /// Reads a scenario file whose shapes are given by dimensions; the files it names are relative to it.
     pub fn read(path: &Path) -> Result<Self> {
+        Self::read_with(path, no_meshes)
+    }
+
+    /// Reads a scenario file, and with `meshes` the solids that it names; all files are relative to it.
+    pub fn read_with(path: &Path, meshes: MeshReader) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
-        Self::parse(&text, path)
+        Self::parse_with(&text, path, meshes)
     }
 
     /// Reads a scenario from `text`; `path` names it in errors and is where it looks for models and tables.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        let file = File { name: path.display().to_string(), text };
+        Self::parse_with(text, path, no_meshes)
+    }
+
+    /// Reads a scenario from `text` as [`Self::parse`], and with `meshes` the solids that it names.
+    pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Self> {
+        let file = File { name: path.display().to_string(), text, meshes };
         let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
         let motion = table.get_mut().remove("motion");
         let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;

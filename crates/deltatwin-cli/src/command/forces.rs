@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
     let name = || args.motion.display().to_string();
     if kind(&args.motion)? == Kind::Scenario {
-        let scenario = Scenario::read(&args.motion)?;
+        let scenario = Scenario::read_with(&args.motion, deltatwin_cell::mesh::read)?;
         let desired = scenario.motion(model).into_diagnostic().wrap_err_with(name)?;
         let geometry = Plant::new(model, &scenario.setup).geometry;
         let samples = (scenario.duration / model.sample_time).floor() as usize;

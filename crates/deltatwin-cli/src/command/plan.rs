@@ -14,6 +14,7 @@ use deltatwin::planner::validation::{Execution, execute};
 use deltatwin::planner::{Limits, Machine, Options, Plan, PlanError, Task, plan};
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
+use deltatwin::twin::NewContacts;
 use deltatwin_report::drawing;
 
 /// Plan the fastest motion along a path.
@@ -53,7 +54,7 @@ const SHOWN: usize = 40;
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = assembled_robot(&args.model)?;
     let twin = args.twin.as_deref().map(assembled_robot).transpose()?;
-    let task = Task::read(&args.path, Limits::of(&model))?;
+    let task = Task::read_with(&args.path, Limits::of(&model), deltatwin_cell::mesh::read)?;
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
     }
@@ -87,7 +88,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(output) = &args.output {
         planned.write(output).into_diagnostic()?;
     }
-    let execution = twin.as_ref().map(|twin| execute(twin, &plant, &planned)).transpose().into_diagnostic()?;
+    let contacts = Some(deltatwin_cell::contacts as NewContacts);
+    let execution =
+        twin.as_ref().map(|twin| execute(twin, &plant, &planned, contacts)).transpose().into_diagnostic()?;
     let mut written = Vec::new();
     if let Some(folder) = &args.figure {
         std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;

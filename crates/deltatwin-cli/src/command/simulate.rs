@@ -232,7 +232,7 @@ fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
 }
 
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
-    let scenario = Scenario::read(file)?;
+    let scenario = Scenario::read_with(file, deltatwin_cell::mesh::read)?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
     let machine = Model::read(machine_file)?;
     // Another machine does not change what the controller knows: the same motion drives both.
@@ -254,7 +254,7 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
         ));
     }
     let motion = scenario.motion(&planning).into_diagnostic().wrap_err_with(|| file.display().to_string())?;
-    let mut options = Options::of(&scenario, &machine);
+    let mut options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
     if let Some(formulation) = args.formulation {
         options.formulation = formulation;
     }

@@ -249,7 +249,7 @@ fn solid(rec: &RecordingStream, entity: &EntityPath, shape: &Shape, rgb: [u8; 3]
     let (paint, fill) = ([color(rgb)], FillMode::Solid);
     let corner = match *shape {
         Shape::Mesh(ref mesh) => {
-            let (corners, triangles) = mesh.geometry();
+            let (corners, triangles) = (mesh.corners(), mesh.triangles());
             let solid = a::Mesh3D::new(corners.iter().map(|c| point(*c)))
                 .with_triangle_indices(triangles.iter().copied())
                 .with_albedo_factor(rerun::Rgba32::from_rgb(rgb[0], rgb[1], rgb[2]));

@@ -48,6 +48,7 @@ impl Job {
         let motion = scenario.motion(planning).into_diagnostic().wrap_err_with(named)?;
         let options = Options {
             noise_seed: scenario.noise.then_some(scenario.seed.wrapping_add(seed.wrapping_mul(1000))),
+            contacts: Some(deltatwin_cell::contacts),
             ..Options::of(scenario, planning)
         };
         let believed = Plant::new(planning, &scenario.setup);
@@ -100,7 +101,8 @@ impl Campaign {
     /// Runs the scenarios of `folder` on all cores. `progress` gets the simulated time of all runs added up as a share of
     /// what there is.
     pub fn run(folder: &Path, seed: u64, progress: &(dyn Fn(f64) -> bool + Sync)) -> miette::Result<Self> {
-        let read = |name: &str| Scenario::read(&folder.join(name).with_extension("toml"));
+        let read =
+            |name: &str| Scenario::read_with(&folder.join(name).with_extension("toml"), deltatwin_cell::mesh::read);
         let scenarios = FILES.iter().map(|f| read(f)).collect::<Result<Vec<_>, _>>()?;
         let [arms, arms_check, rest, curve, excitation, verification, strut] = &scenarios[..] else {
             unreachable!("as many scenarios as files")

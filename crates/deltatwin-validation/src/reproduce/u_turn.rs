@@ -39,7 +39,7 @@ impl Variant {
         let planner = Machine::new(&plant, task.limits.detail);
         let plan = plan(&planner, &task.shape.curve(), &task.limits, &task.options).into_diagnostic()?;
         let planned = trajectory(&planner, &plan, &task.setup, model.sample_time, &task.name).into_diagnostic()?;
-        let executed = execute(machine, &plant, &planned).into_diagnostic()?;
+        let executed = execute(machine, &plant, &planned, Some(deltatwin_cell::contacts)).into_diagnostic()?;
         Ok(Self { title, task, plan, planned, executed })
     }
 

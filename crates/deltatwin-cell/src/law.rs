@@ -12,9 +12,8 @@
 //! K. H. Hunt, F. R. E. Crossley: Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42
 //! (1975).
 
+use deltatwin::cell::Surface;
 use nalgebra::Vector3;
-
-use super::object::Surface;
 
 /// Sliding speed below which friction falls off, m/s. Bounds the friction's damping μ f/ε_v and with it the step.
 pub const SLIDING: f64 = 0.01;

@@ -1,11 +1,12 @@
 //! Which pairs of colliders are near each other, asked of Rapier only when something may have come nearer.
 
+use deltatwin::kinematics::{Motion, SocketSet};
+use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
+
 use super::links::{Part, can_meet};
 use super::placement::Placement;
 use super::robot::Robot;
 use super::world::{Collider, World};
-use crate::kinematics::{Motion, SocketSet};
-use crate::model::bodies::{BODIES, END_EFFECTOR};
 
 /// How much farther than asked for is looked, m: so long the answer holds while bodies move.
 const SKIN: f64 = 0.03;

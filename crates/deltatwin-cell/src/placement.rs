@@ -1,8 +1,7 @@
 //! Where a body is, how it moves, and the box around it.
 
+use deltatwin::kinematics::BodyMotion;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
-
-use crate::kinematics::BodyMotion;
 
 /// Where a body is and how it moves.
 #[derive(Clone, Copy, Debug)]

@@ -1,13 +1,14 @@
 //! The robot's side of contacts: the parts of its links and what it holds.
 
+use deltatwin::kinematics::Motion;
+use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::twin::ContactBody;
 use nalgebra::{Matrix3, Vector3};
 
 use super::hull::Hull;
 use super::links::Part;
 use super::placement::{Bounds, Placement};
 use super::world::{Collider, World};
-use crate::kinematics::Motion;
-use crate::model::bodies::{BODIES, END_EFFECTOR};
 
 /// Parts of the links, and the object in the gripper.
 pub struct Robot {
@@ -77,6 +78,14 @@ impl Robot {
         match collider {
             Collider::Part(_) => true,
             Collider::Object(o) => self.grip.is_some_and(|g| g.object == o),
+        }
+    }
+
+    /// The body that a collider belongs to.
+    pub fn named(&self, collider: Collider) -> ContactBody {
+        match collider {
+            Collider::Part(p) => ContactBody::Link(self.parts[p].body),
+            Collider::Object(o) => ContactBody::Object(o),
         }
     }
 

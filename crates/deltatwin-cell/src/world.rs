@@ -1,5 +1,9 @@
 //! All collision bodies as bodies of Rapier: objects, and the robot's links as kinematic bodies that follow the twin.
 
+use deltatwin::cell::{Mobility, Object};
+use deltatwin::kinematics::SocketSet;
+use deltatwin::model::Inertia;
+use deltatwin::model::bodies::BODIES;
 use nalgebra::{Isometry3, Rotation3, Vector3};
 use parry3d::query;
 use rapier3d::dynamics::{FrictionModel, RigidBodyType, SpringCoefficients};
@@ -11,11 +15,7 @@ use rapier3d::prelude::{
 use super::hooks::Surfaces;
 use super::hull::Hull;
 use super::links::Part;
-use super::object::{Mobility, Object};
 use super::placement::{Bounds, Placement};
-use crate::kinematics::SocketSet;
-use crate::model::Inertia;
-use crate::model::bodies::BODIES;
 
 /// Typical size of an object, m; scales Rapier's tolerances.
 const LENGTH_UNIT: f64 = 0.05;
@@ -207,11 +207,6 @@ impl World {
         if let Mobility::Conveyor { velocity } = body.object.mobility {
             self.surfaces.0.push((body.handle, velocity));
         }
-    }
-
-    /// Gravity, m/s².
-    pub fn gravity(&self) -> Vector3<f64> {
-        own(&self.rapier.gravity)
     }
 
     /// Objects that are not held.

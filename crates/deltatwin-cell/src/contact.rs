@@ -1,10 +1,10 @@
 //! Loads of all contact points between two bodies.
 
+use deltatwin::cell::Surface;
 use nalgebra::Vector3;
 
 use super::hull::Point;
 use super::law;
-use super::object::Surface;
 use super::placement::Placement;
 
 /// Force, N, and moment, N·m.

@@ -3,6 +3,7 @@
 //! The compliant law needs penetrations that vary continuously with the poses. Balls against solids and edges against
 //! edges have closed forms that do; clipped contact manifolds and GJK witnesses jump.
 
+use deltatwin::cell::{Mesh, Shape};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::{Pose, Vector};
@@ -10,8 +11,7 @@ use parry3d::partitioning::{Bvh, BvhBuildStrategy};
 use parry3d::query::{self, details};
 use parry3d::shape::{Segment, SharedShape};
 
-use super::mesh::Mesh;
-use super::object::Shape;
+use super::mesh;
 use super::placement::{Bounds, Placement};
 
 /// Corners and edges of solids are this round, m (at most a quarter of the smallest size).
@@ -165,14 +165,14 @@ impl Hull {
             .into_iter()
             .map(|ends| Edge { ends, radius: 0.0, fade: FADE.min((ends[1] - ends[0]).norm() / 4.0), side: false })
             .collect();
-        let balls: Vec<_> = mesh.corners().into_iter().map(|centre| Ball { centre, radius: 0.0 }).collect();
+        let balls: Vec<_> = mesh.sharp_corners().into_iter().map(|centre| Ball { centre, radius: 0.0 }).collect();
         let of_edges: Vec<_> = edges.iter().map(|e| around(&e.ends, e.radius)).collect();
         let of_balls: Vec<_> = balls.iter().map(|b| around(&[b.centre], b.radius)).collect();
         Self {
             trees: Some([of_edges, of_balls].map(|boxes| Bvh::from_leaves(BvhBuildStrategy::default(), &boxes))),
             balls,
             edges,
-            solid: Some(Solid { shape: mesh.solid(), surface: mesh.surface(), turn: Matrix3::identity() }),
+            solid: Some(Solid { shape: mesh::solid(mesh), surface: mesh::surface(mesh), turn: Matrix3::identity() }),
             sphere: false,
         }
     }

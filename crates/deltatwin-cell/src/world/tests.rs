@@ -1,8 +1,10 @@
 use std::sync::Arc;
 
+use deltatwin::cell::{Shape, Surface};
+
 use super::*;
-use crate::cell::mesh::{Mesh, tests::block};
-use crate::cell::{Shape, Surface};
+use crate::mesh::closed;
+use crate::mesh::tests::block;
 
 #[test]
 fn the_table_carries_the_weight_of_a_box() {
@@ -63,7 +65,7 @@ fn sliding_is_braked_by_friction_times_weight() {
     // v²/(2 μ g) = 4/(2·0.3·9.81) = 0.679579 m, straight on, whatever the body's inertia and how it is turned.
     let cuboid = |x: f64, y: f64, z: f64| Shape::Box { size: Vector3::new(x, y, z) };
     let (corners, triangles) = block(0.2, 0.02, 0.02);
-    let hull = Shape::Mesh(Arc::new(Mesh::new(corners, triangles, true).unwrap().0));
+    let hull = Shape::Mesh(Arc::new(closed(corners, triangles, true).unwrap().0));
     for (shape, half_height, yaw) in [
         (cuboid(0.1, 0.1, 0.1), 0.05, 0.0),
         (cuboid(0.1, 0.1, 0.1), 0.05, 0.4),

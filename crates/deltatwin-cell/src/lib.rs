@@ -1,0 +1,331 @@
+//! Contacts of the robot with its surroundings: table, conveyor, obstacles and products, and with itself once it has fallen
+//! apart.
+//!
+//! [`contacts`] makes them for a run of the twin. All objects and the robot's links are bodies of Rapier. It moves the free objects, solves their contacts with each
+//! other, and finds what comes near the robot: its links are kinematic bodies that follow the twin. A kinematic body pushes
+//! as if it were infinitely heavy and takes no reaction, so where the robot touches objects, or itself once it has fallen
+//! apart, the compliant [`law`] acts on both sides with opposite sign: momentum crosses between twin and Rapier without
+//! loss.
+
+mod contact;
+mod hooks;
+mod hull;
+pub mod law;
+mod links;
+pub mod mesh;
+mod neighbours;
+mod placement;
+mod robot;
+#[cfg(test)]
+mod tests;
+mod world;
+
+use deltatwin::cell::{CellError, Object, Surface, check};
+use deltatwin::kinematics::{Motion, SocketSet};
+use deltatwin::model::bodies::{BODIES, END_EFFECTOR, body_name};
+use deltatwin::model::{Geometry, Inertia};
+use deltatwin::scenario::PayloadShape;
+use deltatwin::twin::{ContactBody, Contacts, Held, Surroundings, Touch, Twist};
+use nalgebra::{Isometry3, Matrix3, Vector3};
+
+use contact::{Wrench, about, add, press};
+use hull::{Hull, Point};
+use links::Part;
+use neighbours::Neighbours;
+use placement::Placement;
+use robot::{Grip, Robot};
+use world::{Collider, World};
+
+const UNLOADED: [Wrench; BODIES] = [(Vector3::new(0.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.0)); BODIES];
+
+/// Relative acceleration that `near` reckons with, m/s².
+const ACCELERATION: f64 = 300.0;
+/// Longest step over √(m/k).
+const STEP: f64 = 0.1;
+/// Deepest contact at which a run may start, m.
+const DEEPEST_START: f64 = 1e-3;
+/// Mass felt at the end of a strut, kg: a quarter of 0.179 kg (paper, Table 3).
+const STRUT_END_MASS: f64 = 0.045;
+
+/// What solves the contacts of a robot with its surroundings and its own frame, for [`Options::contacts`].
+///
+/// # Errors
+/// If an object cannot be, or the robot stands more than a millimetre deep in one at the start.
+///
+/// [`Options::contacts`]: deltatwin::twin::Options::contacts
+pub fn contacts(surroundings: &Surroundings<'_>) -> Result<Box<dyn Contacts>, CellError> {
+    let Surroundings { objects, payload, geometry, gravity, start } = *surroundings;
+    let mut cell = Cell::with_frame(objects, geometry, payload, gravity)?;
+    cell.check_start(start)?;
+    Ok(Box::new(cell))
+}
+
+/// The cell with everything in it but the robot's dynamics.
+pub struct Cell {
+    /// Number of objects given; the robot's frame follows.
+    listed: usize,
+    world: World,
+    robot: Robot,
+    neighbours: Neighbours,
+    /// Force, N, and moment about the origin of each body of the robot, N·m, world axes.
+    wrenches: [Wrench; BODIES],
+    /// Loads on the objects, force and moment about the origin, at the last contact, and at the one before.
+    reactions: Vec<Wrench>,
+    earlier: Vec<Wrench>,
+    /// `wrenches` was called since the last `advance`.
+    fresh: bool,
+    /// Pairs that touched at the last contact, and the deepest of them with its penetration, m.
+    touches: Vec<Touch>,
+    deepest: Option<(Touch, f64)>,
+    points: Vec<Point>,
+}
+
+impl Cell {
+    /// A cell with `objects` around a robot; `payload` is a rigid shape on the flange with its centre in the end effector's
+    /// frame, m; `gravity` in m/s², inertial frame.
+    pub fn new(
+        objects: &[Object],
+        geometry: &Geometry,
+        payload: Option<&PayloadShape>,
+        gravity: Vector3<f64>,
+    ) -> Result<Self, CellError> {
+        Self::around(objects, None, geometry, payload, gravity)
+    }
+
+    /// The same with the robot's own frame, which loose parts can hit.
+    pub fn with_frame(
+        objects: &[Object],
+        geometry: &Geometry,
+        payload: Option<&PayloadShape>,
+        gravity: Vector3<f64>,
+    ) -> Result<Self, CellError> {
+        Self::around(objects, links::frame(geometry), geometry, payload, gravity)
+    }
+
+    fn around(
+        objects: &[Object],
+        frame: Option<Object>,
+        geometry: &Geometry,
+        payload: Option<&PayloadShape>,
+        gravity: Vector3<f64>,
+    ) -> Result<Self, CellError> {
+        check(objects, payload.map(|p| (&p.shape, &p.centre)))?;
+        let all: Vec<Object> = objects.iter().cloned().chain(frame).collect();
+        let mut parts = links::parts(geometry);
+        if let Some(PayloadShape { shape, centre }) = payload {
+            parts.push(Part {
+                body: END_EFFECTOR,
+                rotation: Matrix3::identity(),
+                position: *centre,
+                hull: Hull::solid(shape),
+                meets_links: true,
+                bared_by: None,
+            });
+        }
+        Ok(Self {
+            listed: objects.len(),
+            world: World::new(&all, &parts, gravity),
+            robot: Robot::new(parts),
+            neighbours: Neighbours::default(),
+            wrenches: UNLOADED,
+            reactions: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
+            earlier: vec![(Vector3::zeros(), Vector3::zeros()); all.len()],
+            fresh: false,
+            touches: Vec::new(),
+            deepest: None,
+            points: Vec::new(),
+        })
+    }
+
+    /// Refuses a start in which the robot stands more than a millimetre deep in an object.
+    fn check_start(&mut self, motion: &Motion) -> Result<(), CellError> {
+        self.wrenches(motion, SocketSet::ALL);
+        self.fresh = false;
+        match self.deepest {
+            Some((touch, depth)) if depth > DEEPEST_START => {
+                Err(CellError::Overlap { link: self.name(touch.link), other: self.name(touch.other), depth })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Objects in the order given, with pose and twist at their origins; a held one moves with the end effector of `motion`.
+    pub fn objects<'a>(&'a self, motion: &'a Motion) -> impl Iterator<Item = (&'a Object, Isometry3<f64>, Twist)> {
+        self.world.objects[..self.listed].iter().enumerate().map(|(i, o)| {
+            let at = self.robot.grip.filter(|g| g.object == i).map_or(o.at, |g| g.placement(motion));
+            (&o.object, at.isometry(), (at.velocity, at.angular_velocity))
+        })
+    }
+
+    /// Name of the object in the gripper.
+    pub fn held(&self) -> Option<&str> {
+        self.robot.grip.map(|g| self.world.objects[g.object].object.name.as_str())
+    }
+
+    /// Momentum, N·s, and angular momentum about the inertial frame's origin, N·m·s, of the free objects.
+    pub fn momentum(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let mut sum = (Vector3::zeros(), Vector3::zeros());
+        for o in self.world.free() {
+            let p = o.at.velocity * o.inertia.mass;
+            add(&mut sum, &(p, o.at.position.cross(&p) + o.angular_momentum()));
+        }
+        sum
+    }
+}
+
+impl Contacts for Cell {
+    fn near(&mut self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool {
+        let Self { world, robot, neighbours, .. } = self;
+        let travel = |speed: f64| speed * horizon + 0.5 * ACCELERATION * horizon * horizon;
+        let extents = robot.extents();
+        let speed_of = |body: usize| Placement::from(&motion.bodies[body]).speed(extents[body]);
+        let links = (0..BODIES).map(speed_of).fold(0.0, f64::max);
+        let objects = world.present().map(|o| o.at.speed(o.extent)).fold(0.0, f64::max);
+        neighbours.look(world, robot, motion, closed, travel(links + links.max(objects)));
+        neighbours.pairs.iter().any(|&(first, second)| {
+            let Some(link) = robot.placed(world, first, motion) else { return false };
+            let within = |bounds: &placement::Bounds, hull: &Hull, at: &Placement, speed: f64| {
+                let margin = travel(speed_of(link.body) + speed);
+                link.bounds.overlap(bounds, margin) && link.hull.within(&link.at, hull, at, margin)
+            };
+            match (robot.placed(world, second, motion), second) {
+                (Some(other), _) => within(&other.bounds, other.hull, &other.at, speed_of(other.body)),
+                (None, Collider::Object(o)) => {
+                    let object = &world.objects[o];
+                    within(&object.bounds, &object.hull, &object.at, object.at.speed(object.extent))
+                }
+                (None, Collider::Part(_)) => false,
+            }
+        })
+    }
+
+    fn longest_step(&self) -> f64 {
+        let default = Surface::default();
+        let objects = self.world.objects.iter().map(|o| {
+            // A corner of a free body feels about a quarter of its mass.
+            let own = if o.inertia.mass > 0.0 { 0.25 * o.inertia.mass } else { f64::INFINITY };
+            own.min(STRUT_END_MASS) / o.object.surface.stiffness
+        });
+        STEP * objects.fold(STRUT_END_MASS / default.stiffness, f64::min).sqrt()
+    }
+
+    fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES] {
+        let Self { world, robot, neighbours, wrenches, reactions, fresh, touches, deepest, points, .. } = self;
+        *wrenches = UNLOADED;
+        *fresh = true;
+        reactions.fill((Vector3::zeros(), Vector3::zeros()));
+        touches.clear();
+        *deepest = None;
+        neighbours.look(world, robot, motion, closed, 0.0);
+        for &(first, second) in &neighbours.pairs {
+            let Some(link) = robot.placed(world, first, motion) else { continue };
+            let other = robot.placed(world, second, motion);
+            let (hull, at, bounds, surface, belt) = match (&other, second) {
+                (Some(o), _) => (o.hull, o.at, o.bounds, Surface::default(), Vector3::zeros()),
+                (None, Collider::Object(o)) => {
+                    let object = &world.objects[o];
+                    let surface = match first {
+                        Collider::Object(held) => {
+                            law::between(&world.objects[held].object.surface, &object.object.surface)
+                        }
+                        Collider::Part(_) => object.object.surface,
+                    };
+                    (&object.hull, object.at, object.bounds, surface, object.belt())
+                }
+                (None, Collider::Part(_)) => continue,
+            };
+            if !link.bounds.overlap(&bounds, 0.0) {
+                continue;
+            }
+            points.clear();
+            link.hull.contacts(&link.at, hull, &at, points);
+            let loads = press(points, &surface, &link.at, &at, &belt);
+            if loads.normal <= 0.0 {
+                continue;
+            }
+            let origin = |body: usize| motion.bodies[body].position;
+            add(&mut wrenches[link.body], &about(&loads.on_first, &link.at, &origin(link.body)));
+            match (&other, second) {
+                (Some(o), _) => add(&mut wrenches[o.body], &about(&loads.on_second, &o.at, &origin(o.body))),
+                (None, Collider::Object(o)) => add(&mut reactions[o], &loads.on_second),
+                (None, Collider::Part(_)) => {}
+            }
+            let touch = Touch { link: robot.named(first), other: robot.named(second), force: loads.normal };
+            match touches.iter_mut().find(|t| (t.link, t.other) == (touch.link, touch.other)) {
+                Some(known) => known.force += touch.force,
+                None => touches.push(touch),
+            }
+            if deepest.is_none_or(|(_, depth)| loads.depth >= depth) {
+                *deepest = Some((touch, loads.depth));
+            }
+        }
+        wrenches
+    }
+
+    fn touches(&self) -> &[Touch] {
+        &self.touches
+    }
+
+    fn name(&self, body: ContactBody) -> String {
+        match body {
+            ContactBody::Link(link) => body_name(link),
+            ContactBody::Object(o) => self.world.objects[o].object.name.clone(),
+        }
+    }
+
+    fn advance(&mut self, h: f64, share: f64) {
+        if std::mem::take(&mut self.fresh) {
+            for (now, earlier) in self.reactions.iter_mut().zip(&self.earlier) {
+                now.0 = earlier.0.lerp(&now.0, share);
+                now.1 = earlier.1.lerp(&now.1, share);
+            }
+        } else {
+            self.reactions.fill((Vector3::zeros(), Vector3::zeros()));
+            self.earlier.fill((Vector3::zeros(), Vector3::zeros()));
+        }
+        for (mean, now) in self.earlier.iter_mut().zip(&self.reactions) {
+            *mean = (0.5 * (mean.0 + now.0), 0.5 * (mean.1 + now.1));
+        }
+        self.world.advance(h, &self.earlier);
+        std::mem::swap(&mut self.earlier, &mut self.reactions);
+    }
+
+    fn pick(&mut self, name: &str, motion: &Motion) -> Result<Held, CellError> {
+        let index = self.world.find(name).ok_or_else(|| CellError::Unknown(name.into()))?;
+        if let Some(grip) = self.robot.grip {
+            let held = self.world.objects[grip.object].object.name.clone();
+            return Err(CellError::Occupied { wanted: name.into(), held });
+        }
+        let object = &self.world.objects[index];
+        if !object.is_free() {
+            return Err(CellError::NotFree(name.into()));
+        }
+        let (at, hand) = (object.at, &motion.bodies[END_EFFECTOR]);
+        let rotation = hand.rotation.tr_mul(&at.rotation);
+        let position = hand.rotation.tr_mul(&(at.position - hand.position));
+        let mut inertia = Inertia::point(object.inertia.mass, position);
+        inertia.tensor += rotation * object.inertia.tensor * rotation.transpose();
+        self.robot.hold(Grip { object: index, rotation, position }, object.extent);
+        self.world.take(index);
+        self.reactions[index] = (Vector3::zeros(), Vector3::zeros());
+        self.earlier[index] = (Vector3::zeros(), Vector3::zeros());
+        Ok(Held { inertia, position: at.position, twist: (at.velocity, at.angular_velocity) })
+    }
+
+    fn release(&mut self, motion: &Motion) -> Result<String, CellError> {
+        let grip = self.robot.release().ok_or(CellError::Empty)?;
+        self.world.put(grip.object, grip.placement(motion));
+        Ok(self.world.objects[grip.object].object.name.clone())
+    }
+
+    fn poses(&self, motion: &Motion) -> Vec<Isometry3<f64>> {
+        self.objects(motion).map(|(_, pose, _)| pose).collect()
+    }
+
+    fn kinetic_energy(&self) -> f64 {
+        let energy = |o: &world::Body| {
+            o.inertia.mass * o.at.velocity.norm_squared() + o.at.angular_velocity.dot(&o.angular_momentum())
+        };
+        0.5 * self.world.free().map(energy).sum::<f64>()
+    }
+}

@@ -1,0 +1,184 @@
+//! Collision shapes of the robot's links, and which of them can meet.
+
+use deltatwin::cell::links::{
+    ARM_RADIUS, ARM_TRIM, BALL_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS,
+    STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
+};
+use deltatwin::cell::{Mobility, Object, Shape, Surface};
+use deltatwin::kinematics::SocketSet;
+use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use deltatwin::model::{ARMS, Geometry, STRUTS};
+use nalgebra::{Matrix3, Vector3};
+
+use super::hull::Hull;
+
+/// Gap between a strut's rounded end and the ball, m, so that neighbours do not touch.
+const STRUT_GAP: f64 = 1e-3;
+/// Rounding of the flange's rim, m; estimate.
+const FLANGE_ROUNDING: f64 = 0.005;
+/// Underside of the frame's plate above the shaft plane, m, so that raised arms clear it; estimate from pictures.
+const FRAME_BOTTOM: f64 = 0.1;
+/// Corners of the plate and of the flange's rim.
+const CORNERS: usize = 6;
+
+/// A part of a link.
+pub struct Part {
+    /// Body of the twin it belongs to.
+    pub body: usize,
+    /// Pose of the hull's frame in the body.
+    pub rotation: Matrix3<f64>,
+    /// Its origin, m.
+    pub position: Vector3<f64>,
+    /// Shape.
+    pub hull: Hull,
+    /// Whether other links can meet it; balls and the like, which sit in their sockets, only meet objects.
+    pub meets_links: bool,
+    /// Socket that must have left its ball for the part to be there.
+    pub bared_by: Option<usize>,
+}
+
+impl Part {
+    fn new(body: usize, hull: Hull, meets_links: bool) -> Self {
+        Self { body, rotation: Matrix3::identity(), position: Vector3::zeros(), hull, meets_links, bared_by: None }
+    }
+}
+
+/// Shapes of the links of a robot; the rotor is inside the base.
+pub fn parts(geometry: &Geometry) -> Vec<Part> {
+    let mut parts = Vec::new();
+    for i in 0..ARMS {
+        let elbow = Vector3::x() * geometry.arm_length;
+        let end = Vector3::x() * (geometry.arm_length - ARM_TRIM).max(0.5 * geometry.arm_length);
+        let pair = Vector3::y() * (0.5 * geometry.pair_distance);
+        parts.push(Part::new(ARM + i, Hull::chain(&[Vector3::zeros(), end], ARM_RADIUS, false), true));
+        parts.push(Part::new(ARM + i, Hull::chain(&[elbow - pair, elbow + pair], BALL_RADIUS, false), false));
+    }
+    for s in 0..STRUTS {
+        let length = geometry.strut_length[s / 2];
+        let trim = (BALL_RADIUS + STRUT_RADIUS + STRUT_GAP).min(0.4 * length);
+        let ends = [Vector3::x() * trim, Vector3::x() * (length - trim)];
+        parts.push(Part::new(STRUT + s, Hull::chain(&ends, STRUT_RADIUS, false), true));
+        // An end off its ball reaches to where the ball was; it starts inside the ball, so it only meets objects.
+        for (socket, end) in [(s, 0.0), (STRUTS + s, length)] {
+            let tip = Part::new(STRUT + s, Hull::chain(&[Vector3::x() * end], STRUT_RADIUS, false), false);
+            parts.push(Part { bared_by: Some(socket), ..tip });
+        }
+    }
+    let ring = (geometry.platform_radius - PLATFORM_INSET).max(0.5 * geometry.platform_radius);
+    let plate = Hull::chain(&polygon(ring, 0.0), PLATFORM_THICKNESS, true);
+    parts.push(Part::new(PLATFORM, plate, true));
+    let balls: Vec<_> = (0..ARMS)
+        .flat_map(|i| {
+            let (u, v) = (Geometry::radial(i) * geometry.platform_radius, Geometry::tangential(i));
+            [-0.5, 0.5].map(|side| u + v * (side * geometry.pair_distance))
+        })
+        .collect();
+    parts.push(Part::new(PLATFORM, Hull::chain(&balls, BALL_RADIUS, true), false));
+    let rim = polygon(FLANGE_RADIUS - FLANGE_ROUNDING, FLANGE_ROUNDING);
+    let mut flange = Hull::chain(&rim, FLANGE_ROUNDING, true);
+    let plane = -geometry.flange_height;
+    if plane > FLANGE_RADIUS {
+        let foot = Vector3::z() * (FLANGE_RADIUS + 1e-4);
+        flange = flange.and(Hull::chain(&[foot, foot.sup(&(Vector3::z() * plane))], FLANGE_RADIUS, false));
+    }
+    parts.push(Part::new(END_EFFECTOR, flange, true));
+    if !geometry.has_telescope() {
+        return parts;
+    }
+    let shortest = geometry.telescope_limits[0];
+    let (rod, tube) = ((shortest - ROD_CLEARANCE).max(0.0), (shortest - TUBE_CLEARANCE).max(0.0));
+    for (body, end, radius) in [(TELESCOPE_UPPER, -rod, ROD_RADIUS), (TELESCOPE_LOWER, tube, TUBE_RADIUS)] {
+        let hull = Hull::chain(&[Vector3::zeros(), Vector3::z() * end], radius, false);
+        parts.push(Part::new(body, hull, true));
+    }
+    parts
+}
+
+/// The robot's frame: the base plate with the motors on it, a cylinder under the mounting plane. None where there is no
+/// room for it above the shafts.
+///
+/// An intact robot stays clear of it. The gears' housings, in which the arms' hubs turn, are left out.
+pub fn frame(geometry: &Geometry) -> Option<Object> {
+    let bottom = FRAME_BOTTOM.max(geometry.upper_hooke_height + TUBE_RADIUS);
+    let height = geometry.mounting_height - bottom;
+    (height > 0.0).then(|| Object {
+        name: "frame".into(),
+        shape: Shape::Cylinder { radius: geometry.base_radius, height },
+        mobility: Mobility::Fixed,
+        position: Vector3::z() * (bottom + 0.5 * height),
+        yaw: 0.0,
+        surface: Surface::default(),
+    })
+}
+
+/// Regular polygon of `CORNERS` corners about z.
+fn polygon(radius: f64, z: f64) -> Vec<Vector3<f64>> {
+    (0..CORNERS)
+        .map(|i| {
+            let (s, c) = (i as f64 * std::f64::consts::TAU / CORNERS as f64).sin_cos();
+            Vector3::new(radius * c, radius * s, z)
+        })
+        .collect()
+}
+
+/// Whether links `a` and `b` can meet while the sockets in `closed` hold: the mechanism keeps the links of an intact robot
+/// apart, and neighbours at a joint overlap by construction.
+pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
+    let (a, b) = (a.min(b), a.max(b));
+    let is_strut = |x: usize| (STRUT..PLATFORM).contains(&x);
+    if closed == SocketSet::ALL || a == b {
+        return false;
+    }
+    match (a, b) {
+        (_, STRUT..) if a < STRUT => !is_strut(b) || (b - STRUT) / 2 != a || !closed.contains(b - STRUT),
+        _ if is_strut(a) && is_strut(b) => {
+            let (s, t) = (a - STRUT, b - STRUT);
+            s / 2 != t / 2 || ![s, t, s + STRUTS, t + STRUTS].into_iter().all(|socket| closed.contains(socket))
+        }
+        (_, PLATFORM | END_EFFECTOR) if is_strut(a) => !closed.contains(a - STRUT + SOCKETS - STRUTS),
+        (_, TELESCOPE_UPPER | TELESCOPE_LOWER) => is_strut(a),
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::placement::Placement;
+    use crate::tests::{geometry, scattered};
+    use deltatwin::kinematics::{JointState, Motion};
+
+    fn solid(frame: &Object) -> (Hull, Placement) {
+        let at = Placement::at_rest(Matrix3::identity(), frame.position);
+        (Hull::solid(&frame.shape), at)
+    }
+
+    #[test]
+    fn a_raised_arm_clears_the_frame_and_a_loose_strut_does_not() {
+        let geometry = geometry();
+        let frame = frame(&geometry).unwrap();
+        let (hull, at) = solid(&frame);
+        let all = parts(&geometry);
+        // From the lower hard stop of the arms to the upper one.
+        for k in 0..=50 {
+            let q = -0.805 + 2.652 * f64::from(k) / 50.0;
+            let joints = JointState { q: [q, q, q, 0.0], ..Default::default() };
+            let motion = Motion::disassembled(&geometry, &joints);
+            for part in all.iter().filter(|p| p.body < STRUT) {
+                let there = Placement::from(&motion.bodies[part.body]).offset(&part.rotation, &part.position);
+                assert!(!part.hull.within(&there, &hull, &at, 0.01), "arm {} at {q:.3} rad", part.body + 1);
+            }
+        }
+        // A strut that points up beside the telescope, its end 30 mm inside the plate.
+        let strut = all.iter().find(|p| p.body == STRUT && p.meets_links).unwrap();
+        let mut motion = scattered();
+        let body = &mut motion.bodies[STRUT];
+        let length = geometry.strut_length[0];
+        body.position = Vector3::new(0.1, 0.0, 0.13 - length);
+        body.rotation = Matrix3::from_columns(&[Vector3::z(), Vector3::y(), -Vector3::x()]);
+        let mut points = Vec::new();
+        strut.hull.contacts(&Placement::from(&*body), &hull, &at, &mut points);
+        assert!(points.iter().any(|p| p.depth > 0.0 && p.normal.z < -0.9), "{} points", points.len());
+    }
+}
