@@ -3,7 +3,7 @@
 use super::campaign::Case;
 use super::motion::MotionKind;
 use super::noise::Noise;
-use super::outside::LAWS;
+use super::outside::Outside;
 use super::size::Size;
 
 /// What to examine.
@@ -56,8 +56,9 @@ impl Plan {
                 self.add(&mut out, &pair.join("+"), pair, Size::Medium, k);
             }
         }
+        let laws = Outside::all();
         for k in 1..=self.outside {
-            let law = LAWS[(k - 1) as usize % LAWS.len()];
+            let law = laws[(k - 1) as usize % laws.len()];
             self.add(&mut out, &format!("outside-{}", law.name), Vec::new(), Size::Medium, k);
             out.last_mut().expect("just added").1.outside = Some(law);
         }
