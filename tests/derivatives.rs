@@ -97,15 +97,24 @@ fn table(file: &str) -> [Errors; 4] {
     })
 }
 
-/// A scenario on which the default reaches the stated residuals, and no other method is better by 3 % of the floor.
-fn check(file: &str, residual: [f64; AXES]) {
+/// A scenario on which no other method is better than the default by 3 % of the floor; the default's errors.
+fn compared(file: &str) -> Errors {
     let [paper, polynomial, smoother, best] = table(file);
     for i in 0..AXES {
         let (axis, found) = (i + 1, best.residual[i]);
-        assert!(found < residual[i], "{file}, axis {axis}: {found}");
         for other in [&paper, &polynomial, &smoother] {
             assert!(found < other.residual[i] + 0.03, "{file}, axis {axis}: {found} {}", other.residual[i]);
         }
+    }
+    best
+}
+
+/// A scenario on which the default reaches the stated residuals besides.
+fn check(file: &str, residual: [f64; AXES]) {
+    let best = compared(file);
+    for i in 0..AXES {
+        let (axis, found) = (i + 1, best.residual[i]);
+        assert!(found < residual[i], "{file}, axis {axis}: {found}");
     }
 }
 
@@ -161,10 +170,15 @@ fn jitter_and_gaps_cost_little() {
     }
 }
 
-/// Runs named in DELTATWIN_RUNS: only their table.
+/// Scenarios named in DELTATWIN_RUNS, or one that no other test looks at: no other method beats the default, and most samples
+/// are kept.
 #[test]
 fn runs_of_your_own() {
-    for file in std::env::var("DELTATWIN_RUNS").unwrap_or_default().split_whitespace() {
-        table(file);
+    let files = std::env::var("DELTATWIN_RUNS").unwrap_or_else(|_| "scenarios/payload.toml".into());
+    assert!(files.split_whitespace().next().is_some(), "DELTATWIN_RUNS names no scenario");
+    for file in files.split_whitespace() {
+        let errors = compared(file);
+        assert!(errors.kept > 0.5, "{file}: {} of the samples kept", errors.kept);
+        assert!(errors.qd.iter().chain(&errors.qdd).all(|x| x.is_finite()), "{file}: {:?} {:?}", errors.qd, errors.qdd);
     }
 }

@@ -118,7 +118,7 @@ fn every_effect_explains_itself() {
             assert!(!text.trim().is_empty(), "{name}: {about:?}");
         }
         let mut keys = std::collections::BTreeSet::new();
-        assert!(!effect.parameters().is_empty() || name == "formula", "{name} has parameters");
+        assert!(!effect.parameters().is_empty() || effect.formula().is_some(), "{name} has parameters");
         for p in effect.parameters() {
             let (low, high) = p.range;
             assert!(low.is_finite() && high.is_finite() && low < high, "{name}.{}", p.name);
@@ -141,7 +141,9 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
         let allowed = |b: usize| match effect.acts_on() {
             Part::Drives => on_drives(b),
             Part::Axis4 => b == ROTOR,
-            Part::Weight | Part::Linkage => true,
+            // Weight is checked below: every body, in proportion to its mass.
+            Part::Weight => true,
+            Part::Linkage => b <= END_EFFECTOR,
             Part::Telescope => b >= END_EFFECTOR,
         };
         let mut active = at_random(effect, &mut rng, true);
@@ -153,7 +155,25 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
         let name = effect.name();
         let refuse =
             |b: usize| assert!(allowed(b), "{name} acts on {}, not only on {:?}", body_name(b), effect.acts_on());
-        effect.forces(&active.values(), &at, &mut Wrenches::new(&mut |_, b, _, _| refuse(b)));
+        let mut forces = Vec::new();
+        effect.forces(
+            &active.values(),
+            &at,
+            &mut Wrenches::new(&mut |k, b, force, _| {
+                refuse(b);
+                forces.push((k, b, force));
+            }),
+        );
+        if effect.acts_on() == Part::Weight {
+            let per_mass = |&(k, b, force): &(usize, usize, Vector3<f64>)| (k, force / plant.bodies.0[b].mass);
+            let heavy: Vec<_> = forces.iter().filter(|(_, b, _)| plant.bodies.0[*b].mass > 0.0).collect();
+            assert!(heavy.len() > BODIES / 2, "{name} acts on the weight of {} bodies", heavy.len());
+            for (k, pull) in heavy.iter().map(|force| per_mass(force)) {
+                let first = heavy.iter().map(|force| per_mass(force)).find(|(other, _)| *other == k);
+                let gap = first.map_or(f64::INFINITY, |(_, other)| (pull - other).norm());
+                assert!(gap < 1e-9 * plant.gravity, "{name}: bodies fall apart by {gap:e} m/s²");
+            }
+        }
         effect.inertia(&active.values(), &payload().payload, &mut |_, b, _| refuse(b));
         let mut geometry = plant.geometry;
         effect.geometry(&active.values(), &mut geometry);

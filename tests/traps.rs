@@ -113,16 +113,15 @@ fn poses(size: f64) -> Course {
 
 #[test]
 fn a_tilt_of_the_base_and_constant_torques_are_alike_in_a_small_workspace() {
-    for (name, blocks) in [
-        ("torque_bias", &[&[0.2, -0.1, -0.1, 0.0][..]][..]),
-        ("base_tilt", &[&[0.03, 0.015][..]]),
-        ("drive_coulomb_asymmetry", &[&[0.4, -0.2, -0.2][..], &[100.0]]),
+    for (name, blocks, vanishes_at_rest) in [
+        ("torque_bias", &[&[0.2, -0.1, -0.1, 0.0][..]][..], false),
+        ("base_tilt", &[&[0.03, 0.015][..]], false),
+        ("drive_coulomb_asymmetry", &[&[0.4, -0.2, -0.2][..], &[100.0]], true),
     ] {
         let robot = robot(name, blocks);
         println!("-- {name}");
         let d = diagnosed(&[measured(&robot, &poses(0.02), Payload::default(), 4.0, 3)]);
-        if name == "drive_coulomb_asymmetry" {
-            // At rest it vanishes, which the others do not.
+        if vanishes_at_rest {
             assert_eq!(names(&d), [name], "{:?}", d.indistinguishable);
             continue;
         }

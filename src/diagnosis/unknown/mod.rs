@@ -1,11 +1,12 @@
 //! What the diagnosis says when no known effect explains the data: where something acts, what it looks like, and a
 //! formula for it, found by sparse regression and judged on data that were not used to find it.
 
-mod library;
+pub mod library;
 mod pursuit;
 mod shape;
 mod sight;
 
+pub use pursuit::MOST;
 pub use shape::Shape;
 pub use sight::Sight;
 
@@ -20,7 +21,7 @@ use crate::identification::trace::noise_floor;
 use crate::identification::{Fit, Trace};
 use crate::model::Model;
 use library::{Atom, Cover, hums, library};
-use pursuit::{Formulation, Found, MOST, Pursuit, gain};
+use pursuit::{Formulation, Found, Pursuit, gain};
 
 /// Share of the explainable error that named effects may leave to a formula at one place that does without them before
 /// they are doubted: their shape may differ a little from ours.

@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::terminal::{today, wrapped};
 use deltatwin::dynamics::Channel;
 use deltatwin::model::{Model, Provenance};
-use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, figures, hidden, investigate, measure};
+use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, figures, hidden, hide, investigate};
 use deltatwin_validation::exam::Campaign;
 
 /// Hide an effect in a robot, measure it, and find it: the whole loop in under a minute.
@@ -21,7 +21,7 @@ pub struct Args {
     /// Draws the effect, its size, the model's errors, the motions and the noise.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Hide this effect instead of a drawn one; `none` hides nothing.
+    /// Hide this effect instead of one drawn from those that these motions can show; `none` hides nothing.
     #[arg(long, value_name = "NAME")]
     pub effect: Option<String>,
     /// One JSON object on stdout.
@@ -53,7 +53,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     );
     bar.set_prefix("measure");
     let done = [std::sync::atomic::AtomicU64::new(0), std::sync::atomic::AtomicU64::new(0)];
-    let measured = measure(&model, args.seed, args.effect.as_deref(), &|k, t| {
+    let robot = hide(&model, args.seed, args.effect.as_deref()).into_diagnostic()?;
+    let left_out = robot.left_out;
+    if !left_out.is_empty() {
+        say(wrapped(&format!("Left out, as these motions cannot show it: {}", left_out.join(", ")), 0));
+    }
+    let measured = robot.prepared.record(&model, &|k, t| {
         let now = (t * 1000.0) as u64;
         let before = done[k].swap(now, std::sync::atomic::Ordering::Relaxed);
         bar.inc(now - before);
@@ -72,7 +77,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let findings = findings.into_diagnostic()?;
     let files = write(args, &measured, &findings)?;
     if args.json {
-        println!("{}", summary(args, &measured, &findings, &files));
+        let mut object = summary(args, &measured, &findings, &files);
+        object["left_out"] = json!(left_out);
+        println!("{object}");
     } else {
         print(&measured, &findings, &files);
     }

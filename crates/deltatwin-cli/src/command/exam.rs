@@ -49,7 +49,7 @@ pub struct Args {
     /// Campaigns with two effects of medium size.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     pub pairs: u64,
-    /// Campaigns with a law outside the library.
+    /// Campaigns with a law outside the library: those published by others first, then those written for the exam.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
     pub outside: u64,
     /// Campaigns in which nothing is hidden.
@@ -310,8 +310,12 @@ fn print(score: &Score, judged: &[Judged]) -> miette::Result<()> {
     row("right, limited", score.limited);
     row("both of two", score.both);
     row("at least one of two", score.either);
-    row("unknown, outside the library", score.outside);
-    row("  in the right place", score.located);
+    row("unknown, outside the library", score.outside.unknown);
+    row("  in the right place", score.outside.located);
+    row("  in the span of the search", score.in_span.unknown);
+    row("    in the right place", score.in_span.located);
+    row("  outside that span", score.beyond_span.unknown);
+    row("    in the right place", score.beyond_span.located);
     row("confidently wrong", score.confidently_wrong);
     row("held-out residual within bound", score.explained());
     row("parameters within 3 standard errors", score.within_three());

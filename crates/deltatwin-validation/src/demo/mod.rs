@@ -2,13 +2,14 @@
 
 pub mod figures;
 
-use rand::RngExt;
+use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use thiserror::Error;
 
+use crate::exam::campaign::{Prepared, prepare};
 use crate::exam::judge::Truth;
-use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, campaign};
+use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKind, hideable};
 use deltatwin::comparison::{Comparison, compare};
 use deltatwin::diagnosis::{Diagnosis, DiagnosisError, diagnose};
 use deltatwin::effects::Role;
@@ -21,22 +22,6 @@ pub const MODEL: &str = include_str!("../../../../models/irb360-6-1600.toml");
 
 /// Length of each recording, s.
 pub const DURATION: f64 = 20.0;
-
-/// Effects that are hidden if none is asked for: each shows in these recordings.
-const SHOWN: [&str; 12] = [
-    "ball_socket_viscous",
-    "ball_socket_coulomb",
-    "ball_socket_load_dependent",
-    "drive_stribeck",
-    "drive_coulomb_asymmetry",
-    "thermal_friction_drift",
-    "torque_ripple",
-    "payload_mass_error",
-    "strut_length_error",
-    "base_tilt",
-    "torque_gain_error",
-    "signal_delay",
-];
 
 /// Why a demo fails.
 #[derive(Debug, Error)]
@@ -52,22 +37,39 @@ pub enum DemoError {
     Diagnosis(#[from] DiagnosisError),
 }
 
-/// Hides `effect` (drawn from the seed if `None`, nothing if `none`) in a robot and records two motions; `progress` gets
-/// the run (0 or 1) and the simulated time.
-pub fn measure(
-    model: &Model,
-    seed: u64,
-    effect: Option<&str>,
-    progress: &(dyn Fn(usize, f64) + Sync),
-) -> Result<Campaign, DemoError> {
-    let drawn = SHOWN[ChaCha8Rng::seed_from_u64(seed).random_range(0..SHOWN.len())];
-    let name = effect.unwrap_or(drawn);
-    let effects = if name == "none" { Vec::new() } else { vec![name.to_string()] };
-    Ok(campaign(
-        model,
-        &Case { seed, effects, motion: MotionKind::Fourier, duration: DURATION, ..Case::default() },
-        progress,
-    )?)
+/// A robot that is to be measured.
+pub struct Robot {
+    /// The robot with what is hidden in it.
+    pub prepared: Prepared,
+    /// Effects drawn before that its motions cannot show.
+    pub left_out: Vec<&'static str>,
+}
+
+/// Hides `effect` (nothing if `none`) in a robot. If `None`, effects that the model lacks are drawn from the seed until one
+/// is as large as the data need to show it: a refit leaves of it what it leaves of one of medium size.
+///
+/// # Errors
+/// If there is no such effect, or if the model cannot be refitted along the drawn motion.
+pub fn hide(model: &Model, seed: u64, effect: Option<&str>) -> Result<Robot, DemoError> {
+    let prepared = |name: Option<&str>| {
+        let effects = name.map(str::to_string).into_iter().collect();
+        let case = Case { seed, effects, motion: MotionKind::Fourier, duration: DURATION, ..Case::default() };
+        prepare(model, &case, &[])
+    };
+    let mut left_out = Vec::new();
+    if let Some(name) = effect {
+        return Ok(Robot { prepared: prepared(Some(name).filter(|name| *name != "none"))?, left_out });
+    }
+    let mut all = hideable(model);
+    all.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+    for effect in all {
+        let robot = prepared(Some(effect.name()))?;
+        if robot.hidden.iter().all(|hidden| hidden.rise.is_visible()) {
+            return Ok(Robot { prepared: robot, left_out });
+        }
+        left_out.push(effect.name());
+    }
+    Ok(Robot { prepared: prepared(None)?, left_out })
 }
 
 /// What is hidden in a campaign.

@@ -12,7 +12,9 @@ use super::size::{Hidden, Size, Sizer};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
-use deltatwin::identification::FitError;
+use deltatwin::identification::fit::{channel_rms, residuals};
+use deltatwin::identification::trace::noise_floor;
+use deltatwin::identification::{FitError, Trace};
 use deltatwin::model::{AXES, Model};
 use deltatwin::recording::{Payload, Recording, Setup};
 use deltatwin::scenario::Sensors;
@@ -73,6 +75,10 @@ pub struct Campaign {
     pub validation: Recording,
     /// What the twin says of the two runs.
     pub reports: [Report; 2],
+    /// Share of the law outside the library that no sum of the search's laws makes along the first motion.
+    pub unspanned: Option<f64>,
+    /// Largest RMS residual over the noise floor that the robot's own model leaves of the validation; without noise unknown.
+    pub attainable: Option<f64>,
 }
 
 /// Why a campaign cannot be made.
@@ -146,9 +152,7 @@ pub fn campaign_with(
     beyond: &[&'static dyn Effect],
     progress: &(dyn Fn(usize, f64) + Sync),
 ) -> Result<Campaign, CampaignError> {
-    let quiet = quiet_campaign(model, case, beyond, progress)?;
-    let [measurement, validation] = quiet.noisy(case);
-    Ok(Campaign { measurement, validation, ..quiet })
+    prepare(model, case, beyond)?.record(model, progress)
 }
 
 /// The same before torques and forces get their noise; encoders are quantised.
@@ -158,6 +162,25 @@ pub fn quiet_campaign(
     beyond: &[&'static dyn Effect],
     progress: &(dyn Fn(usize, f64) + Sync),
 ) -> Result<Campaign, CampaignError> {
+    prepare(model, case, beyond)?.quiet(model, progress)
+}
+
+/// A robot with something hidden in it and the motions it is to make.
+pub struct Prepared {
+    case: Case,
+    /// What is hidden.
+    pub hidden: Vec<Hidden>,
+    robot: Model,
+    motions: [Motion; 2],
+    /// Share of the law outside the library that no sum of the search's laws makes along the first motion.
+    pub unspanned: Option<f64>,
+}
+
+/// Draws robot, motions and the values of what is hidden, of `case` and `beyond` the registry.
+///
+/// # Errors
+/// If an effect cannot be hidden, or if the model cannot be refitted along the drawn motion.
+pub fn prepare(model: &Model, case: &Case, beyond: &[&'static dyn Effect]) -> Result<Prepared, CampaignError> {
     let known = hideable(model);
     let find = |name: &String| {
         known.iter().copied().find(|e| e.name() == name).ok_or_else(|| CampaignError::Effect {
@@ -179,47 +202,82 @@ pub fn quiet_campaign(
         channels.push(Channel::StrutUpper(0));
         sigma.push(model.noise.strut_force);
     }
-    let mut hidden = Vec::new();
+    let (mut hidden, mut unspanned) = (Vec::new(), None);
     if !wanted.is_empty() {
         let sizer = Sizer::new(&robot, &setup, &motions[0], case.duration, &channels, &sigma)?;
         let mut rng = case.random(Stream::Effects);
         for effect in wanted {
             hidden.push(sizer.draw(effect, case.size, &mut rng)?);
         }
+        unspanned = case.outside.map(|law| sizer.unspanned(law)).transpose()?;
     }
     robot.effects.extend(hidden.iter().map(|h| h.active.clone()));
-    let run = |k: usize| {
-        let options = Options {
-            duration: case.duration,
-            noise_seed: Some(0),
-            sensors: Sensors {
-                strut_upper: std::array::from_fn(|i| case.strut_sensor && i == 0),
-                ee: false,
-                ..Sensors::default()
-            },
-            ..Options::default()
+    Ok(Prepared { case: case.clone(), hidden, robot, motions, unspanned })
+}
+
+impl Prepared {
+    /// Records both motions without noise on torques and forces; `model` is the user's, `progress` gets the run (0 or 1) and
+    /// the simulated time.
+    ///
+    /// # Errors
+    /// If the twin stops.
+    pub fn quiet(self, model: &Model, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
+        let Self { case, hidden, robot, motions, unspanned } = self;
+        let setup = case.setup();
+        let believed = Plant::new(model, &setup);
+        let run = |k: usize| {
+            let options = Options {
+                duration: case.duration,
+                noise_seed: Some(0),
+                sensors: Sensors {
+                    strut_upper: std::array::from_fn(|i| case.strut_sensor && i == 0),
+                    ee: false,
+                    ..Sensors::default()
+                },
+                ..Options::default()
+            };
+            // The twin's own sensors quantise; the noise comes after.
+            let quiet = Setup { torque_noise: Some([0.0; AXES]), ..setup };
+            let mut machine = robot.clone();
+            machine.noise.strut_force = 0.0;
+            let measured = simulate(&machine, &quiet, &believed, &|t| motions[k].at(t), &options, &mut |t| {
+                progress(k, t);
+                true
+            });
+            measured.map(|(recording, report)| (Recording { setup, ..recording }, report))
         };
-        // The twin's own sensors quantise; the noise comes after.
-        let quiet = Setup { torque_noise: Some([0.0; AXES]), ..setup };
-        let mut machine = robot.clone();
-        machine.noise.strut_force = 0.0;
-        let measured = simulate(&machine, &quiet, &believed, &|t| motions[k].at(t), &options, &mut |t| {
-            progress(k, t);
-            true
-        });
-        measured.map(|(recording, report)| (Recording { setup, ..recording }, report))
-    };
-    let (first, second) = rayon::join(|| run(0), || run(1));
-    let ((measurement, a), (validation, b)) = (first?, second?);
-    Ok(Campaign {
-        case: case.clone(),
-        hidden,
-        model: model.clone(),
-        robot,
-        measurement: Recording { name: "measurement".into(), ..measurement },
-        validation: Recording { name: "validation".into(), ..validation },
-        reports: [a, b],
-    })
+        let (first, second) = rayon::join(|| run(0), || run(1));
+        let ((measurement, a), (validation, b)) = (first?, second?);
+        Ok(Campaign {
+            case,
+            hidden,
+            model: model.clone(),
+            robot,
+            measurement: Recording { name: "measurement".into(), ..measurement },
+            validation: Recording { name: "validation".into(), ..validation },
+            reports: [a, b],
+            unspanned,
+            attainable: None,
+        })
+    }
+
+    /// The same with the noise of the case.
+    ///
+    /// # Errors
+    /// If the twin stops.
+    pub fn record(self, model: &Model, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
+        let quiet = self.quiet(model, progress)?;
+        let [measurement, validation] = quiet.noisy(&quiet.case);
+        let attainable = Some(attainable(&quiet.robot, &validation)?);
+        Ok(Campaign { measurement, validation, attainable, ..quiet })
+    }
+}
+
+/// Largest RMS residual over the noise floor that the robot's own model leaves of a recording: what differentiation blurs.
+fn attainable(robot: &Model, recording: &Recording) -> Result<f64, FitError> {
+    let traces = [Trace::new(recording)];
+    let rms = channel_rms(&residuals(robot, &traces)?);
+    Ok(rms.iter().zip(noise_floor(robot, &traces)).map(|(rms, floor)| rms / floor).fold(0.0, f64::max))
 }
 
 impl Campaign {

@@ -1,6 +1,6 @@
 //! Figures of an exam.
 
-use super::score::{IN_A_SET, Judged, Rate, Score};
+use super::score::{EXPLAINED, IN_A_SET, Judged, Rate, Score};
 use super::size::Size;
 use super::{Grade, judge::Question};
 use deltatwin_report::{Cell, Color, Curve, Figure, Style, matrix, rates, time_series};
@@ -113,11 +113,13 @@ fn cumulative(label: &str, mut x: Vec<f64>) -> Curve {
 }
 
 fn held_out(score: &Score) -> Figure {
-    let ratios = score.held_out.iter().map(|(_, r, _)| *r).collect();
-    let bound = Curve::new("1.03", vec![1.03, 1.03], vec![0.0, 1.0]).color(Color::MUTED).style(Style::Dashed);
+    // Relative to the best that is attainable, for one bound to hold for all.
+    let ratios = score.held_out.iter().map(|(_, r, bound)| r * EXPLAINED / bound).collect();
+    let bound =
+        Curve::new("bound", vec![EXPLAINED, EXPLAINED], vec![0.0, 1.0]).color(Color::MUTED).style(Style::Dashed);
     time_series(
         "Residual on the other motion once the right effect is added",
-        "largest held-out RMS residual over the noise",
+        "largest held-out RMS residual over the noise, or over what the robot's own model leaves",
         "share of campaigns",
         &[cumulative("right answers", ratios), bound],
     )

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use super::campaign::{Campaign, Case};
 use super::judge::{Answer, Truth};
+use super::outside::Outside;
 use super::size::Hidden;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::Role;
@@ -71,7 +72,8 @@ pub fn truth(campaign: &Campaign, case: &Case) -> Value {
     let own = plant.parameters().into_iter().filter(|p| p.role != Role::Fixed && !hidden(p.effect));
     json!({
         "effects": campaign.hidden.iter().map(effect).collect::<Vec<_>>(),
-        "outside": case.outside.map(|law| json!({"name": law.name, "at": law.at, "law": law.law})),
+        "outside": case.outside.map(|law| outside(law, campaign.unspanned)),
+        "attainable": campaign.attainable,
         "size": case.size.name(),
         "seed": case.seed,
         "noise": case.noise.name(),
@@ -81,6 +83,11 @@ pub fn truth(campaign: &Campaign, case: &Case) -> Value {
         "duration": case.duration,
         "parameters": own.map(|p| (p.name, json!(p.value))).collect::<Map<String, Value>>(),
     })
+}
+
+fn outside(law: Outside, unspanned: Option<f64>) -> Value {
+    let source = law.source().map(|published| json!({"work": published.work, "place": published.place}));
+    json!({"name": law.name, "at": law.at, "law": law.law, "source": source, "unspanned": unspanned})
 }
 
 fn effect(hidden: &Hidden) -> Value {
@@ -105,10 +112,13 @@ pub fn read_truth(folder: &Path) -> Result<Truth, FolderError> {
     let mut truth = Truth {
         size: value.get("size").and_then(Value::as_str).map(str::to_string),
         noise: value.get("noise").and_then(Value::as_str).map(str::to_string),
+        attainable: value.get("attainable").and_then(Value::as_f64),
         ..Truth::default()
     };
-    let outside = value.get("outside").and_then(|o| o.get("at")).and_then(Value::as_str);
-    truth.place = outside.and_then(Place::named).map(Place::region);
+    let outside = |key: &str| value.get("outside").and_then(|o| o.get(key));
+    truth.place = outside("at").and_then(Value::as_str).and_then(Place::named).map(Place::region);
+    truth.law = outside("name").and_then(Value::as_str).map(str::to_string);
+    truth.unspanned = outside("unspanned").and_then(Value::as_f64);
     for effect in effects {
         let name = effect.get("name").and_then(Value::as_str);
         let name = name.ok_or_else(|| bad("has an effect without `name`", "the name of every hidden effect"))?;

@@ -25,6 +25,12 @@ pub struct Truth {
     pub values: Vec<(String, f64)>,
     /// Part of the machine where what is outside the library acts, if stated.
     pub place: Option<String>,
+    /// Name of the law outside the library, if stated.
+    pub law: Option<String>,
+    /// Share of it that no sum of the search's laws makes, if stated.
+    pub unspanned: Option<f64>,
+    /// Largest held-out RMS residual over the noise floor that the robot's own model leaves, if stated.
+    pub attainable: Option<f64>,
     /// Size, if stated.
     pub size: Option<String>,
     /// Kind of noise, if stated.
@@ -177,7 +183,8 @@ pub enum Question {
 impl Question {
     /// Of a truth.
     pub fn of(truth: &Truth) -> Self {
-        let known = |name: &String| name != FORMULA && effects::find(name).is_some();
+        // What is outside the library is hidden as a formula.
+        let known = |name: &String| effects::find(name).is_some_and(|effect| effect.formula().is_none());
         match truth.effects.len() {
             0 => Self::Nothing,
             _ if !truth.effects.iter().all(known) => Self::Outside,
@@ -186,9 +193,6 @@ impl Question {
         }
     }
 }
-
-/// The effect through which campaigns hide what is outside the library.
-const FORMULA: &str = "formula";
 
 impl std::fmt::Display for Grade {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

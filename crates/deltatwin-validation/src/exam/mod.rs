@@ -13,6 +13,7 @@ pub mod outside;
 pub mod plan;
 pub mod score;
 pub mod size;
+pub mod span;
 
 pub use campaign::{Campaign, CampaignError, Case, campaign, campaign_with, hideable, perturb};
 pub use judge::{Answer, Grade, judge};

@@ -1,6 +1,9 @@
 //! What is outside the library of effects: laws that no effect has, hidden as formulas.
 
+pub mod published;
+
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
+use published::{PUBLISHED, Published};
 
 /// A law outside the library.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,8 +20,8 @@ const fn law(name: &'static str, at: &'static str, law: &'static str) -> Outside
     Outside { name, at, law }
 }
 
-/// Laws that no effect of the library has.
-pub const LAWS: [Outside; 27] = [
+/// Laws that no effect of the library has, written for this exam: most are of the kinds that the search tries.
+pub const WRITTEN: [Outside; 27] = [
     law("cogging", "drive2", "cos(51*q2 + 0.4)"),
     law("cable_spring", "drive3", "0.3 - q3"),
     law("worn_sector", "drive1", "-tanh(60*qd1) * exp(-((q1 - 0.15)/0.12)^2)"),
@@ -49,9 +52,19 @@ pub const LAWS: [Outside; 27] = [
 ];
 
 impl Outside {
+    /// All laws, those published by others first.
+    pub fn all() -> Vec<Self> {
+        PUBLISHED.iter().map(|published| published.law).chain(WRITTEN).collect()
+    }
+
     /// The law called `name`.
     pub fn named(name: &str) -> Option<Self> {
-        LAWS.iter().copied().find(|law| law.name == name)
+        Self::all().into_iter().find(|law| law.name == name)
+    }
+
+    /// Where the law comes from; none if it was written for this exam.
+    pub fn source(self) -> Option<&'static Published> {
+        PUBLISHED.iter().find(|published| published.law.name == self.name)
     }
 
     /// The effect that hides it.
@@ -68,11 +81,25 @@ mod tests {
 
     #[test]
     fn every_law_is_a_formula_and_found_by_its_name() {
-        for law in LAWS {
+        for law in Outside::all() {
             assert_eq!(Outside::named(law.name), Some(law));
             assert_eq!(law.effect().terms.len(), 1);
             assert!(Place::named(law.at).is_some());
         }
         assert_eq!(Outside::named("gremlins"), None);
+    }
+
+    #[test]
+    fn every_published_law_states_its_source() {
+        for law in PUBLISHED {
+            let name = law.law.name;
+            assert_eq!(law.law.source(), Some(&law), "{name}");
+            let year = |word: &str| word.parse::<u32>().is_ok_and(|year| (1900..2100).contains(&year));
+            assert!(law.work.split(|c: char| !c.is_ascii_digit()).any(year), "{name}: {}", law.work);
+            for text in [law.place, law.equation, law.values, law.scaled] {
+                assert!(text.len() > 10, "{name}: {text}");
+            }
+        }
+        assert!(WRITTEN.iter().all(|law| law.source().is_none()));
     }
 }

@@ -3,8 +3,10 @@
 use super::campaign::Case;
 use super::motion::MotionKind;
 use super::noise::Noise;
-use super::outside::LAWS;
+use super::outside::Outside;
 use super::size::Size;
+use deltatwin::effects::{self, ActiveEffect, Effect};
+use deltatwin::recording::Payload;
 
 /// What to examine.
 #[derive(Clone, Debug)]
@@ -56,8 +58,9 @@ impl Plan {
                 self.add(&mut out, &pair.join("+"), pair, Size::Medium, k);
             }
         }
+        let laws = Outside::all();
         for k in 1..=self.outside {
-            let law = LAWS[(k - 1) as usize % LAWS.len()];
+            let law = laws[(k - 1) as usize % laws.len()];
             self.add(&mut out, &format!("outside-{}", law.name), Vec::new(), Size::Medium, k);
             out.last_mut().expect("just added").1.outside = Some(law);
         }
@@ -89,8 +92,7 @@ impl Plan {
         }
         name += &format!("-{k}");
         let seed = seed(self.seed, &name);
-        // An effect of the payload needs one.
-        let of_payload = effects.iter().any(|e| e.starts_with("payload"));
+        let of_payload = effects.iter().any(|name| effects::find(name).is_some_and(|effect| reads_payload(effect)));
         let case = Case {
             seed,
             strut_sensor: self.strut_sensors && !(seed >> 17).is_multiple_of(3),
@@ -104,6 +106,17 @@ impl Plan {
         };
         out.push((name, case));
     }
+}
+
+/// Whether an effect's inertia depends on the payload, so that it shows on a robot that carries one.
+fn reads_payload(effect: &'static dyn Effect) -> bool {
+    let active = ActiveEffect::absent(effect);
+    let terms = |payload: &Payload| {
+        let mut terms = Vec::new();
+        effect.inertia(&active.values(), payload, &mut |k, body, inertia| terms.push((k, body, inertia)));
+        terms
+    };
+    terms(&Payload::default()) != terms(&Payload::new(1.0, [0.1, 0.1, -0.1], 0.01))
 }
 
 /// Label of campaigns in which nothing is hidden.
@@ -121,7 +134,7 @@ mod tests {
 
     fn plan() -> Plan {
         Plan {
-            effects: ["a", "b", "payload_c"].map(String::from).into(),
+            effects: ["torque_bias", "air_drag", "payload_mass_error"].map(String::from).into(),
             sizes: vec![Size::Small, Size::Large],
             seeds: 2,
             pairs: 7,
@@ -159,9 +172,11 @@ mod tests {
             let mut effects = case.effects.clone();
             effects.dedup();
             assert_eq!(effects.len(), case.effects.len(), "{name}");
-            assert!(case.payload || !case.effects.iter().any(|e| e == "payload_c"), "{name}");
+            assert!(case.payload || !case.effects.iter().any(|e| e == "payload_mass_error"), "{name}");
         }
-        let lone = Plan { effects: vec!["a".into()], ..plan() };
+        // Of others half.
+        assert!(plan().cases().iter().any(|(_, case)| !case.payload && !case.effects.is_empty()));
+        let lone = Plan { effects: vec!["torque_bias".into()], ..plan() };
         assert_eq!(lone.cases().len(), 3 + 2 * 2 + 2);
     }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use super::judge::{Answer, Grade, Question, Truth};
+use super::span::WITHIN;
 
 /// A judged campaign.
 #[derive(Clone, Debug)]
@@ -49,11 +50,15 @@ impl Judged {
         }
     }
 
-    /// Largest held-out RMS residual over the noise that counts as explained.
+    /// Largest held-out RMS residual over the noise that counts as explained: [`EXPLAINED`] of what the robot's own model
+    /// leaves, where that is known and more than the noise.
     fn held_out_bound(&self) -> f64 {
-        // What is integrated from quantised encoders, or rings, is followed less exactly.
-        let loose = self.truth.effects.iter().any(|n| n == "drive_stribeck" || n == "drive_elasticity");
-        if loose { 1.08 } else { 1.03 }
+        EXPLAINED * self.truth.attainable.unwrap_or(1.0).max(1.0)
+    }
+
+    /// Whether the laws of the search make the law that is hidden; unknown where the truth does not say it.
+    fn in_span(&self) -> Option<bool> {
+        self.truth.unspanned.map(|share| share < WITHIN)
     }
 
     /// (estimate − truth)/standard error of the parameters of an effect named rightly.
@@ -70,6 +75,8 @@ impl Judged {
     }
 }
 
+/// Held-out RMS residual, relative to the best attainable, that counts as explained.
+pub const EXPLAINED: f64 = 1.03;
 /// Column of the confusion matrix: the truth is one of at most three.
 pub const IN_A_SET: &str = "one of 2–3";
 const NOTHING: &str = "nothing";
@@ -130,6 +137,40 @@ impl std::fmt::Display for Rate {
     }
 }
 
+/// What was said of laws outside the library.
+#[derive(Clone, Debug, Default)]
+pub struct Outside {
+    /// `unknown` of them.
+    pub unknown: Rate,
+    /// The right part of the machine, among those.
+    pub located: Rate,
+    /// Share of the explainable held-out error that the formulas take.
+    pub formulas: Vec<f64>,
+}
+
+impl Outside {
+    fn of<'a>(judged: impl Iterator<Item = &'a Judged>) -> Self {
+        let judged: Vec<&Judged> = judged.collect();
+        let right = |j: &&&Judged| j.grade == Grade::Right;
+        Self {
+            unknown: Rate::of(&judged, right),
+            located: Rate::of(judged.iter().filter(|j| right(j) && j.truth.place.is_some()), |j| {
+                j.answer.location == j.truth.place
+            }),
+            formulas: judged.iter().filter_map(|j| j.answer.formula).collect(),
+        }
+    }
+
+    /// `{unknown, located, formula_median}`.
+    pub fn json(&self) -> Value {
+        json!({
+            "unknown": self.unknown.json(),
+            "located": self.located.json(),
+            "formula_median": median(&self.formulas),
+        })
+    }
+}
+
 /// Claimed probability in a bin against the share that was right.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reliability {
@@ -158,12 +199,12 @@ pub struct Score {
     pub both: Rate,
     /// At least one of two effects.
     pub either: Rate,
-    /// `unknown` of what is outside the library.
-    pub outside: Rate,
-    /// The right part of the machine, among those.
-    pub located: Rate,
-    /// Share of the explainable held-out error that the formulas take, of what is outside.
-    pub formulas: Vec<f64>,
+    /// What was said of all laws outside the library.
+    pub outside: Outside,
+    /// The same of those that the laws of the search make: they measure interpolation.
+    pub in_span: Outside,
+    /// The same of those that they do not make.
+    pub beyond_span: Outside,
     /// Held-out RMS residual over the noise of right answers, largest over the channels, and the bound it is held to.
     pub held_out: Vec<(String, f64, f64)>,
     /// (estimate − truth)/standard error of the parameters of effects named rightly.
@@ -206,11 +247,9 @@ impl Score {
             confidently_wrong: Rate::of(judged, |j| j.grade == Grade::ConfidentlyWrong),
             both: Rate::of(of(Question::Several), right),
             either: Rate::of(of(Question::Several), |j| matches!(j.grade, Grade::Right | Grade::Half)),
-            outside: Rate::of(of(Question::Outside), right),
-            located: Rate::of(of(Question::Outside).filter(|j| right(j) && j.truth.place.is_some()), |j| {
-                j.answer.location == j.truth.place
-            }),
-            formulas: of(Question::Outside).filter_map(|j| j.answer.formula).collect(),
+            outside: Outside::of(of(Question::Outside)),
+            in_span: Outside::of(of(Question::Outside).filter(|j| j.in_span() == Some(true))),
+            beyond_span: Outside::of(of(Question::Outside).filter(|j| j.in_span() == Some(false))),
             z: judged.iter().flat_map(Judged::z).collect(),
             seconds: judged.iter().map(|j| j.answer.seconds).collect(),
             failed: judged.iter().filter(|j| j.grade == Grade::Failed).count(),
@@ -315,7 +354,7 @@ impl Score {
             value
         };
         let campaign = |j: &Judged| {
-            json!({
+            let mut campaign = json!({
                 "campaign": j.name,
                 "hidden": j.truth.effects,
                 "size": j.truth.size,
@@ -327,8 +366,17 @@ impl Score {
                 "probability": j.answer.effects.first().map(|e| e.probability),
                 "held_out_ratio": j.answer.held_out_ratio(),
                 "grade": j.grade,
-            })
+            });
+            if j.question == Question::Outside {
+                campaign["law"] = json!(j.truth.law);
+                campaign["unspanned"] = json!(j.truth.unspanned);
+                campaign["in_span"] = json!(j.in_span());
+            }
+            campaign
         };
+        let mut outside = self.outside.json();
+        outside["in_span"] = self.in_span.json();
+        outside["beyond_span"] = self.beyond_span.json();
         let mean_square = self.z.iter().map(|z| z * z).sum::<f64>() / self.z.len().max(1) as f64;
         json!({
             "count": judged.len(),
@@ -339,11 +387,7 @@ impl Score {
             "effects": self.by_effect.iter().map(|(k, m)| (k.clone(), Value::Object(rates(m)))).collect::<Map<_, _>>(),
             "confidently_wrong": self.confidently_wrong.json(),
             "pairs": {"both": self.both.json(), "at_least_one": self.either.json()},
-            "outside": {
-                "unknown": self.outside.json(),
-                "located": self.located.json(),
-                "formula_median": median(&self.formulas),
-            },
+            "outside": outside,
             "held_out": {"within_bound": self.explained().json()},
             "z": {"within_three": self.within_three().json(), "rms": mean_square.sqrt()},
             "reliability": self.reliability.iter().map(reliability).collect::<Vec<_>>(),
@@ -352,5 +396,49 @@ impl Score {
             "confusion": {"rows": self.rows, "columns": self.columns, "counts": self.counts},
             "campaigns": judged.iter().map(campaign).collect::<Vec<_>>(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn judged(unspanned: Option<f64>, verdict: &str) -> Judged {
+        let truth =
+            Truth { effects: vec!["formula".into()], place: Some("drive 1".into()), unspanned, ..Truth::default() };
+        let answer = Answer { verdict: verdict.into(), location: Some("drive 1".into()), ..Answer::default() };
+        Judged::new("campaign".into(), truth, answer)
+    }
+
+    #[test]
+    fn interpolation_is_counted_apart() {
+        let all = [
+            judged(Some(0.0), "unknown"),
+            judged(Some(1e-7), "unknown"),
+            judged(Some(1e-5), "effect"),
+            judged(Some(0.8), "unknown"),
+            judged(Some(1.0), "none"),
+            // Of other software: nothing is said about the span.
+            judged(None, "unknown"),
+        ];
+        let score = Score::of(&all);
+        let counts = |o: &Outside| (o.unknown.count, o.unknown.of, o.located.count, o.located.of);
+        assert_eq!(counts(&score.outside), (4, 6, 4, 4));
+        assert_eq!(counts(&score.in_span), (2, 2, 2, 2));
+        assert_eq!(counts(&score.beyond_span), (1, 3, 1, 1));
+        let json = score.json(&all);
+        assert_eq!(json["outside"]["unknown"]["of"], 6);
+        assert_eq!(json["outside"]["beyond_span"]["unknown"]["count"], 1);
+        assert_eq!(json["campaigns"][1]["in_span"], true);
+        assert!(json["campaigns"][5]["in_span"].is_null());
+    }
+
+    #[test]
+    fn the_bound_of_what_is_left_is_that_of_the_robots_own_model() {
+        let bound = |attainable| {
+            let truth = Truth { attainable, ..Truth::default() };
+            Judged::new("campaign".into(), truth, Answer::default()).held_out_bound()
+        };
+        assert_eq!([bound(None), bound(Some(0.9)), bound(Some(1.1))], [EXPLAINED, EXPLAINED, EXPLAINED * 1.1]);
     }
 }

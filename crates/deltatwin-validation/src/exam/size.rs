@@ -10,6 +10,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::motion::Motion;
+use super::outside::Outside;
+use super::span;
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::identification::filtering::MIN_HALF_WIDTH;
@@ -70,6 +72,13 @@ pub struct Rise {
     pub limited: bool,
 }
 
+impl Rise {
+    /// Whether a refit leaves as much of the effect as of one of medium size, on the channel on which its size was set.
+    pub fn is_visible(&self) -> bool {
+        self.ratios.iter().any(|(channel, ratio)| *channel == self.channel && *ratio >= VISIBLE_RISE)
+    }
+}
+
 /// An effect with its values and what they leave.
 #[derive(Clone)]
 pub struct Hidden {
@@ -81,6 +90,8 @@ pub struct Hidden {
 
 /// RMS of the residual over the noise that an effect of medium size leaves.
 pub const MEDIUM: (f64, f64) = (1.2, 1.6);
+/// The lower end of it, but for what the last correction of the size may miss.
+const VISIBLE_RISE: f64 = 0.98 * MEDIUM.0;
 /// An effect that needs more than this times its usual magnitude to be of medium size in the torques is taken for
 /// invisible there.
 const VISIBLE: f64 = 100.0;
@@ -93,10 +104,11 @@ const SPACING: f64 = 2e-3;
 /// Information of the prior of a fit, per own size squared, for fewer samples than a recording has.
 const PRIOR: f64 = 1e-2;
 
-/// Effects that come with one sign although their law allows both: friction falls as a drive warms, limbs gain mass.
-const POSITIVE: [&str; 2] = ["thermal_friction_drift", "limb_asymmetry"];
-/// Effects of which a machine has one item wrong, not all.
-const SINGLE: [&str; 3] = ["limb_asymmetry", "torque_gain_error", "strut_length_error"];
+/// Where a refit leaves so many times more of some item of an effect alone than of all together, together they are what the
+/// model's own parameters can be, and one departs. Along a slow Fourier series the ratio is below 1.5 or above 2.4.
+const APART: f64 = 2.0;
+/// Share of the largest that a refit must leave of an item for it to be the one that departs.
+const SHOWN: f64 = 0.25;
 
 /// The problem of sizing effects along one motion.
 pub struct Sizer<'a> {
@@ -164,13 +176,14 @@ impl<'a> Sizer<'a> {
         rng: &mut ChaCha8Rng,
     ) -> Result<Hidden, FitError> {
         let active = self.shaped(effect, rng);
-        let mut direction = direction(&active, rng);
+        let columns = self.columns(&active)?;
+        let mut direction = self.departing(&columns, direction(&active, rng), rng);
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
         if active.has_gears() {
             // Gears that leave so little would be ten times as stiff as any: medium is their usual compliance.
             return self.hidden(active, &direction, size.factor(), None);
         }
-        let left = self.left(&active, &direction)?;
+        let left = self.left(&columns, &direction);
         let mut most = self.most(&active, &direction);
         // Scale of the direction at which a channel's residual rises as wanted.
         let needed = |c: usize| (wanted * wanted - 1.0f64).sqrt() / left[c].max(f64::MIN_POSITIVE);
@@ -183,7 +196,7 @@ impl<'a> Sizer<'a> {
             Some(strut) if needed(torque) > VISIBLE.min(most) && needed(strut) < needed(torque).min(most) => strut,
             _ => torque,
         };
-        if needed(channel) > most && !POSITIVE.contains(&effect.name()) {
+        if needed(channel) > most {
             // The other way there may be more room.
             let other: Vec<f64> = direction.iter().map(|d| -d).collect();
             let room = self.most(&active, &other);
@@ -255,18 +268,58 @@ impl<'a> Sizer<'a> {
         active
     }
 
-    /// RMS per channel of what a refit leaves of the effect with its linear parameters at `direction`, in units of noise.
-    fn left(&self, active: &ActiveEffect, direction: &[f64]) -> Result<Vec<f64>, FitError> {
-        let all =
-            columns(&Plant::new(self.robot, self.setup), &self.trace, Some(active)).map_err(kinematics(&self.trace))?;
-        let n = self.trace.len();
-        let mut z = DVector::zeros(n * self.noise.len());
-        for (column, d) in all.iter().zip(direction).filter(|(_, d)| **d != 0.0) {
-            z += *d * stacked(column, &self.noise);
+    /// Columns of an effect's parameters in units of noise.
+    fn columns(&self, active: &ActiveEffect) -> Result<Vec<DVector<f64>>, FitError> {
+        let all = columns(&Plant::new(self.robot, self.setup), &self.trace, Some(active));
+        let all = all.map_err(kinematics(&self.trace))?;
+        Ok(all.iter().map(|column| stacked(column, &self.noise)).collect())
+    }
+
+    /// What the linear parameters at `direction` do, and what a refit leaves of it, channel by channel in units of noise.
+    fn done_and_left(&self, columns: &[DVector<f64>], direction: &[f64]) -> [DVector<f64>; 2] {
+        let mut z = DVector::zeros(self.trace.len() * self.noise.len());
+        for (column, d) in columns.iter().zip(direction).filter(|(_, d)| **d != 0.0) {
+            z.axpy(*d, column, 1.0);
         }
         let imitated = &self.base * (&self.inverse * self.base.tr_mul(&z));
-        let r = z - imitated;
-        Ok((0..self.noise.len()).map(|c| (r.rows(c * n, n).norm_squared() / n as f64).sqrt()).collect())
+        let left = &z - imitated;
+        [z, left]
+    }
+
+    /// RMS per channel of what a refit leaves of the effect with its linear parameters at `direction`, in units of noise.
+    fn left(&self, columns: &[DVector<f64>], direction: &[f64]) -> Vec<f64> {
+        let n = self.trace.len();
+        let [_, r] = self.done_and_left(columns, direction);
+        (0..self.noise.len()).map(|c| (r.rows(c * n, n).norm_squared() / n as f64).sqrt()).collect()
+    }
+
+    /// `direction`, or one item of it where all together imitate what each alone does not: the model takes up a factor common
+    /// to all torques.
+    fn departing(&self, columns: &[DVector<f64>], direction: Vec<f64>, rng: &mut ChaCha8Rng) -> Vec<f64> {
+        let share = |direction: &[f64]| {
+            let [done, left] = self.done_and_left(columns, direction);
+            (left.norm_squared() / done.norm_squared().max(f64::MIN_POSITIVE)).sqrt()
+        };
+        let only =
+            |i: usize| (0..direction.len()).map(|k| if k == i { direction[k] } else { 0.0 }).collect::<Vec<f64>>();
+        let items: Vec<usize> = (0..direction.len()).filter(|&i| direction[i] != 0.0).collect();
+        let shares: Vec<f64> = items.iter().map(|&i| share(&only(i))).collect();
+        let largest = shares.iter().copied().fold(0.0, f64::max);
+        if items.len() < 2 || largest < APART * share(&direction) {
+            return direction;
+        }
+        let shown: Vec<usize> =
+            items.iter().zip(&shares).filter(|(_, share)| **share >= SHOWN * largest).map(|(i, _)| *i).collect();
+        only(shown[rng.random_range(0..shown.len())])
+    }
+
+    /// Share of a law outside the library that no sum of the search's laws makes, see [`span`].
+    ///
+    /// # Errors
+    /// If the machine cannot follow the motion.
+    pub fn unspanned(&self, law: Outside) -> Result<f64, FitError> {
+        let terms = &law.effect().terms;
+        span::unspanned(self.robot, &self.trace, &self.noise, terms[0].at, &terms[0].law)
     }
 
     /// The same of `scale` times `direction` by the refit itself, with all its limits, along the motion without noise.
@@ -317,31 +370,19 @@ impl<'a> Sizer<'a> {
 /// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is rounding.
 const POSSIBLE: f64 = 1e-10;
 
-/// Linear parameters at half to one and a half of their usual magnitude, of either sign where that is allowed; zero
-/// elsewhere.
+/// Linear parameters at half to one and a half of their usual magnitude, with either sign as often as their range has room
+/// for it; zero elsewhere.
 fn direction(active: &ActiveEffect, rng: &mut ChaCha8Rng) -> Vec<f64> {
-    let both = !POSITIVE.contains(&active.effect.name());
-    let mut direction: Vec<f64> = active
-        .entries()
-        .iter()
-        .map(|entry| {
-            let p = entry.parameter;
-            let drawn = p.default * rng.random_range(0.5..1.5);
-            // A formula states its sign itself.
-            let either = both && p.range.0 < 0.0 && active.effect.formula().is_none();
-            let sign = if rng.random_bool(0.5) && either { -1.0 } else { 1.0 };
-            if p.role == Role::Linear { sign * drawn } else { 0.0 }
-        })
-        .collect();
-    if SINGLE.contains(&active.effect.name()) {
-        // Of torque gains, those of arms: nothing but axis 4's own parameters shows a gain of axis 4.
-        let arms = active.host.mechanism.arms();
-        let candidates: Vec<usize> = (0..direction.len()).filter(|&i| direction[i] != 0.0).collect();
-        let n = if active.effect.name() == "torque_gain_error" { arms } else { candidates.len() };
-        let kept = candidates[rng.random_range(0..n)];
-        direction.iter_mut().enumerate().filter(|(i, _)| *i != kept).for_each(|(_, d)| *d = 0.0);
-    }
-    direction
+    let drawn = |entry: &deltatwin::effects::Entry| {
+        let p = entry.parameter;
+        let size = p.default * rng.random_range(0.5..1.5);
+        let (low, high) = p.range;
+        let negative = rng.random_bool((-low / (high - low)).clamp(0.0, 1.0));
+        // A formula states its sign itself.
+        let sign = if negative && active.effect.formula().is_none() { -1.0 } else { 1.0 };
+        if p.role == Role::Linear { sign * size } else { 0.0 }
+    };
+    active.entries().iter().map(drawn).collect()
 }
 
 /// Channel by channel in units of its noise.

@@ -1,0 +1,304 @@
+//! Whether a law outside the library of effects lies in the span of the laws that the search for the unknown tries.
+//!
+//! A formula of that search is a sum of at most [`MOST`] of its laws, each with an inner number between neighbours of a grid.
+//! A law is fitted by such sums, least squares over the instants of a motion on what the model's own parameters cannot
+//! imitate: laws are taken one at a time, the best first (orthogonal matching pursuit), and after each the inner numbers are
+//! refined in turn. What the fit leaves of the law's energy decides. All columns of the search at once would leave nothing of
+//! any smooth law and say nothing: there are thousands of them.
+//!
+//! The pursuit is greedy. A law that a luckier choice would make is called outside; the share says how far.
+
+use nalgebra::{DMatrix, DVector};
+
+use deltatwin::diagnosis::unknown::library::{Atom, Cover, hums, library};
+use deltatwin::diagnosis::unknown::{MOST, Sight};
+use deltatwin::effects::formula::{Expression, Place, Variable};
+use deltatwin::identification::Trace;
+use deltatwin::identification::fit::FitError;
+use deltatwin::model::Model;
+
+/// Share of a law's energy that may be left of a law in the span.
+pub const WITHIN: f64 = 1e-6;
+/// Instants of the fit.
+const INSTANTS: usize = 1000;
+/// Laws of the search refined per step, those that take most first.
+const TRIED: usize = 8;
+/// Golden sections of an inner number.
+const SECTIONS: usize = 40;
+/// Passes over the inner numbers after each law.
+const PASSES: usize = 2;
+/// A column that loses more than this share of itself to others is made of them.
+const COLLINEAR: f64 = 1e-9;
+
+/// Share of the energy of `law` at `at` along `trace` that no sum of the search's laws makes, beyond what the own parameters
+/// of `model` imitate; zero where these imitate all of it. `noise` weighs the channels.
+///
+/// # Errors
+/// If the machine cannot follow the motion.
+pub fn unspanned(model: &Model, trace: &Trace, noise: &[f64], at: Place, law: &Expression) -> Result<f64, FitError> {
+    let sight = Sight::new(model, std::slice::from_ref(trace), noise, &|_| false)?;
+    let Some(place) = sight.places.iter().position(|p| *p == at) else { return Ok(1.0) };
+    let ground = Ground::new(&sight);
+    let mut atoms = library(&sight.places, &Cover::new(&sight.variables));
+    if let Some(time) = Variable::named("t") {
+        atoms.extend(hums(&sight.places, &effect_of(&sight, place, law), &sight.variables[time.index()]));
+    }
+    Ok(ground.left_of(&atoms, place, law))
+}
+
+/// What a law does to every channel.
+fn effect_of(sight: &Sight, place: usize, law: &Expression) -> Vec<Vec<f64>> {
+    let force = |k: usize| law.value(|v: Variable| sight.variables[v.index()][k]);
+    let forces: Vec<f64> = (0..sight.len()).map(force).collect();
+    sight.responses[place].iter().map(|response| response.iter().zip(&forces).map(|(r, f)| r * f).collect()).collect()
+}
+
+/// A law of the search with `number` inside, in all digits.
+fn laws(atom: &Atom, number: Option<f64>) -> Vec<Expression> {
+    let digits = number.map_or(String::new(), |x| format!("({x})"));
+    atom.laws.iter().filter_map(|law| Expression::parse(&law.replace('#', &digits)).ok()).collect()
+}
+
+/// The motion at the instants of the fit, with the model's own parameters.
+struct Ground<'a> {
+    sight: &'a Sight,
+    instants: Vec<usize>,
+    /// Orthonormal columns of the model's parameters, channel by channel.
+    own: Vec<DVector<f64>>,
+    /// Inner products of the own columns with a unit force at each instant, `[place]`: instants × columns.
+    own_at: Vec<DMatrix<f64>>,
+}
+
+/// A law that was taken.
+struct Taken<'a> {
+    atom: &'a Atom,
+    columns: Vec<DVector<f64>>,
+}
+
+impl<'a> Ground<'a> {
+    fn new(sight: &'a Sight) -> Self {
+        let stride = sight.len().div_ceil(INSTANTS).max(1);
+        let instants: Vec<usize> = (0..sight.len()).step_by(stride).collect();
+        let gathered = |channels: &Vec<Vec<f64>>| {
+            DVector::from_iterator(
+                channels.len() * instants.len(),
+                channels.iter().flat_map(|channel| instants.iter().map(move |&k| channel[k])),
+            )
+        };
+        let mut own = Vec::new();
+        for column in &sight.base {
+            own.extend(beyond(&own, gathered(column)));
+        }
+        let responses: Vec<DVector<f64>> = sight.responses.iter().map(gathered).collect();
+        let n = instants.len();
+        let own_at = responses
+            .iter()
+            .map(|response| {
+                DMatrix::from_fn(n, own.len(), |k, j| {
+                    (0..response.len() / n).map(|c| response[c * n + k] * own[j][c * n + k]).sum()
+                })
+            })
+            .collect();
+        Self { sight, instants, own, own_at }
+    }
+
+    /// Values of a law at the instants.
+    fn values(&self, law: &Expression) -> DVector<f64> {
+        let variables = &self.sight.variables;
+        DVector::from_iterator(
+            self.instants.len(),
+            self.instants.iter().map(|&k| law.value(|v: Variable| variables[v.index()][k])),
+        )
+    }
+
+    /// What forces at a place do to all channels, before the own parameters take their part.
+    fn column(&self, place: usize, force: &DVector<f64>) -> DVector<f64> {
+        let channels = &self.sight.responses[place];
+        let at = |channel: &'a Vec<f64>| self.instants.iter().zip(force).map(|(&k, f)| channel[k] * f);
+        DVector::from_iterator(channels.len() * self.instants.len(), channels.iter().flat_map(at))
+    }
+
+    /// The columns of a law of the search with `number` inside, beyond the own parameters.
+    fn columns(&self, atom: &Atom, number: Option<f64>) -> Vec<DVector<f64>> {
+        let beyond = |law: &Expression| {
+            let mut column = self.column(atom.place, &self.values(law));
+            for own in &self.own {
+                column.axpy(-own.dot(&column), own, 1.0);
+            }
+            column
+        };
+        laws(atom, number).iter().map(beyond).collect()
+    }
+
+    /// Share of a law's energy that the pursuit leaves.
+    fn left_of(&self, atoms: &[Atom], place: usize, law: &Expression) -> f64 {
+        let Some(target) = beyond(&self.own, self.column(place, &self.values(law))) else { return 0.0 };
+        let forces: Vec<Vec<DVector<f64>>> = atoms
+            .iter()
+            .map(|atom| laws(atom, atom.number.map(|n| n.value)).iter().map(|law| self.values(law)).collect())
+            .collect();
+        let grams: Vec<DMatrix<f64>> = atoms.iter().zip(&forces).map(|(a, f)| self.gram(a.place, f)).collect();
+        let mut taken: Vec<Taken> = Vec::new();
+        let mut left = target.clone();
+        while taken.len() < MOST && left.norm_squared() > WITHIN {
+            let others: Vec<DVector<f64>> = basis(&taken, None);
+            let mut order: Vec<(f64, usize)> = self.gains(atoms, &forces, &grams, &left);
+            order.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let refined = order.iter().take(TRIED).map(|&(_, i)| self.refined(&atoms[i], &others, &left));
+            let Some((_, best)) = refined.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            taken.push(best);
+            let count = taken.len();
+            for i in (0..PASSES).flat_map(|_| 0..count) {
+                let others = basis(&taken, Some(i));
+                taken[i] = self.refined(taken[i].atom, &others, &outside(&others, &target)).1;
+            }
+            left = outside(&basis(&taken, None), &target);
+        }
+        left.norm_squared().min(1.0)
+    }
+
+    /// Inner products of a law's columns beyond the own parameters.
+    fn gram(&self, place: usize, forces: &[DVector<f64>]) -> DMatrix<f64> {
+        let response = &self.sight.responses[place];
+        let weight = |k: usize| -> f64 { response.iter().map(|channel| channel[k] * channel[k]).sum() };
+        let weights: Vec<f64> = self.instants.iter().map(|&k| weight(k)).collect();
+        let own: Vec<DVector<f64>> = forces.iter().map(|force| self.own_at[place].tr_mul(force)).collect();
+        DMatrix::from_fn(forces.len(), forces.len(), |i, j| {
+            let whole: f64 = weights.iter().zip(&forces[i]).zip(&forces[j]).map(|((w, a), b)| w * a * b).sum();
+            whole - own[i].dot(&own[j])
+        })
+    }
+
+    /// Energy of `left` that each law of the search takes alone, with its number. `left` lies beyond the own parameters.
+    fn gains(
+        &self,
+        atoms: &[Atom],
+        forces: &[Vec<DVector<f64>>],
+        grams: &[DMatrix<f64>],
+        left: &DVector<f64>,
+    ) -> Vec<(f64, usize)> {
+        let n = self.instants.len();
+        let at_place = |response: &Vec<Vec<f64>>| {
+            let sum = |k: usize| response.iter().enumerate().map(|(c, r)| r[self.instants[k]] * left[c * n + k]).sum();
+            DVector::from_iterator(n, (0..n).map(sum))
+        };
+        let products: Vec<DVector<f64>> = self.sight.responses.iter().map(at_place).collect();
+        let gain = |i: usize| {
+            let b = DVector::from_iterator(forces[i].len(), forces[i].iter().map(|f| f.dot(&products[atoms[i].place])));
+            let solved = grams[i].clone().cholesky().map(|c| c.solve(&b));
+            solved.map_or(0.0, |x| b.dot(&x)).max(0.0)
+        };
+        (0..atoms.len()).map(|i| (gain(i), i)).filter(|(gain, _)| gain.is_finite()).collect()
+    }
+
+    /// A law of the search with the inner number that takes most of `left` beside `others`, and what it takes.
+    fn refined<'b>(&self, atom: &'b Atom, others: &[DVector<f64>], left: &DVector<f64>) -> (f64, Taken<'b>) {
+        let take = |number: Option<f64>| {
+            let columns = self.columns(atom, number);
+            let mut all = others.to_vec();
+            for column in &columns {
+                let more = beyond(&all, column.clone());
+                all.extend(more);
+            }
+            let gain: f64 = all[others.len()..].iter().map(|q| q.dot(left).powi(2)).sum();
+            (if gain.is_finite() { gain } else { 0.0 }, Taken { atom, columns })
+        };
+        let Some(number) = atom.number else { return take(None) };
+        let golden = 0.5 * (5f64.sqrt() - 1.0);
+        let (mut a, mut b) = number.range;
+        let (mut c, mut d) = (b - golden * (b - a), a + golden * (b - a));
+        let gain = |x: f64| take(Some(x)).0;
+        let (mut at_c, mut at_d) = (gain(c), gain(d));
+        for _ in 0..SECTIONS {
+            if at_c > at_d {
+                (b, d, at_d) = (d, c, at_c);
+                c = b - golden * (b - a);
+                at_c = gain(c);
+            } else {
+                (a, c, at_c) = (c, d, at_d);
+                d = a + golden * (b - a);
+                at_d = gain(d);
+            }
+        }
+        // The section may have followed a lesser hill than the one it started from.
+        let (section, start) = (take(Some(0.5 * (a + b))), take(Some(number.value)));
+        if section.0 >= start.0 { section } else { start }
+    }
+}
+
+/// Orthonormal columns of what was taken, but for one of them.
+fn basis(taken: &[Taken], without: Option<usize>) -> Vec<DVector<f64>> {
+    let mut all = Vec::new();
+    for (_, one) in taken.iter().enumerate().filter(|(i, _)| Some(*i) != without) {
+        for column in &one.columns {
+            let more = beyond(&all, column.clone());
+            all.extend(more);
+        }
+    }
+    all
+}
+
+/// A column without what orthonormal ones make of it.
+fn outside(orthonormal: &[DVector<f64>], column: &DVector<f64>) -> DVector<f64> {
+    let mut left = column.clone();
+    for q in orthonormal.iter().chain(orthonormal) {
+        left.axpy(-q.dot(&left), q, 1.0);
+    }
+    left
+}
+
+/// The same of unit length; none if they make all of it.
+fn beyond(orthonormal: &[DVector<f64>], column: DVector<f64>) -> Option<DVector<f64>> {
+    let size = column.norm();
+    let left = outside(orthonormal, &column);
+    let norm = left.norm();
+    (size.is_finite() && norm > COLLINEAR * size && norm > 0.0).then(|| left / norm)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::campaign::prepare;
+    use super::super::outside::Outside;
+    use super::super::{Case, MotionKind};
+    use super::*;
+    use crate::demo::MODEL;
+
+    fn share(at: &'static str, law: &'static str) -> f64 {
+        let model = Model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
+        let outside = Some(Outside { name: "law", at, law });
+        let case = Case { outside, motion: MotionKind::Fourier, duration: 6.0, ..Case::default() };
+        let beyond: Vec<&dyn deltatwin::effects::Effect> = Vec::new();
+        assert!(prepare(&model, &Case { outside: None, ..case.clone() }, &beyond).unwrap().unspanned.is_none());
+        prepare(&model, &case, &[outside.unwrap().effect()]).unwrap().unspanned.unwrap()
+    }
+
+    #[test]
+    fn sums_of_the_searchs_laws_are_in_its_span() {
+        for (at, law) in [
+            ("drive1", "sin(47*q1 + 0.7)"),
+            ("drive3", "-qd3*abs(qd3) + 0.05*qd3^3"),
+            ("drive2", "sin(2*pi*7.3*t)"),
+            ("platform_y", "-sin(9*y)"),
+            // The model's own: nothing is left to make.
+            ("drive2", "-qd2 - tanh(100*qd2)"),
+        ] {
+            let share = share(at, law);
+            assert!(share < WITHIN, "{law}: {share:e}");
+        }
+    }
+
+    #[test]
+    fn laws_of_other_shapes_are_not() {
+        for (at, law, least) in [
+            ("drive1", "cos(132*q1)*qdd1", 0.5),
+            ("drive2", "-tanh(50*(qd2 + qd3))", 0.01),
+            // A gentler slope at reversals than the search has.
+            ("drive3", "-tanh(12*qd3)*(q3 - 0.3)", WITHIN),
+        ] {
+            let share = share(at, law);
+            assert!((least..=1.0).contains(&share), "{law}: {share:e}");
+        }
+    }
+}
