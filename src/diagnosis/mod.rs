@@ -399,7 +399,7 @@ impl Fitting<'_> {
     fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
         problem.base.retain(|c| !self.holds(&c.name));
-        problem::along_edge(&mut problem.base, fit);
+        problem::along_edges(&mut problem.base, fit);
         Ok(problem)
     }
 

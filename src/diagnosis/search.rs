@@ -378,7 +378,7 @@ impl Search<'_> {
             }
             next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
         }
-        problem::along_edge(&mut next.base, fitted);
+        problem::along_edges(&mut next.base, fitted);
         Ok(next)
     }
 }
