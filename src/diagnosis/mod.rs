@@ -44,6 +44,28 @@ pub enum DiagnosisError {
     /// The statistics failed.
     #[error("diagnosis: {0}")]
     Evidence(#[from] evidence::Error),
+    /// Too little is left of the recordings for statistics.
+    #[error(
+        "diagnosis: {used:.3} s of {recorded:.3} s are usable ({rows} means of {block} samples; the noise model needs the first \
+         {skip} of each of {stretches} stretches), expected at least {needed:.3} s ({means} means); record longer, or without gaps",
+        block = problem::BLOCK
+    )]
+    TooShort {
+        /// Length of all stretches, s.
+        recorded: f64,
+        /// Stretches of evenly spaced samples.
+        stretches: usize,
+        /// Part of it that statistics can use, s.
+        used: f64,
+        /// The same in means.
+        rows: usize,
+        /// Means that the noise model needs of each stretch.
+        skip: usize,
+        /// Least length, s.
+        needed: f64,
+        /// The same in means.
+        means: usize,
+    },
     /// No recording was given.
     #[error("no recording to diagnose")]
     NoData,
@@ -80,6 +102,24 @@ pub enum DiagnosisError {
     /// The effect is in the model already.
     #[error("the model has `{0}` already")]
     Present(String),
+}
+
+impl DiagnosisError {
+    /// An error of the statistics on means of samples, in the seconds of the recordings.
+    fn of_statistics(error: evidence::Error, traces: &[Trace]) -> Self {
+        let evidence::Error::TooShort { rows, skip, needed: means } = error else { return error.into() };
+        let mean = problem::BLOCK as f64 * traces.iter().map(|t| t.dt).fold(0.0, f64::max);
+        let (stretches, all) = problem::segments(traces);
+        Self::TooShort {
+            recorded: all as f64 * mean,
+            stretches: stretches.len(),
+            used: rows as f64 * mean,
+            rows,
+            skip,
+            needed: means as f64 * mean,
+            means,
+        }
+    }
 }
 
 /// Conclusion of a diagnosis.
@@ -225,9 +265,10 @@ pub fn diagnose_within(
     let mut effects = Vec::new();
     for (finding, without) in outcome.findings.iter().zip(&without) {
         let name = candidates[finding.chosen.candidate][0].effect.name();
+        let judged_in = finding.problem.as_deref().or(outcome.refitted.as_ref()).unwrap_or(&problem);
         effects.push(Named {
             name: name.into(),
-            confidence: Confidence::of(finding, outcome.refitted.as_ref().unwrap_or(&problem), &settings)?,
+            confidence: Confidence::of(finding, judged_in, &settings)?,
             explained: explained(&rms_before, without, &rms_after, &noise_floor),
             parameters: Vec::new(),
         });

@@ -5,6 +5,7 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant};
 use super::{DiagnosisError, Fitting, problem, without_effects};
@@ -216,8 +217,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Forward selection; the model is refitted after every addition if any parameter enters its prediction nonlinearly: the
-    /// error of an old linearisation looks like further effects.
+    /// Forward selection; the model is refitted after every addition if any parameter enters its prediction nonlinearly, or if
+    /// an edge of the possible holds some: the error of an old linearisation looks like further effects.
     /// `all` becomes the assessment before anything was added.
     fn select(
         &self,
@@ -229,12 +230,13 @@ impl Search<'_> {
         let mut stopped: Option<Selection> = None;
         let mut last: Option<(Vec<Chosen>, Judged)> = None;
         let fitting = self.judge.fitting;
-        let outcome = evidence::select_with(stated, settings, &|| fitting.is_late(), |chosen, ranking| {
+        let refit = |chosen: &[Chosen], ranking: &Ranking| {
             all.get_or_insert_with(|| ranking.clone());
             let names: Vec<&str> = chosen.iter().map(|c| self.shape(c).effect.name()).collect();
             let is_lag = self.may_lag && names.last() == Some(&DELAY);
             let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
-            if !is_lag && !is_nonlinear(&model) {
+            let is_held = !self.start.fit.edges.is_empty();
+            if !is_lag && !is_held && !is_nonlinear(&model) {
                 fitting.has_tried();
                 return Ok(Refit::Same);
             }
@@ -272,11 +274,13 @@ impl Search<'_> {
             }
             stopped = Some(selection);
             Err(String::new())
-        });
+        };
+        let apart = |others: &[Chosen]| self.apart(others, stated);
+        let outcome = evidence::select_with(stated, settings, &|| fitting.is_late(), refit, &apart);
         if let Some(stopped) = stopped {
             return Ok(stopped);
         }
-        let outcome = outcome?;
+        let outcome = outcome.map_err(|e| DiagnosisError::of_statistics(e, fitting.traces))?;
         let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
         let end = match last {
             _ if chosen.is_empty() => self.start.clone(),
@@ -344,6 +348,22 @@ impl Search<'_> {
     fn lag(&self, fit: &Fit, names: &[&str]) -> Option<ActiveEffect> {
         let late = delay(&fit.model).filter(|_| self.may_lag && names.contains(&DELAY))?;
         (late.values[0].abs() < 0.5 * self.judge.fitting.traces[0].dt).then(|| late.clone())
+    }
+
+    /// The problem at the parameters fitted with `others` alone, where an edge of the possible holds these.
+    ///
+    /// With the effect that is missing parameters leave that edge; beside them there, possible or not, the effect would explain
+    /// nothing: a payload's height is the platform's.
+    fn apart(&self, others: &[Chosen], stated: &Problem) -> Option<Arc<Problem>> {
+        if self.start.fit.edges.is_empty() {
+            return None;
+        }
+        if others.is_empty() {
+            return Some(Arc::new(stated.clone()));
+        }
+        let fitted = self.refit(others, None).ok().filter(|f| !f.fit.edges.is_empty())?;
+        let names: Vec<&str> = others.iter().map(|c| self.shape(c).effect.name()).collect();
+        self.relinearised(&fitted.fit, stated, others, &names).ok().map(Arc::new)
     }
 
     /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.

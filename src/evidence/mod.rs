@@ -52,5 +52,5 @@ pub use evaluate::{evaluate, evaluate_only};
 pub(crate) use gram::dot;
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, Visibility};
-pub use select::{Finding, Outcome, Refit, Step, Verdict, select, select_with};
+pub use select::{Apart, Finding, Outcome, Refit, Step, Verdict, select, select_with};
 pub use stop::{NEVER, Stop};

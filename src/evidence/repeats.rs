@@ -75,7 +75,8 @@ pub fn rotation_test(motions: &[Motion], lines: usize, draws: usize, seed: u64) 
     let lines = lines.min(shortest.saturating_sub(1) / 2);
     let freedom: usize = used.iter().map(|m| m.repeats.len() - 1).sum();
     if lines == 0 || freedom * (NEIGHBOURS + 1).min(lines) < channels {
-        return Err(Error::TooShort { rows: shortest, blocks: freedom, needed: channels });
+        let values = freedom * (NEIGHBOURS + 1).min(lines);
+        return Err(Error::Undetermined { values, parameters: channels });
     }
     let spectra: Vec<Spectra> = used.par_iter().map(|m| Spectra::new(m, channels, lines)).collect();
     let straight: Vec<Vec<f64>> = spectra.iter().map(|s| vec![(s.repeats as f64).sqrt().recip(); s.repeats]).collect();
