@@ -7,10 +7,12 @@ use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::{Fit, Options, fit_with};
 use deltatwin::identification::regularisation::GroupWeight;
 use deltatwin::identification::{EncoderReadings, Trace, predict};
+use deltatwin::kinematics::{BodyMotion, JointState, Motion};
 use deltatwin::model::bodies::{ARM, STRUT};
-use deltatwin::model::{BodyParameters, Inertia, LinkParameters, Model, STRUTS};
+use deltatwin::model::{BodyParameters, Geometry, Inertia, LinkParameters, Model, STRUTS};
 use deltatwin::recording::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
+use nalgebra::DMatrix;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -55,40 +57,105 @@ fn fitted(links: LinkParameters, data: &Trace, options: &Options) -> Fit {
     fit_with(&model, std::slice::from_ref(data), &[SIGMA.to_vec()], options).expect("a fit")
 }
 
-/// Numbers of `rigid_bodies` and rank of their regressor; rank with the end effector's first moments across its axis.
-fn counts(links: LinkParameters) -> [usize; 3] {
+/// A model of the links alone, with or without the end effector's first moments across its axis.
+fn alone(links: LinkParameters, flange: bool) -> Model {
     let mut model = Model { link_parameters: links, ..common::model("irb360-6-1600") };
     model.effects.clear();
-    let data = trace(&model, 0.0);
-    let numbers = Plant::new(&model, &Setup::default()).parameters().len();
-    let rank = |model: &Model| {
-        let data = std::slice::from_ref(&data);
-        fit_with(model, data, &[SIGMA.to_vec()], &Options::default()).expect("a fit").structure.rank
-    };
-    let alone = rank(&model);
-    model.effects.push(ActiveEffect::absent(find("payload_com_offset").expect("registered")));
-    [numbers, alone, rank(&model)]
+    if flange {
+        model.effects.push(ActiveEffect::absent(find("payload_com_offset").expect("registered")));
+    }
+    model
 }
 
-/// Numbers of parameters of the links, as the paper counts them.
+/// Rank of the torques' regressor.
+fn rank_of_torques(model: &Model, data: &Trace) -> usize {
+    fit_with(model, std::slice::from_ref(data), &[SIGMA.to_vec()], &Options::default()).expect("a fit").structure.rank
+}
+
+/// Lagrangian of an inertia on a body.
+fn lagrangian(inertia: &Inertia, body: &BodyMotion, gravity: f64) -> f64 {
+    let moment = body.rotation * inertia.first_moment;
+    let omega = body.rotation.tr_mul(&body.angular_velocity);
+    let kinetic = 0.5 * inertia.mass * body.velocity.norm_squared()
+        + body.velocity.dot(&body.angular_velocity.cross(&moment))
+        + 0.5 * omega.dot(&(inertia.tensor * omega));
+    kinetic - gravity * (inertia.mass * body.position.z + moment.z)
+}
+
+/// Turns the struts with their frames, whose y axis stays in the plane of strut and pair: ω = w × ẇ + (ẏ·z)·w.
+fn turn_struts(motion: &mut Motion) {
+    for strut in 0..STRUTS {
+        let body = &mut motion.bodies[STRUT + strut];
+        let [w, y, z] = [0, 1, 2].map(|k| body.rotation.column(k).into_owned());
+        let (v, w_rate) = (Geometry::tangential(strut / 2), body.angular_velocity.cross(&w));
+        // y = n/|n| with n = v − w(w·v), and n·z = 0.
+        let n_rate = -w_rate * w.dot(&v) - w * w_rate.dot(&v);
+        let across = (v - w * w.dot(&v)).norm();
+        assert!(y.dot(&n_rate).is_finite() && across > 0.1);
+        body.angular_velocity += w * (n_rate.dot(&z) / across);
+    }
+}
+
+/// Number of parameters' combinations that equations of motion hold: Lagrange's equations of L = Σ p_j·L_j vanish for a
+/// constant L alone, since every L_j is quadratic in the rates.
+fn rank_of_lagrangians(model: &Model, data: &Trace, turning: bool) -> usize {
+    let plant = Plant::new(model, &Setup::default());
+    let effects: Vec<ActiveEffect> = std::iter::once(plant.rigid_bodies()).chain(plant.effects.clone()).collect();
+    let columns: usize = effects.iter().map(|a| a.values.len()).sum();
+    let states: Vec<&JointState> = data.joints.iter().step_by(5).collect();
+    let mut of = DMatrix::zeros(states.len(), columns + 1);
+    for (row, joints) in states.into_iter().enumerate() {
+        let mut motion = plant.motion(joints).expect("reachable");
+        if turning {
+            turn_struts(&mut motion);
+        }
+        let mut first = 0;
+        for active in &effects {
+            let values = active.values();
+            active.effect.inertia(&values, &plant.payload, &mut |k, body, unit| {
+                of[(row, first + k)] += lagrangian(&unit, &motion.bodies[body], plant.gravity);
+            });
+            first += active.values.len();
+        }
+        of[(row, columns)] = 1.0;
+    }
+    for mut column in of.column_iter_mut() {
+        let norm = column.norm();
+        if norm > 0.0 {
+            column /= norm;
+        }
+    }
+    // From 7e-3 to 4e-16 of the largest there is none.
+    let singular = of.singular_values();
+    singular.iter().filter(|s| **s > 1e-9 * singular.amax()).count() - 1
+}
+
+/// Numbers of parameters and of their combinations: 51 and 37 in the paper (section 6.3.3).
 #[test]
 fn the_papers_counts() {
     use BodyParameters::{Aligned, Complete, Symmetric};
-    // The 18 without the masses that do not enter, with the height of the platform's centre of mass, which strut forces show;
-    // section 6.3.3: 51 for the bodies without the assumptions. Ranks are printed: the regressor's are lower than those of
-    // body energies (`docs/identification.md`), and which are the paper's is open.
+    // The 18 without the masses that do not enter, with the height of the platform's centre of mass, which strut forces show.
+    // Then combinations: with struts that turn with their frames, as the paper's, and with those that do not, as here.
     let cases = [
-        (links(false, Symmetric), 17),
-        (links(true, Symmetric), 31),
-        (links(true, Aligned), 3 * 14 + 3 * 7 + 1),
-        (links(false, Complete), 51),
-        (links(true, Complete), 3 * 20 + 3 * 10 + 1),
+        (links(false, Symmetric), 17, 11, 10),
+        (links(true, Symmetric), 31, 21, 18),
+        (links(false, Aligned), 2 * 7 + 3 * 7 + 1, 19, 18),
+        (links(true, Aligned), 3 * 14 + 3 * 7 + 1, 35, 32),
+        (links(false, Complete), 51, 25, 22),
+        (links(true, Complete), 3 * 20 + 3 * 10 + 1, 47, 38),
     ];
-    for (links, numbers) in cases {
-        let counted = counts(links);
-        println!("{links:?}: {counted:?}");
-        assert_eq!(counted[0], numbers, "{links:?}");
-        assert!(counted[1] < counted[2] && counted[2] < numbers, "{links:?}: {counted:?}");
+    let data = trace(&alone(links(false, Symmetric), false), 0.0);
+    for (links, numbers, turning, still) in cases {
+        let [bare, with] = [false, true].map(|flange| alone(links, flange));
+        assert_eq!(Plant::new(&bare, &Setup::default()).parameters().len(), numbers, "{links:?}");
+        // The end effector adds its two first moments across its axis.
+        for (model, more) in [(&bare, 0), (&with, 2)] {
+            assert_eq!(rank_of_lagrangians(model, &data, true), turning + more, "{links:?}");
+            assert_eq!(rank_of_lagrangians(model, &data, false), still + more, "{links:?}");
+        }
+        println!("{links:?}: {}", rank_of_torques(&bare, &data));
+        assert_eq!(rank_of_torques(&bare, &data), still, "{links:?}");
+        assert_eq!(rank_of_torques(&with, &data), still + 2, "{links:?}");
     }
 }
 

@@ -144,8 +144,9 @@ fn unseen(found: &Found, twin_only: &[String]) -> Vec<String> {
 
 /// The effects found, each with the confidence in its name and the share of the explainable error that goes with it.
 fn named(found: &Found, floor: &[f64]) -> Result<Vec<Named>, DiagnosisError> {
-    let problem = found.outcome.refitted.as_ref().unwrap_or(&found.problem);
+    let last = found.outcome.refitted.as_ref().unwrap_or(&found.problem);
     let one = |(finding, without): (&Finding, &Vec<f64>)| {
+        let problem = finding.problem.as_deref().unwrap_or(last);
         Ok(Named {
             name: problem.candidates[finding.chosen.candidate].name.clone(),
             confidence: Confidence::of(finding, problem, &found.settings)?,

@@ -2,7 +2,9 @@
 
 use thiserror::Error;
 
+use super::problem;
 use crate::evidence;
+use crate::identification::Trace;
 use crate::identification::fit::FitError;
 
 /// Why a diagnosis cannot be made.
@@ -14,6 +16,28 @@ pub enum DiagnosisError {
     /// The statistics failed.
     #[error("diagnosis: {0}")]
     Evidence(#[from] evidence::Error),
+    /// Too little is left of the recordings for statistics.
+    #[error(
+        "diagnosis: {used:.3} s of {recorded:.3} s are usable ({rows} means of {block} samples; the noise model needs the first \
+         {skip} of each of {stretches} stretches), expected at least {needed:.3} s ({means} means); record longer, or without gaps",
+        block = problem::BLOCK
+    )]
+    TooShort {
+        /// Length of all stretches, s.
+        recorded: f64,
+        /// Stretches of evenly spaced samples.
+        stretches: usize,
+        /// Part of it that statistics can use, s.
+        used: f64,
+        /// The same in means.
+        rows: usize,
+        /// Means that the noise model needs of each stretch.
+        skip: usize,
+        /// Least length, s.
+        needed: f64,
+        /// The same in means.
+        means: usize,
+    },
     /// No recording was given.
     #[error("no recording to diagnose")]
     NoData,
@@ -50,4 +74,22 @@ pub enum DiagnosisError {
     /// The effect is in the model already.
     #[error("the model has `{0}` already")]
     Present(String),
+}
+
+impl DiagnosisError {
+    /// An error of the statistics on means of samples, in the seconds of the recordings.
+    pub(super) fn of_statistics(error: evidence::Error, traces: &[Trace]) -> Self {
+        let evidence::Error::TooShort { rows, skip, needed: means } = error else { return error.into() };
+        let mean = problem::BLOCK as f64 * traces.iter().map(|t| t.dt).fold(0.0, f64::max);
+        let (stretches, all) = problem::segments(traces);
+        Self::TooShort {
+            recorded: all as f64 * mean,
+            stretches: stretches.len(),
+            used: rows as f64 * mean,
+            rows,
+            skip,
+            needed: means as f64 * mean,
+            means,
+        }
+    }
 }

@@ -91,7 +91,7 @@ impl<'a> Fitting<'a> {
     pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
         problem.base.retain(|c| !self.is_fixed(&c.name));
-        problem::along_edge(&mut problem.base, fit);
+        problem::along_edges(&mut problem.base, fit);
         Ok(problem)
     }
 

@@ -183,20 +183,22 @@ fn linearised(
     Ok((owned, columns))
 }
 
-/// Leaves parameters the freedom to move along the edge of the possible on which a fit stands, not across it.
+/// Leaves parameters the freedom to move along the edges of the possible on which a fit stands, not across them.
 ///
-/// With n the pull across the edge, a step d along it has n·d = 0: the parameter that is pulled most follows the others,
+/// With n the pull across an edge, a step d along it has n·d = 0: the parameter that is pulled most follows the others,
 /// d_k = −Σ n_j/n_k·d_j, and its column goes into theirs.
-pub fn along_edge(base: &mut Vec<Column>, fit: &Fit) {
-    let pull = |c: &Column| fit.edge.iter().find(|(name, _)| *name == c.name).map_or(0.0, |(_, n)| *n);
-    let weight = |c: &Column| (pull(c) * c.magnitude).abs();
-    let most = (0..base.len()).max_by(|&a, &b| weight(&base[a]).total_cmp(&weight(&base[b])));
-    let Some(k) = most.filter(|&k| weight(&base[k]) > 0.0) else { return };
-    let held = base.remove(k);
-    for c in base.iter_mut() {
-        let share = pull(c) / pull(&held);
-        if share != 0.0 {
-            c.values.iter_mut().zip(&held.values).for_each(|(x, h)| *x -= share * h);
+pub fn along_edges(base: &mut Vec<Column>, fit: &Fit) {
+    for edge in &fit.edges {
+        let pull = |c: &Column| edge.iter().find(|(name, _)| *name == c.name).map_or(0.0, |(_, n)| *n);
+        let weight = |c: &Column| (pull(c) * c.magnitude).abs();
+        let most = (0..base.len()).max_by(|&a, &b| weight(&base[a]).total_cmp(&weight(&base[b])));
+        let Some(k) = most.filter(|&k| weight(&base[k]) > 0.0) else { continue };
+        let held = base.remove(k);
+        for c in base.iter_mut() {
+            let share = pull(c) / pull(&held);
+            if share != 0.0 {
+                c.values.iter_mut().zip(&held.values).for_each(|(x, h)| *x -= share * h);
+            }
         }
     }
 }

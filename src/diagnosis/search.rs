@@ -5,6 +5,7 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use super::fitting::Fitting;
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant};
@@ -285,25 +286,28 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Forward selection; the model is refitted after every addition if any parameter enters its prediction nonlinearly: the
-    /// error of an old linearisation looks like further effects.
+    /// Forward selection; the model is refitted after every addition if any parameter enters its prediction nonlinearly, or if
+    /// an edge of the possible holds some: the error of an old linearisation looks like further effects.
     fn select(&mut self, progress: &mut dyn FnMut(&str)) -> Result<Selection, DiagnosisError> {
         let (stated, fitting) = (self.stated(), self.judge.fitting);
         let mut stopped: Option<Selection> = None;
         let mut last: Option<Refitted> = None;
         let mut all = self.all.take();
-        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), |chosen, ranking| {
+        let refit = |chosen: &[Chosen], ranking: &Ranking| {
             all.get_or_insert_with(|| ranking.clone());
             self.added(chosen, ranking, &stated, &mut last, progress).map_err(|selection| {
                 stopped = Some(selection);
                 String::new()
             })
-        });
+        };
+        let apart = |others: &[Chosen]| self.apart(others, &stated);
+        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, &apart);
         self.all = all;
         if let Some(stopped) = stopped {
             return Ok(stopped);
         }
-        self.complete(outcome?, last, progress)
+        let outcome = outcome.map_err(|e| DiagnosisError::of_statistics(e, fitting.traces))?;
+        self.complete(outcome, last, progress)
     }
 
     /// What becomes of the problem when the last of `chosen` was added, or why the selection ends with it.
@@ -319,7 +323,8 @@ impl<'a> Search<'a> {
         let names = self.names(chosen);
         let is_lag = self.lag == Lag::Possible && names.last().is_some_and(|name| name == DELAY);
         let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
-        if !is_lag && !is_nonlinear(&model) {
+        let is_held = !self.start.fit.edges.is_empty();
+        if !is_lag && !is_held && !is_nonlinear(&model) {
             fitting.tried();
             return Ok(Refit::Same);
         }
@@ -443,6 +448,21 @@ impl<'a> Search<'a> {
         (late.values[0].abs() < self.half_sample()).then(|| late.clone())
     }
 
+    /// The problem at the parameters fitted with `others` alone, where an edge of the possible holds these.
+    ///
+    /// With the effect that is missing parameters leave that edge; beside them there, possible or not, the effect would explain
+    /// nothing: a payload's height is the platform's.
+    fn apart(&self, others: &[Chosen], stated: &Problem) -> Option<Arc<Problem>> {
+        if self.start.fit.edges.is_empty() {
+            return None;
+        }
+        if others.is_empty() {
+            return Some(Arc::new(stated.clone()));
+        }
+        let fitted = self.refit(others, None).ok().filter(|f| !f.fit.edges.is_empty())?;
+        self.relinearised(&fitted.fit, stated, others).ok().map(Arc::new)
+    }
+
     /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
     fn relinearised(&self, fitted: &Fit, stated: &Problem, chosen: &[Chosen]) -> Result<Problem, FitError> {
         let (fitting, names) = (self.judge.fitting, self.names(chosen));
@@ -469,7 +489,7 @@ impl<'a> Search<'a> {
             }
             next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
         }
-        problem::along_edge(&mut next.base, fitted);
+        problem::along_edges(&mut next.base, fitted);
         Ok(next)
     }
 }

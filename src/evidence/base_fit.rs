@@ -106,9 +106,14 @@ impl<'a> BaseFit<'a> {
         self.blocks = cut(&problem.segments, self.skip(), wanted.max(MIN_BLOCKS));
         self.correlation_time = time;
         self.blocks_too_short = wanted < MIN_BLOCKS;
-        let blocks = self.blocks.len();
-        if rows < MIN_BLOCKS * MIN_BLOCK || blocks < MIN_BLOCKS / 2 || self.rows(problem) <= self.columns.len() {
-            return Err(Error::TooShort { rows, blocks, needed: MIN_BLOCKS });
+        // A block is at most one and a half times as long as intended, so enough samples give enough blocks.
+        let needed = MIN_BLOCKS * MIN_BLOCK;
+        if rows < needed {
+            return Err(Error::TooShort { rows, skip: self.skip(), needed });
+        }
+        let (values, parameters) = (self.rows(problem), self.columns.len());
+        if values <= parameters {
+            return Err(Error::Undetermined { values, parameters });
         }
         Ok(())
     }

@@ -23,14 +23,25 @@ pub enum Error {
     #[error("there is nothing to diagnose: no channels or no samples")]
     Empty,
     /// Too few samples for block scores.
-    #[error("{rows} usable samples per channel give {blocks} blocks, at least {needed} are needed")]
+    #[error(
+        "{rows} samples per channel are left after the first {skip} of each stretch, which the noise model needs; at least \
+         {needed} are needed"
+    )]
     TooShort {
-        /// Samples per channel after the whitening filter's start.
+        /// Samples per channel after the whitening filter's start, over all stretches.
         rows: usize,
-        /// Blocks they give.
-        blocks: usize,
-        /// Blocks needed.
+        /// Samples that the start of the whitening filter takes of each stretch.
+        skip: usize,
+        /// Samples needed.
         needed: usize,
+    },
+    /// No more values than parameters.
+    #[error("{values} values of channels that are not exactly explained are too few for {parameters} parameters")]
+    Undetermined {
+        /// Values of all channels with a residual.
+        values: usize,
+        /// Parameters.
+        parameters: usize,
     },
     /// A chosen effect does not exist in the problem.
     #[error("chosen effect {0} or its variant is not in the problem")]

@@ -1,5 +1,7 @@
 //! One effect at a time: forward selection and backward removal.
 
+use std::sync::Arc;
+
 use super::Error;
 use super::evaluate::evaluate;
 use super::problem::{Chosen, Problem, Settings};
@@ -22,6 +24,8 @@ pub struct Finding {
     pub chosen: Chosen,
     /// Assessment of it and of all others; its confidence set are the effects it cannot be told from.
     pub ranking: Ranking,
+    /// The problem it was judged in, if that is not the last one.
+    pub problem: Option<Arc<Problem>>,
 }
 
 /// What becomes of the problem when an effect was added.
@@ -33,6 +37,9 @@ pub enum Refit {
     /// The effect does not stand, and there is no time to look for another.
     Withdraw,
 }
+
+/// The problem at the parameters that are best with the effects given, where it is another one than the last.
+pub type Apart<'a> = &'a dyn Fn(&[Chosen]) -> Option<Arc<Problem>>;
 
 /// Result of the whole procedure.
 #[derive(Clone, Debug)]
@@ -60,13 +67,22 @@ impl Outcome {
 
 /// The whole procedure on a problem that stays as it is.
 pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> {
-    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same))
+    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), &|_| None)
 }
 
 /// The whole procedure. After every addition `refit` gets the effects in the base and the last ranking and may return the
 /// problem linearised at better parameters; its candidates must be the same, in the same order. Once `stop` says so,
 /// nothing more is added or exchanged, and every effect is judged given those added before it.
-pub fn select_with<F>(problem: &Problem, settings: &Settings, stop: Stop, mut refit: F) -> Result<Outcome, Error>
+///
+/// Where `apart` gives a problem for some effects, a further one is judged beside them in that problem: at parameters that are
+/// the best without it, where these have less freedom than with it.
+pub fn select_with<F>(
+    problem: &Problem,
+    settings: &Settings,
+    stop: Stop,
+    mut refit: F,
+    apart: Apart,
+) -> Result<Outcome, Error>
 where
     F: FnMut(&[Chosen], &Ranking) -> Result<Refit, String>,
 {
@@ -106,7 +122,7 @@ where
     let first = steps.first().filter(|_| refitted.is_none());
     let (findings, removed) = match stop() {
         true => (steps.iter().map(as_added).collect(), Vec::new()),
-        false => prune(last, &mut chosen, first, settings, stop)?,
+        false => prune(last, &mut chosen, first, settings, &Context { stop, apart })?,
     };
     if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
         remaining = evaluate(last, &chosen, settings)?;
@@ -116,7 +132,13 @@ where
 
 /// The finding of a step, with only the effects added before it in the base.
 fn as_added(step: &Step) -> Finding {
-    Finding { chosen: step.added, ranking: step.ranking.clone() }
+    Finding { chosen: step.added, ranking: step.ranking.clone(), problem: None }
+}
+
+/// What removal depends on beside the problem.
+struct Context<'a> {
+    stop: Stop<'a>,
+    apart: Apart<'a>,
 }
 
 /// Judge every chosen effect given the others: remove those that explain nothing more, exchange those that another
@@ -126,17 +148,19 @@ fn prune(
     chosen: &mut Vec<Chosen>,
     first: Option<&Step>,
     settings: &Settings,
-    stop: Stop,
+    context: &Context,
 ) -> Result<(Vec<Finding>, Vec<Chosen>), Error> {
     let mut removed = Vec::new();
     if let ([one], Some(step)) = (chosen.as_slice(), first) {
-        return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone() }], removed));
+        return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), problem: None }], removed));
     }
     for round in 0.. {
         let mut findings = Vec::new();
         for (i, &c) in chosen.iter().enumerate() {
             let others: Vec<Chosen> = chosen.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, c)| *c).collect();
-            findings.push(Finding { chosen: c, ranking: evaluate(problem, &others, settings)? });
+            let own = (context.apart)(&others);
+            let ranking = evaluate(own.as_deref().unwrap_or(problem), &others, settings)?;
+            findings.push(Finding { chosen: c, ranking, problem: own });
         }
         let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
             Some(a) if a.passes(settings) => a.p_adjusted,
@@ -152,7 +176,7 @@ fn prune(
             let best = Chosen { candidate: winner.candidate, variant: winner.variant };
             (best.candidate != f.chosen.candidate).then_some((i, best))
         });
-        match better.filter(|_| round < settings.max_steps && !stop()) {
+        match better.filter(|_| round < settings.max_steps && !(context.stop)()) {
             Some((i, best)) => removed.push(std::mem::replace(&mut chosen[i], best)),
             None => return Ok((findings, removed)),
         }

@@ -192,9 +192,10 @@ pub struct Fit {
     pub correction: Option<Correction>,
     /// Identified parameters that this moved by more than their standard error.
     pub moved: Vec<Moved>,
-    /// The pull of the data out of the possible, H·(p − p_free) by parameter, where it is more than noise: normal to the edge
-    /// on which the estimate stands, so no sum of parameters along it can take up what else is missing.
-    pub edge: Vec<(String, f64)>,
+    /// The pull of the data out of the possible, H·(p − p_free) by parameter, where it is more than noise: one vector for each
+    /// kind of body and each end of a range that holds the estimate. Each is normal to its edge, so no sum of parameters
+    /// along all of them can take up what else is missing.
+    pub edges: Vec<Vec<(String, f64)>>,
     /// Residual (measured − predicted) per recording and channel.
     pub residuals: Vec<Channels>,
     /// Root mean square residual per channel, over all recordings.
@@ -518,8 +519,8 @@ impl<'a> Regression<'a> {
         let base = structure.base_parameters(&estimated, &self.size, &covariance);
         let curvature = estimator.curvature();
         let (values, classes, correction) = self.possible(&estimated, &curvature);
-        let edge = match correction {
-            Some(c) if c.cost > NOTABLE => self.edge(&estimated, &values, &curvature),
+        let edges = match correction {
+            Some(c) if c.cost > NOTABLE => self.edges(&estimated, &values, &curvature, &classes),
             _ => Vec::new(),
         };
         let corrected = correction.is_some();
@@ -556,21 +557,37 @@ impl<'a> Regression<'a> {
             impossible,
             correction,
             moved,
-            edge,
+            edges,
             residuals,
             rms,
         })
     }
 
-    /// Parameters that the edge of the possible holds, with the pull on them.
-    fn edge(&self, free: &[&PlantParameter], values: &DVector<f64>, curvature: &DMatrix<f64>) -> Vec<(String, f64)> {
+    /// Parameters that edges of the possible hold, with the pull on them.
+    ///
+    /// At the least cost H·(p − p_free) = Σ λ·n over the active constraints (Karush, Kuhn & Tucker), and no two of them share
+    /// a parameter: that of a kind of body has its parameters only, that of a range its own.
+    fn edges(
+        &self,
+        free: &[&PlantParameter],
+        values: &DVector<f64>,
+        curvature: &DMatrix<f64>,
+        classes: &[consistency::BodyClass],
+    ) -> Vec<Vec<(String, f64)>> {
         /// Pull, relative to the largest, that is the end of an iteration.
         const RESIDUE: f64 = 1e-3;
         let pull = curvature * DVector::from_fn(free.len(), |i, _| values[i] - free[i].value);
         let scaled = |i: usize| (pull[i] * self.size[i]).abs();
         let largest = (0..free.len()).map(scaled).fold(0.0, f64::max);
-        let held = (0..free.len()).filter(|&i| scaled(i) > RESIDUE * largest);
-        held.map(|i| (free[i].name.clone(), pull[i])).collect()
+        let mut owners: Vec<Vec<usize>> = classes.iter().map(consistency::BodyClass::variables).collect();
+        let alone = |i: &usize| !owners.iter().any(|o| o.contains(i));
+        let ranges: Vec<Vec<usize>> = (0..free.len()).filter(alone).map(|i| vec![i]).collect();
+        owners.extend(ranges);
+        let held = |owned: &Vec<usize>| -> Vec<(String, f64)> {
+            let pulled = owned.iter().filter(|&&i| i < free.len() && scaled(i) > RESIDUE * largest);
+            pulled.map(|&i| (free[i].name.clone(), pull[i])).collect()
+        };
+        owners.iter().map(held).filter(|edge| !edge.is_empty()).collect()
     }
 
     fn reason(
