@@ -36,15 +36,17 @@
 // Numbers as text, and suggestions for misspelt names.
 pub mod text;
 
-// The machine, and what was measured on it.
-pub mod model;
+// What the machine is made of, and what was measured on it.
+pub mod machine;
 
 pub mod recording;
 
-// Its motion, the laws that act on it, and the torques they demand.
+// Its motion, the laws that act on it, the machine with its laws, and the torques they demand.
 pub mod kinematics;
 
 pub mod effects;
+
+pub mod model;
 
 pub mod dynamics;
 

@@ -9,10 +9,10 @@ use std::path::Path;
 use copp::solver::topp2_ra::s_to_t_topp2;
 use copp::solver::topp3_lp::s_to_t_topp3;
 use deltatwin::dynamics::Plant;
+use deltatwin::machine::{Payload, Setup};
 use deltatwin::planner::jerk::Sequence;
 use deltatwin::planner::rows::{Room, Stations};
 use deltatwin::planner::{Curve, Limits, Machine, Objective, Profile, Reference, Shape, Task, pass, verify};
-use deltatwin::recording::{Payload, Setup};
 use oracle::{Oracle, Programme};
 
 /// Paths with payload and limits; the first is the paper's U-turn.

@@ -8,9 +8,10 @@ use deltatwin::dynamics::{Plant, in_configuration, inverse_dynamics, regressor, 
 use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
 use deltatwin::identification::{Estimate, Fit, Trace, fit};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::bodies::END_EFFECTOR;
-use deltatwin::model::{AXES, Model, Part};
-use deltatwin::recording::{Configuration, Payload, Recording, Setup};
+use deltatwin::machine::bodies::END_EFFECTOR;
+use deltatwin::machine::{AXES, Configuration, Part, Payload, Setup};
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Gains, Options, Report, Torque, Twin, simulate};
 use nalgebra::{DVector, Vector3};
@@ -273,13 +274,13 @@ fn what_hangs_beside_a_fixed_flange_turns_nothing() {
     // Without a telescope the platform and its struts carry the moment about the vertical axis.
     let model = model("clavel-delta");
     let plant = Plant::new(&model, &payload());
-    assert_eq!(plant.bodies[END_EFFECTOR], deltatwin::model::Inertia::ZERO);
+    assert_eq!(plant.bodies[END_EFFECTOR], deltatwin::machine::Inertia::ZERO);
     let (_, report) = run(&model, &model, &payload(), 1.0, 8, false);
     assert_eq!(report.tracking_error[3], 0.0);
     // A grasped thing becomes a part of the platform: momentum is kept, the rotor stays where it is.
     let drawn = JointState { qd: [1.0, -2.0, 0.5, 0.0], ..JointState::default() };
     let mut twin = Twin::new(plant.clone(), &plant.motion(&drawn).unwrap()).unwrap();
-    let inertia = deltatwin::model::Inertia::point(0.8, Vector3::new(0.04, 0.0, -0.03));
+    let inertia = deltatwin::machine::Inertia::point(0.8, Vector3::new(0.04, 0.0, -0.03));
     twin.attach(&inertia, &(Vector3::zeros(), Vector3::zeros())).unwrap();
     let (before, after) = (plant.motion(&drawn).unwrap(), twin.motion());
     assert!(after.qd[3].abs() < 1e-12 && after.qd[0].abs() < before.qd[0].abs());

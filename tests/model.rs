@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use deltatwin::effects::{self, ActiveEffect};
 use deltatwin::identification::Estimate;
+use deltatwin::machine::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
+use deltatwin::machine::{Joint, Mechanism};
 use deltatwin::model::Added;
-use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::model::write::{fitted_text, full_text, updated_text};
-use deltatwin::model::{Joint, Mechanism, Model, Provenance, check};
+use deltatwin::model::{Model, Provenance, check};
 use proptest::prelude::*;
 
 const NAME: &str = "robot.toml";
@@ -95,7 +96,7 @@ fn every_shipped_model_loads() {
         assert_eq!(model.path.as_deref(), Some(file.as_path()));
         assert_eq!(model.source.as_deref(), Some(std::fs::read_to_string(&file).unwrap().as_str()));
         for b in 0..BODIES {
-            assert_eq!(check::inconsistency(&model.bodies[b]), None);
+            assert_eq!(deltatwin::machine::check::inconsistency(&model.bodies[b]), None);
         }
     }
 }

@@ -8,6 +8,7 @@ use std::path::Path;
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::ActiveEffect;
+use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::planner::jerk::Sequence;
 use deltatwin::planner::rows::{Station, Stations};
@@ -17,7 +18,6 @@ use deltatwin::planner::{
     Curve, Limit, Limits, Machine, Objective, Options, PathPoint, Plan, PlanError, Reference, Shape, Task, plan,
     relaxation,
 };
-use deltatwin::recording::{Payload, Setup};
 use nalgebra::Vector4;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

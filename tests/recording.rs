@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use deltatwin::model::{Joint, Mechanism};
+use deltatwin::machine::{Configuration, Joint, Mechanism, Payload, Setup};
 use deltatwin::recording::bag::{Attachment, Level, Note, Poses};
-use deltatwin::recording::{Configuration, Context, Payload, Recording, Setup, Signals};
+use deltatwin::recording::{Context, Recording, Signals};
 use nalgebra::Isometry3;
 use tempfile::TempDir;
 

@@ -6,8 +6,8 @@ use super::hull::Hull;
 use super::object::{Mobility, Object, Shape, Surface};
 use crate::kinematics::SocketSet;
 use crate::kinematics::motion::SOCKETS;
-use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 /// Radius of an arm's tube, m; estimate from pictures.
 pub const ARM_RADIUS: f64 = 0.03;

@@ -28,8 +28,8 @@ pub use object::{Mobility, Object, Shape, Surface};
 pub use urdf::urdf;
 
 use crate::kinematics::{Motion, SocketSet};
-use crate::model::bodies::{BODIES, END_EFFECTOR, body_name};
-use crate::model::{Geometry, Inertia};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, body_name};
+use crate::machine::{Geometry, Inertia};
 use contact::{Wrench, about, add, press};
 use hull::{Hull, Point};
 use links::Part;

@@ -5,7 +5,7 @@ use super::placement::Placement;
 use super::robot::Robot;
 use super::world::{Collider, World};
 use crate::kinematics::{Motion, SocketSet};
-use crate::model::bodies::{BODIES, END_EFFECTOR};
+use crate::machine::bodies::{BODIES, END_EFFECTOR};
 
 /// How much farther than asked for is looked, m: so long the answer holds while bodies move.
 const SKIN: f64 = 0.03;

@@ -7,7 +7,7 @@ use super::links::Part;
 use super::placement::{Bounds, Placement};
 use super::world::{Collider, World};
 use crate::kinematics::Motion;
-use crate::model::bodies::{BODIES, END_EFFECTOR};
+use crate::machine::bodies::{BODIES, END_EFFECTOR};
 
 /// Parts of the links, and the object in the gripper.
 pub struct Robot {

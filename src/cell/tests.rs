@@ -7,7 +7,7 @@ use super::mesh::{Mesh, tests::block};
 use super::{Cell, CellError, Mobility, Object, Shape, Surface};
 use crate::effects::testing::geometry;
 use crate::kinematics::{BodyMotion, JointState, Motion, SocketSet};
-use crate::model::bodies::{END_EFFECTOR, STRUT};
+use crate::machine::bodies::{END_EFFECTOR, STRUT};
 
 const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 const TABLE_TOP: f64 = -1.2;

@@ -14,8 +14,8 @@ use super::links::Part;
 use super::object::{Mobility, Object};
 use super::placement::{Bounds, Placement};
 use crate::kinematics::SocketSet;
-use crate::model::Inertia;
-use crate::model::bodies::BODIES;
+use crate::machine::Inertia;
+use crate::machine::bodies::BODIES;
 
 /// Typical size of an object, m; scales Rapier's tolerances.
 const LENGTH_UNIT: f64 = 0.05;

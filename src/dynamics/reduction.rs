@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use super::channels::{Twist, gap_inverse, platform_ball};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 /// What bodies' wrenches come to at the arms, at the rotor of axis 4 and at the platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

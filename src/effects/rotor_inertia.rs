@@ -1,9 +1,8 @@
 //! The arm drives' rotors are heavier or lighter than stated.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::Inertia;
-use crate::model::bodies::ARM;
-use crate::recording::Payload;
+use crate::machine::bodies::ARM;
+use crate::machine::{Inertia, Payload};
 
 /// Extra inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
 ///

@@ -20,8 +20,8 @@ use crate::dynamics::Channel;
 use crate::effects::{self, ActiveEffect, Role};
 use crate::evidence::separation::what_is_left;
 use crate::kinematics::KinematicsError;
+use crate::machine::Setup;
 use crate::model::Model;
-use crate::recording::Setup;
 use crate::scenario::Course;
 
 /// Why two effects cannot be told apart by a plan.
@@ -140,7 +140,7 @@ fn assumed(model: &Model, name: &str) -> Result<ActiveEffect, DiscriminationErro
     let mut active = ActiveEffect::absent_on(effect, model.host());
     let entries = active.entries();
     for (value, p) in active.values.iter_mut().zip(entries.iter().map(|e| e.parameter)) {
-        let constant = if p.role == Role::Fixed { effect.constant(&p, model) } else { None };
+        let constant = if p.role == Role::Fixed { effect.constant(&p, &model.view()) } else { None };
         *value = constant.unwrap_or(p.default);
     }
     Ok(active)

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use super::*;
 use crate::dynamics::inverse_dynamics;
-use crate::model::AXES;
+use crate::machine::AXES;
 
 fn model() -> Model {
     Model::read(Path::new("models/irb360-6-1600.toml")).unwrap()

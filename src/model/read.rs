@@ -11,12 +11,13 @@ use miette::{Diagnostic, IntoDiagnostic, NamedSource, Report, Result, SourceSpan
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::bodies::{self, BODIES, body_name};
-use super::check::{self, Culprit};
+use super::Model;
 use super::history::Added;
 use super::schema::{self, Bounds, Field, Shape};
-use super::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Model, Stops};
 use crate::effects::{ActiveEffect, Effect, Effects, Host, Parameter, REGISTRY, Role};
+use crate::machine::bodies::{self, BODIES, body_name};
+use crate::machine::check::{self, Culprit};
+use crate::machine::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops};
 use crate::text::nearest;
 
 mod formula;

@@ -4,8 +4,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops};
 use crate::effects::{Count, Parameter};
+use crate::machine::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops};
 
 /// A key with one number or an array of numbers, stored in a `T`.
 pub(super) struct Field<T: ?Sized + 'static> {

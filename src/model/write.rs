@@ -5,14 +5,15 @@ use std::path::Path;
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
-use super::bodies::{ARM, BODIES, body_name};
 use super::read::{
     ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
 };
 use super::schema::{self, Field, Shape, Top};
-use super::{Added, Inertia, Joint, Mechanism, Model, Provenance};
+use super::{Added, Model, Provenance};
 use crate::effects::rigid_bodies::{self, RigidBodies};
 use crate::effects::{ActiveEffect, Host, Parameter, Role};
+use crate::machine::bodies::{ARM, BODIES, body_name};
+use crate::machine::{Inertia, Joint, Mechanism};
 
 mod formula;
 mod source;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::channels::multiplier_names;
 use super::{ReadError, Signals};
-use crate::model::{AXES, Joint, Mechanism, STRUTS};
+use crate::machine::{AXES, Joint, Mechanism, STRUTS};
 
 /// Fewest samples that make a recording.
 const FEWEST: usize = 100;

@@ -13,7 +13,7 @@ use super::check::{self, Table};
 use super::columns::{Frame, Layout, Mapping};
 use super::epoch::Clock;
 use super::{ReadError, Signals, WriteError, file};
-use crate::model::Mechanism;
+use crate::machine::Mechanism;
 
 /// What a machine's file must be.
 fn expected(axes: usize) -> String {

@@ -11,7 +11,6 @@ mod difference;
 mod epoch;
 mod error;
 pub mod file;
-mod payload;
 pub mod setup;
 
 pub use bag::Context;
@@ -19,13 +18,12 @@ pub use channels::{ROWS, multiplier_names};
 pub use columns::Mapping;
 pub use difference::Difference;
 pub use error::{ReadError, WriteError};
-pub use payload::Payload;
 
 use std::ops::Range;
 use std::path::Path;
 
 use self::setup::Sidecar;
-use crate::model::{AXES, Mechanism, STRUTS};
+use crate::machine::{AXES, Mechanism, STRUTS, Setup};
 
 /// One run of the machine, sampled at increasing times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -191,25 +189,4 @@ impl Signals {
         let m = d.len() / 2;
         *d.select_nth_unstable_by(m, f64::total_cmp).1
     }
-}
-
-/// What is known about a run (`<stem>.setup.toml`, or the metadata of an MCAP file).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Setup {
-    /// Assembled robot or arms and rotor alone.
-    pub configuration: Configuration,
-    /// Payload at the flange.
-    pub payload: Payload,
-    /// Standard deviation of the torque sensors, N·m; zero where it is not known, as of axes that are not there.
-    pub torque_noise: Option<[f64; AXES]>,
-}
-
-/// State of the machine during a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Configuration {
-    /// Complete robot.
-    #[default]
-    Assembled,
-    /// Arms and motor 4 only, struts, platform and telescope dismounted.
-    Disassembled,
 }

@@ -8,8 +8,8 @@ use miette::NamedSource;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Configuration, Mapping, Payload, ReadError, Setup, WriteError, file};
-use crate::model::AXES;
+use super::{Mapping, ReadError, WriteError, file};
+use crate::machine::{AXES, Configuration, Payload, Setup};
 
 /// Where the setup of the recording `path` is kept.
 pub fn sidecar(path: &Path) -> PathBuf {

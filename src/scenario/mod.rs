@@ -18,8 +18,8 @@ use nalgebra::Vector3;
 
 use crate::cell::{Object, Shape};
 use crate::kinematics::motion::SOCKETS;
-use crate::model::{AXES, Model, STRUTS};
-use crate::recording::Setup;
+use crate::machine::{AXES, STRUTS, Setup};
+use crate::model::Model;
 
 /// A run of the twin, as described by a scenario file.
 #[derive(Clone, Debug)]

@@ -7,8 +7,8 @@ use super::context::Context;
 use super::integrator::System;
 use super::mechanism::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution};
 use crate::kinematics::Motion;
-use crate::model::bodies::PLATFORM;
-use crate::model::{ARMS, AXES, STRUTS};
+use crate::machine::bodies::PLATFORM;
+use crate::machine::{ARMS, AXES, STRUTS};
 
 /// Positions: three arms, rotor, platform position and quaternion, six rolls.
 const PSI: usize = 3;

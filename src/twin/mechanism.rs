@@ -21,10 +21,10 @@ use crate::dynamics::{Plant, inertial_wrench};
 use crate::effects::StrutSpring;
 use crate::kinematics::motion::{SOCKETS, telescope_rotation};
 use crate::kinematics::{BodyMotion, Motion, Reactions, Telescope};
-use crate::model::bodies::{
+use crate::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER,
 };
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
 /// Open velocities ν.
 pub(super) const OPEN: usize = 10;

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use super::{Event, EventKind, Frame, Options, Report};
 use crate::cell::urdf;
-use crate::model::bodies::{ROTOR, TELESCOPE_UPPER, body_name};
-use crate::model::{Mechanism, Model};
+use crate::machine::Mechanism;
+use crate::machine::bodies::{ROTOR, TELESCOPE_UPPER, body_name};
+use crate::model::Model;
 use crate::recording::bag::{Attachment, Context, Level, Note, Poses};
 use crate::scenario::Scenario;
 

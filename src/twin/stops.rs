@@ -16,8 +16,8 @@ use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::hunt_crossley;
 use crate::kinematics::Motion;
-use crate::model::ARMS;
-use crate::model::bodies::{BODIES, END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::ARMS;
+use crate::machine::bodies::{BODIES, END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// Number of freedoms that have stops: arms, telescope, two Hooke joints.
 pub const STOPS: usize = ARMS + 3;
@@ -143,8 +143,8 @@ mod tests {
     use super::*;
     use crate::effects::testing;
     use crate::kinematics::JointState;
-    use crate::model::{Model, Stops};
-    use crate::recording::Setup;
+    use crate::machine::{Setup, Stops};
+    use crate::model::Model;
     use crate::twin::{Torque, Twin};
 
     fn plant(name: &str, change: impl FnOnce(&mut Stops)) -> Plant {

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::{Model, Stops};
-use deltatwin::recording::{Payload, Setup};
+use deltatwin::machine::{Payload, Setup, Stops};
+use deltatwin::model::Model;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 

@@ -7,9 +7,10 @@ use toml::de::DeTable;
 
 use deltatwin::gate::{Finding, examine};
 use deltatwin::identification::{Trace, swapped};
+use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, check};
 use deltatwin::planner::{Limits, Task};
-use deltatwin::recording::{Configuration, Reading, Recording, Setup, bag};
+use deltatwin::recording::{Reading, Recording, bag};
 use deltatwin::scenario::Scenario;
 
 /// Kinds of files deltatwin reads.

@@ -11,7 +11,8 @@ use serde_json::{Map, Value, json};
 
 use deltatwin::dynamics::Channel;
 use deltatwin::identification::Estimate;
-use deltatwin::model::{Mechanism, Model};
+use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
 use deltatwin::recording::file;
 use deltatwin::text::significant;
 use deltatwin_report::Figure;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
 use deltatwin::dynamics::Plant;
-use deltatwin::model::{Part, STRUTS};
+use deltatwin::machine::{Part, STRUTS};
 use deltatwin::recording::{Recording, Signals, WriteError};
 use deltatwin::twin::origin::note;
 use deltatwin::twin::{Event, Frame, Options, Report};

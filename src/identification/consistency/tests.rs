@@ -2,8 +2,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::*;
 use crate::dynamics::Plant;
+use crate::machine::Setup;
 use crate::model::Model;
-use crate::recording::Setup;
 
 /// Classes of the shipped robot, its parameters and the masses that no parameter holds.
 fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
@@ -27,7 +27,7 @@ fn the_papers_variables_describe_the_links_and_the_rotor() {
     for (b, (now, before)) in bodies.0.iter().zip(&model.bodies.0).enumerate() {
         let same = (now.pseudo_inertia() - before.pseudo_inertia()).norm();
         // The rotor's two moments across its axis are one half of the whole about it.
-        assert!(same < 1e-12 || b == crate::model::bodies::ROTOR, "body {b}: {same:e}");
+        assert!(same < 1e-12 || b == crate::machine::bodies::ROTOR, "body {b}: {same:e}");
     }
 }
 

@@ -388,7 +388,7 @@ mod tests {
     use crate::dynamics::Channel;
     use crate::effects::{REGISTRY, rigid_bodies};
     use crate::kinematics::JointState;
-    use crate::recording::Setup;
+    use crate::machine::Setup;
 
     const DT: f64 = 4e-4;
     const BLOCK: usize = 5;

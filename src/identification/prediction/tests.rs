@@ -2,7 +2,7 @@ use super::states::exponential_heun;
 use super::*;
 use crate::effects::Role;
 use crate::effects::find;
-use crate::recording::{Configuration, Setup};
+use crate::machine::{Configuration, Setup};
 
 const DT: f64 = 4e-4;
 

@@ -24,7 +24,7 @@ use std::path::Path;
 use self::content::Content;
 use self::messages::SECOND;
 use super::ReadError;
-use crate::model::{Joint, Mechanism};
+use crate::machine::{Joint, Mechanism};
 
 const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, or a bag of ROS 2";
 

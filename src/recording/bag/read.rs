@@ -6,10 +6,10 @@ use std::path::Path;
 use super::content::{Content, Encoding, Stream};
 use super::messages::JointState;
 use super::{EPOCH, EXPECTED, MECHANISMS, folder, read_file, topics};
-use crate::model::{Joint, Mechanism};
+use crate::machine::{Joint, Mechanism, Setup};
 use crate::recording::check::{self, Column, Table};
 use crate::recording::columns::{self, Mapping};
-use crate::recording::{ReadError, Setup, Signals};
+use crate::recording::{ReadError, Signals};
 
 /// Reads and checks the signals of a machine, or of whatever machine the bag tells, and the setup if it holds one.
 ///

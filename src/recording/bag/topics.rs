@@ -20,7 +20,7 @@ use serde::Deserialize;
 
 use super::content::Encoding;
 use super::messages::{JointState, parse_accelerations, parse_point};
-use crate::model::STRUTS;
+use crate::machine::STRUTS;
 use crate::recording::{check, multiplier_names};
 
 pub(super) const JOINTS: &str = "/joint_states";

@@ -7,7 +7,7 @@ use mcap::records::{MessageHeader, Metadata};
 
 use super::messages::{self, Definition, JointState, SECOND};
 use super::{Context, EPOCH, Level, MECHANISMS, topics};
-use crate::model::STRUTS;
+use crate::machine::STRUTS;
 use crate::recording::{Recording, Signals, WriteError, check, file, multiplier_names};
 
 /// Last second that a ROS 2 time can hold.

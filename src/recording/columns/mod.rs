@@ -17,7 +17,7 @@ use self::channel::{Guess, Header, guess, quantities};
 use self::mapping::Assignment;
 use super::ReadError;
 use super::check::{Column, Table, known};
-use crate::model::{AXES, Mechanism};
+use crate::machine::{AXES, Mechanism};
 
 /// Where a channel comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,7 +11,7 @@ use super::Result;
 use super::file::File;
 use crate::cell::mesh::Mesh;
 use crate::cell::{Mobility, Object, Shape, Surface};
-use crate::recording::Payload;
+use crate::machine::Payload;
 use crate::scenario::{Action, ActionKind, PayloadShape};
 
 #[derive(Deserialize)]

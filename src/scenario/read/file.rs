@@ -1,6 +1,6 @@
 //! A scenario as text: errors with their place, and checks that every table needs.
 
-use crate::model::AXES;
+use crate::machine::AXES;
 use std::ops::Range;
 
 use miette::NamedSource;

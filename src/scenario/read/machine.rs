@@ -6,7 +6,7 @@ use toml::Spanned;
 use super::Result;
 use super::file::File;
 use crate::kinematics::motion::SOCKETS;
-use crate::model::STRUTS;
+use crate::machine::STRUTS;
 use crate::scenario::sockets::{SPRINGS, SocketSetup, spring_name};
 use crate::scenario::{Gains, Sensors, Supervision, Trip};
 

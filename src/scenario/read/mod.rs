@@ -15,7 +15,7 @@ use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
 
 use super::{Course, Formulation, HoldTorque, Scenario};
-use crate::recording::Setup;
+use crate::machine::Setup;
 use file::File;
 
 /// Why a scenario was refused.

@@ -10,7 +10,7 @@ use toml::de::{DeValue, ValueDeserializer};
 
 use super::Result;
 use super::file::File;
-use crate::model::AXES;
+use crate::machine::AXES;
 use crate::scenario::motion::constant_speed::ConstantSpeed;
 use crate::scenario::motion::path::Path;
 use crate::scenario::motion::static_poses::StaticPoses;

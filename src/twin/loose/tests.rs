@@ -9,9 +9,9 @@ use rand_chacha::rand_core::SeedableRng;
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::model::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, Model};
-use crate::recording::Setup;
+use crate::machine::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, Setup};
+use crate::model::Model;
 use crate::twin::constraints::rows;
 use crate::twin::{Torque, Twin, absolute, energy};
 
@@ -180,7 +180,7 @@ fn jacobian_and_velocity_products_are_derivatives_of_the_rows() {
 fn plants() -> [Plant; 4] {
     let mut all = std::array::from_fn(|_| plant());
     let payload =
-        crate::recording::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
+        crate::machine::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
     all[1].bodies[END_EFFECTOR] += payload.inertia();
     all[2].bodies[END_EFFECTOR] += Inertia::point(1.5, Vector3::new(0.1, -0.05, -0.1));
     all[3].bodies[END_EFFECTOR] += Inertia::diagonal(0.8, [0.0; 3], [0.01, 0.02, 0.025]);

@@ -20,8 +20,8 @@ use deltatwin::diagnosis::{Diagnosis, NextExperiment, diagnose_within};
 use deltatwin::dynamics::Plant;
 use deltatwin::excitation::scenario::write_plan;
 use deltatwin::identification::Trace;
+use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
-use deltatwin::recording::Configuration;
 use deltatwin_report::drawing;
 
 /// Find the physical effect that a model lacks.

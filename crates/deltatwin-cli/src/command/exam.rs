@@ -6,7 +6,8 @@ use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
 use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, warn, write_figure};
-use deltatwin::model::{Mechanism, Model};
+use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};

@@ -13,7 +13,8 @@ use deltatwin::excitation::discriminate::{Discrimination, discriminate};
 use deltatwin::excitation::experiments::{Experiment, Kind};
 use deltatwin::excitation::prospect::{Prospect, duration, in_words};
 use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design, median, scenario};
-use deltatwin::model::{Mechanism, Model};
+use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
 use deltatwin::text::significant;
 
 /// Design a motion that tells most about the parameters of a model.

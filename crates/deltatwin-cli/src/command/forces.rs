@@ -13,8 +13,9 @@ use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::Trace;
 use deltatwin::kinematics::JointState;
-use deltatwin::model::{ARMS, Model, STRUTS};
-use deltatwin::recording::{Recording, Setup, file};
+use deltatwin::machine::{ARMS, STRUTS, Setup};
+use deltatwin::model::Model;
+use deltatwin::recording::{Recording, file};
 use deltatwin::scenario::Scenario;
 use deltatwin::text::significant;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};

@@ -19,7 +19,7 @@ use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{FitError, Moved, Unidentified, channel_rms, residuals};
 use deltatwin::identification::trace::noise_floor as floor;
 use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
-use deltatwin::model::bodies::{Inertia, body_name};
+use deltatwin::machine::bodies::{Inertia, body_name};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
 

@@ -13,8 +13,9 @@ use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
 use deltatwin::identification::FitError;
-use deltatwin::model::{AXES, Model};
-use deltatwin::recording::{Payload, Recording, Setup};
+use deltatwin::machine::{AXES, Payload, Setup};
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
 use deltatwin::scenario::Sensors;
 use deltatwin::twin::{Options, Report, SimulationError, simulate};
 

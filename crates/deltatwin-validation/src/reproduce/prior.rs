@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use deltatwin::model::Inertia;
-use deltatwin::model::bodies::{Bodies, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use deltatwin::machine::Inertia;
+use deltatwin::machine::bodies::{Bodies, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// An even cylinder, hollow if `inner` is not zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,6 +97,6 @@ mod tests {
         assert_eq!(weighed[PLATFORM].mass, 1.12);
         assert_relative_eq!(weighed[PLATFORM].first_moment.z, -0.0224, epsilon = 1e-15);
         assert_eq!(weighed.0[..STRUT], model.bodies.0[..STRUT]);
-        assert_eq!(weighed[deltatwin::model::bodies::ROTOR], model.bodies[deltatwin::model::bodies::ROTOR]);
+        assert_eq!(weighed[deltatwin::machine::bodies::ROTOR], model.bodies[deltatwin::machine::bodies::ROTOR]);
     }
 }

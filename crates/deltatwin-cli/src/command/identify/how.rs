@@ -6,7 +6,8 @@ use deltatwin::identification::Method;
 use deltatwin::identification::estimator::PRIOR_INFORMATION;
 use deltatwin::identification::fit::{Consistency, Options, Weighing};
 use deltatwin::identification::regularisation::GroupWeight;
-use deltatwin::model::{BodyParameters, LinkParameters, Model};
+use deltatwin::machine::{BodyParameters, LinkParameters};
+use deltatwin::model::Model;
 
 /// How to fit.
 #[derive(clap::Args, Clone, Debug)]

@@ -8,8 +8,8 @@ use crate::data::Data;
 use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, spinner};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{PayloadFit, identify_payload};
+use deltatwin::machine::Setup;
 use deltatwin::model::Model;
-use deltatwin::recording::Setup;
 use deltatwin::text::significant;
 
 /// Identifies the payload and writes the setup that states it.

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::model::Inertia;
-use crate::model::check::inconsistency;
+use super::Inertia;
+use super::check::inconsistency;
 
 /// Load at the flange; frame: origin at the flange centre, z up, turns with ψ.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
