@@ -8,11 +8,11 @@
 //!
 //! use deltatwin::diagnosis::{add, diagnose};
 //! use deltatwin::identification::{Trace, trace::noise_floor};
-//! use deltatwin::{identification::fit::fit, model::Model, recording::Recording};
+//! use deltatwin::{identification::fit::fit, model::Model};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let model = Model::read(Path::new("models/irb360-6-1600.toml"))?;
-//! let (recording, warnings) = Recording::read(Path::new("run.csv"), None)?;
+//! let (recording, warnings) = deltatwin_io::recording::read(Path::new("run.csv"), None)?;
 //! let traces = [Trace::new(&recording)];
 //! let fitted = fit(&model, &traces, &[noise_floor(&model, &traces)])?;
 //! let answer = diagnose(&fitted.model, &traces, &[], &mut |stage| log(stage))?;

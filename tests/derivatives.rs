@@ -10,6 +10,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
 use deltatwin::scenario::Scenario;
 use deltatwin::twin::{Options, simulate};
+use deltatwin_io::recording;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -135,8 +136,8 @@ fn acceleration_errors(t: Vec<f64>) -> [f64; AXES] {
     let recording = Recording { signals: Signals { t, q, tau, ..Signals::default() }, ..Recording::default() };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
-    recording.write(&file).unwrap();
-    let trace = Trace::new(&Recording::read(&file, None).unwrap().0);
+    recording::write(&recording, &file).unwrap();
+    let trace = Trace::new(&recording::read(&file, None).unwrap().0);
     let mut squares = [0.0; AXES];
     for (t, joints) in trace.t.iter().zip(&trace.joints) {
         for i in 0..AXES {

@@ -16,6 +16,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
 use deltatwin::scenario::{Formulation, Scenario};
 use deltatwin::twin::{Options, Report, Torque, Twin, simulate};
+use deltatwin_io::recording;
 use rayon::prelude::*;
 
 /// Largest difference of a channel, relative to the largest magnitude of its kind.
@@ -190,8 +191,8 @@ fn multipliers_and_links_are_read_back_from_both_formats() {
     });
     let folder = tempfile::tempdir().unwrap();
     for file in ["run.csv", "run.mcap"].map(|name| folder.path().join(name)) {
-        run.write(&file).unwrap();
-        let read = Recording::read(&file, None).unwrap().0.signals;
+        recording::write(&run, &file).unwrap();
+        let read = recording::read(&file, None).unwrap().0.signals;
         assert_eq!(read.multipliers, run.signals.multipliers, "{}", file.display());
         assert_eq!((&read.link_q, &read.link_qd), (&run.signals.link_q, &run.signals.link_qd), "{}", file.display());
     }

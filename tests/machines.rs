@@ -14,6 +14,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Gains, Options, Report, Torque, Twin, simulate};
+use deltatwin_io::recording;
 use nalgebra::{DVector, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -419,16 +420,16 @@ fn a_recording_has_the_columns_of_its_machine() {
         let axes = model.mechanism.axes();
         for name in ["run.csv", "run.mcap"] {
             let path = folder.path().join(name);
-            recording.write(&path).unwrap();
-            let (read, warnings) = Recording::read_of(&path, None, model.mechanism).unwrap();
+            recording::write(&recording, &path).unwrap();
+            let (read, warnings) = recording::read_of(&path, None, model.mechanism).unwrap();
             assert_eq!(warnings, [""; 0], "{} {name}", model.name);
             assert_eq!((&read.signals.q, &read.signals.tau), (&recording.signals.q, &recording.signals.tau));
             assert_eq!((read.signals.mechanism, read.setup), (model.mechanism, recording.setup), "{}", model.name);
             // Without a model the columns tell how many axes there are.
-            let (read, _) = Recording::read(&path, None).unwrap();
+            let (read, _) = recording::read(&path, None).unwrap();
             assert_eq!(read.signals.mechanism.axes(), axes, "{} {name}", model.name);
             // More axes than the machine has are left out, fewer are refused.
-            let (read, warnings) = Recording::read_of(&path, None, slide.mechanism).unwrap();
+            let (read, warnings) = recording::read_of(&path, None, slide.mechanism).unwrap();
             assert_eq!(read.signals.mechanism, slide.mechanism);
             assert_eq!(
                 warnings.iter().any(|w| w.contains("ignored: the machine has one axis")),
@@ -436,7 +437,7 @@ fn a_recording_has_the_columns_of_its_machine() {
                 "{warnings:?}"
             );
             if axes < AXES {
-                let e = Recording::read_of(&path, None, Default::default()).unwrap_err().to_string();
+                let e = recording::read_of(&path, None, Default::default()).unwrap_err().to_string();
                 assert!(e.contains(if name.ends_with("csv") { "no column `q" } else { "axis1…axis4" }), "{e}");
             }
         }

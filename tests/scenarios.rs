@@ -62,7 +62,7 @@ fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
             let (recording, report) = play(file, |_| ());
             let name = file.file_stem().unwrap().to_str().unwrap();
             let out = folder.path().join(format!("{name}-{threads}.mcap"));
-            recording.write(&out).unwrap();
+            deltatwin_io::recording::write(&recording, &out).unwrap();
             assert!(!recording.signals.is_empty() && numbers(&recording).all(f64::is_finite), "{name}");
             (std::fs::read(out).unwrap(), report)
         };

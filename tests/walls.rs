@@ -5,8 +5,19 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Crates that only those around the library may use.
-const OUTSIDE: [&str; 8] =
-    ["clap", "clap_complete", "clap_mangen", "indicatif", "plotters", "rerun", "ctrlc", "textwrap"];
+const OUTSIDE: [&str; 11] = [
+    "clap",
+    "clap_complete",
+    "clap_mangen",
+    "ctrlc",
+    "indicatif",
+    "mcap",
+    "plotters",
+    "rerun",
+    "rusqlite",
+    "textwrap",
+    "yaml-rust2",
+];
 
 /// Files of unit tests.
 fn is_test(file: &Path) -> bool {

@@ -10,8 +10,9 @@ use deltatwin::identification::{Trace, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, check};
 use deltatwin::planner::{Limits, Task};
-use deltatwin::recording::{Reading, Recording, bag};
 use deltatwin::scenario::Scenario;
+use deltatwin_io::recording::setup;
+use deltatwin_io::recording::{self, Reading};
 
 /// Kinds of files deltatwin reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +68,7 @@ pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Re
         Kind::Model => (check::check_file(path)?, Vec::new()),
         Kind::Scenario => (scenario(path)?, Vec::new()),
         Kind::Path => (planned_path(path)?, Vec::new()),
-        Kind::Setup => (setup(&Setup::read(path)?), Vec::new()),
+        Kind::Setup => (setup(&setup::read(path)?), Vec::new()),
         Kind::Recording => unreachable!("recordings are done with above"),
     };
     Ok(Verified { kind, summary, warnings, gate: None })
@@ -78,7 +79,7 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
     if path.is_dir() {
         return Err(miette!("{}: is a folder; expected a file", path.display()));
     }
-    if bag::is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+    if recording::bag::is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
         return Ok(Kind::Recording);
     }
     let text = std::fs::read_to_string(path)
@@ -161,7 +162,7 @@ fn setup(setup: &Setup) -> String {
 type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
 
 fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
-    let (recording, mut warnings) = Recording::read_as(path, how)?;
+    let (recording, mut warnings) = recording::read_as(path, how)?;
     let trace = Trace::new(&recording);
     let gate = model.map(|m| examine(m, &trace));
     if model.is_none() {

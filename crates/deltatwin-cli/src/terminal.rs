@@ -13,8 +13,8 @@ use deltatwin::dynamics::Channel;
 use deltatwin::identification::Estimate;
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
-use deltatwin::recording::file;
 use deltatwin::text::significant;
+use deltatwin_io::file;
 use deltatwin_report::Figure;
 
 mod bars;

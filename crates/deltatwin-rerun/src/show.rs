@@ -5,9 +5,10 @@ use std::path::Path;
 use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::{Part, STRUTS};
-use deltatwin::recording::{Recording, Signals, WriteError};
+use deltatwin::recording::{Recording, Signals};
 use deltatwin::twin::origin::note;
 use deltatwin::twin::{Event, Frame, Options, Report};
+use deltatwin_io::file::WriteError;
 
 /// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
 pub fn write(

@@ -9,7 +9,7 @@ use crate::kind::{Verified, check_as};
 use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
 use deltatwin::gate::combined;
 use deltatwin::model::Model;
-use deltatwin::recording::{Mapping, Reading};
+use deltatwin_io::recording::{Mapping, Reading};
 
 /// Validate files: models, scenarios, setups, recordings.
 #[derive(clap::Args, Clone, Debug)]

@@ -10,6 +10,7 @@ use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
+use deltatwin_io::recording;
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
 use deltatwin_validation::exam::motion::MotionKind;
 use deltatwin_validation::exam::noise::Noise;
@@ -235,7 +236,7 @@ fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording;
         files.into_iter().find(|f| f.is_file())
     };
     let (Some(first), Some(second)) = (file(folder::MEASUREMENT), file(folder::VALIDATION)) else { return Ok(None) };
-    let read = |file: &Path| Recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording);
+    let read = |file: &Path| recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording);
     Ok(Some([read(&first)?, read(&second)?]))
 }
 

@@ -15,9 +15,10 @@ use deltatwin::identification::Trace;
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{ARMS, STRUTS, Setup};
 use deltatwin::model::Model;
-use deltatwin::recording::{Recording, file};
 use deltatwin::scenario::Scenario;
 use deltatwin::text::significant;
+use deltatwin_io::file;
+use deltatwin_io::recording;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 
 /// Compute the constraint forces of a motion.
@@ -122,7 +123,7 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
         let joints = joints.into_diagnostic().wrap_err_with(name)?;
         return Ok(Motion { setup: scenario.setup, t, joints, measured: vec![] });
     }
-    let (recording, warnings) = Recording::read_of(&args.motion, args.setup.as_deref(), model.mechanism)?;
+    let (recording, warnings) = recording::read_of(&args.motion, args.setup.as_deref(), model.mechanism)?;
     warn(&warnings);
     let trace = Trace::new(&recording);
     if trace.is_empty() {

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         .into_diagnostic()
         .wrap_err_with(|| args.path.display().to_string())?;
     if let Some(output) = &args.output {
-        planned.write(output).into_diagnostic()?;
+        deltatwin_io::recording::write(&planned, output).into_diagnostic()?;
     }
     let execution = twin.as_ref().map(|twin| execute(twin, &plant, &planned)).transpose().into_diagnostic()?;
     let mut written = Vec::new();

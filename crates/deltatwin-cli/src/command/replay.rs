@@ -6,7 +6,7 @@ use serde_json::json;
 
 use crate::terminal::{DONE, check_output, path, say, spinner, warn};
 use deltatwin::model::Model;
-use deltatwin::recording::Recording;
+use deltatwin_io::recording;
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques.
 #[derive(clap::Args, Clone, Debug)]
@@ -38,7 +38,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         Some(file) => Model::read(file)?,
         None => Model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,
     };
-    let (recording, warnings) = Recording::read_of(&args.recording, None, model.mechanism)?;
+    let (recording, warnings) = recording::read_of(&args.recording, None, model.mechanism)?;
     warn(&warnings);
     let progress = spinner("replay");
     let written = deltatwin_rerun::replay::write(&output, &recording, &model);

@@ -16,7 +16,7 @@ pub use content::{Level, Note, Scene, Series, Thing, drives, measured, socket_ma
 pub use live::{Live, Viewer};
 
 use deltatwin::machine::AXES;
-use deltatwin::recording::{WriteError, file};
+use deltatwin_io::file::{self, WriteError};
 
 /// Name of the timeline, s.
 const TIME: &str = "time";

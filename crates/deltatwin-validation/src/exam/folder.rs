@@ -12,7 +12,7 @@ use deltatwin::dynamics::Plant;
 use deltatwin::effects::Role;
 use deltatwin::effects::formula::Place;
 use deltatwin::model::write::replace_file;
-use deltatwin::recording::WriteError;
+use deltatwin_io::file::WriteError;
 
 /// What is hidden in a campaign.
 pub const TRUTH: &str = "truth.json";
@@ -53,7 +53,7 @@ pub enum FolderError {
 pub fn write(folder: &Path, campaign: &Campaign) -> Result<(), FolderError> {
     std::fs::create_dir_all(folder).map_err(|source| FolderError::Io { file: folder.into(), source })?;
     for (name, recording) in [(MEASUREMENT, &campaign.measurement), (VALIDATION, &campaign.validation)] {
-        recording.write(&folder.join(format!("{name}.csv")))?;
+        deltatwin_io::recording::write(&recording, &folder.join(format!("{name}.csv")))?;
     }
     write_truth(folder, &truth(campaign, &campaign.case))
 }

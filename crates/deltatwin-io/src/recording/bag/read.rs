@@ -3,13 +3,15 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use deltatwin::machine::{Joint, Mechanism, Setup};
+use deltatwin::recording::Signals;
+
 use super::content::{Content, Encoding, Stream};
 use super::messages::JointState;
 use super::{EPOCH, EXPECTED, MECHANISMS, folder, read_file, topics};
-use crate::machine::{Joint, Mechanism, Setup};
 use crate::recording::check::{self, Column, Table};
 use crate::recording::columns::{self, Mapping};
-use crate::recording::{ReadError, Signals};
+use crate::recording::{ReadError, setup};
 
 /// Reads and checks the signals of a machine, or of whatever machine the bag tells, and the setup if it holds one.
 ///
@@ -27,7 +29,7 @@ pub fn read(
     let mut warnings = Vec::new();
     let mut content = if path.is_dir() { folder::read(path, &mut warnings)? } else { read_file(path, &mut warnings)? };
     let setup = match content.metadata.get("setup").and_then(|m| m.get("toml")) {
-        Some(text) => Some(Setup::from_toml(text, &format!("{}[setup]", path.display()))?),
+        Some(text) => Some(setup::from_toml(text, &format!("{}[setup]", path.display()))?),
         None => None,
     };
     let joints = joint_states(path, &mut content, &mut warnings)?;

@@ -3,9 +3,10 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
-use super::channels::multiplier_names;
-use super::{ReadError, Signals};
-use crate::machine::{AXES, Joint, Mechanism, STRUTS};
+use deltatwin::machine::{AXES, Joint, Mechanism, STRUTS};
+use deltatwin::recording::{Signals, multiplier_names};
+
+use super::ReadError;
 
 /// Fewest samples that make a recording.
 const FEWEST: usize = 100;

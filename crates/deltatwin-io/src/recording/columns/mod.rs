@@ -13,11 +13,12 @@ pub use unit::{Quantity, Unit};
 
 use std::path::Path;
 
+use deltatwin::machine::{AXES, Mechanism};
+
 use self::channel::{Guess, Header, guess, quantities};
 use self::mapping::Assignment;
 use super::ReadError;
 use super::check::{Column, Table, known};
-use crate::machine::{AXES, Mechanism};
 
 /// Where a channel comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]

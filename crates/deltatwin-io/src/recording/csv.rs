@@ -3,17 +3,20 @@
 //! Required: `t`, and `q1…, tau1…` of every axis the machine has, one, three or four, in SI units; other names and units
 //! are understood as far as [`super::columns`] goes. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
 //! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`,
-//! `link_q1…4`, `link_qd1…4` and the `lambda_…` of [`multiplier_names`](super::multiplier_names). Comma, semicolon or tab
+//! `link_q1…4`, `link_qd1…4` and the `lambda_…` of [`multiplier_names`](deltatwin::recording::multiplier_names). Comma, semicolon or tab
 //! between the cells.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 
+use deltatwin::machine::Mechanism;
+use deltatwin::recording::Signals;
+
+use super::ReadError;
 use super::check::{self, Table};
 use super::columns::{Frame, Layout, Mapping};
 use super::epoch::Clock;
-use super::{ReadError, Signals, WriteError, file};
-use crate::machine::Mechanism;
+use crate::file::{self, WriteError};
 
 /// What a machine's file must be.
 fn expected(axes: usize) -> String {
@@ -46,6 +49,9 @@ pub fn read(path: &Path, machine: Option<Mechanism>, maps: &[Mapping]) -> Result
 }
 
 /// Writes the signals with all their digits.
+///
+/// # Errors
+/// Signals that no machine has, and whatever the system says.
 pub fn write(path: &Path, signals: &Signals) -> Result<(), WriteError> {
     let columns = check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
     file::replace(path, |out| -> std::io::Result<()> {

@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use deltatwin::machine::STRUTS;
+use deltatwin::recording::{Context, Level, Recording, Signals, multiplier_names};
 use mcap::records::{MessageHeader, Metadata};
 
 use super::messages::{self, Definition, JointState, SECOND};
-use super::{Context, EPOCH, Level, MECHANISMS, topics};
-use crate::machine::STRUTS;
-use crate::recording::{Recording, Signals, WriteError, check, file, multiplier_names};
+use super::{EPOCH, MECHANISMS, topics};
+use crate::file::{self, WriteError};
+use crate::recording::{check, setup};
 
 /// Last second that a ROS 2 time can hold.
 const LAST: i64 = i32::MAX as i64;
@@ -38,7 +40,7 @@ fn write_records<W: std::io::Write + std::io::Seek>(
 ) -> mcap::McapResult<()> {
     let signals = &recording.signals;
     let mut bag = Bag::new(out, zero)?;
-    bag.metadata("setup", [("toml", recording.setup.to_toml())])?;
+    bag.metadata("setup", [("toml", setup::to_toml(&recording.setup))])?;
     bag.metadata("run", [("zero_ns", zero.to_string())])?;
     let machine = MECHANISMS.iter().find(|(_, m)| *m == signals.mechanism).map_or("", |(name, _)| name);
     bag.metadata("machine", [("mechanism", machine.into())])?;

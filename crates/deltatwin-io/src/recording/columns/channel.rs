@@ -1,7 +1,8 @@
 //! Which channel a column is, by its name: `position_1`, `effort_1`, `time`, `joint_1`, …
 
+use deltatwin::machine::Mechanism;
+
 use super::unit::{Quantity, Unit};
-use crate::machine::Mechanism;
 use crate::recording::check::known;
 
 /// A column's name taken apart.
@@ -103,7 +104,7 @@ fn words(base: &str) -> Vec<String> {
 pub(super) fn quantities(channel: &str, machine: Option<Mechanism>) -> &'static [Quantity] {
     use Quantity::*;
     let linear = match machine {
-        Some(Mechanism::Axis(crate::machine::Joint::Prismatic)) => Some(true),
+        Some(Mechanism::Axis(deltatwin::machine::Joint::Prismatic)) => Some(true),
         Some(_) => Some(false),
         None => None,
     };

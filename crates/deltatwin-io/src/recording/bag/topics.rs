@@ -18,10 +18,12 @@
 
 use serde::Deserialize;
 
+use deltatwin::machine::STRUTS;
+use deltatwin::recording::multiplier_names;
+
 use super::content::Encoding;
 use super::messages::{JointState, parse_accelerations, parse_point};
-use crate::machine::STRUTS;
-use crate::recording::{check, multiplier_names};
+use crate::recording::check;
 
 pub(super) const JOINTS: &str = "/joint_states";
 pub(super) const STRUT_FORCES: &str = "/strut_forces";

@@ -5,7 +5,6 @@
 
 mod cdr;
 mod content;
-mod context;
 mod folder;
 mod mcap_file;
 mod messages;
@@ -14,17 +13,17 @@ mod sqlite_file;
 mod topics;
 mod write;
 
-pub use context::{Attachment, Context, Level, Note, Poses};
 pub use read::read;
 pub use write::write;
 
 use std::io::Read;
 use std::path::Path;
 
+use deltatwin::machine::{Joint, Mechanism};
+
 use self::content::Content;
 use self::messages::SECOND;
 use super::ReadError;
-use crate::machine::{Joint, Mechanism};
 
 const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, or a bag of ROS 2";
 

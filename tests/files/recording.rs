@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use deltatwin::machine::{Configuration, Joint, Mechanism, Payload, Setup};
-use deltatwin::recording::bag::{Attachment, Level, Note, Poses};
-use deltatwin::recording::{Context, Recording, Signals};
+use deltatwin::recording::{Attachment, Context, Level, Note, Poses, Recording, Signals};
+use deltatwin_io::recording;
 use nalgebra::Isometry3;
 use tempfile::TempDir;
 
@@ -55,7 +55,7 @@ fn folder() -> TempDir {
 }
 
 fn read(path: &Path) -> (Recording, Vec<String>) {
-    Recording::read(path, None).unwrap()
+    recording::read(path, None).unwrap()
 }
 
 /// Writes the plain CSV columns of `run(n)` after `change` worked on each row of cells.
@@ -76,7 +76,7 @@ fn csv(folder: &TempDir, n: usize, change: impl Fn(usize, &mut Vec<String>)) -> 
 }
 
 fn refused(path: &Path) -> String {
-    let message = Recording::read(path, None).unwrap_err().to_string();
+    let message = recording::read(path, None).unwrap_err().to_string();
     assert!(message.starts_with(&path.display().to_string()), "{message}");
     message
 }
@@ -96,7 +96,7 @@ fn round_trips_are_exact() {
     written.signals.q[0][3] = -0.0;
     for name in ["run.csv", "run.mcap"] {
         let path = folder.path().join(name);
-        written.write(&path).unwrap();
+        recording::write(&written, &path).unwrap();
         let (back, warnings) = read(&path);
         // The CSV's constant `ee_y` is worth a remark.
         assert_eq!(warnings.len(), 1, "{warnings:?}");
@@ -115,7 +115,7 @@ fn times_agree_to_the_nanosecond() {
     let path = folder.path().join("run.mcap");
     let mut written = run(300);
     written.signals.t.iter_mut().enumerate().for_each(|(k, t)| *t = k as f64 * STEP);
-    written.write(&path).unwrap();
+    recording::write(&written, &path).unwrap();
     let (mut back, _) = read(&path);
     assert_ne!(back.signals.t, written.signals.t);
     assert_eq!(back.first_difference(&written), None);
@@ -132,8 +132,8 @@ fn mcap_is_deterministic_and_keeps_missing_channels_missing() {
     (s.multipliers, s.link_q, s.link_qd) = (None, None, None);
     (s.strut_upper, s.strut_lower) = Default::default();
     let (a, b) = (folder.path().join("run.mcap"), folder.path().join("b.mcap"));
-    written.write(&a).unwrap();
-    written.write(&b).unwrap();
+    recording::write(&written, &a).unwrap();
+    recording::write(&written, &b).unwrap();
     assert_eq!(fs::read(&a).unwrap(), fs::read(&b).unwrap());
     assert_eq!(read(&a), (written, vec![]));
 }
@@ -142,14 +142,14 @@ fn mcap_is_deterministic_and_keeps_missing_channels_missing() {
 fn setup_file_beats_metadata() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
-    run(300).write(&path).unwrap();
+    recording::write(&run(300), &path).unwrap();
     let other = folder.path().join("other.toml");
     fs::write(&other, "configuration = \"disassembled\"\n").unwrap();
-    let (recording, warnings) = Recording::read(&path, Some(&other)).unwrap();
+    let (recording, warnings) = recording::read(&path, Some(&other)).unwrap();
     assert_eq!(recording.setup.configuration, Configuration::Disassembled);
     assert!(warnings.iter().any(|w| w.contains("differs")), "{warnings:?}");
     fs::write(&other, "configuration = 3\n").unwrap();
-    let e = Recording::read(&path, Some(&other)).unwrap_err().to_string();
+    let e = recording::read(&path, Some(&other)).unwrap_err().to_string();
     contains(&e, &["other.toml:1:17"]);
 }
 
@@ -158,7 +158,7 @@ fn truncated_mcap_is_read_as_far_as_it_goes() {
     let folder = folder();
     let path = folder.path().join("run.mcap");
     let whole = run(10_000);
-    whole.write(&path).unwrap();
+    recording::write(&whole, &path).unwrap();
     let bytes = fs::read(&path).unwrap();
     fs::write(&path, &bytes[..bytes.len() * 6 / 10]).unwrap();
     let (part, warnings) = read(&path);
@@ -172,12 +172,12 @@ fn truncated_mcap_is_read_as_far_as_it_goes() {
     // However it is cut or damaged, reading ends with a recording or an error.
     for k in 0..40 {
         fs::write(&path, &bytes[..k * bytes.len() / 800]).unwrap();
-        let _ = Recording::read(&path, None);
+        let _ = recording::read(&path, None);
         let mut damaged = bytes.clone();
         let at = k * bytes.len() / 40;
         damaged[at] ^= 0x55;
         fs::write(&path, damaged).unwrap();
-        let _ = Recording::read(&path, None);
+        let _ = recording::read(&path, None);
     }
 }
 
@@ -267,7 +267,7 @@ fn mcap_holds_ros_messages_only() {
         events: vec![Note { t: 0.06, level: Level::Error, text: "dislocation".into() }],
     };
     let written = run(300);
-    written.write_with(&path, &context).unwrap();
+    recording::write_with(&written, &path, &context).unwrap();
     let bytes = fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     assert!(summary.channels.values().all(|c| c.message_encoding == "cdr"));
@@ -398,14 +398,14 @@ fn sqlite_bags_are_read() {
     let bytes = fs::read(&whole).unwrap();
     for share in [1, 3, 5, 7, 9] {
         fs::write(&whole, &bytes[..bytes.len() * share / 10]).unwrap();
-        if let Ok((part, warnings)) = Recording::read(&whole, None) {
+        if let Ok((part, warnings)) = recording::read(&whole, None) {
             assert!(part.signals.len() < 400 && warnings.iter().any(|w| w.contains("damaged")), "{warnings:?}");
         }
     }
 }
 
 fn refused_inside(path: &Path) -> String {
-    Recording::read(path, None).unwrap_err().to_string()
+    recording::read(path, None).unwrap_err().to_string()
 }
 
 /// The instant of a measurement survives; times that ROS cannot hold are refused.
@@ -415,10 +415,10 @@ fn real_times_are_kept() {
     let path = folder.path().join("run.mcap");
     let mut written = run(300);
     written.signals.start = Some(1_600_000_000_000_000_000);
-    written.write(&path).unwrap();
+    recording::write(&written, &path).unwrap();
     assert_eq!(read(&path).0.signals.start, written.signals.start);
     written.signals.start = Some(i64::from(i32::MAX) * 1_000_000_000);
-    contains(&written.write(&path).unwrap_err().to_string(), &["out of range"]);
+    contains(&recording::write(&written, &path).unwrap_err().to_string(), &["out of range"]);
 }
 
 #[test]
@@ -507,11 +507,11 @@ fn degrees_per_second_are_refused() {
     let path = folder.path().join("run.csv");
     let mut recording = run(500);
     recording.signals.qd.iter_mut().flatten().flatten().for_each(|v| *v = v.to_degrees());
-    recording.write(&path).unwrap();
+    recording::write(&recording, &path).unwrap();
     contains(&refused(&path), &["column `qd1`", "degrees/s"]);
     recording.signals.tau[3][2] = f64::NAN;
-    contains(&recording.write(&path).unwrap_err().to_string(), &["sample 4 of `tau3` is NaN"]);
-    contains(&recording.write(Path::new("run.xyz")).unwrap_err().to_string(), &[".csv or .mcap"]);
+    contains(&recording::write(&recording, &path).unwrap_err().to_string(), &["sample 4 of `tau3` is NaN"]);
+    contains(&recording::write(&recording, Path::new("run.xyz")).unwrap_err().to_string(), &[".csv or .mcap"]);
 }
 
 #[test]
@@ -541,10 +541,10 @@ fn fewer_axes_when_asked_for() {
     let text = fs::read_to_string(&path).unwrap();
     let (_, rows) = text.split_once('\n').unwrap();
     fs::write(&path, format!("t,q1,tau1\n{rows}")).unwrap();
-    let refused = Recording::read_of(&path, None, Mechanism::default()).unwrap_err().to_string();
+    let refused = recording::read_of(&path, None, Mechanism::default()).unwrap_err().to_string();
     contains(&refused, &["no column `q2`", "t, q1…q4, tau1…tau4"]);
-    assert_eq!(Recording::read(&path, None).unwrap().0.signals.mechanism.axes(), 1);
-    let (recording, warnings) = Recording::read_of(&path, None, Mechanism::Axis(Joint::Prismatic)).unwrap();
+    assert_eq!(recording::read(&path, None).unwrap().0.signals.mechanism.axes(), 1);
+    let (recording, warnings) = recording::read_of(&path, None, Mechanism::Axis(Joint::Prismatic)).unwrap();
     assert_eq!(warnings, [""; 0]);
     assert_eq!(recording.signals.q[7][1..], [0.0; 3]);
     assert_eq!(recording.signals.q[7][0], run(8).signals.q[7][0]);
@@ -621,7 +621,7 @@ fn socket_margins_come_all_together_or_not_at_all() {
     let folder = folder();
     let path = folder.path().join("run.csv");
     let whole = run(1500);
-    whole.write(&path).unwrap();
+    recording::write(&whole, &path).unwrap();
     let text = fs::read_to_string(&path).unwrap();
     assert!(text.lines().next().unwrap().contains("margin6_upper,margin1_lower"), "{text:.300}");
 
@@ -647,7 +647,7 @@ fn socket_margins_come_all_together_or_not_at_all() {
     let t = &shaken.signals.t;
     shaken.signals.q = t.iter().map(|&t| std::array::from_fn(|k| angle(k, t))).collect();
     shaken.signals.socket_margin = Some(t.iter().map(|&t| [100.0 + 50.0 * (6.0 * t).sin(); 12]).collect());
-    shaken.write(&path).unwrap();
+    recording::write(&shaken, &path).unwrap();
     let s = read(&path).0.signals;
     for (t, m) in s.t.iter().zip(s.socket_margin.unwrap()) {
         assert!((m[11] - 100.0 - 50.0 * (6.0 * t).sin()).abs() < 1e-6, "at {t}");
@@ -661,7 +661,7 @@ fn constant_margins_are_not_remarked() {
     let path = folder.path().join("run.mcap");
     let mut written = run(300);
     written.signals.socket_margin.as_mut().unwrap().iter_mut().for_each(|m| m[3] = 0.0);
-    written.write(&path).unwrap();
+    recording::write(&written, &path).unwrap();
     let (back, warnings) = read(&path);
     assert_eq!(back, written);
     assert!(!warnings.iter().any(|w| w.contains("margin")), "{warnings:?}");
@@ -686,6 +686,6 @@ fn damaged_csv_does_no_harm() {
         }
         damaged.truncate(if random(4) == 0 { random(bytes.len()) } else { bytes.len() });
         fs::write(&path, damaged).unwrap();
-        let _ = Recording::read(&path, None);
+        let _ = recording::read(&path, None);
     }
 }

@@ -1,0 +1,7 @@
+//! Files of deltatwin: everything that is read from disk or written to it goes through this crate.
+
+pub mod file;
+pub mod recording;
+mod source;
+
+pub use source::Problem;

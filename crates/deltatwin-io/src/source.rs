@@ -1,0 +1,187 @@
+//! A text file whose mistakes are reported with file, line and column, and checks of the values in it.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use deltatwin::machine::AXES;
+use miette::{Diagnostic, NamedSource, SourceSpan};
+use thiserror::Error;
+use toml::Spanned;
+
+/// A mistake in a text file.
+#[derive(Clone, Debug, Error, Diagnostic)]
+#[error("{place}: {message}")]
+pub struct Problem {
+    /// `file:line:column`.
+    pub place: String,
+    /// Key, value and what was expected.
+    pub message: String,
+    /// The file's text.
+    #[source_code]
+    text: Arc<NamedSource<String>>,
+    /// Where the mistake is.
+    #[label("{label}")]
+    span: SourceSpan,
+    label: String,
+}
+
+/// Result of a check.
+pub(crate) type Checked<T> = std::result::Result<T, Problem>;
+
+/// A TOML file as text.
+pub(crate) struct Source<'a> {
+    /// What the file is called in errors.
+    pub name: String,
+    pub text: &'a str,
+}
+
+impl<'a> Source<'a> {
+    pub fn new(name: impl std::fmt::Display, text: &'a str) -> Self {
+        Self { name: name.to_string(), text }
+    }
+
+    /// An error about the text at `span`.
+    pub fn problem(&self, span: Range<usize>, message: String) -> Problem {
+        self.labelled(span, message, "here".into())
+    }
+
+    /// The same with a label under the text at `span`.
+    pub fn labelled(&self, span: Range<usize>, message: String, label: String) -> Problem {
+        let before = self.text.get(..span.start).unwrap_or(self.text);
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        Problem {
+            place: format!("{}:{line}:{column}", self.name),
+            message,
+            text: NamedSource::new(&self.name, self.text.to_string()).with_language("toml").into(),
+            span: span.into(),
+            label,
+        }
+    }
+
+    /// An error of the TOML reader.
+    pub fn broken(&self, error: &toml::de::Error) -> Problem {
+        self.problem(error.span().unwrap_or(0..0), error.message().trim().replace('\n', ", "))
+    }
+
+    /// A number from `low` to `high`.
+    pub fn within(&self, key: &str, value: &Spanned<f64>, low: f64, high: f64, unit: &str) -> Checked<f64> {
+        let v = *value.get_ref();
+        if (low..=high).contains(&v) {
+            return Ok(v);
+        }
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a number from {low} to {high}{unit}")))
+    }
+
+    /// The same, or `default` for a key that is left out.
+    pub fn optional(
+        &self,
+        key: &str,
+        value: &Option<Spanned<f64>>,
+        default: f64,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Checked<f64> {
+        value.as_ref().map_or(Ok(default), |v| self.within(key, v, low, high, unit))
+    }
+
+    /// The same, if the key is there.
+    pub fn maybe(
+        &self,
+        key: &str,
+        value: &Option<Spanned<f64>>,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Checked<Option<f64>> {
+        value.as_ref().map(|v| self.within(key, v, low, high, unit)).transpose()
+    }
+
+    /// An array of numbers, each from `low` to `high`.
+    pub fn numbers<const N: usize>(
+        &self,
+        key: &str,
+        value: &Spanned<[f64; N]>,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Checked<[f64; N]> {
+        match value.get_ref().iter().find(|v| !(low..=high).contains(*v)) {
+            None => Ok(*value.get_ref()),
+            Some(v) => {
+                let message = format!("`{key}` has {v}; expected {N} numbers from {low} to {high} {unit}");
+                Err(self.problem(value.span(), message.trim_end().to_string()))
+            }
+        }
+    }
+
+    /// One number per axis of the machine, which may have fewer than four: what is missing is zero.
+    pub fn per_axis(
+        &self,
+        key: &str,
+        value: &Spanned<Vec<f64>>,
+        low: f64,
+        high: f64,
+        unit: &str,
+    ) -> Checked<[f64; AXES]> {
+        let given = value.get_ref();
+        let problem = match given.iter().find(|v| !(low..=high).contains(*v)) {
+            Some(v) => Some(v.to_string()),
+            None if ![1, 3, AXES].contains(&given.len()) => Some(format!("{} number(s)", given.len())),
+            None => None,
+        };
+        if let Some(what) = problem {
+            let message = format!(
+                "`{key}` has {what}; expected one per axis, 1, 3 or {AXES} numbers from {low} to {high} {unit}"
+            );
+            return Err(self.problem(value.span(), message.trim_end().to_string()));
+        }
+        Ok(std::array::from_fn(|i| given.get(i).copied().unwrap_or(0.0)))
+    }
+
+    /// A whole number from `low` to `high`.
+    pub fn count(&self, key: &str, value: &Spanned<i64>, low: i64, high: i64) -> Checked<usize> {
+        let v = *value.get_ref();
+        if (low..=high).contains(&v) {
+            return Ok(v as usize);
+        }
+        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a whole number from {low} to {high}")))
+    }
+
+    /// One of several words.
+    pub fn choice<T: Copy>(&self, key: &str, value: &Spanned<String>, choices: &[(&str, T)]) -> Checked<T> {
+        let word = value.get_ref();
+        if let Some((_, choice)) = choices.iter().find(|(name, _)| name == word) {
+            return Ok(*choice);
+        }
+        let names: Vec<String> = choices.iter().map(|(name, _)| format!("\"{name}\"")).collect();
+        let names = match names.split_last() {
+            Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+            _ => names.concat(),
+        };
+        Err(self.problem(value.span(), format!("`{key}` is \"{word}\"; expected {names}")))
+    }
+
+    /// A key that `context` needs.
+    pub fn needed<'v, T>(
+        &self,
+        key: &str,
+        value: &'v Option<Spanned<T>>,
+        context: &str,
+        at: Range<usize>,
+    ) -> Checked<&'v Spanned<T>> {
+        value.as_ref().ok_or_else(|| self.problem(at, format!("{context} lacks `{key}`; expected it beside")))
+    }
+
+    /// Refuses a key that has no meaning in `context`.
+    pub fn foreign<T>(&self, key: &str, value: &Option<Spanned<T>>, context: &str) -> Checked<()> {
+        match value {
+            None => Ok(()),
+            Some(v) => {
+                Err(self.problem(v.span(), format!("`{key}` has no meaning for {context}; expected it to be left out")))
+            }
+        }
+    }
+}
