@@ -6,11 +6,9 @@ use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Method, Trace};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::AXES;
-use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
-use deltatwin::scenario::Scenario;
 use deltatwin::twin::{Options, simulate};
-use deltatwin_io::recording;
+use deltatwin_io::{model, recording, scenario};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -20,9 +18,9 @@ const FLOOR: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
 
 /// A shipped scenario on the truth model with the twin's own rates and accelerations.
 fn run(file: &str) -> (Recording, Plant) {
-    let scenario = Scenario::read(Path::new(file)).expect("a scenario");
-    let machine = Model::read(&scenario.model).expect("a model");
-    let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).expect("a model");
+    let scenario = scenario::read(Path::new(file)).expect("a scenario");
+    let machine = model::read(&scenario.model).expect("a model");
+    let planning = model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).expect("a model");
     let motion = scenario.motion(&planning).expect("a motion");
     let mut options = Options::of(&scenario, &machine);
     (options.sensors.velocity, options.sensors.acceleration) = (true, true);

@@ -14,9 +14,9 @@ use deltatwin::kinematics::JointState;
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
-use deltatwin::scenario::{Formulation, Scenario};
+use deltatwin::scenario::Formulation;
 use deltatwin::twin::{Options, Report, Torque, Twin, simulate};
-use deltatwin_io::recording;
+use deltatwin_io::{model, recording, scenario};
 use rayon::prelude::*;
 
 /// Largest difference of a channel, relative to the largest magnitude of its kind.
@@ -39,9 +39,9 @@ fn name(file: &Path) -> &str {
 type Change<'a> = dyn Fn(&mut Model, &mut Options, &mut Setup) + Sync + 'a;
 
 fn play(file: &Path, formulation: Formulation, change: &Change<'_>) -> (Recording, Report) {
-    let mut scenario = Scenario::read(file).unwrap();
-    let mut machine = Model::read(&scenario.model).unwrap();
-    let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
+    let mut scenario = scenario::read(file).unwrap();
+    let mut machine = model::read(&scenario.model).unwrap();
+    let planning = model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
     let motion = scenario.motion(&planning).unwrap();
     let mut options = Options::of(&scenario, &machine);
     options.formulation = formulation;

@@ -14,7 +14,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Gains, Options, Report, Torque, Twin, simulate};
-use deltatwin_io::recording;
+use deltatwin_io::{model, recording};
 use nalgebra::{DVector, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -46,7 +46,7 @@ fn turntable() -> Model {
         .replace("coulomb = 30.0", "coulomb = 0.3")
         .replace("viscous = 60.0", "viscous = 0.01")
         .replace("steepness = 1900.0", "steepness = 65.0");
-    Model::parse(&text, std::path::Path::new("models/turntable.toml")).unwrap()
+    model::parse(&text, std::path::Path::new("models/turntable.toml")).unwrap()
 }
 
 /// Every kind of machine that is not the assembled robot with telescope.
@@ -187,7 +187,7 @@ fn a_model_of_the_assembled_robot_learns_its_arms_from_a_run_of_it_taken_apart()
     let telescope =
         |m: &Model| m.effects.iter().find(|a| a.effect.name() == "telescope_friction").unwrap().values.clone();
     assert_eq!(telescope(&fitted.model), telescope(&nominal));
-    let text = deltatwin::model::write::updated_text(nominal.source.as_ref().unwrap(), &fitted.model).unwrap();
+    let text = model::updated_text(nominal.source.as_ref().unwrap(), &fitted.model).unwrap();
     assert!(text.contains("[bodies.arm2]"), "{text}");
 }
 

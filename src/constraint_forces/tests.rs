@@ -1,5 +1,3 @@
-use std::path::Path;
-
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +10,7 @@ use crate::effects::{ActiveEffect, find};
 use crate::kinematics::{JointState, Motion};
 use crate::machine::bodies::END_EFFECTOR;
 use crate::machine::{Payload, Setup};
-use crate::model::Model;
+use crate::model::testing::shipped;
 use crate::twin::{Torque, Twin};
 
 fn setup() -> Setup {
@@ -21,7 +19,7 @@ fn setup() -> Setup {
 }
 
 fn plant(name: &str) -> Plant {
-    Plant::new(&Model::read(Path::new(&format!("models/{name}.toml"))).unwrap(), &setup())
+    Plant::new(&shipped(name), &setup())
 }
 
 /// Motions within the workspace up to 8 rad/s and 80 rad/s² (axis 4: 24 rad/s, 240 rad/s²).

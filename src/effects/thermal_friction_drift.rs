@@ -118,6 +118,7 @@ impl Effect for ThermalFrictionDrift {
 mod tests {
     use super::*;
     use crate::effects::testing;
+    use crate::model::testing::shipped;
 
     #[test]
     fn half_warm_drive_has_half_the_extra_friction() {
@@ -149,7 +150,7 @@ mod tests {
     #[test]
     fn viscous_friction_saturates_where_that_of_the_model_does() {
         let parameter = ThermalFrictionDrift.parameters()[SATURATION];
-        let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let mut model = shipped("irb360-6-1600");
         assert_eq!(ThermalFrictionDrift.constant(&parameter, &model.view()), Some(8.5919));
         model.effects.retain(|a| a.effect.name() != "axis4_friction");
         assert_eq!(ThermalFrictionDrift.constant(&parameter, &model.view()), Some(NONE));

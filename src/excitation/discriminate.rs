@@ -218,15 +218,14 @@ impl Difference {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
     use crate::excitation::machine::information;
+    use crate::model::testing::shipped;
 
     /// The slope of −log δ² by the information is that of differences.
     #[test]
     fn difference_has_the_slope_of_its_value() {
-        let model = Model::read(Path::new("models/irb360-6-1600.toml")).unwrap();
+        let model = shipped("irb360-6-1600");
         let pair = ["ball_socket_coulomb", "ball_socket_viscous"].map(|n| assumed(&model, n).unwrap());
         let options = Options { harmonics: 3, ..Options::default() };
         let limits = Limits::of(&model, options.share, None);

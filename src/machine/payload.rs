@@ -1,7 +1,5 @@
 //! What hangs at the flange.
 
-use std::fmt::Write as _;
-
 use nalgebra::{Matrix3, Vector3};
 
 use super::Inertia;
@@ -71,27 +69,6 @@ impl Payload {
         let mut i = Inertia::point(self.mass, self.com);
         i.tensor += self.tensor;
         i
-    }
-
-    /// The table `[payload]` of a setup or scenario, read back without loss.
-    pub fn to_toml(&self) -> String {
-        let Self { mass, com, .. } = self;
-        let mut text = format!(
-            "[payload]\nmass = {mass:?} # kg\ncom = [{:?}, {:?}, {:?}] # m, from flange\n\
-             inertia_zz = {:?} # kg·m², about the COM\n",
-            com.x,
-            com.y,
-            com.z,
-            self.inertia_zz()
-        );
-        if *self != Self::new(*mass, *com, self.inertia_zz()) {
-            let [xx, yy, zz, xy, xz, yz] = self.moments();
-            let _ = writeln!(
-                text,
-                "inertia = [ # kg·m², about the COM\n    {xx:?}, {yy:?}, {zz:?}, # xx yy zz\n    {xy:?}, {xz:?}, {yz:?}, # xy xz yz\n]"
-            );
-        }
-        text
     }
 }
 

@@ -1,16 +1,9 @@
 //! The summary of a model that `check` prints.
 
-use std::path::Path;
-
 use super::Model;
 use crate::machine::bodies::{ARM, BODIES, ROTOR, STRUT, body_name};
 use crate::machine::check::home;
 use crate::machine::{ARMS, Inertia, Joint, Mechanism, STRUTS};
-
-/// Reads a model file and describes the machine in one paragraph; problems come as errors with line and key.
-pub fn check_file(path: &Path) -> miette::Result<String> {
-    Ok(summary(&Model::read(path)?))
-}
 
 /// The machine in one paragraph.
 pub fn summary(model: &Model) -> String {

@@ -1,13 +1,12 @@
 //! A machine with the effects that are switched on: what a model file says.
 //!
-//! A [`Model`] is constant after loading. Only `read.rs` and `write.rs` know TOML.
+//! A [`Model`] is constant after loading.
 
 pub mod check;
 pub mod history;
 pub mod provenance;
-mod read;
-mod schema;
-pub mod write;
+#[cfg(test)]
+pub(crate) mod testing;
 
 pub use history::Added;
 pub use provenance::Provenance;

@@ -138,17 +138,15 @@ pub fn name(stop: usize, hit: &Hit) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
     use crate::effects::testing;
     use crate::kinematics::JointState;
     use crate::machine::{Setup, Stops};
-    use crate::model::Model;
+    use crate::model::testing::shipped;
     use crate::twin::{Torque, Twin};
 
     fn plant(name: &str, change: impl FnOnce(&mut Stops)) -> Plant {
-        let mut model = Model::read(Path::new(&format!("models/{name}.toml"))).unwrap();
+        let mut model = shipped(name);
         model.effects.clear();
         change(&mut model.stops);
         Plant::new(&model, &Setup::default())

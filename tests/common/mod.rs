@@ -8,6 +8,7 @@ use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup, Stops};
 use deltatwin::model::Model;
+use deltatwin_io::model;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -30,7 +31,7 @@ pub fn is_scenario(path: &Path) -> bool {
 
 /// The shipped model called `name`.
 pub fn model(name: &str) -> Model {
-    Model::read(&root().join(format!("models/{name}.toml"))).expect("a shipped model")
+    model::read(&root().join(format!("models/{name}.toml"))).expect("a shipped model")
 }
 
 /// Numbers of Table 3 on the geometry of the IRB 360-6/1600, no effects, no payload, and no hard stops: smooth motion

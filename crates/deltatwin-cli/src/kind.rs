@@ -9,10 +9,10 @@ use deltatwin::gate::{Finding, examine};
 use deltatwin::identification::{Trace, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, check};
-use deltatwin::planner::{Limits, Task};
-use deltatwin::scenario::Scenario;
+use deltatwin::planner::Limits;
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
+use deltatwin_io::{model, scenario};
 
 /// Kinds of files deltatwin reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +65,7 @@ pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Re
         return Ok(Verified { kind, summary, warnings, gate });
     }
     let (summary, warnings) = match kind {
-        Kind::Model => (check::check_file(path)?, Vec::new()),
+        Kind::Model => (check::summary(&model::read(path)?), Vec::new()),
         Kind::Scenario => (scenario(path)?, Vec::new()),
         Kind::Path => (planned_path(path)?, Vec::new()),
         Kind::Setup => (setup(&setup::read(path)?), Vec::new()),
@@ -109,9 +109,9 @@ pub fn kind(path: &Path) -> miette::Result<Kind> {
 }
 
 fn scenario(path: &Path) -> miette::Result<String> {
-    let scenario = Scenario::read(path)?;
-    let machine = Model::read(&scenario.model)?;
-    let controller = scenario.controller_model.as_deref().map(Model::read).transpose()?;
+    let scenario = scenario::read(path)?;
+    let machine = model::read(&scenario.model)?;
+    let controller = scenario.controller_model.as_deref().map(model::read).transpose()?;
     let planning = controller.as_ref().unwrap_or(&machine);
     scenario.motion(planning).into_diagnostic().wrap_err_with(|| path.display().to_string())?;
     let course = scenario.motion.describe();
@@ -127,7 +127,7 @@ fn scenario(path: &Path) -> miette::Result<String> {
 }
 
 fn planned_path(path: &Path) -> miette::Result<String> {
-    let task = Task::read(path, Limits::NONE)?;
+    let task = deltatwin_io::plan::read(path, Limits::NONE)?;
     let curve = task.shape.curve();
     let [from, to] = [0.0, curve.end()].map(|s| curve.at(s)[0]);
     Ok(format!(

@@ -64,6 +64,13 @@ impl<'a> Source<'a> {
         self.problem(error.span().unwrap_or(0..0), error.message().trim().replace('\n', ", "))
     }
 
+    /// The text of a value, on one line and not too long.
+    pub fn quote(&self, span: Range<usize>) -> String {
+        let text: Vec<&str> = self.text.get(span).unwrap_or("").split_whitespace().collect();
+        let text = text.join(" ");
+        if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
+    }
+
     /// A number from `low` to `high`.
     pub fn within(&self, key: &str, value: &Spanned<f64>, low: f64, high: f64, unit: &str) -> Checked<f64> {
         let v = *value.get_ref();

@@ -66,15 +66,14 @@ fn loose(frame: &Frame) -> [bool; STRUTS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use deltatwin::model::Model;
-    use deltatwin::scenario::Scenario;
     use deltatwin::twin::simulate;
+    use deltatwin_io::{model, scenario};
 
     /// The platform has run into the block and two limbs have come off.
     #[test]
     fn a_crash_is_shown_as_it_was() {
-        let scenario = Scenario::read(Path::new("../../scenarios/crash.toml")).unwrap();
-        let model = Model::read(&scenario.model).unwrap();
+        let scenario = scenario::read(Path::new("../../scenarios/crash.toml")).unwrap();
+        let model = model::read(&scenario.model).unwrap();
         let motion = scenario.motion(&model).unwrap();
         let plant = Plant::new(&model, &scenario.setup);
         let run = |frames| {

@@ -1,17 +1,15 @@
-use std::f64::consts::FRAC_PI_2;
-use std::path::Path;
-
 use nalgebra::{Quaternion, Rotation3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use std::f64::consts::FRAC_PI_2;
 
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
 use crate::machine::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
 use crate::machine::{ARMS, Geometry, Setup};
-use crate::model::Model;
+use crate::model::testing::shipped;
 use crate::twin::constraints::rows;
 use crate::twin::{Torque, Twin, absolute, energy};
 
@@ -89,7 +87,7 @@ const STILL: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
 
 /// The shipped model without effects: its end effector has no inertia.
 fn plant() -> Plant {
-    let mut model = Model::read(Path::new("models/irb360-6-1600.toml")).expect("a shipped model");
+    let mut model = shipped("irb360-6-1600");
     model.effects.clear();
     Plant::new(&model, &Setup::default())
 }

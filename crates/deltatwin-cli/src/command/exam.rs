@@ -10,7 +10,7 @@ use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
-use deltatwin_io::recording;
+use deltatwin_io::{model, recording};
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
 use deltatwin_validation::exam::motion::MotionKind;
 use deltatwin_validation::exam::noise::Noise;
@@ -93,7 +93,7 @@ const DURATION: (f64, f64) = (1.0, 600.0);
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::read(&args.model)?;
+    let model = model::read(&args.model)?;
     if !model.assembled || !matches!(model.mechanism, Mechanism::Delta { .. }) {
         return Err(miette!("{}: expected the model of an assembled delta robot", args.model.display()));
     }

@@ -15,10 +15,8 @@ use deltatwin::identification::Trace;
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{ARMS, STRUTS, Setup};
 use deltatwin::model::Model;
-use deltatwin::scenario::Scenario;
 use deltatwin::text::significant;
-use deltatwin_io::file;
-use deltatwin_io::recording;
+use deltatwin_io::{file, recording, scenario};
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 
 /// Compute the constraint forces of a motion.
@@ -114,7 +112,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
     let name = || args.motion.display().to_string();
     if kind(&args.motion)? == Kind::Scenario {
-        let scenario = Scenario::read(&args.motion)?;
+        let scenario = scenario::read(&args.motion)?;
         let desired = scenario.motion(model).into_diagnostic().wrap_err_with(name)?;
         let geometry = Plant::new(model, &scenario.setup).geometry;
         let samples = (scenario.duration / model.sample_time).floor() as usize;

@@ -52,7 +52,7 @@ const SHOWN: usize = 40;
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = assembled_robot(&args.model)?;
     let twin = args.twin.as_deref().map(assembled_robot).transpose()?;
-    let task = Task::read(&args.path, Limits::of(&model))?;
+    let task = deltatwin_io::plan::read(&args.path, Limits::of(&model))?;
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
     }

@@ -23,7 +23,7 @@ use deltatwin::twin::origin::{origin, with_run};
 use deltatwin::twin::sockets::socket_name;
 use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
 use deltatwin_io::file::WriteError;
-use deltatwin_io::recording;
+use deltatwin_io::{model, recording, scenario};
 
 /// Run the twin.
 ///
@@ -234,13 +234,13 @@ fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
 }
 
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
-    let scenario = Scenario::read(file)?;
+    let scenario = scenario::read(file)?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
-    let machine = Model::read(machine_file)?;
+    let machine = model::read(machine_file)?;
     // Another machine does not change what the controller knows: the same motion drives both.
     let planning = match scenario.controller_model.as_ref().unwrap_or(&scenario.model) {
         same if same == machine_file => machine.clone(),
-        other => Model::read(other)?,
+        other => model::read(other)?,
     };
     let output = args.output.as_ref().map(|output| {
         if args.scenarios.len() > 1 { output.join(format!("{}.mcap", scenario.name)) } else { output.clone() }

@@ -1,6 +1,7 @@
 //! Setup of a run as TOML: the sidecar `<stem>.setup.toml` of a recording.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -163,9 +164,30 @@ pub fn to_toml(setup: &Setup) -> String {
         Configuration::Assembled => "assembled",
         Configuration::Disassembled => "disassembled",
     };
-    let mut text = format!("configuration = \"{configuration}\"\n\n{}", setup.payload.to_toml());
+    let mut text = format!("configuration = \"{configuration}\"\n\n{}", payload_to_toml(&setup.payload));
     if let Some(sigma) = setup.torque_noise {
         text += &format!("\n[noise]\ntorque = {sigma:?} # N·m, standard deviation\n");
+    }
+    text
+}
+
+/// The table `[payload]` of a setup or scenario, read back without loss.
+pub(crate) fn payload_to_toml(payload: &Payload) -> String {
+    let Payload { mass, com, .. } = payload;
+    let mut text = format!(
+        "[payload]\nmass = {mass:?} # kg\ncom = [{:?}, {:?}, {:?}] # m, from flange\n\
+         inertia_zz = {:?} # kg·m², about the COM\n",
+        com.x,
+        com.y,
+        com.z,
+        payload.inertia_zz()
+    );
+    if *payload != Payload::new(*mass, *com, payload.inertia_zz()) {
+        let [xx, yy, zz, xy, xz, yz] = payload.moments();
+        let _ = writeln!(
+            text,
+            "inertia = [ # kg·m², about the COM\n    {xx:?}, {yy:?}, {zz:?}, # xx yy zz\n    {xy:?}, {xz:?}, {yz:?}, # xy xz yz\n]"
+        );
     }
     text
 }

@@ -11,8 +11,8 @@ use super::size::Hidden;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::Role;
 use deltatwin::effects::formula::Place;
-use deltatwin::model::write::replace_file;
 use deltatwin_io::file::WriteError;
+use deltatwin_io::file::replace_text;
 
 /// What is hidden in a campaign.
 pub const TRUTH: &str = "truth.json";
@@ -169,7 +169,7 @@ pub fn campaigns(root: &Path) -> Result<Vec<PathBuf>, FolderError> {
 fn write_json(file: &Path, value: &Value) -> Result<(), FolderError> {
     let io = |source| FolderError::Io { file: file.into(), source };
     let text = serde_json::to_string_pretty(value).map_err(|e| io(e.into()))?;
-    replace_file(file, &(text + "\n")).map_err(io)
+    replace_text(file, &(text + "\n")).map_err(io)
 }
 
 fn read_json(file: &Path) -> Result<Value, FolderError> {

@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn only_what_was_weighed_changes() {
-        let model = deltatwin::model::Model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap();
+        let model = deltatwin_io::model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap();
         let weighed = weighed(&model.bodies);
         assert_eq!(weighed[PLATFORM].mass, 1.12);
         assert_relative_eq!(weighed[PLATFORM].first_moment.z, -0.0224, epsilon = 1e-15);

@@ -136,7 +136,7 @@ impl How {
     /// The model of `--prior`, described by the same parameters as `model`.
     pub fn prior(&self, model: &Model) -> miette::Result<Option<Model>> {
         let Some(path) = &self.prior else { return Ok(None) };
-        Ok(Some(Model { link_parameters: model.link_parameters, ..Model::read(path)? }))
+        Ok(Some(Model { link_parameters: model.link_parameters, ..deltatwin_io::model::read(path)? }))
     }
 
     /// Effects that are held.

@@ -3,12 +3,11 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::Result;
-use super::file::File;
-use crate::kinematics::motion::SOCKETS;
-use crate::machine::STRUTS;
-use crate::scenario::sockets::{SPRINGS, SocketSetup, spring_name};
-use crate::scenario::{Gains, Sensors, Supervision, Trip};
+use crate::source::{Checked, Source};
+use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::STRUTS;
+use deltatwin::scenario::sockets::{SPRINGS, SocketSetup, spring_name};
+use deltatwin::scenario::{Gains, Sensors, Supervision, Trip};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -55,7 +54,7 @@ pub(super) struct GainKeys {
     cutoff: Option<Spanned<f64>>,
 }
 
-pub(super) fn sockets(file: &File, keys: &SocketKeys) -> Result<SocketSetup> {
+pub(super) fn sockets(file: &Source, keys: &SocketKeys) -> Checked<SocketSetup> {
     let mut out = SocketSetup { armed: keys.armed, ..SocketSetup::default() };
     if let Some(hold) = &keys.hold {
         out.hold = Some(file.numbers("sockets.hold", hold, 0.0, 1e6, "N")?);
@@ -85,7 +84,7 @@ pub(super) fn sockets(file: &File, keys: &SocketKeys) -> Result<SocketSetup> {
     Ok(out)
 }
 
-pub(super) fn supervision(file: &File, keys: &SupervisionKeys) -> Result<Supervision> {
+pub(super) fn supervision(file: &Source, keys: &SupervisionKeys) -> Checked<Supervision> {
     let brakes = match &keys.trip {
         Some(trip) => file.choice("supervision.trip", trip, &[("coast", false), ("brake", true)])?,
         None => false,
@@ -108,7 +107,7 @@ pub(super) fn supervision(file: &File, keys: &SupervisionKeys) -> Result<Supervi
     })
 }
 
-pub(super) fn sensors(file: &File, keys: &SensorKeys) -> Result<Sensors> {
+pub(super) fn sensors(file: &Source, keys: &SensorKeys) -> Checked<Sensors> {
     let mut out = Sensors {
         strut_upper: struts(file, "sensors.strut_upper", &keys.strut_upper)?,
         strut_lower: struts(file, "sensors.strut_lower", &keys.strut_lower)?,
@@ -126,7 +125,7 @@ pub(super) fn sensors(file: &File, keys: &SensorKeys) -> Result<Sensors> {
     Ok(out)
 }
 
-fn struts(file: &File, key: &str, numbers: &[Spanned<i64>]) -> Result<[bool; STRUTS]> {
+fn struts(file: &Source, key: &str, numbers: &[Spanned<i64>]) -> Checked<[bool; STRUTS]> {
     let mut fitted = [false; STRUTS];
     for strut in numbers {
         let i = file.count(key, strut, 1, STRUTS as i64)?;
@@ -136,7 +135,13 @@ fn struts(file: &File, key: &str, numbers: &[Spanned<i64>]) -> Result<[bool; STR
 }
 
 /// Sets `flag`, unless it is set already.
-fn once<T: std::fmt::Display>(file: &File, key: &str, flag: &mut bool, value: &Spanned<T>, what: &str) -> Result<()> {
+fn once<T: std::fmt::Display>(
+    file: &Source,
+    key: &str,
+    flag: &mut bool,
+    value: &Spanned<T>,
+    what: &str,
+) -> Checked<()> {
     if std::mem::replace(flag, true) {
         let message = format!("`{key}` has {} twice; expected every {what} once", value.get_ref());
         return Err(file.problem(value.span(), message));
@@ -144,7 +149,7 @@ fn once<T: std::fmt::Display>(file: &File, key: &str, flag: &mut bool, value: &S
     Ok(())
 }
 
-pub(super) fn gains(file: &File, keys: &GainKeys) -> Result<Gains> {
+pub(super) fn gains(file: &Source, keys: &GainKeys) -> Checked<Gains> {
     let each = |key: &str, value: &Option<Spanned<Vec<f64>>>, unit: &str| {
         value.as_ref().map(|v| file.per_axis(key, v, 0.0, 1e7, unit)).transpose()
     };
@@ -160,7 +165,7 @@ mod tests {
     use super::super::tests::{GOOD, parse};
     use super::*;
 
-    fn with(tables: &str) -> Result<crate::scenario::Scenario> {
+    fn with(tables: &str) -> super::super::Result<deltatwin::scenario::Scenario> {
         parse(&format!("{GOOD}{tables}"))
     }
 
@@ -191,7 +196,7 @@ mod tests {
         assert!(s.sensors.strut_lower[1] && s.sensors.velocity && s.sensors.sockets);
         assert!(!s.sensors.ee && !s.sensors.acceleration && s.sensors.strut_upper == [false; STRUTS]);
         assert_eq!((s.gains.proportional, s.gains.derivative), (Some([1.0, 2.0, 3.0, 4.0]), None));
-        let model = crate::model::Model::read(&s.model).unwrap();
+        let model = crate::model::read(&s.model).unwrap();
         let holds = s.socket_holds(&model);
         assert!(holds[0] < 120.0 && holds[1] < 120.0 && holds[2] > 150.0 && holds[11] < 130.0, "{holds:?}");
         let fixed = with(&format!("[sockets]\nhold = {TWELVE}\n")).unwrap();

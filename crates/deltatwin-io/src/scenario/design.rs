@@ -1,22 +1,23 @@
-//! The designed motion as a scenario file.
+//! Designed motions and planned experiments as scenario files.
 
 use std::fmt::Write;
 use std::path::{Component, Path, PathBuf};
 
+use deltatwin::dynamics::Channel;
+use deltatwin::excitation::experiments::Experiment;
+use deltatwin::excitation::{Design, Objective, Options, median};
+use deltatwin::machine::{Payload, Setup};
+use deltatwin::model::Model;
+use deltatwin::scenario::Course;
+use deltatwin::text::significant;
 use miette::{IntoDiagnostic, WrapErr, miette};
 
-use super::experiments::Experiment;
-use super::{Design, Objective, Options, median};
-use crate::dynamics::Channel;
-use crate::machine::{Payload, Setup};
-use crate::model::Model;
-use crate::model::write::replace_file;
-use crate::scenario::write::motion_text;
-use crate::scenario::{Course, Scenario};
-use crate::text::significant;
+use super::{motion_text, parse};
+use crate::file::replace_text;
+use crate::recording::setup::payload_to_toml;
 
 /// Text of the scenario at `output`, which runs `model_file` along the designed motion.
-pub fn text(design: &Design, options: &Options, model_file: &Path, output: &Path) -> String {
+fn text(design: &Design, options: &Options, model_file: &Path, output: &Path) -> String {
     let mut out = String::new();
     let objective = match options.objective {
         Objective::Logdet => "-log det of the information about the base parameters",
@@ -65,8 +66,11 @@ pub fn text(design: &Design, options: &Options, model_file: &Path, output: &Path
     out
 }
 
-/// Writes the scenario beside `output` and renames it, after reading it back and checking its motion.
-pub fn write(
+/// Writes the scenario after reading it back and checking its motion.
+///
+/// # Errors
+/// A motion that the machine cannot follow, and whatever the system says.
+pub fn write_design(
     design: &Design,
     options: &Options,
     model: &Model,
@@ -74,13 +78,16 @@ pub fn write(
     output: &Path,
 ) -> miette::Result<()> {
     let text = text(design, options, model_file, output);
-    let scenario = Scenario::parse(&text, output)?;
+    let scenario = parse(&text, output)?;
     scenario.motion(model).into_diagnostic().wrap_err_with(|| output.display().to_string())?;
-    replace_file(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
+    replace_text(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
 }
 
 /// Writes a planned experiment as a scenario of `model_file`, after reading it back and checking its motion.
-pub fn write_plan(
+///
+/// # Errors
+/// A motion that is none, or that the machine cannot follow, and whatever the system says.
+pub fn write_experiment(
     plan: &Experiment,
     comments: &[String],
     seed: u64,
@@ -98,7 +105,7 @@ pub fn write_plan(
     );
     let Setup { payload, .. } = plan.trace.setup;
     if payload != Payload::default() {
-        let _ = write!(text, "\n{}", payload.to_toml());
+        let _ = write!(text, "\n{}", payload_to_toml(&payload));
     }
     let struts = |end: fn(&Channel) -> Option<usize>| plan.trace.channels.iter().filter_map(end).collect::<Vec<_>>();
     let upper = struts(|c| if let Channel::StrutUpper(i) = c { Some(i + 1) } else { None });
@@ -106,9 +113,9 @@ pub fn write_plan(
     if !upper.is_empty() || !lower.is_empty() {
         let _ = write!(text, "\n[sensors]\nstrut_upper = {upper:?}\nstrut_lower = {lower:?}\n");
     }
-    let scenario = Scenario::parse(&text, output)?;
+    let scenario = parse(&text, output)?;
     scenario.motion(model).into_diagnostic().wrap_err_with(|| output.display().to_string())?;
-    replace_file(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
+    replace_text(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
 }
 
 /// `file` as seen from the folder of `output`; absolute if they have no folder in common.

@@ -2,6 +2,11 @@
 
 use std::path::Path;
 
+use deltatwin::effects::rigid_bodies::{self, RigidBodies};
+use deltatwin::effects::{ActiveEffect, Host, Parameter, Role};
+use deltatwin::machine::bodies::{ARM, BODIES, body_name};
+use deltatwin::machine::{Inertia, Joint, Mechanism};
+use deltatwin::model::{Added, Model, Provenance};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
@@ -9,32 +14,30 @@ use super::read::{
     ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
 };
 use super::schema::{self, Field, Shape, Top};
-use super::{Added, Model, Provenance};
-use crate::effects::rigid_bodies::{self, RigidBodies};
-use crate::effects::{ActiveEffect, Host, Parameter, Role};
-use crate::machine::bodies::{ARM, BODIES, body_name};
-use crate::machine::{Inertia, Joint, Mechanism};
+use crate::file::replace_text;
 
 mod formula;
 mod source;
 
-impl Model {
-    /// Writes the model file: the text it was read from with the numbers that changed, or a new one.
-    ///
-    /// The file is written beside `path` and renamed, so a reader never sees half of it.
-    pub fn write(&self, path: &Path) -> Result<()> {
-        self.write_text(path, None)
-    }
+/// Writes the model file: the text it was read from with the numbers that changed, or a new one.
+///
+/// # Errors
+/// Numbers that the file cannot hold, and whatever the system says; the file is then unchanged.
+pub fn write(model: &Model, path: &Path) -> Result<()> {
+    write_text(model, path, None)
+}
 
-    /// The same for a model that was fitted: each number that moved states its source.
-    pub fn write_fitted(&self, path: &Path, provenance: &Provenance) -> Result<()> {
-        self.write_text(path, Some(provenance))
-    }
+/// The same for a model that was fitted: each number that moved states its source.
+///
+/// # Errors
+/// See [`write`].
+pub fn write_fitted(model: &Model, path: &Path, provenance: &Provenance) -> Result<()> {
+    write_text(model, path, Some(provenance))
+}
 
-    fn write_text(&self, path: &Path, provenance: Option<&Provenance>) -> Result<()> {
-        let text = text(self.source.as_deref().unwrap_or(""), self, provenance)?;
-        replace_file(path, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", path.display()))
-    }
+fn write_text(model: &Model, path: &Path, provenance: Option<&Provenance>) -> Result<()> {
+    let text = text(model.source.as_deref().unwrap_or(""), model, provenance)?;
+    replace_text(path, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", path.display()))
 }
 
 /// `original` with the numbers of `model`: changed values are replaced in place, effects added or removed.
@@ -147,7 +150,7 @@ fn write_history(root: &mut Table, history: &[Added], provenance: Option<&Proven
 /// Reads `text` back and compares every number.
 fn verify(text: &str, model: &Model) -> Result<()> {
     let path = model.path.as_deref().unwrap_or(Path::new("model.toml"));
-    let again = Model::parse(text, path).wrap_err("the changed model would be refused")?;
+    let again = super::parse(text, path).wrap_err("the changed model would be refused")?;
     let everything: Vec<usize> = (0..BODIES).collect();
     let (wanted, got) = (sections(model, &everything), sections(&again, &everything));
     for (wanted, got) in wanted.iter().zip(&got) {
@@ -512,27 +515,4 @@ fn remove_absent_effects(root: &mut Table, model: &Model) {
     for key in absent {
         effects.remove(&key);
     }
-}
-
-/// Writes `text` beside `path` and renames it, so a reader never sees half of it.
-pub fn replace_file(path: &Path, text: &str) -> std::io::Result<()> {
-    use std::io::Write;
-    // through a symbolic link, to the file itself
-    let path = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.suffix(".partial");
-    #[cfg(unix)]
-    let builder = {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666)) // less the umask, as for any new file
-    };
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(text.as_bytes())?;
-    file.as_file().sync_all()?;
-    if let Ok(metadata) = std::fs::metadata(&path) {
-        file.as_file().set_permissions(metadata.permissions())?;
-    }
-    file.persist(&path)?;
-    Ok(())
 }

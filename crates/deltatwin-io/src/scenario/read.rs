@@ -1,24 +1,22 @@
 //! TOML → [`Scenario`], with errors that name file, line, key, value and what was expected.
 
 pub(crate) mod cell;
-pub(crate) mod file;
 mod machine;
 mod motion;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use miette::{Diagnostic, NamedSource, SourceSpan};
+use deltatwin::machine::Setup;
+use deltatwin::scenario::{Course, Formulation, HoldTorque, Scenario};
+use miette::Diagnostic;
 use serde::Deserialize;
 use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
 
-use super::{Course, Formulation, HoldTorque, Scenario};
-use crate::machine::Setup;
-use file::File;
+use crate::source::{Checked, Problem, Source};
 
-/// Why a scenario was refused.
+/// Why a scenario or a path file was refused.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ScenarioError {
     /// The file cannot be read.
@@ -30,19 +28,9 @@ pub enum ScenarioError {
         reason: String,
     },
     /// A mistake in the file.
-    #[error("{place}: {message}")]
-    Content {
-        /// `file:line:column`.
-        place: String,
-        /// Key, value and what was expected.
-        message: String,
-        /// The scenario's text.
-        #[source_code]
-        text: Arc<NamedSource<String>>,
-        /// Where the mistake is.
-        #[label("here")]
-        span: SourceSpan,
-    },
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Content(#[from] Problem),
 }
 
 type Result<T> = std::result::Result<T, ScenarioError>;
@@ -75,81 +63,85 @@ const SUBSTEPS: usize = 2;
 /// Shortest and longest run, s.
 const DURATION: [f64; 2] = [0.01, 3600.0];
 
-impl Scenario {
-    /// Reads a scenario file; the files it names are relative to it.
-    pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
-        Self::parse(&text, path)
-    }
+/// Reads a scenario file; the files it names are relative to it.
+///
+/// # Errors
+/// The mistake with its place in the file.
+pub fn read(path: &Path) -> Result<Scenario> {
+    let text =
+        std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+    parse(&text, path)
+}
 
-    /// Reads a scenario from `text`; `path` names it in errors and is where it looks for models and tables.
-    pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        let file = File { name: path.display().to_string(), text };
-        let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
-        let motion = table.get_mut().remove("motion");
-        let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;
-        let folder = path.parent().unwrap_or(Path::new(""));
-        let beside = |key: &str, name: &Spanned<String>| {
-            let target = folder.join(name.get_ref());
-            if target.is_file() {
-                return Ok(target);
+/// Reads a scenario from `text`; `path` names it in errors and is where it looks for models and tables.
+///
+/// # Errors
+/// The mistake with its place in the text.
+pub fn parse(text: &str, path: &Path) -> Result<Scenario> {
+    let file = &Source::new(path.display(), text);
+    let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
+    let motion = table.get_mut().remove("motion");
+    let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let beside = |key: &str, name: &Spanned<String>| {
+        let target = folder.join(name.get_ref());
+        if target.is_file() {
+            return Ok(target);
+        }
+        let message = format!("`{key}` is \"{}\"; expected a model file, relative to the scenario", name.get_ref());
+        Err(file.problem(name.span(), message))
+    };
+    let model = beside("model", &document.model)?;
+    let controller_model =
+        document.controller_model.as_ref().map(|name| beside("controller_model", name)).transpose()?;
+    let Some(motion) = motion else {
+        return Err(file.problem(0..0, "[motion] is missing; expected the desired motion".into()).into());
+    };
+    let motion = motion::course(file, folder, motion)?;
+    let duration = duration(file, &document.duration, &motion)?;
+    let whole = |key: &str, value: &Option<Spanned<i64>>, default: usize| {
+        value.as_ref().map_or(Ok(default), |n| file.count(key, n, 1, 1000))
+    };
+    let (payload, payload_shape) =
+        document.payload.as_ref().map_or(Ok(Default::default()), |keys| cell::payload(file, keys))?;
+    let objects = cell::objects(file, &document.objects)?;
+    Ok(Scenario {
+        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        model,
+        controller_model,
+        duration,
+        seed: document.seed.unwrap_or(0),
+        noise: document.noise.unwrap_or(true),
+        substeps: whole("substeps", &document.substeps, SUBSTEPS)?,
+        control_period: whole("control_period", &document.control_period, 1)?,
+        hold_torque: match &document.hold_torque {
+            Some(word) => {
+                let choices = [("ramp", HoldTorque::Ramp), ("hold", HoldTorque::Hold)];
+                file.choice("hold_torque", word, &choices)?
             }
-            let message = format!("`{key}` is \"{}\"; expected a model file, relative to the scenario", name.get_ref());
-            Err(file.problem(name.span(), message))
-        };
-        let model = beside("model", &document.model)?;
-        let controller_model =
-            document.controller_model.as_ref().map(|name| beside("controller_model", name)).transpose()?;
-        let Some(motion) = motion else {
-            return Err(file.problem(0..0, "[motion] is missing; expected the desired motion".into()));
-        };
-        let motion = motion::course(&file, folder, motion)?;
-        let duration = duration(&file, &document.duration, &motion)?;
-        let whole = |key: &str, value: &Option<Spanned<i64>>, default: usize| {
-            value.as_ref().map_or(Ok(default), |n| file.count(key, n, 1, 1000))
-        };
-        let (payload, payload_shape) =
-            document.payload.as_ref().map_or(Ok(Default::default()), |keys| cell::payload(&file, keys))?;
-        let objects = cell::objects(&file, &document.objects)?;
-        Ok(Self {
-            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            model,
-            controller_model,
-            duration,
-            seed: document.seed.unwrap_or(0),
-            noise: document.noise.unwrap_or(true),
-            substeps: whole("substeps", &document.substeps, SUBSTEPS)?,
-            control_period: whole("control_period", &document.control_period, 1)?,
-            hold_torque: match &document.hold_torque {
-                Some(word) => {
-                    let choices = [("ramp", HoldTorque::Ramp), ("hold", HoldTorque::Hold)];
-                    file.choice("hold_torque", word, &choices)?
-                }
-                None => HoldTorque::default(),
-            },
-            formulation: match &document.formulation {
-                Some(word) => file.choice("formulation", word, &Formulation::NAMES)?,
-                None => Formulation::default(),
-            },
-            gains: document.gains.as_ref().map_or(Ok(Default::default()), |keys| machine::gains(&file, keys))?,
-            motion,
-            setup: Setup { payload, ..Setup::default() },
-            payload_shape,
-            actions: cell::actions(&file, &document.actions, &objects, duration)?,
-            objects,
-            sockets: document.sockets.as_ref().map_or(Ok(Default::default()), |keys| machine::sockets(&file, keys))?,
-            supervision: document
-                .supervision
-                .as_ref()
-                .map_or(Ok(Default::default()), |keys| machine::supervision(&file, keys))?,
-            sensors: document.sensors.as_ref().map_or(Ok(Default::default()), |keys| machine::sensors(&file, keys))?,
-        })
-    }
+            None => HoldTorque::default(),
+        },
+        formulation: match &document.formulation {
+            Some(word) => file.choice("formulation", word, &Formulation::NAMES)?,
+            None => Formulation::default(),
+        },
+        gains: document.gains.as_ref().map_or(Ok(Default::default()), |keys| machine::gains(file, keys))?,
+        motion,
+        setup: Setup { payload, ..Setup::default() },
+        payload_shape,
+        actions: cell::actions(file, &document.actions, &objects, duration)?,
+        objects,
+        sockets: document.sockets.as_ref().map_or(Ok(Default::default()), |keys| machine::sockets(file, keys))?,
+        supervision: document
+            .supervision
+            .as_ref()
+            .map_or(Ok(Default::default()), |keys| machine::supervision(file, keys))?,
+        sensors: document.sensors.as_ref().map_or(Ok(Default::default()), |keys| machine::sensors(file, keys))?,
+    })
 }
 
 /// Length of the run: as given, else that of the motion.
-fn duration(file: &File, given: &Option<Spanned<f64>>, motion: &Course) -> Result<f64> {
+fn duration(file: &Source, given: &Option<Spanned<f64>>, motion: &Course) -> Checked<f64> {
     let [shortest, longest] = DURATION;
     match (given, motion.length()) {
         (Some(value), length) => {
@@ -188,7 +180,7 @@ mod tests {
                             kind = \"fourier\"\nfrequency = 0.5\ncentre = [0.0, 0.0, -1.0, 0.0]\n";
 
     pub fn parse(text: &str) -> Result<Scenario> {
-        Scenario::parse(text, Path::new("scenarios/test.toml"))
+        super::parse(text, Path::new("../../scenarios/test.toml"))
     }
 
     fn refusal(from: &str, to: &str) -> String {
@@ -234,7 +226,7 @@ mod tests {
 
     #[test]
     fn motions_out_of_reach_are_refused_with_their_time() {
-        let model = crate::model::Model::read(Path::new("models/irb360-6-1600.toml")).unwrap();
+        let model = crate::model::read(Path::new("../../models/irb360-6-1600.toml")).unwrap();
         assert!(parse(GOOD).unwrap().motion(&model).is_ok());
         let refused = |motion: &str| {
             let text = format!("{HEAD}[motion]\n{motion}");
@@ -264,12 +256,12 @@ mod tests {
             length in 0..30usize,
             put in prop::sample::select(vec!["", "nan", "-1", "1e300", "inf", "[", "\"\"", "9223372036854775807", "ψ", "\n"]),
         ) {
-            let path = format!("scenarios/{file}.toml");
+            let path = format!("../../scenarios/{file}.toml");
             let text: Vec<char> = std::fs::read_to_string(&path).unwrap().chars().collect();
             let at = at.index(text.len());
             let end = (at + length).min(text.len());
             let damaged: String = text[..at].iter().copied().chain(put.chars()).chain(text[end..].iter().copied()).collect();
-            if let Err(e) = Scenario::parse(&damaged, Path::new(&path)) {
+            if let Err(e) = super::parse(&damaged, Path::new(&path)) {
                 prop_assert!(e.to_string().starts_with(&format!("{path}:")), "{e}");
             }
         }

@@ -7,12 +7,11 @@ use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::Result;
-use super::file::File;
-use crate::cell::mesh::Mesh;
-use crate::cell::{Mobility, Object, Shape, Surface};
-use crate::machine::Payload;
-use crate::scenario::{Action, ActionKind, PayloadShape};
+use crate::source::{Checked, Source};
+use deltatwin::cell::mesh::Mesh;
+use deltatwin::cell::{Mobility, Object, Shape, Surface};
+use deltatwin::machine::Payload;
+use deltatwin::scenario::{Action, ActionKind, PayloadShape};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -60,8 +59,8 @@ pub(super) struct ActionKeys {
 }
 
 /// Payload and its shape.
-pub(crate) fn payload(file: &File, keys: &LoadKeys) -> Result<(Payload, Option<PayloadShape>)> {
-    let vector = |key: &str, value: &Option<Spanned<[f64; 3]>>| -> Result<Option<[f64; 3]>> {
+pub(crate) fn payload(file: &Source, keys: &LoadKeys) -> Checked<(Payload, Option<PayloadShape>)> {
+    let vector = |key: &str, value: &Option<Spanned<[f64; 3]>>| -> Checked<Option<[f64; 3]>> {
         value.as_ref().map(|v| file.numbers(key, v, -2.0, 2.0, "m")).transpose()
     };
     let mass = file.within("payload.mass", &keys.mass, 0.0, 100.0, "kg")?;
@@ -114,7 +113,7 @@ const MEASURES: [f64; 2] = [1e-4, 20.0];
 const SCALES: [f64; 2] = [1e-6, 1e3];
 
 /// A shape, and where its centre is in the frame of its file, m.
-fn shape(file: &File, table: &str, kind: &Spanned<String>, measures: &Measures) -> Result<(Shape, Vector3<f64>)> {
+fn shape(file: &Source, table: &str, kind: &Spanned<String>, measures: &Measures) -> Checked<(Shape, Vector3<f64>)> {
     let [low, high] = MEASURES;
     let key = |name: &str| format!("{table}.{name}");
     let context = format!("shape = \"{}\"", kind.get_ref());
@@ -164,7 +163,7 @@ fn shape(file: &File, table: &str, kind: &Spanned<String>, measures: &Measures) 
 }
 
 /// The solid in the file called `name`, relative to the scenario.
-fn mesh(file: &File, key: &str, name: &Spanned<String>, scale: f64, convex: bool) -> Result<(Shape, Vector3<f64>)> {
+fn mesh(file: &Source, key: &str, name: &Spanned<String>, scale: f64, convex: bool) -> Checked<(Shape, Vector3<f64>)> {
     let path = Path::new(&file.name).parent().unwrap_or(Path::new("")).join(name.get_ref());
     let (mesh, centre) = Mesh::read(&path, scale, convex).map_err(|e| {
         let message = format!("`{key}` is \"{}\": {e}; expected an STL or OBJ file", name.get_ref());
@@ -174,7 +173,7 @@ fn mesh(file: &File, key: &str, name: &Spanned<String>, scale: f64, convex: bool
 }
 
 /// The things around the robot.
-pub(super) fn objects(file: &File, tables: &[ObjectKeys]) -> Result<Vec<Object>> {
+pub(super) fn objects(file: &Source, tables: &[ObjectKeys]) -> Checked<Vec<Object>> {
     let mut out: Vec<Object> = Vec::with_capacity(tables.len());
     for keys in tables {
         let name = keys.name.get_ref();
@@ -191,7 +190,7 @@ pub(super) fn objects(file: &File, tables: &[ObjectKeys]) -> Result<Vec<Object>>
     Ok(out)
 }
 
-fn object(file: &File, keys: &ObjectKeys) -> Result<Object> {
+fn object(file: &Source, keys: &ObjectKeys) -> Checked<Object> {
     let measures =
         Measures { size: &keys.size, radius: &keys.radius, height: &keys.height, file: &keys.file, scale: &keys.scale };
     let default = Surface::default();
@@ -225,7 +224,7 @@ fn object(file: &File, keys: &ObjectKeys) -> Result<Object> {
     })
 }
 
-fn mobility(file: &File, keys: &ObjectKeys) -> Result<Mobility> {
+fn mobility(file: &Source, keys: &ObjectKeys) -> Checked<Mobility> {
     let (word, place) = match &keys.mobility {
         Some(m) => (m.get_ref().as_str(), m.span()),
         None => ("fixed", keys.name.span()),
@@ -255,7 +254,7 @@ fn mobility(file: &File, keys: &ObjectKeys) -> Result<Mobility> {
 }
 
 /// What the gripper does with `objects` until `duration`, s.
-pub(super) fn actions(file: &File, tables: &[ActionKeys], objects: &[Object], duration: f64) -> Result<Vec<Action>> {
+pub(super) fn actions(file: &Source, tables: &[ActionKeys], objects: &[Object], duration: f64) -> Checked<Vec<Action>> {
     let mut out: Vec<Action> = Vec::with_capacity(tables.len());
     let mut held: Option<usize> = None;
     for keys in tables {
@@ -299,7 +298,7 @@ pub(super) fn actions(file: &File, tables: &[ActionKeys], objects: &[Object], du
 }
 
 /// Index of the free object called `name`.
-fn free(file: &File, name: &Spanned<String>, objects: &[Object]) -> Result<usize> {
+fn free(file: &Source, name: &Spanned<String>, objects: &[Object]) -> Checked<usize> {
     let found = objects.iter().position(|o| o.name == *name.get_ref());
     let problem = match found {
         Some(i) if matches!(objects[i].mobility, Mobility::Free { .. }) => return Ok(i),

@@ -2,18 +2,18 @@
 
 use std::ops::Range;
 
-use miette::Result;
+use deltatwin::effects::formula::{Expression, Formula, LIMIT, Place, Term};
+use deltatwin::effects::{ActiveEffect, Effect, Host};
 use toml::de::DeValue;
 
 use super::super::schema::{Bounds, Shape};
-use super::{Table, Value, suggestion};
-use crate::effects::formula::{Expression, Formula, LIMIT, Place, Term};
-use crate::effects::{ActiveEffect, Effect, Host};
+use super::super::table::{Table, Value, suggestion};
+use crate::source::Checked;
 
 const TERMS: &str = "an array of tables [[effects.formula.terms]] with name, at, law and coefficient";
 
 /// Reads the table of a formula.
-pub(super) fn read(table: &Table, host: Host) -> Result<ActiveEffect> {
+pub(super) fn read(table: &Table, host: Host) -> Checked<ActiveEffect> {
     table.only(&["empirical", "terms"])?;
     let empirical = table.optional_boolean("empirical")?.unwrap_or(false);
     let value = table.required("terms", TERMS)?;
@@ -33,7 +33,7 @@ pub(super) fn read(table: &Table, host: Host) -> Result<ActiveEffect> {
                 &format!("value {} is no table, expected {TERMS}", i + 1),
             ));
         };
-        let own = Table { file: table.file, path, span: item.span(), entries };
+        let own = Table { source: table.source, path, span: item.span(), entries };
         let (term, coefficient) = read_term(&own, host)?;
         if terms.iter().any(|(other, _)| other.name == term.name) {
             return Err(own.refuse("name", "expected a name that no other term has"));
@@ -46,7 +46,7 @@ pub(super) fn read(table: &Table, host: Host) -> Result<ActiveEffect> {
     Ok(ActiveEffect { host, ..ActiveEffect::new(formula, &blocks) })
 }
 
-fn read_term(table: &Table, host: Host) -> Result<(Term, f64)> {
+fn read_term(table: &Table, host: Host) -> Checked<(Term, f64)> {
     table.only(&["name", "at", "law", "coefficient", "unit"])?;
     let name = table.string("name", "a name for the coefficient, a string")?;
     if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-".contains(c)) {
@@ -62,7 +62,7 @@ fn read_term(table: &Table, host: Host) -> Result<(Term, f64)> {
     let text = table.string("law", "an expression such as \"-tanh(50*qd1)\"")?;
     let law = Expression::parse(text).map_err(|e| {
         let whole = table.entry("law").map_or(table.span.clone(), Value::span);
-        table.refuse_at("law", within(table.file.text, whole, text, &e.at), &e.problem)
+        table.refuse_at("law", within(table.source.text, whole, text, &e.at), &e.problem)
     })?;
     if let Some(variable) = law.variables().find(|v| !v.exists_on(host.mechanism)) {
         return Err(table.refuse("law", &format!("this machine has no `{}`; expected what it has", variable.name())));

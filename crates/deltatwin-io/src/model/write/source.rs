@@ -1,10 +1,10 @@
 //! Comments beside fitted numbers: unit, recording, date, program, standard errors, and what the numbers were.
 
+use deltatwin::model::history::rounded_to;
+use deltatwin::model::provenance::{FITTED, Provenance};
 use toml_edit::{Decor, Item, RawString, Value};
 
 use super::Line;
-use crate::model::history::rounded_to;
-use crate::model::provenance::{FITTED, Provenance};
 
 /// Begins the comment of the numbers of an array that did not move.
 const UNMOVED: &str = "; unmoved: ";

@@ -8,14 +8,12 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
-use super::Result;
-use super::file::File;
-use crate::machine::AXES;
-use crate::scenario::motion::constant_speed::ConstantSpeed;
-use crate::scenario::motion::path::Path;
-use crate::scenario::motion::static_poses::StaticPoses;
-use crate::scenario::motion::table::Table;
-use crate::scenario::{Course, FourierMotion};
+use crate::source::{Checked, Source};
+use deltatwin::machine::AXES;
+use deltatwin::scenario::motion::constant_speed::ConstantSpeed;
+use deltatwin::scenario::motion::path::Path;
+use deltatwin::scenario::motion::static_poses::StaticPoses;
+use deltatwin::scenario::{Course, FourierMotion};
 
 /// Largest share of the limits by default: room for feedback and model error.
 const SHARE: f64 = 0.8;
@@ -36,16 +34,16 @@ const KINDS: &[(&str, Reader)] = &[
 
 /// What a kind is read from.
 struct Input<'a, 'i> {
-    file: &'a File<'a>,
+    file: &'a Source<'a>,
     folder: &'a FilePath,
     /// The table without `kind`.
     value: Spanned<DeValue<'i>>,
 }
 
-type Reader = fn(Input) -> Result<Course>;
+type Reader = fn(Input) -> Checked<Course>;
 
 impl Input<'_, '_> {
-    fn keys<T: DeserializeOwned>(&self) -> Result<T> {
+    fn keys<T: DeserializeOwned>(&self) -> Checked<T> {
         T::deserialize(ValueDeserializer::from(self.value.clone())).map_err(|e| {
             let span = e.span().filter(|s| !s.is_empty()).unwrap_or_else(|| self.span());
             self.file.problem(span, format!("[motion]: {}", e.message().trim().replace('\n', ", ")))
@@ -58,7 +56,7 @@ impl Input<'_, '_> {
 }
 
 /// Reads `[motion]`; the files it names are in `folder`.
-pub(super) fn course(file: &File, folder: &FilePath, mut value: Spanned<DeValue>) -> Result<Course> {
+pub(super) fn course(file: &Source, folder: &FilePath, mut value: Spanned<DeValue>) -> Checked<Course> {
     let span = value.span();
     let DeValue::Table(keys) = value.get_mut() else {
         return Err(file.problem(span, "`motion` is not a table; expected [motion]".into()));
@@ -86,7 +84,7 @@ struct RandomFourierKeys {
     share: Option<Spanned<f64>>,
 }
 
-fn random_fourier(input: Input) -> Result<Course> {
+fn random_fourier(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<RandomFourierKeys>()?);
     Ok(Course::RandomFourier {
         seed: keys.seed.unwrap_or(0),
@@ -110,10 +108,10 @@ struct FourierKeys {
     cosine: Vec<Spanned<Vec<f64>>>,
 }
 
-fn fourier(input: Input) -> Result<Course> {
+fn fourier(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<FourierKeys>()?);
     let row = |key: &str, row: &Spanned<Vec<f64>>| coordinates(file, key, row);
-    let rows = |key: &str, rows: &[Spanned<Vec<f64>>]| rows.iter().map(|r| row(key, r)).collect::<Result<Vec<_>>>();
+    let rows = |key: &str, rows: &[Spanned<Vec<f64>>]| rows.iter().map(|r| row(key, r)).collect::<Checked<Vec<_>>>();
     let (mut sine, mut cosine) = (rows("motion.sine", &keys.sine)?, rows("motion.cosine", &keys.cosine)?);
     let harmonics = sine.len().max(cosine.len());
     sine.resize(harmonics, [0.0; 4]);
@@ -122,14 +120,14 @@ fn fourier(input: Input) -> Result<Course> {
     Ok(Course::Fourier(FourierMotion { frequency: frequency(file, &keys.frequency)?, centre, sine, cosine }))
 }
 
-fn frequency(file: &File, value: &Spanned<f64>) -> Result<f64> {
+fn frequency(file: &Source, value: &Spanned<f64>) -> Checked<f64> {
     file.within("motion.frequency", value, 1e-3, 20.0, "Hz")
 }
 
 /// What the machine moves: x, y, z and ψ of a platform, of a three-axis robot without ψ; the angles of independent axes.
 ///
 /// Radians of axis 4 may be many turns; metres are checked against the workspace later.
-fn coordinates(file: &File, key: &str, value: &Spanned<Vec<f64>>) -> Result<[f64; 4]> {
+fn coordinates(file: &Source, key: &str, value: &Spanned<Vec<f64>>) -> Checked<[f64; 4]> {
     file.per_axis(key, value, -1e3, 1e3, "(m for x, y, z; rad for angles)")
 }
 
@@ -150,7 +148,7 @@ struct PathKeys {
     repeat: Option<Spanned<i64>>,
 }
 
-fn path(input: Input) -> Result<Course> {
+fn path(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<PathKeys>()?);
     let path = Path {
         waypoints: waypoints(file, &input, "motion.waypoints", &keys.waypoints, 2, keys.closed)?,
@@ -175,7 +173,7 @@ fn path(input: Input) -> Result<Course> {
 }
 
 /// Waypoints numbered from 1 in the file, from 0 inside; in order for the sake of the reader.
-fn stops(file: &File, keys: &PathKeys) -> Result<Vec<usize>> {
+fn stops(file: &Source, keys: &PathKeys) -> Checked<Vec<usize>> {
     let last = keys.waypoints.len() as i64 - i64::from(!keys.closed);
     let mut out: Vec<usize> = Vec::new();
     for stop in &keys.stops {
@@ -195,13 +193,13 @@ fn stops(file: &File, keys: &PathKeys) -> Result<Vec<usize>> {
 
 /// Poses of which neighbours differ.
 fn waypoints(
-    file: &File,
+    file: &Source,
     input: &Input,
     key: &str,
     rows: &[Spanned<Vec<f64>>],
     least: usize,
     closed: bool,
-) -> Result<Vec<[f64; 4]>> {
+) -> Checked<Vec<[f64; 4]>> {
     if !(least..=MOST_POSES).contains(&rows.len()) {
         let message = format!("`{key}` has {} row(s); expected {least} to {MOST_POSES} rows x, y, z, ψ", rows.len());
         return Err(file.problem(input.span(), message));
@@ -233,14 +231,14 @@ struct TableKeys {
     ends: Option<Spanned<String>>,
 }
 
-fn table(input: Input) -> Result<Course> {
+fn table(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<TableKeys>()?);
     let moving = match &keys.ends {
         Some(ends) => file.choice("motion.ends", ends, &[("rest", false), ("moving", true)])?,
         None => false,
     };
     let name = keys.file.get_ref();
-    let table = Table::read(&input.folder.join(name), moving)
+    let table = super::super::table::read(&input.folder.join(name), moving)
         .map_err(|e| file.problem(keys.file.span(), format!("`motion.file` is \"{name}\": {e}")))?;
     Ok(Course::Table(table))
 }
@@ -256,7 +254,7 @@ struct ConstantSpeedKeys {
     repeat: Option<Spanned<i64>>,
 }
 
-fn constant_speed(input: Input) -> Result<Course> {
+fn constant_speed(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<ConstantSpeedKeys>()?);
     let runs = ConstantSpeed {
         axis: file.count("motion.axis", &keys.axis, 1, AXES as i64)? - 1,
@@ -266,7 +264,7 @@ fn constant_speed(input: Input) -> Result<Course> {
             .speeds
             .iter()
             .map(|v| file.within("motion.speeds", v, 1e-4, 1e3, "rad/s"))
-            .collect::<Result<Vec<f64>>>()?,
+            .collect::<Checked<Vec<f64>>>()?,
         acceleration: file.within("motion.acceleration", &keys.acceleration, 1e-3, 1e5, "rad/s²")?,
         repeat: match &keys.repeat {
             Some(n) => file.count("motion.repeat", n, 1, 1000)?,
@@ -300,7 +298,7 @@ struct StaticPosesKeys {
     travel: Spanned<f64>,
 }
 
-fn static_poses(input: Input) -> Result<Course> {
+fn static_poses(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<StaticPosesKeys>()?);
     Ok(Course::StaticPoses(StaticPoses {
         poses: waypoints(file, &input, "motion.poses", &keys.poses, 1, false)?,

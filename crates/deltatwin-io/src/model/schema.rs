@@ -2,10 +2,9 @@
 //!
 //! `read.rs` and `write.rs` both walk these lists, so a key added here is read, checked and written.
 
+use deltatwin::effects::{Count, Parameter};
+use deltatwin::machine::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops};
 use nalgebra::{Matrix3, Vector3};
-
-use crate::effects::{Count, Parameter};
-use crate::machine::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops};
 
 /// A key with one number or an array of numbers, stored in a `T`.
 pub(super) struct Field<T: ?Sized + 'static> {

@@ -1,12 +1,12 @@
 //! `[effects.formula]`: coefficients that changed, or all terms of a new formula.
 
+use deltatwin::effects::ActiveEffect;
+use deltatwin::effects::formula::{Formula, NAME};
+use deltatwin::model::{Model, Provenance};
 use miette::{Result, miette};
 use toml_edit::{Array, ArrayOfTables, InlineTable, Item, Table, TableLike, Value};
 
-use super::super::{Model, Provenance};
 use super::{replace_decorated, source, table_at};
-use crate::effects::ActiveEffect;
-use crate::effects::formula::{Formula, NAME};
 
 fn of(model: &Model) -> Option<(&ActiveEffect, &Formula)> {
     model.effects.iter().find_map(|active| Some((active, active.effect.formula()?)))

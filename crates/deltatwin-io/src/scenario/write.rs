@@ -2,8 +2,7 @@
 
 use std::fmt::Write;
 
-use super::Course;
-use super::motion::fourier::FourierMotion;
+use deltatwin::scenario::{Course, FourierMotion};
 
 /// The table, read back as the same motion; none for a look-up table, which is a file of its own.
 pub fn motion_text(course: &Course) -> Option<String> {
@@ -81,18 +80,18 @@ fn rows(key: &str, rows: &[[f64; 4]], what: &str) -> String {
 mod tests {
     use std::path::Path;
 
+    use super::super::{parse, read};
     use super::*;
-    use crate::scenario::Scenario;
 
     #[test]
     fn written_motions_are_read_back() {
         let mut kinds = 0;
-        for entry in std::fs::read_dir("scenarios").unwrap() {
+        for entry in std::fs::read_dir("../../scenarios").unwrap() {
             let path = entry.unwrap().path();
-            let Ok(scenario) = Scenario::read(&path) else { continue };
+            let Ok(scenario) = read(&path) else { continue };
             let Some(text) = motion_text(&scenario.motion) else { continue };
             let head = "model = \"../models/irb360-6-1600.toml\"\nduration = 1.0\n";
-            let again = Scenario::parse(&format!("{head}{text}"), Path::new("scenarios/test.toml")).unwrap();
+            let again = parse(&format!("{head}{text}"), Path::new("../../scenarios/test.toml")).unwrap();
             assert_eq!(again.motion, scenario.motion, "{}", path.display());
             kinds += 1;
         }

@@ -3,35 +3,20 @@
 use std::ops::Range;
 use std::path::Path;
 
+use deltatwin::constraint_forces::Detail;
+use deltatwin::machine::{AXES, Setup};
+use deltatwin::planner::shape::first_corner;
+use deltatwin::planner::{Limits, Objective, Options, Shape, Task};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
 
-use super::shape::first_corner;
-use super::{Limits, Objective, Options, Shape};
-use crate::constraint_forces::Detail;
-use crate::machine::{AXES, Setup};
 use crate::scenario::ScenarioError;
 use crate::scenario::read::cell::{LoadKeys, payload};
-use crate::scenario::read::file::File;
+use crate::source::{Checked, Source};
 
 type Result<T> = std::result::Result<T, ScenarioError>;
-
-/// What a path file asks for.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Task {
-    /// Name for reports, the file's stem.
-    pub name: String,
-    /// The path.
-    pub shape: Shape,
-    /// Payload.
-    pub setup: Setup,
-    /// Limits.
-    pub limits: Limits,
-    /// How to plan.
-    pub options: Options,
-}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -108,39 +93,43 @@ const WITHOUT_JERK: usize = 1000;
 /// Neighbouring waypoints are at least this far apart, m.
 const NEAREST: f64 = 1e-3;
 
-impl Task {
-    /// Reads a path file; limits it leaves out are those `given`.
-    pub fn read(path: &Path, given: Limits) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
-        Self::parse(&text, path, given)
-    }
-
-    /// Reads a path file from `text`; `path` names it in errors.
-    pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Self> {
-        let file = File { name: path.display().to_string(), text };
-        let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
-        let shape = table.get_mut().remove("path");
-        let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;
-        let Some(shape) = shape else {
-            return Err(file.problem(0..0, "[path] is missing; expected the path to follow".into()));
-        };
-        let setup = match &document.payload {
-            Some(keys) => Setup { payload: payload(&file, keys)?.0, ..Setup::default() },
-            None => Setup::default(),
-        };
-        let limits = limits(&file, &document.limits, given)?;
-        Ok(Self {
-            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            shape: read_shape(&file, shape)?,
-            setup,
-            limits,
-            options: options(&file, &document.search, &limits)?,
-        })
-    }
+/// Reads a path file; limits it leaves out are those `given`.
+///
+/// # Errors
+/// The mistake with its place in the file.
+pub fn read(path: &Path, given: Limits) -> Result<Task> {
+    let text =
+        std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+    parse(&text, path, given)
 }
 
-fn limits(file: &File, keys: &LimitKeys, given: Limits) -> Result<Limits> {
+/// Reads a path file from `text`; `path` names it in errors.
+///
+/// # Errors
+/// The mistake with its place in the text.
+pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Task> {
+    let file = &Source::new(path.display(), text);
+    let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
+    let shape = table.get_mut().remove("path");
+    let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;
+    let Some(shape) = shape else {
+        return Err(file.problem(0..0, "[path] is missing; expected the path to follow".into()).into());
+    };
+    let setup = match &document.payload {
+        Some(keys) => Setup { payload: payload(file, keys)?.0, ..Setup::default() },
+        None => Setup::default(),
+    };
+    let limits = limits(file, &document.limits, given)?;
+    Ok(Task {
+        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        shape: read_shape(file, shape)?,
+        setup,
+        limits,
+        options: options(file, &document.search, &limits)?,
+    })
+}
+
+fn limits(file: &Source, keys: &LimitKeys, given: Limits) -> Checked<Limits> {
     let axes = |key: &str, value: &Option<Spanned<[f64; AXES]>>, default: [f64; AXES], most: f64, unit: &str| {
         value.as_ref().map_or(Ok(default), |v| file.numbers(&format!("limits.{key}"), v, 1e-3, most, unit))
     };
@@ -166,7 +155,7 @@ fn limits(file: &File, keys: &LimitKeys, given: Limits) -> Result<Limits> {
     })
 }
 
-fn options(file: &File, keys: &SearchKeys, limits: &Limits) -> Result<Options> {
+fn options(file: &Source, keys: &SearchKeys, limits: &Limits) -> Checked<Options> {
     let default = Options::default();
     Ok(Options {
         intervals: match &keys.intervals {
@@ -194,7 +183,7 @@ enum Kind {
     Arch,
 }
 
-fn read_shape(file: &File, mut value: Spanned<DeValue>) -> Result<Shape> {
+fn read_shape(file: &Source, mut value: Spanned<DeValue>) -> Checked<Shape> {
     let span = value.span();
     let DeValue::Table(keys) = value.get_mut() else {
         return Err(file.problem(span, "`path` is not a table; expected [path]".into()));
@@ -257,14 +246,14 @@ fn read_shape(file: &File, mut value: Spanned<DeValue>) -> Result<Shape> {
     }
 }
 
-fn table<T: DeserializeOwned>(file: &File, value: Spanned<DeValue>, span: &Range<usize>) -> Result<T> {
+fn table<T: DeserializeOwned>(file: &Source, value: Spanned<DeValue>, span: &Range<usize>) -> Checked<T> {
     T::deserialize(ValueDeserializer::from(value)).map_err(|e| {
         let at = e.span().filter(|s| !s.is_empty()).unwrap_or_else(|| span.clone());
         file.problem(at, format!("[path]: {}", e.message().trim().replace('\n', ", ")))
     })
 }
 
-fn pose(file: &File, key: &str, value: &Spanned<[f64; 4]>) -> Result<[f64; 4]> {
+fn pose(file: &Source, key: &str, value: &Spanned<[f64; 4]>) -> Checked<[f64; 4]> {
     file.numbers(key, value, -1e3, 1e3, "in m (x, y, z) and rad (ψ)")
 }
 
@@ -277,18 +266,18 @@ fn too_near(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
 }
 
 fn points(
-    file: &File,
+    file: &Source,
     values: &[Spanned<[f64; 4]>],
     least: usize,
     closed: bool,
     turn_radius: f64,
     span: &Range<usize>,
-) -> Result<Vec<[f64; 4]>> {
+) -> Checked<Vec<[f64; 4]>> {
     if values.len() < least || values.len() > 1000 {
         let message = format!("`path.points` has {} points; expected {least} to 1000", values.len());
         return Err(file.problem(span.clone(), message));
     }
-    let mut points = values.iter().map(|v| pose(file, "path.points", v)).collect::<Result<Vec<_>>>()?;
+    let mut points = values.iter().map(|v| pose(file, "path.points", v)).collect::<Checked<Vec<_>>>()?;
     if closed {
         points.push(points[0]);
     }
@@ -311,7 +300,7 @@ mod tests {
                         blend = 0.02\n[payload]\nmass = 1.0\n[limits]\nstrut_upper = 120.0\n";
 
     fn parse(text: &str) -> Result<Task> {
-        Task::parse(text, Path::new("p.toml"), Limits::NONE)
+        super::parse(text, Path::new("p.toml"), Limits::NONE)
     }
 
     #[test]
@@ -354,13 +343,13 @@ mod tests {
             length in 0..30usize,
             put in prop::sample::select(vec!["", "nan", "-1", "1e300", "inf", "[", "\"\"", "9223372036854775807", "ψ", "\n"]),
         ) {
-            let path = format!("scenarios/{file}.toml");
+            let path = format!("../../scenarios/{file}.toml");
             let text: Vec<char> = std::fs::read_to_string(&path).unwrap().chars().collect();
             let at = at.index(text.len());
             let end = (at + length).min(text.len());
             let damaged: String =
                 text[..at].iter().copied().chain(put.chars()).chain(text[end..].iter().copied()).collect();
-            match Task::parse(&damaged, Path::new(&path), Limits::NONE) {
+            match super::parse(&damaged, Path::new(&path), Limits::NONE) {
                 Err(e) => prop_assert!(e.to_string().starts_with(&format!("{path}:")), "{e}"),
                 Ok(task) => prop_assert!(task.shape.curve().end() == 1.0),
             }
