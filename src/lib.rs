@@ -1,8 +1,8 @@
 //! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect its model lacks.
 //!
 //! A [`model::Model`] says what the machine is, a [`recording::Recording`] what was measured; the crate `deltatwin-io` reads
-//! and writes their files. Identification estimates the
-//! parameters, diagnosis names the effect that is missing, and the result is a model again:
+//! and writes their files. Identification estimates the parameters, diagnosis names the effect that is missing, and the
+//! result is a model again:
 //!
 //! ```no_run
 //! use std::path::Path;

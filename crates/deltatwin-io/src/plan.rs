@@ -8,13 +8,12 @@ use deltatwin::machine::{AXES, Setup};
 use deltatwin::planner::shape::first_corner;
 use deltatwin::planner::{Limits, Objective, Options, Shape, Task};
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
+use toml::de::DeValue;
 
 use crate::scenario::ScenarioError;
 use crate::scenario::read::cell::{LoadKeys, payload};
-use crate::source::{Checked, Source};
+use crate::source::{Checked, Interval, Source};
 
 type Result<T> = std::result::Result<T, ScenarioError>;
 
@@ -109,9 +108,7 @@ pub fn read(path: &Path, given: Limits) -> Result<Task> {
 /// The mistake with its place in the text.
 pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Task> {
     let file = &Source::new(path.display(), text);
-    let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
-    let shape = table.get_mut().remove("path");
-    let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;
+    let (document, shape) = file.document::<Document>("path")?;
     let Some(shape) = shape else {
         return Err(file.problem(0..0, "[path] is missing; expected the path to follow".into()).into());
     };
@@ -131,10 +128,10 @@ pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Task> {
 
 fn limits(file: &Source, keys: &LimitKeys, given: Limits) -> Checked<Limits> {
     let axes = |key: &str, value: &Option<Spanned<[f64; AXES]>>, default: [f64; AXES], most: f64, unit: &str| {
-        value.as_ref().map_or(Ok(default), |v| file.numbers(&format!("limits.{key}"), v, 1e-3, most, unit))
+        value.as_ref().map_or(Ok(default), |v| file.numbers(&format!("limits.{key}"), v, Interval(1e-3, most, unit)))
     };
     let force = |key: &str, value: &Option<Spanned<f64>>, unit: &str| {
-        file.optional(&format!("limits.{key}"), value, f64::INFINITY, 1e-3, 1e6, unit)
+        file.optional(&format!("limits.{key}"), value, f64::INFINITY, Interval(1e-3, 1e6, unit))
     };
     Ok(Limits {
         speed: axes("speed", &keys.speed, given.speed, 1e4, "rad/s")?,
@@ -145,7 +142,7 @@ fn limits(file: &Source, keys: &LimitKeys, given: Limits) -> Checked<Limits> {
         bearing_force: force("bearing_force", &keys.bearing_force, "N")?,
         strut_lower: force("strut_lower", &keys.strut_lower, "N")?,
         strut_upper: force("strut_upper", &keys.strut_upper, "N")?,
-        margin: file.optional("limits.margin", &keys.margin, given.margin, 0.0, 0.9, "")?,
+        margin: file.optional("limits.margin", &keys.margin, given.margin, Interval(0.0, 0.9, ""))?,
         detail: match &keys.forces {
             Some(word) => {
                 file.choice("limits.forces", word, &[("complete", Detail::Complete), ("reduced", Detail::Reduced)])?
@@ -185,20 +182,15 @@ enum Kind {
 
 fn read_shape(file: &Source, mut value: Spanned<DeValue>) -> Checked<Shape> {
     let span = value.span();
-    let DeValue::Table(keys) = value.get_mut() else {
-        return Err(file.problem(span, "`path` is not a table; expected [path]".into()));
-    };
-    let Some(kind) = keys.remove("kind") else {
-        return Err(file.problem(span, "[path] lacks `kind`; expected the kind of path".into()));
-    };
-    let word = Spanned::<String>::deserialize(ValueDeserializer::from(kind)).map_err(|e| file.broken(&e))?;
+    let word = file.kind("path", "path", &mut value)?;
     let kinds = [("lines", Kind::Lines), ("b_spline", Kind::BSpline), ("through", Kind::Through), ("arch", Kind::Arch)];
-    let radius = |value: &Option<Spanned<f64>>| file.optional("path.turn_radius", value, TURN_RADIUS, 1e-3, 10.0, "m");
-    let blend = |value: &Spanned<f64>| file.within("path.blend", value, 1e-3, 10.0, "m");
+    let radius =
+        |value: &Option<Spanned<f64>>| file.optional("path.turn_radius", value, TURN_RADIUS, Interval(1e-3, 10.0, "m"));
+    let blend = |value: &Spanned<f64>| file.within("path.blend", value, Interval(1e-3, 10.0, "m"));
     let kind = file.choice("path.kind", &word, &kinds)?;
     match kind {
         Kind::Lines => {
-            let keys: LineKeys = table(file, value, &span)?;
+            let keys: LineKeys = file.keys("path", value)?;
             let turn_radius = radius(&keys.turn_radius)?;
             let points = points(file, &keys.points, 2, keys.closed, turn_radius, &span)?;
             let blend = match (&keys.blend, first_corner(&points, turn_radius)) {
@@ -216,12 +208,12 @@ fn read_shape(file: &Source, mut value: Spanned<DeValue>) -> Checked<Shape> {
             Ok(Shape::Lines { points, blend, turn_radius })
         }
         Kind::Through => {
-            let keys: ThroughKeys = table(file, value, &span)?;
+            let keys: ThroughKeys = file.keys("path", value)?;
             let turn_radius = radius(&keys.turn_radius)?;
             Ok(Shape::Through { points: points(file, &keys.points, 2, keys.closed, turn_radius, &span)?, turn_radius })
         }
         Kind::BSpline => {
-            let keys: SplineKeys = table(file, value, &span)?;
+            let keys: SplineKeys = file.keys("path", value)?;
             let degree = match &keys.degree {
                 Some(n) => file.count("path.degree", n, 4, 7)?,
                 None => 5,
@@ -230,9 +222,9 @@ fn read_shape(file: &Source, mut value: Spanned<DeValue>) -> Checked<Shape> {
             Ok(Shape::BSpline { points, degree })
         }
         Kind::Arch => {
-            let keys: ArchKeys = table(file, value, &span)?;
+            let keys: ArchKeys = file.keys("path", value)?;
             let turn_radius = radius(&keys.turn_radius)?;
-            let height = file.within("path.height", &keys.height, NEAREST, 2.0, "m")?;
+            let height = file.within("path.height", &keys.height, Interval(NEAREST, 2.0, "m"))?;
             let ends = [pose(file, "path.from", &keys.from)?, pose(file, "path.to", &keys.to)?];
             let shape = Shape::arch(ends[0], ends[1], height, blend(&keys.blend)?, turn_radius);
             if let Shape::Lines { points, .. } = &shape
@@ -246,15 +238,8 @@ fn read_shape(file: &Source, mut value: Spanned<DeValue>) -> Checked<Shape> {
     }
 }
 
-fn table<T: DeserializeOwned>(file: &Source, value: Spanned<DeValue>, span: &Range<usize>) -> Checked<T> {
-    T::deserialize(ValueDeserializer::from(value)).map_err(|e| {
-        let at = e.span().filter(|s| !s.is_empty()).unwrap_or_else(|| span.clone());
-        file.problem(at, format!("[path]: {}", e.message().trim().replace('\n', ", ")))
-    })
-}
-
 fn pose(file: &Source, key: &str, value: &Spanned<[f64; 4]>) -> Checked<[f64; 4]> {
-    file.numbers(key, value, -1e3, 1e3, "in m (x, y, z) and rad (ψ)")
+    file.numbers(key, value, Interval(-1e3, 1e3, "in m (x, y, z) and rad (ψ)"))
 }
 
 /// First of two neighbours that are too near.

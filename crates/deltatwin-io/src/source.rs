@@ -1,12 +1,16 @@
 //! A text file whose mistakes are reported with file, line and column, and checks of the values in it.
 
+use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use deltatwin::machine::AXES;
+use deltatwin::machine::{AXES, Payload};
 use miette::{Diagnostic, NamedSource, SourceSpan};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use thiserror::Error;
 use toml::Spanned;
+use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
 
 /// A mistake in a text file.
 #[derive(Clone, Debug, Error, Diagnostic)]
@@ -28,6 +32,26 @@ pub struct Problem {
 /// Result of a check.
 pub(crate) type Checked<T> = std::result::Result<T, Problem>;
 
+/// Numbers from the first to the second, in a unit.
+#[derive(Clone, Copy)]
+pub(crate) struct Interval<'a>(pub f64, pub f64, pub &'a str);
+
+impl Interval<'_> {
+    fn contains(&self, value: f64) -> bool {
+        (self.0..=self.1).contains(&value)
+    }
+}
+
+impl fmt::Display for Interval<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Self(low, high, unit) = self;
+        match *unit {
+            "" => write!(f, "from {low} to {high}"),
+            unit => write!(f, "from {low} to {high} {unit}"),
+        }
+    }
+}
+
 /// A TOML file as text.
 pub(crate) struct Source<'a> {
     /// What the file is called in errors.
@@ -36,7 +60,7 @@ pub(crate) struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    pub fn new(name: impl std::fmt::Display, text: &'a str) -> Self {
+    pub fn new(name: impl fmt::Display, text: &'a str) -> Self {
         Self { name: name.to_string(), text }
     }
 
@@ -64,6 +88,35 @@ impl<'a> Source<'a> {
         self.problem(error.span().unwrap_or(0..0), error.message().trim().replace('\n', ", "))
     }
 
+    /// The whole file as a `T`, but for the table `apart`, whose keys depend on its `kind`.
+    pub fn document<T: DeserializeOwned>(&self, apart: &str) -> Checked<(T, Option<Spanned<DeValue<'a>>>)> {
+        let mut table = DeTable::parse(self.text).map_err(|e| self.broken(&e))?;
+        let rest = table.get_mut().remove(apart);
+        let document = T::deserialize(Deserializer::from(table)).map_err(|e| self.broken(&e))?;
+        Ok((document, rest))
+    }
+
+    /// Takes `kind` out of the table called `name`; `what` it is the kind of.
+    pub fn kind(&self, name: &str, what: &str, table: &mut Spanned<DeValue>) -> Checked<Spanned<String>> {
+        let span = table.span();
+        let DeValue::Table(keys) = table.get_mut() else {
+            return Err(self.problem(span, format!("`{name}` is not a table; expected [{name}]")));
+        };
+        let Some(kind) = keys.remove("kind") else {
+            return Err(self.problem(span, format!("[{name}] lacks `kind`; expected the kind of {what}")));
+        };
+        Spanned::<String>::deserialize(ValueDeserializer::from(kind)).map_err(|e| self.broken(&e))
+    }
+
+    /// The keys of the table called `name` as a `T`.
+    pub fn keys<T: DeserializeOwned>(&self, name: &str, table: Spanned<DeValue>) -> Checked<T> {
+        let whole = table.span();
+        T::deserialize(ValueDeserializer::from(table)).map_err(|e| {
+            let span = e.span().filter(|s| !s.is_empty()).unwrap_or(whole);
+            self.problem(span, format!("[{name}]: {}", e.message().trim().replace('\n', ", ")))
+        })
+    }
+
     /// The text of a value, on one line and not too long.
     pub fn quote(&self, span: Range<usize>) -> String {
         let text: Vec<&str> = self.text.get(span).unwrap_or("").split_whitespace().collect();
@@ -71,79 +124,49 @@ impl<'a> Source<'a> {
         if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
     }
 
-    /// A number from `low` to `high`.
-    pub fn within(&self, key: &str, value: &Spanned<f64>, low: f64, high: f64, unit: &str) -> Checked<f64> {
+    /// A number within an interval.
+    pub fn within(&self, key: &str, value: &Spanned<f64>, interval: Interval) -> Checked<f64> {
         let v = *value.get_ref();
-        if (low..=high).contains(&v) {
+        if interval.contains(v) {
             return Ok(v);
         }
-        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a number from {low} to {high}{unit}")))
+        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a number {interval}")))
     }
 
     /// The same, or `default` for a key that is left out.
-    pub fn optional(
-        &self,
-        key: &str,
-        value: &Option<Spanned<f64>>,
-        default: f64,
-        low: f64,
-        high: f64,
-        unit: &str,
-    ) -> Checked<f64> {
-        value.as_ref().map_or(Ok(default), |v| self.within(key, v, low, high, unit))
+    pub fn optional(&self, key: &str, value: &Option<Spanned<f64>>, default: f64, interval: Interval) -> Checked<f64> {
+        value.as_ref().map_or(Ok(default), |v| self.within(key, v, interval))
     }
 
     /// The same, if the key is there.
-    pub fn maybe(
-        &self,
-        key: &str,
-        value: &Option<Spanned<f64>>,
-        low: f64,
-        high: f64,
-        unit: &str,
-    ) -> Checked<Option<f64>> {
-        value.as_ref().map(|v| self.within(key, v, low, high, unit)).transpose()
+    pub fn maybe(&self, key: &str, value: &Option<Spanned<f64>>, interval: Interval) -> Checked<Option<f64>> {
+        value.as_ref().map(|v| self.within(key, v, interval)).transpose()
     }
 
-    /// An array of numbers, each from `low` to `high`.
+    /// An array of numbers, each within an interval.
     pub fn numbers<const N: usize>(
         &self,
         key: &str,
         value: &Spanned<[f64; N]>,
-        low: f64,
-        high: f64,
-        unit: &str,
+        interval: Interval,
     ) -> Checked<[f64; N]> {
-        match value.get_ref().iter().find(|v| !(low..=high).contains(*v)) {
+        match value.get_ref().iter().find(|v| !interval.contains(**v)) {
             None => Ok(*value.get_ref()),
-            Some(v) => {
-                let message = format!("`{key}` has {v}; expected {N} numbers from {low} to {high} {unit}");
-                Err(self.problem(value.span(), message.trim_end().to_string()))
-            }
+            Some(v) => Err(self.problem(value.span(), format!("`{key}` has {v}; expected {N} numbers {interval}"))),
         }
     }
 
     /// One number per axis of the machine, which may have fewer than four: what is missing is zero.
-    pub fn per_axis(
-        &self,
-        key: &str,
-        value: &Spanned<Vec<f64>>,
-        low: f64,
-        high: f64,
-        unit: &str,
-    ) -> Checked<[f64; AXES]> {
+    pub fn per_axis(&self, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<[f64; AXES]> {
         let given = value.get_ref();
-        let problem = match given.iter().find(|v| !(low..=high).contains(*v)) {
+        let problem = match given.iter().find(|v| !interval.contains(**v)) {
             Some(v) => Some(v.to_string()),
             None if ![1, 3, AXES].contains(&given.len()) => Some(format!("{} number(s)", given.len())),
             None => None,
         };
         if let Some(what) = problem {
-            let message = format!(
-                "`{key}` has {what}; expected one per axis, 1, 3 or {AXES} numbers from {low} to {high} {unit}"
-            );
-            return Err(self.problem(value.span(), message.trim_end().to_string()));
+            let message = format!("`{key}` has {what}; expected one per axis, 1, 3 or {AXES} numbers {interval}");
+            return Err(self.problem(value.span(), message));
         }
         Ok(std::array::from_fn(|i| given.get(i).copied().unwrap_or(0.0)))
     }
@@ -190,5 +213,20 @@ impl<'a> Source<'a> {
                 Err(self.problem(v.span(), format!("`{key}` has no meaning for {context}; expected it to be left out")))
             }
         }
+    }
+
+    /// The payload of a table `[payload]`, whose keys but the tensor are checked already.
+    pub fn payload(
+        &self,
+        mass: f64,
+        com: [f64; 3],
+        vertical: Option<f64>,
+        tensor: &Option<Spanned<Vec<f64>>>,
+    ) -> Checked<Payload> {
+        let moments = tensor.as_ref().map(|v| v.get_ref().as_slice());
+        Payload::stated(mass, com, vertical, moments).map_err(|what| {
+            let span = tensor.as_ref().map_or(0..0, Spanned::span);
+            self.problem(span, format!("`payload.inertia` {what}"))
+        })
     }
 }

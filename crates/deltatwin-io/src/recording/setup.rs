@@ -11,7 +11,7 @@ use toml::Spanned;
 
 use super::{Mapping, ReadError};
 use crate::file::{self, WriteError};
-use crate::source::{Checked, Source};
+use crate::source::{Checked, Interval, Source};
 
 /// Where the setup of the recording `path` is kept.
 pub fn sidecar(path: &Path) -> PathBuf {
@@ -131,17 +131,13 @@ impl Sidecar {
 }
 
 fn payload(source: &Source, load: &Load) -> Checked<Payload> {
-    let mass = source.within("payload.mass", &load.mass, 0.0, 100.0, "kg")?;
-    let vertical = source.maybe("payload.inertia_zz", &load.inertia_zz, 0.0, 100.0, "kg·m²")?;
+    let mass = source.within("payload.mass", &load.mass, Interval(0.0, 100.0, "kg"))?;
+    let vertical = source.maybe("payload.inertia_zz", &load.inertia_zz, Interval(0.0, 100.0, "kg·m²"))?;
     let mut com = [0.0; 3];
     for (own, c) in com.iter_mut().zip(&load.com) {
-        *own = source.within("payload.com", c, -2.0, 2.0, "m")?;
+        *own = source.within("payload.com", c, Interval(-2.0, 2.0, "m"))?;
     }
-    let tensor = load.inertia.as_ref().map(|v| v.get_ref().as_slice());
-    Payload::stated(mass, com, vertical, tensor).map_err(|what| {
-        let span = load.inertia.as_ref().map_or(0..0, Spanned::span);
-        source.problem(span, format!("`payload.inertia` {what}"))
-    })
+    source.payload(mass, com, vertical, &load.inertia)
 }
 
 fn torque_noise(source: &Source, noise: &Noise) -> Checked<Option<[f64; AXES]>> {
@@ -153,7 +149,7 @@ fn torque_noise(source: &Source, noise: &Noise) -> Checked<Option<[f64; AXES]>> 
         return Err(source.problem(values.span(), message));
     }
     for (s, v) in sigma.iter_mut().zip(values.get_ref()) {
-        *s = source.within("noise.torque", v, 0.0, 1e4, "N·m")?;
+        *s = source.within("noise.torque", v, Interval(0.0, 1e4, "N·m"))?;
     }
     Ok(Some(sigma))
 }

@@ -12,9 +12,8 @@ use miette::Diagnostic;
 use serde::Deserialize;
 use thiserror::Error;
 use toml::Spanned;
-use toml::de::{DeTable, Deserializer};
 
-use crate::source::{Checked, Problem, Source};
+use crate::source::{Checked, Interval, Problem, Source};
 
 /// Why a scenario or a path file was refused.
 #[derive(Debug, Error, Diagnostic)]
@@ -79,9 +78,7 @@ pub fn read(path: &Path) -> Result<Scenario> {
 /// The mistake with its place in the text.
 pub fn parse(text: &str, path: &Path) -> Result<Scenario> {
     let file = &Source::new(path.display(), text);
-    let mut table = DeTable::parse(text).map_err(|e| file.broken(&e))?;
-    let motion = table.get_mut().remove("motion");
-    let document = Document::deserialize(Deserializer::from(table)).map_err(|e| file.broken(&e))?;
+    let (document, motion) = file.document::<Document>("motion")?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let beside = |key: &str, name: &Spanned<String>| {
         let target = folder.join(name.get_ref());
@@ -145,7 +142,7 @@ fn duration(file: &Source, given: &Option<Spanned<f64>>, motion: &Course) -> Che
     let [shortest, longest] = DURATION;
     match (given, motion.length()) {
         (Some(value), length) => {
-            let duration = file.within("duration", value, shortest, longest, "s")?;
+            let duration = file.within("duration", value, Interval(shortest, longest, "s"))?;
             match (motion, length) {
                 (Course::Table(table), Some(length)) if table.moving && duration > length => {
                     let message = format!(

@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::source::{Checked, Source};
+use crate::source::{Checked, Interval, Source};
 use deltatwin::cell::mesh::Mesh;
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::machine::Payload;
@@ -61,17 +61,12 @@ pub(super) struct ActionKeys {
 /// Payload and its shape.
 pub(crate) fn payload(file: &Source, keys: &LoadKeys) -> Checked<(Payload, Option<PayloadShape>)> {
     let vector = |key: &str, value: &Option<Spanned<[f64; 3]>>| -> Checked<Option<[f64; 3]>> {
-        value.as_ref().map(|v| file.numbers(key, v, -2.0, 2.0, "m")).transpose()
+        value.as_ref().map(|v| file.numbers(key, v, Interval(-2.0, 2.0, "m"))).transpose()
     };
-    let mass = file.within("payload.mass", &keys.mass, 0.0, 100.0, "kg")?;
+    let mass = file.within("payload.mass", &keys.mass, Interval(0.0, 100.0, "kg"))?;
     let com = vector("payload.com", &keys.com)?.unwrap_or_default();
-    let vertical =
-        keys.inertia_zz.as_ref().map(|v| file.within("payload.inertia_zz", v, 0.0, 100.0, "kg·m²")).transpose()?;
-    let tensor = keys.inertia.as_ref().map(|v| v.get_ref().as_slice());
-    let payload = Payload::stated(mass, com, vertical, tensor).map_err(|what| {
-        let span = keys.inertia.as_ref().map_or(0..0, Spanned::span);
-        file.problem(span, format!("`payload.inertia` {what}"))
-    })?;
+    let vertical = file.maybe("payload.inertia_zz", &keys.inertia_zz, Interval(0.0, 100.0, "kg·m²"))?;
+    let payload = file.payload(mass, com, vertical, &keys.inertia)?;
     let measures =
         Measures { size: &keys.size, radius: &keys.radius, height: &keys.height, file: &keys.file, scale: &keys.scale };
     let Some(kind) = &keys.shape else {
@@ -119,11 +114,11 @@ fn shape(file: &Source, table: &str, kind: &Spanned<String>, measures: &Measures
     let context = format!("shape = \"{}\"", kind.get_ref());
     let length = |name: &str, value: &Option<Spanned<f64>>| {
         let value = file.needed(&key(name), value, &context, kind.span())?;
-        file.within(&key(name), value, low, high, "m")
+        file.within(&key(name), value, Interval(low, high, "m"))
     };
     let size = || {
         let value = file.needed(&key("size"), measures.size, &context, kind.span())?;
-        file.numbers(&key("size"), value, low, high, "m")
+        file.numbers(&key("size"), value, Interval(low, high, "m"))
     };
     let kinds = [
         ("box", ShapeKind::Box),
@@ -155,7 +150,7 @@ fn shape(file: &Source, table: &str, kind: &Spanned<String>, measures: &Measures
         ShapeKind::Hull | ShapeKind::Mesh => {
             let name = file.needed(&key("file"), measures.file, &context, kind.span())?;
             let [low, high] = SCALES;
-            let scale = file.optional(&key("scale"), measures.scale, 1.0, low, high, "m")?;
+            let scale = file.optional(&key("scale"), measures.scale, 1.0, Interval(low, high, "m"))?;
             return mesh(file, &key("file"), name, scale, matches!(chosen, ShapeKind::Hull));
         }
     };
@@ -200,8 +195,8 @@ fn object(file: &Source, keys: &ObjectKeys) -> Checked<Object> {
         let message = "`objects.shape` is \"mesh\" of a free object; expected \"hull\", or another mobility".into();
         return Err(file.problem(keys.shape.span(), message));
     }
-    let position: Vector3<f64> = file.numbers("objects.position", &keys.position, -20.0, 20.0, "m")?.into();
-    let yaw = file.optional("objects.yaw", &keys.yaw, 0.0, -10.0, 10.0, "rad")?;
+    let position: Vector3<f64> = file.numbers("objects.position", &keys.position, Interval(-20.0, 20.0, "m"))?.into();
+    let yaw = file.optional("objects.yaw", &keys.yaw, 0.0, Interval(-10.0, 10.0, "rad"))?;
     Ok(Object {
         name: keys.name.get_ref().clone(),
         shape,
@@ -209,17 +204,20 @@ fn object(file: &Source, keys: &ObjectKeys) -> Checked<Object> {
         position: position + Rotation3::from_axis_angle(&Vector3::z_axis(), yaw) * offset,
         yaw,
         surface: Surface {
-            stiffness: file.optional("objects.stiffness", &keys.stiffness, default.stiffness, 1.0, 1e9, "N/m")?,
+            stiffness: file.optional(
+                "objects.stiffness",
+                &keys.stiffness,
+                default.stiffness,
+                Interval(1.0, 1e9, "N/m"),
+            )?,
             dissipation: file.optional(
                 "objects.dissipation",
                 &keys.dissipation,
                 default.dissipation,
-                0.0,
-                1e3,
-                "s/m",
+                Interval(0.0, 1e3, "s/m"),
             )?,
-            friction: file.optional("objects.friction", &keys.friction, default.friction, 0.0, 10.0, "")?,
-            rolling: file.optional("objects.rolling", &keys.rolling, default.rolling, 0.0, 1.0, "m")?,
+            friction: file.optional("objects.friction", &keys.friction, default.friction, Interval(0.0, 10.0, ""))?,
+            rolling: file.optional("objects.rolling", &keys.rolling, default.rolling, Interval(0.0, 1.0, "m"))?,
         },
     })
 }
@@ -239,11 +237,13 @@ fn mobility(file: &Source, keys: &ObjectKeys) -> Checked<Mobility> {
     match (word, &keys.mobility) {
         ("conveyor", _) => {
             let velocity = file.needed("objects.velocity", &keys.velocity, &context, place)?;
-            Ok(Mobility::Conveyor { velocity: file.numbers("objects.velocity", velocity, -10.0, 10.0, "m/s")?.into() })
+            Ok(Mobility::Conveyor {
+                velocity: file.numbers("objects.velocity", velocity, Interval(-10.0, 10.0, "m/s"))?.into(),
+            })
         }
         ("free", _) => {
             let mass = file.needed("objects.mass", &keys.mass, &context, place)?;
-            Ok(Mobility::Free { mass: file.within("objects.mass", mass, 1e-3, 1e3, "kg")? })
+            Ok(Mobility::Free { mass: file.within("objects.mass", mass, Interval(1e-3, 1e3, "kg"))? })
         }
         ("fixed", _) | (_, None) => Ok(Mobility::Fixed),
         (_, Some(word)) => {
@@ -258,7 +258,7 @@ pub(super) fn actions(file: &Source, tables: &[ActionKeys], objects: &[Object], 
     let mut out: Vec<Action> = Vec::with_capacity(tables.len());
     let mut held: Option<usize> = None;
     for keys in tables {
-        let t = file.within("actions.t", &keys.t, 0.0, duration, "s")?;
+        let t = file.within("actions.t", &keys.t, Interval(0.0, duration, "s"))?;
         if let Some(last) = out.last().filter(|last| t <= last.t) {
             let message = format!("`actions.t` is {t} after {}; expected increasing times", last.t);
             return Err(file.problem(keys.t.span(), message));

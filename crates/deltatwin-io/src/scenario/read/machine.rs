@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::source::{Checked, Source};
+use crate::source::{Checked, Interval, Source};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::machine::STRUTS;
 use deltatwin::scenario::sockets::{SPRINGS, SocketSetup, spring_name};
@@ -57,16 +57,16 @@ pub(super) struct GainKeys {
 pub(super) fn sockets(file: &Source, keys: &SocketKeys) -> Checked<SocketSetup> {
     let mut out = SocketSetup { armed: keys.armed, ..SocketSetup::default() };
     if let Some(hold) = &keys.hold {
-        out.hold = Some(file.numbers("sockets.hold", hold, 0.0, 1e6, "N")?);
+        out.hold = Some(file.numbers("sockets.hold", hold, Interval(0.0, 1e6, "N"))?);
         let fixed = "sockets with `hold`, which is what is left of it";
         file.foreign("sockets.wear", &keys.wear, fixed)?;
         file.foreign("sockets.draw", &keys.draw, fixed)?;
     }
     if let Some(wear) = &keys.wear {
-        out.wear = file.numbers("sockets.wear", wear, 0.0, 1.0, "(shares of the hold)")?;
+        out.wear = file.numbers("sockets.wear", wear, Interval(0.0, 1.0, "(shares of the hold)"))?;
     }
     if let Some(draw) = &keys.draw {
-        out.sigma = Some(file.within("sockets.draw.sigma", &draw.get_ref().sigma, 0.0, 1e5, "N")?);
+        out.sigma = Some(file.within("sockets.draw.sigma", &draw.get_ref().sigma, Interval(0.0, 1e5, "N"))?);
     }
     let names: Vec<String> = (0..SPRINGS).map(spring_name).collect();
     let choices: Vec<(&str, usize)> = names.iter().enumerate().map(|(i, n)| (n.as_str(), i)).collect();
@@ -93,7 +93,7 @@ pub(super) fn supervision(file: &Source, keys: &SupervisionKeys) -> Checked<Supe
         (Some(word), true) => {
             let torque =
                 file.needed("supervision.brake_torque", &keys.brake_torque, "trip = \"brake\"", word.span())?;
-            Trip::Brake { torque: file.within("supervision.brake_torque", torque, 0.0, 1e5, "N·m")? }
+            Trip::Brake { torque: file.within("supervision.brake_torque", torque, Interval(0.0, 1e5, "N·m"))? }
         }
         _ => {
             file.foreign("supervision.brake_torque", &keys.brake_torque, "trip = \"coast\"")?;
@@ -101,8 +101,8 @@ pub(super) fn supervision(file: &Source, keys: &SupervisionKeys) -> Checked<Supe
         }
     };
     Ok(Supervision {
-        torque: file.maybe("supervision.torque", &keys.torque, 0.0, 1e5, "N·m")?,
-        tracking: file.maybe("supervision.tracking", &keys.tracking, 0.0, 10.0, "rad")?,
+        torque: file.maybe("supervision.torque", &keys.torque, Interval(0.0, 1e5, "N·m"))?,
+        tracking: file.maybe("supervision.tracking", &keys.tracking, Interval(0.0, 10.0, "rad"))?,
         trip,
     })
 }
@@ -151,12 +151,12 @@ fn once<T: std::fmt::Display>(
 
 pub(super) fn gains(file: &Source, keys: &GainKeys) -> Checked<Gains> {
     let each = |key: &str, value: &Option<Spanned<Vec<f64>>>, unit: &str| {
-        value.as_ref().map(|v| file.per_axis(key, v, 0.0, 1e7, unit)).transpose()
+        value.as_ref().map(|v| file.per_axis(key, v, Interval(0.0, 1e7, unit))).transpose()
     };
     Ok(Gains {
         proportional: each("gains.proportional", &keys.proportional, "N·m/rad")?,
         derivative: each("gains.derivative", &keys.derivative, "N·m·s/rad")?,
-        cutoff: file.maybe("gains.cutoff", &keys.cutoff, 0.1, 1e5, "Hz")?,
+        cutoff: file.maybe("gains.cutoff", &keys.cutoff, Interval(0.1, 1e5, "Hz"))?,
     })
 }
 

@@ -6,9 +6,9 @@ use std::path::Path as FilePath;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
-use toml::de::{DeValue, ValueDeserializer};
+use toml::de::DeValue;
 
-use crate::source::{Checked, Source};
+use crate::source::{Checked, Interval, Source};
 use deltatwin::machine::AXES;
 use deltatwin::scenario::motion::constant_speed::ConstantSpeed;
 use deltatwin::scenario::motion::path::Path;
@@ -44,10 +44,7 @@ type Reader = fn(Input) -> Checked<Course>;
 
 impl Input<'_, '_> {
     fn keys<T: DeserializeOwned>(&self) -> Checked<T> {
-        T::deserialize(ValueDeserializer::from(self.value.clone())).map_err(|e| {
-            let span = e.span().filter(|s| !s.is_empty()).unwrap_or_else(|| self.span());
-            self.file.problem(span, format!("[motion]: {}", e.message().trim().replace('\n', ", ")))
-        })
+        self.file.keys("motion", self.value.clone())
     }
 
     fn span(&self) -> Range<usize> {
@@ -58,14 +55,7 @@ impl Input<'_, '_> {
 /// Reads `[motion]`; the files it names are in `folder`.
 pub(super) fn course(file: &Source, folder: &FilePath, mut value: Spanned<DeValue>) -> Checked<Course> {
     let span = value.span();
-    let DeValue::Table(keys) = value.get_mut() else {
-        return Err(file.problem(span, "`motion` is not a table; expected [motion]".into()));
-    };
-    let Some(kind) = keys.remove("kind") else {
-        return Err(file.problem(span, "[motion] lacks `kind`; expected the kind of motion".into()));
-    };
-    let word = Spanned::<String>::deserialize(ValueDeserializer::from(kind)).map_err(|e| file.broken(&e))?;
-    let read = file.choice("motion.kind", &word, KINDS)?;
+    let read = file.choice("motion.kind", &file.kind("motion", "motion", &mut value)?, KINDS)?;
     let course = read(Input { file, folder, value })?;
     match course.length() {
         Some(length) if !(0.0..=LONGEST).contains(&length) => {
@@ -93,7 +83,7 @@ fn random_fourier(input: Input) -> Checked<Course> {
             Some(n) => file.count("motion.harmonics", n, 1, 50)?,
             None => HARMONICS,
         },
-        share: file.optional("motion.share", &keys.share, SHARE, 0.01, 1.0, "")?,
+        share: file.optional("motion.share", &keys.share, SHARE, Interval(0.01, 1.0, ""))?,
     })
 }
 
@@ -121,14 +111,14 @@ fn fourier(input: Input) -> Checked<Course> {
 }
 
 fn frequency(file: &Source, value: &Spanned<f64>) -> Checked<f64> {
-    file.within("motion.frequency", value, 1e-3, 20.0, "Hz")
+    file.within("motion.frequency", value, Interval(1e-3, 20.0, "Hz"))
 }
 
 /// What the machine moves: x, y, z and ψ of a platform, of a three-axis robot without ψ; the angles of independent axes.
 ///
 /// Radians of axis 4 may be many turns; metres are checked against the workspace later.
 fn coordinates(file: &Source, key: &str, value: &Spanned<Vec<f64>>) -> Checked<[f64; 4]> {
-    file.per_axis(key, value, -1e3, 1e3, "(m for x, y, z; rad for angles)")
+    file.per_axis(key, value, Interval(-1e3, 1e3, "(m for x, y, z; rad for angles)"))
 }
 
 #[derive(Deserialize)]
@@ -152,13 +142,13 @@ fn path(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<PathKeys>()?);
     let path = Path {
         waypoints: waypoints(file, &input, "motion.waypoints", &keys.waypoints, 2, keys.closed)?,
-        blend: file.optional("motion.blend", &keys.blend, 0.0, 0.0, 1.0, "m")?,
-        speed: file.within("motion.speed", &keys.speed, 1e-4, 20.0, "m/s")?,
-        acceleration: file.within("motion.acceleration", &keys.acceleration, 1e-3, 500.0, "m/s²")?,
-        jerk: file.within("motion.jerk", &keys.jerk, 1e-2, 1e5, "m/s³")?,
-        turn_radius: file.optional("motion.turn_radius", &keys.turn_radius, TURN_RADIUS, 1e-3, 10.0, "m")?,
+        blend: file.optional("motion.blend", &keys.blend, 0.0, Interval(0.0, 1.0, "m"))?,
+        speed: file.within("motion.speed", &keys.speed, Interval(1e-4, 20.0, "m/s"))?,
+        acceleration: file.within("motion.acceleration", &keys.acceleration, Interval(1e-3, 500.0, "m/s²"))?,
+        jerk: file.within("motion.jerk", &keys.jerk, Interval(1e-2, 1e5, "m/s³"))?,
+        turn_radius: file.optional("motion.turn_radius", &keys.turn_radius, TURN_RADIUS, Interval(1e-3, 10.0, "m"))?,
         stops: stops(file, &keys)?,
-        dwell: file.optional("motion.dwell", &keys.dwell, 0.0, 0.0, 3600.0, "s")?,
+        dwell: file.optional("motion.dwell", &keys.dwell, 0.0, Interval(0.0, 3600.0, "s"))?,
         closed: keys.closed,
         laps: match &keys.repeat {
             Some(n) if !keys.closed && *n.get_ref() != 1 => {
@@ -259,13 +249,13 @@ fn constant_speed(input: Input) -> Checked<Course> {
     let runs = ConstantSpeed {
         axis: file.count("motion.axis", &keys.axis, 1, AXES as i64)? - 1,
         pose: coordinates(file, "motion.pose", &keys.pose)?,
-        between: file.numbers("motion.between", &keys.between, -1e4, 1e4, "rad")?,
+        between: file.numbers("motion.between", &keys.between, Interval(-1e4, 1e4, "rad"))?,
         speeds: keys
             .speeds
             .iter()
-            .map(|v| file.within("motion.speeds", v, 1e-4, 1e3, "rad/s"))
+            .map(|v| file.within("motion.speeds", v, Interval(1e-4, 1e3, "rad/s")))
             .collect::<Checked<Vec<f64>>>()?,
-        acceleration: file.within("motion.acceleration", &keys.acceleration, 1e-3, 1e5, "rad/s²")?,
+        acceleration: file.within("motion.acceleration", &keys.acceleration, Interval(1e-3, 1e5, "rad/s²"))?,
         repeat: match &keys.repeat {
             Some(n) => file.count("motion.repeat", n, 1, 1000)?,
             None => 1,
@@ -302,8 +292,8 @@ fn static_poses(input: Input) -> Checked<Course> {
     let (file, keys) = (input.file, input.keys::<StaticPosesKeys>()?);
     Ok(Course::StaticPoses(StaticPoses {
         poses: waypoints(file, &input, "motion.poses", &keys.poses, 1, false)?,
-        hold: file.within("motion.hold", &keys.hold, 0.0, 3600.0, "s")?,
-        travel: file.within("motion.move", &keys.travel, 1e-3, 3600.0, "s")?,
+        hold: file.within("motion.hold", &keys.hold, Interval(0.0, 3600.0, "s"))?,
+        travel: file.within("motion.move", &keys.travel, Interval(1e-3, 3600.0, "s"))?,
     }))
 }
 
