@@ -7,8 +7,7 @@ use deltatwin::effects::{self, ActiveEffect};
 use deltatwin::identification::Estimate;
 use deltatwin::machine::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
 use deltatwin::machine::{Joint, Mechanism};
-use deltatwin::model::Added;
-use deltatwin::model::{Model, Provenance, check};
+use deltatwin::model::{Added, Model, Provenance, summary};
 use deltatwin_io::model;
 use deltatwin_io::model::{fitted_text, full_text, updated_text};
 use proptest::prelude::*;
@@ -683,9 +682,9 @@ fn models_are_written_beside_and_renamed() {
 
 #[test]
 fn check_describes_the_machine() {
-    let summary = check::summary(&model::read(&folder().join("irb360-6-1600.toml")).unwrap());
+    let text = summary(&model::read(&folder().join("irb360-6-1600.toml")).unwrap());
     assert_says(
-        &summary,
+        &text,
         &[
             "irb360-6-1600",
             "delta",
@@ -697,12 +696,12 @@ fn check_describes_the_machine() {
             "eigenvalue",
         ],
     );
-    let summary = check::summary(&model::read(&folder().join("irb360-6-1600-disassembled.toml")).unwrap());
-    assert_says(&summary, &["disassembled", "4 bodies", "4 freedoms"]);
-    let summary = check::summary(&model::read(&folder().join("clavel-delta.toml")).unwrap());
-    assert_says(&summary, &["without telescope, assembled", "10 bodies", "9 freedoms (3 driven"]);
-    let summary = check::summary(&model::read(&folder().join("servo-axis.toml")).unwrap());
-    assert_says(&summary, &["servo-axis: a single prismatic axis; effects: drive_friction."]);
+    let text = summary(&model::read(&folder().join("irb360-6-1600-disassembled.toml")).unwrap());
+    assert_says(&text, &["disassembled", "4 bodies", "4 freedoms"]);
+    let text = summary(&model::read(&folder().join("clavel-delta.toml")).unwrap());
+    assert_says(&text, &["without telescope, assembled", "10 bodies", "9 freedoms (3 driven"]);
+    let text = summary(&model::read(&folder().join("servo-axis.toml")).unwrap());
+    assert_says(&text, &["servo-axis: a single prismatic axis; effects: drive_friction."]);
     assert!(model::read(&folder().join("none.toml")).is_err());
 }
 

@@ -2,14 +2,15 @@
 //!
 //! A [`Model`] is constant after loading.
 
-pub mod check;
 pub mod history;
 pub mod provenance;
+mod summary;
 #[cfg(test)]
 pub(crate) mod testing;
 
 pub use history::Added;
 pub use provenance::Provenance;
+pub use summary::summary;
 
 use std::path::PathBuf;
 use std::sync::Arc;

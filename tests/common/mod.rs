@@ -8,6 +8,7 @@ use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup, Stops};
 use deltatwin::model::Model;
+use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::model;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -25,8 +26,7 @@ pub fn at_root() {
 
 /// Whether a file describes a run of the twin.
 pub fn is_scenario(path: &Path) -> bool {
-    let table: toml::Table = std::fs::read_to_string(path).expect("a file").parse().expect("TOML");
-    table.contains_key("motion")
+    kind(path).expect("a file of a known kind") == Kind::Scenario
 }
 
 /// The shipped model called `name`.

@@ -7,7 +7,6 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
-use crate::kind::{Kind, kind};
 use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Channel, Plant};
@@ -16,6 +15,7 @@ use deltatwin::kinematics::JointState;
 use deltatwin::machine::{ARMS, STRUTS, Setup};
 use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::{file, recording, scenario};
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 

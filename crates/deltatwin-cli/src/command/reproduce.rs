@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let sections = sections?;
     working.set_message("write");
     for recording in campaign.recordings() {
-        deltatwin_io::recording::write(&recording, &folder.join(format!("{}.mcap", recording.name)))
+        deltatwin_io::recording::write(recording, &folder.join(format!("{}.mcap", recording.name)))
             .into_diagnostic()?;
     }
     let write = |name: &str, text: &str| {

@@ -53,7 +53,7 @@ pub enum FolderError {
 pub fn write(folder: &Path, campaign: &Campaign) -> Result<(), FolderError> {
     std::fs::create_dir_all(folder).map_err(|source| FolderError::Io { file: folder.into(), source })?;
     for (name, recording) in [(MEASUREMENT, &campaign.measurement), (VALIDATION, &campaign.validation)] {
-        deltatwin_io::recording::write(&recording, &folder.join(format!("{name}.csv")))?;
+        deltatwin_io::recording::write(recording, &folder.join(format!("{name}.csv")))?;
     }
     write_truth(folder, &truth(campaign, &campaign.case))
 }

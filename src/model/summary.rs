@@ -1,4 +1,4 @@
-//! The summary of a model that `check` prints.
+//! A model in one paragraph.
 
 use super::Model;
 use crate::machine::bodies::{ARM, BODIES, ROTOR, STRUT, body_name};
