@@ -10,7 +10,7 @@ use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::estimator::{Estimator, PRIOR_INFORMATION};
 use deltatwin::identification::normal_equations::{ALIKE, NormalEquations};
 use deltatwin::identification::{Trace, fit, predict};
-use deltatwin::recording::Setup;
+use deltatwin::machine::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use nalgebra::DVector;
 use rand::RngExt;

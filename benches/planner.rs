@@ -15,7 +15,7 @@ use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::planner::jerk::{self, Sequence};
 use deltatwin::planner::rows::{Room, Stations};
-use deltatwin::planner::{Limits, Machine, Objective, Options, PathPoint, Reference, Task, pass, plan};
+use deltatwin::planner::{Limits, Machine, Objective, Options, PathPoint, Reference, pass, plan};
 use oracle::{Oracle, Programme};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -40,7 +40,8 @@ fn forces(c: &mut Criterion) {
 
 fn planning(c: &mut Criterion) {
     let model = common::model("irb360-6-1600");
-    let task = Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
+    let task =
+        deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
     let plant = Plant::new(&model, &task.setup);
     let machine = Machine::new(&plant, task.limits.detail);
     let curve = task.shape.curve();
@@ -76,7 +77,8 @@ fn planning(c: &mut Criterion) {
 /// The U-turn's rows as they are given to copp, without D √z; set up is not measured on either side.
 fn beside_copp(c: &mut Criterion) {
     let model = common::model("irb360-6-1600");
-    let task = Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
+    let task =
+        deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).expect("a shipped path");
     let plant = Plant::new(&model, &task.setup);
     let machine = Machine::new(&plant, task.limits.detail);
     let (curve, limits) = (task.shape.curve(), task.limits);

@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::JointState;
-use deltatwin::recording::Setup;
+use deltatwin::machine::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::constraints::rows;
 use deltatwin::twin::{Torque, Twin};

@@ -1,24 +1,25 @@
 //! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect its model lacks.
 //!
-//! A [`model::Model`] says what the machine is, a [`recording::Recording`] what was measured. Identification estimates the
-//! parameters, diagnosis names the effect that is missing, and the result is a model again:
+//! A [`model::Model`] says what the machine is, a [`recording::Recording`] what was measured; the crate `deltatwin-io` reads
+//! and writes their files. Identification estimates the parameters, diagnosis names the effect that is missing, and the
+//! result is a model again:
 //!
 //! ```no_run
 //! use std::path::Path;
 //!
 //! use deltatwin::diagnosis::{add, diagnose};
-//! use deltatwin::identification::{Trace, trace::noise_floor};
-//! use deltatwin::{identification::fit::fit, model::Model, recording::Recording};
+//! use deltatwin::identification::{Trace, fit::fit, trace::noise_floor};
+//! use deltatwin_io::{model, recording};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let model = Model::read(Path::new("models/irb360-6-1600.toml"))?;
-//! let (recording, warnings) = Recording::read(Path::new("run.csv"), None)?;
+//! let model = model::read(Path::new("models/irb360-6-1600.toml"))?;
+//! let (recording, warnings) = recording::read(Path::new("run.csv"), None)?;
 //! let traces = [Trace::new(&recording)];
 //! let fitted = fit(&model, &traces, &[noise_floor(&model, &traces)])?;
 //! let answer = diagnose(&fitted.model, &traces, &[], &mut |stage| log(stage))?;
 //! if let Some(missing) = answer.effects.first() {
 //!     let better = add(&fitted.model, &missing.name, &traces, &[])?;
-//!     better.fit.model.write(Path::new("better.toml"))?;
+//!     model::write(&better.fit.model, Path::new("better.toml"))?;
 //! }
 //! # fn log(_: &str) {}
 //! # drop(warnings);
@@ -36,15 +37,17 @@
 // Numbers as text, and suggestions for misspelt names.
 pub mod text;
 
-// The machine, and what was measured on it.
-pub mod model;
+// What the machine is made of, and what was measured on it.
+pub mod machine;
 
 pub mod recording;
 
-// Its motion, the laws that act on it, and the torques they demand.
+// Its motion, the laws that act on it, the machine with its laws, and the torques they demand.
 pub mod kinematics;
 
 pub mod effects;
+
+pub mod model;
 
 pub mod dynamics;
 

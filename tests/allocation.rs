@@ -7,8 +7,8 @@ use deltatwin::cell::{CellError, Mobility, Object, Shape, Surface};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::REGISTRY;
 use deltatwin::kinematics::{Motion, SocketSet, Target};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
 use deltatwin::model::Model;
-use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
 use deltatwin::twin::{
     ContactBody, Contacts, EventKind, Held, Options, Surroundings, Torque, Touch, Twin, Twist, simulate,
 };

@@ -9,16 +9,16 @@ use std::path::Path;
 use copp::solver::topp2_ra::s_to_t_topp2;
 use copp::solver::topp3_lp::s_to_t_topp3;
 use deltatwin::dynamics::Plant;
+use deltatwin::machine::{Payload, Setup};
 use deltatwin::planner::jerk::Sequence;
 use deltatwin::planner::rows::{Room, Stations};
-use deltatwin::planner::{Curve, Limits, Machine, Objective, Profile, Reference, Shape, Task, pass, verify};
-use deltatwin::recording::{Payload, Setup};
+use deltatwin::planner::{Curve, Limits, Machine, Objective, Profile, Reference, Shape, pass, verify};
 use oracle::{Oracle, Programme};
 
 /// Paths with payload and limits; the first is the paper's U-turn.
 fn problems() -> Vec<(Curve, Setup, Limits)> {
     let model = common::model("irb360-6-1600");
-    let task = Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).unwrap();
+    let task = deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(&model)).unwrap();
     let points = common::WAYPOINTS.to_vec();
     let payload = Payload::new(2.5, [0.02, -0.01, -0.05], 0.01);
     let setup = Setup { payload, ..Setup::default() };

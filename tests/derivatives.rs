@@ -5,10 +5,10 @@ use std::path::Path;
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::identification::{Method, Trace};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::{AXES, Model};
+use deltatwin::machine::AXES;
 use deltatwin::recording::{Recording, Signals};
-use deltatwin::scenario::Scenario;
 use deltatwin::twin::{Options, simulate};
+use deltatwin_io::{model, recording, scenario};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -18,9 +18,9 @@ const FLOOR: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
 
 /// A shipped scenario on the truth model with the twin's own rates and accelerations.
 fn run(file: &str) -> (Recording, Plant) {
-    let scenario = Scenario::read(Path::new(file)).expect("a scenario");
-    let machine = Model::read(&scenario.model).expect("a model");
-    let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).expect("a model");
+    let scenario = scenario::read(Path::new(file)).expect("a scenario");
+    let machine = model::read(&scenario.model).expect("a model");
+    let planning = model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).expect("a model");
     let motion = scenario.motion(&planning).expect("a motion");
     let mut options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
     (options.sensors.velocity, options.sensors.acceleration) = (true, true);
@@ -143,8 +143,8 @@ fn acceleration_errors(t: Vec<f64>) -> [f64; AXES] {
     let recording = Recording { signals: Signals { t, q, tau, ..Signals::default() }, ..Recording::default() };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
-    recording.write(&file).unwrap();
-    let trace = Trace::new(&Recording::read(&file, None).unwrap().0);
+    recording::write(&recording, &file).unwrap();
+    let trace = Trace::new(&recording::read(&file, None).unwrap().0);
     let mut squares = [0.0; AXES];
     for (t, joints) in trace.t.iter().zip(&trace.joints) {
         for i in 0..AXES {

@@ -8,11 +8,13 @@ use common::{model, nominal_plant, reversing, with_effect};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, Motion, PlatformState};
-use deltatwin::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
-use deltatwin::model::{Geometry, Model, Stops};
-use deltatwin::recording::{Payload, Recording, Setup};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
+use deltatwin::machine::{Geometry, Payload, Setup, Stops};
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, Scenario};
 use deltatwin::twin::{Clamps, Event, EventKind, Load, Mark, NewContacts, Options, Report, Torque, Twin, simulate};
+use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 
 // Falls with exact solutions.
@@ -431,8 +433,8 @@ record = ["ee", "sockets"]
 
 #[test]
 fn a_broken_robot_stays_within_its_hard_stops() {
-    let scenario = Scenario::parse(COAST, Path::new("scenarios/coast.toml")).unwrap();
-    let machine = Model::read(&scenario.model).unwrap();
+    let scenario = scenario::parse(COAST, Path::new("scenarios/coast.toml")).unwrap();
+    let machine = model::read(&scenario.model).unwrap();
     let options = Options { frames: Some(0.002), ..touching(&scenario, &machine) };
     let worst = |machine: &Model| {
         let report = play_on(machine, &scenario, &options);
@@ -467,15 +469,15 @@ fn a_broken_robot_stays_within_its_hard_stops() {
 // Shipped scenarios.
 
 fn scenario(name: &str) -> Scenario {
-    Scenario::read(Path::new(&format!("scenarios/{name}.toml"))).unwrap()
+    scenario::read(Path::new(&format!("scenarios/{name}.toml"))).unwrap()
 }
 
 fn play(scenario: &Scenario, options: &Options) -> Report {
-    play_on(&Model::read(&scenario.model).unwrap(), scenario, options)
+    play_on(&model::read(&scenario.model).unwrap(), scenario, options)
 }
 
 fn play_on(machine: &Model, scenario: &Scenario, options: &Options) -> Report {
-    let planning = Model::read(scenario.controller_model.as_ref().unwrap()).unwrap();
+    let planning = model::read(scenario.controller_model.as_ref().unwrap()).unwrap();
     let motion = scenario.motion(&planning).unwrap();
     let believed = Plant::new(&planning, &scenario.setup);
     simulate(machine, &scenario.setup, &believed, &|t| motion.at(t), options, &mut |_| true).unwrap().1
@@ -494,7 +496,7 @@ fn tell(name: &str, report: &Report) {
 #[test]
 fn drawn_and_worn_holds_decide_which_socket_goes_first() {
     let worn = scenario("worn-sockets");
-    let machine = Model::read(&worn.model).unwrap();
+    let machine = model::read(&worn.model).unwrap();
     let holds = worn.socket_holds(&machine);
     assert_ne!(holds[6], holds[7], "drawn one by one");
     let report = play(&worn, &Options { duration: 0.3, ..touching(&worn, &machine) });
@@ -517,7 +519,7 @@ fn drawn_and_worn_holds_decide_which_socket_goes_first() {
 #[test]
 fn two_metres_per_second_dislocate_and_five_centimetres_do_not() {
     let crash = scenario("crash");
-    let machine = Model::read(&crash.model).unwrap();
+    let machine = model::read(&crash.model).unwrap();
     let report = play(&crash, &Options { duration: 0.3, ..touching(&crash, &machine) });
     tell("crash", &report);
     let contact = &of_kind(&report, EventKind::Contact)[0];
@@ -537,7 +539,7 @@ fn what_has_fallen_comes_to_rest() {
     const CREEP: f64 = 6.0 * 0.5 * 0.075 * 0.05 * 0.05;
     for name in ["worn-sockets", "crash"] {
         let scenario = scenario(name);
-        let machine = Model::read(&scenario.model).unwrap();
+        let machine = model::read(&scenario.model).unwrap();
         let start = std::time::Instant::now();
         let report = play(&scenario, &Options { duration: 2.5, ..touching(&scenario, &machine) });
         tell(name, &report);
@@ -551,9 +553,9 @@ fn what_has_fallen_comes_to_rest() {
 #[test]
 fn a_run_without_contacts_has_none_and_takes_no_objects() {
     let crash = scenario("crash");
-    let machine = Model::read(&crash.model).unwrap();
+    let machine = model::read(&crash.model).unwrap();
     let options = Options { duration: 0.3, ..Options::of(&crash, &machine) };
-    let planning = Model::read(crash.controller_model.as_ref().unwrap()).unwrap();
+    let planning = model::read(crash.controller_model.as_ref().unwrap()).unwrap();
     let motion = crash.motion(&planning).unwrap();
     let believed = Plant::new(&planning, &crash.setup);
     let run =

@@ -135,9 +135,9 @@ fn a_hose_returns_what_it_stores() {
         let elongation = (position - nalgebra::Vector3::from(end)).norm() - free;
         0.5 * k * elongation * elongation - nalgebra::Vector3::from(preload).dot(&position)
     };
-    let start = plant.motion(&reversing(0.0)).unwrap().bodies[deltatwin::model::bodies::PLATFORM].position;
+    let start = plant.motion(&reversing(0.0)).unwrap().bodies[deltatwin::machine::bodies::PLATFORM].position;
     let a = audit(&plant, KNOT / 4.0);
-    let end = a.twin.motion().bodies[deltatwin::model::bodies::PLATFORM].position;
+    let end = a.twin.motion().bodies[deltatwin::machine::bodies::PLATFORM].position;
     let gap = a.effects[0] + potential(end) - potential(start);
     println!("hose: {:.4} J, gap {gap:.1e} J", a.effects[0]);
     assert!(a.effects[0].abs() > 1e-2 && gap.abs() < 1e-8, "{gap:e}");

@@ -10,11 +10,12 @@ use deltatwin::dynamics::{Channel, Plant, inverse_dynamics, regressor};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Trace, fit};
 use deltatwin::kinematics::JointState;
+use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::Model;
-use deltatwin::model::write::{full_text, updated_text};
-use deltatwin::recording::{Configuration, Setup};
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Gains, Options, Torque, Twin, simulate};
+use deltatwin_io::model;
+use deltatwin_io::model::{full_text, updated_text};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -59,7 +60,7 @@ fn text(stem: &str, laws: &str) -> String {
 }
 
 fn parse(text: &str) -> miette::Result<Model> {
-    Model::parse(text, Path::new("robot.toml"))
+    model::parse(text, Path::new("robot.toml"))
 }
 
 fn robot() -> Model {

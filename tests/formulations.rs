@@ -11,10 +11,12 @@ use common::defaults;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, REGISTRY, find};
 use deltatwin::kinematics::JointState;
+use deltatwin::machine::Setup;
 use deltatwin::model::Model;
-use deltatwin::recording::{Recording, Setup, Signals};
-use deltatwin::scenario::{Formulation, Scenario};
+use deltatwin::recording::{Recording, Signals};
+use deltatwin::scenario::Formulation;
 use deltatwin::twin::{Options, Report, Torque, Twin, simulate};
+use deltatwin_io::{model, recording, scenario};
 use rayon::prelude::*;
 
 /// Largest difference of a channel, relative to the largest magnitude of its kind.
@@ -37,9 +39,9 @@ fn name(file: &Path) -> &str {
 type Change<'a> = dyn Fn(&mut Model, &mut Options, &mut Setup) + Sync + 'a;
 
 fn play(file: &Path, formulation: Formulation, change: &Change<'_>) -> (Recording, Report) {
-    let mut scenario = Scenario::read(file).unwrap();
-    let mut machine = Model::read(&scenario.model).unwrap();
-    let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
+    let mut scenario = scenario::read(file).unwrap();
+    let mut machine = model::read(&scenario.model).unwrap();
+    let planning = model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
     let motion = scenario.motion(&planning).unwrap();
     let mut options = Options::of(&scenario, &machine);
     options.formulation = formulation;
@@ -190,8 +192,8 @@ fn multipliers_and_links_are_read_back_from_both_formats() {
     });
     let folder = tempfile::tempdir().unwrap();
     for file in ["run.csv", "run.mcap"].map(|name| folder.path().join(name)) {
-        run.write(&file).unwrap();
-        let read = Recording::read(&file, None).unwrap().0.signals;
+        recording::write(&run, &file).unwrap();
+        let read = recording::read(&file, None).unwrap().0.signals;
         assert_eq!(read.multipliers, run.signals.multipliers, "{}", file.display());
         assert_eq!((&read.link_q, &read.link_qd), (&run.signals.link_q, &run.signals.link_qd), "{}", file.display());
     }

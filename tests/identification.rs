@@ -8,10 +8,11 @@ use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Consistency, Options, Reason, Weighing, fit_with};
 use deltatwin::identification::{BaseParameter, Trace, fit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
+use deltatwin::machine::bodies::ROTOR;
+use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::Model;
-use deltatwin::model::bodies::ROTOR;
-use deltatwin::recording::{Configuration, Setup};
 use deltatwin::scenario::{FourierMotion, MotionLimits};
+use deltatwin_io::model;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -176,9 +177,9 @@ fn garbage_gives_possible_bodies_and_both_ways_agree() {
             assert!(fitted.rms.iter().all(|r| r.is_finite()));
             let file = std::env::temp_dir().join(format!("deltatwin-garbage-{}-{seed}.toml", std::process::id()));
             // Bodies of tonnes are refused by name; what is written loads again, with its bodies and ranges checked.
-            match fitted.model.write(&file) {
+            match deltatwin_io::model::write(&fitted.model, &file) {
                 Ok(()) => {
-                    Model::read(&file).expect("a model that can be read");
+                    model::read(&file).expect("a model that can be read");
                     std::fs::remove_file(file).ok();
                     written += 1;
                 }

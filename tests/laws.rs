@@ -7,11 +7,12 @@ use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor, s
 use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions, SocketSet};
-use deltatwin::model::bodies::{
+use deltatwin::machine::bodies::{
     BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::model::{Geometry, Model, Part};
-use deltatwin::recording::{Payload, Setup, Signals};
+use deltatwin::machine::{Geometry, Part, Payload, Setup};
+use deltatwin::model::Model;
+use deltatwin::recording::Signals;
 use deltatwin::twin::energy;
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;

@@ -8,10 +8,11 @@ use deltatwin::identification::fit::{Fit, Options, fit_with};
 use deltatwin::identification::regularisation::GroupWeight;
 use deltatwin::identification::{EncoderReadings, Trace, predict};
 use deltatwin::kinematics::{BodyMotion, JointState, Motion};
-use deltatwin::model::bodies::{ARM, STRUT};
-use deltatwin::model::{BodyParameters, Geometry, Inertia, LinkParameters, Model, STRUTS};
-use deltatwin::recording::Setup;
+use deltatwin::machine::bodies::{ARM, STRUT};
+use deltatwin::machine::{BodyParameters, Geometry, Inertia, LinkParameters, STRUTS, Setup};
+use deltatwin::model::Model;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
+use deltatwin_io::model;
 use nalgebra::DMatrix;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -185,8 +186,8 @@ fn limbs_that_differ_are_found() {
     // What is written is read again, each limb with its own bodies.
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("each.toml");
-    each.model.write(&file).unwrap();
-    let read = Model::read(&file).unwrap();
+    deltatwin_io::model::write(&each.model, &file).unwrap();
+    let read = model::read(&file).unwrap();
     for strut in 0..STRUTS {
         let (a, b) = (read.bodies[STRUT + strut], each.model.bodies[STRUT + strut]);
         assert!((a.pseudo_inertia() - b.pseudo_inertia()).norm() < 1e-9, "strut {}", strut + 1);

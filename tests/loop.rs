@@ -6,15 +6,17 @@ use deltatwin::diagnosis::{Verdict, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Trace, fit};
+use deltatwin::machine::Setup;
 use deltatwin::model::Model;
-use deltatwin::recording::{Recording, Setup};
+use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Options, Report, simulate};
+use deltatwin_io::model;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 fn model(name: &str) -> Model {
-    Model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model")
+    model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model")
 }
 
 fn run(robot: &Model, seed: u64, duration: f64, noise: bool) -> (Recording, Report) {

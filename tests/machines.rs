@@ -8,11 +8,13 @@ use deltatwin::dynamics::{Plant, in_configuration, inverse_dynamics, regressor, 
 use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
 use deltatwin::identification::{Estimate, Fit, Trace, fit};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::bodies::END_EFFECTOR;
-use deltatwin::model::{AXES, Model, Part};
-use deltatwin::recording::{Configuration, Payload, Recording, Setup};
+use deltatwin::machine::bodies::END_EFFECTOR;
+use deltatwin::machine::{AXES, Configuration, Part, Payload, Setup};
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Gains, Options, Report, Torque, Twin, simulate};
+use deltatwin_io::{model, recording};
 use nalgebra::{DVector, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -44,7 +46,7 @@ fn turntable() -> Model {
         .replace("coulomb = 30.0", "coulomb = 0.3")
         .replace("viscous = 60.0", "viscous = 0.01")
         .replace("steepness = 1900.0", "steepness = 65.0");
-    Model::parse(&text, std::path::Path::new("models/turntable.toml")).unwrap()
+    model::parse(&text, std::path::Path::new("models/turntable.toml")).unwrap()
 }
 
 /// Every kind of machine that is not the assembled robot with telescope.
@@ -185,7 +187,7 @@ fn a_model_of_the_assembled_robot_learns_its_arms_from_a_run_of_it_taken_apart()
     let telescope =
         |m: &Model| m.effects.iter().find(|a| a.effect.name() == "telescope_friction").unwrap().values.clone();
     assert_eq!(telescope(&fitted.model), telescope(&nominal));
-    let text = deltatwin::model::write::updated_text(nominal.source.as_ref().unwrap(), &fitted.model).unwrap();
+    let text = model::updated_text(nominal.source.as_ref().unwrap(), &fitted.model).unwrap();
     assert!(text.contains("[bodies.arm2]"), "{text}");
 }
 
@@ -273,13 +275,13 @@ fn what_hangs_beside_a_fixed_flange_turns_nothing() {
     // Without a telescope the platform and its struts carry the moment about the vertical axis.
     let model = model("clavel-delta");
     let plant = Plant::new(&model, &payload());
-    assert_eq!(plant.bodies[END_EFFECTOR], deltatwin::model::Inertia::ZERO);
+    assert_eq!(plant.bodies[END_EFFECTOR], deltatwin::machine::Inertia::ZERO);
     let (_, report) = run(&model, &model, &payload(), 1.0, 8, false);
     assert_eq!(report.tracking_error[3], 0.0);
     // A grasped thing becomes a part of the platform: momentum is kept, the rotor stays where it is.
     let drawn = JointState { qd: [1.0, -2.0, 0.5, 0.0], ..JointState::default() };
     let mut twin = Twin::new(plant.clone(), &plant.motion(&drawn).unwrap()).unwrap();
-    let inertia = deltatwin::model::Inertia::point(0.8, Vector3::new(0.04, 0.0, -0.03));
+    let inertia = deltatwin::machine::Inertia::point(0.8, Vector3::new(0.04, 0.0, -0.03));
     twin.attach(&inertia, &(Vector3::zeros(), Vector3::zeros())).unwrap();
     let (before, after) = (plant.motion(&drawn).unwrap(), twin.motion());
     assert!(after.qd[3].abs() < 1e-12 && after.qd[0].abs() < before.qd[0].abs());
@@ -418,16 +420,16 @@ fn a_recording_has_the_columns_of_its_machine() {
         let axes = model.mechanism.axes();
         for name in ["run.csv", "run.mcap"] {
             let path = folder.path().join(name);
-            recording.write(&path).unwrap();
-            let (read, warnings) = Recording::read_of(&path, None, model.mechanism).unwrap();
+            recording::write(&recording, &path).unwrap();
+            let (read, warnings) = recording::read_of(&path, None, model.mechanism).unwrap();
             assert_eq!(warnings, [""; 0], "{} {name}", model.name);
             assert_eq!((&read.signals.q, &read.signals.tau), (&recording.signals.q, &recording.signals.tau));
             assert_eq!((read.signals.mechanism, read.setup), (model.mechanism, recording.setup), "{}", model.name);
             // Without a model the columns tell how many axes there are.
-            let (read, _) = Recording::read(&path, None).unwrap();
+            let (read, _) = recording::read(&path, None).unwrap();
             assert_eq!(read.signals.mechanism.axes(), axes, "{} {name}", model.name);
             // More axes than the machine has are left out, fewer are refused.
-            let (read, warnings) = Recording::read_of(&path, None, slide.mechanism).unwrap();
+            let (read, warnings) = recording::read_of(&path, None, slide.mechanism).unwrap();
             assert_eq!(read.signals.mechanism, slide.mechanism);
             assert_eq!(
                 warnings.iter().any(|w| w.contains("ignored: the machine has one axis")),
@@ -435,7 +437,7 @@ fn a_recording_has_the_columns_of_its_machine() {
                 "{warnings:?}"
             );
             if axes < AXES {
-                let e = Recording::read_of(&path, None, Default::default()).unwrap_err().to_string();
+                let e = recording::read_of(&path, None, Default::default()).unwrap_err().to_string();
                 assert!(e.contains(if name.ends_with("csv") { "no column `q" } else { "axis1…axis4" }), "{e}");
             }
         }

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use deltatwin::effects::{self, ActiveEffect};
 use deltatwin::identification::Estimate;
-use deltatwin::model::Added;
-use deltatwin::model::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
-use deltatwin::model::write::{fitted_text, full_text, updated_text};
-use deltatwin::model::{Joint, Mechanism, Model, Provenance, check};
+use deltatwin::machine::bodies::{ARM, BODIES, END_EFFECTOR, Inertia, PLATFORM, ROTOR, STRUT};
+use deltatwin::machine::{Joint, Mechanism};
+use deltatwin::model::{Added, Model, Provenance, summary};
+use deltatwin_io::model;
+use deltatwin_io::model::{fitted_text, full_text, updated_text};
 use proptest::prelude::*;
 
 const NAME: &str = "robot.toml";
@@ -33,7 +34,7 @@ fn nominal() -> String {
 }
 
 fn parse(text: &str) -> miette::Result<Model> {
-    Model::parse(text, Path::new(NAME))
+    model::parse(text, Path::new(NAME))
 }
 
 /// The message for the nominal file with `old` replaced by `new`, which must point at the line of `new`.
@@ -90,12 +91,12 @@ fn every_shipped_model_loads() {
     let files = shipped();
     assert!(files.len() >= 3);
     for file in files {
-        let model = Model::read(&file).unwrap_or_else(|e| panic!("{e:?}"));
+        let model = model::read(&file).unwrap_or_else(|e| panic!("{e:?}"));
         assert_eq!(model.name, file.file_stem().unwrap().to_str().unwrap());
         assert_eq!(model.path.as_deref(), Some(file.as_path()));
         assert_eq!(model.source.as_deref(), Some(std::fs::read_to_string(&file).unwrap().as_str()));
         for b in 0..BODIES {
-            assert_eq!(check::inconsistency(&model.bodies[b]), None);
+            assert_eq!(deltatwin::machine::check::inconsistency(&model.bodies[b]), None);
         }
     }
 }
@@ -377,7 +378,7 @@ fn broken_toml_and_missing_files_are_reported() {
     assert_says(&refused("arm_length = 0.500", "arm_length = = 0.500"), &["not valid TOML"]);
     let m = refused("arm_length = 0.500", "arm_length = 0.500\narm_length = 0.7");
     assert_says(&m, &["not valid TOML", "duplicate"]);
-    let missing = Model::read(Path::new("models/none.toml")).err().unwrap();
+    let missing = model::read(Path::new("models/none.toml")).err().unwrap();
     assert_says(&format!("{missing:?}"), &["models/none.toml", "cannot read"]);
 }
 
@@ -396,7 +397,7 @@ fn one_strut_may_depart_from_the_others() {
 #[test]
 fn unchanged_models_are_written_byte_for_byte() {
     for file in shipped() {
-        let model = Model::read(&file).unwrap();
+        let model = model::read(&file).unwrap();
         let text = model.source.clone().unwrap();
         assert_eq!(updated_text(&text, &model).unwrap(), *text);
     }
@@ -603,7 +604,7 @@ fn a_single_body_departs_from_its_group_when_written() {
 #[test]
 fn generated_files_hold_every_number() {
     for file in shipped() {
-        let model = Model::read(&file).unwrap();
+        let model = model::read(&file).unwrap();
         let text = full_text(&model).unwrap();
         assert_same(&parse(&text).unwrap_or_else(|e| panic!("{e:?}\n{text}")), &model);
         let delta = matches!(model.mechanism, Mechanism::Delta { .. });
@@ -667,23 +668,23 @@ fn models_are_written_beside_and_renamed() {
     let path = folder.path().join("mine.toml");
     let mut m = parse(&nominal()).unwrap();
     m.gravity = 9.8067;
-    m.write(&path).unwrap();
-    let again = Model::read(&path).unwrap();
+    deltatwin_io::model::write(&m, &path).unwrap();
+    let again = model::read(&path).unwrap();
     assert_same(&again, &m);
     assert!(again.source.unwrap().contains("gravity = 9.8067                      # m/s², along −z"));
     m.source = None;
-    m.write(&path).unwrap();
-    assert_same(&Model::read(&path).unwrap(), &m);
+    deltatwin_io::model::write(&m, &path).unwrap();
+    assert_same(&model::read(&path).unwrap(), &m);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
-    let error = format!("{:?}", m.write(&folder.path().join("none/mine.toml")).unwrap_err());
+    let error = format!("{:?}", deltatwin_io::model::write(&m, &folder.path().join("none/mine.toml")).unwrap_err());
     assert_says(&error, &["cannot write", "mine.toml"]);
 }
 
 #[test]
 fn check_describes_the_machine() {
-    let summary = check::check_file(&folder().join("irb360-6-1600.toml")).unwrap();
+    let text = summary(&model::read(&folder().join("irb360-6-1600.toml")).unwrap());
     assert_says(
-        &summary,
+        &text,
         &[
             "irb360-6-1600",
             "delta",
@@ -695,13 +696,13 @@ fn check_describes_the_machine() {
             "eigenvalue",
         ],
     );
-    let summary = check::check_file(&folder().join("irb360-6-1600-disassembled.toml")).unwrap();
-    assert_says(&summary, &["disassembled", "4 bodies", "4 freedoms"]);
-    let summary = check::check_file(&folder().join("clavel-delta.toml")).unwrap();
-    assert_says(&summary, &["without telescope, assembled", "10 bodies", "9 freedoms (3 driven"]);
-    let summary = check::check_file(&folder().join("servo-axis.toml")).unwrap();
-    assert_says(&summary, &["servo-axis: a single prismatic axis; effects: drive_friction."]);
-    assert!(check::check_file(&folder().join("none.toml")).is_err());
+    let text = summary(&model::read(&folder().join("irb360-6-1600-disassembled.toml")).unwrap());
+    assert_says(&text, &["disassembled", "4 bodies", "4 freedoms"]);
+    let text = summary(&model::read(&folder().join("clavel-delta.toml")).unwrap());
+    assert_says(&text, &["without telescope, assembled", "10 bodies", "9 freedoms (3 driven"]);
+    let text = summary(&model::read(&folder().join("servo-axis.toml")).unwrap());
+    assert_says(&text, &["servo-axis: a single prismatic axis; effects: drive_friction."]);
+    assert!(model::read(&folder().join("none.toml")).is_err());
 }
 
 proptest! {

@@ -7,9 +7,10 @@ use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
 use deltatwin::identification::fit::{Estimate, FitError, Options};
 use deltatwin::identification::{EncoderReadings, PayloadFit, Trace, identify_payload, predict};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::{Geometry, Model, STRUTS};
-use deltatwin::recording::{Payload, Setup};
+use deltatwin::machine::{Geometry, Payload, STRUTS, Setup};
+use deltatwin::model::Model;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
+use deltatwin_io::recording::setup;
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -176,7 +177,11 @@ fn every_estimate_lies_within_four_standard_errors() {
                     assert!(*rms < 1.05 * sigma, "{what}: {rms} of {sigma}");
                 }
                 let setup = Setup { payload: found.payload, ..Setup::default() };
-                assert_eq!(Setup::from_toml(&setup.to_toml(), "found").expect("a possible payload"), setup, "{what}");
+                assert_eq!(
+                    setup::from_toml(&setup::to_toml(&setup), "found").expect("a possible payload"),
+                    setup,
+                    "{what}"
+                );
             }
         }
     }

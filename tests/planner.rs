@@ -8,6 +8,7 @@ use std::path::Path;
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::ActiveEffect;
+use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::planner::jerk::Sequence;
 use deltatwin::planner::rows::{Station, Stations};
@@ -17,7 +18,6 @@ use deltatwin::planner::{
     Curve, Limit, Limits, Machine, Objective, Options, PathPoint, Plan, PlanError, Reference, Shape, Task, plan,
     relaxation,
 };
-use deltatwin::recording::{Payload, Setup};
 use nalgebra::Vector4;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -46,7 +46,7 @@ fn limits(model: &Model) -> Limits {
 }
 
 fn u_turn(model: &Model) -> Task {
-    Task::read(Path::new("scenarios/u-turn.toml"), Limits::of(model)).unwrap()
+    deltatwin_io::plan::read(Path::new("scenarios/u-turn.toml"), Limits::of(model)).unwrap()
 }
 
 /// The paper's U-turn with the identified model.
@@ -688,7 +688,7 @@ fn stations_name_the_place_that_cannot_be_reached() {
 
 /// A path file of its own text.
 fn task(text: &str, model: &Model) -> Task {
-    Task::parse(text, Path::new("p.toml"), Limits::of(model)).unwrap()
+    deltatwin_io::plan::parse(text, Path::new("p.toml"), Limits::of(model)).unwrap()
 }
 
 /// 0.9144 s is what evenly spread grids come to: 0.9448 s with 200 intervals, 0.9164 s with 1000, 0.9145 s with 3000 (their lower bound
@@ -754,7 +754,8 @@ fn blends_are_used_as_asked_for_or_told() {
     assert_eq!(task(&corner("blend = 0.05\n"), &model).shape.notes(), Vec::<String>::new());
     let notes = task(&corner("blend = 0.3\n"), &model).shape.notes();
     assert!(notes.len() == 1 && notes[0].contains("corner 2 begins 0.0500 m from it instead of 0.3 m"), "{notes:?}");
-    let error = Task::parse(&corner(""), Path::new("p.toml"), Limits::of(&model)).unwrap_err().to_string();
+    let error =
+        deltatwin_io::plan::parse(&corner(""), Path::new("p.toml"), Limits::of(&model)).unwrap_err().to_string();
     assert!(error.starts_with("p.toml:3:") && error.contains("`path.blend` is missing"), "{error}");
     // A line of two points has no corner.
     let line = "[path]\nkind = \"lines\"\npoints = [[0, 0, -1, 0], [0.1, 0, -1, 0]]\n";
@@ -765,7 +766,7 @@ fn blends_are_used_as_asked_for_or_told() {
 #[test]
 fn the_papers_objective_along_the_cycle() {
     let model = common::model("irb360-6-1600");
-    let task = Task::read(Path::new("scenarios/cycle.toml"), Limits::of(&model)).unwrap();
+    let task = deltatwin_io::plan::read(Path::new("scenarios/cycle.toml"), Limits::of(&model)).unwrap();
     let plant = Plant::new(&model, &task.setup);
     let machine = Machine::new(&plant, task.limits.detail);
     let [time, speed] = [Objective::Time, Objective::Speed].map(|objective| {

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::{JointState, Motion};
-use deltatwin::recording::{Payload, Setup};
+use deltatwin::machine::{Payload, Setup};
 
 struct Table {
     columns: HashMap<String, usize>,
@@ -88,7 +88,7 @@ fn kinematics_agree() {
     let mut worst = Worst(HashMap::new());
     for row in 0..table.rows.len() {
         let motion = Motion::assembled(&plant.geometry, &table.joints(row)).expect("reachable");
-        let p = motion.bodies[deltatwin::model::bodies::PLATFORM].position;
+        let p = motion.bodies[deltatwin::machine::bodies::PLATFORM].position;
         for (column, value) in [("ee_x", p.x), ("ee_y", p.y), ("ee_z", p.z), ("telescope_rate", motion.telescope.rate)]
         {
             worst.see(column, value, table.get(row, column));
@@ -112,7 +112,7 @@ fn rigid_bodies_agree() {
 fn payload_agrees() {
     let mut plant = common::nominal_plant();
     plant.payload = Payload::new(2.5, [0.03, -0.02, -0.08], 0.012);
-    plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
+    plant.bodies[deltatwin::machine::bodies::END_EFFECTOR] += plant.payload.inertia();
     compare_forces("rigid_payload", &plant);
 }
 

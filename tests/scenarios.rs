@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Trace, swapped};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
-use deltatwin::model::{Inertia, Model};
-use deltatwin::recording::{Payload, Recording, Setup};
-use deltatwin::scenario::{FourierMotion, MotionLimits, Scenario};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::machine::{Inertia, Payload, Setup};
+use deltatwin::recording::Recording;
+use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Contacts, EventKind, Options, Report, Twin, simulate};
 use deltatwin_cell::Cell;
+use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -31,9 +32,9 @@ fn files() -> Vec<PathBuf> {
 }
 
 fn play(file: &Path, change: impl Fn(&mut Options)) -> (Recording, Report) {
-    let scenario = Scenario::read(file).unwrap();
-    let machine = Model::read(&scenario.model).unwrap();
-    let planning = Model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
+    let scenario = scenario::read(file).unwrap();
+    let machine = model::read(&scenario.model).unwrap();
+    let planning = model::read(scenario.controller_model.as_ref().unwrap_or(&scenario.model)).unwrap();
     let motion = scenario.motion(&planning).unwrap();
     let believed = Plant::new(&planning, &scenario.setup);
     let mut options = Options { contacts: Some(deltatwin_cell::contacts), ..Options::of(&scenario, &machine) };
@@ -61,7 +62,7 @@ fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
             let (recording, report) = play(file, |_| ());
             let name = file.file_stem().unwrap().to_str().unwrap();
             let out = folder.path().join(format!("{name}-{threads}.mcap"));
-            recording.write(&out).unwrap();
+            deltatwin_io::recording::write(&recording, &out).unwrap();
             assert!(!recording.signals.is_empty() && numbers(&recording).all(f64::is_finite), "{name}");
             (std::fs::read(out).unwrap(), report)
         };
@@ -130,8 +131,8 @@ fn the_can_is_picked_and_placed() {
 fn momentum_is_conserved_when_the_gripper_closes() {
     // The joints' impulses do no work on a motion the joints allow: for each of the four, Σ Δp·v + ΔL·ω over the bodies
     // is what the can brings along, and afterwards the can moves with the hand.
-    let scenario = Scenario::read(Path::new("scenarios/pick-and-place.toml")).unwrap();
-    let machine = Model::read(&scenario.model).unwrap();
+    let scenario = scenario::read(Path::new("scenarios/pick-and-place.toml")).unwrap();
+    let machine = model::read(&scenario.model).unwrap();
     let plant = Plant::new(&machine, &scenario.setup);
     let q = plant.geometry.inverse(&Vector3::new(-0.2, 0.0, -1.0375)).unwrap();
     let q = [q[0], q[1], q[2], 0.4];

@@ -6,7 +6,7 @@ use common::{defaults, model, one_way, reversing};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::{JointState, Target};
-use deltatwin::recording::Setup;
+use deltatwin::machine::Setup;
 use deltatwin::twin::{Options, Torque, Twin, simulate};
 
 /// Steps, s; each halves the one before.

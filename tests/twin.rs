@@ -4,7 +4,7 @@ mod common;
 
 use deltatwin::dynamics::{Plant, inertial_wrench, inverse_dynamics};
 use deltatwin::kinematics::{JointState, Motion};
-use deltatwin::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_UPPER};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_UPPER};
 use deltatwin::twin::constraints::{ROWS, rows};
 use deltatwin::twin::{Snapshot, Torque, Twin};
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -27,12 +27,9 @@ fn random_joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
 
 fn loaded_plant() -> Plant {
     let mut plant = common::nominal_plant();
-    plant.payload = deltatwin::recording::Payload::with_tensor(
-        2.5,
-        [0.03, -0.02, -0.08],
-        [0.02, 0.03, 0.025, 0.004, -0.005, 0.003],
-    );
-    plant.bodies[deltatwin::model::bodies::END_EFFECTOR] += plant.payload.inertia();
+    plant.payload =
+        deltatwin::machine::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
+    plant.bodies[deltatwin::machine::bodies::END_EFFECTOR] += plant.payload.inertia();
     let plant = common::with_effect(plant, "drive_friction", &[&[4.2, 4.1, 5.8], &[0.28, 0.42, 0.45], &[100.0]]);
     common::with_effect(plant, "axis4_friction", &[&[0.5272], &[0.6672], &[8.5919]])
 }

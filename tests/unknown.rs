@@ -9,8 +9,8 @@ use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
 use deltatwin::effects::{ActiveEffect, Effect, find};
 use deltatwin::identification::Trace;
-use deltatwin::model::Model;
-use deltatwin::model::write::updated_text;
+use deltatwin_io::model;
+use deltatwin_io::model::updated_text;
 use deltatwin_validation::exam::{Case, campaign_with};
 
 /// Known physics in another shape than the library's.
@@ -93,9 +93,9 @@ fn an_unknown_law_is_located_and_written_into_the_model() {
     assert!((period - std::f64::consts::TAU / 47.0).abs() < 0.01 * period && variable == "q1", "{period} {variable}");
     // Ready to paste, and what `diagnose -o` writes.
     let source = std::fs::read_to_string("models/irb360-6-1600.toml").unwrap();
-    let pasted = Model::parse(&format!("{source}\n{}", found.toml()), Path::new("pasted.toml")).unwrap();
+    let pasted = model::parse(&format!("{source}\n{}", found.toml()), Path::new("pasted.toml")).unwrap();
     let written = updated_text(&source, &d.model).unwrap();
-    let written = Model::parse(&written, Path::new("written.toml")).unwrap();
+    let written = model::parse(&written, Path::new("written.toml")).unwrap();
     for model in [&pasted, &written] {
         let active = model.effects.iter().find(|a| a.effect.name() == "formula").unwrap();
         assert!(active.effect.formula().unwrap().empirical);

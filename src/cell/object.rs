@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::CellError;
 use super::mesh::Mesh;
-use crate::model::Inertia;
+use crate::machine::Inertia;
 
 /// A thing in the robot's cell.
 #[derive(Clone, Debug, PartialEq)]

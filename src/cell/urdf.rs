@@ -7,8 +7,9 @@ use super::links::{
     ARM_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS, STRUT_RADIUS,
     TUBE_CLEARANCE, TUBE_RADIUS,
 };
-use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
-use crate::model::{ARMS, Geometry, Model, STRUTS};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name};
+use crate::machine::{ARMS, Geometry, STRUTS};
+use crate::model::Model;
 
 /// Link at the inertial frame.
 pub const BASE: &str = "base";
@@ -116,7 +117,7 @@ impl Tree {
     }
 
     /// Axis and limits of the joint, and its end.
-    fn axis(&mut self, [x, y, z]: [f64; 3], limits: Option<([f64; 2], &crate::model::Drive)>) {
+    fn axis(&mut self, [x, y, z]: [f64; 3], limits: Option<([f64; 2], &crate::machine::Drive)>) {
         self.line(format_args!("    <axis xyz=\"{x} {y} {z}\"/>"));
         if let Some(([lower, upper], drive)) = limits {
             let (effort, velocity) = (drive.max_torque, drive.max_speed);

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use super::{Loads, Multipliers, Statics};
 use crate::dynamics::{MAX_REACTION_ITERATIONS, Plant, Twist, add_effects, reads_loads, rigid_wrenches};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{Geometry, STRUTS};
 
 /// Which loads enter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -15,7 +15,7 @@ pub use statics::{Loads, Statics};
 
 use crate::dynamics::Output;
 use crate::kinematics::Reactions;
-use crate::model::{ARMS, STRUTS};
+use crate::machine::{ARMS, STRUTS};
 
 /// Number of multipliers and of reduced velocities.
 pub const MULTIPLIERS: usize = 21;

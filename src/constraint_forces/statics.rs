@@ -9,8 +9,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::{MULTIPLIERS, Multipliers};
 use crate::dynamics::Twist;
 use crate::kinematics::{KinematicsError, Motion};
-use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 /// Loads w = W − M V̇ − C M V on the reduced velocities: applied minus inertial.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,3 @@
-use std::path::Path;
-
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -10,9 +8,9 @@ use super::*;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, find};
 use crate::kinematics::{JointState, Motion};
-use crate::model::Model;
-use crate::model::bodies::END_EFFECTOR;
-use crate::recording::{Payload, Setup};
+use crate::machine::bodies::END_EFFECTOR;
+use crate::machine::{Payload, Setup};
+use crate::model::testing::shipped;
 use crate::twin::{Torque, Twin};
 
 fn setup() -> Setup {
@@ -21,7 +19,7 @@ fn setup() -> Setup {
 }
 
 fn plant(name: &str) -> Plant {
-    Plant::new(&Model::read(Path::new(&format!("models/{name}.toml"))).unwrap(), &setup())
+    Plant::new(&shipped(name), &setup())
 }
 
 /// Motions within the workspace up to 8 rad/s and 80 rad/s² (axis 4: 24 rad/s, 240 rad/s²).
@@ -145,16 +143,16 @@ fn the_reduced_model_differs_by_what_it_neglects() {
         // nothing is left out.
         let mut light = rigid.clone();
         for s in 0..6 {
-            let strut = &mut light.bodies[crate::model::bodies::STRUT + s];
-            *strut = crate::model::Inertia::point(strut.mass, Vector3::zeros());
+            let strut = &mut light.bodies[crate::machine::bodies::STRUT + s];
+            *strut = crate::machine::Inertia::point(strut.mass, Vector3::zeros());
         }
-        for b in [crate::model::bodies::ROTOR, crate::model::bodies::TELESCOPE_UPPER] {
-            light.bodies[b] = crate::model::Inertia::ZERO;
+        for b in [crate::machine::bodies::ROTOR, crate::machine::bodies::TELESCOPE_UPPER] {
+            light.bodies[b] = crate::machine::Inertia::ZERO;
         }
-        light.bodies[END_EFFECTOR] = crate::model::Inertia::point(2.5, Vector3::new(0.0, 0.0, -0.08));
-        let lower = light.bodies[crate::model::bodies::TELESCOPE_LOWER].mass;
-        light.bodies[crate::model::bodies::TELESCOPE_LOWER] = crate::model::Inertia::point(lower, Vector3::zeros());
-        light.bodies[crate::model::bodies::PLATFORM].first_moment = Vector3::z() * (0.038 * 1.2);
+        light.bodies[END_EFFECTOR] = crate::machine::Inertia::point(2.5, Vector3::new(0.0, 0.0, -0.08));
+        let lower = light.bodies[crate::machine::bodies::TELESCOPE_LOWER].mass;
+        light.bodies[crate::machine::bodies::TELESCOPE_LOWER] = crate::machine::Inertia::point(lower, Vector3::zeros());
+        light.bodies[crate::machine::bodies::PLATFORM].first_moment = Vector3::z() * (0.038 * 1.2);
         let (a, b) = (forces(&light, motion, Detail::Complete), forces(&light, motion, Detail::Reduced));
         let gap = distance(&a.lambda_p, &b.lambda_p);
         assert!(gap < 1e-9, "{gap:e}");

@@ -39,7 +39,7 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
     let mut base = ActiveEffect::absent_on(effect, model.host());
     let entries = base.entries();
     for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role != Role::Linear) {
-        *value = effect.constant(&entry.parameter, model).unwrap_or(*value);
+        *value = effect.constant(&entry.parameter, &model.view()).unwrap_or(*value);
     }
     let of_role = |role: Role| {
         let own = entries.iter().enumerate().filter(move |(_, e)| e.parameter.role == role);

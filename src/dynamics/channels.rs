@@ -7,10 +7,10 @@
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::kinematics::{KinematicsError, Motion};
-use crate::model::bodies::{
+use crate::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use crate::model::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
+use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
 /// A measured quantity the dynamics predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -7,7 +7,7 @@ use super::reduction::Reduction;
 use super::{Plant, STILL, inertial_wrench};
 use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
-use crate::model::bodies::BODIES;
+use crate::machine::bodies::BODIES;
 
 /// Drive torques and strut forces of one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::kinematics::BodyMotion;
-use crate::model::Inertia;
+use crate::machine::Inertia;
 
 /// Force and moment (about the frame origin, world axes) that the body's inertia and weight demand.
 ///

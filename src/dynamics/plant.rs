@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion};
-use crate::model::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
-use crate::model::{Geometry, Inertia, LinkParameters, Mechanism, Model, Part, Stops};
-use crate::recording::{Configuration, Payload, Setup};
+use crate::machine::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
+use crate::machine::{Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, Setup, Stops};
+use crate::model::Model;
 
 /// A machine ready to compute with.
 #[derive(Clone)]

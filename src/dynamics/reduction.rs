@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use super::channels::{Twist, gap_inverse, platform_ball};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 /// What bodies' wrenches come to at the arms, at the rotor of axis 4 and at the platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -122,12 +122,12 @@ mod tests {
     use crate::dynamics::channels::{Channel, ChannelMap};
     use crate::dynamics::{Plant, STILL};
     use crate::kinematics::JointState;
-    use crate::model::Model;
+    use crate::model::testing::shipped;
 
     /// Virtual work of random wrenches in the channels' own virtual motions.
     #[test]
     fn is_the_transpose_of_the_channels_twists() {
-        let model = Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let model = shipped("irb360-6-1600");
         let plant = Plant::new(&model, &Default::default());
         let joints = JointState { q: [0.3, 0.5, 0.1, 0.7], qd: [1.0, -2.0, 0.5, 3.0], qdd: [5.0, 3.0, -4.0, 9.0] };
         let motion = plant.motion(&joints).unwrap();

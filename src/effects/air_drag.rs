@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
-use crate::model::bodies::PLATFORM;
+use crate::machine::bodies::PLATFORM;
 
 /// F = −c·|v|·v on the platform; F in N, v in m/s, c in N/(m/s)². Dissipates c·|v|³.
 pub struct AirDrag;

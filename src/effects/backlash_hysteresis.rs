@@ -1,7 +1,7 @@
 //! Pre-sliding hysteresis of the arm drives: lost motion around reversals.
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
-use crate::model::ARMS;
+use crate::machine::ARMS;
 
 /// Dahl's law: τ_i = −T_i·z_i with the effect's own state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
 ///

@@ -69,7 +69,7 @@ mod tests {
     use super::BallSocketCoulomb;
     use crate::effects::testing;
     use crate::effects::unit_direction;
-    use crate::model::bodies::{ARM, STRUT};
+    use crate::machine::bodies::{ARM, STRUT};
 
     #[test]
     fn moment_saturates_and_opposes_the_motion() {

@@ -1,8 +1,7 @@
 //! Ball-socket friction proportional to the strut force.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, unit_direction};
-use crate::model::Model;
-use crate::model::STRUTS;
+use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches, unit_direction};
+use crate::machine::STRUTS;
 
 /// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| on the strut at each socket, F the axial force at that end.
 pub struct BallSocketLoadDependent;
@@ -20,7 +19,7 @@ impl Effect for BallSocketLoadDependent {
         Part::Linkage
     }
 
-    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
         match parameter.name {
             "radius" if model.sockets.ball_radius > 0.0 => Some(model.sockets.ball_radius),
             _ => None,
@@ -91,11 +90,11 @@ mod tests {
         // Strut 1 turns at 1 rad/s about y against the arm under 100 N: 1 · 0.0095 m · 100 N = 0.95 N·m against it
         // (tanh(1/0.05) = 1), and the platform, at rest, sees the same with its own reaction of 50 N: 0.475 N·m.
         let mut motion = testing::still();
-        motion.bodies[crate::model::bodies::STRUT].angular_velocity.y = 1.0;
+        motion.bodies[crate::machine::bodies::STRUT].angular_velocity.y = 1.0;
         let mut reactions = Reactions::default();
         (reactions.upper[0], reactions.lower[0]) = (100.0, -50.0);
         let w = testing::wrenches(&BallSocketLoadDependent, &motion, &reactions);
-        let on_strut: f64 = w.iter().filter(|(_, b, ..)| *b == crate::model::bodies::STRUT).map(|(.., m)| m.y).sum();
+        let on_strut: f64 = w.iter().filter(|(_, b, ..)| *b == crate::machine::bodies::STRUT).map(|(.., m)| m.y).sum();
         approx::assert_relative_eq!(on_strut, -(0.95 + 0.475), epsilon = 1e-12);
     }
 }

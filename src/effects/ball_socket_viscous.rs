@@ -53,7 +53,7 @@ mod tests {
 
     use super::BallSocketViscous;
     use crate::effects::testing;
-    use crate::model::bodies::{ARM, PLATFORM, STRUT};
+    use crate::machine::bodies::{ARM, PLATFORM, STRUT};
 
     #[test]
     fn turning_strut_is_braked_at_both_ends() {

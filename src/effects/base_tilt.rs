@@ -52,7 +52,7 @@ mod tests {
     use super::*;
     use crate::effects::testing;
     use crate::kinematics::Reactions;
-    use crate::model::bodies::PLATFORM;
+    use crate::machine::bodies::PLATFORM;
 
     #[test]
     fn tilting_about_y_pulls_along_x() {

@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches};
 use crate::kinematics::Motion;
-use crate::model::bodies::{ARM, PLATFORM, STRUT};
-use crate::model::{ARMS, Model, STRUTS};
+use crate::machine::bodies::{ARM, PLATFORM, STRUT};
+use crate::machine::{ARMS, STRUTS};
 
 /// A clamp unit at each end of a pair: two tension springs between the struts, F = ½·(P + k·(d − d₀)) each.
 ///
@@ -73,7 +73,7 @@ impl Effect for ClampSprings {
         false
     }
 
-    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
         (parameter.name == "preload" && model.sockets.preload > 0.0).then_some(model.sockets.preload)
     }
 
@@ -161,7 +161,7 @@ mod tests {
         // the lower one, and the moment of the 10 mm about the strut: 0.01·ŷ × 200·ẑ = 2 N·m about x.
         let mut motion = testing::still();
         motion.strut_axis[0] = Vector3::x();
-        let mut total = [(Vector3::zeros(), Vector3::zeros()); crate::model::bodies::BODIES];
+        let mut total = [(Vector3::zeros(), Vector3::zeros()); crate::machine::bodies::BODIES];
         let mut out = Wrenches::sum(&[1.0], &motion, &mut total);
         let (anchor, force) = (Vector3::new(0.03, 0.01, 0.0), Vector3::new(0.0, 0.0, 200.0));
         prestress(0, 0, &anchor, &force, &motion, &mut out);

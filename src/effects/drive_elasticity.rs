@@ -1,9 +1,8 @@
 //! Compliance of the arm gears between the motor-side encoder and the arm.
 
-use super::{About, Count, Effect, GearSpring, Instant, Kind, Parameter, Part, Role, Values, Wrenches};
-use crate::model::bodies::{ARM, Inertia};
-use crate::model::{ARMS, AXES, Mechanism, Model};
-use crate::recording::Payload;
+use super::{About, Count, Effect, GearSpring, Instant, Kind, MachineView, Parameter, Part, Role, Values, Wrenches};
+use crate::machine::bodies::{ARM, Inertia};
+use crate::machine::{ARMS, AXES, Mechanism, Payload};
 
 /// Spring and damper in the gear: the arm gets δ/c + d·δ̇ instead of τ, the rotor τ − δ/c − d·δ̇.
 ///
@@ -44,7 +43,7 @@ impl Effect for DriveElasticity {
         Part::Drives
     }
 
-    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
         match model.mechanism {
             Mechanism::Axis(_) if parameter.name == "rotor_inertia" => {
                 Some(MOTOR_SHARE * model.bodies[ARM].tensor[(1, 1)])

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
-use crate::model::bodies::PLATFORM;
-use crate::model::{AXES, Mechanism};
+use crate::machine::bodies::PLATFORM;
+use crate::machine::{AXES, Mechanism};
 
 mod expression;
 mod variables;
@@ -192,7 +192,7 @@ mod tests {
     use super::*;
     use crate::effects::ActiveEffect;
     use crate::effects::testing;
-    use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+    use crate::machine::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
 
     fn formula(terms: &[(&str, &str)]) -> &'static Formula {
         let term = |(i, (at, law)): (usize, &(&str, &str))| {

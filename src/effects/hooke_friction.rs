@@ -1,7 +1,7 @@
 //! Friction of the telescope's two Hooke joints.
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
-use crate::model::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
 ///

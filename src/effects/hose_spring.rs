@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Start, Values, Wrenches};
-use crate::model::bodies::PLATFORM;
+use crate::machine::bodies::PLATFORM;
 
 /// F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
 ///

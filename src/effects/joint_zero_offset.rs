@@ -1,7 +1,7 @@
 //! An encoder's zero is not the joint's.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// The encoder of axis i reads q_i + o_i.
 ///

@@ -1,9 +1,8 @@
 //! A strut or an arm of another mass than the rest.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::bodies::{ARM, STRUT};
-use crate::model::{ARMS, Inertia, Model, STRUTS};
-use crate::recording::Payload;
+use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Values};
+use crate::machine::bodies::{ARM, STRUT};
+use crate::machine::{ARMS, Inertia, Payload, STRUTS};
 
 /// Extra mass Δm of single struts and arms, spread evenly along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
 ///
@@ -48,7 +47,7 @@ impl Effect for LimbAsymmetry {
         Part::Linkage
     }
 
-    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
         match parameter.name {
             "strut_length" => Some(model.geometry.strut_length[0]),
             "arm_length" => Some(model.geometry.arm_length),

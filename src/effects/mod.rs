@@ -8,9 +8,9 @@
 
 use nalgebra::Vector3;
 
-pub use crate::model::Part;
-use crate::model::{AXES, Geometry, Inertia, Model, STRUTS};
-use crate::recording::{Payload, Signals};
+pub use crate::machine::Part;
+use crate::machine::{AXES, Geometry, Inertia, Payload, STRUTS};
+use crate::recording::Signals;
 
 mod air_drag;
 mod axis4_friction;
@@ -51,7 +51,8 @@ mod torque_gain_error;
 mod torque_ripple;
 
 pub use interface::{
-    ActiveEffect, Count, Effects, Entry, Host, Instant, Layout, Parameter, Role, Values, Wrenches, hunt_crossley,
+    ActiveEffect, Count, Effects, Entry, Host, Instant, Layout, MachineView, Parameter, Role, Values, Wrenches,
+    hunt_crossley,
 };
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
@@ -173,8 +174,8 @@ pub trait Effect: Sync {
     /// Changes what the sensors report: the ideal signals become the reported ones.
     fn observe(&self, _values: &Values, _signals: &mut Signals) {}
 
-    /// What `model` says of a constant of the law, for an effect that is not in the model yet; its default otherwise.
-    fn constant(&self, _parameter: &Parameter, _model: &Model) -> Option<f64> {
+    /// What the machine says of a constant of the law, for an effect that is not in the model yet; its default otherwise.
+    fn constant(&self, _parameter: &Parameter, _model: &MachineView) -> Option<f64> {
         None
     }
 

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::Inertia;
-use crate::model::bodies::END_EFFECTOR;
+use crate::machine::Inertia;
+use crate::machine::bodies::END_EFFECTOR;
 
 /// Name of the effect.
 pub const NAME: &str = "payload";
@@ -49,7 +49,7 @@ impl Effect for Payload {
         PARAMETERS
     }
 
-    fn inertia(&self, values: &Values, _: &crate::recording::Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
+    fn inertia(&self, values: &Values, _: &crate::machine::Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
         out(values.index(0, 0), END_EFFECTOR, Inertia { mass: 1.0, ..Inertia::ZERO });
         for axis in 0..3 {
             let unit = Inertia { first_moment: Vector3::ith(axis, 1.0), ..Inertia::ZERO };
@@ -58,7 +58,7 @@ impl Effect for Payload {
         for entry in 0..6 {
             let mut moments = [0.0; 6];
             moments[entry] = 1.0;
-            let tensor = crate::recording::Payload::with_tensor(0.0, [0.0; 3], moments).tensor;
+            let tensor = crate::machine::Payload::with_tensor(0.0, [0.0; 3], moments).tensor;
             out(values.index(2, entry), END_EFFECTOR, Inertia { tensor, ..Inertia::ZERO });
         }
     }

@@ -3,9 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::Inertia;
-use crate::model::bodies::END_EFFECTOR;
-use crate::recording::Payload;
+use crate::machine::bodies::END_EFFECTOR;
+use crate::machine::{Inertia, Payload};
 
 /// First moment h = m·Δc of the end effector, beyond the stated payload.
 ///

@@ -1,9 +1,8 @@
 //! The payload weighs more or less than stated.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::Inertia;
-use crate::model::bodies::END_EFFECTOR;
-use crate::recording::Payload;
+use crate::machine::bodies::END_EFFECTOR;
+use crate::machine::{Inertia, Payload};
 
 /// Extra mass Δm at the stated centre of mass of the payload (at the flange centre without payload).
 pub struct PayloadMassError;

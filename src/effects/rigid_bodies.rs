@@ -11,9 +11,8 @@ mod tables;
 use std::ops::Range;
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{Joint, LinkParameters, Mechanism};
-use crate::recording::Payload;
+use crate::machine::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{Joint, LinkParameters, Mechanism, Payload};
 
 /// Name of the effect.
 pub const NAME: &str = "rigid_bodies";

@@ -1,9 +1,8 @@
 //! The arm drives' rotors are heavier or lighter than stated.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::Inertia;
-use crate::model::bodies::ARM;
-use crate::recording::Payload;
+use crate::machine::bodies::ARM;
+use crate::machine::{Inertia, Payload};
 
 /// Extra inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
 ///
@@ -57,11 +56,12 @@ mod tests {
     use crate::dynamics::{Plant, inverse_dynamics};
     use crate::effects::ActiveEffect;
     use crate::kinematics::JointState;
+    use crate::model::testing::shipped;
 
     #[test]
     fn torque_grows_by_inertia_times_acceleration() {
         // 0.02 kg·m² · 50 rad/s² = 1 N·m on arm 2, nothing on the others.
-        let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let mut model = shipped("irb360-6-1600");
         model.effects.clear();
         let joints = JointState { q: [0.3; 4], qd: [1.0; 4], qdd: [50.0; 4] };
         let torque = |model: &crate::model::Model| {

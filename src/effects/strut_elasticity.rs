@@ -1,7 +1,7 @@
 //! Struts and their sockets give way along their axis.
 
 use super::{About, Count, Effect, Parameter, Part, Role, StrutSpring, Values};
-use crate::model::STRUTS;
+use crate::machine::STRUTS;
 
 /// Axial spring and damper in each strut: T = Δl/c + d·Δl̇, tension positive, Δl the elongation.
 ///

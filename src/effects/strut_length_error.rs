@@ -1,7 +1,7 @@
 //! Struts of a limb are longer or shorter than stated.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
-use crate::model::Geometry;
+use crate::machine::Geometry;
 
 /// l₂ = l₂,stated + Δl for both struts of a limb.
 pub struct StrutLengthError;

@@ -1,7 +1,6 @@
 //! The telescope runs into its ends.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, hunt_crossley};
-use crate::model::Model;
+use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches, hunt_crossley};
 
 /// Unilateral spring and damper beyond the shortest and the longest Hooke distance L:
 /// F = k·x·max(0, 1 + χ·ẋ), x the depth beyond the limit (Hunt and Crossley).
@@ -43,7 +42,7 @@ impl Effect for TelescopeEndStop {
         Part::Telescope
     }
 
-    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
         match parameter.name {
             "min" => Some(model.geometry.telescope_limits[0]),
             "max" => Some(model.geometry.telescope_limits[1]),
@@ -90,7 +89,7 @@ impl Effect for TelescopeEndStop {
 mod tests {
     use super::*;
     use crate::effects::testing;
-    use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+    use crate::machine::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
 
     const BLOCKS: [&[f64]; 4] = [&[1e5], &[0.5], &[0.8], &[1.4]];
 

@@ -64,7 +64,7 @@ impl Effect for TelescopeFriction {
 mod tests {
     use super::TelescopeFriction;
     use crate::effects::testing;
-    use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+    use crate::machine::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
 
     #[test]
     fn lengthening_telescope_is_pulled_together() {

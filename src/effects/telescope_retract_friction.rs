@@ -61,7 +61,7 @@ impl Effect for TelescopeRetractFriction {
 mod tests {
     use super::*;
     use crate::effects::testing;
-    use crate::model::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
+    use crate::machine::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
 
     #[test]
     fn only_shortening_costs() {

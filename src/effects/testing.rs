@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use super::{ActiveEffect, Effect, Instant, Wrenches};
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
-use crate::model::bodies::BODIES;
-use crate::model::{Bodies, Geometry, Inertia, STRUTS};
+use crate::machine::bodies::BODIES;
+use crate::machine::{Bodies, Geometry, Inertia, STRUTS};
 
 /// A wrench a law wrote: parameter, body, force, moment.
 pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);

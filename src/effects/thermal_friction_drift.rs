@@ -1,7 +1,10 @@
 //! Friction of cold drives that decays while they warm up.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
-use crate::model::{ARMS, Model};
+use super::{
+    About, Count, Effect, Instant, MachineView, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches,
+    smooth_sign,
+};
+use crate::machine::ARMS;
 
 /// τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with the effect's own state ẋ = −x/T, x(0) = 1; w(q̇) = q̇ at the arms
 /// and v_s·tanh(q̇/v_s) at the telescope's drive, whose viscous friction saturates (Gnad et al. eq. 48).
@@ -80,7 +83,7 @@ impl Effect for ThermalFrictionDrift {
         ]
     }
 
-    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
         let stated = model.effects.iter().flat_map(|a| a.entries().into_iter().zip(&a.values));
         let mut stated = stated.filter(|(entry, _)| entry.parameter.name == parameter.name).map(|(_, value)| *value);
         (parameter.name == "saturation_speed").then(|| stated.next().unwrap_or(NONE))
@@ -115,6 +118,7 @@ impl Effect for ThermalFrictionDrift {
 mod tests {
     use super::*;
     use crate::effects::testing;
+    use crate::model::testing::shipped;
 
     #[test]
     fn half_warm_drive_has_half_the_extra_friction() {
@@ -146,9 +150,9 @@ mod tests {
     #[test]
     fn viscous_friction_saturates_where_that_of_the_model_does() {
         let parameter = ThermalFrictionDrift.parameters()[SATURATION];
-        let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
-        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model), Some(8.5919));
+        let mut model = shipped("irb360-6-1600");
+        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model.view()), Some(8.5919));
         model.effects.retain(|a| a.effect.name() != "axis4_friction");
-        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model), Some(NONE));
+        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model.view()), Some(NONE));
     }
 }

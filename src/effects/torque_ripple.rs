@@ -1,7 +1,6 @@
 //! Torque ripple of the arm motors.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
-use crate::model::Model;
+use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches};
 
 /// τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q), h = 1, 2, n the gear ratio.
 pub struct TorqueRipple;
@@ -38,7 +37,7 @@ impl Effect for TorqueRipple {
         Part::Drives
     }
 
-    fn constant(&self, parameter: &Parameter, model: &Model) -> Option<f64> {
+    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
         match parameter.name {
             "gear_ratio" => Some(model.drives[0].gear_ratio),
             _ => None,

@@ -18,8 +18,8 @@ use crate::dynamics::Channel;
 use crate::effects::{self, ActiveEffect, Role};
 use crate::evidence::separation::what_is_left;
 use crate::kinematics::KinematicsError;
+use crate::machine::Setup;
 use crate::model::Model;
-use crate::recording::Setup;
 use crate::scenario::Course;
 
 /// Why two effects cannot be told apart by a plan.
@@ -138,7 +138,7 @@ fn assumed(model: &Model, name: &str) -> Result<ActiveEffect, DiscriminationErro
     let mut active = ActiveEffect::absent_on(effect, model.host());
     let entries = active.entries();
     for (value, p) in active.values.iter_mut().zip(entries.iter().map(|e| e.parameter)) {
-        let constant = if p.role == Role::Fixed { effect.constant(&p, model) } else { None };
+        let constant = if p.role == Role::Fixed { effect.constant(&p, &model.view()) } else { None };
         *value = constant.unwrap_or(p.default);
     }
     Ok(active)
@@ -214,15 +214,14 @@ impl Difference {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
     use crate::excitation::machine::information;
+    use crate::model::testing::shipped;
 
     /// The slope of −log δ² by the information is that of differences.
     #[test]
     fn difference_has_the_slope_of_its_value() {
-        let model = Model::read(Path::new("models/irb360-6-1600.toml")).unwrap();
+        let model = shipped("irb360-6-1600");
         let pair = ["ball_socket_coulomb", "ball_socket_viscous"].map(|n| assumed(&model, n).unwrap());
         let options = Options { harmonics: 3, ..Options::default() };
         let limits = Limits::of(&model, options.share, None);

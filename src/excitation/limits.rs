@@ -4,7 +4,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::dynamics::Output;
 use crate::kinematics::{JointState, PlatformState};
-use crate::model::{ARMS, AXES, Geometry, Model, STRUTS};
+use crate::machine::{ARMS, AXES, Geometry, STRUTS};
+use crate::model::Model;
 
 /// Lower half of a ball that the platform may not leave (paper Fig. 5), m.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,8 +11,8 @@ use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::identification::fit::own_size;
 use crate::identification::{Trace, columns};
 use crate::kinematics::{JointState, KinematicsError, PlatformState};
-use crate::model::{AXES, Model};
-use crate::recording::Setup;
+use crate::machine::{AXES, Setup};
+use crate::model::Model;
 
 /// Steps of the local differences by position (m, rad), velocity and acceleration.
 ///

@@ -14,7 +14,6 @@ pub mod information;
 pub mod limits;
 pub mod machine;
 pub mod prospect;
-pub mod scenario;
 pub mod search;
 pub mod series;
 

@@ -1,11 +1,10 @@
-use std::path::Path;
-
 use super::*;
 use crate::dynamics::inverse_dynamics;
-use crate::model::AXES;
+use crate::machine::AXES;
+use crate::model::testing::shipped;
 
 fn model() -> Model {
-    Model::read(Path::new("models/irb360-6-1600.toml")).unwrap()
+    shipped("irb360-6-1600")
 }
 
 fn quick() -> Options {

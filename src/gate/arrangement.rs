@@ -9,7 +9,7 @@ use super::instants::{Instants, Predicted};
 use super::line::Line;
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
-use crate::model::{AXES, Mechanism};
+use crate::machine::{AXES, Mechanism};
 
 /// Which column each axis is, and how its angle counts: q = sign · column + zero.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,8 +8,9 @@ use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
 use crate::effects::Kind;
 use crate::identification::Trace;
 use crate::kinematics::{JointState, KinematicsError};
-use crate::model::bodies::END_EFFECTOR;
-use crate::model::{Inertia, Model};
+use crate::machine::Inertia;
+use crate::machine::bodies::END_EFFECTOR;
+use crate::model::Model;
 
 /// Longest lag that is looked for, s.
 pub const LONGEST_LAG: f64 = 0.025;

@@ -7,7 +7,8 @@ use super::mild::load;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
-use crate::model::{AXES, Mechanism, Model};
+use crate::machine::{AXES, Mechanism};
+use crate::model::Model;
 
 /// Slopes of measured over predicted torque that a missing effect may leave.
 const SLOPE: (f64, f64) = (0.45, 2.2);

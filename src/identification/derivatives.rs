@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::filtering::{Kernel, MIN_HALF_WIDTH, half_width, noise_level};
 use super::smoother::{Likelihood, smooth, width};
 use crate::kinematics::JointState;
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// How angles are differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

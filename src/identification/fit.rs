@@ -19,8 +19,8 @@ use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::{Role, payload};
 use crate::evidence::{NEVER, Stop};
 use crate::kinematics::KinematicsError;
+use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
-use crate::model::bodies::END_EFFECTOR;
 
 /// Why a fit cannot be made.
 #[derive(Debug, Error)]

@@ -10,8 +10,8 @@ use super::fit::{Fit, FitError, Options, fit_with};
 use super::{Estimate, Trace};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Part, payload};
-use crate::model::{Inertia, Model};
-use crate::recording::{Payload, Setup};
+use crate::machine::{Inertia, Payload, Setup};
+use crate::model::Model;
 
 /// A payload with standard errors.
 #[derive(Clone)]

@@ -20,7 +20,7 @@ use super::Trace;
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
-use crate::model::AXES;
+use crate::machine::AXES;
 use crate::recording::Signals;
 
 pub use columns::{averaged_columns, columns, prediction_and_columns};

@@ -7,8 +7,9 @@ use super::derivatives::{Angles, Method};
 use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Channel;
 use crate::kinematics::JointState;
-use crate::model::{AXES, Model, Part, STRUTS};
-use crate::recording::{Configuration, Recording, Setup, Signals};
+use crate::machine::{AXES, Configuration, Part, STRUTS, Setup};
+use crate::model::Model;
+use crate::recording::{Recording, Signals};
 
 /// Smoothed joint motion with the measured channels at the same samples.
 #[derive(Clone, Debug)]

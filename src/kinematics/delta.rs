@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
-use crate::model::{ARMS, AXES, Geometry};
+use crate::machine::{ARMS, AXES, Geometry};
 
 /// Joint angles, rates and accelerations; rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::delta::{ArmAxes, JointState, KinematicsError, PlatformState};
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
 /// Motion of one body frame in the inertial frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,7 +82,7 @@ pub struct Motion {
     pub qd: [f64; AXES],
     /// Joint accelerations, rad/s².
     pub qdd: [f64; AXES],
-    /// Body frames, see [`crate::model::Bodies`].
+    /// Body frames, see [`crate::machine::Bodies`].
     pub bodies: [BodyMotion; BODIES],
     /// Unit vector of each strut from the elbow to the platform.
     pub strut_axis: [Vector3<f64>; STRUTS],

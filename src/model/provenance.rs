@@ -47,4 +47,4 @@ impl Provenance {
 }
 
 /// How the source of a fitted number begins.
-pub(super) const FITTED: &str = "fitted to ";
+pub const FITTED: &str = "fitted to ";

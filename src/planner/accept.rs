@@ -8,7 +8,7 @@ use super::limits::QUANTITIES;
 use super::plan::ALLOWED;
 use super::rows::Room;
 use super::verify::{self, Use};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// Use at which a limit is held tighter in the next round.
 const TIGHTEN: f64 = 1.0003;

@@ -9,8 +9,8 @@ use super::limits::{LOADS, forces};
 use crate::constraint_forces::{Detail, Loads, Multipliers, Statics, rigid_loads};
 use crate::dynamics::{Plant, STILL, Twist, add_effects, reads_loads};
 use crate::kinematics::{KinematicsError, Motion};
-use crate::model::AXES;
-use crate::model::bodies::BODIES;
+use crate::machine::AXES;
+use crate::machine::bodies::BODIES;
 
 /// Coefficients of the four torques, λ_E, λ_P and λ_S at a point of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -17,7 +17,7 @@ use clarabel::solver::{
 use super::limits::Limits;
 use super::rows::{Room, Station, Stations};
 use super::{Objective, PlanError, Profile};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// z and s̈ at every station; both vanish at the ends.
 #[derive(Clone, Debug)]

@@ -1,7 +1,8 @@
 //! What bounds a motion along a path, (35)–(37).
 
 use crate::constraint_forces::{Detail, Multipliers};
-use crate::model::{AXES, Model, STRUTS};
+use crate::machine::{AXES, STRUTS};
+use crate::model::Model;
 
 /// Quantities with a limit that are affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
 pub const QUANTITIES: usize = 2 * AXES + FORCES;

@@ -16,7 +16,6 @@ pub mod pass;
 pub mod plan;
 pub mod point;
 pub mod profile;
-pub mod read;
 pub mod refine;
 pub mod relaxation;
 pub mod rows;
@@ -32,10 +31,26 @@ pub use limits::{Limit, Limits};
 pub use plan::{Options, Plan, plan};
 pub use point::{PathPoint, PlaceError};
 pub use profile::Profile;
-pub use read::Task;
 pub use shape::Shape;
 
 use thiserror::Error;
+
+use crate::machine::Setup;
+
+/// What a path file asks for.
+#[derive(Clone, Debug)]
+pub struct Task {
+    /// Name for reports, the file's stem.
+    pub name: String,
+    /// The path.
+    pub shape: Shape,
+    /// Payload.
+    pub setup: Setup,
+    /// Limits.
+    pub limits: Limits,
+    /// How to plan.
+    pub options: Options,
+}
 
 /// What is optimised with jerk limits; without them both have the same optimum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use super::Curve;
 use crate::kinematics::{JointState, KinematicsError, Motion, PlatformState};
-use crate::model::{ARMS, AXES, Geometry};
+use crate::machine::{ARMS, AXES, Geometry};
 
 /// Joint angles along a path and their derivatives by s.
 #[derive(Clone, Copy, Debug)]

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use super::jerk::{Course, Programme, Watch, jerk_row, ramp_caps};
 use super::limits::Limits;
 use super::rows::{Station, Stations};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// Parts of an interval whose times are bounded one by one.
 const PARTS: usize = 2;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::coefficients::{Coefficients, Machine, Reference};
 use super::limits::{LOADS, Limits, QUANTITIES};
 use super::{Curve, PathPoint, PlanError};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// ṡ at which there is no friction yet.
 const STILL: f64 = 1e-9;

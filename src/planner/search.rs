@@ -11,7 +11,7 @@ use super::plan::{ENOUGH, Options, Plan};
 use super::rows::{Room, Stations};
 use super::verify::{self, Use};
 use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, refine, relaxation};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// Places per interval at which a plan is checked, and in all, at least.
 const FINER: usize = 10;

@@ -115,7 +115,7 @@ impl Legs {
 }
 
 /// First waypoint, from 0, at which the lines between `points` neither end, go straight on nor turn back.
-pub(super) fn first_corner(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
+pub fn first_corner(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
     let legs = Legs::new(points, turn_radius);
     let straight = |i: usize| (legs.directions[i - 1] - legs.directions[i]).norm() < OPPOSITE;
     (1..legs.lengths.len()).find(|&i| !straight(i) && !legs.reverses(i))

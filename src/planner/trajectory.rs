@@ -2,8 +2,8 @@
 
 use super::{Machine, PathPoint, Plan, PlanError};
 use crate::constraint_forces::{Detail, constraint_forces};
-use crate::model::STRUTS;
-use crate::recording::{Recording, Setup, Signals};
+use crate::machine::{STRUTS, Setup};
+use crate::recording::{Recording, Signals};
 
 /// Rows every `period` s with q, q̇, q̈, torques, strut forces and the platform's position, all of the same place, ṡ and s̈.
 ///

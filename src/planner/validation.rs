@@ -1,7 +1,8 @@
 //! The planned motion executed by the twin: planned against executed torques, strut forces, acceleration (paper Fig. 16, 17).
 
 use crate::dynamics::Plant;
-use crate::model::{AXES, Model, STRUTS};
+use crate::machine::{AXES, STRUTS};
+use crate::model::Model;
 use crate::recording::{Recording, Signals};
 use crate::scenario::motion::table::Table;
 use crate::scenario::{DesiredMotion, Sensors};

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::{Curve, Machine, PathPoint, PlaceError, PlanError, Profile};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// All limited quantities at a place, in units of what may be used (drive speeds, then as in [`Limit::affine`], then jerks).
 pub const CHECKED: usize = AXES + QUANTITIES + AXES;

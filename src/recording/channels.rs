@@ -1,6 +1,6 @@
 //! Channels that only a simulation has: multipliers of the constraint rows, and the links behind elastic gears.
 
-use crate::model::{ARMS, STRUTS};
+use crate::machine::{ARMS, STRUTS};
 
 /// Number of constraint rows of the assembled robot.
 pub const ROWS: usize = 74;

@@ -1,31 +1,16 @@
 //! What was measured or simulated: joint angles, drive torques and optional channels over time.
-//!
-//! Only `csv.rs`, `bag/` and `rerun/` know file formats.
 
-pub mod bag;
 mod channels;
-mod check;
-pub mod columns;
-pub mod csv;
+mod context;
 mod difference;
-mod epoch;
-mod error;
-pub mod file;
-mod payload;
-pub mod setup;
 
-pub use bag::Context;
 pub use channels::{ROWS, multiplier_names};
-pub use columns::Mapping;
+pub use context::{Attachment, Context, Level, Note, Poses};
 pub use difference::Difference;
-pub use error::{ReadError, WriteError};
-pub use payload::Payload;
 
 use std::ops::Range;
-use std::path::Path;
 
-use self::setup::Sidecar;
-use crate::model::{AXES, Mechanism, STRUTS};
+use crate::machine::{AXES, Mechanism, STRUTS, Setup};
 
 /// One run of the machine, sampled at increasing times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -36,93 +21,6 @@ pub struct Recording {
     pub signals: Signals,
     /// What is known about the run.
     pub setup: Setup,
-}
-
-/// How a file is read.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Reading<'a> {
-    /// Setup instead of the sidecar.
-    pub setup: Option<&'a Path>,
-    /// Machine whose axes must be there; by the columns if none is given.
-    pub machine: Option<Mechanism>,
-    /// Which column is which channel, one after the other.
-    pub maps: &'a [Mapping],
-}
-
-impl Recording {
-    /// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, a bag's folder) of whatever machine it is by its axes: one, three or four.
-    pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Self, Vec<String>), ReadError> {
-        Self::read_as(path, &Reading { setup, ..Reading::default() })
-    }
-
-    /// Reads a recording of a `machine`: its axes must be there, others are left out with a warning.
-    ///
-    /// See [`Recording::read_as`] for the rest.
-    pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<(Self, Vec<String>), ReadError> {
-        Self::read_as(path, &Reading { setup, machine: Some(machine), ..Reading::default() })
-    }
-
-    /// Reads a recording, its format known by its content. Also returns what was noticed and repaired.
-    ///
-    /// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP file's metadata, else
-    /// the default. The sidecar's `[columns]` come before `how.maps`.
-    ///
-    /// # Errors
-    /// What cannot be read or repaired, with file, row and column.
-    pub fn read_as(path: &Path, how: &Reading) -> Result<(Self, Vec<String>), ReadError> {
-        let beside = setup::sidecar(path);
-        let outside = match how.setup {
-            Some(file) => Some(Sidecar::read(file)?),
-            None if beside.is_file() => Some(Sidecar::read(&beside)?),
-            None => None,
-        };
-        let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
-        let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
-        let outside = outside.map(|s| s.setup);
-        let (signals, inside, mut warnings) = if bag::is_bag(path) {
-            bag::read(path, how.machine, &maps)?
-        } else {
-            let (signals, warnings) = csv::read(path, how.machine, &maps)?;
-            (signals, None, warnings)
-        };
-        if let (Some(a), Some(b)) = (outside, inside)
-            && a != b
-        {
-            let used = how.setup.unwrap_or(&beside).display();
-            warnings.push(format!("setup inside the file differs from {used}, which is used"));
-        }
-        let recording = Self {
-            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            signals,
-            setup: outside.or(inside).unwrap_or_default(),
-        };
-        let warnings = warnings.iter().map(|w| format!("{}: {w}", path.display())).collect();
-        Ok((recording, warnings))
-    }
-
-    /// Writes `.csv` with its sidecar, or `.mcap`. A file that is there is replaced as a whole.
-    ///
-    /// # Errors
-    /// Names with another ending, signals that no machine has, and whatever the system says.
-    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
-        self.write_with(path, &Context::default())
-    }
-
-    /// The same with origin and pictures of the run, as far as the format keeps them: MCAP does, CSV does not.
-    ///
-    /// # Errors
-    /// See [`Recording::write`].
-    pub fn write_with(&self, path: &Path, context: &Context) -> Result<(), WriteError> {
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        if extension == "csv" {
-            csv::write(path, &self.signals)?;
-            self.setup.write(&setup::sidecar(path))
-        } else if extension == "mcap" {
-            bag::write(path, self, context)
-        } else {
-            Err(WriteError::invalid(path, "unknown format; expected a name ending in .csv or .mcap"))
-        }
-    }
 }
 
 /// Sampled signals; all channels have the length of `t`.
@@ -191,25 +89,4 @@ impl Signals {
         let m = d.len() / 2;
         *d.select_nth_unstable_by(m, f64::total_cmp).1
     }
-}
-
-/// What is known about a run (`<stem>.setup.toml`, or the metadata of an MCAP file).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Setup {
-    /// Assembled robot or arms and rotor alone.
-    pub configuration: Configuration,
-    /// Payload at the flange.
-    pub payload: Payload,
-    /// Standard deviation of the torque sensors, N·m; zero where it is not known, as of axes that are not there.
-    pub torque_noise: Option<[f64; AXES]>,
-}
-
-/// State of the machine during a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Configuration {
-    /// Complete robot.
-    #[default]
-    Assembled,
-    /// Arms and motor 4 only, struts, platform and telescope dismounted.
-    Disassembled,
 }

@@ -20,8 +20,8 @@ use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
 use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, SocketSet, Telescope};
-use crate::model::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
+use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
 /// Per body: position, quaternion at the start of the step, rotation θ since, velocity, angular velocity (world axes).
 const BODY: usize = 16;

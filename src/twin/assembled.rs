@@ -7,8 +7,8 @@ use super::closed::{Frame, Implicit, Mechanism, OPEN, OpenVector, Pose, Solution
 use super::context::Context;
 use super::integrator::{Stage, System};
 use crate::kinematics::Motion;
-use crate::model::bodies::PLATFORM;
-use crate::model::{ARMS, AXES, STRUTS};
+use crate::machine::bodies::PLATFORM;
+use crate::machine::{ARMS, AXES, STRUTS};
 
 /// Positions: three arms, rotor, platform position and quaternion, six rolls.
 const PSI: usize = 3;

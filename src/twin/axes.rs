@@ -10,7 +10,7 @@ use super::context::{Answer, Context};
 use super::integrator::{Stage, System};
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, Motion};
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// Angles, then rates.
 pub(super) const LENGTH: usize = 2 * AXES;

@@ -6,8 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::kinematics::{BodyMotion, Motion};
-use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 /// Number of constraint rows.
 pub const ROWS: usize = crate::recording::ROWS;

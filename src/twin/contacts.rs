@@ -13,8 +13,8 @@ use nalgebra::{Isometry3, Vector3};
 use super::wrench::Twist;
 use crate::cell::{CellError, Object};
 use crate::kinematics::{Motion, SocketSet};
-use crate::model::bodies::BODIES;
-use crate::model::{Geometry, Inertia};
+use crate::machine::bodies::BODIES;
+use crate::machine::{Geometry, Inertia};
 use crate::scenario::PayloadShape;
 
 /// What solves contacts, and the free objects that it moves.

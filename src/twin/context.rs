@@ -12,8 +12,8 @@ use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
-use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
-use crate::model::{ARMS, AXES, STRUTS};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
+use crate::machine::{ARMS, AXES, STRUTS};
 
 /// Change of the answer at which the iteration over laws that read it stops, N, rad/s² or m/s².
 const TOLERANCE: f64 = 1e-9;

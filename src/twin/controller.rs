@@ -2,8 +2,9 @@
 
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError};
-use crate::model::bodies::ARM;
-use crate::model::{AXES, Drive, Mechanism, Model};
+use crate::machine::bodies::ARM;
+use crate::machine::{AXES, Drive, Mechanism};
+use crate::model::Model;
 
 /// Gains of the position loop.
 #[derive(Clone, Copy, Debug)]

@@ -2,7 +2,7 @@
 
 use crate::dynamics::Plant;
 use crate::kinematics::{BodyMotion, Motion};
-use crate::model::Inertia;
+use crate::machine::Inertia;
 
 /// Kinetic plus potential energy, J; potential zero in the shaft plane.
 pub fn total(plant: &Plant, motion: &Motion) -> f64 {

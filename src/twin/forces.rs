@@ -6,8 +6,8 @@ use super::wrench::{STILL, Twist};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, GearSpring, Instant, Kind, Part, Wrenches};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
-use crate::model::bodies::{BODIES, STRUT};
-use crate::model::{ARMS, AXES, STRUTS};
+use crate::machine::bodies::{BODIES, STRUT};
+use crate::machine::{ARMS, AXES, STRUTS};
 
 /// What a force law may read besides plant, motion and reactions.
 #[derive(Clone, Copy)]

@@ -38,8 +38,8 @@ use super::state::{BodyState, rotation};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, Reactions, SocketSet};
-use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
-use crate::model::{Bodies, Inertia, STRUTS};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
+use crate::machine::{Bodies, Inertia, STRUTS};
 
 /// Two world vectors at a body's origin: velocity and angular velocity, their rates, or force and moment.
 pub type Pair = (Vector3<f64>, Vector3<f64>);

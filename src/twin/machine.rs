@@ -20,8 +20,8 @@ use super::{SingularPose, energy};
 use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, KinematicsError, Motion, Reactions, SocketSet};
-use crate::model::bodies::{BODIES, END_EFFECTOR};
-use crate::model::{ARMS, AXES, Inertia};
+use crate::machine::bodies::{BODIES, END_EFFECTOR};
+use crate::machine::{ARMS, AXES, Inertia};
 use crate::scenario::Formulation;
 
 /// What the equations of motion yield at one instant.

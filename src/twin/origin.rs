@@ -5,15 +5,17 @@ use std::path::Path;
 
 use super::{Event, EventKind, Frame, Options, Report};
 use crate::cell::urdf;
-use crate::model::bodies::{ROTOR, TELESCOPE_UPPER, body_name};
-use crate::model::{Mechanism, Model};
-use crate::recording::bag::{Attachment, Context, Level, Note, Poses};
+use crate::machine::Mechanism;
+use crate::machine::bodies::{ROTOR, TELESCOPE_UPPER, body_name};
+use crate::model::Model;
+use crate::recording::{Attachment, Context, Level, Note, Poses};
 use crate::scenario::Scenario;
 
 /// Origin of a run, known before it: program, files and seed, and the files themselves.
 ///
-/// Files go by their names without folders, so that the same run gives the same bytes wherever it is made.
-pub fn origin(scenario: &Scenario, file: &Path, machine: &Model, planning: &Model) -> Context {
+/// `text` is the content of the scenario's `file`, which is attached. Files go by their names without folders, so that the
+/// same run gives the same bytes wherever it is made.
+pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine: &Model, planning: &Model) -> Context {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let model_name = |model: &Model| model.path.as_deref().map_or(model.name.clone(), name);
     let mut command = format!("deltatwin simulate {}", name(file));
@@ -36,8 +38,8 @@ pub fn origin(scenario: &Scenario, file: &Path, machine: &Model, planning: &Mode
         content: text.as_bytes().to_vec(),
     };
     let mut attachments = Vec::new();
-    if let Ok(text) = std::fs::read_to_string(file) {
-        attachments.push(toml(name(file), &text));
+    if let Some(text) = text {
+        attachments.push(toml(name(file), text));
     }
     for model in [machine, planning] {
         let named = model_name(model);

@@ -6,8 +6,8 @@ use super::wrench::Twist;
 use crate::dynamics::{Plant, inertial_wrench};
 use crate::kinematics::Motion;
 use crate::kinematics::motion::SOCKETS;
-use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, STRUTS};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, STRUTS};
 
 /// What every joint transmits: 74 independent numbers.
 ///
@@ -43,7 +43,7 @@ impl JointReactions {
         let arms = std::array::from_fn(|i| {
             let (mut force, mut moment) = demand(ARM + i);
             for s in [2 * i, 2 * i + 1] {
-                let lever = motion.bodies[crate::model::bodies::STRUT + s].position - at(ARM + i);
+                let lever = motion.bodies[crate::machine::bodies::STRUT + s].position - at(ARM + i);
                 force += sockets[s];
                 moment += lever.cross(&sockets[s]);
             }
@@ -52,7 +52,7 @@ impl JointReactions {
         // The platform carries its struts and the end effector; the end effector hangs on platform and telescope.
         let (mut force, mut moment) = demand(PLATFORM);
         for s in 0..STRUTS {
-            let strut = &motion.bodies[crate::model::bodies::STRUT + s];
+            let strut = &motion.bodies[crate::machine::bodies::STRUT + s];
             let lever = strut.position + motion.strut_axis[s] * motion.strut_length[s] - at(PLATFORM);
             force += sockets[STRUTS + s];
             moment += lever.cross(&sockets[STRUTS + s]);

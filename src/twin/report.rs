@@ -6,8 +6,8 @@ use thiserror::Error;
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
-use crate::model::bodies::BODIES;
-use crate::model::{AXES, STRUTS};
+use crate::machine::bodies::BODIES;
+use crate::machine::{AXES, STRUTS};
 
 /// Where everything was at one time.
 #[derive(Clone, Debug)]

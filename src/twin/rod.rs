@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use crate::dynamics::Plant;
 use crate::kinematics::Motion;
-use crate::model::bodies::{PLATFORM, STRUT};
-use crate::model::{Geometry, Inertia, STRUTS};
+use crate::machine::bodies::{PLATFORM, STRUT};
+use crate::machine::{Geometry, Inertia, STRUTS};
 
 /// Masses of a rod whose velocity is linear from the upper ball a to the lower ball b:
 /// T = ½·m_aa·v_a² + m_ab·v_a·v_b + ½·m_bb·v_b², the integrals of (1 − ξ)², ξ·(1 − ξ) and ξ² over its mass.

@@ -8,9 +8,10 @@ use super::Snapshot;
 use super::constraints::ROWS;
 use super::controller::quantised;
 use crate::kinematics::motion::SOCKETS;
-use crate::model::bodies::PLATFORM;
-use crate::model::{AXES, Model, STRUTS};
-use crate::recording::{Setup, Signals};
+use crate::machine::bodies::PLATFORM;
+use crate::machine::{AXES, STRUTS, Setup};
+use crate::model::Model;
+use crate::recording::Signals;
 use crate::scenario;
 
 /// What measures the machine.

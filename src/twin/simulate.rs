@@ -17,9 +17,10 @@ use crate::cell::CellError;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
-use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
-use crate::model::{ARMS, AXES, Inertia, Mechanism, Model, STRUTS};
-use crate::recording::{Configuration, Recording, Setup, Signals};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
+use crate::machine::{ARMS, AXES, Configuration, Inertia, Mechanism, STRUTS, Setup};
+use crate::model::Model;
+use crate::recording::{Recording, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
 
 /// Time within which a dislocation is located, s.
@@ -656,7 +657,7 @@ fn extrapolated(motion: &Motion, h: f64) -> Motion {
         body.rotation = Rotation3::from_scaled_axis(turn).into_inner() * body.rotation;
     }
     for s in 0..STRUTS {
-        out.strut_axis[s] = out.bodies[crate::model::bodies::STRUT + s].rotation.column(0).into_owned();
+        out.strut_axis[s] = out.bodies[crate::machine::bodies::STRUT + s].rotation.column(0).into_owned();
     }
     out
 }

@@ -20,8 +20,8 @@ use nalgebra::Vector3;
 
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{Motion, SocketSet};
-use crate::model::bodies::STRUT;
-use crate::model::{STRUTS, Sockets};
+use crate::machine::bodies::STRUT;
+use crate::machine::{STRUTS, Sockets};
 
 /// What holds the cups on the balls; 0..6 at the elbows, 6..12 at the platform.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -16,8 +16,8 @@ use super::wrench::Twist;
 use crate::dynamics::Plant;
 use crate::effects::hunt_crossley;
 use crate::kinematics::Motion;
-use crate::model::ARMS;
-use crate::model::bodies::{BODIES, END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::ARMS;
+use crate::machine::bodies::{BODIES, END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// Number of freedoms that have stops: arms, telescope, two Hooke joints.
 pub const STOPS: usize = ARMS + 3;
@@ -138,17 +138,15 @@ pub fn name(stop: usize, hit: &Hit) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
     use crate::effects::testing;
     use crate::kinematics::JointState;
-    use crate::model::{Model, Stops};
-    use crate::recording::Setup;
+    use crate::machine::{Setup, Stops};
+    use crate::model::testing::shipped;
     use crate::twin::{Torque, Twin};
 
     fn plant(name: &str, change: impl FnOnce(&mut Stops)) -> Plant {
-        let mut model = Model::read(Path::new(&format!("models/{name}.toml"))).unwrap();
+        let mut model = shipped(name);
         model.effects.clear();
         change(&mut model.stops);
         Plant::new(&model, &Setup::default())

@@ -1,6 +1,6 @@
 //! Drive torques over a control period.
 
-use crate::model::AXES;
+use crate::machine::AXES;
 
 /// Drive torques that change linearly with time, N·m at the gear output.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

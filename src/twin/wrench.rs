@@ -3,7 +3,7 @@
 pub(super) use crate::dynamics::STILL;
 pub use crate::dynamics::Twist;
 use crate::kinematics::Motion;
-use crate::model::bodies::BODIES;
+use crate::machine::bodies::BODIES;
 
 /// Wrenches from outside on all bodies that change linearly with time.
 #[derive(Clone, Debug, PartialEq)]

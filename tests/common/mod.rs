@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::JointState;
-use deltatwin::model::{Model, Stops};
-use deltatwin::recording::{Payload, Setup};
+use deltatwin::machine::{Payload, Setup, Stops};
+use deltatwin::model::Model;
+use deltatwin_io::kind::{Kind, kind};
+use deltatwin_io::model;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -24,13 +26,12 @@ pub fn at_root() {
 
 /// Whether a file describes a run of the twin.
 pub fn is_scenario(path: &Path) -> bool {
-    let table: toml::Table = std::fs::read_to_string(path).expect("a file").parse().expect("TOML");
-    table.contains_key("motion")
+    kind(path).expect("a file of a known kind") == Kind::Scenario
 }
 
 /// The shipped model called `name`.
 pub fn model(name: &str) -> Model {
-    Model::read(&root().join(format!("models/{name}.toml"))).expect("a shipped model")
+    model::read(&root().join(format!("models/{name}.toml"))).expect("a shipped model")
 }
 
 /// Numbers of Table 3 on the geometry of the IRB 360-6/1600, no effects, no payload, and no hard stops: smooth motion

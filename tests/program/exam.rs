@@ -10,7 +10,7 @@ use assert_cmd::Command;
 use common::model;
 use deltatwin::effects::Kind;
 use deltatwin::identification::{Trace, fit};
-use deltatwin::recording::Recording;
+use deltatwin_io::recording;
 use deltatwin_validation::exam::{self, Campaign, Case, Grade, MotionKind, Noise, Size, campaign, folder, judge};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -118,7 +118,7 @@ fn a_folder_is_read_back() {
     assert_eq!(gains, c.hidden[0].active.values);
     assert!(truth.values[0].0 == "torque_gain_error.gain_1" && truth.size.as_deref() == Some("medium"));
     assert!((1.2..1.6).contains(&truth.rise.unwrap()) || truth.limited, "{truth:?}");
-    let (back, warnings) = Recording::read(&folder.join("measurement.csv"), None).unwrap();
+    let (back, warnings) = recording::read(&folder.join("measurement.csv"), None).unwrap();
     assert!(warnings.is_empty(), "{warnings:?}");
     assert_eq!((back.signals.q, back.signals.tau), (c.measurement.signals.q, c.measurement.signals.tau));
     assert_eq!((back.signals.strut_upper, back.setup), (c.measurement.signals.strut_upper, c.measurement.setup));

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use assert_cmd::Command;
-use deltatwin::recording::Recording;
+use deltatwin_io::recording;
 use tempfile::TempDir;
 
 /// A law that is a number until arm 1 has gone below 0.1 rad, on the shipped model.
@@ -63,7 +63,7 @@ fn a_law_without_a_number_is_named_where_it_is_first_met() {
     };
     // The twin: the sample at which the law ends is the last one written.
     says(&ends(&["simulate", text(&scenario), "-o", text(&recording)], 1));
-    let written = Recording::read(&recording, None).unwrap().0.signals;
+    let written = recording::read(&recording, None).unwrap().0.signals;
     assert!(written.len() > 50 && written.q.iter().all(|q| q[0] > 0.099), "{}", written.len());
     // Predictions along a measured motion, and constraint forces.
     let whole = folder.path().join("whole.csv");

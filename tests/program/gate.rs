@@ -13,8 +13,10 @@ use common::model;
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
 use deltatwin::identification::{EncoderReadings, Trace, predict};
+use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
-use deltatwin::recording::{Mapping, Payload, Reading, Recording, Setup, Signals};
+use deltatwin::recording::{Recording, Signals};
+use deltatwin_io::recording::{self, Mapping, Reading};
 use deltatwin_validation::exam::motion::Motion;
 use deltatwin_validation::exam::size::Sizer;
 use deltatwin_validation::exam::{MotionKind, Size, hideable, perturb};
@@ -84,7 +86,7 @@ fn problems(findings: &[Finding]) -> Vec<(Option<usize>, Problem)> {
 /// Reads a file through `maps` and examines it against the nominal model.
 fn examined(file: &Path, maps: &[Mapping], payload_mass: Option<f64>) -> Vec<Finding> {
     let how = Reading { maps, ..Reading::default() };
-    let (mut recording, _) = Recording::read_as(file, &how).unwrap();
+    let (mut recording, _) = recording::read_as(file, &how).unwrap();
     if let Some(mass) = payload_mass {
         recording.setup.payload.mass = mass;
     }
@@ -97,7 +99,7 @@ fn found_and_mended(change: impl Fn(&mut Signals)) -> Vec<Finding> {
     change(&mut recording.signals);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
-    recording.write(&file).unwrap();
+    recording::write(&recording, &file).unwrap();
     let found = examined(&file, &[], None);
     let Some(Remedy::Map(assignments)) = combined(&found) else { panic!("no remedy: {found:?}") };
     let map: Mapping = assignments.join(", ").parse().unwrap();
@@ -171,8 +173,8 @@ fn orders_are_named_and_mended() {
     });
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
-    recording.write(&file).unwrap();
-    let message = Recording::read(&file, None).unwrap_err().to_string();
+    recording::write(&recording, &file).unwrap();
+    let message = recording::read(&file, None).unwrap_err().to_string();
     let map = "q1=q4, q4=q1, tau1=tau4, tau4=tau1";
     assert!(message.contains(map) && !message.contains("degrees"), "{message}");
     assert_eq!(problems(&examined(&file, &[map.parse().unwrap()], None)), []);
@@ -246,7 +248,7 @@ fn a_payload_that_is_not_stated_is_named() {
     assert!((mass - 2.5).abs() < 0.4, "{mass}");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
-    recording.write(&file).unwrap();
+    recording::write(&recording, &file).unwrap();
     assert_eq!(problems(&examined(&file, &[], Some(mass))), []);
 }
 
@@ -303,7 +305,7 @@ fn other_names_and_units_are_the_same_recording() {
     fs::write(&file, text).unwrap();
     // No word for time that is known, no unit.
     fs::write(folder.path().join("log.setup.toml"), "[columns]\nt = \"Zeit\"\n").unwrap();
-    let (back, warnings) = Recording::read(&file, None).unwrap();
+    let (back, warnings) = recording::read(&file, None).unwrap();
     assert!(warnings.iter().any(|w| w.contains("ns since 1970")), "{warnings:?}");
     assert!(warnings.iter().any(|w| w.contains("`position_1 [deg]`")), "{warnings:?}");
     assert_eq!(back.signals.len(), s.len());
@@ -328,7 +330,7 @@ fn commands_stop_at_the_gate_and_go_on_with_the_remedy() {
     each(&mut recording.signals, |_, tau| tau[1] = -tau[1]);
     let folder = tempfile::tempdir().unwrap();
     let [file, fitted] = ["run.csv", "fitted.toml"].map(|n| folder.path().join(n).display().to_string());
-    recording.write(Path::new(&file)).unwrap();
+    recording::write(&recording, Path::new(&file)).unwrap();
 
     let refused = run(&["identify", MODEL, &file, "-o", &fitted]);
     let message = String::from_utf8_lossy(&refused.stderr).into_owned();

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use deltatwin::identification::fit::channel_rms;
-use deltatwin::model::{ARMS, AXES};
+use deltatwin::machine::{ARMS, AXES};
 use deltatwin_validation::reproduce::page::{Comparison, Row};
 use deltatwin_validation::reproduce::runs::Campaign;
 use deltatwin_validation::reproduce::{arms, assembled, friction_curve, sections};

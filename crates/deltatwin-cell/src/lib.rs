@@ -22,8 +22,8 @@ mod world;
 
 use deltatwin::cell::{CellError, Object, Surface, check};
 use deltatwin::kinematics::{Motion, SocketSet};
-use deltatwin::model::bodies::{BODIES, END_EFFECTOR, body_name};
-use deltatwin::model::{Geometry, Inertia};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, body_name};
+use deltatwin::machine::{Geometry, Inertia};
 use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, Contacts, Held, Surroundings, Touch, Twist};
 use nalgebra::{Isometry3, Matrix3, Vector3};

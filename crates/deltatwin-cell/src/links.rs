@@ -7,8 +7,8 @@ use deltatwin::cell::links::{
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::kinematics::SocketSet;
 use deltatwin::kinematics::motion::SOCKETS;
-use deltatwin::model::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use deltatwin::model::{ARMS, Geometry, STRUTS};
+use deltatwin::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use deltatwin::machine::{ARMS, Geometry, STRUTS};
 use nalgebra::{Matrix3, Vector3};
 
 use super::hull::Hull;

@@ -1,7 +1,7 @@
 //! Which pairs of colliders are near each other, asked of Rapier only when something may have come nearer.
 
 use deltatwin::kinematics::{Motion, SocketSet};
-use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
 
 use super::links::{Part, can_meet};
 use super::placement::Placement;

@@ -1,7 +1,7 @@
 //! The robot's side of contacts: the parts of its links and what it holds.
 
 use deltatwin::kinematics::Motion;
-use deltatwin::model::bodies::{BODIES, END_EFFECTOR};
+use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
 use deltatwin::twin::ContactBody;
 use nalgebra::{Matrix3, Vector3};
 

@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use deltatwin::cell::{CellError, Mobility, Object, Shape, Surface};
 use deltatwin::kinematics::{BodyMotion, JointState, Motion, SocketSet};
-use deltatwin::model::bodies::{END_EFFECTOR, STRUT};
-use deltatwin::model::{Geometry, Model};
+use deltatwin::machine::Geometry;
+use deltatwin::machine::bodies::{END_EFFECTOR, STRUT};
 use deltatwin::scenario::PayloadShape;
 use deltatwin::twin::{ContactBody, Contacts};
 
@@ -16,7 +16,7 @@ use super::mesh::tests::block;
 
 /// The shipped robot's geometry.
 pub fn geometry() -> Geometry {
-    Model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap().geometry
+    deltatwin_io::model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap().geometry
 }
 
 const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);

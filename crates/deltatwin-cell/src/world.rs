@@ -2,8 +2,8 @@
 
 use deltatwin::cell::{Mobility, Object};
 use deltatwin::kinematics::SocketSet;
-use deltatwin::model::Inertia;
-use deltatwin::model::bodies::BODIES;
+use deltatwin::machine::Inertia;
+use deltatwin::machine::bodies::BODIES;
 use nalgebra::{Isometry3, Rotation3, Vector3};
 use parry3d::query;
 use rapier3d::dynamics::{FrictionModel, RigidBodyType, SpringCoefficients};

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use deltatwin::cell::Shape;
-use deltatwin::scenario::{Scenario, ScenarioError};
+use deltatwin::scenario::Scenario;
 use deltatwin_cell::mesh;
+use deltatwin_io::scenario::{ScenarioError, parse_with};
 use nalgebra::Vector3;
 
 /// A scenario with `more`.
@@ -16,7 +17,7 @@ fn scenario(more: &str) -> String {
 }
 
 fn parse(more: &str) -> Result<Scenario, ScenarioError> {
-    Scenario::parse_with(&scenario(more), Path::new("test.toml"), mesh::read)
+    parse_with(&scenario(more), Path::new("test.toml"), mesh::read)
 }
 
 /// A pyramid of 60 mm edges and 40 mm height in mm, with its base's middle in the origin.
@@ -58,6 +59,6 @@ fn solids_come_from_files() {
     assert!(e.contains("shape = \"hull\" lacks `objects.file`"), "{e}");
     // A reader of dimensions alone names the place, too.
     let solid = "\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nshape = \"hull\"\nfile = \"part.stl\"\n";
-    let e = Scenario::parse(&scenario(solid), Path::new("test.toml")).unwrap_err().to_string();
+    let e = deltatwin_io::scenario::parse(&scenario(solid), Path::new("test.toml")).unwrap_err().to_string();
     assert!(e.starts_with("test.toml:11:8: `objects.file` is \"part.stl\": nothing here reads meshes"), "{e}");
 }

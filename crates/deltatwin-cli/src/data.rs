@@ -6,7 +6,8 @@ use deltatwin::dynamics::Channel;
 use deltatwin::identification::Trace;
 use deltatwin::identification::derivatives::Method;
 use deltatwin::model::Model;
-use deltatwin::recording::{Mapping, ReadError, Reading, Recording};
+use deltatwin::recording::Recording;
+use deltatwin_io::recording::{self, Mapping, ReadError, Reading};
 
 /// What several commands take as data.
 #[derive(clap::Args, Clone, Debug)]
@@ -70,7 +71,7 @@ impl Data {
     pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
         let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
         Self::read_each(args, |file, warnings| {
-            trace(Recording::read_as(file, &how)?, file, Method::Reversals, warnings)
+            trace(recording::read_as(file, &how)?, file, Method::Reversals, warnings)
         })
     }
 
@@ -124,7 +125,7 @@ fn trace_of(
     method: Method,
     warnings: &mut Vec<String>,
 ) -> Result<Trace, ReadError> {
-    let mut trace = trace(Recording::read_as(file, how)?, file, method, warnings)?;
+    let mut trace = trace(recording::read_as(file, how)?, file, method, warnings)?;
     let drives = Channel::of_drives(model.mechanism);
     if !model.assembled && trace.channels.len() > drives.len() {
         warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));

@@ -1,43 +1,18 @@
-//! What a file is and whether it is right: models, scenarios, setups, recordings.
+//! Whether a file is right: models, scenarios, setups, recordings.
 
 use std::path::Path;
 
-use miette::{IntoDiagnostic, WrapErr, miette};
-use toml::de::DeTable;
+use miette::{IntoDiagnostic, WrapErr};
 
 use deltatwin::gate::{Finding, examine};
 use deltatwin::identification::{Trace, swapped};
-use deltatwin::model::{Model, check};
-use deltatwin::planner::{Limits, Task};
-use deltatwin::recording::{Configuration, Reading, Recording, Setup, bag};
-use deltatwin::scenario::Scenario;
-
-/// Kinds of files deltatwin reads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Description of a machine.
-    Model,
-    /// Description of a run.
-    Scenario,
-    /// Path to plan a motion along.
-    Path,
-    /// What is known about a measurement.
-    Setup,
-    /// Measurement or simulated run.
-    Recording,
-}
-
-impl std::fmt::Display for Kind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(match self {
-            Self::Model => "model",
-            Self::Scenario => "scenario",
-            Self::Path => "path",
-            Self::Setup => "setup",
-            Self::Recording => "recording",
-        })
-    }
-}
+use deltatwin::machine::{Configuration, Setup};
+use deltatwin::model::{Model, summary};
+use deltatwin::planner::Limits;
+use deltatwin_io::kind::{Kind, kind};
+use deltatwin_io::recording::setup;
+use deltatwin_io::recording::{self, Reading};
+use deltatwin_io::{model, scenario};
 
 /// A file without mistakes.
 #[derive(Clone, Debug)]
@@ -63,53 +38,19 @@ pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Re
         return Ok(Verified { kind, summary, warnings, gate });
     }
     let (summary, warnings) = match kind {
-        Kind::Model => (check::check_file(path)?, Vec::new()),
+        Kind::Model => (summary(&model::read(path)?), Vec::new()),
         Kind::Scenario => (scenario(path)?, Vec::new()),
         Kind::Path => (planned_path(path)?, Vec::new()),
-        Kind::Setup => (setup(&Setup::read(path)?), Vec::new()),
+        Kind::Setup => (setup(&setup::read(path)?), Vec::new()),
         Kind::Recording => unreachable!("recordings are done with above"),
     };
     Ok(Verified { kind, summary, warnings, gate: None })
 }
 
-/// What `path` is: TOML by its keys, everything else is a recording.
-pub fn kind(path: &Path) -> miette::Result<Kind> {
-    if path.is_dir() {
-        return Err(miette!("{}: is a folder; expected a file", path.display()));
-    }
-    if bag::is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
-        return Ok(Kind::Recording);
-    }
-    let text = std::fs::read_to_string(path)
-        .into_diagnostic()
-        .wrap_err_with(|| format!("{}: cannot be read", path.display()))?;
-    if path.to_string_lossy().ends_with(".setup.toml") {
-        return Ok(Kind::Setup);
-    }
-    // The model reader reports what is wrong with the TOML itself.
-    let Ok(table) = DeTable::parse(&text) else { return Ok(Kind::Model) };
-    let has = |keys: &[&str]| keys.iter().any(|k| table.get_ref().contains_key(*k));
-    if has(&["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]) {
-        Ok(Kind::Model)
-    } else if has(&["path", "limits", "search"]) {
-        Ok(Kind::Path)
-    } else if has(&["motion", "duration", "controller_model", "model", "substeps"]) {
-        Ok(Kind::Scenario)
-    } else if has(&["configuration", "payload", "noise"]) {
-        Ok(Kind::Setup)
-    } else {
-        Err(miette!(
-            "{}: is TOML of no kind that is known; expected a model ([geometry], [bodies], …), a scenario (model, \
-             duration, [motion], …), a path ([path], [limits], …) or a setup (configuration, [payload], …)",
-            path.display()
-        ))
-    }
-}
-
 fn scenario(path: &Path) -> miette::Result<String> {
-    let scenario = Scenario::read_with(path, deltatwin_cell::mesh::read)?;
-    let machine = Model::read(&scenario.model)?;
-    let controller = scenario.controller_model.as_deref().map(Model::read).transpose()?;
+    let scenario = scenario::read_with(path, deltatwin_cell::mesh::read)?;
+    let machine = model::read(&scenario.model)?;
+    let controller = scenario.controller_model.as_deref().map(model::read).transpose()?;
     let planning = controller.as_ref().unwrap_or(&machine);
     scenario.motion(planning).into_diagnostic().wrap_err_with(|| path.display().to_string())?;
     let course = scenario.motion.describe();
@@ -125,7 +66,7 @@ fn scenario(path: &Path) -> miette::Result<String> {
 }
 
 fn planned_path(path: &Path) -> miette::Result<String> {
-    let task = Task::read_with(path, Limits::NONE, deltatwin_cell::mesh::read)?;
+    let task = deltatwin_io::plan::read_with(path, Limits::NONE, deltatwin_cell::mesh::read)?;
     let curve = task.shape.curve();
     let [from, to] = [0.0, curve.end()].map(|s| curve.at(s)[0]);
     Ok(format!(
@@ -160,7 +101,7 @@ fn setup(setup: &Setup) -> String {
 type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
 
 fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
-    let (recording, mut warnings) = Recording::read_as(path, how)?;
+    let (recording, mut warnings) = recording::read_as(path, how)?;
     let trace = Trace::new(&recording);
     let gate = model.map(|m| examine(m, &trace));
     if model.is_none() {

@@ -11,9 +11,10 @@ use serde_json::{Map, Value, json};
 
 use deltatwin::dynamics::Channel;
 use deltatwin::identification::Estimate;
-use deltatwin::model::{Mechanism, Model};
-use deltatwin::recording::file;
+use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_io::{file, model};
 use deltatwin_report::Figure;
 
 mod bars;
@@ -114,7 +115,7 @@ pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> mie
 
 /// Reads the model of an assembled delta robot with telescope.
 pub fn assembled_robot(file: &Path) -> miette::Result<Model> {
-    let model = Model::read(file)?;
+    let model = model::read(file)?;
     if !model.assembled || model.mechanism != (Mechanism::Delta { telescope: true }) {
         return Err(miette!("{}: expected the model of an assembled delta robot with telescope", file.display()));
     }

@@ -1,9 +1,12 @@
 //! One self-contained HTML page of text, tables and figures.
 
-use super::figure::Figure;
 use std::fmt::Write as _;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::Path;
+
+use deltatwin_io::file::replace_text;
+
+use super::figure::Figure;
 
 /// The tone of a boxed remark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,20 +132,7 @@ impl Report {
     pub fn write(&self, path: impl AsRef<Path>) -> io::Result<()> {
         let path = path.as_ref();
         let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
-        let folder = match path.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p,
-            _ => Path::new("."),
-        };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".report-").suffix(".tmp");
-        // As any new file: readable for whom the umask admits.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = builder.tempfile_in(folder).map_err(named)?;
-        file.write_all(self.render().as_bytes()).map_err(named)?;
-        file.as_file().sync_all().map_err(named)?;
-        file.persist(path).map_err(|e| named(e.error))?;
-        Ok(())
+        replace_text(path, &self.render()).map_err(named)
     }
 
     fn push(&mut self, html: String) -> &mut Self {

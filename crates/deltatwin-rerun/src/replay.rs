@@ -7,7 +7,8 @@ use miette::IntoDiagnostic;
 use crate::scene::{Scene, Series, measured, write_rrd};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Trace, predict};
-use deltatwin::model::{AXES, Model};
+use deltatwin::machine::AXES;
+use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
 /// Frames per second of the moving robot.

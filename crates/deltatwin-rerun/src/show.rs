@@ -4,10 +4,11 @@ use std::path::Path;
 
 use crate::scene::{Scene, Series, Thing, measured, socket_margins, strut_force, write_rrd};
 use deltatwin::dynamics::Plant;
-use deltatwin::model::{Part, STRUTS};
-use deltatwin::recording::{Recording, Signals, WriteError};
+use deltatwin::machine::{Part, STRUTS};
+use deltatwin::recording::{Recording, Signals};
 use deltatwin::twin::origin::note;
 use deltatwin::twin::{Event, Frame, Options, Report};
+use deltatwin_io::file::WriteError;
 
 /// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
 pub fn write(
@@ -65,15 +66,14 @@ fn loose(frame: &Frame) -> [bool; STRUTS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use deltatwin::model::Model;
-    use deltatwin::scenario::Scenario;
     use deltatwin::twin::{NewContacts, simulate};
+    use deltatwin_io::{model, scenario};
 
     /// The platform has run into the block and two limbs have come off.
     #[test]
     fn a_crash_is_shown_as_it_was() {
-        let scenario = Scenario::read(Path::new("../../scenarios/crash.toml")).unwrap();
-        let model = Model::read(&scenario.model).unwrap();
+        let scenario = scenario::read(Path::new("../../scenarios/crash.toml")).unwrap();
+        let model = model::read(&scenario.model).unwrap();
         let motion = scenario.motion(&model).unwrap();
         let plant = Plant::new(&model, &scenario.setup);
         let run = |frames| {

@@ -123,8 +123,8 @@ mod tests {
     use super::*;
     use deltatwin::kinematics::SocketSet;
     use deltatwin::kinematics::motion::SOCKETS;
-    use deltatwin::model::bodies::BODIES;
-    use deltatwin::model::{AXES, STRUTS};
+    use deltatwin::machine::bodies::BODIES;
+    use deltatwin::machine::{AXES, STRUTS};
 
     fn frame(t: f64) -> Frame {
         Frame {

@@ -7,7 +7,7 @@ use rand_chacha::rand_core::SeedableRng;
 use super::Sight;
 use super::pursuit::{Found, force};
 use crate::effects::formula::{Place, Variable};
-use crate::model::Mechanism;
+use crate::machine::Mechanism;
 
 /// A force over one variable, with simultaneous 95 % bands.
 #[derive(Clone, Debug, Default)]

@@ -10,7 +10,8 @@ use crate::identification::fit::{FitError, kinematics, residuals};
 use crate::identification::prediction::Channels;
 use crate::identification::{Trace, columns};
 use crate::kinematics::{KinematicsError, SocketSet};
-use crate::model::{Mechanism, Model};
+use crate::machine::Mechanism;
+use crate::model::Model;
 
 /// Time between instants, s: torque ripple up to 250 Hz is seen.
 const STEP: f64 = 2e-3;

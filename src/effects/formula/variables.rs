@@ -1,8 +1,8 @@
 //! What the expressions of a formula may read.
 
 use crate::effects::Instant;
-use crate::model::bodies::PLATFORM;
-use crate::model::{Mechanism, Part};
+use crate::machine::bodies::PLATFORM;
+use crate::machine::{Mechanism, Part};
 
 /// A quantity of an instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

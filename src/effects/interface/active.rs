@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::{Count, Layout, Parameter, Role, Values};
+use super::{Count, Effects, Layout, Parameter, Role, Values};
 use crate::effects::Effect;
-use crate::model::{ARMS, Drive, Mechanism};
+use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, Sockets};
 
 /// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their
 /// usual sizes, which are stated for an arm drive of the IRB 360.
@@ -16,6 +16,23 @@ pub struct Host {
     torque: f64,
     /// Largest speed, likewise.
     speed: f64,
+}
+
+/// A machine with its effects, as far as constants of other effects follow from it.
+#[derive(Clone, Copy)]
+pub struct MachineView<'a> {
+    /// Kind of machine.
+    pub mechanism: Mechanism,
+    /// Lengths and joint limits.
+    pub geometry: &'a Geometry,
+    /// Inertia of every body, without payload.
+    pub bodies: &'a Bodies,
+    /// Drives 1–3 (arms) and 4 (telescope).
+    pub drives: &'a [Drive; AXES],
+    /// Ball sockets.
+    pub sockets: &'a Sockets,
+    /// Effects that act.
+    pub effects: &'a Effects,
 }
 
 /// Arm drive for which sizes are stated: N·m and rad/s.

@@ -8,7 +8,7 @@ mod parameter;
 mod wrenches;
 
 pub use acting::Effects;
-pub use active::{ActiveEffect, Entry, Host};
+pub use active::{ActiveEffect, Entry, Host, MachineView};
 pub use impact::hunt_crossley;
 pub use parameter::{Count, Layout, Parameter, Role, Values};
 pub use wrenches::{Instant, Wrenches};

@@ -1,6 +1,6 @@
 //! Parameters of effects and where their values stand.
 
-use crate::model::Mechanism;
+use crate::machine::Mechanism;
 
 /// How a parameter enters the law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

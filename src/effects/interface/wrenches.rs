@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
-use crate::model::bodies::{BODIES, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{AXES, Bodies};
+use crate::machine::bodies::{BODIES, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{AXES, Bodies};
 
 /// Everything a force law may read.
 #[derive(Clone, Copy)]

@@ -8,8 +8,8 @@ use std::sync::LazyLock;
 
 use super::{ARMS, PARAMETERS, RigidBodies, STRUTS, UNITS, Unit, body, one};
 use crate::effects::{Count, Parameter};
-use crate::model::bodies::{ARM, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS as LIMBS, BodyParameters, LinkParameters};
+use crate::machine::bodies::{ARM, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS as LIMBS, BodyParameters, LinkParameters};
 
 const KINDS: [BodyParameters; 3] = [BodyParameters::Symmetric, BodyParameters::Aligned, BodyParameters::Complete];
 

@@ -3,9 +3,8 @@
 use nalgebra::{DVector, Matrix3};
 
 use crate::effects::ActiveEffect;
-use crate::model::Bodies;
-use crate::model::bodies::Inertia;
-use crate::recording::Payload;
+use crate::machine::bodies::Inertia;
+use crate::machine::{Bodies, Payload};
 
 use super::MARGIN;
 use super::full::Full;

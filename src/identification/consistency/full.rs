@@ -5,8 +5,8 @@
 
 use nalgebra::{DMatrix, DVector, Matrix4};
 
-use crate::model::bodies::Inertia;
-use crate::recording::Payload;
+use crate::machine::Payload;
+use crate::machine::bodies::Inertia;
 
 /// Number of parameters and of coordinates.
 pub const TEN: usize = 10;

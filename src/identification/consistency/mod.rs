@@ -19,8 +19,8 @@ pub use class::{BodyClass, classes, complete};
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::model::Bodies;
-use crate::model::bodies::Inertia;
+use crate::machine::Bodies;
+use crate::machine::bodies::Inertia;
 
 /// Distance kept from the boundary of the possible, relative to the body's own entries.
 pub(super) const MARGIN: f64 = 1e-6;

@@ -2,12 +2,12 @@ use nalgebra::{DMatrix, DVector};
 
 use super::*;
 use crate::dynamics::Plant;
+use crate::machine::Setup;
 use crate::model::Model;
-use crate::recording::Setup;
 
 /// Classes of the shipped robot, its parameters and the masses that no parameter holds.
 fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
-    let model = Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+    let model = crate::model::testing::shipped("irb360-6-1600");
     let rigid = Plant::new(&model, &Setup::default()).rigid_bodies();
     let free: Vec<usize> = (0..rigid.values.len()).collect();
     let (classes, masses) = classes(&model.bodies, &[(0, &rigid)], &free);
@@ -27,7 +27,7 @@ fn the_papers_variables_describe_the_links_and_the_rotor() {
     for (b, (now, before)) in bodies.0.iter().zip(&model.bodies.0).enumerate() {
         let same = (now.pseudo_inertia() - before.pseudo_inertia()).norm();
         // The rotor's two moments across its axis are one half of the whole about it.
-        assert!(same < 1e-12 || b == crate::model::bodies::ROTOR, "body {b}: {same:e}");
+        assert!(same < 1e-12 || b == crate::machine::bodies::ROTOR, "body {b}: {same:e}");
     }
 }
 

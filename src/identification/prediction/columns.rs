@@ -388,7 +388,8 @@ mod tests {
     use crate::dynamics::Channel;
     use crate::effects::{REGISTRY, rigid_bodies};
     use crate::kinematics::JointState;
-    use crate::recording::Setup;
+    use crate::machine::Setup;
+    use crate::model::testing::shipped;
 
     const DT: f64 = 4e-4;
     const BLOCK: usize = 5;
@@ -432,7 +433,7 @@ mod tests {
     /// friction that jumps in between.
     #[test]
     fn averages_of_the_columns() {
-        let model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let model = shipped("irb360-6-1600");
         let trace = trace();
         let plant = Plant::new(&model, &trace.setup);
         let known = |e: &&&'static dyn crate::effects::Effect| {

@@ -27,7 +27,7 @@ use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::identification::Trace;
 use crate::kinematics::{JointState, KinematicsError};
-use crate::model::{ARMS, AXES, Part};
+use crate::machine::{ARMS, AXES, Part};
 
 /// Newmark's γ and β: the trapezoidal rule but for a little damping of what is faster than the sampling.
 const GAMMA: f64 = 0.55;

@@ -2,7 +2,8 @@ use super::states::exponential_heun;
 use super::*;
 use crate::effects::Role;
 use crate::effects::find;
-use crate::recording::{Configuration, Setup};
+use crate::machine::{Configuration, Setup};
+use crate::model::testing::shipped;
 
 const DT: f64 = 4e-4;
 
@@ -23,7 +24,7 @@ fn trace(joints: Vec<JointState>, setup: Setup) -> Trace {
 
 /// The shipped robot without friction, its arms and rotor alone.
 fn arms(name: &str, blocks: &[&[f64]]) -> (Plant, Setup) {
-    let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+    let mut model = shipped("irb360-6-1600");
     model.effects = vec![ActiveEffect::new(find(name).unwrap(), blocks)].into();
     let setup = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
     (Plant::new(&model, &setup), setup)
@@ -197,7 +198,7 @@ fn friction_on_the_motors_side_is_seen_through_the_gear() {
     let (joints, torque) = elastic_arm(&bare, COMPLIANCE, 20.0, 0.18, |rate| -5.0 * (100.0 * rate).tanh() - 2.0 * rate);
     let trace = trace(joints, setup);
     let left = |compliance: f64, at_motor: f64| {
-        let mut model = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+        let mut model = shipped("irb360-6-1600");
         let elastic: [&[f64]; 4] = [&[compliance, 0.0, 0.0], &[20.0], &[0.18], &[at_motor]];
         let friction: [&[f64]; 3] = [&[5.0, 0.0, 0.0], &[2.0, 0.0, 0.0], &[100.0]];
         model.effects = vec![
@@ -222,7 +223,7 @@ fn columns_pass_through_the_gears() {
 }
 
 fn columns_pass_through_gears_with_friction(at_motor: f64) {
-    let mut elastic = crate::model::Model::read(std::path::Path::new("models/irb360-6-1600.toml")).unwrap();
+    let mut elastic = shipped("irb360-6-1600");
     elastic.effects.push(ActiveEffect::new(
         find("drive_elasticity").unwrap(),
         &[&[3e-5, 4e-5, 6e-5], &[20.0], &[0.18], &[at_motor]],

@@ -6,7 +6,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, PlatformState};
-use crate::model::{ARMS, AXES, Model};
+use crate::machine::{ARMS, AXES};
+use crate::model::Model;
 
 /// z(t) = centre + Σₖ aₖ sin(kωt) + bₖ cos(kωt) for x, y, z (m) and ψ (rad).
 #[derive(Clone, Debug, PartialEq)]

@@ -14,8 +14,8 @@ use thiserror::Error;
 
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, PlatformState, Target};
-use crate::model::{ARMS, AXES, Geometry, Model};
-use crate::recording::Setup;
+use crate::machine::{ARMS, AXES, Geometry, Setup};
+use crate::model::Model;
 
 use constant_speed::ConstantSpeed;
 use fourier::{FourierMotion, MotionLimits};

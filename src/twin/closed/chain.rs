@@ -8,8 +8,8 @@ use super::equations::Loads;
 use crate::dynamics::{Plant, inertial_wrench};
 use crate::kinematics::motion::telescope_rotation;
 use crate::kinematics::{BodyMotion, Motion, Telescope};
-use crate::model::Geometry;
-use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::Geometry;
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// The telescope and the end effector move with (v_h, Ω, ω): velocity of the lower Hooke joint, rotor rate and platform
 /// angular velocity. ω_T = A v_h + b Ω; end effector relative to the platform: κ = c_v·v_h + c_Ω Ω + c_ω·ω about z_P.

@@ -7,8 +7,8 @@ use super::super::rod::platform_ball;
 use super::pairs::Pairs;
 use super::{Mechanism, OpenVector, PLATFORM_V, Pose, Vector6, join};
 use crate::kinematics::Motion;
-use crate::model::bodies::{PLATFORM, STRUT};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{PLATFORM, STRUT};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 /// Change of strut length at which the loops count as closed, m.
 const CLOSURE_TOLERANCE: f64 = 1e-14;

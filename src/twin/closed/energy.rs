@@ -4,7 +4,7 @@ use super::super::rod;
 use super::{Frame, Mechanism};
 use crate::dynamics::Plant;
 use crate::kinematics::Motion;
-use crate::model::STRUTS;
+use crate::machine::STRUTS;
 
 impl Mechanism {
     /// What stretched struts have beyond the energy of rigid ones, J: they move linearly between their ends.

@@ -8,8 +8,8 @@ use super::pairs::Pairs;
 use super::{Frame, Matrix6, Mechanism, OpenVector, Vector6, add, join};
 use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT};
+use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
 /// Implicit terms of a Rosenbrock step, added to the equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -7,8 +7,8 @@ use super::super::wrench::STILL;
 use super::chain::{Chain, ChainBias};
 use super::{Mechanism, OpenVector, Pose, platform_twist};
 use crate::kinematics::{BodyMotion, Motion, Telescope};
-use crate::model::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
+use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
 /// Linear maps and accelerations of one configuration that the mass matrix and the forces share.
 pub(super) struct Jacobians {

@@ -33,8 +33,8 @@ use crate::dynamics::Plant;
 use crate::effects::StrutSpring;
 use crate::kinematics::Reactions;
 use crate::kinematics::motion::SOCKETS;
-use crate::model::bodies::{BODIES, END_EFFECTOR, Inertia, PLATFORM};
-use crate::model::{ARMS, AXES, Geometry, STRUTS};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, Inertia, PLATFORM};
+use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
 /// Open velocities ν.
 pub(super) const OPEN: usize = 10;

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::super::SingularPose;
 use super::{Vector6, join};
-use crate::model::STRUTS;
+use crate::machine::STRUTS;
 
 /// The length rows' platform part B_P, factored by sums and differences of each pair's rows.
 ///

@@ -7,8 +7,8 @@ use super::equations::{Ends, Loads};
 use super::{Frame, Mechanism, OpenVector, Solution, Vector6, platform_twist};
 use crate::kinematics::Reactions;
 use crate::kinematics::motion::SOCKETS;
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
 
 impl Mechanism {
     /// The solution with the forces in the sockets and the struts' spins, from open accelerations and tensions.

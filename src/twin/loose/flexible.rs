@@ -16,8 +16,8 @@ use super::factor::{Six, add};
 use super::rows::*;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{BodyMotion, SocketSet};
-use crate::model::bodies::{BODIES, STRUT};
-use crate::model::{Inertia, STRUTS};
+use crate::machine::bodies::{BODIES, STRUT};
+use crate::machine::{Inertia, STRUTS};
 use crate::twin::constraints::ROWS;
 use crate::twin::rod::Rod;
 

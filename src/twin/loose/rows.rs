@@ -6,8 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::kinematics::{BodyMotion, SocketSet};
-use crate::model::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, STRUTS};
+use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, STRUTS};
 use crate::twin::constraints::ROWS;
 
 /// Number of block rows: 6 of 74 joints act on one body (the base rests), 54 on two.

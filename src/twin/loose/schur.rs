@@ -4,8 +4,8 @@ use super::factor::{Columns, Front};
 use super::flexible::Eliminated;
 use super::rows::*;
 use crate::kinematics::SocketSet;
-use crate::model::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::model::{ARMS, STRUTS};
+use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use crate::machine::{ARMS, STRUTS};
 use crate::twin::constraints::ROWS;
 
 /// Rows of a limb: bearing, two elbows; on the platform two balls.

@@ -1,17 +1,15 @@
-use std::f64::consts::FRAC_PI_2;
-use std::path::Path;
-
 use nalgebra::{Quaternion, Rotation3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use std::f64::consts::FRAC_PI_2;
 
 use super::*;
 use crate::dynamics::inertial_wrench;
 use crate::kinematics::{JointState, Motion};
-use crate::model::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
-use crate::model::{ARMS, Geometry, Model};
-use crate::recording::Setup;
+use crate::machine::bodies::{ARM, ROTOR, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, Setup};
+use crate::model::testing::shipped;
 use crate::twin::constraints::rows;
 use crate::twin::{Torque, Twin, absolute, energy};
 
@@ -89,7 +87,7 @@ const STILL: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
 
 /// The shipped model without effects: its end effector has no inertia.
 fn plant() -> Plant {
-    let mut model = Model::read(Path::new("models/irb360-6-1600.toml")).expect("a shipped model");
+    let mut model = shipped("irb360-6-1600");
     model.effects.clear();
     Plant::new(&model, &Setup::default())
 }
@@ -180,7 +178,7 @@ fn jacobian_and_velocity_products_are_derivatives_of_the_rows() {
 fn plants() -> [Plant; 4] {
     let mut all = std::array::from_fn(|_| plant());
     let payload =
-        crate::recording::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
+        crate::machine::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
     all[1].bodies[END_EFFECTOR] += payload.inertia();
     all[2].bodies[END_EFFECTOR] += Inertia::point(1.5, Vector3::new(0.1, -0.05, -0.1));
     all[3].bodies[END_EFFECTOR] += Inertia::diagonal(0.8, [0.0; 3], [0.01, 0.02, 0.025]);

@@ -14,8 +14,8 @@ use crate::terminal::{
 };
 use deltatwin::diagnosis::{Addition, add, parameters_of};
 use deltatwin::identification::Estimate;
-use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_io::model;
 
 /// Add an effect to a model, refit, and see the error fall.
 #[derive(clap::Args, Clone, Debug)]
@@ -42,7 +42,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::read(&args.model)?;
+    let model = model::read(&args.model)?;
     crate::command::effects::known(&args.effect)?;
     let mut inputs = Data::inputs(&args.data);
     inputs.push(&args.model);

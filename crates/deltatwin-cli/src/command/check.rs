@@ -8,8 +8,8 @@ use crate::command::gate::{json as gate_json, line};
 use crate::kind::{Verified, check_as};
 use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
 use deltatwin::gate::combined;
-use deltatwin::model::Model;
-use deltatwin::recording::{Mapping, Reading};
+use deltatwin_io::model;
+use deltatwin_io::recording::{Mapping, Reading};
 
 /// Validate files: models, scenarios, setups, recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -38,7 +38,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let mut fits = true;
     let mut gate = Vec::new();
     let mut entries = Vec::new();
-    let model = args.model.as_deref().map(Model::read).transpose()?;
+    let model = args.model.as_deref().map(model::read).transpose()?;
     let machine = model.as_ref().map(|m| m.mechanism);
     let how = Reading { setup: args.setup.as_deref(), machine, maps: &args.map };
     for file in &args.files {

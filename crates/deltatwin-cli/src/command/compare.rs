@@ -9,7 +9,7 @@ use crate::command::gate::{guard, json as gate_json};
 use crate::data::{Data, DataArgs};
 use crate::terminal::{BAD_ANSWER, DONE, Table, channel_names, insert_channels, say, spinner, warn};
 use deltatwin::comparison::{Comparison, Finding, compare};
-use deltatwin::model::Model;
+use deltatwin_io::model;
 
 /// Show where a model fails to predict recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -36,7 +36,7 @@ fn ratio(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::read(&args.model)?;
+    let model = model::read(&args.model)?;
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     let gate = guard(&model, &data, &args.data)?;

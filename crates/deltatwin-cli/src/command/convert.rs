@@ -9,15 +9,15 @@ use miette::IntoDiagnostic;
 use serde_json::json;
 
 use crate::terminal::{DONE, check_output, path, say, warn};
-use deltatwin::recording::{Reading, Recording};
+use deltatwin_io::recording::{self, Reading};
 
 /// Reads `from` and writes it as `to`.
 fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {
     let inputs: Vec<&Path> = std::iter::once(from).chain(how.setup).collect();
     check_output(to, &inputs, extensions)?;
-    let (recording, warnings) = Recording::read_as(from, how)?;
+    let (recording, warnings) = recording::read_as(from, how)?;
     warn(&warnings);
-    recording.write(to).into_diagnostic()?;
+    recording::write(&recording, to).into_diagnostic()?;
     let signals = &recording.signals;
     let duration = signals.t.last().zip(signals.t.first()).map_or(0.0, |(b, a)| b - a);
     if as_json {

@@ -10,7 +10,8 @@ use serde_json::json;
 
 use crate::terminal::{today, wrapped};
 use deltatwin::dynamics::Channel;
-use deltatwin::model::{Model, Provenance};
+use deltatwin::model::Provenance;
+use deltatwin_io::model;
 use deltatwin_validation::demo::{DURATION, Findings, MODEL, describe, figures, hidden, hide, investigate};
 use deltatwin_validation::exam::Campaign;
 
@@ -40,7 +41,7 @@ impl Default for Args {
 
 /// Runs the demo; exit status 0, or 1 if the hidden effect was not found.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::parse(MODEL, Path::new("models/irb360-6-1600.toml"))?;
+    let model = model::parse(MODEL, Path::new("models/irb360-6-1600.toml"))?;
     let say = |text: String| {
         if !args.json {
             println!("{text}");
@@ -94,7 +95,7 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     let mut files = Vec::new();
     for recording in [&campaign.measurement, &campaign.validation] {
         let path = folder.join(format!("{}.mcap", recording.name));
-        recording.write(&path).into_diagnostic()?;
+        deltatwin_io::recording::write(recording, &path).into_diagnostic()?;
         files.push(path);
     }
     let path = folder.join("model.toml");
@@ -105,7 +106,7 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
         recordings,
         findings.diagnosis.parameters[1].iter().map(|p| (p.name.clone(), p.std)),
     );
-    match findings.diagnosis.model.write_fitted(&path, &provenance) {
+    match deltatwin_io::model::write_fitted(&findings.diagnosis.model, &path, &provenance) {
         Ok(()) => files.push(path),
         Err(why) => eprintln!("no model file: {why}"),
     }

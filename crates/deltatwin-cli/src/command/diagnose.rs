@@ -18,10 +18,11 @@ use crate::data::{Data, DataArgs};
 use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
 use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, diagnose_with};
 use deltatwin::dynamics::Plant;
-use deltatwin::excitation::scenario::write_plan;
 use deltatwin::identification::Trace;
+use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
-use deltatwin::recording::Configuration;
+use deltatwin_io::model;
+use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::drawing;
 
 /// Find the physical effect that a model lacks.
@@ -65,7 +66,7 @@ fn positive(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::read(&args.model)?;
+    let model = model::read(&args.model)?;
     if let Some(output) = &args.output {
         let mut inputs = Data::inputs(&args.data);
         inputs.push(&args.model);
@@ -120,7 +121,7 @@ fn write(
     });
     let next = scenario.map(|(next, output)| {
         let comments = [format!("Proposed by `deltatwin diagnose`, {}.", next.what)];
-        write_plan(&next.experiment, &comments, SEED, (model, &args.model), output)?;
+        write_experiment(&next.experiment, &comments, SEED, (model, &args.model), output)?;
         if args.json { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
     });
     let model = args.output.as_deref().map(|output| {

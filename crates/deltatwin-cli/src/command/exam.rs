@@ -6,9 +6,11 @@ use miette::{IntoDiagnostic, miette};
 use rayon::prelude::*;
 
 use crate::terminal::{DONE, INTERRUPTED, Table, bar, catch_interrupt, interrupted, paths, say, warn, write_figure};
-use deltatwin::model::{Mechanism, Model};
+use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
+use deltatwin_io::{model, recording};
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
 use deltatwin_validation::exam::motion::MotionKind;
 use deltatwin_validation::exam::noise::Noise;
@@ -91,7 +93,7 @@ const DURATION: (f64, f64) = (1.0, 600.0);
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let model = Model::read(&args.model)?;
+    let model = model::read(&args.model)?;
     if !model.assembled || !matches!(model.mechanism, Mechanism::Delta { .. }) {
         return Err(miette!("{}: expected the model of an assembled delta robot", args.model.display()));
     }
@@ -234,7 +236,7 @@ fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording;
         files.into_iter().find(|f| f.is_file())
     };
     let (Some(first), Some(second)) = (file(folder::MEASUREMENT), file(folder::VALIDATION)) else { return Ok(None) };
-    let read = |file: &Path| Recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording);
+    let read = |file: &Path| recording::read_of(file, None, model.mechanism).map(|(recording, _)| recording);
     Ok(Some([read(&first)?, read(&second)?]))
 }
 

@@ -12,9 +12,11 @@ use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::excitation::discriminate::{Discrimination, discriminate};
 use deltatwin::excitation::experiments::{Experiment, Kind};
 use deltatwin::excitation::prospect::{Prospect, duration, in_words};
-use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design, median, scenario};
-use deltatwin::model::{Mechanism, Model};
+use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design, median};
+use deltatwin::machine::Mechanism;
+use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_io::{model, scenario};
 
 /// Design a motion that tells most about the parameters of a model.
 ///
@@ -143,7 +145,7 @@ impl Args {
 pub fn run(args: &Args) -> miette::Result<u8> {
     let options = args.options()?;
     let budget = Duration::from_secs_f64(within("budget", args.budget, 0.0, 1e6, " s")?);
-    let model = Model::read(&args.model)?;
+    let model = model::read(&args.model)?;
     if !model.assembled {
         let what = match model.mechanism {
             Mechanism::Delta { .. } => "is disassembled",
@@ -173,7 +175,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     progress.finish_and_clear();
     let designed = designed.into_diagnostic().wrap_err_with(|| args.model.display().to_string())?;
     let solve = start.elapsed().as_secs_f64();
-    scenario::write(&designed, &options, &model, &args.model, &args.output)?;
+    scenario::write_design(&designed, &options, &model, &args.model, &args.output)?;
     if args.json { say(json(&designed, args, solve)) } else { print(&designed, args, solve) }?;
     Ok(if interrupted() { INTERRUPTED } else { DONE })
 }
@@ -197,7 +199,7 @@ fn tell(planned: &Discrimination, args: &Args, model: &Model, solve: f64) -> mie
         ),
     ];
     comments.extend(planned.effects.iter().map(|e| format!("  {}: {}", e.effect.name(), sizes(e).join(", "))));
-    scenario::write_plan(plan, &comments, args.seed, (model, &args.model), &args.output)?;
+    scenario::write_experiment(plan, &comments, args.seed, (model, &args.model), &args.output)?;
     let entry = |(e, p): &(Experiment, Prospect)| {
         json!({
             "kind": e.kind.name(),

@@ -7,16 +7,16 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
-use crate::kind::{Kind, kind};
 use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::Trace;
 use deltatwin::kinematics::JointState;
-use deltatwin::model::{ARMS, Model, STRUTS};
-use deltatwin::recording::{Recording, Setup, file};
-use deltatwin::scenario::Scenario;
+use deltatwin::machine::{ARMS, STRUTS, Setup};
+use deltatwin::model::Model;
 use deltatwin::text::significant;
+use deltatwin_io::kind::{Kind, kind};
+use deltatwin_io::{file, recording, scenario};
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 
 /// Compute the constraint forces of a motion.
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
     let name = || args.motion.display().to_string();
     if kind(&args.motion)? == Kind::Scenario {
-        let scenario = Scenario::read_with(&args.motion, deltatwin_cell::mesh::read)?;
+        let scenario = scenario::read_with(&args.motion, deltatwin_cell::mesh::read)?;
         let desired = scenario.motion(model).into_diagnostic().wrap_err_with(name)?;
         let geometry = Plant::new(model, &scenario.setup).geometry;
         let samples = (scenario.duration / model.sample_time).floor() as usize;
@@ -121,7 +121,7 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
         let joints = joints.into_diagnostic().wrap_err_with(name)?;
         return Ok(Motion { setup: scenario.setup, t, joints, measured: vec![] });
     }
-    let (recording, warnings) = Recording::read_of(&args.motion, args.setup.as_deref(), model.mechanism)?;
+    let (recording, warnings) = recording::read_of(&args.motion, args.setup.as_deref(), model.mechanism)?;
     warn(&warnings);
     let trace = Trace::new(&recording);
     if trace.is_empty() {

@@ -19,9 +19,10 @@ use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{FitError, Moved, Unidentified, channel_rms, residuals};
 use deltatwin::identification::trace::noise_floor as floor;
 use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
-use deltatwin::model::bodies::{Inertia, body_name};
+use deltatwin::machine::bodies::{Inertia, body_name};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
+use deltatwin_io::model;
 
 /// Estimate the parameters of a model from recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -48,7 +49,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let mut model = Model::read(&args.model)?;
+    let mut model = model::read(&args.model)?;
     if let Some(output) = &args.output {
         let mut inputs = Data::inputs(&args.data);
         inputs.push(&args.model);
@@ -114,8 +115,7 @@ pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]
 
 /// Writes a fitted model, after its answer was printed; says so unless `quietly`.
 pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
-    model
-        .write_fitted(output, provenance)
+    deltatwin_io::model::write_fitted(model, output, provenance)
         .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
     if quietly { Ok(()) } else { say(format!("  Wrote {}", output.display())) }
 }

@@ -8,7 +8,7 @@ use crate::terminal::{BAD_ANSWER, DONE, Table, say, warn};
 use deltatwin::dynamics::Channel;
 use deltatwin::evidence::noise::{covariance, difference_covariance, rests};
 use deltatwin::identification::Trace;
-use deltatwin::model::AXES;
+use deltatwin::machine::AXES;
 use deltatwin::text::significant;
 
 /// Covariance of the torque noise, from rests and from differences.

@@ -54,7 +54,7 @@ const SHOWN: usize = 40;
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = assembled_robot(&args.model)?;
     let twin = args.twin.as_deref().map(assembled_robot).transpose()?;
-    let task = Task::read_with(&args.path, Limits::of(&model), deltatwin_cell::mesh::read)?;
+    let task = deltatwin_io::plan::read_with(&args.path, Limits::of(&model), deltatwin_cell::mesh::read)?;
     if let Some(output) = &args.output {
         check_output(output, &[&args.model, &args.path], &["csv", "mcap"])?;
     }
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         .into_diagnostic()
         .wrap_err_with(|| args.path.display().to_string())?;
     if let Some(output) = &args.output {
-        planned.write(output).into_diagnostic()?;
+        deltatwin_io::recording::write(&planned, output).into_diagnostic()?;
     }
     let contacts = Some(deltatwin_cell::contacts as NewContacts);
     let execution =

@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use crate::terminal::{DONE, check_output, path, say, spinner, warn};
-use deltatwin::model::Model;
-use deltatwin::recording::Recording;
+use deltatwin_io::{model, recording};
 
 /// Look at a recording in Rerun: the moving robot, measured and predicted torques.
 #[derive(clap::Args, Clone, Debug)]
@@ -35,10 +34,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     check_output(&output, &inputs, &["rrd"])?;
     // The program carries the shipped model: there is no file to find from any folder.
     let model = match &args.model {
-        Some(file) => Model::read(file)?,
-        None => Model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,
+        Some(file) => model::read(file)?,
+        None => model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,
     };
-    let (recording, warnings) = Recording::read_of(&args.recording, None, model.mechanism)?;
+    let (recording, warnings) = recording::read_of(&args.recording, None, model.mechanism)?;
     warn(&warnings);
     let progress = spinner("replay");
     let written = deltatwin_rerun::replay::write(&output, &recording, &model);

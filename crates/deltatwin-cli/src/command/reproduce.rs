@@ -7,7 +7,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use serde_json::{Map, Value, json};
 
 use crate::terminal::{DONE, INTERRUPTED, bar, catch_interrupt, interrupted, path, say, spinner};
-use deltatwin::model::write::replace_file;
+use deltatwin_io::file::replace_text;
 use deltatwin_validation::reproduce::runs::Campaign;
 use deltatwin_validation::reproduce::{inputs, markdown, sections};
 
@@ -68,11 +68,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let sections = sections?;
     working.set_message("write");
     for recording in campaign.recordings() {
-        recording.write(&folder.join(format!("{}.mcap", recording.name))).into_diagnostic()?;
+        deltatwin_io::recording::write(recording, &folder.join(format!("{}.mcap", recording.name)))
+            .into_diagnostic()?;
     }
     let write = |name: &str, text: &str| {
         let file = folder.join(name);
-        replace_file(&file, text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", file.display()))
+        replace_text(&file, text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", file.display()))
     };
     for plot in sections.iter().flat_map(|s| &s.plots) {
         write(&format!("{}.svg", plot.name), plot.figure.svg())?;

@@ -17,11 +17,13 @@ use crate::terminal::{
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::model::Model;
-use deltatwin::recording::{Context, Difference, Recording, WriteError};
+use deltatwin::recording::{Context, Difference, Recording};
 use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
 use deltatwin::twin::origin::{origin, with_run};
 use deltatwin::twin::sockets::socket_name;
 use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
+use deltatwin_io::file::WriteError;
+use deltatwin_io::{model, recording, scenario};
 
 /// Run the twin.
 ///
@@ -127,7 +129,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
     }
-    let earlier = |file: &Path| Recording::read_of(file, None, jobs[0].machine.mechanism).map(|(r, _)| r);
+    let earlier = |file: &Path| recording::read_of(file, None, jobs[0].machine.mechanism).map(|(r, _)| r);
     let verify = args.verify.as_deref().map(earlier).transpose()?;
     catch_interrupt()?;
     #[cfg(feature = "viewer")]
@@ -219,7 +221,7 @@ fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
 fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
     if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
         let context = with_run(job.origin.clone(), &job.machine, &job.options, &outcome.report);
-        outcome.recording.write_with(output, &context)?;
+        recording::write_with(&outcome.recording, output, &context)?;
     }
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
@@ -232,13 +234,13 @@ fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
 }
 
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
-    let scenario = Scenario::read_with(file, deltatwin_cell::mesh::read)?;
+    let scenario = scenario::read_with(file, deltatwin_cell::mesh::read)?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
-    let machine = Model::read(machine_file)?;
+    let machine = model::read(machine_file)?;
     // Another machine does not change what the controller knows: the same motion drives both.
     let planning = match scenario.controller_model.as_ref().unwrap_or(&scenario.model) {
         same if same == machine_file => machine.clone(),
-        other => Model::read(other)?,
+        other => model::read(other)?,
     };
     let output = args.output.as_ref().map(|output| {
         if args.scenarios.len() > 1 { output.join(format!("{}.mcap", scenario.name)) } else { output.clone() }
@@ -264,7 +266,8 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
     if in_bag {
         options.frames = Some(FRAME);
     }
-    let origin = origin(&scenario, file, &machine, &planning);
+    let text = std::fs::read_to_string(file).ok();
+    let origin = origin(&scenario, (file, text.as_deref()), &machine, &planning);
     Ok(Job { scenario, machine, planning, motion, options, output, origin })
 }
 

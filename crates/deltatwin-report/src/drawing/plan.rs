@@ -1,7 +1,7 @@
 //! Figures of a plan and of its execution (paper Fig. 14–17).
 
 use crate::{Color, Curve as Line, Figure, Panel, Style, panels, time_series};
-use deltatwin::model::{AXES, STRUTS};
+use deltatwin::machine::{AXES, STRUTS};
 use deltatwin::planner::limits::Limits;
 use deltatwin::planner::validation::{Execution, acceleration};
 use deltatwin::planner::verify::checked;

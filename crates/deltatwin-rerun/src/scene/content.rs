@@ -4,10 +4,10 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::AXIS;
 use deltatwin::cell::{Object, Shape};
-use deltatwin::model::bodies::BODIES;
-use deltatwin::model::{AXES, Geometry, Mechanism, STRUTS};
+use deltatwin::machine::bodies::BODIES;
+use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS};
 use deltatwin::recording::Recording;
-pub use deltatwin::recording::bag::{Level, Note};
+pub use deltatwin::recording::{Level, Note};
 
 /// A moving robot, the things around it, and curves.
 pub struct Scene<'a> {

@@ -15,8 +15,8 @@ use rerun::{RecordingStream, TimeColumn, archetypes as a};
 pub use content::{Level, Note, Scene, Series, Thing, drives, measured, socket_margins, strut_force};
 pub use live::{Live, Viewer};
 
-use deltatwin::model::AXES;
-use deltatwin::recording::{WriteError, file};
+use deltatwin::machine::AXES;
+use deltatwin_io::file::{self, WriteError};
 
 /// Name of the timeline, s.
 const TIME: &str = "time";
@@ -157,7 +157,7 @@ mod tests {
 
     use deltatwin::cell::{Mobility, Object, Shape, Surface};
     use deltatwin::kinematics::{JointState, Motion};
-    use deltatwin::model::{ARMS, Geometry, Mechanism};
+    use deltatwin::machine::{ARMS, Geometry, Mechanism};
     use deltatwin::recording::Recording;
 
     /// Arms apart, axis 4 turning.

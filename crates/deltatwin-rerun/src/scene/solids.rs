@@ -11,10 +11,10 @@ use deltatwin::cell::links::{
     STRUT_RADIUS, TUBE_CLEARANCE, TUBE_RADIUS,
 };
 use deltatwin::cell::{Mobility, Object, Shape};
-use deltatwin::model::bodies::{
+use deltatwin::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::model::{ARMS, Geometry, Joint, Mechanism, STRUTS};
+use deltatwin::machine::{ARMS, Geometry, Joint, Mechanism, STRUTS};
 
 const STEEL: [u8; 3] = [150, 155, 165];
 const CARBON: [u8; 3] = [88, 92, 102];

@@ -6,7 +6,7 @@ use deltatwin::diagnosis::candidates::Standing;
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::fit::residuals;
 use deltatwin::identification::predict;
-use deltatwin::model::AXES;
+use deltatwin::machine::AXES;
 use deltatwin_report::{
     Callout, Color, Curve, ErrorGroup, Panel, RankRow, Report, Style, falling_error, panels, ranking, scatter_binned,
     spectrum,

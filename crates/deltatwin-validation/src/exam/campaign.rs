@@ -15,8 +15,9 @@ use deltatwin::effects::{self, Effect, Role};
 use deltatwin::identification::fit::{channel_rms, residuals};
 use deltatwin::identification::trace::noise_floor;
 use deltatwin::identification::{FitError, Trace};
-use deltatwin::model::{AXES, Model};
-use deltatwin::recording::{Payload, Recording, Setup};
+use deltatwin::machine::{AXES, Payload, Setup};
+use deltatwin::model::Model;
+use deltatwin::recording::Recording;
 use deltatwin::scenario::Sensors;
 use deltatwin::twin::{Options, Report, SimulationError, simulate};
 

@@ -12,8 +12,8 @@ use super::size::Hidden;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::Role;
 use deltatwin::effects::formula::Place;
-use deltatwin::model::write::replace_file;
-use deltatwin::recording::WriteError;
+use deltatwin_io::file::WriteError;
+use deltatwin_io::file::replace_text;
 
 /// What is hidden in a campaign.
 pub const TRUTH: &str = "truth.json";
@@ -54,7 +54,7 @@ pub enum FolderError {
 pub fn write(folder: &Path, campaign: &Campaign) -> Result<(), FolderError> {
     std::fs::create_dir_all(folder).map_err(|source| FolderError::Io { file: folder.into(), source })?;
     for (name, recording) in [(MEASUREMENT, &campaign.measurement), (VALIDATION, &campaign.validation)] {
-        recording.write(&folder.join(format!("{name}.csv")))?;
+        deltatwin_io::recording::write(recording, &folder.join(format!("{name}.csv")))?;
     }
     write_truth(folder, &truth(campaign, &campaign.case))
 }
@@ -179,7 +179,7 @@ pub fn campaigns(root: &Path) -> Result<Vec<PathBuf>, FolderError> {
 fn write_json(file: &Path, value: &Value) -> Result<(), FolderError> {
     let io = |source| FolderError::Io { file: file.into(), source };
     let text = serde_json::to_string_pretty(value).map_err(|e| io(e.into()))?;
-    replace_file(file, &(text + "\n")).map_err(io)
+    replace_text(file, &(text + "\n")).map_err(io)
 }
 
 fn read_json(file: &Path) -> Result<Value, FolderError> {

@@ -6,7 +6,8 @@ use rand_chacha::ChaCha8Rng;
 
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::{PlatformState, Target};
-use deltatwin::model::{ARMS, Model};
+use deltatwin::machine::ARMS;
+use deltatwin::model::Model;
 use deltatwin::scenario::motion::path::Path;
 use deltatwin::scenario::motion::polynomial::Piecewise;
 use deltatwin::scenario::{FourierMotion, MotionLimits};

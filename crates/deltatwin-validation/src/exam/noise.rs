@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use deltatwin::model::AXES;
+use deltatwin::machine::AXES;
 use deltatwin::recording::Signals;
 
 /// How the noise of the torques behaves; its standard deviation over the recording is the stated one in every kind, but

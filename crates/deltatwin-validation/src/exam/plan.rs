@@ -6,7 +6,7 @@ use super::noise::Noise;
 use super::outside::Outside;
 use super::size::Size;
 use deltatwin::effects::{self, ActiveEffect, Effect};
-use deltatwin::recording::Payload;
+use deltatwin::machine::Payload;
 
 /// What to examine.
 #[derive(Clone, Debug)]

@@ -17,8 +17,8 @@ use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::identification::filtering::MIN_HALF_WIDTH;
 use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, own_size};
 use deltatwin::identification::{Trace, columns, predict};
-use deltatwin::model::{AXES, Model};
-use deltatwin::recording::Setup;
+use deltatwin::machine::{AXES, Setup};
+use deltatwin::model::Model;
 
 /// How much of an effect is hidden.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
@@ -248,9 +248,9 @@ impl<'a> Sizer<'a> {
         for (value, entry) in active.values.iter_mut().zip(&entries) {
             let p = entry.parameter;
             match p.role {
-                Role::Fixed => *value = effect.constant(&p, self.robot).unwrap_or(*value),
+                Role::Fixed => *value = effect.constant(&p, &self.robot.view()).unwrap_or(*value),
                 Role::Shape => {
-                    let usual = effect.constant(&p, self.robot).unwrap_or(p.default);
+                    let usual = effect.constant(&p, &self.robot.view()).unwrap_or(p.default);
                     *value = usual;
                     if grids.len() == 1 || shape == chosen {
                         // Between the inner starting points of a search for it.

@@ -266,7 +266,7 @@ mod tests {
     use crate::demo::MODEL;
 
     fn share(at: &'static str, law: &'static str) -> f64 {
-        let model = Model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
+        let model = deltatwin_io::model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
         let outside = Some(Outside { name: "law", at, law });
         let case = Case { outside, motion: MotionKind::Fourier, duration: 6.0, ..Case::default() };
         let beyond: Vec<&dyn deltatwin::effects::Effect> = Vec::new();

@@ -9,8 +9,9 @@ use super::paper::{self, table_1};
 use super::runs::{Campaign, Run};
 use deltatwin::identification::Trace;
 use deltatwin::identification::fit::channel_rms;
-use deltatwin::model::bodies::{ARM, ROTOR};
-use deltatwin::model::{ARMS, AXES, Model};
+use deltatwin::machine::bodies::{ARM, ROTOR};
+use deltatwin::machine::{ARMS, AXES};
+use deltatwin::model::Model;
 
 /// Mean and variance of a sample; the variance is that of an unbiased estimate.
 fn mean_and_variance(x: &[f64]) -> (f64, f64) {

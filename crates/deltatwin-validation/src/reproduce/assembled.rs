@@ -13,8 +13,9 @@ use deltatwin::dynamics::Channel;
 use deltatwin::effects::{ActiveEffect, find, rigid_bodies};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{BaseParameter, Fit, Trace, fit_with};
-use deltatwin::model::bodies::{ARM, Bodies, ROTOR, STRUT};
-use deltatwin::model::{ARMS, AXES, Model};
+use deltatwin::machine::bodies::{ARM, Bodies, ROTOR, STRUT};
+use deltatwin::machine::{ARMS, AXES};
+use deltatwin::model::Model;
 
 /// Friction of the telescope's sliding joint to start from, N and N·s/m; the paper does not say what it took.
 const TELESCOPE_GUESS: f64 = 1.0;

@@ -1,7 +1,7 @@
 //! Figures that several sections share.
 
 use deltatwin::identification::Trace;
-use deltatwin::model::AXES;
+use deltatwin::machine::AXES;
 use deltatwin_report::{Color, Curve, Figure, Panel, Style, panels};
 
 /// Colours of the computed curves, in order.

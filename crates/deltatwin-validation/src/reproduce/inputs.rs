@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::model::write::replace_file;
+use deltatwin_io::file::replace_text;
 
 macro_rules! shipped {
     ($($path:literal),* $(,)?) => { &[$(($path, include_str!(concat!("../../../../", $path)))),*] };
@@ -32,7 +32,7 @@ pub fn unpack(folder: &Path) -> std::io::Result<PathBuf> {
         if let Some(parent) = file.parent() {
             std::fs::create_dir_all(parent)?;
         }
-        replace_file(&file, text).map_err(std::io::Error::other)?;
+        replace_text(&file, text).map_err(std::io::Error::other)?;
     }
     Ok(folder.join("scenarios/reproduce"))
 }
@@ -40,8 +40,7 @@ pub fn unpack(folder: &Path) -> std::io::Result<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use deltatwin::model::Model;
-    use deltatwin::scenario::Scenario;
+    use deltatwin_io::{model, scenario};
 
     #[test]
     fn all_shipped_scenarios_are_read_from_any_folder() {
@@ -51,8 +50,8 @@ mod tests {
         let shipped = std::fs::read_dir("../../scenarios/reproduce").unwrap();
         assert_eq!(carried.len(), shipped.filter(|e| e.as_ref().unwrap().path().extension().is_some()).count());
         for file in carried {
-            let scenario = Scenario::read(&file).unwrap();
-            Model::read(&scenario.model).unwrap();
+            let scenario = scenario::read(&file).unwrap();
+            model::read(&scenario.model).unwrap();
             assert!(scenario.model.starts_with(folder.path()));
         }
     }

@@ -7,7 +7,8 @@ use deltatwin::effects::Role;
 use deltatwin::identification::base_parameters::independent;
 use deltatwin::identification::{Trace, columns};
 use deltatwin::kinematics::KinematicsError;
-use deltatwin::model::{AXES, Model};
+use deltatwin::machine::AXES;
+use deltatwin::model::Model;
 
 /// Blocks of time for the standard errors.
 const BLOCKS: usize = 50;

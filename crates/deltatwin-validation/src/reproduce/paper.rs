@@ -1,6 +1,6 @@
 //! What the paper prints.
 
-use deltatwin::model::{ARMS, AXES};
+use deltatwin::machine::{ARMS, AXES};
 
 /// Table 1, disassembled robot. First moments in kg·m, inertia in kg·m², friction in N·m and N·m·s/rad.
 pub mod table_1 {

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use deltatwin::model::Inertia;
-use deltatwin::model::bodies::{Bodies, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
+use deltatwin::machine::Inertia;
+use deltatwin::machine::bodies::{Bodies, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// An even cylinder, hollow if `inner` is not zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,11 +92,11 @@ mod tests {
 
     #[test]
     fn only_what_was_weighed_changes() {
-        let model = deltatwin::model::Model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap();
+        let model = deltatwin_io::model::read(std::path::Path::new("../../models/irb360-6-1600.toml")).unwrap();
         let weighed = weighed(&model.bodies);
         assert_eq!(weighed[PLATFORM].mass, 1.12);
         assert_relative_eq!(weighed[PLATFORM].first_moment.z, -0.0224, epsilon = 1e-15);
         assert_eq!(weighed.0[..STRUT], model.bodies.0[..STRUT]);
-        assert_eq!(weighed[deltatwin::model::bodies::ROTOR], model.bodies[deltatwin::model::bodies::ROTOR]);
+        assert_eq!(weighed[deltatwin::machine::bodies::ROTOR], model.bodies[deltatwin::machine::bodies::ROTOR]);
     }
 }

@@ -7,8 +7,9 @@ use nalgebra::Vector3;
 
 use super::paper;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::model::bodies::{ARM, ROTOR, STRUT};
-use deltatwin::model::{ARMS, Inertia, Model, STRUTS};
+use deltatwin::machine::bodies::{ARM, ROTOR, STRUT};
+use deltatwin::machine::{ARMS, Inertia, STRUTS};
+use deltatwin::model::Model;
 
 /// Effects in the ball sockets.
 const SOCKET_FRICTION: [&str; 3] = ["ball_socket_viscous", "ball_socket_coulomb", "ball_socket_load_dependent"];

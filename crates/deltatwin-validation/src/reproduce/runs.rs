@@ -12,6 +12,7 @@ use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::Scenario;
 use deltatwin::twin::{Options, simulate};
+use deltatwin_io::{model, scenario};
 
 /// A scenario on a machine.
 pub struct Job {
@@ -102,14 +103,14 @@ impl Campaign {
     /// what there is.
     pub fn run(folder: &Path, seed: u64, progress: &(dyn Fn(f64) -> bool + Sync)) -> miette::Result<Self> {
         let read =
-            |name: &str| Scenario::read_with(&folder.join(name).with_extension("toml"), deltatwin_cell::mesh::read);
+            |name: &str| scenario::read_with(&folder.join(name).with_extension("toml"), deltatwin_cell::mesh::read);
         let scenarios = FILES.iter().map(|f| read(f)).collect::<Result<Vec<_>, _>>()?;
         let [arms, arms_check, rest, curve, excitation, verification, strut] = &scenarios[..] else {
             unreachable!("as many scenarios as files")
         };
-        let known = Model::read(excitation.controller_model.as_ref().unwrap_or(&excitation.model))?;
-        let disassembled = Model::read(&arms.model)?;
-        let robot = robot::one_machine(Model::read(&excitation.model)?, &disassembled);
+        let known = model::read(excitation.controller_model.as_ref().unwrap_or(&excitation.model))?;
+        let disassembled = model::read(&arms.model)?;
+        let robot = robot::one_machine(model::read(&excitation.model)?, &disassembled);
         let free = robot::without_socket_friction(&robot);
         let measuring = robot::with_measurement_strut(&robot);
         let mut jobs = vec![

@@ -34,7 +34,7 @@ struct Variant {
 
 impl Variant {
     fn new(title: &'static str, model: &Model, machine: &Model) -> miette::Result<Self> {
-        let task = Task::parse(U_TURN, Path::new("scenarios/u-turn.toml"), Limits::of(model))?;
+        let task = deltatwin_io::plan::parse(U_TURN, Path::new("scenarios/u-turn.toml"), Limits::of(model))?;
         let plant = Plant::new(model, &task.setup);
         let planner = Machine::new(&plant, task.limits.detail);
         let plan = plan(&planner, &task.shape.curve(), &task.limits, &task.options).into_diagnostic()?;

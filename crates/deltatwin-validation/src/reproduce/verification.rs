@@ -12,7 +12,8 @@ use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::{channel_rms, residuals};
 use deltatwin::identification::{Trace, predict};
-use deltatwin::model::{ARMS, AXES, Model, STRUTS};
+use deltatwin::machine::{ARMS, AXES, STRUTS};
+use deltatwin::model::Model;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 
 /// The structure of the paper's base parameters: linear friction in all four drives, no eq. 48.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use deltatwin::recording::Reading;
+use deltatwin_io::recording::Reading;
 
 /// Write a recording as CSV, with its setup beside it.
 #[derive(clap::Args, Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use deltatwin::recording::{Mapping, Reading};
+use deltatwin_io::recording::{Mapping, Reading};
 
 /// Check a measurement and keep it as MCAP.
 #[derive(clap::Args, Clone, Debug)]

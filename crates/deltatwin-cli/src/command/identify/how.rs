@@ -6,7 +6,8 @@ use deltatwin::identification::Method;
 use deltatwin::identification::estimator::PRIOR_INFORMATION;
 use deltatwin::identification::fit::{Consistency, Options, Weighing};
 use deltatwin::identification::regularisation::GroupWeight;
-use deltatwin::model::{BodyParameters, LinkParameters, Model};
+use deltatwin::machine::{BodyParameters, LinkParameters};
+use deltatwin::model::Model;
 
 /// How to fit.
 #[derive(clap::Args, Clone, Debug)]
@@ -135,7 +136,7 @@ impl How {
     /// The model of `--prior`, described by the same parameters as `model`.
     pub fn prior(&self, model: &Model) -> miette::Result<Option<Model>> {
         let Some(path) = &self.prior else { return Ok(None) };
-        Ok(Some(Model { link_parameters: model.link_parameters, ..Model::read(path)? }))
+        Ok(Some(Model { link_parameters: model.link_parameters, ..deltatwin_io::model::read(path)? }))
     }
 
     /// Effects that are held.

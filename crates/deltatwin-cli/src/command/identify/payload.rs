@@ -8,9 +8,10 @@ use crate::data::Data;
 use crate::terminal::{DONE, Table, estimates, insert_channels, path, say, spinner};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{PayloadFit, identify_payload};
+use deltatwin::machine::Setup;
 use deltatwin::model::Model;
-use deltatwin::recording::Setup;
 use deltatwin::text::significant;
+use deltatwin_io::recording::setup;
 
 /// Identifies the payload and writes the setup that states it.
 pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {
@@ -21,12 +22,12 @@ pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options
     let found = found.map_err(refusal)?;
     let setup = Setup { payload: found.payload, ..data.traces[0].setup };
     // What no setup may state is no payload: the recording was of an empty flange, or the robot is another one.
-    let readable = Setup::from_toml(&setup.to_toml(), "the payload found");
+    let readable = setup::from_toml(&setup::to_toml(&setup), "the payload found");
     if args.json {
         say(json(args, data, noise_floor, &found))?;
     } else {
         print(data, noise_floor, &found)?;
-        say(format!("\n{}", setup.to_toml()))?;
+        say(format!("\n{}", setup::to_toml(&setup)))?;
     }
     readable.map_err(|e| {
         let what = format!("{} as a setup states it: {e}", data.traces[0].name);
@@ -34,7 +35,7 @@ pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options
     })?;
     match &args.output {
         Some(output) => {
-            setup.write(output).into_diagnostic()?;
+            setup::write(&setup, output).into_diagnostic()?;
             if !args.json {
                 say(format!("  Wrote {}", output.display()))?;
             }

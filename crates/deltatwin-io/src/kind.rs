@@ -1,0 +1,72 @@
+//! What a file is, by its name and content.
+
+use std::path::Path;
+
+use miette::{IntoDiagnostic, Result, WrapErr, miette};
+use toml::de::DeTable;
+
+use crate::recording::bag::is_bag;
+
+/// Kinds of files deltatwin reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Description of a machine.
+    Model,
+    /// Description of a run.
+    Scenario,
+    /// Path to plan a motion along.
+    Path,
+    /// What is known about a measurement.
+    Setup,
+    /// Measurement or simulated run.
+    Recording,
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Model => "model",
+            Self::Scenario => "scenario",
+            Self::Path => "path",
+            Self::Setup => "setup",
+            Self::Recording => "recording",
+        })
+    }
+}
+
+/// What `path` is: TOML by its keys, everything else is a recording.
+///
+/// # Errors
+/// A folder, a file that cannot be read, and TOML of no known kind.
+pub fn kind(path: &Path) -> Result<Kind> {
+    if path.is_dir() {
+        return Err(miette!("{}: is a folder; expected a file", path.display()));
+    }
+    if is_bag(path) || path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+        return Ok(Kind::Recording);
+    }
+    let text = std::fs::read_to_string(path)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("{}: cannot be read", path.display()))?;
+    if path.to_string_lossy().ends_with(".setup.toml") {
+        return Ok(Kind::Setup);
+    }
+    // The model reader reports what is wrong with the TOML itself.
+    let Ok(table) = DeTable::parse(&text) else { return Ok(Kind::Model) };
+    let has = |keys: &[&str]| keys.iter().any(|k| table.get_ref().contains_key(*k));
+    if has(&["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]) {
+        Ok(Kind::Model)
+    } else if has(&["path", "limits", "search"]) {
+        Ok(Kind::Path)
+    } else if has(&["motion", "duration", "controller_model", "model", "substeps"]) {
+        Ok(Kind::Scenario)
+    } else if has(&["configuration", "payload", "noise"]) {
+        Ok(Kind::Setup)
+    } else {
+        Err(miette!(
+            "{}: is TOML of no kind that is known; expected a model ([geometry], [bodies], …), a scenario (model, \
+             duration, [motion], …), a path ([path], [limits], …) or a setup (configuration, [payload], …)",
+            path.display()
+        ))
+    }
+}

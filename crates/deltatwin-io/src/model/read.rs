@@ -1,0 +1,364 @@
+//! TOML → [`Model`], with errors that name file, line, key, value and what was expected.
+//!
+//! The file is walked as a tree of spanned values rather than deserialized into structs, so that every message can
+//! quote the value, point at it and suggest the nearest known name.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use deltatwin::effects::{ActiveEffect, Effect, Effects, Host, Parameter, REGISTRY, Role};
+use deltatwin::machine::bodies::{self, BODIES, body_name};
+use deltatwin::machine::check::{self, Culprit};
+use deltatwin::machine::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops};
+use deltatwin::model::{Added, Model};
+use miette::{IntoDiagnostic, Result, WrapErr};
+use toml::de::{DeTable, DeValue};
+
+use super::schema::{self, Bounds, Shape};
+use super::table::{Table, Value, keys, suggestion};
+use crate::source::{Checked, Source};
+
+mod formula;
+
+/// Reads a model file.
+///
+/// # Errors
+/// The mistake with its place in the file.
+pub fn read(path: &Path) -> Result<Model> {
+    let text = std::fs::read_to_string(path)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot read model file {}", path.display()))?;
+    parse(&text, path)
+}
+
+/// Reads a model from `text`; `path` names it in errors.
+///
+/// # Errors
+/// The mistake with its place in the text.
+pub fn parse(text: &str, path: &Path) -> Result<Model> {
+    let source = Source::new(path.display(), text);
+    let root = DeTable::parse(text).map_err(|e| {
+        let message = e.message().trim_end().replace('\n', ", ");
+        source.problem(e.span().unwrap_or(0..0), format!("not valid TOML: {message}"))
+    })?;
+    let top = Table { source: &source, path: String::new(), span: 0..0, entries: root.get_ref() };
+    let mut model = read_model(&top)?;
+    model.path = Some(path.to_path_buf());
+    model.source = Some(Arc::from(text));
+    Ok(model)
+}
+
+fn read_model(top: &Table) -> Checked<Model> {
+    let name = top.string("name", "the machine's name, a string")?.to_string();
+    let mechanism = read_mechanism(top)?;
+    let delta = matches!(mechanism, Mechanism::Delta { .. });
+    let assembled = if delta { top.boolean("assembled")? } else { false };
+    let mut numbers = schema::Top { gravity: 0.0, sample_time: 0.0 };
+    top.fill(schema::top(mechanism), &mut numbers, true, mechanism)?;
+
+    let mut geometry = schema::GEOMETRY_ZERO;
+    let table = top.table("geometry")?;
+    table.only(&keys(schema::geometry(mechanism)))?;
+    table.fill(schema::geometry(mechanism), &mut geometry, assembled, mechanism)?;
+    if !mechanism.has_telescope() {
+        geometry.telescope_limits = NO_TELESCOPE;
+    }
+    check_geometry(&table, &geometry, mechanism, assembled)?;
+
+    let bodies = read_bodies(&top.table("bodies")?, mechanism, assembled)?;
+    let drives = read_drives(&top.table("drives")?, mechanism)?;
+    let (mut sockets, mut noise) = (schema::SOCKETS_ZERO, schema::NOISE_ZERO);
+    if delta {
+        top.fill_table("sockets", schema::SOCKETS, &mut sockets, assembled, mechanism)?;
+    }
+    let stops = read_stops(top, &geometry, mechanism)?;
+    top.fill_table("noise", schema::noise(mechanism), &mut noise, assembled, mechanism)?;
+    let effects = match top.optional_table("effects")? {
+        Some(table) => read_effects(&table, Host::new(mechanism, &drives[0]))?,
+        None => Effects::default(),
+    };
+    Ok(Model {
+        name,
+        path: None,
+        source: None,
+        mechanism,
+        assembled,
+        geometry,
+        bodies,
+        link_parameters: LinkParameters::default(),
+        drives,
+        sockets,
+        stops,
+        noise,
+        gravity: numbers.gravity,
+        sample_time: numbers.sample_time,
+        effects,
+        history: read_history(top)?,
+    })
+}
+
+/// Hard stops, which must leave the range of motion free; none without the table.
+fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Checked<Stops> {
+    let mut stops = Stops::NONE;
+    let delta = matches!(mechanism, Mechanism::Delta { .. });
+    if !delta || top.entry("stops").is_none() {
+        return Ok(stops);
+    }
+    top.fill_table("stops", schema::stops(mechanism), &mut stops, true, mechanism)?;
+    let [low, high] = geometry.arm_limits;
+    if stops.arm[0] > low || stops.arm[1] < high {
+        let expected = format!("expected stops at or beyond geometry.arm_limits, {low} and {high} rad");
+        return Err(top.table("stops")?.refuse("arm", &expected));
+    }
+    Ok(stops)
+}
+
+/// What was added to the model so far, `[[history]]`.
+fn read_history(top: &Table) -> Checked<Vec<Added>> {
+    const KEYS: [&str; 6] = ["effect", "channels", "rms_before", "rms_after", "noise_floor", "held_out"];
+    const EXPECTED: &str = "tables [[history]], one per effect that was added";
+    let Some(value) = top.entry("history") else { return Ok(Vec::new()) };
+    let DeValue::Array(items) = value.get_ref() else { return Err(top.wrong_type("history", value, EXPECTED)) };
+    let one = |item: &Value<'_>| -> Checked<Added> {
+        let Some(entries) = item.get_ref().as_table() else { return Err(top.wrong_type("history", item, EXPECTED)) };
+        let table = Table { source: top.source, path: "history".into(), span: item.span(), entries };
+        table.only(&KEYS)?;
+        let channels = table.strings("channels", "an array of names such as \"tau1\"")?;
+        let rms = |key: &str| {
+            let shape = Shape::Array(channels.len());
+            table.numbers(key, shape, &Bounds::between(0.0, 1e9), "N·m or N, one per channel")
+        };
+        Ok(Added {
+            effect: table.string("effect", "the name of an effect")?.to_string(),
+            rms_before: rms("rms_before")?,
+            rms_after: rms("rms_after")?,
+            noise_floor: rms("noise_floor")?,
+            held_out: table.boolean("held_out")?,
+            channels,
+        })
+    };
+    items.iter().map(one).collect()
+}
+
+/// Limits of a telescope that is not there.
+const NO_TELESCOPE: [f64; 2] = [0.0, f64::INFINITY];
+
+/// Which machine the file describes; refuses the keys that other machines have.
+fn read_mechanism(top: &Table) -> Checked<Mechanism> {
+    let kind = top.string("mechanism", "\"delta\" or \"axis\"")?;
+    let (mechanism, own): (_, &[&str]) = match kind {
+        "delta" => {
+            let telescope = top.optional_boolean("telescope")?.unwrap_or(true);
+            (Mechanism::Delta { telescope }, &["telescope", "assembled", "sockets", "stops"])
+        }
+        "axis" => {
+            let joint = match top.string("joint", "\"revolute\" or \"prismatic\"")? {
+                "revolute" => Joint::Revolute,
+                "prismatic" => Joint::Prismatic,
+                _ => return Err(top.refuse("joint", "expected \"revolute\" or \"prismatic\"")),
+            };
+            (Mechanism::Axis(joint), &["joint"])
+        }
+        _ => return Err(top.refuse("mechanism", "expected \"delta\" or \"axis\", the mechanisms known")),
+    };
+    let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history"];
+    top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
+    Ok(mechanism)
+}
+
+/// Limits in order, struts that reach, a telescope that fits.
+fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: bool) -> Checked<()> {
+    let [low, high] = g.arm_limits;
+    if matches!(mechanism, Mechanism::Axis(_)) {
+        return match low < high {
+            true => Ok(()),
+            false => Err(table.refuse("limits", "expected the smallest position first, then the largest")),
+        };
+    }
+    if low >= high {
+        return Err(table.refuse("arm_limits", "expected the smallest angle first, then the largest"));
+    }
+    if !(low..=high).contains(&0.0) {
+        return Err(table.refuse("arm_limits", "expected limits that contain the home pose, arm angle 0 rad"));
+    }
+    if !assembled {
+        return Ok(());
+    }
+    let least = check::least_strut_length(g);
+    let shortest = g.strut_length.iter().copied().fold(f64::INFINITY, f64::min);
+    if shortest <= least {
+        return Err(table.refuse(
+            "strut_length",
+            &format!(
+                "expected more than {least:.4} m: a strut must span |base_radius − platform_radius + \
+                 arm_length·cos(angle)| for every arm angle within arm_limits"
+            ),
+        ));
+    }
+    let Some(home) = check::home(g) else {
+        return Err(
+            table.refuse("strut_length", "expected lengths with which the three limbs meet at the home pose q = 0")
+        );
+    };
+    if !mechanism.has_telescope() {
+        return Ok(());
+    }
+    let [min, max] = g.telescope_limits;
+    if min >= max {
+        return Err(table.refuse("telescope_limits", "expected the smallest length first, then the largest"));
+    }
+    if !(min..=max).contains(&home.telescope) {
+        return Err(table.refuse(
+            "telescope_limits",
+            &format!(
+                "expected limits that contain the telescope's length at the home pose q = 0, {:.4} m",
+                home.telescope
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// Bodies that come in numbers share one table, e.g. `[bodies.arm]`; `[bodies.arm2]` overrides it for one of them.
+pub(super) const GROUPS: [(&str, Range<usize>); 2] =
+    [("arm", bodies::ARM..bodies::STRUT), ("strut", bodies::STRUT..bodies::PLATFORM)];
+
+/// Whether the file may describe body `b` of a delta robot.
+pub(super) fn body_known(b: usize, mechanism: Mechanism) -> bool {
+    b < bodies::ROTOR || mechanism.has_telescope()
+}
+
+/// Whether it must.
+pub(super) fn body_needed(b: usize, mechanism: Mechanism, assembled: bool) -> bool {
+    let axis = (bodies::ARM..bodies::STRUT).contains(&b) || b == bodies::ROTOR;
+    body_known(b, mechanism) && (axis || (assembled && b != bodies::END_EFFECTOR))
+}
+
+/// The shared table of body `b`, if it has one.
+pub(super) fn body_group(b: usize) -> Option<&'static str> {
+    GROUPS.iter().find(|(_, range)| range.contains(&b)).map(|(name, _)| *name)
+}
+
+/// Name of the table of what moves on a lone axis.
+pub(super) const LONE_BODY: &str = "axis";
+
+fn read_bodies(table: &Table, mechanism: Mechanism, assembled: bool) -> Checked<Bodies> {
+    let mut all = Bodies([Inertia::ZERO; BODIES]);
+    if matches!(mechanism, Mechanism::Axis(_)) {
+        table.only(&[LONE_BODY])?;
+        all[bodies::ARM] = read_inertia(&table.table(LONE_BODY)?, mechanism)?;
+        return Ok(all);
+    }
+    let own = (0..BODIES).filter(|&b| body_known(b, mechanism)).map(body_name);
+    let names: Vec<String> = GROUPS.iter().map(|(name, _)| name.to_string()).chain(own).collect();
+    table.only(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+    for b in 0..BODIES {
+        let own = table.optional_table(&body_name(b))?;
+        let shared = body_group(b).map(|name| table.optional_table(name)).transpose()?.flatten();
+        match own.or(shared) {
+            Some(t) => all[b] = read_inertia(&t, mechanism)?,
+            None if body_needed(b, mechanism, assembled) => {
+                return Err(table.lacks(&format!("table [bodies.{}]", body_group(b).unwrap_or(&body_name(b)))));
+            }
+            None => {}
+        }
+    }
+    Ok(all)
+}
+
+fn read_inertia(table: &Table, mechanism: Mechanism) -> Checked<Inertia> {
+    let fields = schema::inertia(mechanism);
+    table.only(&keys(fields))?;
+    let mut inertia = Inertia::ZERO;
+    table.fill(fields, &mut inertia, true, mechanism)?;
+    match check::inconsistency(&inertia) {
+        None => Ok(inertia),
+        Some((culprit, reason)) => {
+            let key = fields[match culprit {
+                Culprit::Mass => schema::MASS,
+                Culprit::FirstMoment => schema::FIRST_MOMENT,
+                Culprit::Tensor => schema::TENSOR,
+            }]
+            .key;
+            Err(table.refuse(key, &format!("{reason}; expected the inertia of a real body")))
+        }
+    }
+}
+
+fn read_drives(table: &Table, mechanism: Mechanism) -> Checked<[Drive; AXES]> {
+    let groups = schema::drive_groups(mechanism);
+    table.only(&groups.iter().map(|(name, _)| *name).collect::<Vec<_>>())?;
+    let mut drives = [schema::DRIVE_ZERO; AXES];
+    for (name, range) in groups {
+        let drives = &mut drives[range.clone()];
+        let table = table.table(name)?;
+        table.only(&keys(schema::DRIVE))?;
+        for field in schema::DRIVE {
+            let (shape, unit) = (drive_shape(drives.len()), mechanism.unit(field.unit));
+            (field.set)(drives, &table.numbers(field.key, shape, &field.bounds, unit)?);
+        }
+    }
+    Ok(drives)
+}
+
+/// Numbers per key of a drive table that describes `n` drives.
+pub(super) fn drive_shape(n: usize) -> Shape {
+    if n == 1 { Shape::One } else { Shape::OneOrArray(n) }
+}
+
+fn read_effects(table: &Table, host: Host) -> Checked<Effects> {
+    let names: Vec<&str> = REGISTRY.iter().map(|e| e.name()).filter(|n| *n != ALWAYS_PRESENT).collect();
+    if table.entry(ALWAYS_PRESENT).is_some() {
+        return Err(table.refuse_key(
+            ALWAYS_PRESENT,
+            "is always present and takes its numbers from [bodies]; expected no table for it",
+            None,
+        ));
+    }
+    if let Some((key, _)) = table.sorted().into_iter().find(|(key, _)| !names.contains(key)) {
+        let message = format!("unknown effect; expected one of {}", names.join(", "));
+        return Err(table.refuse_key(key, &message, suggestion(key, &names)));
+    }
+    let mut active = Effects::default();
+    for effect in REGISTRY {
+        if let Some(own) = table.optional_table(effect.name())? {
+            // An effect on what is only dismounted may stay.
+            let part = effect.acts_on();
+            if !host.mechanism.has(part, true) {
+                let why =
+                    format!("acts on {}, which this machine does not have; expected no table for it", part.describe());
+                return Err(table.refuse_key(effect.name(), &why, None));
+            }
+            active.push(read_effect(&own, *effect, host)?);
+        }
+    }
+    Ok(active)
+}
+
+/// The effect that needs no table.
+pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
+
+fn read_effect(table: &Table, effect: &'static dyn Effect, host: Host) -> Checked<ActiveEffect> {
+    if effect.formula().is_some() {
+        return formula::read(table, host);
+    }
+    let parameters: Vec<Parameter> = effect.parameters().iter().map(|p| host.parameter(p)).collect();
+    table.only(&parameters.iter().map(|p| p.name).collect::<Vec<_>>())?;
+    let mut blocks = Vec::new();
+    for p in &parameters {
+        let present = p.role == Role::Linear || table.entry(p.name).is_some();
+        blocks.push(if present {
+            table.numbers(p.name, Shape::of(p, host.mechanism), &Bounds::between(p.range.0, p.range.1), p.unit)?
+        } else {
+            default_values(p, host.mechanism)
+        });
+    }
+    let blocks: Vec<&[f64]> = blocks.iter().map(Vec::as_slice).collect();
+    Ok(ActiveEffect { host, ..ActiveEffect::new(effect, &blocks) })
+}
+
+/// Values of an optional parameter that the file leaves out.
+pub(super) fn default_values(p: &Parameter, mechanism: Mechanism) -> Vec<f64> {
+    vec![p.default; p.count.on(mechanism)]
+}

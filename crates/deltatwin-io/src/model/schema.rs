@@ -1,0 +1,426 @@
+//! Keys of a model file: unit, meaning, allowed values and the field of the model each one fills.
+//!
+//! `read.rs` and `write.rs` both walk these lists, so a key added here is read, checked and written.
+
+use deltatwin::effects::{Count, Parameter};
+use deltatwin::machine::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops};
+use nalgebra::{Matrix3, Vector3};
+
+/// A key with one number or an array of numbers, stored in a `T`.
+pub(super) struct Field<T: ?Sized + 'static> {
+    pub key: &'static str,
+    pub unit: &'static str,
+    pub about: &'static str,
+    pub shape: Shape,
+    pub bounds: Bounds,
+    /// Whether a disassembled robot needs it; an assembled one needs every key without `default`.
+    pub always: bool,
+    /// What a missing key means, for one that nobody needs.
+    pub default: Option<f64>,
+    pub get: fn(&T) -> Vec<f64>,
+    pub set: fn(&mut T, &[f64]),
+}
+
+/// How many numbers a key holds.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shape {
+    One,
+    Array(usize),
+    /// An array, or one number that stands for all.
+    OneOrArray(usize),
+    /// An array of either length.
+    Arrays(usize, usize),
+}
+
+impl Shape {
+    /// Of an effect's parameter on a machine; a lone axis takes a number for an array of one.
+    pub fn of(parameter: &Parameter, machine: Mechanism) -> Self {
+        let n = parameter.count.on(machine);
+        match parameter.count {
+            Count::One => Shape::One,
+            Count::PerDrive | Count::AllDrives if machine.has_telescope() => {
+                Shape::Arrays(machine.arms(), machine.axes())
+            }
+            Count::PerArm | Count::PerDrive | Count::PerAxis | Count::AllDrives if n == 1 => Shape::OneOrArray(1),
+            _ => Shape::Array(n),
+        }
+    }
+
+    /// Whether a lone number will do.
+    pub fn takes_number(self) -> bool {
+        matches!(self, Shape::One | Shape::OneOrArray(_))
+    }
+
+    /// Whether an array of `n` numbers will do.
+    pub fn takes_array(self, n: usize) -> bool {
+        match self {
+            Shape::One => false,
+            Shape::Array(a) | Shape::OneOrArray(a) => n == a,
+            Shape::Arrays(a, b) => n == a || n == b,
+        }
+    }
+
+    fn describe(self, each: &str) -> String {
+        match self {
+            Shape::One => each.to_string(),
+            Shape::Array(n) => format!("an array of {n}, each {each}"),
+            Shape::OneOrArray(n) => format!("{each}, or an array of {n} of them"),
+            Shape::Arrays(a, b) => format!("an array of {a} or {b}, each {each}"),
+        }
+    }
+}
+
+/// Allowed values of a number.
+#[derive(Clone, Copy)]
+pub(super) struct Bounds {
+    pub low: f64,
+    pub high: f64,
+    /// Whether `low` itself is refused.
+    pub above: bool,
+    pub integer: bool,
+}
+
+impl Bounds {
+    pub const fn between(low: f64, high: f64) -> Self {
+        Self { low, high, above: false, integer: false }
+    }
+
+    const fn positive(high: f64) -> Self {
+        Self { low: 0.0, high, above: true, integer: false }
+    }
+
+    pub fn allow(&self, v: f64) -> bool {
+        v.is_finite()
+            && v >= self.low
+            && v <= self.high
+            && !(self.above && v == self.low)
+            && !(self.integer && v.fract() != 0.0)
+    }
+
+    fn describe(&self, unit: &str) -> String {
+        let what = if self.integer { "a whole number" } else { "a number" };
+        let unit = if unit.is_empty() { String::new() } else { format!(" in {unit}") };
+        if self.above {
+            format!("{what}{unit} above {} and at most {}", self.low, self.high)
+        } else {
+            format!("{what}{unit} from {} to {}", self.low, self.high)
+        }
+    }
+}
+
+/// What a key must hold, in words.
+pub(super) fn expectation(shape: Shape, bounds: &Bounds, unit: &str) -> String {
+    shape.describe(&bounds.describe(unit))
+}
+
+/// The three numbers that belong to no table.
+pub(super) struct Top {
+    pub gravity: f64,
+    pub sample_time: f64,
+}
+
+const LENGTH: Bounds = Bounds::positive(10.0);
+const HEIGHT: Bounds = Bounds::between(-10.0, 10.0);
+const ANGLE: Bounds = Bounds::between(-std::f64::consts::PI, std::f64::consts::PI);
+
+macro_rules! number {
+    ($key:ident, $unit:expr, $about:expr, $bounds:expr, $always:expr) => {
+        number!($key, $unit, $about, $bounds, $always, None)
+    };
+    ($key:ident, $unit:expr, $about:expr, $bounds:expr, $always:expr, $default:expr) => {
+        Field {
+            key: stringify!($key),
+            unit: $unit,
+            about: $about,
+            shape: Shape::One,
+            bounds: $bounds,
+            always: $always,
+            default: $default,
+            get: |t| vec![t.$key],
+            set: |t, v| t.$key = v[0],
+        }
+    };
+}
+
+macro_rules! array {
+    ($key:ident, $n:expr, $unit:expr, $about:expr, $bounds:expr, $always:expr) => {
+        Field {
+            key: stringify!($key),
+            unit: $unit,
+            about: $about,
+            shape: Shape::Array($n),
+            bounds: $bounds,
+            always: $always,
+            default: None,
+            get: |t| t.$key.to_vec(),
+            set: |t, v| t.$key.copy_from_slice(v),
+        }
+    };
+}
+
+const TOP: &[Field<Top>] = &[
+    number!(sample_time, "s", "sampling and control period", Bounds::positive(1.0), true),
+    number!(gravity, "m/s²", "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
+];
+
+/// Numbers that belong to no table; a lone axis has no gravity.
+pub(super) fn top(machine: Mechanism) -> &'static [Field<Top>] {
+    match machine {
+        Mechanism::Delta { .. } => TOP,
+        Mechanism::Axis(_) => TOP.split_at(1).0,
+    }
+}
+
+const GEOMETRY: &[Field<Geometry>] = &[
+    number!(base_radius, "m", "centre line to motor shaft", LENGTH, true),
+    number!(arm_length, "m", "shaft to elbow (ball line)", LENGTH, true),
+    Field {
+        key: "strut_length",
+        unit: "m",
+        about: "ball to ball, one for all or one per limb",
+        shape: Shape::OneOrArray(ARMS),
+        bounds: LENGTH,
+        always: false,
+        default: None,
+        get: |g| g.strut_length.to_vec(),
+        set: |g, v| g.strut_length.copy_from_slice(v),
+    },
+    number!(platform_radius, "m", "platform centre to the middle of a ball pair", Bounds::between(0.0, 10.0), false),
+    number!(pair_distance, "m", "distance of the two balls of a pair", LENGTH, false),
+    number!(mounting_height, "m", "mounting plane above the shaft plane", HEIGHT, false),
+    number!(flange_height, "m", "flange above the platform's ball plane, negative: below", HEIGHT, false),
+    array!(arm_limits, 2, "rad", "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE, true),
+    number!(upper_hooke_height, "m", "upper Hooke joint above the shaft plane", HEIGHT, false),
+    number!(lower_hooke_height, "m", "lower Hooke joint above the platform's ball plane", HEIGHT, false),
+    array!(telescope_limits, 2, "m", "smallest and largest distance of the telescope's Hooke joints", LENGTH, false),
+];
+/// The last of them, those of the telescope.
+const OF_TELESCOPE: usize = 3;
+
+const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
+    key: "limits",
+    unit: "rad",
+    about: "smallest and largest position",
+    shape: Shape::Array(2),
+    bounds: Bounds::between(-1e4, 1e4),
+    always: true,
+    default: None,
+    get: |g| g.arm_limits.to_vec(),
+    set: |g, v| g.arm_limits.copy_from_slice(v),
+}];
+
+/// Keys of `[geometry]`.
+pub(super) fn geometry(machine: Mechanism) -> &'static [Field<Geometry>] {
+    match machine {
+        Mechanism::Delta { telescope: true } => GEOMETRY,
+        Mechanism::Delta { telescope: false } => GEOMETRY.split_at(GEOMETRY.len() - OF_TELESCOPE).0,
+        Mechanism::Axis(_) => AXIS_LIMITS,
+    }
+}
+
+pub(super) const MASS: usize = 0;
+pub(super) const FIRST_MOMENT: usize = 1;
+pub(super) const TENSOR: usize = 2;
+
+const INERTIA: &[Field<Inertia>] = &[
+    number!(mass, "kg", "of the whole body", Bounds::between(0.0, 1000.0), true),
+    Field {
+        key: "first_moment",
+        unit: "kg·m",
+        about: "mass times centre of mass, x y z in the joint frame",
+        shape: Shape::Array(3),
+        bounds: Bounds::between(-1000.0, 1000.0),
+        always: true,
+        default: None,
+        get: |i| i.first_moment.as_slice().to_vec(),
+        set: |i, v| i.first_moment = Vector3::from_column_slice(v),
+    },
+    Field {
+        key: "inertia",
+        unit: "kg·m²",
+        about: "xx yy zz, or xx yy zz xy xz yz, about the joint frame",
+        shape: Shape::Arrays(3, 6),
+        bounds: Bounds::between(-1000.0, 1000.0),
+        always: true,
+        default: None,
+        get: |i| {
+            let t = &i.tensor;
+            let mut v = vec![t[(0, 0)], t[(1, 1)], t[(2, 2)]];
+            let products = [t[(0, 1)], t[(0, 2)], t[(1, 2)]];
+            if products != [0.0; 3] {
+                v.extend(products);
+            }
+            v
+        },
+        set: |i, v| {
+            let p = if v.len() == 6 { [v[3], v[4], v[5]] } else { [0.0; 3] };
+            i.tensor = Matrix3::new(v[0], p[0], p[1], p[0], v[1], p[2], p[1], p[2], v[2]);
+        },
+    },
+];
+
+/// The one number of a lone axis.
+const fn lone(key: &'static str, about: &'static str) -> Field<Inertia> {
+    Field {
+        key,
+        unit: "kg·m²",
+        about,
+        shape: Shape::One,
+        bounds: Bounds::positive(1e6),
+        always: true,
+        default: None,
+        get: |i| vec![i.tensor[(1, 1)]],
+        set: |i, v| *i = Inertia::lone(v[0]),
+    }
+}
+
+/// Keys of a body's table.
+pub(super) fn inertia(machine: Mechanism) -> &'static [Field<Inertia>] {
+    const TURNTABLE: &[Field<Inertia>] = &[lone("inertia", "about the axis, with the motor's")];
+    const SLIDE: &[Field<Inertia>] = &[lone("mass", "of all that moves, with the motor's inertia")];
+    match machine {
+        Mechanism::Delta { .. } => INERTIA,
+        Mechanism::Axis(Joint::Revolute) => TURNTABLE,
+        Mechanism::Axis(Joint::Prismatic) => SLIDE,
+    }
+}
+
+macro_rules! drive {
+    ($key:ident, $unit:expr, $about:expr, $bounds:expr) => {
+        Field {
+            key: stringify!($key),
+            unit: $unit,
+            about: $about,
+            shape: Shape::OneOrArray(ARMS),
+            bounds: $bounds,
+            always: true,
+            default: None,
+            get: |d| d.iter().map(|d| f64::from(d.$key)).collect(),
+            set: |d, v| d.iter_mut().zip(v).for_each(|(d, &v)| d.$key = v as _),
+        }
+    };
+}
+
+/// Keys of `[drives.arm]`; `[drives.telescope]` and `[drives.axis]` have the same with one number each.
+pub(super) const DRIVE: &[Field<[Drive]>] = &[
+    drive!(gear_ratio, "rad/rad", "motor turns per output turn", Bounds::positive(1e5)),
+    drive!(
+        encoder_bits,
+        "bit",
+        "encoder resolution per motor turn",
+        Bounds { low: 1.0, high: 32.0, above: false, integer: true }
+    ),
+    drive!(max_torque, "N·m", "largest torque at the gear output", Bounds::positive(1e5)),
+    drive!(max_speed, "rad/s", "largest speed at the gear output", Bounds::positive(1e4)),
+    drive!(max_acceleration, "rad/s²", "largest acceleration", Bounds::positive(1e7)),
+    drive!(max_jerk, "rad/s³", "largest jerk", Bounds::positive(1e10)),
+];
+
+pub(super) const SOCKETS: &[Field<Sockets>] = &[
+    number!(ball_radius, "m", "radius of the ball", Bounds::positive(1.0), true),
+    number!(preload, "N", "force of the clamp spring on the ball", Bounds::positive(1e5), true),
+    number!(
+        dislocation_force,
+        "N",
+        "force across the cup at which a healthy socket leaves its ball",
+        Bounds::positive(1e6),
+        true
+    ),
+    number!(
+        clamp_share,
+        "",
+        "share of the clamp springs' own pull across the cup that counts against the hold, 0: net",
+        Bounds::between(0.0, 1.0),
+        false,
+        Some(0.0)
+    ),
+    number!(spin_damping, "N·m·s/rad", "damping of a strut's spin about its own axis", Bounds::between(0.0, 1e6), true),
+];
+
+const STIFFNESS: Bounds = Bounds::positive(1e9);
+const DAMPING: Bounds = Bounds::between(0.0, 100.0);
+
+const STOPS: &[Field<Stops>] = &[
+    array!(arm, 2, "rad", "arm angles of the lower and the upper stop", ANGLE, true),
+    number!(arm_stiffness, "N·m/rad", "of the arms' stops", STIFFNESS, true),
+    number!(arm_damping, "s/rad", "Hunt and Crossley's, of the arms' stops", DAMPING, true),
+    number!(telescope_stiffness, "N/m", "of both ends of the telescope", STIFFNESS, true),
+    number!(telescope_damping, "s/m", "Hunt and Crossley's, of both ends of the telescope", DAMPING, true),
+    number!(
+        hooke,
+        "rad",
+        "largest angle between the parts of a Hooke joint",
+        Bounds::positive(std::f64::consts::PI),
+        true
+    ),
+    number!(hooke_stiffness, "N·m/rad", "of the Hooke joints' stops", STIFFNESS, true),
+    number!(hooke_damping, "s/rad", "Hunt and Crossley's, of the Hooke joints' stops", DAMPING, true),
+];
+/// The first of them, those of the arms.
+const OF_ARMS: usize = 3;
+
+/// Keys of `[stops]`, which may be left out.
+pub(super) fn stops(machine: Mechanism) -> &'static [Field<Stops>] {
+    if machine.has_telescope() { STOPS } else { STOPS.split_at(OF_ARMS).0 }
+}
+
+macro_rules! torque_noise {
+    ($n:expr, $shape:expr) => {
+        Field {
+            key: "torque",
+            unit: "N·m",
+            about: "torque at the gear output, per axis",
+            shape: $shape,
+            bounds: Bounds::between(0.0, 1e6),
+            always: true,
+            default: None,
+            get: |n| n.torque[..$n].to_vec(),
+            set: |n, v| n.torque[..$n].copy_from_slice(v),
+        }
+    };
+}
+
+const STRUT_NOISE: Field<Noise> = number!(strut_force, "N", "axial strut force", Bounds::between(0.0, 1e5), true);
+
+/// Keys of `[noise]`.
+pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {
+    const FOUR: &[Field<Noise>] = &[torque_noise!(AXES, Shape::Array(AXES)), STRUT_NOISE];
+    const THREE: &[Field<Noise>] = &[torque_noise!(ARMS, Shape::Array(ARMS)), STRUT_NOISE];
+    const ONE: &[Field<Noise>] = &[torque_noise!(1, Shape::OneOrArray(1))];
+    match machine {
+        Mechanism::Delta { telescope: true } => FOUR,
+        Mechanism::Delta { telescope: false } => THREE,
+        Mechanism::Axis(_) => ONE,
+    }
+}
+
+/// Tables of `[drives]` and the drives each one describes.
+pub(super) fn drive_groups(machine: Mechanism) -> &'static [(&'static str, std::ops::Range<usize>)] {
+    match machine {
+        Mechanism::Delta { telescope: true } => &[("arm", 0..ARMS), ("telescope", ARMS..AXES)],
+        Mechanism::Delta { telescope: false } => &[("arm", 0..ARMS)],
+        Mechanism::Axis(_) => &[("axis", 0..1)],
+    }
+}
+
+pub(super) const DRIVE_ZERO: Drive =
+    Drive { gear_ratio: 0.0, encoder_bits: 0, max_torque: 0.0, max_speed: 0.0, max_acceleration: 0.0, max_jerk: 0.0 };
+
+pub(super) const GEOMETRY_ZERO: Geometry = Geometry {
+    base_radius: 0.0,
+    arm_length: 0.0,
+    strut_length: [0.0; ARMS],
+    platform_radius: 0.0,
+    pair_distance: 0.0,
+    mounting_height: 0.0,
+    upper_hooke_height: 0.0,
+    lower_hooke_height: 0.0,
+    flange_height: 0.0,
+    arm_limits: [0.0; 2],
+    telescope_limits: [0.0; 2],
+};
+
+pub(super) const SOCKETS_ZERO: Sockets =
+    Sockets { ball_radius: 0.0, preload: 0.0, dislocation_force: 0.0, clamp_share: 0.0, spin_damping: 0.0 };
+
+pub(super) const NOISE_ZERO: Noise = Noise { torque: [0.0; AXES], strut_force: 0.0 };

@@ -1,0 +1,76 @@
+//! Recordings as ROS 2 bags: MCAP is written and read, SQLite (`.db3`) and bag folders are read.
+//!
+//! [`topics`] says what is where. MCAP metadata: `setup` holds the setup as TOML, `run` the time that counts as zero,
+//! `machine` the kind of machine, `provenance` where a run comes from.
+
+mod cdr;
+mod content;
+mod folder;
+mod mcap_file;
+mod messages;
+mod read;
+mod sqlite_file;
+mod topics;
+mod write;
+
+pub use read::read;
+pub use write::write;
+
+use std::io::Read;
+use std::path::Path;
+
+use deltatwin::machine::{Joint, Mechanism};
+
+use self::content::Content;
+use self::messages::SECOND;
+use super::ReadError;
+
+const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, or a bag of ROS 2";
+
+/// Time zero of a run that has no real one, ns since 1970: 2023-11-14, a recognisable constant, so that the same run
+/// gives the same bytes.
+const EPOCH: i64 = 1_700_000_000 * SECOND;
+
+const MECHANISMS: [(&str, Mechanism); 4] = [
+    ("delta", Mechanism::Delta { telescope: true }),
+    ("delta without telescope", Mechanism::Delta { telescope: false }),
+    ("revolute axis", Mechanism::Axis(Joint::Revolute)),
+    ("prismatic axis", Mechanism::Axis(Joint::Prismatic)),
+];
+
+/// Kinds of bag files.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Mcap,
+    Sqlite,
+}
+
+/// Kind of a file by its first bytes or, when it has none that tell, by its name.
+fn kind_of(path: &Path) -> Option<Kind> {
+    let mut start = [0; mcap_file::MAGIC.len()];
+    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut start));
+    if read.is_ok() && start == *mcap_file::MAGIC {
+        return Some(Kind::Mcap);
+    }
+    if read.is_ok() && sqlite_file::MAGIC.starts_with(&start) {
+        return Some(Kind::Sqlite);
+    }
+    let extension = path.extension()?.to_ascii_lowercase();
+    match extension.to_str()? {
+        "mcap" => Some(Kind::Mcap),
+        "db3" => Some(Kind::Sqlite),
+        _ => None,
+    }
+}
+
+/// Whether `path` is a bag: a folder, or an MCAP or SQLite file by its first bytes or its name.
+pub fn is_bag(path: &Path) -> bool {
+    path.is_dir() || kind_of(path).is_some()
+}
+
+fn read_file(path: &Path, warnings: &mut Vec<String>) -> Result<Content, ReadError> {
+    match kind_of(path) {
+        Some(Kind::Sqlite) => sqlite_file::read(path, warnings),
+        _ => mcap_file::read(path, warnings),
+    }
+}

@@ -1,0 +1,235 @@
+//! From a bag's messages to checked signals.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use deltatwin::machine::{Joint, Mechanism, Setup};
+use deltatwin::recording::Signals;
+
+use super::content::{Content, Encoding, Stream};
+use super::messages::JointState;
+use super::{EPOCH, EXPECTED, MECHANISMS, folder, read_file, topics};
+use crate::recording::check::{self, Column, Table};
+use crate::recording::columns::{self, Mapping};
+use crate::recording::{ReadError, setup};
+
+/// Reads and checks the signals of a machine, or of whatever machine the bag tells, and the setup if it holds one.
+///
+/// `path` is an MCAP or SQLite file, or the folder of a bag. What was cut short is read up to its last complete chunk.
+/// `maps` say which column is which
+/// channel. Also returns what was noticed and repaired.
+///
+/// # Errors
+/// Files that cannot be read, bags without usable joint states, signals that no machine has.
+pub fn read(
+    path: &Path,
+    machine: Option<Mechanism>,
+    maps: &[Mapping],
+) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
+    let mut warnings = Vec::new();
+    let mut content = if path.is_dir() { folder::read(path, &mut warnings)? } else { read_file(path, &mut warnings)? };
+    let setup = match content.metadata.get("setup").and_then(|m| m.get("toml")) {
+        Some(text) => Some(setup::from_toml(text, &format!("{}[setup]", path.display()))?),
+        None => None,
+    };
+    let joints = joint_states(path, &mut content, &mut warnings)?;
+    let machine = machine.unwrap_or_else(|| machine_of(&content, &joints));
+    let samples = Samples::of(path, &joints, machine, &mut warnings)?;
+    let zero = content.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
+    let (table, start) = samples.table(path, machine, zero, &content, &mut warnings);
+    let (table, mapped) = columns::remap(table, maps)?;
+    let (mut signals, noticed) = check::signals(table)?;
+    signals.start = Some(start).filter(|s| *s != EPOCH);
+    warnings.extend(mapped.into_iter().chain(noticed));
+    Ok((signals, setup, warnings))
+}
+
+/// Takes the topic with the robot's joint states out of a bag.
+fn joint_states(path: &Path, content: &mut Content, warnings: &mut Vec<String>) -> Result<Stream, ReadError> {
+    let is_state = |s: &Stream| !topics::is_optional(&s.topic) && s.encoding == Encoding::Cdr;
+    let filled: Vec<usize> = (0..content.streams.len())
+        .filter(|&i| is_state(&content.streams[i]) && !content.streams[i].messages.is_empty())
+        .collect();
+    let usual = filled.iter().find(|&&i| content.streams[i].topic == topics::JOINTS);
+    let Some(&chosen) = usual.or(filled.first()) else {
+        let problem = match &content.unread {
+            Some(encoding) => format!("has JointState messages in the encoding `{encoding}`"),
+            None if content.streams.iter().any(is_state) => "has a JointState topic without messages".into(),
+            None => format!("has no JointState messages (topics: {})", content.topics.join(", ")),
+        };
+        let cut = if content.cut { " and is cut short" } else { "" };
+        return Err(ReadError::content(path, problem + cut, format!("{EXPECTED} in CDR")));
+    };
+    if filled.len() > 1 {
+        let topic = &content.streams[chosen].topic;
+        warnings.push(format!("several topics carry JointState; `{topic}` is read"));
+    }
+    Ok(content.streams.swap_remove(chosen))
+}
+
+/// The machine that is noted in the bag, or else the one with as many axes as there are joints.
+fn machine_of(content: &Content, joints: &Stream) -> Mechanism {
+    let noted = content.metadata.get("machine").and_then(|m| m.get("mechanism"));
+    if let Some((_, known)) = noted.and_then(|n| MECHANISMS.iter().find(|(name, _)| name == n)) {
+        return *known;
+    }
+    let states = joints.messages.iter().filter_map(|(_, data)| JointState::parse(data));
+    let axes = |s: JointState| {
+        let named = [4, 3, 1].into_iter().find(|&n| by_name(&s.name, n).is_some());
+        named.unwrap_or(s.name.len().max(s.position.len()))
+    };
+    // Other devices may publish on the same topic.
+    match states.take(100).map(axes).max() {
+        Some(1) => Mechanism::Axis(Joint::Revolute),
+        Some(3) => Mechanism::Delta { telescope: false },
+        _ => Mechanism::default(),
+    }
+}
+
+/// The joint states of a machine, its axes in order.
+struct Samples {
+    states: Vec<JointState>,
+    /// Log time of each, ns.
+    times: Vec<u64>,
+    /// Number of each message on its topic, from 1.
+    rows: Vec<u64>,
+}
+
+impl Samples {
+    fn of(path: &Path, joints: &Stream, machine: Mechanism, warnings: &mut Vec<String>) -> Result<Self, ReadError> {
+        let axes = machine.axes();
+        let mut extra = 0;
+        let mut order: Option<(Vec<String>, Option<Vec<usize>>)> = None;
+        let mut out = Self { states: Vec::new(), times: Vec::new(), rows: Vec::new() };
+        let mut by_order = false;
+        let mut foreign = None;
+        for (i, (log_time, data)) in joints.messages.iter().enumerate() {
+            let bad = |problem: &str| {
+                let problem = format!("JointState message {} {problem}", i + 1);
+                ReadError::content(path, problem, "position and effort of every joint")
+            };
+            let state = JointState::parse(data).ok_or_else(|| bad("cannot be decoded"))?;
+            if order.as_ref().is_none_or(|(names, _)| *names != state.name) {
+                let mut found = by_name(&state.name, axes);
+                let count = state.name.len().max(state.position.len());
+                if found.is_none() && count == axes {
+                    found = Some((0..axes).collect());
+                    by_order = true;
+                }
+                if found.is_some() {
+                    extra = extra.max(count - axes);
+                }
+                order = Some((state.name.clone(), found));
+            }
+            let Some((_, Some(picked))) = &order else {
+                foreign = foreign.or(Some(state.name));
+                continue;
+            };
+            let most = picked.iter().max().copied().unwrap_or(0);
+            if state.position.len() <= most {
+                return Err(bad("lacks positions"));
+            }
+            if state.effort.len() <= most {
+                return Err(bad("lacks efforts (torques)"));
+            }
+            let pick = |v: &[f64]| picked.iter().filter_map(|&j| v.get(j).copied()).collect();
+            out.states.push(JointState {
+                position: pick(&state.position),
+                velocity: pick(&state.velocity),
+                effort: pick(&state.effort),
+                ..state
+            });
+            out.rows.push(i as u64 + 1);
+            out.times.push(*log_time);
+        }
+        if let Some(names) = foreign {
+            let names = names.join(", ");
+            if out.states.is_empty() {
+                let problem = format!("has JointState messages with the joints {names}");
+                let expected =
+                    if axes == 1 { "the joint axis1".into() } else { format!("the joints axis1…axis{axes}") };
+                return Err(ReadError::content(path, problem, expected));
+            }
+            warnings.push(format!("JointState messages with the joints {names} ignored"));
+        }
+        if extra > 0 {
+            let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };
+            warnings.push(format!("{extra} more joint(s) ignored: the machine has {has}"));
+        }
+        if by_order {
+            let names = order.map(|o| o.0.join(", ")).unwrap_or_default();
+            warnings.push(format!("joint names ({names}) are not axis1…axis{axes}: taken in this order"));
+        }
+        Ok(out)
+    }
+
+    /// Columns of the joint states and of the topics that go with them, and the time that counts as zero, ns since 1970:
+    /// `zero`, or else that of the first sample.
+    fn table(
+        &self,
+        path: &Path,
+        machine: Mechanism,
+        zero: Option<i64>,
+        content: &Content,
+        warnings: &mut Vec<String>,
+    ) -> (Table, i64) {
+        let stamped = self.states.iter().all(|s| s.stamp > 0);
+        let times: Vec<i64> = match stamped {
+            true => self.states.iter().map(|s| s.stamp).collect(),
+            false => self.times.iter().map(|&t| t as i64).collect(),
+        };
+        let zero = zero.or(times.first().copied()).unwrap_or(0);
+        let t = times.iter().map(|&t| t.wrapping_sub(zero) as f64 / 1e9).collect();
+        let axes = machine.axes();
+        let mut columns = Vec::new();
+        let mut axis = |stem: &str, of: &dyn Fn(&JointState) -> &Vec<f64>| {
+            if self.states.iter().all(|s| of(s).len() == axes) {
+                for k in 0..axes {
+                    let values = self.states.iter().map(|s| of(s)[k]).collect();
+                    columns.push(Column { name: format!("{stem}{}", k + 1), values });
+                }
+            }
+        };
+        axis("q", &|s| &s.position);
+        axis("tau", &|s| &s.effort);
+        axis("qd", &|s| &s.velocity);
+        for stream in content.streams.iter().filter(|s| topics::is_optional(&s.topic)) {
+            columns.extend(self.beside(stream, axes, warnings));
+        }
+        (Table { file: path.into(), row: "JointState message", rows: self.rows.clone(), t, columns, machine }, zero)
+    }
+
+    /// Columns of a topic whose messages have the times of the joint states.
+    fn beside(&self, stream: &Stream, axes: usize, warnings: &mut Vec<String>) -> Vec<Column> {
+        let names = topics::columns(&stream.topic, axes);
+        let by_time: HashMap<u64, &Vec<u8>> = stream.messages.iter().map(|(time, data)| (*time, data)).collect();
+        let decode = |time| topics::decode(&stream.topic, stream.encoding, &names, by_time.get(time)?);
+        let Some(samples) = self.times.iter().map(decode).collect::<Option<Vec<_>>>() else {
+            let reason = "not every joint state has a valid message of the same time";
+            warnings.push(format!("`{}` ignored: {reason}", stream.topic));
+            return Vec::new();
+        };
+        let mut columns = Vec::new();
+        for (k, name) in names.into_iter().enumerate() {
+            let values: Vec<f64> = samples.iter().filter_map(|s| *s.get(k)?).collect();
+            if values.len() == self.times.len() {
+                columns.push(Column { name, values });
+            } else if !values.is_empty() {
+                warnings.push(format!("`{name}` ignored: not in every message"));
+            }
+        }
+        columns
+    }
+}
+
+/// Place of each axis among joints called `axis1`, `q1`, `joint1`, `joint_1`….
+fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
+    let number = |name: &String| {
+        let name: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
+        let name = name.to_ascii_lowercase();
+        let number = ["axis", "joint", "q"].iter().find_map(|stem| name.strip_prefix(stem))?;
+        number.parse::<usize>().ok()
+    };
+    let numbers: Vec<_> = names.iter().map(number).collect();
+    (1..=axes).map(|k| numbers.iter().position(|n| *n == Some(k))).collect()
+}

@@ -1,0 +1,172 @@
+//! Which channel a column is, by its name: `position_1`, `effort_1`, `time`, `joint_1`, …
+
+use deltatwin::machine::Mechanism;
+
+use super::unit::{Quantity, Unit};
+use crate::recording::check::known;
+
+/// A column's name taken apart.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Header {
+    /// The whole text.
+    pub text: String,
+    /// Without its unit.
+    pub base: String,
+    /// Text of the unit: in brackets or parentheses, or behind the last underscore if it is a unit's name.
+    pub unit: Option<String>,
+}
+
+impl Header {
+    pub fn new(text: &str) -> Self {
+        let of = |base: &str, unit: Option<&str>| Self {
+            text: text.into(),
+            base: base.trim().into(),
+            unit: unit.map(|u| u.trim().into()),
+        };
+        if known(text) {
+            return of(text, None);
+        }
+        for (open, close) in [('[', ']'), ('(', ')')] {
+            if let Some((base, rest)) = text.split_once(open)
+                && let Some(unit) = rest.trim_end().strip_suffix(close)
+                && !base.trim().is_empty()
+            {
+                // `position[0]` counts, it states no unit.
+                return if unit.trim().parse::<u32>().is_ok() { of(text, None) } else { of(base, Some(unit)) };
+            }
+        }
+        match text.rsplit_once(['_', ' ']) {
+            Some((base, unit)) if Unit::find(unit).is_some_and(|u| u.quantity != Quantity::Signal) => {
+                of(base, Some(unit))
+            }
+            _ => of(text, None),
+        }
+    }
+}
+
+/// What a name says of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Guess {
+    Time,
+    /// Position, rate, acceleration or torque (`q`, `qd`, `qdd`, `tau`) of an axis as the name counts it; none if it has
+    /// no number.
+    Axis(&'static str, Option<usize>),
+}
+
+/// What the words of a name that is not the format's own mean; none where a word is not understood.
+pub(super) fn guess(base: &str) -> Option<Guess> {
+    let words = words(base);
+    let (mut stem, mut weak, mut number, mut time) = (None, None, None, false);
+    for word in &words {
+        match word.as_str() {
+            "t" | "time" | "timestamp" | "stamp" | "sec" | "elapsed" => time = true,
+            "q" | "pos" | "position" | "positions" | "angle" | "phi" | "theta" => stem = stem.or(Some("q")),
+            "qd" | "dq" | "qdot" | "vel" | "velocity" | "velocities" | "rate" | "speed" => stem = Some("qd"),
+            "qdd" | "ddq" | "qddot" | "acc" | "acceleration" => stem = Some("qdd"),
+            "dot" if stem == Some("q") => stem = Some("qd"),
+            "ddot" if stem == Some("q") => stem = Some("qdd"),
+            "tau" | "torque" | "torques" | "trq" | "effort" | "efforts" | "force" => stem = Some("tau"),
+            "joint" | "axis" | "j" => weak = Some("q"),
+            "arm" | "drive" | "actual" | "act" | "measured" | "meas" | "state" | "states" | "data" | "value" => {}
+            digits => number = Some((number.is_none()).then(|| digits.parse::<usize>().ok()).flatten()?),
+        }
+    }
+    match (time, stem.or(weak)) {
+        (true, None) if number.is_none() => Some(Guess::Time),
+        (false, Some(stem)) => Some(Guess::Axis(stem, number)),
+        _ => None,
+    }
+}
+
+/// Words and numbers of a name, in small letters: `ActPos_1` is act, pos, 1.
+fn words(base: &str) -> Vec<String> {
+    let mut words = vec![String::new()];
+    let mut before = ' ';
+    for c in base.chars() {
+        let breaks = !c.is_alphanumeric()
+            || c.is_ascii_digit() != before.is_ascii_digit()
+            || (c.is_uppercase() && before.is_lowercase());
+        if breaks {
+            words.push(String::new());
+        }
+        if c.is_alphanumeric()
+            && let Some(word) = words.last_mut()
+        {
+            word.extend(c.to_lowercase());
+        }
+        before = c;
+    }
+    words.retain(|w| !w.is_empty());
+    words
+}
+
+/// What a channel may be measured in, SI first, on a machine if it is known.
+pub(super) fn quantities(channel: &str, machine: Option<Mechanism>) -> &'static [Quantity] {
+    use Quantity::*;
+    let linear = match machine {
+        Some(Mechanism::Axis(deltatwin::machine::Joint::Prismatic)) => Some(true),
+        Some(_) => Some(false),
+        None => None,
+    };
+    let stem = channel.trim_end_matches(|c: char| c.is_ascii_digit());
+    match (stem, linear) {
+        ("t", _) => &[Time],
+        ("q", Some(false)) => &[Angle],
+        ("q", Some(true)) => &[Length],
+        ("q", None) => &[Angle, Length],
+        ("qd", Some(false)) => &[AngularRate],
+        ("qd", Some(true)) => &[Velocity],
+        ("qd", None) => &[AngularRate, Velocity],
+        ("qdd", Some(false)) => &[AngularAcceleration],
+        ("qdd", Some(true)) => &[Acceleration],
+        ("qdd", None) => &[AngularAcceleration, Acceleration],
+        ("tau", Some(false)) => &[Torque],
+        ("tau", Some(true)) => &[Force],
+        ("tau", None) => &[Torque, Force],
+        (ee, _) if ee.starts_with("ee") => &[Length],
+        _ => &[Force],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_from_elsewhere_are_understood() {
+        for (text, expected) in [
+            ("time", Some(Guess::Time)),
+            ("Timestamp", Some(Guess::Time)),
+            ("joint_1", Some(Guess::Axis("q", Some(1)))),
+            ("position_1", Some(Guess::Axis("q", Some(1)))),
+            ("ActPos2", Some(Guess::Axis("q", Some(2)))),
+            ("/joint_states/axis3/effort", Some(Guess::Axis("tau", Some(3)))),
+            ("position[0]", Some(Guess::Axis("q", Some(0)))),
+            ("q4_dot", Some(Guess::Axis("qd", Some(4)))),
+            ("velocity_2", Some(Guess::Axis("qd", Some(2)))),
+            ("torque", Some(Guess::Axis("tau", None))),
+            ("desired_position_1", None),
+            ("temperature_1", None),
+            ("note", None),
+            ("q1_2", None),
+            ("", None),
+        ] {
+            assert_eq!(guess(&Header::new(text).base), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn units_stand_in_brackets_or_at_the_end() {
+        let parts = |text: &str| {
+            let h = Header::new(text);
+            (h.base, h.unit)
+        };
+        assert_eq!(parts("q1 [deg]"), ("q1".into(), Some("deg".into())));
+        assert_eq!(parts("Time (s)"), ("Time".into(), Some("s".into())));
+        assert_eq!(parts("time_ms"), ("time".into(), Some("ms".into())));
+        assert_eq!(parts("tau1_Nm"), ("tau1".into(), Some("Nm".into())));
+        assert_eq!(parts("ee_x"), ("ee_x".into(), None));
+        assert_eq!(parts("position[0]"), ("position[0]".into(), None));
+        assert_eq!(parts("joint_1"), ("joint_1".into(), None));
+    }
+}

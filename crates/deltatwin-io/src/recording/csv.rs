@@ -1,0 +1,206 @@
+//! Recordings as CSV: a header row with the names of the columns in any order.
+//!
+//! Required: `t`, and `q1…, tau1…` of every axis the machine has, one, three or four, in SI units; other names and units
+//! are understood as far as [`super::columns`] goes. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
+//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`,
+//! `link_q1…4`, `link_qd1…4` and the `lambda_…` of [`multiplier_names`](deltatwin::recording::multiplier_names). Comma, semicolon or tab
+//! between the cells.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+
+use deltatwin::machine::Mechanism;
+use deltatwin::recording::Signals;
+
+use super::ReadError;
+use super::check::{self, Table};
+use super::columns::{Frame, Layout, Mapping};
+use super::epoch::Clock;
+use crate::file::{self, WriteError};
+
+/// What a machine's file must be.
+fn expected(axes: usize) -> String {
+    let columns = if axes == 1 { "t, q1, tau1".into() } else { format!("t, q1…q{axes}, tau1…tau{axes}") };
+    format!("CSV with the columns {columns} and numbers below")
+}
+
+/// Bytes in which a file shows what it is.
+const HEAD: usize = 1 << 16;
+
+/// Reads and checks the signals of a machine, or of whatever machine the columns tell; `maps` say which column is which
+/// channel where the names do not.
+///
+/// Also returns what was noticed and repaired.
+///
+/// # Errors
+/// Whatever makes the file no recording: columns, units, cells, times, with line and column.
+pub fn read(path: &Path, machine: Option<Mechanism>, maps: &[Mapping]) -> Result<(Signals, Vec<String>), ReadError> {
+    let file = std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?;
+    let bytes = file.metadata().map_or(0, |m| m.len()) as usize;
+    let mut source = BufReader::with_capacity(HEAD, file);
+    let head = source.fill_buf().map_err(|e| ReadError::io(path, e))?.to_vec();
+    // Columns that grow would leave the memory they grew out of behind.
+    let lines = head.iter().filter(|b| **b == b'\n').count();
+    let rows = bytes.checked_div(head.len().checked_div(lines).unwrap_or(0)).unwrap_or(0);
+    let (table, mut warnings) = table(path, &head, source, rows + rows / 50, machine, maps)?;
+    let (signals, noticed) = check::signals(table)?;
+    warnings.extend(noticed);
+    Ok((signals, warnings))
+}
+
+/// Writes the signals with all their digits.
+///
+/// # Errors
+/// Signals that no machine has, and whatever the system says.
+pub fn write(path: &Path, signals: &Signals) -> Result<(), WriteError> {
+    let columns = check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
+    file::replace(path, |out| -> std::io::Result<()> {
+        write!(out, "t")?;
+        for c in &columns {
+            write!(out, ",{}", c.name)?;
+        }
+        for (i, t) in signals.t.iter().enumerate() {
+            write!(out, "\n{}", shortest(*t))?;
+            for c in &columns {
+                write!(out, ",{}", shortest(c.values[i]))?;
+            }
+        }
+        writeln!(out)
+    })
+}
+
+/// Shortest decimal that reads back as the same number.
+fn shortest(v: f64) -> String {
+    let mut text = format!("{v:?}");
+    if text.ends_with(".0") {
+        text.truncate(text.len() - 2);
+    }
+    text
+}
+
+/// The table of `about` so many rows in `source`, whose first bytes are `head`. Cells go straight into columns: a long recording is never in memory as
+/// text.
+fn table(
+    path: &Path,
+    head: &[u8],
+    mut source: impl BufRead,
+    about: usize,
+    machine: Option<Mechanism>,
+    maps: &[Mapping],
+) -> Result<(Table, Vec<String>), ReadError> {
+    const MARK: &[u8] = b"\xef\xbb\xbf";
+    if head.starts_with(MARK) {
+        source.consume(MARK.len());
+    }
+    let content = head.strip_prefix(MARK).unwrap_or(head);
+    let any = || expected(machine.unwrap_or_default().axes());
+    if content.iter().all(u8::is_ascii_whitespace) {
+        return Err(ReadError::content(path, "is empty", any()));
+    }
+    let binary = || ReadError::content(path, "is binary, not text", any());
+    if content.contains(&0) {
+        return Err(binary());
+    }
+    let header = content.split(|&b| b == b'\n').find(|l| !l.trim_ascii().is_empty());
+    let header = header.unwrap_or_default();
+    let count = |b: u8| header.iter().filter(|&&c| c == b).count();
+    let delimiter = [b',', b';', b'\t'].into_iter().rev().max_by_key(|&b| count(b)).unwrap_or(b',');
+    let mut reader =
+        ::csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).trim(::csv::Trim::All).from_reader(source);
+    let broken = |e: ::csv::Error| match e.kind() {
+        ::csv::ErrorKind::Utf8 { .. } => binary(),
+        _ => ReadError::content(path, e.to_string(), any()),
+    };
+    let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_string).collect();
+
+    let (layout, machine, warnings) = layout(path, &names, maps, machine)?;
+    let axes = machine.axes();
+    let used = layout.used();
+    let time = layout.time();
+    let mut clock = Clock::default();
+    let mut values = vec![Vec::new(); names.len()];
+    used.iter().for_each(|&i| values[i].reserve_exact(about));
+    let mut rows = Vec::with_capacity(about);
+    let mut record = ::csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(broken)? {
+        let line = record.position().map_or(0, |p| p.line());
+        if record.len() != names.len() {
+            let cells = record.len();
+            let last = !matches!(reader.read_record(&mut record), Ok(true));
+            let hint = if last { "; was the file cut short?" } else { "" };
+            let problem = format!("line {line} has {cells} cells{hint}");
+            let expected = format!("{} cells as in the header", names.len());
+            return Err(ReadError::content(path, problem, expected));
+        }
+        rows.push(line);
+        for &i in &used {
+            let is_time = time.is_some_and(|(column, _)| column == i);
+            let exact = if is_time { clock.since_start(&record[i]) } else { None };
+            let value = exact.or_else(|| number(&record[i], delimiter));
+            values[i].push(value.ok_or_else(|| ReadError::Value {
+                file: path.into(),
+                row: format!("line {line}"),
+                column: names[i].clone(),
+                problem: match &record[i] {
+                    "" => "the cell is empty".into(),
+                    cell => format!("`{}`", cell.chars().take(40).collect::<String>()),
+                },
+                expected: "a finite number".into(),
+            })?);
+        }
+    }
+    if rows.is_empty() {
+        return Err(ReadError::content(path, "has a header but no samples", expected(axes)));
+    }
+    let mut warnings = warnings;
+    let (column, stated) = time.unwrap_or((0, 1.0));
+    let (t, noticed) = clock.seconds(&values[column], stated);
+    warnings.extend(noticed.map(|what| format!("`{}` {what}", layout.text(column))));
+    Ok((layout.apply(t, &values, rows, Frame { file: path, row: "line", machine }), warnings))
+}
+
+/// Which column is which channel, of which machine; also what is left out or guessed.
+fn layout(
+    path: &Path,
+    names: &[String],
+    maps: &[Mapping],
+    machine: Option<Mechanism>,
+) -> Result<(Layout, Mechanism, Vec<String>), ReadError> {
+    let mut layout = Layout::new(path, names, maps, machine)?;
+    let machine = machine.unwrap_or_else(|| check::machine(|name| layout.has(name)));
+    let axes = machine.axes();
+    for wanted in check::required(axes) {
+        if !layout.has(&wanted) {
+            let mut found: String = names.join(", ").chars().take(200).collect();
+            if found.len() < names.join(", ").len() {
+                found.push('…');
+            }
+            let problem = format!("has no column `{wanted}` (columns: {found})");
+            let hint = format!("{}; --map \"{wanted}=COLUMN\" names another one", expected(axes));
+            return Err(ReadError::content(path, problem, hint));
+        }
+    }
+    let quoted = |i: &usize| format!("`{}`", layout.text(*i));
+    let unknown: Vec<_> = layout.unused.iter().map(quoted).collect();
+    let foreign = |name: &str| check::foreign(name, axes);
+    let extra: Vec<_> = names.iter().filter(|n| foreign(n)).map(|n| format!("`{n}`")).collect();
+    let mut warnings = std::mem::take(&mut layout.notes);
+    if !unknown.is_empty() {
+        warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
+    }
+    if !extra.is_empty() {
+        let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };
+        warnings.push(format!("columns {} ignored: the machine has {has}", extra.join(", ")));
+    }
+    layout.retain(|name| !foreign(name));
+    Ok((layout, machine, warnings))
+}
+
+fn number(cell: &str, delimiter: u8) -> Option<f64> {
+    let value: f64 = match cell.parse() {
+        Ok(value) => value,
+        Err(_) if delimiter != b',' => cell.replace(',', ".").parse().ok()?,
+        Err(_) => return None,
+    };
+    value.is_finite().then_some(value)
+}

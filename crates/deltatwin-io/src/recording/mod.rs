@@ -1,0 +1,105 @@
+//! Recordings as CSV with a sidecar, and as ROS 2 bags.
+
+pub mod bag;
+mod check;
+pub mod columns;
+pub mod csv;
+mod epoch;
+mod error;
+pub mod setup;
+
+pub use columns::Mapping;
+pub use error::ReadError;
+
+use std::path::Path;
+
+use deltatwin::machine::Mechanism;
+use deltatwin::recording::{Context, Recording};
+
+use self::setup::Sidecar;
+use crate::file::WriteError;
+
+/// How a file is read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reading<'a> {
+    /// Setup instead of the sidecar.
+    pub setup: Option<&'a Path>,
+    /// Machine whose axes must be there; by the columns if none is given.
+    pub machine: Option<Mechanism>,
+    /// Which column is which channel, one after the other.
+    pub maps: &'a [Mapping],
+}
+
+/// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, a bag's folder) of whatever machine it is by its axes: one, three or four.
+pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Recording, Vec<String>), ReadError> {
+    read_as(path, &Reading { setup, ..Reading::default() })
+}
+
+/// Reads a recording of a `machine`: its axes must be there, others are left out with a warning.
+///
+/// See [`read_as`] for the rest.
+pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<(Recording, Vec<String>), ReadError> {
+    read_as(path, &Reading { setup, machine: Some(machine), ..Reading::default() })
+}
+
+/// Reads a recording, its format known by its content. Also returns what was noticed and repaired.
+///
+/// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP file's metadata, else
+/// the default. The sidecar's `[columns]` come before `how.maps`.
+///
+/// # Errors
+/// What cannot be read or repaired, with file, row and column.
+pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), ReadError> {
+    let beside = setup::sidecar(path);
+    let outside = match how.setup {
+        Some(file) => Some(Sidecar::read(file)?),
+        None if beside.is_file() => Some(Sidecar::read(&beside)?),
+        None => None,
+    };
+    let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
+    let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
+    let outside = outside.map(|s| s.setup);
+    let (signals, inside, mut warnings) = if bag::is_bag(path) {
+        bag::read(path, how.machine, &maps)?
+    } else {
+        let (signals, warnings) = csv::read(path, how.machine, &maps)?;
+        (signals, None, warnings)
+    };
+    if let (Some(a), Some(b)) = (outside, inside)
+        && a != b
+    {
+        let used = how.setup.unwrap_or(&beside).display();
+        warnings.push(format!("setup inside the file differs from {used}, which is used"));
+    }
+    let recording = Recording {
+        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        signals,
+        setup: outside.or(inside).unwrap_or_default(),
+    };
+    let warnings = warnings.iter().map(|w| format!("{}: {w}", path.display())).collect();
+    Ok((recording, warnings))
+}
+
+/// Writes `.csv` with its sidecar, or `.mcap`. A file that is there is replaced as a whole.
+///
+/// # Errors
+/// Names with another ending, signals that no machine has, and whatever the system says.
+pub fn write(recording: &Recording, path: &Path) -> Result<(), WriteError> {
+    write_with(recording, path, &Context::default())
+}
+
+/// The same with origin and pictures of the run, as far as the format keeps them: MCAP does, CSV does not.
+///
+/// # Errors
+/// See [`write`].
+pub fn write_with(recording: &Recording, path: &Path, context: &Context) -> Result<(), WriteError> {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    if extension == "csv" {
+        csv::write(path, &recording.signals)?;
+        setup::write(&recording.setup, &setup::sidecar(path))
+    } else if extension == "mcap" {
+        bag::write(path, recording, context)
+    } else {
+        Err(WriteError::invalid(path, "unknown format; expected a name ending in .csv or .mcap"))
+    }
+}

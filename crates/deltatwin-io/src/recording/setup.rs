@@ -1,0 +1,246 @@
+//! Setup of a run as TOML: the sidecar `<stem>.setup.toml` of a recording.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use deltatwin::machine::{AXES, Configuration, Payload, Setup};
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::{Mapping, ReadError};
+use crate::file::{self, WriteError};
+use crate::source::{Checked, Interval, Source};
+
+/// Where the setup of the recording `path` is kept.
+pub fn sidecar(path: &Path) -> PathBuf {
+    path.with_extension("setup.toml")
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Document {
+    configuration: State,
+    payload: Load,
+    noise: Noise,
+    columns: BTreeMap<String, Spanned<String>>,
+}
+
+/// A sidecar: what is known about a run, and which column of its file is which channel.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sidecar {
+    /// What is known about the run.
+    pub setup: Setup,
+    /// `[columns]`: channel = "column[unit]".
+    pub columns: Mapping,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+enum State {
+    Assembled,
+    Disassembled,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Load {
+    mass: Spanned<f64>,
+    com: [Spanned<f64>; 3],
+    inertia_zz: Option<Spanned<f64>>,
+    inertia: Option<Spanned<Vec<f64>>>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct Noise {
+    torque: Option<Spanned<Vec<Spanned<f64>>>>,
+}
+
+fn zero() -> Spanned<f64> {
+    Spanned::new(0..0, 0.0)
+}
+
+impl Default for Document {
+    fn default() -> Self {
+        Self {
+            configuration: State::Assembled,
+            payload: Load::default(),
+            noise: Noise::default(),
+            columns: BTreeMap::new(),
+        }
+    }
+}
+
+impl Default for Load {
+    fn default() -> Self {
+        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: None, inertia: None }
+    }
+}
+
+/// Reads a setup file.
+///
+/// # Errors
+/// The mistake with its place in the file.
+pub fn read(path: &Path) -> Result<Setup, ReadError> {
+    Ok(Sidecar::read(path)?.setup)
+}
+
+/// Reads a setup from TOML; `name` stands for the text in errors.
+///
+/// # Errors
+/// The mistake with its place in the text.
+pub fn from_toml(text: &str, name: &str) -> Result<Setup, ReadError> {
+    Ok(Sidecar::from_toml(text, name)?.setup)
+}
+
+impl Sidecar {
+    /// Reads a setup file with its columns.
+    ///
+    /// # Errors
+    /// The mistake with its place in the file.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
+        let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
+        let text = String::from_utf8(bytes).map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
+        Self::from_toml(&text, &path.display().to_string())
+    }
+
+    /// Reads a setup with its columns from TOML; `name` stands for the text in errors.
+    ///
+    /// # Errors
+    /// The mistake with its place in the text.
+    pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
+        let source = Source::new(name, text);
+        let document: Document = toml::from_str(text).map_err(|e| source.broken(&e))?;
+        let setup = Setup {
+            configuration: match document.configuration {
+                State::Assembled => Configuration::Assembled,
+                State::Disassembled => Configuration::Disassembled,
+            },
+            payload: payload(&source, &document.payload)?,
+            torque_noise: torque_noise(&source, &document.noise)?,
+        };
+        let mut columns = Mapping::default();
+        for (channel, column) in &document.columns {
+            let refused = |e: String| source.problem(column.span(), format!("`columns.{channel}`: {e}"));
+            columns.assign(channel, column.get_ref()).map_err(refused)?;
+        }
+        Ok(Self { setup, columns })
+    }
+}
+
+fn payload(source: &Source, load: &Load) -> Checked<Payload> {
+    let mass = source.within("payload.mass", &load.mass, Interval(0.0, 100.0, "kg"))?;
+    let vertical = source.maybe("payload.inertia_zz", &load.inertia_zz, Interval(0.0, 100.0, "kg·m²"))?;
+    let mut com = [0.0; 3];
+    for (own, c) in com.iter_mut().zip(&load.com) {
+        *own = source.within("payload.com", c, Interval(-2.0, 2.0, "m"))?;
+    }
+    source.payload(mass, com, vertical, &load.inertia)
+}
+
+fn torque_noise(source: &Source, noise: &Noise) -> Checked<Option<[f64; AXES]>> {
+    let Some(values) = &noise.torque else { return Ok(None) };
+    let mut sigma = [0.0; AXES];
+    let n = values.get_ref().len();
+    if ![1, 3, AXES].contains(&n) {
+        let message = format!("`noise.torque` has {n} numbers; expected one per axis: 1, 3 or {AXES}");
+        return Err(source.problem(values.span(), message));
+    }
+    for (s, v) in sigma.iter_mut().zip(values.get_ref()) {
+        *s = source.within("noise.torque", v, Interval(0.0, 1e4, "N·m"))?;
+    }
+    Ok(Some(sigma))
+}
+
+/// The setup as TOML, read back without loss by [`from_toml`].
+pub fn to_toml(setup: &Setup) -> String {
+    let configuration = match setup.configuration {
+        Configuration::Assembled => "assembled",
+        Configuration::Disassembled => "disassembled",
+    };
+    let mut text = format!("configuration = \"{configuration}\"\n\n{}", payload_to_toml(&setup.payload));
+    if let Some(sigma) = setup.torque_noise {
+        text += &format!("\n[noise]\ntorque = {sigma:?} # N·m, standard deviation\n");
+    }
+    text
+}
+
+/// The table `[payload]` of a setup or scenario, read back without loss.
+pub(crate) fn payload_to_toml(payload: &Payload) -> String {
+    let Payload { mass, com, .. } = payload;
+    let mut text = format!(
+        "[payload]\nmass = {mass:?} # kg\ncom = [{:?}, {:?}, {:?}] # m, from flange\n\
+         inertia_zz = {:?} # kg·m², about the COM\n",
+        com.x,
+        com.y,
+        com.z,
+        payload.inertia_zz()
+    );
+    if *payload != Payload::new(*mass, *com, payload.inertia_zz()) {
+        let [xx, yy, zz, xy, xz, yz] = payload.moments();
+        let _ = writeln!(
+            text,
+            "inertia = [ # kg·m², about the COM\n    {xx:?}, {yy:?}, {zz:?}, # xx yy zz\n    {xy:?}, {xz:?}, {yz:?}, # xy xz yz\n]"
+        );
+    }
+    text
+}
+
+/// Writes a setup file.
+///
+/// # Errors
+/// What the system says.
+pub fn write(setup: &Setup, path: &Path) -> Result<(), WriteError> {
+    file::replace(path, |out| out.write_all(to_toml(setup).as_bytes()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(text: &str) -> String {
+        from_toml(text, "run.setup.toml").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn round_trip() {
+        let setup = Setup {
+            configuration: Configuration::Disassembled,
+            payload: Payload::new(1.0 / 3.0, [1e-7, -0.02, 0.1], 0.004),
+            torque_noise: Some([0.4, 0.4, 0.4, 0.05]),
+        };
+        assert_eq!(from_toml(&to_toml(&setup), "x").unwrap(), setup);
+        assert_eq!(from_toml("", "x").unwrap(), Setup::default());
+        assert_eq!(from_toml("[payload]\nmass = 2", "x").unwrap().payload.mass, 2.0);
+    }
+
+    #[test]
+    fn a_tensor_is_read_and_checked() {
+        let of = |keys: &str| from_toml(&format!("[payload]\nmass = 2\n{keys}"), "run.setup.toml");
+        let tensor = [0.02, 0.04, 0.03, 0.0, -0.01, 0.001];
+        let payload = of("inertia = [0.02, 0.04, 0.03, 0.0, -0.01, 0.001]").unwrap().payload;
+        assert_eq!(payload, Payload::with_tensor(2.0, [0.0; 3], tensor));
+        assert_eq!(of("inertia_zz = 0.03").unwrap().payload.moments(), [0.03, 0.03, 0.03, 0.0, 0.0, 0.0]);
+        let e = of("inertia_zz = 0.03\ninertia = [0.02, 0.04, 0.05]").unwrap_err().to_string();
+        assert!(e.starts_with("run.setup.toml:4:11: `payload.inertia` has zz = 0.05, but `inertia_zz` is 0.03"), "{e}");
+        let e = of("inertia = [0.01, 0.01, 0.05]").unwrap_err().to_string();
+        assert!(e.contains(":3:11: `payload.inertia` violates the triangle inequality"), "{e}");
+        assert!(of("inertia = [0.01, nan, 0.05]").is_err());
+    }
+
+    #[test]
+    fn mistakes_are_named_with_their_place() {
+        let e = refused("configuration = \"assembled\"\n[payload]\nmas = 1.0\n");
+        assert!(e.starts_with("run.setup.toml:3:1: unknown field `mas`"), "{e}");
+        let e = refused("[payload]\nmass = -1.0\n");
+        assert!(e.starts_with("run.setup.toml:2:8: `payload.mass` is -1; expected"), "{e}");
+        assert!(refused("[payload]\ncom = [0.0, nan, 0.0]").contains(":2:13: `payload.com` is NaN"));
+        assert!(refused("[noise]\ntorque = [1.0, 2.0]").contains(":2:"), "{}", refused("[noise]\ntorque = [1.0, 2.0]"));
+        assert!(refused("configuration = \"asembled\"").contains("assembled"));
+        assert!(refused("configuration = ").contains(":1:"));
+        let e = refused("[columns]\nt = \"Time[ms]\"\nq1 = \"Pos[furlong]\"\n");
+        assert!(e.starts_with("run.setup.toml:3:6: `columns.q1`") && e.contains("furlong"), "{e}");
+    }
+}

@@ -1,0 +1,283 @@
+//! TOML → [`Scenario`], with errors that name file, line, key, value and what was expected.
+
+pub(crate) mod cell;
+mod machine;
+mod motion;
+
+use std::path::{Path, PathBuf};
+
+use deltatwin::machine::Setup;
+use deltatwin::scenario::{Course, Formulation, HoldTorque, Scenario};
+use miette::Diagnostic;
+use serde::Deserialize;
+use thiserror::Error;
+use toml::Spanned;
+
+use crate::source::{Checked, Interval, Problem, Source};
+use deltatwin::cell::{MeshReader, no_meshes};
+
+/// Why a scenario or a path file was refused.
+#[derive(Debug, Error, Diagnostic)]
+pub enum ScenarioError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {reason}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// A mistake in the file.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Content(#[from] Problem),
+}
+
+type Result<T> = std::result::Result<T, ScenarioError>;
+
+/// All but `[motion]`, whose keys depend on its kind.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    model: Spanned<String>,
+    controller_model: Option<Spanned<String>>,
+    duration: Option<Spanned<f64>>,
+    seed: Option<u64>,
+    noise: Option<bool>,
+    substeps: Option<Spanned<i64>>,
+    control_period: Option<Spanned<i64>>,
+    hold_torque: Option<Spanned<String>>,
+    formulation: Option<Spanned<String>>,
+    gains: Option<machine::GainKeys>,
+    payload: Option<cell::LoadKeys>,
+    #[serde(default)]
+    objects: Vec<cell::ObjectKeys>,
+    #[serde(default)]
+    actions: Vec<cell::ActionKeys>,
+    sockets: Option<machine::SocketKeys>,
+    supervision: Option<machine::SupervisionKeys>,
+    sensors: Option<machine::SensorKeys>,
+}
+
+const SUBSTEPS: usize = 2;
+/// Shortest and longest run, s.
+const DURATION: [f64; 2] = [0.01, 3600.0];
+
+/// Reads a scenario file whose shapes are given by dimensions; the files it names are relative to it.
+///
+/// # Errors
+/// The mistake with its place in the file.
+pub fn read(path: &Path) -> Result<Scenario> {
+    read_with(path, no_meshes)
+}
+
+/// Reads a scenario file, and with `meshes` the solids that it names; all files are relative to it.
+///
+/// # Errors
+/// The mistake with its place in the file.
+pub fn read_with(path: &Path, meshes: MeshReader) -> Result<Scenario> {
+    let text =
+        std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+    parse_with(&text, path, meshes)
+}
+
+/// Reads a scenario from `text`; `path` names it in errors and is where it looks for models and tables.
+///
+/// # Errors
+/// The mistake with its place in the text.
+pub fn parse(text: &str, path: &Path) -> Result<Scenario> {
+    parse_with(text, path, no_meshes)
+}
+
+/// Reads a scenario from `text` as [`parse`], and with `meshes` the solids that it names.
+///
+/// # Errors
+/// The mistake with its place in the text.
+pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenario> {
+    let file = &Source { meshes, ..Source::new(path.display(), text) };
+    let (document, motion) = file.document::<Document>("motion")?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let beside = |key: &str, name: &Spanned<String>| {
+        let target = folder.join(name.get_ref());
+        if target.is_file() {
+            return Ok(target);
+        }
+        let message = format!("`{key}` is \"{}\"; expected a model file, relative to the scenario", name.get_ref());
+        Err(file.problem(name.span(), message))
+    };
+    let model = beside("model", &document.model)?;
+    let controller_model =
+        document.controller_model.as_ref().map(|name| beside("controller_model", name)).transpose()?;
+    let Some(motion) = motion else {
+        return Err(file.problem(0..0, "[motion] is missing; expected the desired motion".into()).into());
+    };
+    let motion = motion::course(file, folder, motion)?;
+    let duration = duration(file, &document.duration, &motion)?;
+    let whole = |key: &str, value: &Option<Spanned<i64>>, default: usize| {
+        value.as_ref().map_or(Ok(default), |n| file.count(key, n, 1, 1000))
+    };
+    let (payload, payload_shape) =
+        document.payload.as_ref().map_or(Ok(Default::default()), |keys| cell::payload(file, keys))?;
+    let objects = cell::objects(file, &document.objects)?;
+    Ok(Scenario {
+        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        model,
+        controller_model,
+        duration,
+        seed: document.seed.unwrap_or(0),
+        noise: document.noise.unwrap_or(true),
+        substeps: whole("substeps", &document.substeps, SUBSTEPS)?,
+        control_period: whole("control_period", &document.control_period, 1)?,
+        hold_torque: match &document.hold_torque {
+            Some(word) => {
+                let choices = [("ramp", HoldTorque::Ramp), ("hold", HoldTorque::Hold)];
+                file.choice("hold_torque", word, &choices)?
+            }
+            None => HoldTorque::default(),
+        },
+        formulation: match &document.formulation {
+            Some(word) => file.choice("formulation", word, &Formulation::NAMES)?,
+            None => Formulation::default(),
+        },
+        gains: document.gains.as_ref().map_or(Ok(Default::default()), |keys| machine::gains(file, keys))?,
+        motion,
+        setup: Setup { payload, ..Setup::default() },
+        payload_shape,
+        actions: cell::actions(file, &document.actions, &objects, duration)?,
+        objects,
+        sockets: document.sockets.as_ref().map_or(Ok(Default::default()), |keys| machine::sockets(file, keys))?,
+        supervision: document
+            .supervision
+            .as_ref()
+            .map_or(Ok(Default::default()), |keys| machine::supervision(file, keys))?,
+        sensors: document.sensors.as_ref().map_or(Ok(Default::default()), |keys| machine::sensors(file, keys))?,
+    })
+}
+
+/// Length of the run: as given, else that of the motion.
+fn duration(file: &Source, given: &Option<Spanned<f64>>, motion: &Course) -> Checked<f64> {
+    let [shortest, longest] = DURATION;
+    match (given, motion.length()) {
+        (Some(value), length) => {
+            let duration = file.within("duration", value, Interval(shortest, longest, "s"))?;
+            match (motion, length) {
+                (Course::Table(table), Some(length)) if table.moving && duration > length => {
+                    let message = format!(
+                        "`duration` is {duration}; expected at most {length} s, where the table ends in motion"
+                    );
+                    Err(file.problem(value.span(), message))
+                }
+                _ => Ok(duration),
+            }
+        }
+        (None, Some(length)) if length <= longest => Ok(length.max(shortest)),
+        (None, Some(length)) => {
+            let message = format!("[motion] takes {length} s; expected `duration`, at most {longest} s");
+            Err(file.problem(0..0, message))
+        }
+        (None, None) => {
+            let message = "the scenario lacks `duration`; expected seconds, as its motion never ends".into();
+            Err(file.problem(0..0, message))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    pub const HEAD: &str = "model = \"../models/irb360-6-1600.toml\"\nduration = 1.0\n";
+
+    pub const GOOD: &str = "model = \"../models/irb360-6-1600.toml\"\nduration = 1.0\n[motion]\n\
+                            kind = \"fourier\"\nfrequency = 0.5\ncentre = [0.0, 0.0, -1.0, 0.0]\n";
+
+    pub fn parse(text: &str) -> Result<Scenario> {
+        super::parse(text, Path::new("../../scenarios/test.toml"))
+    }
+
+    fn refusal(from: &str, to: &str) -> String {
+        assert!(GOOD.contains(from));
+        parse(&GOOD.replace(from, to)).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn defaults_fill_what_is_left_out() {
+        let s = parse(GOOD).unwrap();
+        assert_eq!((s.seed, s.noise, s.substeps, s.control_period), (0, true, 2, 1));
+        assert!(s.controller_model.is_none() && s.objects.is_empty() && s.actions.is_empty());
+        assert_eq!(s.hold_torque, HoldTorque::Ramp);
+        let s = parse(&format!("control_period = 5\nhold_torque = \"hold\"\n{GOOD}")).unwrap();
+        assert_eq!((s.control_period, s.hold_torque), (5, HoldTorque::Hold));
+        assert_eq!(s.formulation, Formulation::Eliminated);
+        let s = parse(&format!("formulation = \"absolute\"\n{GOOD}")).unwrap();
+        assert_eq!(s.formulation, Formulation::Absolute);
+    }
+
+    #[test]
+    fn mistakes_are_named_with_line_and_value() {
+        for (from, to, expected) in [
+            ("duration = 1.0", "duration = -1.0", "test.toml:2:12: `duration` is -1; expected"),
+            ("\"fourier\"", "\"spiral\"", "test.toml:4:8: `motion.kind` is \"spiral\""),
+            ("centre", "center", "test.toml:6:1: [motion]: unknown field `center`"),
+            ("frequency = 0.5", "frequency = 0.5\nshare = 0.5", "test.toml:6:1: [motion]: unknown field `share`"),
+            ("irb360-6-1600.toml", "nothing.toml", "test.toml:1:9: `model` is \"../models/nothing.toml\""),
+            ("duration = 1.0", "duration = 1.0\nhold_torque = \"step\"", "test.toml:3:15: `hold_torque` is \"step\""),
+            ("duration = 1.0", "duration = 1.0\nformulation = \"full\"", "test.toml:3:15: `formulation` is \"full\""),
+            ("duration = 1.0", "duration = 1.0\ncontrol_period = 0", "test.toml:3:18: `control_period` is 0"),
+            ("duration = 1.0", "duration = 1.0\nduratoin = 1.0", "test.toml:3:1: unknown field `duratoin`"),
+            ("duration = 1.0", "duration = ", "test.toml:2:"),
+            ("[motion]", "[movement]", "test.toml:3:2: unknown field `movement`"),
+            ("-1.0, 0.0]", "-1.0, inf]", "test.toml:6:10: `motion.centre` has inf"),
+        ] {
+            let e = refusal(from, to);
+            assert!(e.contains(expected), "{expected}\n{e}");
+        }
+        assert!(parse(HEAD).unwrap_err().to_string().contains("[motion] is missing"));
+        assert!(parse(&format!("motion = 3\n{HEAD}")).unwrap_err().to_string().contains("test.toml:1:10: `motion`"));
+    }
+
+    #[test]
+    fn motions_out_of_reach_are_refused_with_their_time() {
+        let model = crate::model::read(Path::new("../../models/irb360-6-1600.toml")).unwrap();
+        assert!(parse(GOOD).unwrap().motion(&model).is_ok());
+        let refused = |motion: &str| {
+            let text = format!("{HEAD}[motion]\n{motion}");
+            parse(&text).unwrap().motion(&model).unwrap_err().to_string()
+        };
+        let far = parse(&GOOD.replace("[0.0, 0.0,", "[0.9, 0.0,")).unwrap();
+        assert!(far.motion(&model).unwrap_err().to_string().contains("cannot be reached"));
+        let e = refused("kind = \"static_poses\"\nposes = [[0, 0, -1, 0], [1.5, 0, -1, 0]]\nhold = 0.5\nmove = 1\n");
+        assert!(e.contains("cannot be reached at t = 1."), "{e}");
+        let e = refused("kind = \"static_poses\"\nposes = [[0, 0, -1, 0], [0, 0, -1, 9]]\nhold = 0.5\nmove = 0.2\n");
+        assert!(e.contains("rad/s of axis 4 at t = 0.5"), "{e}");
+        let e = refused(
+            "kind = \"constant_speed\"\naxis = 1\npose = [0, 0, -1, 0]\nbetween = [0, 2]\nspeeds = [1]\nacceleration = 9\n",
+        );
+        assert!(e.contains("arm 1"), "{e}");
+        let e = refused(
+            "kind = \"constant_speed\"\naxis = 4\npose = [3, 0, -1, 0]\nbetween = [0, 2]\nspeeds = [1]\nacceleration = 9\n",
+        );
+        assert!(e.contains("out of reach"), "{e}");
+    }
+
+    proptest! {
+        #[test]
+        fn damaged_files_are_read_or_refused_with_a_place(
+            file in prop::sample::select(vec!["path", "pick-and-place", "constant-speed", "worn-sockets", "table"]),
+            at in any::<prop::sample::Index>(),
+            length in 0..30usize,
+            put in prop::sample::select(vec!["", "nan", "-1", "1e300", "inf", "[", "\"\"", "9223372036854775807", "ψ", "\n"]),
+        ) {
+            let path = format!("../../scenarios/{file}.toml");
+            let text: Vec<char> = std::fs::read_to_string(&path).unwrap().chars().collect();
+            let at = at.index(text.len());
+            let end = (at + length).min(text.len());
+            let damaged: String = text[..at].iter().copied().chain(put.chars()).chain(text[end..].iter().copied()).collect();
+            if let Err(e) = super::parse(&damaged, Path::new(&path)) {
+                prop_assert!(e.to_string().starts_with(&format!("{path}:")), "{e}");
+            }
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! A text file whose mistakes are reported with file, line and column, and checks of the values in it.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use deltatwin::cell::{MeshReader, no_meshes};
+use deltatwin::machine::{AXES, Payload};
+use miette::{Diagnostic, NamedSource, SourceSpan};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use thiserror::Error;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
+
+/// A mistake in a text file.
+#[derive(Clone, Debug, Error, Diagnostic)]
+#[error("{place}: {message}")]
+pub struct Problem {
+    /// `file:line:column`.
+    pub place: String,
+    /// Key, value and what was expected.
+    pub message: String,
+    /// The file's text.
+    #[source_code]
+    text: Arc<NamedSource<String>>,
+    /// Where the mistake is.
+    #[label("{label}")]
+    span: SourceSpan,
+    label: String,
+}
+
+/// Result of a check.
+pub(crate) type Checked<T> = std::result::Result<T, Problem>;
+
+/// Numbers from the first to the second, in a unit.
+#[derive(Clone, Copy)]
+pub(crate) struct Interval<'a>(pub f64, pub f64, pub &'a str);
+
+impl Interval<'_> {
+    fn contains(&self, value: f64) -> bool {
+        (self.0..=self.1).contains(&value)
+    }
+}
+
+impl fmt::Display for Interval<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Self(low, high, unit) = self;
+        match *unit {
+            "" => write!(f, "from {low} to {high}"),
+            unit => write!(f, "from {low} to {high} {unit}"),
+        }
+    }
+}
+
+/// A TOML file as text.
+pub(crate) struct Source<'a> {
+    /// What the file is called in errors.
+    pub name: String,
+    pub text: &'a str,
+    /// What reads the solids that the file names.
+    pub meshes: MeshReader,
+}
+
+impl<'a> Source<'a> {
+    pub fn new(name: impl fmt::Display, text: &'a str) -> Self {
+        Self { name: name.to_string(), text, meshes: no_meshes }
+    }
+
+    /// An error about the text at `span`.
+    pub fn problem(&self, span: Range<usize>, message: String) -> Problem {
+        self.labelled(span, message, "here".into())
+    }
+
+    /// The same with a label under the text at `span`.
+    pub fn labelled(&self, span: Range<usize>, message: String, label: String) -> Problem {
+        let before = self.text.get(..span.start).unwrap_or(self.text);
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        Problem {
+            place: format!("{}:{line}:{column}", self.name),
+            message,
+            text: NamedSource::new(&self.name, self.text.to_string()).with_language("toml").into(),
+            span: span.into(),
+            label,
+        }
+    }
+
+    /// An error of the TOML reader.
+    pub fn broken(&self, error: &toml::de::Error) -> Problem {
+        self.problem(error.span().unwrap_or(0..0), error.message().trim().replace('\n', ", "))
+    }
+
+    /// The whole file as a `T`, but for the table `apart`, whose keys depend on its `kind`.
+    pub fn document<T: DeserializeOwned>(&self, apart: &str) -> Checked<(T, Option<Spanned<DeValue<'a>>>)> {
+        let mut table = DeTable::parse(self.text).map_err(|e| self.broken(&e))?;
+        let rest = table.get_mut().remove(apart);
+        let document = T::deserialize(Deserializer::from(table)).map_err(|e| self.broken(&e))?;
+        Ok((document, rest))
+    }
+
+    /// Takes `kind` out of the table called `name`; `what` it is the kind of.
+    pub fn kind(&self, name: &str, what: &str, table: &mut Spanned<DeValue>) -> Checked<Spanned<String>> {
+        let span = table.span();
+        let DeValue::Table(keys) = table.get_mut() else {
+            return Err(self.problem(span, format!("`{name}` is not a table; expected [{name}]")));
+        };
+        let Some(kind) = keys.remove("kind") else {
+            return Err(self.problem(span, format!("[{name}] lacks `kind`; expected the kind of {what}")));
+        };
+        Spanned::<String>::deserialize(ValueDeserializer::from(kind)).map_err(|e| self.broken(&e))
+    }
+
+    /// The keys of the table called `name` as a `T`.
+    pub fn keys<T: DeserializeOwned>(&self, name: &str, table: Spanned<DeValue>) -> Checked<T> {
+        let whole = table.span();
+        T::deserialize(ValueDeserializer::from(table)).map_err(|e| {
+            let span = e.span().filter(|s| !s.is_empty()).unwrap_or(whole);
+            self.problem(span, format!("[{name}]: {}", e.message().trim().replace('\n', ", ")))
+        })
+    }
+
+    /// The text of a value, on one line and not too long.
+    pub fn quote(&self, span: Range<usize>) -> String {
+        let text: Vec<&str> = self.text.get(span).unwrap_or("").split_whitespace().collect();
+        let text = text.join(" ");
+        if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
+    }
+
+    /// A number within an interval.
+    pub fn within(&self, key: &str, value: &Spanned<f64>, interval: Interval) -> Checked<f64> {
+        let v = *value.get_ref();
+        if interval.contains(v) {
+            return Ok(v);
+        }
+        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a number {interval}")))
+    }
+
+    /// The same, or `default` for a key that is left out.
+    pub fn optional(&self, key: &str, value: &Option<Spanned<f64>>, default: f64, interval: Interval) -> Checked<f64> {
+        value.as_ref().map_or(Ok(default), |v| self.within(key, v, interval))
+    }
+
+    /// The same, if the key is there.
+    pub fn maybe(&self, key: &str, value: &Option<Spanned<f64>>, interval: Interval) -> Checked<Option<f64>> {
+        value.as_ref().map(|v| self.within(key, v, interval)).transpose()
+    }
+
+    /// An array of numbers, each within an interval.
+    pub fn numbers<const N: usize>(
+        &self,
+        key: &str,
+        value: &Spanned<[f64; N]>,
+        interval: Interval,
+    ) -> Checked<[f64; N]> {
+        match value.get_ref().iter().find(|v| !interval.contains(**v)) {
+            None => Ok(*value.get_ref()),
+            Some(v) => Err(self.problem(value.span(), format!("`{key}` has {v}; expected {N} numbers {interval}"))),
+        }
+    }
+
+    /// One number per axis of the machine, which may have fewer than four: what is missing is zero.
+    pub fn per_axis(&self, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<[f64; AXES]> {
+        let given = value.get_ref();
+        let problem = match given.iter().find(|v| !interval.contains(**v)) {
+            Some(v) => Some(v.to_string()),
+            None if ![1, 3, AXES].contains(&given.len()) => Some(format!("{} number(s)", given.len())),
+            None => None,
+        };
+        if let Some(what) = problem {
+            let message = format!("`{key}` has {what}; expected one per axis, 1, 3 or {AXES} numbers {interval}");
+            return Err(self.problem(value.span(), message));
+        }
+        Ok(std::array::from_fn(|i| given.get(i).copied().unwrap_or(0.0)))
+    }
+
+    /// A whole number from `low` to `high`.
+    pub fn count(&self, key: &str, value: &Spanned<i64>, low: i64, high: i64) -> Checked<usize> {
+        let v = *value.get_ref();
+        if (low..=high).contains(&v) {
+            return Ok(v as usize);
+        }
+        Err(self.problem(value.span(), format!("`{key}` is {v}; expected a whole number from {low} to {high}")))
+    }
+
+    /// One of several words.
+    pub fn choice<T: Copy>(&self, key: &str, value: &Spanned<String>, choices: &[(&str, T)]) -> Checked<T> {
+        let word = value.get_ref();
+        if let Some((_, choice)) = choices.iter().find(|(name, _)| name == word) {
+            return Ok(*choice);
+        }
+        let names: Vec<String> = choices.iter().map(|(name, _)| format!("\"{name}\"")).collect();
+        let names = match names.split_last() {
+            Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+            _ => names.concat(),
+        };
+        Err(self.problem(value.span(), format!("`{key}` is \"{word}\"; expected {names}")))
+    }
+
+    /// A key that `context` needs.
+    pub fn needed<'v, T>(
+        &self,
+        key: &str,
+        value: &'v Option<Spanned<T>>,
+        context: &str,
+        at: Range<usize>,
+    ) -> Checked<&'v Spanned<T>> {
+        value.as_ref().ok_or_else(|| self.problem(at, format!("{context} lacks `{key}`; expected it beside")))
+    }
+
+    /// Refuses a key that has no meaning in `context`.
+    pub fn foreign<T>(&self, key: &str, value: &Option<Spanned<T>>, context: &str) -> Checked<()> {
+        match value {
+            None => Ok(()),
+            Some(v) => {
+                Err(self.problem(v.span(), format!("`{key}` has no meaning for {context}; expected it to be left out")))
+            }
+        }
+    }
+
+    /// The payload of a table `[payload]`, whose keys but the tensor are checked already.
+    pub fn payload(
+        &self,
+        mass: f64,
+        com: [f64; 3],
+        vertical: Option<f64>,
+        tensor: &Option<Spanned<Vec<f64>>>,
+    ) -> Checked<Payload> {
+        let moments = tensor.as_ref().map(|v| v.get_ref().as_slice());
+        Payload::stated(mass, com, vertical, moments).map_err(|what| {
+            let span = tensor.as_ref().map_or(0..0, Spanned::span);
+            self.problem(span, format!("`payload.inertia` {what}"))
+        })
+    }
+}

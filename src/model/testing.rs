@@ -1,0 +1,83 @@
+//! Shipped models for unit tests.
+
+use std::path::Path;
+
+use super::{Added, Model};
+use crate::effects::{ActiveEffect, Effects, find};
+use crate::machine::{Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops};
+
+/// The fields of a struct of this crate from one with the same fields.
+macro_rules! copy {
+    ($name:ident { $($field:ident),* $(,)? } of $from:expr) => {
+        $name { $($field: $from.$field),* }
+    };
+}
+
+/// The model in `models/<name>.toml`.
+///
+/// The reader is built with the library as other crates see it, not as a unit test does: its types are others of the same
+/// names, from which every field is copied.
+pub(crate) fn shipped(name: &str) -> Model {
+    let read = deltatwin_io::model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model");
+    let mechanism = match (read.mechanism.arms(), read.mechanism.has_telescope(), read.mechanism.unit("rad")) {
+        (1, _, "rad") => Mechanism::Axis(Joint::Revolute),
+        (1, ..) => Mechanism::Axis(Joint::Prismatic),
+        (_, telescope, _) => Mechanism::Delta { telescope },
+    };
+    let mut model = Model {
+        name: read.name.clone(),
+        path: read.path.clone(),
+        source: read.source.clone(),
+        mechanism,
+        assembled: read.assembled,
+        geometry: copy!(Geometry {
+            base_radius,
+            arm_length,
+            strut_length,
+            platform_radius,
+            pair_distance,
+            mounting_height,
+            upper_hooke_height,
+            lower_hooke_height,
+            flange_height,
+            arm_limits,
+            telescope_limits,
+        } of read.geometry),
+        bodies: Bodies(read.bodies.0.map(|b| copy!(Inertia { mass, first_moment, tensor } of b))),
+        link_parameters: LinkParameters::default(),
+        drives: read
+            .drives
+            .map(|d| copy!(Drive { gear_ratio, encoder_bits, max_torque, max_speed, max_acceleration, max_jerk } of d)),
+        sockets: copy!(Sockets { ball_radius, preload, dislocation_force, clamp_share, spin_damping } of read.sockets),
+        stops: copy!(Stops {
+            arm,
+            arm_stiffness,
+            arm_damping,
+            hooke,
+            hooke_stiffness,
+            hooke_damping,
+            telescope_stiffness,
+            telescope_damping,
+        } of read.stops),
+        noise: copy!(Noise { torque, strut_force } of read.noise),
+        gravity: read.gravity,
+        sample_time: read.sample_time,
+        effects: Effects::default(),
+        history: read
+            .history
+            .iter()
+            .map(|a| copy!(Added { effect, channels, rms_before, rms_after, noise_floor, held_out } of a.clone()))
+            .collect(),
+    };
+    let host = model.host();
+    model.effects = read
+        .effects
+        .iter()
+        .map(|a| {
+            let blocks: Vec<&[f64]> = (0..a.effect.parameters().len()).map(|b| a.values().block(b)).collect();
+            let effect = find(a.effect.name()).expect("an effect of the registry");
+            ActiveEffect { host, ..ActiveEffect::new(effect, &blocks) }
+        })
+        .collect();
+    model
+}
