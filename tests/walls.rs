@@ -26,6 +26,9 @@ const OUTSIDE: [&str; 18] = [
     "yaml-rust2",
 ];
 
+/// Crates for the formats of files, for `deltatwin-io` alone.
+const FORMATS: [&str; 6] = ["csv", "mcap", "rusqlite", "toml", "toml_edit", "yaml-rust2"];
+
 /// What only the crates around the library do: print, open files.
 const NOT_HERE: [&str; 7] = ["println!(", "print!(", "eprintln!(", "std::fs", "File::", "is_file()", "canonicalize()"];
 
@@ -89,6 +92,19 @@ fn the_library_stands_alone() {
         let text = std::fs::read_to_string(file).expect("a file");
         for word in NOT_HERE {
             assert!(!product(&text).contains(word), "{}: {word}", file.display());
+        }
+    }
+}
+
+#[test]
+fn formats_of_files_are_known_in_one_crate() {
+    let crates = std::fs::read_dir("crates").expect("a folder").map(|e| e.expect("an entry").path());
+    for folder in crates.filter(|f| !f.ends_with("deltatwin-io")) {
+        let text = std::fs::read_to_string(folder.join("Cargo.toml")).expect("a file");
+        let manifest: toml::Table = text.parse().expect("TOML");
+        let used = manifest["dependencies"].as_table().expect("a table");
+        for format in FORMATS {
+            assert!(!used.contains_key(format), "{}: {format}", folder.display());
         }
     }
 }
