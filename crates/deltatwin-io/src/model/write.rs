@@ -30,7 +30,7 @@ pub fn write(model: &Model, path: &Path) -> Result<()> {
 /// The same for a model that was fitted: each number that moved states its source.
 ///
 /// # Errors
-/// See [`write`].
+/// See [`write()`].
 pub fn write_fitted(model: &Model, path: &Path, provenance: &Provenance) -> Result<()> {
     write_text(model, path, Some(provenance))
 }
@@ -44,12 +44,18 @@ fn write_text(model: &Model, path: &Path, provenance: Option<&Provenance>) -> Re
 ///
 /// Comments and layout stay. Reading the result gives back every number of `model` exactly; if that is impossible,
 /// e.g. because a value lies outside its range, nothing is returned but the reason.
+///
+/// # Errors
+/// Text that is no TOML, and numbers that the file cannot hold.
 pub fn updated_text(original: &str, model: &Model) -> Result<String> {
     text(original, model, None)
 }
 
 /// The same for a model that was fitted. Beside each number that moved stand recording, date, program and standard error,
 /// in place of what the comment said of the old number; numbers that did not move keep theirs.
+///
+/// # Errors
+/// See [`updated_text`].
 pub fn fitted_text(original: &str, model: &Model, provenance: &Provenance) -> Result<String> {
     text(original, model, Some(provenance))
 }
@@ -63,12 +69,15 @@ fn text(original: &str, model: &Model, provenance: Option<&Provenance>) -> Resul
 }
 
 /// A new model file for `model`, with unit and meaning of every key.
+///
+/// # Errors
+/// Numbers that the file cannot hold.
 pub fn full_text(model: &Model) -> Result<String> {
     updated_text("", model)
 }
 
 /// Puts the numbers and effects of `model` into a TOML document.
-pub fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenance>) -> Result<()> {
+fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenance>) -> Result<()> {
     let root = document.as_table_mut();
     set_plain(root, "name", Value::from(model.name.as_str()));
     match model.mechanism {

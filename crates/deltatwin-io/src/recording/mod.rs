@@ -1,9 +1,9 @@
 //! Recordings as CSV with a sidecar, and as ROS 2 bags.
 
-pub mod bag;
+pub(crate) mod bag;
 mod check;
-pub mod columns;
-pub mod csv;
+mod columns;
+mod csv;
 mod epoch;
 mod error;
 pub mod setup;
@@ -31,13 +31,17 @@ pub struct Reading<'a> {
 }
 
 /// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, a bag's folder) of whatever machine it is by its axes: one, three or four.
+///
+/// # Errors
+/// See [`read_as`].
 pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Recording, Vec<String>), ReadError> {
     read_as(path, &Reading { setup, ..Reading::default() })
 }
 
 /// Reads a recording of a `machine`: its axes must be there, others are left out with a warning.
 ///
-/// See [`read_as`] for the rest.
+/// # Errors
+/// See [`read_as`].
 pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<(Recording, Vec<String>), ReadError> {
     read_as(path, &Reading { setup, machine: Some(machine), ..Reading::default() })
 }
@@ -91,7 +95,7 @@ pub fn write(recording: &Recording, path: &Path) -> Result<(), WriteError> {
 /// The same with origin and pictures of the run, as far as the format keeps them: MCAP does, CSV does not.
 ///
 /// # Errors
-/// See [`write`].
+/// See [`write()`].
 pub fn write_with(recording: &Recording, path: &Path, context: &Context) -> Result<(), WriteError> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "csv" {

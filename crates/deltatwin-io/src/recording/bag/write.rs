@@ -16,6 +16,9 @@ use crate::recording::{check, setup};
 const LAST: i64 = i32::MAX as i64;
 
 /// Writes a recording with what else is known of the run; times are rounded to nanoseconds.
+///
+/// # Errors
+/// Signals that no machine has, times that ROS 2 cannot hold, and whatever the system says.
 pub fn write(path: &Path, recording: &Recording, context: &Context) -> Result<(), WriteError> {
     let signals = &recording.signals;
     check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;

@@ -49,7 +49,10 @@ impl FromStr for Mapping {
 }
 
 impl Mapping {
-    /// Adds `channel = source`; an error says what was expected.
+    /// Adds `channel = source`.
+    ///
+    /// # Errors
+    /// What was expected, in words.
     pub fn assign(&mut self, channel: &str, source: &str) -> Result<(), String> {
         if !known(channel) {
             return Err(format!(
