@@ -11,6 +11,7 @@ use common::model;
 use deltatwin::effects::Kind;
 use deltatwin::identification::{Trace, fit};
 use deltatwin_io::recording;
+use deltatwin_validation::demo::hide;
 use deltatwin_validation::exam::{self, Campaign, Case, Grade, MotionKind, Noise, Size, campaign, folder, judge};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -86,6 +87,27 @@ fn every_effect_and_every_motion_can_be_hidden_within_its_range() {
         let off = c.hidden[0].active.effect.kind() == Kind::Encoder;
         assert!(off || error[..3].iter().all(|e| *e < 0.1), "{name}: {error:?}");
     }
+}
+
+/// The demo draws among all effects that its motions show, another seed another one.
+#[test]
+fn the_demo_hides_what_its_motions_show() {
+    common::at_root();
+    let nominal = model("irb360-6-1600");
+    let mut drawn = Vec::new();
+    for seed in 1..=10 {
+        let robot = hide(&nominal, seed, None).unwrap();
+        let [hidden] = &robot.prepared.hidden[..] else {
+            panic!("seed {seed}: {} hidden", robot.prepared.hidden.len())
+        };
+        let name = hidden.active.effect.name();
+        println!("seed {seed}: {name} {:?}, left out {:?}", hidden.rise, robot.left_out);
+        assert!(hidden.rise.is_visible() && !robot.left_out.contains(&name), "seed {seed}: {name} {:?}", hidden.rise);
+        drawn.push(name);
+    }
+    drawn.sort_unstable();
+    drawn.dedup();
+    assert!(drawn.len() > 4, "{drawn:?}");
 }
 
 #[test]

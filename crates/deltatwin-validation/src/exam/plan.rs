@@ -92,7 +92,7 @@ impl Plan {
         }
         name += &format!("-{k}");
         let seed = seed(self.seed, &name);
-        let of_payload = effects.iter().any(|name| effects::find(name).is_some_and(|effect| reads_payload(effect)));
+        let of_payload = effects.iter().any(|name| effects::find(name).is_some_and(reads_payload));
         let case = Case {
             seed,
             strut_sensor: self.strut_sensors && !(seed >> 17).is_multiple_of(3),

@@ -267,11 +267,11 @@ mod tests {
 
     fn share(at: &'static str, law: &'static str) -> f64 {
         let model = deltatwin_io::model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
-        let outside = Some(Outside { name: "law", at, law });
-        let case = Case { outside, motion: MotionKind::Fourier, duration: 6.0, ..Case::default() };
+        let outside = Outside { name: "law", at, law };
+        let case = Case { outside: Some(outside), motion: MotionKind::Fourier, duration: 6.0, ..Case::default() };
         let beyond: Vec<&dyn deltatwin::effects::Effect> = Vec::new();
         assert!(prepare(&model, &Case { outside: None, ..case.clone() }, &beyond).unwrap().unspanned.is_none());
-        prepare(&model, &case, &[outside.unwrap().effect()]).unwrap().unspanned.unwrap()
+        prepare(&model, &case, &[outside.effect()]).unwrap().unspanned.unwrap()
     }
 
     #[test]
