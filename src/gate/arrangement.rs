@@ -32,6 +32,9 @@ const POSSIBLE: f64 = 0.98;
 const FLOOR: f64 = 1e-3;
 /// Every so many instants are enough to choose by.
 const THINNED: usize = 4;
+/// Distance from a quarter turn within which a zero is one: what the model lacks moves the best one by up to 7°, and what is
+/// left is for the diagnosis, a joint zero offset.
+const NEAR_QUARTER: f64 = 0.5 * ZERO_STEP;
 /// What a torque of the wrong sign, or of the wrong size by a factor e, costs.
 const WRONG: f64 = 0.3;
 /// What each departure from the file's own arrangement costs.
@@ -165,7 +168,7 @@ fn refined(plant: &Plant, instants: &Instants, best: Judgement) -> Judgement {
     }
     let mut found = moved(0.5 * (low + high));
     let quarter = |z: f64| (z / FRAC_PI_2).round() * FRAC_PI_2;
-    let near = |z: f64| (z - quarter(z)).abs() < 0.02 && quarter(z) != 0.0;
+    let near = |z: f64| (z - quarter(z)).abs() < NEAR_QUARTER && quarter(z) != 0.0;
     found.zero = found.zero.map(|z| if near(z) { quarter(z) } else { (1e4 * z).round() / 1e4 });
     match judge(plant, instants, found) {
         Some(judged) if judged.cost < best.cost + CHANGE => judged,

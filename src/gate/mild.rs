@@ -2,13 +2,14 @@
 
 use super::instants::{Instants, Predicted, heavier};
 use super::line::{LeastSquares, least_squares, rms};
+use super::low_pass::low_pass;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
 use crate::kinematics::JointState;
 use crate::model::Model;
 
 /// Steepness of the friction feature, s/rad (eq. 48).
-const STEEPNESS: f64 = 100.0;
+pub(super) const STEEPNESS: f64 = 100.0;
 /// Mean fall of ln(unexplained) per axis that a lag must bring.
 const LAG_GAIN: f64 = 0.4;
 /// Smallest payload worth a word, kg.
@@ -59,6 +60,8 @@ pub struct Load {
     pub before: f64,
     /// The same with the load.
     pub after: f64,
+    /// RMS torque of the arms, N·m.
+    pub measured: f64,
 }
 
 struct Context<'a> {
@@ -102,7 +105,7 @@ impl<'a> Context<'a> {
         least_squares(&features, &self.instants.measured(axis, lag))
     }
 
-    /// The lag, common to all torques, at which they follow the angles best.
+    /// The lag, common to all torques, at which they follow the angles best, and the low-pass that it comes from, if it does.
     fn lag(&self) -> Option<Finding> {
         let (dt, reach) = (self.instants.trace.dt, self.instants.reach as isize);
         let drives = self.friction.len();
@@ -123,18 +126,37 @@ impl<'a> Context<'a> {
         let total = |lag: isize| rms(&arms.clone().flat_map(|i| self.residual(i, lag)).collect::<Vec<_>>());
         let milliseconds = rounded(1e3 * lag, 4);
         let late = if lag > 0.0 { "late" } else { "early" };
+        let filter = if best > 0 { low_pass(self.plant, self.instants.trace, best) } else { None };
+        // f = 1/(2πT).
+        let cut_off = |t: f64| 1.0 / (std::f64::consts::TAU * t);
+        let (problem, value, sentence) = match filter {
+            Some(f) => (
+                Problem::LowPass,
+                (cut_off(f.time_constant), cut_off(f.time_constant) * f.std / f.time_constant),
+                format!(
+                    "the torques went through a low-pass of about {} Hz, the angles did not; a shift by {milliseconds} ms takes \
+                     its lag away, only torques recorded before it are not blurred",
+                    rounded(cut_off(f.time_constant), 2)
+                ),
+            ),
+            None => (
+                Problem::Lag,
+                (lag, dt / 2.0),
+                format!("the torques come {} ms {late} against the angles", milliseconds.abs()),
+            ),
+        };
         Some(Finding {
             recording: self.instants.trace.name.clone(),
             axis: None,
-            problem: Problem::Lag,
+            problem,
             severe: false,
             evidence: Evidence {
-                value: Some((lag, dt / 2.0)),
+                value: Some(value),
                 rms_before: Some(total(0)),
                 rms_after: Some(total(best)),
                 ..Evidence::default()
             },
-            sentence: format!("the torques come {} ms {late} against the angles", milliseconds.abs()),
+            sentence,
             remedy: Remedy::Map((1..=drives).map(|k| format!("tau{k}=tau{k}@{milliseconds}ms")).collect()),
         })
     }
@@ -184,8 +206,10 @@ impl<'a> Context<'a> {
             rms(&(0..arms).flat_map(rest).collect::<Vec<_>>())
         };
         let (before, after) = (arms(0.0), arms(mass));
+        let drives = 0..self.plant.mechanism.arms();
+        let measured = rms(&drives.flat_map(|i| self.instants.measured(i, 0)).collect::<Vec<_>>());
         let clear = mass.abs() > PAYLOAD && share > PAYLOAD_SHARE.0 && alike && after < CARRIED * before;
-        clear.then_some(Load { mass, std, torques, before, after })
+        clear.then_some(Load { mass, std, torques, before, after, measured })
     }
 
     /// A load and constants of one sign on all arms: arms of another weight, as no load and no sensor makes them.

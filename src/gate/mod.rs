@@ -6,6 +6,7 @@
 mod arrangement;
 mod instants;
 mod line;
+mod low_pass;
 mod mild;
 mod severe;
 
@@ -41,6 +42,8 @@ pub enum Problem {
     Unrelated,
     /// Torques late or early against the angles.
     Lag,
+    /// Torques low-passed, angles not.
+    LowPass,
     /// A load at the flange that the setup does not state.
     Payload,
     /// A constant torque.
@@ -60,6 +63,7 @@ impl fmt::Display for Problem {
             Self::AnotherMachine => "another_machine",
             Self::Unrelated => "unrelated",
             Self::Lag => "lag",
+            Self::LowPass => "low_pass",
             Self::Payload => "payload",
             Self::Offset => "offset",
         })
@@ -71,7 +75,7 @@ impl fmt::Display for Problem {
 pub struct Evidence {
     /// Line of measured over predicted torque, as the file has it.
     pub line: Option<Line>,
-    /// What is estimated (lag in s, payload in kg, offset in N·m, zero in rad) and its standard error.
+    /// What is estimated (lag in s, cut-off in Hz, payload in kg, offset in N·m, zero in rad) and its standard error.
     pub value: Option<(f64, f64)>,
     /// RMS of measured − predicted as the file has it, N·m.
     pub rms_before: Option<f64>,

@@ -17,7 +17,8 @@ const CORRELATED: f64 = 0.8;
 /// Unexplained share of an arm's torque, and of the telescope's, which friction governs, from which other arrangements are
 /// tried.
 const ODD: (f64, f64) = (0.03, 0.2);
-/// What a payload may leave of the residual so that nothing else is looked for.
+/// What a payload may leave of the residual, and of the torque itself, so that nothing else is looked for: near a singular
+/// pose any load explains most of the residual.
 const CARRIED: f64 = 0.3;
 /// Correlation of an axis from which its slope is read as a factor: friction that a model lacks may double a torque, but it
 /// does not follow the rest.
@@ -44,7 +45,7 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     if !strange && all.iter().flatten().all(usual) {
         return Vec::new();
     }
-    let carried = || load(model, plant, instants).is_some_and(|l| l.after < CARRIED * l.before);
+    let carried = || load(model, plant, instants).is_some_and(|l| l.after < CARRIED * l.before.min(l.measured));
     let other = if strange && !carried() { best(plant, instants) } else { None };
     let other = other.filter(|b| believable(b, plain.as_ref(), plant));
     let Some(judged) = other.as_ref().or(plain.as_ref()) else {

@@ -1,0 +1,171 @@
+//! Whether torques that come late were low-passed or only shifted.
+//!
+//! A shift leaves the steps of friction steep, a first-order low-pass 1/(1 + T·s) rounds them; both delay slow torques by T.
+
+use super::instants::Predicted;
+use super::line::least_squares;
+use super::mild::STEEPNESS;
+use crate::dynamics::Plant;
+use crate::identification::Trace;
+use crate::kinematics::JointState;
+
+/// Spacing of the instants at which both are compared, s.
+const STEP: f64 = 2e-3;
+/// Ratios between time constants that are tried, and how many to either side of the lag.
+const GRID: (f64, i32) = (1.08, 14);
+/// Samples about the lag at which shifts are tried.
+const AROUND: isize = 4;
+/// Mean fall of ln(unexplained) per axis from the best shift to the best low-pass that makes it one.
+const GAIN: f64 = 0.3;
+/// Time constants after the start of a stretch until what was before is forgotten.
+const FORGOTTEN: f64 = 6.0;
+/// Fewest instants per axis.
+const FEWEST: usize = 200;
+
+/// A low-pass of first order.
+pub struct LowPass {
+    /// Time constant, s.
+    pub time_constant: f64,
+    /// Its standard deviation by the spacing of those that were tried, s.
+    pub std: f64,
+}
+
+/// The low-pass that torques went through which follow the model best `lag` samples late; none if a shift explains them as
+/// well, or if some pose is impossible.
+pub fn low_pass(plant: &Plant, trace: &Trace, lag: isize) -> Option<LowPass> {
+    let late = lag as f64 * trace.dt;
+    let series =
+        Series::new(plant, trace, late * GRID.0.powi(GRID.1) * FORGOTTEN, lag.unsigned_abs() + AROUND as usize)?;
+    let shifted =
+        (lag - AROUND..=lag + AROUND).map(|lag| series.cost(&series.features, lag)).fold(f64::INFINITY, f64::min);
+    let tried = (-GRID.1..=GRID.1).map(|k| late * GRID.0.powi(k));
+    let costs = tried.map(|t| (t, series.cost(&series.filtered(t), 0)));
+    let (time_constant, cost) = costs.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let clear = cost < shifted - GAIN * series.features.len() as f64;
+    // A uniform density over the spacing.
+    let std = time_constant * (GRID.0 - 1.0) / 12f64.sqrt();
+    clear.then_some(LowPass { time_constant, std })
+}
+
+/// What torques are made of at evenly spaced instants.
+struct Series<'a> {
+    trace: &'a Trace,
+    /// Samples of the instants, by stretch.
+    at: Vec<Vec<usize>>,
+    /// s
+    step: f64,
+    /// Instants at the start of each stretch that are only remembered.
+    skip: usize,
+    /// By axis: predicted torque, rate and its smooth sign, over all stretches one after another.
+    features: Vec<[Vec<f64>; 3]>,
+}
+
+impl<'a> Series<'a> {
+    /// Stretches that are longer than `memory`, without `margin` samples at either end.
+    fn new(plant: &Plant, trace: &'a Trace, memory: f64, margin: usize) -> Option<Self> {
+        if trace.dt <= 0.0 {
+            return None;
+        }
+        let stride = (STEP / trace.dt).round().max(1.0) as usize;
+        let step = stride as f64 * trace.dt;
+        let skip = (memory / step).ceil() as usize;
+        let inner = |s: &std::ops::Range<usize>| s.start + margin..s.end.saturating_sub(margin);
+        let stretches = trace.segments.iter().map(|s| inner(s).step_by(stride).collect::<Vec<usize>>());
+        let at: Vec<Vec<usize>> = stretches.filter(|s| s.len() > skip).collect();
+        if at.iter().map(|s| s.len() - skip).sum::<usize>() < FEWEST {
+            return None;
+        }
+        let joints: Vec<JointState> = at.iter().flatten().map(|&k| trace.joints[k]).collect();
+        let t = trace.t.first().copied().unwrap_or(0.0);
+        let predicted = Predicted::new(plant, &trace.channels, t, &joints);
+        let drives = plant.mechanism.axes().min(predicted.series.len());
+        let axis = |i: usize| {
+            let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
+            let signs = rates.iter().map(|r| (STEEPNESS * r).tanh()).collect();
+            [predicted.series[i].clone(), rates, signs]
+        };
+        let all = predicted.possible.iter().all(|p| *p);
+        all.then(|| Self { trace, step, skip, features: (0..drives).map(axis).collect(), at })
+    }
+
+    /// The features behind a low-pass, each stretch from rest at its first value.
+    fn filtered(&self, time_constant: f64) -> Vec<[Vec<f64>; 3]> {
+        // Exact for an input that is linear between instants: y' = (u − y)/T.
+        let decay = (-self.step / time_constant).exp();
+        let share = time_constant / self.step * (1.0 - decay);
+        let one = |u: &Vec<f64>| {
+            let mut out = Vec::with_capacity(u.len());
+            let mut from = 0;
+            for stretch in &self.at {
+                let mut y = u[from];
+                out.push(y);
+                for w in u[from..from + stretch.len()].windows(2) {
+                    y = decay * y + (share - decay) * w[0] + (1.0 - share) * w[1];
+                    out.push(y);
+                }
+                from += stretch.len();
+            }
+            out
+        };
+        self.features.iter().map(|axis| axis.each_ref().map(one)).collect()
+    }
+
+    /// Sum over the axes of ln(mean square) that multiples of the features and a constant leave of torques `lag` samples later.
+    fn cost(&self, features: &[[Vec<f64>; 3]], lag: isize) -> f64 {
+        let kept = |values: &[f64]| -> Vec<f64> {
+            let mut out = Vec::with_capacity(values.len());
+            let mut from = 0;
+            for stretch in &self.at {
+                out.extend_from_slice(&values[from + self.skip..from + stretch.len()]);
+                from += stretch.len();
+            }
+            out
+        };
+        let axis = |(i, own): (usize, &[Vec<f64>; 3])| {
+            let measured: Vec<f64> =
+                self.at.iter().flatten().map(|&k| self.trace.measured[i][k.saturating_add_signed(lag)]).collect();
+            let y = kept(&measured);
+            let [torque, rate, sign] = own.each_ref().map(|f| kept(f));
+            let ones = vec![1.0; y.len()];
+            let fit = least_squares(&[&ones, &torque, &rate, &sign], &y)?;
+            Some(fit.mean_square.max(f64::MIN_POSITIVE).ln())
+        };
+        features.iter().enumerate().filter_map(axis).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of u = t from rest a first-order low-pass makes t − T + T·e^(−t/T).
+    #[test]
+    fn a_ramp_comes_late_by_the_time_constant() {
+        let (step, t) = (2e-3, 8e-3);
+        let ramp: Vec<f64> = (0..50).map(|k| f64::from(k) * step).collect();
+        let trace = Trace {
+            name: "ramp".into(),
+            setup: Default::default(),
+            t: Vec::new(),
+            joints: Vec::new(),
+            measured: Vec::new(),
+            channels: Vec::new(),
+            segments: Vec::new(),
+            dt: step,
+            readings: Default::default(),
+            half_width: [1; 4],
+        };
+        let series = Series {
+            trace: &trace,
+            at: vec![(0..50).collect()],
+            step,
+            skip: 0,
+            features: vec![[ramp.clone(), ramp.clone(), ramp]],
+        };
+        for (k, y) in series.filtered(t)[0][0].iter().enumerate() {
+            let at = k as f64 * step;
+            let exact = at - t + t * (-at / t).exp();
+            assert!((y - exact).abs() < 1e-15, "{k}: {y} {exact}");
+        }
+    }
+}
