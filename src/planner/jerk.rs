@@ -44,6 +44,8 @@ pub struct Watch {
     loads: Vec<Vec<Sides>>,
     /// Per interval: each drive at its start and at its end.
     jerks: Vec<[[Sides; AXES]; 2]>,
+    /// Intervals in which z must not vanish, though it does at neither end.
+    dips: Vec<bool>,
 }
 
 /// Upper and lower side of a row.
@@ -113,6 +115,13 @@ impl Course {
             }
         };
         (0..n).map(part).sum()
+    }
+
+    /// Whether z = zᵢ + 2bσ + cσ² vanishes within interval `i`.
+    fn dips(&self, stations: &Stations, i: usize) -> bool {
+        let (h, b) = (stations.length(i), self.acceleration[i]);
+        let c = (self.acceleration[i + 1] - b) / h;
+        c > 0.0 && b < 0.0 && -b < c * h && self.z[i] * c <= b * b
     }
 
     /// ∂T/∂z at the moving stations.
@@ -201,6 +210,7 @@ impl Watch {
         let mut watch = Self {
             loads: stations.list.iter().map(|s| vec![Sides::default(); s.rows.len()]).collect(),
             jerks: vec![[[Sides::BOTH; AXES], [Sides::default(); AXES]]; n],
+            dips: vec![false; n],
         };
         watch.see_loads(stations, room, near);
         watch
@@ -222,6 +232,20 @@ impl Watch {
             }
         }
         worst
+    }
+
+    /// Takes in the intervals within which z vanishes; whether one was outside.
+    ///
+    /// The time of an interval, 2h/(√zᵢ + √zᵢ₊₁), is that of its ends alone: a programme may let the motion stand still in between.
+    fn see_dips(&mut self, stations: &Stations, course: &Course) -> bool {
+        let mut outside = false;
+        for i in stations.inner() {
+            if course.dips(stations, i) && !self.dips[i] {
+                self.dips[i] = true;
+                outside = true;
+            }
+        }
+        outside
     }
 
     /// The same for jerks; a side that is broken is taken in over the neighbouring intervals as well.
@@ -348,7 +372,11 @@ impl Sequence {
                 Objective::Speed => (time - before).abs(),
             };
             if !broken && change < settled * time {
-                return Ok(k + 1);
+                if !self.watch.see_dips(&self.stations, &self.at) {
+                    return Ok(k + 1);
+                }
+                // What was found is no motion, and nothing lies between it and one.
+                feasible = false;
             }
             if k == 0 && !self.known {
                 self.watch.prune(&self.stations, limits, &self.jerk_room, &self.at);
@@ -480,6 +508,11 @@ pub fn step(
                 }
             }
         }
+    }
+    for i in stations.inner().filter(|&i| watch.dips[i]) {
+        // The middle Bernstein coefficient of z over the interval, zᵢ + h·s̈ᵢ: with it none is negative.
+        let scale = 1.0 / zs(i).max(zs(i + 1));
+        p.row(&[(zv(i), -zs(i) * scale), (bv(i), -stations.length(i) * bs * scale)], 0.0);
     }
     let time = at.time(stations);
     let gradient = at.gradient(stations);
