@@ -123,7 +123,6 @@ fn every_effect_explains_itself() {
             let (low, high) = p.range;
             assert!(low.is_finite() && high.is_finite() && low < high, "{name}.{}", p.name);
             assert!((low..=high).contains(&p.default), "{name}.{}: default {} in {low}..{high}", p.name, p.default);
-            assert!(!p.unit.is_empty(), "{name}.{} has a unit (\"1\" without dimension)", p.name);
             assert!(keys.insert(p.name), "{name}.{} appears twice", p.name);
             if p.role == Role::Linear {
                 assert!((low..=high).contains(&0.0), "{name}.{}: zero, no effect, is allowed", p.name);

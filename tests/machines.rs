@@ -9,7 +9,7 @@ use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
 use deltatwin::identification::{Estimate, Fit, Trace, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::model::bodies::END_EFFECTOR;
-use deltatwin::model::{AXES, Model, Part};
+use deltatwin::model::{AXES, Model, Part, Unit};
 use deltatwin::recording::{Configuration, Payload, Recording, Setup};
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use deltatwin::twin::{Gains, Options, Report, Torque, Twin, simulate};
@@ -297,7 +297,7 @@ fn parameters_of_every_machine_come_back_within_their_standard_errors() {
         let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
         assert_eq!(off(&fitted, &robot, &setup, 3.5), [""; 0], "{}", nominal.name);
         let first = &fitted.parameters[0];
-        let wanted = [("rigid_bodies.mass", "kg"), ("rigid_bodies.inertia", "kg·m²")];
+        let wanted = [("rigid_bodies.mass", Unit::Kg), ("rigid_bodies.inertia", Unit::KgM2)];
         assert_eq!((first.name.as_str(), first.unit), wanted[usize::from(nominal.name == "turntable")]);
         assert!(fitted.rms[0] < 1.1 * trace.noise(&nominal)[0], "{:?}", fitted.rms);
     }

@@ -6,6 +6,7 @@ use super::{Fitting, Verdict};
 use crate::dynamics::Channel;
 use crate::identification::Trace;
 use crate::identification::fit::{Fit, FitError};
+use crate::model::Unit;
 
 /// Error that is left, in units of the noise.
 #[derive(Clone, Debug)]
@@ -26,7 +27,7 @@ pub struct Rest {
     /// What acts there.
     pub shape: Shape,
     /// Unit of that.
-    pub unit: &'static str,
+    pub unit: Unit,
 }
 
 impl Left {

@@ -6,7 +6,7 @@ use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Kind, Role};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::model::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
-use crate::model::{Geometry, Inertia, LinkParameters, Mechanism, Model, Part, Stops};
+use crate::model::{Geometry, Inertia, LinkParameters, Mechanism, Model, Part, Stops, Unit};
 use crate::recording::{Configuration, Payload, Setup};
 
 /// A machine ready to compute with.
@@ -46,7 +46,7 @@ pub struct PlantParameter {
     /// Name of its effect.
     pub effect: &'static str,
     /// Unit.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Flat index within its effect.
     pub index: usize,
     /// How it enters.

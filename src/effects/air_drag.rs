@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 use crate::model::bodies::PLATFORM;
 
 /// F = −c·|v|·v on the platform; F in N, v in m/s, c in N/(m/s)². Dissipates c·|v|³.
@@ -29,7 +29,7 @@ impl Effect for AirDrag {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "coefficient",
-            unit: "N·s²/m²",
+            unit: Unit::NS2PerM2,
             count: Count::One,
             role: Role::Linear,
             default: 0.04,

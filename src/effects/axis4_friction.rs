@@ -1,6 +1,6 @@
 //! Friction of the telescope drive with saturation over speed (eq. 48).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches, smooth_sign};
 
 /// τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v).
 pub struct Axis4Friction;
@@ -33,7 +33,7 @@ impl Effect for Axis4Friction {
         &[
             Parameter {
                 name: "coulomb",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::One,
                 role: Role::Linear,
                 default: 0.5272,
@@ -41,7 +41,7 @@ impl Effect for Axis4Friction {
             },
             Parameter {
                 name: "saturating",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::One,
                 role: Role::Linear,
                 default: 0.6672,
@@ -49,7 +49,7 @@ impl Effect for Axis4Friction {
             },
             Parameter {
                 name: "saturation_speed",
-                unit: "rad/s",
+                unit: Unit::RadPerS,
                 count: Count::One,
                 role: Role::Shape,
                 default: 8.5919,

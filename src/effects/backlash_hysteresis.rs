@@ -1,6 +1,6 @@
 //! Pre-sliding hysteresis of the arm drives: lost motion around reversals.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 use crate::model::ARMS;
 
 /// Dahl's law: τ_i = −T_i·z_i with the effect's own state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
@@ -39,7 +39,7 @@ impl Effect for BacklashHysteresis {
         &[
             Parameter {
                 name: "moment",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::PerArm,
                 role: Role::Linear,
                 default: 1.5,
@@ -47,7 +47,7 @@ impl Effect for BacklashHysteresis {
             },
             Parameter {
                 name: "angle",
-                unit: "rad",
+                unit: Unit::Rad,
                 count: Count::One,
                 role: Role::Shape,
                 default: LOST_MOTION,

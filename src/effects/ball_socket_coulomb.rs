@@ -1,6 +1,6 @@
 //! Coulomb friction in the ball sockets of the struts, constant under the clamp springs' preload.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, unit_direction};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches, unit_direction};
 
 /// M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -36,7 +36,7 @@ impl Effect for BallSocketCoulomb {
         &[
             Parameter {
                 name: "moment",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::One,
                 role: Role::Linear,
                 default: 0.285,
@@ -44,7 +44,7 @@ impl Effect for BallSocketCoulomb {
             },
             Parameter {
                 name: "regularisation",
-                unit: "rad/s",
+                unit: Unit::RadPerS,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 0.05,

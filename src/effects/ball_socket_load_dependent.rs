@@ -1,6 +1,6 @@
 //! Ball-socket friction proportional to the strut force.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, unit_direction};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches, unit_direction};
 use crate::model::Model;
 use crate::model::STRUTS;
 
@@ -40,7 +40,7 @@ impl Effect for BallSocketLoadDependent {
         &[
             Parameter {
                 name: "friction",
-                unit: "1",
+                unit: Unit::One,
                 count: Count::One,
                 role: Role::Linear,
                 default: 0.15,
@@ -48,7 +48,7 @@ impl Effect for BallSocketLoadDependent {
             },
             Parameter {
                 name: "radius",
-                unit: "m",
+                unit: Unit::M,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 0.0095,
@@ -56,7 +56,7 @@ impl Effect for BallSocketLoadDependent {
             },
             Parameter {
                 name: "regularisation",
-                unit: "rad/s",
+                unit: Unit::RadPerS,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 0.05,

@@ -1,6 +1,6 @@
 //! Viscous friction in the ball sockets of the struts.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 
 /// M = −c·ω_rel on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -32,7 +32,7 @@ impl Effect for BallSocketViscous {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "coefficient",
-            unit: "N·m·s/rad",
+            unit: Unit::NMSPerRad,
             count: Count::One,
             role: Role::Linear,
             default: 0.30,

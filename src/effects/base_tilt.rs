@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 
 /// Gravity seen from a base rotated by the small angles θ: g' = g − θ × g.
 pub struct BaseTilt;
@@ -28,7 +28,7 @@ impl Effect for BaseTilt {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "tilt",
-            unit: "rad",
+            unit: Unit::Rad,
             count: Count::Named(&["x", "y"]),
             role: Role::Linear,
             default: 0.002,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 use crate::kinematics::Motion;
 use crate::model::bodies::{ARM, PLATFORM, STRUT};
 use crate::model::{ARMS, Model, STRUTS};
@@ -35,12 +35,26 @@ const SPREAD: usize = 4;
 const GAP: usize = 5;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit: "m", count: Count::One, role: Role::Fixed, default, range: (0.0, 1.0) }
+    Parameter { name, unit: Unit::M, count: Count::One, role: Role::Fixed, default, range: (0.0, 1.0) }
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter { name: "preload", unit: "N", count: Count::One, role: Role::Linear, default: 200.0, range: (0.0, 1e4) },
-    Parameter { name: "rate", unit: "N/m", count: Count::One, role: Role::Linear, default: 9200.0, range: (0.0, 1e6) },
+    Parameter {
+        name: "preload",
+        unit: Unit::N,
+        count: Count::One,
+        role: Role::Linear,
+        default: 200.0,
+        range: (0.0, 1e4),
+    },
+    Parameter {
+        name: "rate",
+        unit: Unit::NPerM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 9200.0,
+        range: (0.0, 1e6),
+    },
     length("position", 0.03),
     length("offset", 0.0),
     length("spread", 0.012),

@@ -1,6 +1,8 @@
 //! Drive friction that differs between the two directions.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Unit, Values, Wrenches, smooth_sign,
+};
 
 /// τ = −a·tanh²(k q̇): adds a to the Coulomb friction of the positive direction and takes it from the negative one.
 pub struct DriveCoulombAsymmetry;
@@ -30,7 +32,7 @@ impl Effect for DriveCoulombAsymmetry {
         &[
             Parameter {
                 name: "difference",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::PerArm,
                 role: Role::Linear,
                 default: 0.5,

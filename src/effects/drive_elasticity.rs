@@ -1,6 +1,6 @@
 //! Compliance of the arm gears between the motor-side encoder and the arm.
 
-use super::{About, Count, Effect, GearSpring, Instant, Kind, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, GearSpring, Instant, Kind, Parameter, Part, Role, Unit, Values, Wrenches};
 use crate::model::bodies::{ARM, Inertia};
 use crate::model::{ARMS, AXES, Mechanism, Model};
 use crate::recording::Payload;
@@ -67,7 +67,7 @@ impl Effect for DriveElasticity {
         &[
             Parameter {
                 name: "compliance",
-                unit: "rad/(N·m)",
+                unit: Unit::RadPerNM,
                 count: Count::PerArm,
                 role: Role::Linear,
                 default: 4e-5,
@@ -75,7 +75,7 @@ impl Effect for DriveElasticity {
             },
             Parameter {
                 name: "damping",
-                unit: "N·m·s/rad",
+                unit: Unit::NMSPerRad,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 20.0,
@@ -83,7 +83,7 @@ impl Effect for DriveElasticity {
             },
             Parameter {
                 name: "rotor_inertia",
-                unit: "kg·m²",
+                unit: Unit::KgM2,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 0.18,
@@ -92,7 +92,7 @@ impl Effect for DriveElasticity {
             // 0 or 1.
             Parameter {
                 name: "friction_at_motor",
-                unit: "1",
+                unit: Unit::One,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 0.0,

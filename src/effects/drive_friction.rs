@@ -1,6 +1,8 @@
 //! Coulomb and viscous friction of the drives (eq. 5–7).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Unit, Values, Wrenches, smooth_sign,
+};
 
 /// τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive.
 pub struct DriveFriction;
@@ -31,7 +33,7 @@ impl Effect for DriveFriction {
         &[
             Parameter {
                 name: "coulomb",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::PerDrive,
                 role: Role::Linear,
                 default: 4.5,
@@ -39,7 +41,7 @@ impl Effect for DriveFriction {
             },
             Parameter {
                 name: "viscous",
-                unit: "N·m·s/rad",
+                unit: Unit::NMSPerRad,
                 count: Count::PerDrive,
                 role: Role::Linear,
                 default: 1.0,

@@ -1,6 +1,8 @@
 //! Stribeck friction of the drives: extra breakaway friction that decays with speed.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Unit, Values, Wrenches, smooth_sign,
+};
 
 /// τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive.
 pub struct DriveStribeck;
@@ -31,7 +33,7 @@ impl Effect for DriveStribeck {
         &[
             Parameter {
                 name: "breakaway",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::PerArm,
                 role: Role::Linear,
                 default: 0.9,
@@ -39,7 +41,7 @@ impl Effect for DriveStribeck {
             },
             Parameter {
                 name: "stribeck_speed",
-                unit: "rad/s",
+                unit: Unit::RadPerS,
                 count: Count::One,
                 role: Role::Shape,
                 default: 0.1,

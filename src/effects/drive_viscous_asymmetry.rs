@@ -1,6 +1,6 @@
 //! Viscous drive friction that differs between the two directions.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 
 /// τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
 ///
@@ -31,7 +31,7 @@ impl Effect for DriveViscousAsymmetry {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "difference",
-            unit: "N·m·s/rad",
+            unit: Unit::NMSPerRad,
             count: Count::PerArm,
             role: Role::Linear,
             default: 0.3,

@@ -2,10 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 use crate::model::bodies::PLATFORM;
+use crate::model::unit::Powers;
 use crate::model::{AXES, Mechanism};
 
+mod dimension;
 mod expression;
 mod variables;
 
@@ -38,6 +40,17 @@ pub struct Term {
     pub at: Place,
     /// Force per unit of coefficient.
     pub law: Expression,
+}
+
+impl Term {
+    /// Unit of its coefficient on a machine whose drives turn: that of the place over that of the law.
+    pub fn unit(&self) -> Unit {
+        let (force, per_law) = match self.at {
+            Place::Drive(_) => (Powers::NM, Unit::NMPerLaw),
+            Place::Platform(_) | Place::Telescope => (Powers::N, Unit::NPerLaw),
+        };
+        self.law.powers().and_then(|law| force.over(law)).map_or(per_law, Unit::Derived)
+    }
 }
 
 /// Where a term acts.
@@ -90,9 +103,12 @@ impl Place {
         })
     }
 
-    /// Unit of a coefficient there; on a slide, [`Mechanism::unit`] of it.
-    pub fn unit(self) -> &'static str {
-        if matches!(self, Self::Drive(_)) { "N·m" } else { "N" }
+    /// Unit of what acts there, on a machine whose drives turn.
+    pub fn unit(self) -> Unit {
+        match self {
+            Self::Drive(_) => Unit::NM,
+            Self::Platform(_) | Self::Telescope => Unit::N,
+        }
     }
 
     fn part(self) -> Part {
@@ -117,7 +133,7 @@ impl Formula {
     pub fn new(terms: Vec<(Term, f64)>, empirical: bool) -> &'static Self {
         let parameter = |(term, size): &(Term, f64)| Parameter {
             name: term.name.clone().leak(),
-            unit: term.at.unit(),
+            unit: term.unit(),
             count: Count::One,
             role: Role::Linear,
             default: if *size == 0.0 { 1.0 } else { size.abs() },
@@ -234,9 +250,26 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_carry_the_names_of_their_terms() {
-        let active = ActiveEffect::new(formula(&[("drive1", "q1"), ("platform_x", "x")]), &[&[1.0], &[2.0]]);
-        let entries: Vec<_> = active.entries().into_iter().map(|e| (e.name, e.parameter.unit)).collect();
-        assert_eq!(entries, [("term0".to_string(), "N·m"), ("term1".to_string(), "N")]);
+    fn coefficients_carry_names_and_units_of_their_terms() {
+        // Force or torque over the unit of the law, by hand.
+        let laws = [
+            ("drive1", "-qd2^3", "N·m·s³/rad³"),
+            ("drive1", "q1", "N·m/rad"),
+            ("drive2", "-tanh(50*qd2)", "N·m"),
+            ("drive4", "-tanh(20*qd4)*strut5_upper", "m"),
+            ("platform_x", "x", "N/m"),
+            ("platform_z", "-vz*abs(vz)", "N·s²/m²"),
+            ("telescope", "-sd*(s - 0.8)", "N·s/m²"),
+            ("drive1", "q1 + qd1", "N·m per unit of the law"),
+            ("platform_y", "x + vx", "N per unit of the law"),
+        ];
+        let one: &[f64] = &[1.0];
+        let active = ActiveEffect::new(formula(&laws.map(|(at, law, _)| (at, law))), &[one; 9]);
+        for (i, (entry, (_, law, unit))) in active.entries().into_iter().zip(laws).enumerate() {
+            assert_eq!((entry.name, entry.parameter.unit.to_string()), (format!("term{i}"), unit.to_string()), "{law}");
+        }
+        let slide = Mechanism::Axis(crate::model::Joint::Prismatic);
+        let on_slide = formula(&[("drive1", "-qd1^3")]).parameters()[0].unit;
+        assert_eq!(slide.unit(on_slide).to_string(), "N·s³/m³");
     }
 }

@@ -1,6 +1,8 @@
 //! Gear friction that grows with the torque the gear transmits.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Unit, Values, Wrenches, smooth_sign,
+};
 
 /// τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
 ///
@@ -33,7 +35,7 @@ impl Effect for GearLoadFriction {
         &[
             Parameter {
                 name: "friction",
-                unit: "1",
+                unit: Unit::One,
                 count: Count::PerArm,
                 role: Role::Linear,
                 default: 0.02,

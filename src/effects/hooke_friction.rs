@@ -1,6 +1,8 @@
 //! Friction of the telescope's two Hooke joints.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Unit, Values, Wrenches, smooth_sign,
+};
 use crate::model::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
@@ -35,7 +37,7 @@ impl Effect for HookeFriction {
         &[
             Parameter {
                 name: "coulomb",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::One,
                 role: Role::Linear,
                 default: 0.05,
@@ -43,7 +45,7 @@ impl Effect for HookeFriction {
             },
             Parameter {
                 name: "viscous",
-                unit: "N·m·s/rad",
+                unit: Unit::NMSPerRad,
                 count: Count::One,
                 role: Role::Linear,
                 default: 0.02,

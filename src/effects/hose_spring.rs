@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Start, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Start, Unit, Values, Wrenches};
 use crate::model::bodies::PLATFORM;
 
 /// F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
@@ -63,7 +63,7 @@ impl Effect for HoseSpring {
         &[
             Parameter {
                 name: "stiffness",
-                unit: "N/m",
+                unit: Unit::NPerM,
                 count: Count::One,
                 role: Role::Linear,
                 default: 10.0,
@@ -71,7 +71,7 @@ impl Effect for HoseSpring {
             },
             Parameter {
                 name: "preload",
-                unit: "N",
+                unit: Unit::N,
                 count: Count::Named(&["x", "y", "z"]),
                 role: Role::Linear,
                 default: 3.0,
@@ -79,7 +79,7 @@ impl Effect for HoseSpring {
             },
             Parameter {
                 name: "anchor",
-                unit: "m",
+                unit: Unit::M,
                 count: Count::Named(&["x", "y", "z"]),
                 role: Role::Shape,
                 default: 0.5,
@@ -87,7 +87,7 @@ impl Effect for HoseSpring {
             },
             Parameter {
                 name: "free_length",
-                unit: "m",
+                unit: Unit::M,
                 count: Count::One,
                 role: Role::Shape,
                 default: 0.8,
@@ -96,7 +96,7 @@ impl Effect for HoseSpring {
             // 0 or 1.
             Parameter {
                 name: "pulls_only",
-                unit: "1",
+                unit: Unit::One,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 0.0,

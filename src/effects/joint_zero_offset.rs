@@ -1,6 +1,6 @@
 //! An encoder's zero is not the joint's.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::AXES;
 
 /// The encoder of axis i reads q_i + o_i.
@@ -30,7 +30,7 @@ impl Effect for JointZeroOffset {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "offset",
-            unit: "rad",
+            unit: Unit::Rad,
             count: Count::PerAxis,
             role: Role::Linear,
             default: 0.002,

@@ -1,6 +1,6 @@
 //! A strut or an arm of another mass than the rest.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::bodies::{ARM, STRUT};
 use crate::model::{ARMS, Inertia, Model, STRUTS};
 use crate::recording::Payload;
@@ -16,19 +16,26 @@ const STRUT_LENGTH: usize = 2;
 const ARM_LENGTH: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit: "m", count: Count::One, role: Role::Fixed, default, range: (1e-3, 10.0) }
+    Parameter { name, unit: Unit::M, count: Count::One, role: Role::Fixed, default, range: (1e-3, 10.0) }
 }
 
 const PARAMETERS: &[Parameter] = &[
     Parameter {
         name: "strut",
-        unit: "kg",
+        unit: Unit::Kg,
         count: Count::Named(&["1", "2", "3", "4", "5", "6"]),
         role: Role::Linear,
         default: 0.1,
         range: (-0.1, 10.0),
     },
-    Parameter { name: "arm", unit: "kg", count: Count::PerArm, role: Role::Linear, default: 0.1, range: (-0.5, 10.0) },
+    Parameter {
+        name: "arm",
+        unit: Unit::Kg,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 0.1,
+        range: (-0.5, 10.0),
+    },
     length("strut_length", 1.106),
     length("arm_length", 0.5),
 ];

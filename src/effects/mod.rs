@@ -8,8 +8,8 @@
 
 use nalgebra::Vector3;
 
-pub use crate::model::Part;
 use crate::model::{AXES, Geometry, Inertia, Model, STRUTS};
+pub use crate::model::{Part, Unit};
 use crate::recording::{Payload, Signals};
 
 mod air_drag;
@@ -283,7 +283,7 @@ pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
 /// Constant of the laws that use [`smooth_sign`].
 const STEEPNESS_PARAMETER: Parameter = Parameter {
     name: "steepness",
-    unit: "s/rad",
+    unit: Unit::SPerRad,
     count: Count::One,
     role: Role::Fixed,
     default: 100.0,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::Inertia;
 use crate::model::bodies::END_EFFECTOR;
 
@@ -18,7 +18,7 @@ pub const NAME: &str = "payload";
 /// show nowhere while the robot is intact.
 pub struct Payload;
 
-const fn parameter(name: &'static str, unit: &'static str, count: Count, default: f64) -> Parameter {
+const fn parameter(name: &'static str, unit: Unit, count: Count, default: f64) -> Parameter {
     Parameter { name, unit, count, role: Role::Linear, default, range: (-100.0, 100.0) }
 }
 
@@ -42,9 +42,9 @@ impl Effect for Payload {
 
     fn parameters(&self) -> &'static [Parameter] {
         const PARAMETERS: &[Parameter] = &[
-            parameter("mass", "kg", Count::One, 1.0),
-            parameter("first_moment", "kg·m", Count::Named(&["x", "y", "z"]), 0.05),
-            parameter("inertia", "kg·m²", Count::Named(&["xx", "yy", "zz", "xy", "xz", "yz"]), 0.01),
+            parameter("mass", Unit::Kg, Count::One, 1.0),
+            parameter("first_moment", Unit::KgM, Count::Named(&["x", "y", "z"]), 0.05),
+            parameter("inertia", Unit::KgM2, Count::Named(&["xx", "yy", "zz", "xy", "xz", "yz"]), 0.01),
         ];
         PARAMETERS
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::Inertia;
 use crate::model::bodies::END_EFFECTOR;
 use crate::recording::Payload;
@@ -34,7 +34,7 @@ impl Effect for PayloadComOffset {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "first_moment",
-            unit: "kg·m",
+            unit: Unit::KgM,
             count: Count::Named(&["x", "y", "z"]),
             role: Role::Linear,
             default: 0.02,

@@ -1,6 +1,6 @@
 //! The payload weighs more or less than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::Inertia;
 use crate::model::bodies::END_EFFECTOR;
 use crate::recording::Payload;
@@ -29,7 +29,7 @@ impl Effect for PayloadMassError {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "mass",
-            unit: "kg",
+            unit: Unit::Kg,
             count: Count::One,
             role: Role::Linear,
             default: 0.1,

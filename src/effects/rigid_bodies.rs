@@ -10,7 +10,7 @@ mod tables;
 
 use std::ops::Range;
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{Joint, LinkParameters, Mechanism};
 use crate::recording::Payload;
@@ -22,50 +22,50 @@ pub const NAME: &str = "rigid_bodies";
 pub struct RigidBodies {
     parameters: &'static [Parameter],
     /// Bodies and unit inertia of each value.
-    units: &'static [(Range<usize>, Unit)],
+    units: &'static [(Range<usize>, UnitInertia)],
 }
 
-const fn one(name: &'static str, unit: &'static str, default: f64) -> Parameter {
+const fn one(name: &'static str, unit: Unit, default: f64) -> Parameter {
     Parameter { name, unit, count: Count::One, role: Role::Linear, default, range: (-100.0, 100.0) }
 }
 
-const fn per_arm(name: &'static str, unit: &'static str, default: f64) -> Parameter {
+const fn per_arm(name: &'static str, unit: Unit, default: f64) -> Parameter {
     Parameter { count: Count::PerArm, ..one(name, unit, default) }
 }
 
 const fn lone(name: &'static str) -> Parameter {
-    Parameter { range: (0.0, 1e6), ..one(name, "kg·m²", 0.258) }
+    Parameter { range: (0.0, 1e6), ..one(name, Unit::KgM2, 0.258) }
 }
 
-const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", "kg·m²", 0.003);
+const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", Unit::KgM2, 0.003);
 
 /// The parameters of the assembled robot, in order; without a telescope, those of arms, struts and platform.
 pub const PARAMETERS: &[Parameter] = &[
-    one("arm_first_moment_x", "kg·m", 0.176),
-    one("arm_first_moment_z", "kg·m", 0.006),
-    one("arm_inertia_yy", "kg·m²", 0.258),
-    one("strut_mass", "kg", 0.179),
-    one("strut_first_moment_x", "kg·m", 0.076),
-    one("strut_inertia_xx", "kg·m²", 1.5e-5),
-    one("strut_inertia_yy", "kg·m²", 0.075),
-    one("platform_mass", "kg", 1.2),
+    one("arm_first_moment_x", Unit::KgM, 0.176),
+    one("arm_first_moment_z", Unit::KgM, 0.006),
+    one("arm_inertia_yy", Unit::KgM2, 0.258),
+    one("strut_mass", Unit::Kg, 0.179),
+    one("strut_first_moment_x", Unit::KgM, 0.076),
+    one("strut_inertia_xx", Unit::KgM2, 1.5e-5),
+    one("strut_inertia_yy", Unit::KgM2, 0.075),
+    one("platform_mass", Unit::Kg, 1.2),
     // Tilts the platform: it shows in strut forces alone.
-    one("platform_first_moment_z", "kg·m", -0.024),
-    one("telescope_upper_first_moment_z", "kg·m", -0.219),
-    one("telescope_upper_inertia_xx", "kg·m²", 0.084),
-    one("telescope_upper_inertia_zz", "kg·m²", 1.9e-5),
-    one("telescope_lower_mass", "kg", 0.557),
-    one("telescope_lower_first_moment_z", "kg·m", 0.146),
-    one("telescope_lower_inertia_xx", "kg·m²", 0.077),
-    one("telescope_lower_inertia_zz", "kg·m²", 3.0e-5),
+    one("platform_first_moment_z", Unit::KgM, -0.024),
+    one("telescope_upper_first_moment_z", Unit::KgM, -0.219),
+    one("telescope_upper_inertia_xx", Unit::KgM2, 0.084),
+    one("telescope_upper_inertia_zz", Unit::KgM2, 1.9e-5),
+    one("telescope_lower_mass", Unit::Kg, 0.557),
+    one("telescope_lower_first_moment_z", Unit::KgM, 0.146),
+    one("telescope_lower_inertia_xx", Unit::KgM2, 0.077),
+    one("telescope_lower_inertia_zz", Unit::KgM2, 3.0e-5),
     ROTOR_INERTIA,
 ];
 
 /// The same of independent arms and, where there is one, the rotor of motor 4.
 const PER_ARM: &[Parameter] = &[
-    per_arm("arm_first_moment_x", "kg·m", 0.176),
-    per_arm("arm_first_moment_z", "kg·m", 0.006),
-    per_arm("arm_inertia_yy", "kg·m²", 0.258),
+    per_arm("arm_first_moment_x", Unit::KgM, 0.176),
+    per_arm("arm_first_moment_z", Unit::KgM, 0.006),
+    per_arm("arm_inertia_yy", Unit::KgM2, 0.258),
     ROTOR_INERTIA,
 ];
 
@@ -75,37 +75,37 @@ const fn body(b: usize) -> Range<usize> {
     b..b + 1
 }
 
-const UNITS: &[(Range<usize>, Unit); PARAMETERS.len()] = &[
-    (ARMS, Unit::Moment(0)),
-    (ARMS, Unit::Moment(2)),
-    (ARMS, Unit::Tensor(&[1])),
-    (STRUTS, Unit::Mass),
-    (STRUTS, Unit::Moment(0)),
-    (STRUTS, Unit::Tensor(&[0])),
-    (STRUTS, Unit::Tensor(&[1, 2])),
-    (body(PLATFORM), Unit::Mass),
-    (body(PLATFORM), Unit::Moment(2)),
-    (body(TELESCOPE_UPPER), Unit::Moment(2)),
-    (body(TELESCOPE_UPPER), Unit::Tensor(&[0, 1])),
-    (body(TELESCOPE_UPPER), Unit::Tensor(&[2])),
-    (body(TELESCOPE_LOWER), Unit::Mass),
-    (body(TELESCOPE_LOWER), Unit::Moment(2)),
-    (body(TELESCOPE_LOWER), Unit::Tensor(&[0, 1])),
-    (body(TELESCOPE_LOWER), Unit::Tensor(&[2])),
-    (body(ROTOR), Unit::Tensor(&[2])),
+const UNITS: &[(Range<usize>, UnitInertia); PARAMETERS.len()] = &[
+    (ARMS, UnitInertia::Moment(0)),
+    (ARMS, UnitInertia::Moment(2)),
+    (ARMS, UnitInertia::Tensor(&[1])),
+    (STRUTS, UnitInertia::Mass),
+    (STRUTS, UnitInertia::Moment(0)),
+    (STRUTS, UnitInertia::Tensor(&[0])),
+    (STRUTS, UnitInertia::Tensor(&[1, 2])),
+    (body(PLATFORM), UnitInertia::Mass),
+    (body(PLATFORM), UnitInertia::Moment(2)),
+    (body(TELESCOPE_UPPER), UnitInertia::Moment(2)),
+    (body(TELESCOPE_UPPER), UnitInertia::Tensor(&[0, 1])),
+    (body(TELESCOPE_UPPER), UnitInertia::Tensor(&[2])),
+    (body(TELESCOPE_LOWER), UnitInertia::Mass),
+    (body(TELESCOPE_LOWER), UnitInertia::Moment(2)),
+    (body(TELESCOPE_LOWER), UnitInertia::Tensor(&[0, 1])),
+    (body(TELESCOPE_LOWER), UnitInertia::Tensor(&[2])),
+    (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
-const UNITS_PER_ARM: &[(Range<usize>, Unit); 10] = &[
-    (body(ARM), Unit::Moment(0)),
-    (body(ARM + 1), Unit::Moment(0)),
-    (body(ARM + 2), Unit::Moment(0)),
-    (body(ARM), Unit::Moment(2)),
-    (body(ARM + 1), Unit::Moment(2)),
-    (body(ARM + 2), Unit::Moment(2)),
-    (body(ARM), Unit::Tensor(&[1])),
-    (body(ARM + 1), Unit::Tensor(&[1])),
-    (body(ARM + 2), Unit::Tensor(&[1])),
-    (body(ROTOR), Unit::Tensor(&[2])),
+const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
+    (body(ARM), UnitInertia::Moment(0)),
+    (body(ARM + 1), UnitInertia::Moment(0)),
+    (body(ARM + 2), UnitInertia::Moment(0)),
+    (body(ARM), UnitInertia::Moment(2)),
+    (body(ARM + 1), UnitInertia::Moment(2)),
+    (body(ARM + 2), UnitInertia::Moment(2)),
+    (body(ARM), UnitInertia::Tensor(&[1])),
+    (body(ARM + 1), UnitInertia::Tensor(&[1])),
+    (body(ARM + 2), UnitInertia::Tensor(&[1])),
+    (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
 /// The assembled robot.
@@ -118,9 +118,10 @@ static ARMS_AND_ROTOR: RigidBodies = RigidBodies { parameters: PER_ARM, units: U
 /// Independent arms.
 static ARMS_ALONE: RigidBodies = RigidBodies { parameters: PER_ARM.split_at(3).0, units: UNITS_PER_ARM.split_at(9).0 };
 /// A lone axis that turns.
-static TURNTABLE: RigidBodies = RigidBodies { parameters: &[lone("inertia")], units: &[(body(ARM), Unit::Lone)] };
+static TURNTABLE: RigidBodies =
+    RigidBodies { parameters: &[lone("inertia")], units: &[(body(ARM), UnitInertia::Lone)] };
 /// A lone axis that slides.
-static SLIDE: RigidBodies = RigidBodies { parameters: &[lone("mass")], units: &[(body(ARM), Unit::Lone)] };
+static SLIDE: RigidBodies = RigidBodies { parameters: &[lone("mass")], units: &[(body(ARM), UnitInertia::Lone)] };
 
 impl RigidBodies {
     /// The parameters of a machine that is assembled or not.
@@ -206,7 +207,7 @@ impl Effect for RigidBodies {
 
 /// Unit inertia of one parameter.
 #[derive(Clone, Copy)]
-enum Unit {
+enum UnitInertia {
     Mass,
     Moment(usize),
     Tensor(&'static [usize]),
@@ -221,7 +222,7 @@ const AXIS: &[usize; 3] = &[0, 1, 2];
 /// Places in the array of an inertia tensor.
 const INERTIA: &[usize; 6] = &[0, 1, 2, 3, 4, 5];
 
-impl Unit {
+impl UnitInertia {
     fn inertia(&self) -> Inertia {
         let mut i = Inertia::ZERO;
         self.set(&mut i, 1.0);
@@ -230,32 +231,32 @@ impl Unit {
 
     fn place(&self) -> (Option<&'static str>, &'static [usize]) {
         match self {
-            Unit::Mass => (Some("mass"), &[0]),
-            Unit::Moment(axis) => (Some("first_moment"), &AXIS[*axis..*axis + 1]),
-            Unit::Tensor(axes) => (Some("inertia"), axes),
+            UnitInertia::Mass => (Some("mass"), &[0]),
+            UnitInertia::Moment(axis) => (Some("first_moment"), &AXIS[*axis..*axis + 1]),
+            UnitInertia::Tensor(axes) => (Some("inertia"), axes),
             // xx, yy, zz, then xy, xz, yz.
-            Unit::Product(i, j) => (Some("inertia"), &INERTIA[i + j + 2..i + j + 3]),
-            Unit::Lone => (None, &[0]),
+            UnitInertia::Product(i, j) => (Some("inertia"), &INERTIA[i + j + 2..i + j + 3]),
+            UnitInertia::Lone => (None, &[0]),
         }
     }
 
     fn value(&self, i: &Inertia) -> f64 {
         match self {
-            Unit::Mass => i.mass,
-            Unit::Moment(axis) => i.first_moment[*axis],
-            Unit::Tensor(axes) => i.tensor[(axes[0], axes[0])],
-            Unit::Product(a, b) => i.tensor[(*a, *b)],
-            Unit::Lone => i.tensor[(1, 1)],
+            UnitInertia::Mass => i.mass,
+            UnitInertia::Moment(axis) => i.first_moment[*axis],
+            UnitInertia::Tensor(axes) => i.tensor[(axes[0], axes[0])],
+            UnitInertia::Product(a, b) => i.tensor[(*a, *b)],
+            UnitInertia::Lone => i.tensor[(1, 1)],
         }
     }
 
     fn set(&self, i: &mut Inertia, value: f64) {
         match self {
-            Unit::Mass => i.mass = value,
-            Unit::Moment(axis) => i.first_moment[*axis] = value,
-            Unit::Tensor(axes) => axes.iter().for_each(|&a| i.tensor[(a, a)] = value),
-            Unit::Product(a, b) => (i.tensor[(*a, *b)], i.tensor[(*b, *a)]) = (value, value),
-            Unit::Lone => *i = Inertia::lone(value),
+            UnitInertia::Mass => i.mass = value,
+            UnitInertia::Moment(axis) => i.first_moment[*axis] = value,
+            UnitInertia::Tensor(axes) => axes.iter().for_each(|&a| i.tensor[(a, a)] = value),
+            UnitInertia::Product(a, b) => (i.tensor[(*a, *b)], i.tensor[(*b, *a)]) = (value, value),
+            UnitInertia::Lone => *i = Inertia::lone(value),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The arm drives' rotors are heavier or lighter than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::Inertia;
 use crate::model::bodies::ARM;
 use crate::recording::Payload;
@@ -32,7 +32,7 @@ impl Effect for RotorInertia {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "inertia",
-            unit: "kg·m²",
+            unit: Unit::KgM2,
             count: Count::PerArm,
             role: Role::Linear,
             default: 0.02,

@@ -1,6 +1,6 @@
 //! Torque is reported late against position.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Start, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Start, Unit, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ(t − d), the same for all drives.
@@ -27,7 +27,7 @@ impl Effect for SignalDelay {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "delay",
-            unit: "s",
+            unit: Unit::S,
             count: Count::One,
             role: Role::Linear,
             default: 0.001,

@@ -1,6 +1,6 @@
 //! Struts and their sockets give way along their axis.
 
-use super::{About, Count, Effect, Parameter, Part, Role, StrutSpring, Values};
+use super::{About, Count, Effect, Parameter, Part, Role, StrutSpring, Unit, Values};
 use crate::model::STRUTS;
 
 /// Axial spring and damper in each strut: T = Δl/c + d·Δl̇, tension positive, Δl the elongation.
@@ -41,7 +41,7 @@ impl Effect for StrutElasticity {
         &[
             Parameter {
                 name: "compliance",
-                unit: "m/N",
+                unit: Unit::MPerN,
                 count: Count::PerArm,
                 role: Role::Linear,
                 default: 1.0 / 3.4e6,
@@ -49,7 +49,7 @@ impl Effect for StrutElasticity {
             },
             Parameter {
                 name: "damping",
-                unit: "N·s/m",
+                unit: Unit::NSPerM,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 300.0,

@@ -1,6 +1,6 @@
 //! Struts of a limb are longer or shorter than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::model::Geometry;
 
 /// l₂ = l₂,stated + Δl for both struts of a limb.
@@ -27,7 +27,7 @@ impl Effect for StrutLengthError {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "length",
-            unit: "m",
+            unit: Unit::M,
             count: Count::PerArm,
             role: Role::Linear,
             default: 0.001,

@@ -1,6 +1,6 @@
 //! The telescope runs into its ends.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, hunt_crossley};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches, hunt_crossley};
 use crate::model::Model;
 
 /// Unilateral spring and damper beyond the shortest and the longest Hooke distance L:
@@ -17,19 +17,26 @@ const MIN: usize = 2;
 const MAX: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit: "m", count: Count::One, role: Role::Shape, default, range: (0.0, 10.0) }
+    Parameter { name, unit: Unit::M, count: Count::One, role: Role::Shape, default, range: (0.0, 10.0) }
 }
 
 const PARAMETERS: &[Parameter] = &[
     Parameter {
         name: "stiffness",
-        unit: "N/m",
+        unit: Unit::NPerM,
         count: Count::One,
         role: Role::Linear,
         default: 1e5,
         range: (0.0, 1e8),
     },
-    Parameter { name: "damping", unit: "s/m", count: Count::One, role: Role::Fixed, default: 1.0, range: (0.0, 100.0) },
+    Parameter {
+        name: "damping",
+        unit: Unit::SPerM,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 1.0,
+        range: (0.0, 100.0),
+    },
     length("min", 0.812),
     length("max", 1.372),
 ];

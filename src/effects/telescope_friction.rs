@@ -1,6 +1,8 @@
 //! Coulomb and viscous friction of the telescope's prismatic joint (Table 4, column P-TB).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Unit, Values, Wrenches, smooth_sign,
+};
 
 /// F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
 ///
@@ -34,7 +36,7 @@ impl Effect for TelescopeFriction {
         &[
             Parameter {
                 name: "coulomb",
-                unit: "N",
+                unit: Unit::N,
                 count: Count::One,
                 role: Role::Linear,
                 default: 1.641,
@@ -42,13 +44,13 @@ impl Effect for TelescopeFriction {
             },
             Parameter {
                 name: "viscous",
-                unit: "N·s/m",
+                unit: Unit::NSPerM,
                 count: Count::One,
                 role: Role::Linear,
                 default: 1.247,
                 range: (0.0, 100.0),
             },
-            Parameter { unit: "s/m", ..STEEPNESS_PARAMETER },
+            Parameter { unit: Unit::SPerM, ..STEEPNESS_PARAMETER },
         ]
     }
 

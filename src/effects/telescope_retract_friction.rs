@@ -1,6 +1,6 @@
 //! Extra friction of the telescope while it shortens.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 
 /// F = d·v + e·v² while ṡ = −v < 0, nothing while the telescope lengthens.
 ///
@@ -33,7 +33,7 @@ impl Effect for TelescopeRetractFriction {
         &[
             Parameter {
                 name: "viscous",
-                unit: "N·s/m",
+                unit: Unit::NSPerM,
                 count: Count::One,
                 role: Role::Linear,
                 default: 1.25,
@@ -41,7 +41,7 @@ impl Effect for TelescopeRetractFriction {
             },
             Parameter {
                 name: "quadratic",
-                unit: "N·s²/m²",
+                unit: Unit::NS2PerM2,
                 count: Count::One,
                 role: Role::Linear,
                 default: 2.0,

@@ -1,6 +1,8 @@
 //! Friction of cold drives that decays while they warm up.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Unit, Values, Wrenches, smooth_sign,
+};
 use crate::model::{ARMS, Model};
 
 /// τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with the effect's own state ẋ = −x/T, x(0) = 1; w(q̇) = q̇ at the arms
@@ -46,7 +48,7 @@ impl Effect for ThermalFrictionDrift {
         &[
             Parameter {
                 name: "coulomb",
-                unit: "N·m",
+                unit: Unit::NM,
                 count: Count::AllDrives,
                 role: Role::Linear,
                 default: 0.4,
@@ -54,7 +56,7 @@ impl Effect for ThermalFrictionDrift {
             },
             Parameter {
                 name: "viscous",
-                unit: "N·m·s/rad",
+                unit: Unit::NMSPerRad,
                 count: Count::AllDrives,
                 role: Role::Linear,
                 default: 0.4,
@@ -62,7 +64,7 @@ impl Effect for ThermalFrictionDrift {
             },
             Parameter {
                 name: "time_constant",
-                unit: "s",
+                unit: Unit::S,
                 count: Count::One,
                 role: Role::Shape,
                 default: 10.0,
@@ -71,7 +73,7 @@ impl Effect for ThermalFrictionDrift {
             STEEPNESS_PARAMETER,
             Parameter {
                 name: "saturation_speed",
-                unit: "rad/s",
+                unit: Unit::RadPerS,
                 count: Count::One,
                 role: Role::Fixed,
                 default: 8.5919,

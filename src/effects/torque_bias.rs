@@ -1,6 +1,6 @@
 //! A drive reports its torque with an offset.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ + b; b in N·m at the gear output, either sign.
@@ -27,7 +27,7 @@ impl Effect for TorqueBias {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "bias",
-            unit: "N·m",
+            unit: Unit::NM,
             count: Count::PerAxis,
             role: Role::Linear,
             default: 0.5,

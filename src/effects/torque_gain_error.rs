@@ -1,6 +1,6 @@
 //! The torque constant of a drive is wrong.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
 use crate::recording::Signals;
 
 /// Reported torque (1 + g)·τ.
@@ -27,7 +27,7 @@ impl Effect for TorqueGainError {
     fn parameters(&self) -> &'static [Parameter] {
         &[Parameter {
             name: "gain",
-            unit: "1",
+            unit: Unit::One,
             count: Count::PerAxis,
             role: Role::Linear,
             default: 0.05,

@@ -1,6 +1,6 @@
 //! Torque ripple of the arm motors.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Unit, Values, Wrenches};
 use crate::model::Model;
 
 /// τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q), h = 1, 2, n the gear ratio.
@@ -11,7 +11,7 @@ const HARMONICS: [(usize, usize); 2] = [(0, 1), (2, 3)];
 const GEAR_RATIO: usize = 4;
 
 const fn amplitude(name: &'static str) -> Parameter {
-    Parameter { name, unit: "N·m", count: Count::PerArm, role: Role::Linear, default: 0.35, range: (-20.0, 20.0) }
+    Parameter { name, unit: Unit::NM, count: Count::PerArm, role: Role::Linear, default: 0.35, range: (-20.0, 20.0) }
 }
 
 const PARAMETERS: &[Parameter] = &[
@@ -21,7 +21,7 @@ const PARAMETERS: &[Parameter] = &[
     amplitude("cosine_2"),
     Parameter {
         name: "gear_ratio",
-        unit: "1",
+        unit: Unit::GearRatio,
         count: Count::One,
         role: Role::Fixed,
         default: 33.0,

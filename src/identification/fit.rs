@@ -19,8 +19,8 @@ use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::{Role, payload};
 use crate::evidence::{NEVER, Stop};
 use crate::kinematics::KinematicsError;
-use crate::model::Model;
 use crate::model::bodies::END_EFFECTOR;
+use crate::model::{Model, Unit};
 
 /// Why a fit cannot be made.
 #[derive(Debug, Error)]
@@ -87,7 +87,7 @@ pub struct Estimate {
     /// Printed name.
     pub name: String,
     /// Unit.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Value.
     pub value: f64,
     /// Standard error; infinite where the data cannot tell the parameter alone.
@@ -207,7 +207,7 @@ pub struct Moved {
     /// Printed name.
     pub name: String,
     /// Unit.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Estimate that no possible machine has.
     pub free: f64,
     /// Value it has now.

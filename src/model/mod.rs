@@ -10,6 +10,7 @@ pub mod mechanism;
 pub mod provenance;
 mod read;
 mod schema;
+pub mod unit;
 pub mod write;
 
 pub use bodies::{Bodies, Inertia};
@@ -17,6 +18,7 @@ pub use geometry::Geometry;
 pub use history::Added;
 pub use mechanism::{Joint, Mechanism, Part};
 pub use provenance::Provenance;
+pub use unit::Unit;
 
 use std::path::PathBuf;
 use std::sync::Arc;

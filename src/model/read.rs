@@ -3,6 +3,7 @@
 //! The file is walked as a tree of spanned values rather than deserialized into structs, so that every message can
 //! quote the value, point at it and suggest the nearest known name.
 
+use std::fmt::Display;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -123,7 +124,7 @@ fn read_history(top: &Table) -> Result<Vec<Added>> {
         let channels = table.strings("channels", "an array of names such as \"tau1\"")?;
         let rms = |key: &str| {
             let shape = Shape::Array(channels.len());
-            table.numbers(key, shape, &Bounds::between(0.0, 1e9), "N·m or N, one per channel")
+            table.numbers(key, shape, &Bounds::between(0.0, 1e9), Some("N·m or N, one per channel"))
         };
         Ok(Added {
             effect: table.string("effect", "the name of an effect")?.to_string(),
@@ -291,7 +292,7 @@ fn read_drives(table: &Table, mechanism: Mechanism) -> Result<[Drive; AXES]> {
         let table = table.table(name)?;
         table.only(&keys(schema::DRIVE))?;
         for field in schema::DRIVE {
-            let (shape, unit) = (drive_shape(drives.len()), mechanism.unit(field.unit));
+            let (shape, unit) = (drive_shape(drives.len()), field.unit.map(|unit| mechanism.unit(unit)));
             (field.set)(drives, &table.numbers(field.key, shape, &field.bounds, unit)?);
         }
     }
@@ -345,7 +346,7 @@ fn read_effect(table: &Table, effect: &'static dyn Effect, host: Host) -> Result
     for p in &parameters {
         let present = p.role == Role::Linear || table.entry(p.name).is_some();
         blocks.push(if present {
-            table.numbers(p.name, Shape::of(p, host.mechanism), &Bounds::between(p.range.0, p.range.1), p.unit)?
+            table.numbers(p.name, Shape::of(p, host.mechanism), &Bounds::between(p.range.0, p.range.1), Some(p.unit))?
         } else {
             default_values(p, host.mechanism)
         });
@@ -537,7 +538,7 @@ impl<'a> Table<'a> {
             match f.default {
                 Some(default) if !given => (f.set)(target, &[default]),
                 _ if given || assembled || f.always => {
-                    (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, units.unit(f.unit))?);
+                    (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, f.unit.map(|unit| units.unit(unit)))?);
                 }
                 _ => {}
             }
@@ -563,7 +564,7 @@ impl<'a> Table<'a> {
     }
 
     /// The numbers of `key`; a lone number that stands for several is repeated.
-    fn numbers(&self, key: &str, shape: Shape, bounds: &Bounds, unit: &str) -> Result<Vec<f64>> {
+    fn numbers(&self, key: &str, shape: Shape, bounds: &Bounds, unit: Option<impl Display + Copy>) -> Result<Vec<f64>> {
         let expected = schema::expectation(shape, bounds, unit);
         let value = self.required(key, &expected)?;
         match value.get_ref() {

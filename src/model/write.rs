@@ -10,7 +10,7 @@ use super::read::{
     ALWAYS_PRESENT, GROUPS, LONE_BODY, body_group, body_known, body_needed, default_values, drive_shape,
 };
 use super::schema::{self, Field, Shape, Top};
-use super::{Added, Inertia, Joint, Mechanism, Model, Provenance};
+use super::{Added, Inertia, Joint, Mechanism, Model, Provenance, Unit};
 use crate::effects::rigid_bodies::{self, RigidBodies};
 use crate::effects::{ActiveEffect, Host, Parameter, Role};
 
@@ -229,7 +229,7 @@ fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled:
         let numbers = (f.get)(source);
         let unneeded = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
         let default = f.default.map(|x| vec![x]).or(unneeded);
-        let comment = comment(units.unit(f.unit), f.about);
+        let comment = comment(f.unit.map(|unit| units.unit(unit)), f.about);
         let parameters = Vec::new();
         Line { key: f.key, numbers, parameters, default, shape: f.shape, integer: f.bounds.integer, comment }
     });
@@ -318,7 +318,7 @@ fn effect_section(active: &ActiveEffect, host: Host) -> Section {
             default: (p.role != Role::Linear).then(|| default_values(&p, host.mechanism)),
             shape: Shape::of(&p, host.mechanism),
             integer: false,
-            comment: comment(p.unit, ""),
+            comment: p.unit.to_string(),
         }
     };
     let about = active.effect.about();
@@ -330,12 +330,8 @@ fn effect_section(active: &ActiveEffect, host: Host) -> Section {
     }
 }
 
-fn comment(unit: &str, about: &str) -> String {
-    match (unit, about) {
-        ("", about) => about.to_string(),
-        (unit, "") => unit.to_string(),
-        (unit, about) => format!("{unit}; {about}"),
-    }
+fn comment(unit: Option<Unit>, about: &str) -> String {
+    unit.map_or(about.to_string(), |unit| format!("{unit}; {about}"))
 }
 
 impl Section {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::channels::multiplier_names;
 use super::{ReadError, Signals};
-use crate::model::{AXES, Joint, Mechanism, STRUTS};
+use crate::model::{AXES, Joint, Mechanism, STRUTS, Unit};
 
 /// Fewest samples that make a recording.
 const FEWEST: usize = 100;
@@ -319,7 +319,7 @@ impl Table {
 
     fn jumps(&self, warnings: &mut Vec<String>) {
         let step = median_step(&self.t);
-        let unit = self.machine.unit("rad");
+        let unit = self.machine.unit(Unit::Rad);
         for k in 1..=self.machine.axes() {
             let name = format!("q{k}");
             let Some(q) = self.column(&name) else {
@@ -383,7 +383,7 @@ impl Table {
             if count >= 10 {
                 warnings.push(format!(
                     "`{name}` stays at its {what} value {extreme} {} for {count} samples, first at {}: clipped?",
-                    self.machine.unit("N·m"),
+                    self.machine.unit(Unit::NM),
                     self.at(runs[0].start)
                 ));
             }
@@ -408,7 +408,7 @@ impl Table {
             warnings.push(format!(
                 "`{name}` stays exactly {} {} from {} for {} samples while the axis moves: frozen sensor?",
                 tau[r.start],
-                self.machine.unit("N·m"),
+                self.machine.unit(Unit::NM),
                 self.at(r.start),
                 r.len()
             ));

@@ -17,7 +17,7 @@ use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
 use crate::model::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
-use crate::model::{ARMS, AXES, Inertia, Mechanism, Model, STRUTS};
+use crate::model::{ARMS, AXES, Inertia, Mechanism, Model, STRUTS, Unit};
 use crate::recording::{Configuration, Recording, Setup, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
 
@@ -359,7 +359,7 @@ impl<'a> Run<'a> {
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
         let limits = &self.options.supervision;
         let machine = self.twin.plant().mechanism;
-        let (torque, angle) = (machine.unit("N·m"), machine.unit("rad"));
+        let (torque, angle) = (machine.unit(Unit::NM), machine.unit(Unit::Rad));
         for i in 0..machine.arms() {
             let (feedback, error) = (command.feedback[i].abs(), (self.wanted.q[i] - encoders[i]).abs());
             if let Some(limit) = limits.torque.filter(|limit| feedback > *limit) {

@@ -19,7 +19,7 @@ use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
 use crate::identification::prediction::Channels;
 use crate::identification::trace::noise_floor;
 use crate::identification::{Fit, Trace};
-use crate::model::Model;
+use crate::model::{Model, Unit};
 use library::{Atom, Cover, hums, library};
 use pursuit::{Formulation, Found, MOST, Pursuit, gain};
 
@@ -51,7 +51,7 @@ pub struct Unexplained {
     /// What acts at the strongest place.
     pub shape: Shape,
     /// Unit of that.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Terms: place, law and estimated coefficient.
     pub terms: Vec<(Place, String, Estimate)>,
     /// Whether the named effects stay beside the formula.

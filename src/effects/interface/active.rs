@@ -41,22 +41,10 @@ impl Host {
 
     /// `parameter` with unit, usual size and range on this machine.
     pub fn parameter(&self, parameter: &Parameter) -> Parameter {
-        let (t, v) = (self.torque, self.speed);
-        let factor = match parameter.unit {
-            "N·m" => t,
-            "rad" | "rad/s" => v,
-            "s/rad" => 1.0 / v,
-            "N·m·s/rad" | "kg·m²" => t / v,
-            "rad/(N·m)" => v / t,
-            _ => 1.0,
-        };
+        let unit = self.mechanism.unit(parameter.unit);
+        let factor = unit.scale(self.torque, self.speed);
         let (low, high) = parameter.range;
-        Parameter {
-            unit: self.mechanism.unit(parameter.unit),
-            default: factor * parameter.default,
-            range: (factor * low, factor * high),
-            ..*parameter
-        }
+        Parameter { unit, default: factor * parameter.default, range: (factor * low, factor * high), ..*parameter }
     }
 }
 

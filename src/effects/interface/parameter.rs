@@ -1,6 +1,6 @@
 //! Parameters of effects and where their values stand.
 
-use crate::model::Mechanism;
+use crate::model::{Mechanism, Unit};
 
 /// How a parameter enters the law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +47,8 @@ impl Count {
 pub struct Parameter {
     /// Key in the effect's table.
     pub name: &'static str,
-    /// Unit, e.g. `N·m·s/rad`.
-    pub unit: &'static str,
+    /// Unit on a machine whose drives turn.
+    pub unit: Unit,
     /// How many values.
     pub count: Count,
     /// How it enters the law.

@@ -6,8 +6,8 @@
 use std::ops::Range;
 use std::sync::LazyLock;
 
-use super::{ARMS, PARAMETERS, RigidBodies, STRUTS, UNITS, Unit, body, one};
-use crate::effects::{Count, Parameter};
+use super::{ARMS, PARAMETERS, RigidBodies, STRUTS, UNITS, UnitInertia, body, one};
+use crate::effects::{Count, Parameter, Unit};
 use crate::model::bodies::{ARM, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{ARMS as LIMBS, BodyParameters, LinkParameters};
 
@@ -29,7 +29,7 @@ pub(super) fn table(telescope: bool, links: LinkParameters) -> &'static RigidBod
 struct Entry {
     parameter: Parameter,
     bodies: Range<usize>,
-    unit: Unit,
+    unit: UnitInertia,
 }
 
 fn build(telescope: bool, links: LinkParameters) -> RigidBodies {
@@ -57,7 +57,7 @@ fn build(telescope: bool, links: LinkParameters) -> RigidBodies {
 
 /// The paper's parameters.
 fn symmetric() -> Vec<Entry> {
-    let entry = |(p, (bodies, unit)): (&Parameter, &(Range<usize>, Unit))| Entry {
+    let entry = |(p, (bodies, unit)): (&Parameter, &(Range<usize>, UnitInertia))| Entry {
         parameter: Parameter { ..*p },
         bodies: bodies.clone(),
         unit: *unit,
@@ -68,17 +68,17 @@ fn symmetric() -> Vec<Entry> {
 /// The first `count` of ten of every kind of body, and the rotor's moment.
 fn general(count: usize) -> Vec<Entry> {
     /// Name, unit, usual magnitude where the paper has none, place.
-    const TEN: [(&str, &str, f64, Unit); 10] = [
-        ("mass", "kg", 1.0, Unit::Mass),
-        ("first_moment_x", "kg·m", 0.01, Unit::Moment(0)),
-        ("first_moment_y", "kg·m", 0.01, Unit::Moment(1)),
-        ("first_moment_z", "kg·m", 0.01, Unit::Moment(2)),
-        ("inertia_xx", "kg·m²", 0.05, Unit::Tensor(&[0])),
-        ("inertia_yy", "kg·m²", 0.05, Unit::Tensor(&[1])),
-        ("inertia_zz", "kg·m²", 0.05, Unit::Tensor(&[2])),
-        ("inertia_xy", "kg·m²", 0.005, Unit::Product(0, 1)),
-        ("inertia_xz", "kg·m²", 0.005, Unit::Product(0, 2)),
-        ("inertia_yz", "kg·m²", 0.005, Unit::Product(1, 2)),
+    const TEN: [(&str, Unit, f64, UnitInertia); 10] = [
+        ("mass", Unit::Kg, 1.0, UnitInertia::Mass),
+        ("first_moment_x", Unit::KgM, 0.01, UnitInertia::Moment(0)),
+        ("first_moment_y", Unit::KgM, 0.01, UnitInertia::Moment(1)),
+        ("first_moment_z", Unit::KgM, 0.01, UnitInertia::Moment(2)),
+        ("inertia_xx", Unit::KgM2, 0.05, UnitInertia::Tensor(&[0])),
+        ("inertia_yy", Unit::KgM2, 0.05, UnitInertia::Tensor(&[1])),
+        ("inertia_zz", Unit::KgM2, 0.05, UnitInertia::Tensor(&[2])),
+        ("inertia_xy", Unit::KgM2, 0.005, UnitInertia::Product(0, 1)),
+        ("inertia_xz", Unit::KgM2, 0.005, UnitInertia::Product(0, 2)),
+        ("inertia_yz", Unit::KgM2, 0.005, UnitInertia::Product(1, 2)),
     ];
     let kinds = [
         ("arm", ARM..STRUT),

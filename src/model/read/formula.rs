@@ -67,13 +67,15 @@ fn read_term(table: &Table, host: Host) -> Result<(Term, f64)> {
     if let Some(variable) = law.variables().find(|v| !v.exists_on(host.mechanism)) {
         return Err(table.refuse("law", &format!("this machine has no `{}`; expected what it has", variable.name())));
     }
-    let unit = host.mechanism.unit(at.unit());
+    let term = Term { name: name.into(), at, law };
+    let unit = host.mechanism.unit(term.unit());
     let bounds = Bounds::between(-LIMIT, LIMIT);
-    let coefficient = table.numbers("coefficient", Shape::One, &bounds, unit)?[0];
-    if table.entry("unit").is_some() && table.string("unit", &format!("\"{unit}\""))? != unit {
-        return Err(table.refuse("unit", &format!("expected \"{unit}\", the unit of a coefficient at {}", at.name())));
+    let coefficient = table.numbers("coefficient", Shape::One, &bounds, Some(unit))?[0];
+    if table.entry("unit").is_some() && table.string("unit", &format!("\"{unit}\""))? != unit.to_string() {
+        let problem = format!("expected \"{unit}\", the unit of this law's coefficient at {}", at.name());
+        return Err(table.refuse("unit", &problem));
     }
-    Ok((Term { name: name.into(), at, law }, coefficient))
+    Ok((term, coefficient))
 }
 
 /// Place of a part of a string in the file: exact unless the string is written with escapes.

@@ -72,7 +72,7 @@ fn json(effect: &dyn Effect) -> Value {
     let parameter = |p: &Parameter| {
         json!({
             "name": p.name,
-            "unit": p.unit,
+            "unit": p.unit.to_string(),
             "range": [p.range.0, p.range.1],
             "default": p.default,
             "role": role(p),
@@ -98,7 +98,7 @@ fn describe(effect: &dyn Effect) -> miette::Result<()> {
     let mut table = Table::new(&["Parameter", "usual", "range", "unit", "role", "values"], &[3, 4, 5]);
     for p in effect.parameters() {
         let range = format!("{} to {}", p.range.0, p.range.1);
-        table.row([p.name.into(), p.default.to_string(), range, p.unit.into(), role(p).into(), count(p)]);
+        table.row([p.name.into(), p.default.to_string(), range, p.unit.to_string(), role(p).into(), count(p)]);
     }
     say(table)
 }

@@ -199,7 +199,7 @@ impl Assembled {
             };
             Some(Row {
                 quantity: sum(base)?,
-                unit: base.unit,
+                unit: base.unit.to_string(),
                 ours: vec![Some(Estimate::new(base.value, base.std)), other(&self.free), other(&self.complete)],
                 truth: Some(of(&campaign.robot.bodies, base)?),
                 paper: combined(base, printed),
@@ -217,7 +217,7 @@ impl Assembled {
                 let mut ours = vec![link(&self.prior.bodies, name).map(Estimate::plain)];
                 ours.extend(self.all().iter().map(|f| estimate(f, &format!("{LINKS}{name}"))));
                 let truth = link(&campaign.robot.bodies, name);
-                Row { quantity: (*symbol).into(), unit, ours, truth, paper: Some(*printed) }
+                Row { quantity: (*symbol).into(), unit: unit.to_string(), ours, truth, paper: Some(*printed) }
             })
             .collect();
         let titles = std::iter::once("prior".to_string()).chain(titles()).collect();
@@ -271,7 +271,7 @@ impl Assembled {
             ours: self.all().iter().map(|f| estimate(f, &format!("{effect}.{name}"))).collect(),
             truth: truth(effect, &name),
             quantity: symbol,
-            unit,
+            unit: unit.into(),
             paper: Some(printed),
         };
         let mut rows = Vec::new();
@@ -302,7 +302,7 @@ impl Assembled {
         let growth = (0..ARMS)
             .map(|arm| Row {
                 quantity: format!("drive {}: p_v over Table 1", arm + 1),
-                unit: "",
+                unit: String::new(),
                 ours: inflation.iter().map(|f| Some(Estimate::plain(f[arm]))).collect(),
                 truth: None,
                 paper: Some(table_4::VISCOUS[arm] / table_1::VISCOUS[arm]),
