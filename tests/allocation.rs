@@ -1,11 +1,14 @@
-//! The twin allocates nothing once it runs.
+//! The twin allocates nothing once it runs, and what is read is given back.
 
 mod common;
 
+use std::path::Path;
+
 use common::{defaults, model, reversing};
-use deltatwin::dynamics::Plant;
+use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::REGISTRY;
 use deltatwin::model::Model;
+use deltatwin::model::write::full_text;
 use deltatwin::twin::{Torque, Twin};
 
 /// Allocations of ten steps and ten evaluations after the first.
@@ -57,4 +60,29 @@ fn a_step_allocates_nothing() {
         }
     }
     assert_eq!(worst, 0);
+}
+
+#[test]
+fn formulas_leave_no_memory_behind() {
+    let text = format!(
+        "{}\n{}",
+        std::fs::read_to_string("models/irb360-6-1600.toml").unwrap(),
+        "[[effects.formula.terms]]\nname = \"cubic\"\nat = \"drive2\"\nlaw = \"-qd2^3\"\ncoefficient = 0.1\n\
+         [[effects.formula.terms]]\nname = \"cable\"\nat = \"platform_x\"\nlaw = \"-x*abs(vx)\"\ncoefficient = 4\n"
+    );
+    // Reads the model, states its parameters, predicts torques with it and writes it.
+    let round = || {
+        let model = Model::parse(&text, Path::new("formula.toml")).unwrap();
+        let plant = Plant::new(&model, &common::payload());
+        let names: Vec<String> = plant.parameters().into_iter().map(|p| p.name).collect();
+        assert!(names.contains(&"formula.cubic".to_string()), "{names:?}");
+        let motion = plant.motion(&reversing(0.0)).unwrap();
+        let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
+        let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
+        std::hint::black_box(inverse_dynamics(&plant, 0.0, &motion, &states, true).unwrap());
+        std::hint::black_box(full_text(&model).unwrap());
+    };
+    round();
+    let left: Vec<i64> = (0..100).map(|_| allocation_counter::measure(round).bytes_current).collect();
+    assert_eq!(left, vec![0; 100], "bytes allocated and not freed, by round");
 }

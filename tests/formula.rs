@@ -80,7 +80,7 @@ fn a_formula_is_read() {
     assert!(names.contains(&"formula.cable".to_string()), "{names:?}");
     let terms = &active.effect.formula().unwrap().terms;
     assert_eq!(terms[0].law.text(), "-sin(33*q1) * tanh(50*qd1)");
-    assert!(active.effect.reads_reactions() && active.effect.reads_accelerations());
+    assert!(active.effect.spec().reads.reactions && active.effect.spec().reads.accelerations);
 }
 
 #[test]

@@ -99,7 +99,7 @@ fn with_everything(base: &Model, setup: &Setup, rng: &mut ChaCha8Rng) -> Model {
         .iter()
         .filter(|e| plant.has(e.acts_on()))
         .map(|e| {
-            let mut active = ActiveEffect::absent_on(*e, base.host());
+            let mut active = ActiveEffect::absent_on(e.clone(), base.host());
             let entries = active.entries();
             for (value, entry) in active.values.iter_mut().zip(entries) {
                 if entry.parameter.role == Role::Linear {
@@ -237,7 +237,7 @@ fn regressor_times_parameters_is_inverse_dynamics_with_every_effect_on() {
             a.values.iter().zip(a.entries()).map(keep).collect()
         };
         let theta = DVector::from_vec(effects.iter().flat_map(linear).collect());
-        let own: Vec<Vec<f64>> = effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let own: Vec<Vec<f64>> = effects.iter().map(|a| a.initial_state()).collect();
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let channels = deltatwin::dynamics::Channel::of_drives(base.mechanism);
         for _ in 0..20 {

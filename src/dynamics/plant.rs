@@ -126,7 +126,7 @@ impl Plant {
     /// The inertia of the links as an effect.
     pub fn rigid_bodies(&self) -> ActiveEffect {
         let links = RigidBodies::with(self.mechanism, self.assembled, self.link_parameters);
-        let mut rigid = ActiveEffect::absent_on(links, self.host);
+        let mut rigid = ActiveEffect::absent_on(links.clone(), self.host);
         rigid.values = links.values(&self.links);
         rigid
     }

@@ -8,9 +8,12 @@
 
 mod tables;
 
-use std::ops::Range;
+use std::borrow::Cow;
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
+use std::ops::Range;
+use std::sync::{Arc, LazyLock};
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::model::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::model::{Joint, LinkParameters, Mechanism};
 use crate::recording::Payload;
@@ -20,21 +23,28 @@ pub const NAME: &str = "rigid_bodies";
 
 /// Newton–Euler terms of every body per unit of its inertia parameters (eq. 2–4).
 pub struct RigidBodies {
-    parameters: &'static [Parameter],
+    spec: Spec,
     /// Bodies and unit inertia of each value.
-    units: &'static [(Range<usize>, UnitInertia)],
+    units: Cow<'static, [(Range<usize>, UnitInertia)]>,
 }
 
 const fn one(name: &'static str, unit: Unit, default: f64) -> Parameter {
-    Parameter { name, unit, count: Count::One, role: Role::Linear, default, range: (-100.0, 100.0) }
+    Parameter {
+        name: Cow::Borrowed(name),
+        unit,
+        count: Count::One,
+        role: Role::Linear,
+        default,
+        range: (-100.0, 100.0),
+    }
 }
 
 const fn per_arm(name: &'static str, unit: Unit, default: f64) -> Parameter {
-    Parameter { count: Count::PerArm, ..one(name, unit, default) }
+    one(name, unit, default).counted(Count::PerArm)
 }
 
 const fn lone(name: &'static str) -> Parameter {
-    Parameter { range: (0.0, 1e6), ..one(name, Unit::KgM2, 0.258) }
+    one(name, Unit::KgM2, 0.258).within((0.0, 1e6))
 }
 
 const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", Unit::KgM2, 0.003);
@@ -108,36 +118,52 @@ const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
     (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
-/// The assembled robot.
-pub static ASSEMBLED: RigidBodies = RigidBodies { parameters: PARAMETERS, units: UNITS };
-/// The assembled robot without telescope.
-static WITHOUT_TELESCOPE: RigidBodies =
-    RigidBodies { parameters: PARAMETERS.split_at(9).0, units: UNITS.split_at(9).0 };
-/// Independent arms and rotor.
-static ARMS_AND_ROTOR: RigidBodies = RigidBodies { parameters: PER_ARM, units: UNITS_PER_ARM };
-/// Independent arms.
-static ARMS_ALONE: RigidBodies = RigidBodies { parameters: PER_ARM.split_at(3).0, units: UNITS_PER_ARM.split_at(9).0 };
-/// A lone axis that turns.
-static TURNTABLE: RigidBodies =
-    RigidBodies { parameters: &[lone("inertia")], units: &[(body(ARM), UnitInertia::Lone)] };
-/// A lone axis that slides.
-static SLIDE: RigidBodies = RigidBodies { parameters: &[lone("mass")], units: &[(body(ARM), UnitInertia::Lone)] };
+/// The parameters of every machine that has links of its own: assembled robot with and without telescope, arms with and
+/// without rotor, lone axis that turns and that slides.
+static MACHINES: LazyLock<[Arc<RigidBodies>; 6]> = LazyLock::new(|| {
+    const TURNTABLE: &[Parameter] = &[lone("inertia")];
+    const SLIDE: &[Parameter] = &[lone("mass")];
+    const LONE: &[(Range<usize>, UnitInertia)] = &[(body(ARM), UnitInertia::Lone)];
+    [
+        (PARAMETERS, &UNITS[..]),
+        (PARAMETERS.split_at(9).0, UNITS.split_at(9).0),
+        (PER_ARM, UNITS_PER_ARM),
+        (PER_ARM.split_at(3).0, UNITS_PER_ARM.split_at(9).0),
+        (TURNTABLE, LONE),
+        (SLIDE, LONE),
+    ]
+    .map(|(parameters, units)| Arc::new(RigidBodies::new(Cow::Borrowed(parameters), Cow::Borrowed(units))))
+});
+
+const ABOUT: About = About {
+    summary: "inertia and weight of the links",
+    law: "Newton–Euler equations of every body, linear in mass, first moments and inertia about the joint frame",
+    shows: "everywhere; torque in phase with acceleration, and the static torque",
+    source: "Gnad et al. eq. 2–4, section 2.3, Table 3; of the disassembled robot eq. 46–47, Table 1",
+};
 
 impl RigidBodies {
+    fn new(parameters: Cow<'static, [Parameter]>, units: Cow<'static, [(Range<usize>, UnitInertia)]>) -> Self {
+        let mut spec = Spec::new(NAME, Part::Drives, ABOUT, &[]).kind(Kind::Inertia);
+        spec.parameters = parameters;
+        Self { spec, units }
+    }
+
     /// The parameters of a machine that is assembled or not.
-    pub fn of(machine: Mechanism, assembled: bool) -> &'static Self {
-        match (machine, assembled) {
-            (Mechanism::Delta { telescope: true }, true) => &ASSEMBLED,
-            (Mechanism::Delta { telescope: false }, true) => &WITHOUT_TELESCOPE,
-            (Mechanism::Delta { telescope: true }, false) => &ARMS_AND_ROTOR,
-            (Mechanism::Delta { telescope: false }, false) => &ARMS_ALONE,
-            (Mechanism::Axis(Joint::Revolute), _) => &TURNTABLE,
-            (Mechanism::Axis(Joint::Prismatic), _) => &SLIDE,
-        }
+    pub fn of(machine: Mechanism, assembled: bool) -> Arc<Self> {
+        let [whole, without_telescope, arms_and_rotor, arms, turntable, slide] = &*MACHINES;
+        Arc::clone(match (machine, assembled) {
+            (Mechanism::Delta { telescope: true }, true) => whole,
+            (Mechanism::Delta { telescope: false }, true) => without_telescope,
+            (Mechanism::Delta { telescope: true }, false) => arms_and_rotor,
+            (Mechanism::Delta { telescope: false }, false) => arms,
+            (Mechanism::Axis(Joint::Revolute), _) => turntable,
+            (Mechanism::Axis(Joint::Prismatic), _) => slide,
+        })
     }
 
     /// The parameters of a machine whose limbs and symmetries are taken as `links` says; they matter while it is assembled.
-    pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> &'static Self {
+    pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
         match machine {
             Mechanism::Delta { telescope } if assembled && links != LinkParameters::default() => {
                 tables::table(telescope, links)
@@ -171,25 +197,8 @@ impl RigidBodies {
 }
 
 impl Effect for RigidBodies {
-    fn name(&self) -> &'static str {
-        NAME
-    }
-
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "inertia and weight of the links",
-            law: "Newton–Euler equations of every body, linear in mass, first moments and inertia about the joint frame",
-            shows: "everywhere; torque in phase with acceleration, and the static torque",
-            source: "Gnad et al. eq. 2–4, section 2.3, Table 3; of the disassembled robot eq. 46–47, Table 1",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        self.parameters
+    fn spec(&self) -> &Spec {
+        &self.spec
     }
 
     fn inertia(&self, _values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -198,10 +207,6 @@ impl Effect for RigidBodies {
                 out(k, b, unit.inertia());
             }
         }
-    }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
     }
 }
 

@@ -1,6 +1,8 @@
 //! The arm drives' rotors are heavier or lighter than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Unit, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::model::Inertia;
 use crate::model::bodies::ARM;
 use crate::recording::Payload;
@@ -11,33 +13,26 @@ use crate::recording::Payload;
 /// Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is the arms' own Θ_yy.
 pub struct RotorInertia;
 
-impl Effect for RotorInertia {
-    fn name(&self) -> &'static str {
-        "rotor_inertia"
-    }
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("inertia"),
+    unit: Unit::KgM2,
+    count: Count::PerArm,
+    role: Role::Linear,
+    default: 0.02,
+    range: (-0.2, 1.0),
+}];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
+static SPEC: Spec = Spec::new("rotor_inertia", Part::Linkage, About {
             summary: "the reflected rotor inertia of an arm drive differs from the stated one",
             law: "τ_i grows by ΔJ_i·d²q_i/dt², ΔJ at the gear output",
             shows: "torque of one arm in phase with its own acceleration, none at rest; alike on all arms it is the arms' inertia",
             source: "motors of one series differ by some 10 % of about 0.18 kg·m² (estimate)",
-        }
-    }
+        }, PARAMETERS)
+.kind(Kind::Inertia);
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "inertia",
-            unit: Unit::KgM2,
-            count: Count::PerArm,
-            role: Role::Linear,
-            default: 0.02,
-            range: (-0.2, 1.0),
-        }]
+impl Effect for RotorInertia {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -45,14 +40,12 @@ impl Effect for RotorInertia {
             out(values.index(0, arm), ARM + arm, Inertia::diagonal(0.0, [0.0; 3], [0.5, 1.0, 0.5]));
         }
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::dynamics::{Plant, inverse_dynamics};
     use crate::effects::ActiveEffect;
@@ -69,7 +62,7 @@ mod tests {
             inverse_dynamics(&plant, 0.0, &plant.motion(&joints).unwrap(), &[&[]], false).unwrap().tau
         };
         let before = torque(&model);
-        model.effects.push(ActiveEffect::new(&RotorInertia, &[&[0.0, 0.02, 0.0]]));
+        model.effects.push(ActiveEffect::new(Arc::new(RotorInertia), &[&[0.0, 0.02, 0.0]]));
         let change: Vec<f64> = torque(&model).iter().zip(before).map(|(a, b)| a - b).collect();
         approx::assert_relative_eq!(change.as_slice(), [0.0, 1.0, 0.0, 0.0].as_slice(), epsilon = 1e-12);
     }

@@ -659,8 +659,8 @@ fn largest(traces: &[Trace], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
 /// Whether some parameter enters the prediction nonlinearly.
 pub fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
-        a.effect.reads_reactions()
-            || a.effect.reads_torque()
+        a.effect.spec().reads.reactions
+            || a.effect.spec().reads.torque
             || a.effect.kind().acts_on_the_whole()
             || a.effect.parameters().iter().any(|p| p.role == Role::Shape)
     })

@@ -5,6 +5,7 @@
 //! mass and of its tensor about that; what the data do not show is taken from there, at the mass and the centre that they do show.
 
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 use super::fit::{Fit, FitError, Options, fit_with};
 use super::{Estimate, Trace};
@@ -67,7 +68,7 @@ fn loaded(model: &Model, load: &Payload) -> Model {
     let moments = Payload { tensor: inertia.tensor, ..Payload::default() }.moments();
     let mut with = model.clone();
     let values: [&[f64]; 3] = [&[inertia.mass], inertia.first_moment.as_slice(), &moments];
-    with.effects.push(ActiveEffect::new(&payload::Payload, &values));
+    with.effects.push(ActiveEffect::new(Arc::new(payload::Payload), &values));
     with
 }
 

@@ -318,7 +318,7 @@ fn read_effects(table: &Table, host: Host) -> Result<Effects> {
         return Err(table.refuse_key(key, &message, suggestion(key, &names)));
     }
     let mut active = Effects::default();
-    for effect in REGISTRY {
+    for effect in REGISTRY.iter() {
         if let Some(own) = table.optional_table(effect.name())? {
             // An effect on what is only dismounted may stay.
             let part = effect.acts_on();
@@ -327,7 +327,7 @@ fn read_effects(table: &Table, host: Host) -> Result<Effects> {
                     format!("acts on {}, which this machine does not have; expected no table for it", part.describe());
                 return Err(table.refuse_key(effect.name(), &why, None));
             }
-            active.push(read_effect(&own, *effect, host)?);
+            active.push(read_effect(&own, Arc::clone(effect), host)?);
         }
     }
     Ok(active)
@@ -336,17 +336,22 @@ fn read_effects(table: &Table, host: Host) -> Result<Effects> {
 /// The effect that needs no table.
 pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
 
-fn read_effect(table: &Table, effect: &'static dyn Effect, host: Host) -> Result<ActiveEffect> {
+fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Result<ActiveEffect> {
     if effect.formula().is_some() {
         return formula::read(table, host);
     }
     let parameters: Vec<Parameter> = effect.parameters().iter().map(|p| host.parameter(p)).collect();
-    table.only(&parameters.iter().map(|p| p.name).collect::<Vec<_>>())?;
+    table.only(&parameters.iter().map(|p| &*p.name).collect::<Vec<_>>())?;
     let mut blocks = Vec::new();
     for p in &parameters {
-        let present = p.role == Role::Linear || table.entry(p.name).is_some();
+        let present = p.role == Role::Linear || table.entry(&p.name).is_some();
         blocks.push(if present {
-            table.numbers(p.name, Shape::of(p, host.mechanism), &Bounds::between(p.range.0, p.range.1), Some(p.unit))?
+            table.numbers(
+                &p.name,
+                Shape::of(p, host.mechanism),
+                &Bounds::between(p.range.0, p.range.1),
+                Some(p.unit),
+            )?
         } else {
             default_values(p, host.mechanism)
         });

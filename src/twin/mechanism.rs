@@ -147,7 +147,7 @@ impl Mechanism {
             laden_platform += Inertia::point(rod.bb, platform_ball(&geometry, s));
         }
         let end_effector = &plant.bodies[END_EFFECTOR];
-        let springs = plant.effects.iter().find_map(|a| a.effect.strut_spring(&a.values()));
+        let springs = plant.effects.iter().find_map(|a| a.strut_spring());
         Self { geometry, rods, laden_platform, loaded: *end_effector != Inertia::ZERO, springs }
     }
 

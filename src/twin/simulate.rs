@@ -142,10 +142,10 @@ struct Run<'a> {
 /// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
 /// transmitted torque.
 fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
-    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let mut deflection = [0.0; AXES];
     for (k, active) in plant.effects.iter().enumerate() {
-        let Some(gears) = active.effect.gear_springs(&active.values()) else { continue };
+        let Some(gears) = active.gear_springs() else { continue };
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let torque = inverse_dynamics(plant, 0.0, &plant.motion(wanted)?, &states, false)?.tau;
         for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
@@ -156,7 +156,7 @@ fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES
     let mut joints = *wanted;
     let mut lead = [0.0; AXES];
     for (active, state) in plant.effects.iter().zip(&own) {
-        active.effect.encoder(&active.values(), state, &mut lead);
+        active.encoder(state, &mut lead);
     }
     for (q, lead) in joints.q.iter_mut().zip(lead) {
         *q -= lead;
@@ -322,7 +322,7 @@ impl<'a> Run<'a> {
         let closed = self.twin.closed();
         let plant = self.twin.plant();
         // The length of an elastic strut is no constraint.
-        let rigid = plant.effects.iter().all(|a| a.effect.strut_spring(&a.values()).is_none());
+        let rigid = plant.effects.iter().all(|a| a.strut_spring().is_none());
         let report = &mut self.report;
         let joints = plant.assembled.then(|| constraints::rows(&plant.geometry, &snapshot.motion));
         for (row, (gap, rate)) in joints.into_iter().flatten().enumerate() {
@@ -607,7 +607,7 @@ impl<'a> Run<'a> {
         self.report.closed = self.twin.closed();
         self.report.unconverged = self.twin.unconverged();
         for active in &self.twin.plant().effects {
-            active.effect.observe(&active.values(), &mut self.signals);
+            active.observe(&mut self.signals);
         }
         self.sensors.add_noise(&mut self.signals);
         (Recording { name: model.name.clone(), signals: self.signals, setup }, self.report)

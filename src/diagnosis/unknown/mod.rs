@@ -9,6 +9,8 @@ mod sight;
 pub use shape::Shape;
 pub use sight::Sight;
 
+use std::sync::Arc;
+
 use super::judge::{is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
 use super::{EXPERIMENT, Fitting};
@@ -290,7 +292,9 @@ fn with_formula(base: &Model, sight: &Sight, terms: &[Found]) -> Model {
     }
     let values: Vec<[f64; 1]> = all.iter().map(|(_, c)| [*c]).collect();
     let blocks: Vec<&[f64]> = values.iter().map(|v| &v[..]).collect();
-    model.effects.push(ActiveEffect { host: model.host(), ..ActiveEffect::new(Formula::new(all, true), &blocks) });
+    model
+        .effects
+        .push(ActiveEffect { host: model.host(), ..ActiveEffect::new(Arc::new(Formula::new(all, true)), &blocks) });
     model
 }
 

@@ -1,5 +1,7 @@
 //! Parameters of effects and where their values stand.
 
+use std::borrow::Cow;
+
 use crate::model::{Mechanism, Unit};
 
 /// How a parameter enters the law.
@@ -43,10 +45,10 @@ impl Count {
 }
 
 /// A parameter of an effect.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Parameter {
     /// Key in the effect's table.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Unit on a machine whose drives turn.
     pub unit: Unit,
     /// How many values.
@@ -58,6 +60,32 @@ pub struct Parameter {
     pub default: f64,
     /// Allowed values.
     pub range: (f64, f64),
+}
+
+impl Parameter {
+    /// The same with another number of values.
+    pub const fn counted(mut self, count: Count) -> Self {
+        self.count = count;
+        self
+    }
+
+    /// The same within another range.
+    pub const fn within(mut self, range: (f64, f64)) -> Self {
+        self.range = range;
+        self
+    }
+
+    /// The same constant as a shape to be searched within a range.
+    pub const fn searched(mut self, range: (f64, f64)) -> Self {
+        self.role = Role::Shape;
+        self.within(range)
+    }
+
+    /// The same in another unit.
+    pub const fn with_unit(mut self, unit: Unit) -> Self {
+        self.unit = unit;
+        self
+    }
 }
 
 /// Where each parameter's values stand in the flat list.
@@ -90,11 +118,16 @@ impl Layout {
 /// Values of an effect's parameters, addressed by parameter block.
 #[derive(Clone, Copy)]
 pub struct Values<'a> {
-    pub(super) values: &'a [f64],
-    pub(super) layout: &'a Layout,
+    values: &'a [f64],
+    layout: &'a Layout,
 }
 
 impl<'a> Values<'a> {
+    /// Flat `values` with their `layout`.
+    pub fn new(values: &'a [f64], layout: &'a Layout) -> Self {
+        Self { values, layout }
+    }
+
     /// All values of parameter `block`.
     pub fn block(&self, block: usize) -> &'a [f64] {
         &self.values[self.layout.starts[block]..self.layout.starts[block + 1]]

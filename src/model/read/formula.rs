@@ -1,6 +1,7 @@
 //! `[effects.formula]`: terms with their laws as text.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use miette::Result;
 use toml::de::DeValue;
@@ -8,7 +9,7 @@ use toml::de::DeValue;
 use super::super::schema::{Bounds, Shape};
 use super::{Table, Value, suggestion};
 use crate::effects::formula::{Expression, Formula, LIMIT, Place, Term};
-use crate::effects::{ActiveEffect, Effect, Host};
+use crate::effects::{ActiveEffect, Host};
 
 const TERMS: &str = "an array of tables [[effects.formula.terms]] with name, at, law and coefficient";
 
@@ -42,8 +43,7 @@ pub(super) fn read(table: &Table, host: Host) -> Result<ActiveEffect> {
     }
     let values: Vec<[f64; 1]> = terms.iter().map(|(_, coefficient)| [*coefficient]).collect();
     let blocks: Vec<&[f64]> = values.iter().map(|v| &v[..]).collect();
-    let formula: &'static dyn Effect = Formula::new(terms, empirical);
-    Ok(ActiveEffect { host, ..ActiveEffect::new(formula, &blocks) })
+    Ok(ActiveEffect { host, ..ActiveEffect::new(Arc::new(Formula::new(terms, empirical)), &blocks) })
 }
 
 fn read_term(table: &Table, host: Host) -> Result<(Term, f64)> {

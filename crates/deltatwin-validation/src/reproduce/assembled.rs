@@ -10,11 +10,12 @@ use super::paper::{self, table_1, table_4};
 use super::prior;
 use super::runs::{Campaign, Run};
 use deltatwin::dynamics::Channel;
-use deltatwin::effects::{ActiveEffect, find, rigid_bodies};
+use deltatwin::effects::rigid_bodies::{self, RigidBodies};
+use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{BaseParameter, Fit, Trace, fit_with};
 use deltatwin::model::bodies::{ARM, Bodies, ROTOR, STRUT};
-use deltatwin::model::{ARMS, AXES, Model};
+use deltatwin::model::{ARMS, AXES, Mechanism, Model};
 
 /// Friction of the telescope's sliding joint to start from, N and N·s/m; the paper does not say what it took.
 const TELESCOPE_GUESS: f64 = 1.0;
@@ -118,7 +119,7 @@ fn link(bodies: &Bodies, name: &str) -> Option<f64> {
     let of_arm = |arm: usize| {
         let mut one = bodies.clone();
         one[ARM] = bodies[ARM + arm];
-        rigid_bodies::ASSEMBLED.values(&one)[k]
+        RigidBodies::of(Mechanism::default(), true).values(&one)[k]
     };
     Some((0..ARMS).map(of_arm).sum::<f64>() / ARMS as f64)
 }
