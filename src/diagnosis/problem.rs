@@ -161,17 +161,16 @@ fn linearised(
     let one = |t: &Trace| averaged_columns(&Plant::new(model, &t.setup), t, candidates, BLOCK).map_err(kinematics(t));
     let all: Vec<Vec<Vec<Channels>>> = traces.iter().map(one).collect::<Result<_, FitError>>()?;
     let own = all[0].len() - candidates.len();
-    let flat: Vec<Vec<&Channels>> = all.iter().map(|effects| effects[..own].iter().flatten().collect()).collect();
     let owned = parameters
-        .iter()
-        .enumerate()
-        .filter(|(_, p)| p.role != Role::Fixed)
+        .free(&[])
+        .into_iter()
+        .map(|k| (k, &parameters[k]))
         .map(|(k, p)| Owned {
-            effect: p.effect,
+            effect: p.param.effect,
             linear: (p.role == Role::Linear).then_some(p.value),
             column: Column {
                 name: p.name.clone(),
-                values: stack(flat.iter().map(|trace| trace[k])),
+                values: stack(all.iter().map(|trace| parameters.pick(k, trace))),
                 magnitude: own_size(p),
             },
         })
@@ -181,7 +180,7 @@ fn linearised(
         let entries = active.entries();
         let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
         let column = |(k, e): (usize, &Entry)| Column {
-            name: format!("{}.{}", active.effect.name(), e.name),
+            name: e.full_name(),
             values: stack(all.iter().map(|trace| &trace[own + j][k])),
             magnitude: WORTH_CARING * e.parameter.default.abs(),
         };

@@ -56,7 +56,7 @@ mod torque_gain_error;
 mod torque_ripple;
 
 pub use interface::{
-    About, ActiveEffect, Compliance, Count, Effects, Entry, GearSpring, Host, Instant, Kind, Layout, OwnStates,
+    About, ActiveEffect, Compliance, Count, Effects, Entry, GearSpring, Host, Instant, Kind, Layout, OwnStates, Param,
     Parameter, Reads, Role, Search, Sensor, Spec, Start, StrutSpring, Values, Wrenches, hunt_crossley,
 };
 

@@ -83,8 +83,7 @@ impl Machine {
             .flat_map(|a| vec![a.effect.kind().acts_on_the_whole() || !a.effect.spec().identifiable; a.values.len()])
             .collect();
         let parameters = plant.parameters();
-        let columns: Vec<usize> =
-            (0..parameters.len()).filter(|&k| parameters[k].role == Role::Linear && !whole[k]).collect();
+        let columns: Vec<usize> = parameters.linear().into_iter().filter(|&k| !whole[k]).collect();
         Self {
             limits,
             noise: model.noise.torque.map(|s| if s > 0.0 { s } else { 1.0 }),

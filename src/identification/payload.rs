@@ -51,7 +51,7 @@ pub fn identify_payload(
     let empty = |t: &Trace| Trace { setup: Setup { payload: Payload::default(), ..t.setup }, ..t.clone() };
     let traces: Vec<Trace> = traces.iter().map(empty).collect();
     let mut others: Vec<String> =
-        Plant::new(model, &traces[0].setup).parameters().iter().map(|p| p.effect.into()).collect();
+        Plant::new(model, &traces[0].setup).parameters().iter().map(|p| p.param.effect.into()).collect();
     others.dedup();
     let around = |prior: &Payload| {
         let with = loaded(model, prior);

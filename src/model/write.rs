@@ -13,7 +13,7 @@ use super::read::{
 };
 use super::schema::{self, Field, Shape, Top};
 use super::{Added, Inertia, Joint, Mechanism, Model, Provenance, Unit};
-use crate::effects::rigid_bodies::{self, RigidBodies};
+use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Parameter, Role};
 
 mod formula;
@@ -286,7 +286,7 @@ impl Parameters {
         let named = |assembled: bool| {
             let links = RigidBodies::with(model.mechanism, assembled, model.link_parameters);
             let entries = ActiveEffect::absent_on(links.clone(), model.host()).entries();
-            (links, entries.into_iter().map(|e| format!("{}.{}", rigid_bodies::NAME, e.name)).collect())
+            (links, entries.iter().map(crate::effects::Entry::full_name).collect())
         };
         Self { tables: [named(model.assembled), named(false)] }
     }
@@ -309,12 +309,12 @@ impl Parameters {
 }
 
 fn effect_section(active: &ActiveEffect, host: Host) -> Section {
-    let mut names = active.entries().into_iter().map(|e| vec![format!("{}.{}", active.effect.name(), e.name)]);
-    let mut line = |(b, p): (usize, &Parameter)| {
+    let entries = active.entries();
+    let line = |(b, p): (usize, &Parameter)| {
         let p = host.parameter(p);
         let numbers = active.values().block(b).to_vec();
         Line {
-            parameters: names.by_ref().take(numbers.len()).collect(),
+            parameters: entries.iter().filter(|e| e.param.block == b).map(|e| vec![e.full_name()]).collect(),
             numbers,
             default: (p.role != Role::Linear).then(|| default_values(&p, host.mechanism)),
             shape: Shape::of(&p, host.mechanism),
@@ -326,7 +326,7 @@ fn effect_section(active: &ActiveEffect, host: Host) -> Section {
     let about = active.effect.spec().about;
     Section {
         path: vec!["effects".into(), active.effect.name().into()],
-        lines: active.effect.parameters().iter().enumerate().map(&mut line).collect(),
+        lines: active.effect.parameters().iter().enumerate().map(line).collect(),
         comment: Some(format!("{}: {}", about.summary, about.law)),
         optional: false,
     }

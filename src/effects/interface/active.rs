@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 #[cfg(doc)]
 use super::OwnStates;
-use super::{Count, GearSpring, Instant, Layout, Parameter, Role, StrutSpring, Values};
+use super::{Count, GearSpring, Instant, Layout, Param, Parameter, Role, StrutSpring, Values};
 use crate::effects::Effect;
 use crate::model::{ARMS, AXES, Drive, Mechanism, STRUTS};
 use crate::recording::Signals;
@@ -170,7 +170,7 @@ impl ActiveEffect {
                     }
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),
                 };
-                out.push(Entry { parameter, name });
+                out.push(Entry { param: Param { effect: self.effect.name(), block: b, item: i }, parameter, name });
             }
         }
         out
@@ -191,8 +191,17 @@ pub(crate) fn default_values(effect: &dyn Effect, host: Host) -> (Vec<f64>, Layo
 /// One flat value of an effect.
 #[derive(Clone, Debug)]
 pub struct Entry {
+    /// Its identity.
+    pub param: Param,
     /// Its parameter, as it is on the machine.
     pub parameter: Parameter,
     /// Printed name, e.g. `coulomb_2`.
     pub name: String,
+}
+
+impl Entry {
+    /// Printed name with that of the effect, e.g. `drive_friction.coulomb_2`.
+    pub fn full_name(&self) -> String {
+        format!("{}.{}", self.param.effect, self.name)
+    }
 }

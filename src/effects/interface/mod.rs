@@ -14,7 +14,7 @@ pub use acting::Effects;
 pub(super) use active::default_values;
 pub use active::{ActiveEffect, Entry, Host};
 pub use impact::hunt_crossley;
-pub use parameter::{Count, Layout, Parameter, Role, Values};
+pub use parameter::{Count, Layout, Param, Parameter, Role, Values};
 pub use spec::{About, Kind, Reads, Search, Spec, Start};
 pub use views::{Compliance, GearSpring, OwnStates, Sensor, StrutSpring};
 pub use wrenches::{Instant, Wrenches};

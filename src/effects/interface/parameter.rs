@@ -4,6 +4,17 @@ use std::borrow::Cow;
 
 use crate::model::{Mechanism, Unit};
 
+/// Identity of one number among the parameters of a machine: value `item` of parameter `block` of an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Param {
+    /// Name of the effect; a machine has each once.
+    pub effect: &'static str,
+    /// Which of the effect's parameters.
+    pub block: usize,
+    /// Which of its values.
+    pub item: usize,
+}
+
 /// How a parameter enters the law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {

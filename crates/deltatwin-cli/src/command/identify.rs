@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let noise_floor = floor(&model, &data.traces);
     let prior = args.how.prior(&model)?;
     for name in args.how.held() {
-        if !Plant::new(&model, &data.traces[0].setup).parameters().iter().any(|p| p.effect == name) {
+        if !Plant::new(&model, &data.traces[0].setup).parameters().iter().any(|p| p.param.effect == name) {
             return Err(miette!("--hold {name}: the model has no such effect"));
         }
     }
