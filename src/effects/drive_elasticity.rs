@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use super::{
-    About, Compliance, Count, Effect, GearSpring, Instant, Kind, OwnStates, Parameter, Part, Role, Sensor, Spec, Unit,
-    Values, Wrenches,
+    About, Compliance, Count, Effect, Instant, Kind, OwnStates, Parameter, Part, Role, Sensor, Spec, Unit, Values,
+    Wrenches,
 };
 use crate::model::bodies::{ARM, Inertia};
 use crate::model::{ARMS, AXES, Mechanism, Model};
@@ -29,7 +29,7 @@ const ROTOR_INERTIA: usize = 2;
 const FRICTION_AT_MOTOR: usize = 3;
 
 /// Compliance times rotor inertia that counts as rigid, s²: a fortieth of the usual one would ring beyond 500 Hz.
-pub(super) const RIGID: f64 = 1.8e-7;
+const RIGID: f64 = 1.8e-7;
 
 /// Compliances of the elastic drives, with their number.
 fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<'a> {
@@ -39,6 +39,26 @@ fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<
 
 /// Share of what moves on a lone axis that is on the motor's side, an estimate.
 const MOTOR_SHARE: f64 = 0.4;
+
+/// An elastic gear: the encoder leads the joint by compliance · transmitted torque (but for the damping).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GearSpring {
+    /// rad/(N·m); zero is rigid.
+    pub compliance: f64,
+    /// Damping, N·m·s/rad.
+    pub damping: f64,
+    /// Inertia on the motor side, seen at the gear output, kg·m².
+    pub rotor_inertia: f64,
+    /// Whether what acts on the drive acts on the motor's side.
+    pub friction_at_motor: bool,
+}
+
+impl GearSpring {
+    /// Whether the twin lets the gear give way; the effect has no torque otherwise.
+    pub fn is_elastic(&self) -> bool {
+        self.compliance * self.rotor_inertia > RIGID
+    }
+}
 
 const PARAMETERS: &[Parameter] = &[
     Parameter {

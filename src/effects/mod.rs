@@ -55,10 +55,12 @@ mod torque_bias;
 mod torque_gain_error;
 mod torque_ripple;
 
+pub use drive_elasticity::GearSpring;
 pub use interface::{
-    About, ActiveEffect, Compliance, Count, Effects, Entry, GearSpring, Host, Instant, Kind, Layout, OwnStates, Param,
-    Parameter, Reads, Role, Search, Sensor, Spec, Start, StrutSpring, Values, Wrenches, hunt_crossley,
+    About, ActiveEffect, Compliance, Count, Effects, Entry, Host, Instant, Kind, Layout, OwnStates, Param, Parameter,
+    Reads, Role, Search, Sensor, Spec, Start, Values, Wrenches, hunt_crossley,
 };
+pub use strut_elasticity::StrutSpring;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
 pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
@@ -164,13 +166,6 @@ impl dyn Effect {
     /// The terms of a formula, which stand in the model file beside its numbers; none of another effect.
     pub fn formula(&self) -> Option<&formula::Formula> {
         (self as &dyn Any).downcast_ref()
-    }
-}
-
-impl GearSpring {
-    /// Whether the twin lets the gear give way; the effect has no torque otherwise.
-    pub fn is_elastic(&self) -> bool {
-        self.compliance * self.rotor_inertia > drive_elasticity::RIGID
     }
 }
 

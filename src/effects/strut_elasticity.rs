@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{About, Compliance, Count, Effect, Parameter, Part, Role, Spec, StrutSpring, Unit, Values};
+use super::{About, Compliance, Count, Effect, Parameter, Part, Role, Spec, Unit, Values};
 use crate::model::STRUTS;
 
 /// Axial spring and damper in each strut: T = Δl/c + d·Δl̇, tension positive, Δl the elongation.
@@ -19,6 +19,15 @@ const DAMPING: usize = 1;
 
 /// Compliance that counts as rigid, m/N.
 const RIGID: f64 = 1e-10;
+
+/// An elastic strut: T = stiffness · elongation + damping · its rate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StrutSpring {
+    /// N/m.
+    pub stiffness: f64,
+    /// N·s/m.
+    pub damping: f64,
+}
 
 const PARAMETERS: &[Parameter] = &[
     Parameter {

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 #[cfg(doc)]
 use super::OwnStates;
-use super::{Count, GearSpring, Instant, Layout, Param, Parameter, Role, StrutSpring, Values};
-use crate::effects::Effect;
+use super::{Count, Instant, Layout, Param, Parameter, Role, Values};
+use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::model::{ARMS, AXES, Drive, Mechanism, STRUTS};
 use crate::recording::Signals;
 

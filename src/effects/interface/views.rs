@@ -1,6 +1,7 @@
 //! What some effects have besides wrenches and inertia.
 
 use super::{Instant, Values};
+use crate::effects::{GearSpring, StrutSpring};
 use crate::model::{AXES, STRUTS};
 use crate::recording::Signals;
 
@@ -36,26 +37,4 @@ pub trait Compliance {
     fn strut_spring(&self, _values: &Values) -> Option<[StrutSpring; STRUTS]> {
         None
     }
-}
-
-/// An elastic strut: T = stiffness · elongation + damping · its rate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StrutSpring {
-    /// N/m.
-    pub stiffness: f64,
-    /// N·s/m.
-    pub damping: f64,
-}
-
-/// An elastic gear: the encoder leads the joint by compliance · transmitted torque (but for the damping).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct GearSpring {
-    /// rad/(N·m); zero is rigid.
-    pub compliance: f64,
-    /// Damping, N·m·s/rad.
-    pub damping: f64,
-    /// Inertia on the motor side, seen at the gear output, kg·m².
-    pub rotor_inertia: f64,
-    /// Whether what acts on the drive acts on the motor's side.
-    pub friction_at_motor: bool,
 }
