@@ -92,7 +92,7 @@ fn mistakes_are_named_with_their_place() {
         ("\"drive1\"", "\"drive5\"", &["at = \"drive5\"", "expected one of drive1", "did you mean `drive"]),
         ("name = \"rotor\"", "name = \"cable\"", &["a name that no other term has"]),
         ("name = \"rotor\"", "name = \"a.b\"", &["expected letters, digits"]),
-        ("coefficient = 4", "coefficient = \"4\"", &["found a string", "a number in N from"]),
+        ("coefficient = 4", "coefficient = \"4\"", &["found a string", "a number in N per unit of the law from"]),
         ("coefficient = 4", "coefficient = nan", &["coefficient = nan", "expected a number"]),
         ("coefficient = 4", "", &["lacks `coefficient`"]),
         ("unit = \"N·m\"", "unit = \"Nm\"", &["expected \"N·m\", the unit of a coefficient at drive1"]),
@@ -150,8 +150,8 @@ fn machines_have_only_their_own_places_and_variables() {
             _ => panic!("{machine} {at} {law}: {:?}", read.map(drop)),
         }
     }
-    // On a slide the unit is N.
-    let slide = term("drive1", "q1").replace("coefficient", "unit = \"N\"\ncoefficient");
+    // On a slide the torque is a force and the angle a length: N/m for a law that is the angle itself.
+    let slide = term("drive1", "q1").replace("coefficient", "unit = \"N/m\"\ncoefficient");
     assert!(parse(&text("servo-axis", &slide)).is_ok());
 }
 

@@ -18,7 +18,7 @@ use crate::recording::Payload;
 /// torque an arm rings at √(1/(c·J) + 1/(c·Θ)), 80 Hz, damped to a fifth, for some 50 ms. All that acts on the drives, their
 /// friction above all, acts on the arm, or with `friction_at_motor` = 1 on the rotor; the twin knows the arm's side only.
 ///
-/// The twin: `forces`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
+/// The twin: `wrenches`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
 /// leaves a consistent body; only Θ_yy enters). Along a measured motion θ the same law gives the arms' motion behind the
 /// gears (see `identification::prediction`); the damping and J hardly change it and are not estimated.
 pub struct DriveElasticity;

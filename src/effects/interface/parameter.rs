@@ -154,7 +154,7 @@ impl<'a> Values<'a> {
         self.block(block).len()
     }
 
-    /// Flat index of value `i` of parameter `block`, as `forces` and `inertia` report it.
+    /// Flat index of value `i` of parameter `block`, as `wrenches` and `inertia` report it.
     pub fn index(&self, block: usize, i: usize) -> usize {
         self.layout.starts[block] + i
     }

@@ -72,7 +72,7 @@ fn read_term(table: &Table, host: Host) -> Result<(Term, f64)> {
     let bounds = Bounds::between(-LIMIT, LIMIT);
     let coefficient = table.numbers("coefficient", Shape::One, &bounds, Some(unit))?[0];
     if table.entry("unit").is_some() && table.string("unit", &format!("\"{unit}\""))? != unit.to_string() {
-        let problem = format!("expected \"{unit}\", the unit of this law's coefficient at {}", at.name());
+        let problem = format!("expected \"{unit}\", the unit of a coefficient at {}", at.name());
         return Err(table.refuse("unit", &problem));
     }
     Ok((term, coefficient))
