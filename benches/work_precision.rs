@@ -32,7 +32,7 @@ struct Run {
 
 fn run(plant: &Plant, motion: &FourierMotion, hold: f64, substeps: usize) -> Run {
     let joints = |t: f64| plant.geometry.inverse_motion(&motion.at(t)).expect("a reachable motion");
-    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let own: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let mut twin = Twin::new(plant.clone(), &plant.motion(&joints(0.0)).expect("reachable")).expect("regular");
     let mut out = Run { forces: Vec::new(), angles: Vec::new(), gap: 0.0, seconds: 0.0 };

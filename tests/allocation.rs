@@ -1,10 +1,12 @@
-//! The twin allocates nothing once it runs.
+//! The twin allocates nothing once it runs, and what is read is given back.
 
 mod common;
 
+use std::path::Path;
+
 use common::{defaults, model, reversing};
 use deltatwin::cell::{CellError, Mobility, Object, Shape, Surface};
-use deltatwin::dynamics::Plant;
+use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::REGISTRY;
 use deltatwin::kinematics::{Motion, SocketSet, Target};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
@@ -12,6 +14,7 @@ use deltatwin::model::Model;
 use deltatwin::twin::{
     ContactBody, Contacts, EventKind, Held, Options, Surroundings, Torque, Touch, Twin, Twist, simulate,
 };
+use deltatwin_io::model::{full_text, parse};
 use nalgebra::{Isometry3, Vector3};
 
 /// Allocations of ten steps and ten evaluations after the first.
@@ -156,4 +159,29 @@ fn a_step_with_contacts_allocates_nothing() {
     }
     assert!(counts[1].0 == 2 * counts[0].0 && counts[2].0 == 8 * counts[0].0, "{counts:?}");
     assert!(counts.iter().all(|c| c.1 == counts[0].1), "{counts:?}");
+}
+
+#[test]
+fn formulas_leave_no_memory_behind() {
+    let text = format!(
+        "{}\n{}",
+        std::fs::read_to_string("models/irb360-6-1600.toml").unwrap(),
+        "[[effects.formula.terms]]\nname = \"cubic\"\nat = \"drive2\"\nlaw = \"-qd2^3\"\ncoefficient = 0.1\n\
+         [[effects.formula.terms]]\nname = \"cable\"\nat = \"platform_x\"\nlaw = \"-x*abs(vx)\"\ncoefficient = 4\n"
+    );
+    // Reads the model, states its parameters, predicts torques with it and writes it.
+    let round = || {
+        let model = parse(&text, Path::new("formula.toml")).unwrap();
+        let plant = Plant::new(&model, &common::payload());
+        let names: Vec<String> = plant.parameters().into_iter().map(|p| p.name).collect();
+        assert!(names.contains(&"formula.cubic".to_string()), "{names:?}");
+        let motion = plant.motion(&reversing(0.0)).unwrap();
+        let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
+        let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
+        std::hint::black_box(inverse_dynamics(&plant, 0.0, &motion, &states, true).unwrap());
+        std::hint::black_box(full_text(&model).unwrap());
+    };
+    round();
+    let left: Vec<i64> = (0..100).map(|_| allocation_counter::measure(round).bytes_current).collect();
+    assert_eq!(left, vec![0; 100], "bytes allocated and not freed, by round");
 }

@@ -31,7 +31,7 @@ fn run(file: &str) -> (Recording, Plant) {
 }
 
 fn torque(plant: &Plant, joints: &JointState) -> [f64; AXES] {
-    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     let motion = plant.motion(joints).expect("a reachable pose");
     inverse_dynamics(plant, 0.0, &motion, &states, false).expect("a torque").tau

@@ -81,7 +81,7 @@ fn a_formula_is_read() {
     assert!(names.contains(&"formula.cable".to_string()), "{names:?}");
     let terms = &active.effect.formula().unwrap().terms;
     assert_eq!(terms[0].law.text(), "-sin(33*q1) * tanh(50*qd1)");
-    assert!(active.effect.reads_reactions() && active.effect.reads_accelerations());
+    assert!(active.effect.spec().reads.reactions && active.effect.spec().reads.accelerations);
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn mistakes_are_named_with_their_place() {
         ("\"drive1\"", "\"drive5\"", &["at = \"drive5\"", "expected one of drive1", "did you mean `drive"]),
         ("name = \"rotor\"", "name = \"cable\"", &["a name that no other term has"]),
         ("name = \"rotor\"", "name = \"a.b\"", &["expected letters, digits"]),
-        ("coefficient = 4", "coefficient = \"4\"", &["found a string", "a number in N from"]),
+        ("coefficient = 4", "coefficient = \"4\"", &["found a string", "a number in N per unit of the law from"]),
         ("coefficient = 4", "coefficient = nan", &["coefficient = nan", "expected a number"]),
         ("coefficient = 4", "", &["lacks `coefficient`"]),
         ("unit = \"N·m\"", "unit = \"Nm\"", &["expected \"N·m\", the unit of a coefficient at drive1"]),
@@ -151,8 +151,8 @@ fn machines_have_only_their_own_places_and_variables() {
             _ => panic!("{machine} {at} {law}: {:?}", read.map(drop)),
         }
     }
-    // On a slide the unit is N.
-    let slide = term("drive1", "q1").replace("coefficient", "unit = \"N\"\ncoefficient");
+    // On a slide the torque is a force and the angle a length: N/m for a law that is the angle itself.
+    let slide = term("drive1", "q1").replace("coefficient", "unit = \"N/m\"\ncoefficient");
     assert!(parse(&text("servo-axis", &slide)).is_ok());
 }
 
@@ -290,7 +290,7 @@ fn a_lone_slide_and_a_robot_taken_apart_have_formulas_too() {
     let trace = Trace::new(&recording);
     let fitted = fit(&robot, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
     let p = fitted.parameters.iter().find(|p| p.name == "formula.rail").unwrap();
-    assert!((p.value - 300.0).abs() < 4.0 * p.std && p.std < 30.0 && p.unit == "N", "{p:?}");
+    assert!((p.value - 300.0).abs() < 4.0 * p.std && p.std < 30.0 && p.unit.to_string() == "N/m²", "{p:?}");
     // Taken apart, a law of the drives still acts; one of the platform rests, and so does the whole formula with it.
     let apart = Setup { configuration: Configuration::Disassembled, ..Setup::default() };
     for (at, law, acts) in [("drive1", "q1", true), ("platform_x", "1", false), ("drive1", "z", false)] {

@@ -131,7 +131,7 @@ fn every_effect_runs_both_ways() {
         // Struts begin without elongation and ring at 450 Hz and more, which takes finer steps. Angles and torques agree
         // as all others do; of accelerations and forces the ringing itself remains, smaller with the cube of the step.
         let active = defaults(effect);
-        let rings = active.effect.strut_spring(&active.values()).is_some();
+        let rings = active.strut_spring().is_some();
         let all = apart(effect, Path::new("scenarios/smoke.toml"), &|model, options, setup| {
             *model = common::model("irb360-6-1600");
             *setup = common::payload();

@@ -2,6 +2,15 @@
 
 mod common;
 
+/// What a file of the library's effects sees around it, for the example of the README.
+mod effects {
+    pub use deltatwin::effects::*;
+    pub mod platform_damper;
+}
+mod machine {
+    pub use deltatwin::machine::bodies;
+}
+
 use common::{model, nominal_plant, random_joints};
 use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
@@ -18,6 +27,7 @@ use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use std::sync::Arc;
 
 const NOMINAL: &str = "irb360-6-1600";
 const TRUTH: &str = "irb360-6-1600-truth";
@@ -31,7 +41,7 @@ fn payload() -> Setup {
 }
 
 /// The effect with linear parameters drawn up to three times their usual size, shapes and constants at their defaults.
-fn at_random(effect: &'static dyn Effect, rng: &mut ChaCha8Rng, non_negative: bool) -> ActiveEffect {
+fn at_random(effect: Arc<dyn Effect>, rng: &mut ChaCha8Rng, non_negative: bool) -> ActiveEffect {
     let mut active = ActiveEffect::absent(effect);
     let entries = active.entries();
     for (value, entry) in active.values.iter_mut().zip(entries) {
@@ -47,12 +57,12 @@ fn at_random(effect: &'static dyn Effect, rng: &mut ChaCha8Rng, non_negative: bo
 /// The nominal model with every registered effect beyond the bodies at once.
 fn model_with_everything(rng: &mut ChaCha8Rng) -> Model {
     let mut all = model(NOMINAL);
-    all.effects = REGISTRY[1..].iter().map(|e| at_random(*e, rng, false)).collect();
+    all.effects = REGISTRY[1..].iter().map(|e| at_random(e.clone(), rng, false)).collect();
     all
 }
 
 fn initial_states(plant: &Plant) -> Vec<Vec<f64>> {
-    plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect()
+    plant.effects.iter().map(|a| a.initial_state()).collect()
 }
 
 fn slices(states: &[Vec<f64>]) -> Vec<&[f64]> {
@@ -74,10 +84,10 @@ fn values_of(out: &Output) -> Vec<f64> {
 
 /// Power of an effect's wrenches on the bodies, and the sum of the magnitudes of its parts, W.
 fn power(plant: &Plant, active: &ActiveEffect, motion: &Motion, loads: &Output) -> (f64, f64) {
-    let state = active.effect.initial_state(&active.values());
+    let state = active.initial_state();
     let at = instant(plant, motion, &loads.reactions, loads.tau, &state);
     let (mut sum, mut size) = (0.0, 0.0);
-    active.effect.forces_along(
+    active.effect.wrenches_along(
         &active.values(),
         &at,
         &mut Wrenches::new(&mut |k, body, force, moment| {
@@ -112,9 +122,9 @@ fn every_effect_file_is_registered_under_its_name() {
 
 #[test]
 fn every_effect_explains_itself() {
-    for effect in REGISTRY {
+    for effect in REGISTRY.iter() {
         let name = effect.name();
-        let about = effect.about();
+        let about = effect.spec().about;
         for text in [about.summary, about.law, about.shows, about.source] {
             assert!(!text.trim().is_empty(), "{name}: {about:?}");
         }
@@ -124,8 +134,7 @@ fn every_effect_explains_itself() {
             let (low, high) = p.range;
             assert!(low.is_finite() && high.is_finite() && low < high, "{name}.{}", p.name);
             assert!((low..=high).contains(&p.default), "{name}.{}: default {} in {low}..{high}", p.name, p.default);
-            assert!(!p.unit.is_empty(), "{name}.{} has a unit (\"1\" without dimension)", p.name);
-            assert!(keys.insert(p.name), "{name}.{} appears twice", p.name);
+            assert!(keys.insert(p.name.clone()), "{name}.{} appears twice", p.name);
             if p.role == Role::Linear {
                 assert!((low..=high).contains(&0.0), "{name}.{}: zero, no effect, is allowed", p.name);
             }
@@ -137,7 +146,7 @@ fn every_effect_explains_itself() {
 fn effects_act_on_nothing_but_the_parts_they_name() {
     let plant = Plant::new(&model(NOMINAL), &payload());
     let mut rng = rng(11);
-    for &effect in &REGISTRY[1..] {
+    for effect in &REGISTRY[1..] {
         let on_drives = |b: usize| b < STRUT || b == ROTOR;
         let allowed = |b: usize| match effect.acts_on() {
             Part::Drives => on_drives(b),
@@ -147,17 +156,17 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
             Part::Linkage => b <= END_EFFECTOR,
             Part::Telescope => b >= END_EFFECTOR,
         };
-        let mut active = at_random(effect, &mut rng, true);
+        let mut active = at_random(Arc::clone(effect), &mut rng, true);
         let entries = active.entries();
         active.values.iter_mut().zip(entries).for_each(|(v, e)| *v = v.max(0.5 * e.parameter.default.abs()));
         let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
-        let (loads, state) = (inverse(&plant, &motion), effect.initial_state(&active.values()));
+        let (loads, state) = (inverse(&plant, &motion), active.initial_state());
         let at = instant(&plant, &motion, &loads.reactions, loads.tau, &state);
         let name = effect.name();
         let refuse =
             |b: usize| assert!(allowed(b), "{name} acts on {}, not only on {:?}", body_name(b), effect.acts_on());
         let mut forces = Vec::new();
-        effect.forces(
+        effect.wrenches(
             &active.values(),
             &at,
             &mut Wrenches::new(&mut |k, b, force, _| {
@@ -182,6 +191,25 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
     }
 }
 
+#[test]
+fn the_effect_of_the_readme_works_as_it_stands() {
+    let (readme, code) = (std::fs::read_to_string("README.md").unwrap(), include_str!("effects/platform_damper.rs"));
+    assert!(readme.contains(&format!("```rust\n{code}```\n")), "the README shows another file");
+    // 3 N·s/m at v: the drives give 3·|v|² more, wherever the robot stands and however it moves.
+    let base = model(NOMINAL);
+    let mut damped = base.clone();
+    damped.effects.push(ActiveEffect::new(Arc::new(effects::platform_damper::PlatformDamper), &[&[3.0]]));
+    let [plant, damped] = [base, damped].map(|m| Plant::new(&m, &payload()));
+    assert!(damped.parameters().iter().any(|p| p.name == "platform_damper.damping" && p.unit == effects::Unit::NSPerM));
+    let joints = random_joints(&plant, &mut rng(21));
+    let motion = plant.motion(&joints).unwrap();
+    let [without, with] = [&plant, &damped].map(|p| inverse(p, &motion).tau);
+    let power: f64 = (0..4).map(|i| (with[i] - without[i]) * joints.qd[i]).sum();
+    let speed = motion.bodies[deltatwin::machine::bodies::PLATFORM].velocity;
+    approx::assert_relative_eq!(power, 3.0 * speed.norm_squared(), max_relative = 1e-9);
+    assert!(power > 1e-3, "{power}");
+}
+
 // What effects do to the dynamics.
 
 #[test]
@@ -189,9 +217,9 @@ fn zero_parameters_change_nothing() {
     for name in [NOMINAL, TRUTH] {
         let base = model(name);
         let plant = Plant::new(&base, &payload());
-        for &effect in REGISTRY {
+        for effect in REGISTRY.iter() {
             let mut with = base.clone();
-            with.effects.push(ActiveEffect::absent(effect));
+            with.effects.push(ActiveEffect::absent(Arc::clone(effect)));
             let with = Plant::new(&with, &payload());
             assert_eq!(with.geometry, plant.geometry, "{}", effect.name());
             assert_eq!(with.bodies, plant.bodies, "{}", effect.name());
@@ -203,15 +231,15 @@ fn zero_parameters_change_nothing() {
             }
             let signals = random_signals(&mut rng);
             let mut observed = signals.clone();
-            let absent = ActiveEffect::absent(effect);
-            effect.observe(&absent.values(), &mut observed);
+            let absent = ActiveEffect::absent(Arc::clone(effect));
+            absent.observe(&mut observed);
             assert_eq!(observed, signals, "{}", effect.name());
-            let state: Vec<f64> = effect.initial_state(&absent.values()).iter().map(|x| x + 1.0).collect();
+            let state: Vec<f64> = absent.initial_state().iter().map(|x| x + 1.0).collect();
             let mut angles = [0.5; 4];
-            effect.encoder(&absent.values(), &state, &mut angles);
+            absent.encoder(&state, &mut angles);
             assert_eq!(angles, [0.5; 4], "{}", effect.name());
-            assert_eq!(effect.strut_spring(&absent.values()), None, "{}", effect.name());
-            assert_eq!(effect.gear_springs(&absent.values()), None, "{}", effect.name());
+            assert_eq!(absent.strut_spring(), None, "{}", effect.name());
+            assert_eq!(absent.gear_springs(), None, "{}", effect.name());
             let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
             let [torque, zero] =
                 [[30.0; 4], [0.0; 4]].map(|torque| drive_torques(&plant, &absent, &motion, torque, &state));
@@ -224,7 +252,7 @@ fn zero_parameters_change_nothing() {
 fn drive_torques(plant: &Plant, active: &ActiveEffect, motion: &Motion, torque: [f64; 4], state: &[f64]) -> [f64; 4] {
     let reactions = Reactions::default();
     let mut sum = [0.0; 4];
-    active.effect.forces(
+    active.effect.wrenches(
         &active.values(),
         &instant(plant, motion, &reactions, torque, state),
         &mut Wrenches::new(&mut |k, body, _, moment| {
@@ -350,7 +378,7 @@ fn friction_only_removes_energy() {
         let mut rng = rng(4);
         let mut total = 0.0;
         for _ in 0..200 {
-            let active = at_random(*effect, &mut rng, true);
+            let active = at_random(Arc::clone(effect), &mut rng, true);
             let mut joints = random_joints(&plant, &mut rng);
             let slowness = 10f64.powf(rng.random_range(-3.0..0.0)); // also within the smooth signs' transition
             joints.qd = joints.qd.map(|x| x * slowness);
@@ -379,8 +407,8 @@ fn stated_slopes_are_derivatives_of_the_state_rates() {
     let plant = nominal_plant();
     let mut rng = rng(9);
     let mut steep = 0;
-    for &effect in REGISTRY {
-        let active = at_random(effect, &mut rng, true);
+    for effect in REGISTRY.iter() {
+        let active = at_random(Arc::clone(effect), &mut rng, true);
         let n = active.states();
         for _ in 0..20 {
             let motion = arms_alone(&plant, random_joints(&plant, &mut rng));
@@ -389,7 +417,7 @@ fn stated_slopes_are_derivatives_of_the_state_rates() {
                 let (mut rate, mut slope) = (vec![0.0; n], vec![0.0; n]);
                 let reactions = Reactions::default();
                 let at = instant(&plant, &motion, &reactions, [10.0; 4], state);
-                effect.state_rate(&active.values(), &at, &mut rate, &mut slope);
+                active.state_rate(&at, &mut rate, &mut slope);
                 (rate, slope)
             };
             let (before, slope) = rate(&state);
@@ -415,7 +443,7 @@ fn hysteresis_returns_no_more_than_its_springs_hold() {
     const ANGLE: f64 = 2e-3;
     let moment = [1.0, 1.5, 2.0];
     let active = ActiveEffect::new(find("backlash_hysteresis").unwrap(), &[&moment, &[ANGLE]]);
-    let mut state = active.effect.initial_state(&active.values());
+    let mut state = active.initial_state();
     let waves: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(0.2..2.0)));
     let (mut taken, mut least) = ([0.0; 3], f64::INFINITY);
     let h = 2e-5;
@@ -429,12 +457,7 @@ fn hysteresis_returns_no_more_than_its_springs_hold() {
         let motion = arms_alone(&plant, JointState { qd, ..JointState::default() });
         let (mut rate, mut slope) = (vec![0.0; 3], vec![0.0; 3]);
         let before = state.clone();
-        active.effect.state_rate(
-            &active.values(),
-            &instant(&plant, &motion, &reactions, [0.0; 4], &state),
-            &mut rate,
-            &mut slope,
-        );
+        active.state_rate(&instant(&plant, &motion, &reactions, [0.0; 4], &state), &mut rate, &mut slope);
         for i in 0..3 {
             state[i] += h * (1.0 + 0.5 * h * slope[i]) * rate[i];
             assert!(state[i].abs() <= 1.0 + 1e-9, "{}", state[i]);
@@ -467,7 +490,7 @@ fn elastic_drives_keep_account_of_their_energy() {
         let (mut rate, mut slope) = (vec![0.0; 6], vec![0.0; 6]);
         let motion = arms_alone(&plant, arm(t));
         let at = instant(&plant, &motion, &reactions, [torque(t); 4], x);
-        active.effect.state_rate(&active.values(), &at, &mut rate, &mut slope);
+        active.state_rate(&at, &mut rate, &mut slope);
         rate
     };
     let moved = |x: &[f64], r: &[f64], h: f64| -> Vec<f64> { x.iter().zip(r).map(|(x, r)| x + h * r).collect() };
@@ -478,7 +501,7 @@ fn elastic_drives_keep_account_of_their_energy() {
         let given = torque(t) + drive_torques(&plant, &active, &arms_alone(&plant, joints), [torque(t); 4], x)[0];
         torque(t) * (joints.qd[0] + x[3]) - d * x[3] * x[3] - given * joints.qd[0]
     };
-    let mut x = active.effect.initial_state(&active.values());
+    let mut x = active.initial_state();
     let h = 1e-5;
     let (start, mut work, mut paid) = (stored(0.0, &x), 0.0, 0.0);
     for step in 0..30_000 {

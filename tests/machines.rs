@@ -9,7 +9,7 @@ use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
 use deltatwin::identification::{Estimate, Fit, Trace, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::END_EFFECTOR;
-use deltatwin::machine::{AXES, Configuration, Part, Payload, Setup};
+use deltatwin::machine::{AXES, Configuration, Part, Payload, Setup, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -101,7 +101,7 @@ fn with_everything(base: &Model, setup: &Setup, rng: &mut ChaCha8Rng) -> Model {
         .iter()
         .filter(|e| plant.has(e.acts_on()))
         .map(|e| {
-            let mut active = ActiveEffect::absent_on(*e, base.host());
+            let mut active = ActiveEffect::absent_on(e.clone(), base.host());
             let entries = active.entries();
             for (value, entry) in active.values.iter_mut().zip(entries) {
                 if entry.parameter.role == Role::Linear {
@@ -239,7 +239,7 @@ fn regressor_times_parameters_is_inverse_dynamics_with_every_effect_on() {
             a.values.iter().zip(a.entries()).map(keep).collect()
         };
         let theta = DVector::from_vec(effects.iter().flat_map(linear).collect());
-        let own: Vec<Vec<f64>> = effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let own: Vec<Vec<f64>> = effects.iter().map(|a| a.initial_state()).collect();
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let channels = deltatwin::dynamics::Channel::of_drives(base.mechanism);
         for _ in 0..20 {
@@ -299,7 +299,7 @@ fn parameters_of_every_machine_come_back_within_their_standard_errors() {
         let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
         assert_eq!(off(&fitted, &robot, &setup, 3.5), [""; 0], "{}", nominal.name);
         let first = &fitted.parameters[0];
-        let wanted = [("rigid_bodies.mass", "kg"), ("rigid_bodies.inertia", "kg·m²")];
+        let wanted = [("rigid_bodies.mass", Unit::Kg), ("rigid_bodies.inertia", Unit::KgM2)];
         assert_eq!((first.name.as_str(), first.unit), wanted[usize::from(nominal.name == "turntable")]);
         assert!(fitted.rms[0] < 1.1 * trace.noise(&nominal)[0], "{:?}", fitted.rms);
     }

@@ -161,7 +161,7 @@ fn third_derivatives_of_the_joints_are_those_of_the_second() {
 /// Torques and upper strut forces by the inverse dynamics.
 fn reference_loads(plant: &Plant, point: &PathPoint, speed: f64, acceleration: f64) -> Vec<f64> {
     let motion = plant.motion(&point.joints(speed, acceleration)).unwrap();
-    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let out = inverse_dynamics(plant, 0.0, &motion, &states, true).unwrap();
     out.tau.into_iter().chain(out.reactions.lower).chain(out.reactions.upper).collect()

@@ -31,7 +31,7 @@ fn plant(effects: Vec<ActiveEffect>) -> Plant {
 
 /// Torques that would make the motion, at the knots every 1.6 ms, linear between.
 fn schedule(plant: &Plant, motion: fn(f64) -> JointState) -> Vec<[f64; 4]> {
-    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     let knots = (DURATION / STEPS[0]).round() as usize;
     let tau = |k: usize| {
@@ -185,7 +185,7 @@ fn reversals_cost_no_more_than_half_an_order() {
 fn ringing(plant: &Plant, h: f64) -> [f64; 2] {
     let joints = JointState { q: [0.3, 0.2, 0.4, 0.0], ..JointState::default() };
     let motion = plant.motion(&joints).unwrap();
-    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     let torque = Torque::constant(inverse_dynamics(plant, 0.0, &motion, &states, true).unwrap().tau);
     let mut twin = Twin::new(plant.clone(), &motion).unwrap();

@@ -3,6 +3,7 @@
 mod common;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use common::model;
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
@@ -49,16 +50,16 @@ const OTHERWISE: [(&str, &[(&str, &str)]); 4] = [
     ),
 ];
 
-fn formula(terms: &[(&str, &str)]) -> &'static dyn Effect {
+fn formula(terms: &[(&str, &str)]) -> Arc<dyn Effect> {
     let term = |(i, (at, law)): (usize, &(&str, &str))| {
         let law = Expression::parse(law).unwrap();
         (Term { name: format!("hidden_{i}"), at: Place::named(at).unwrap(), law }, 1.0)
     };
-    Formula::new(terms.iter().enumerate().map(term).collect(), false)
+    Arc::new(Formula::new(terms.iter().enumerate().map(term).collect(), false))
 }
 
 /// Measurement and validation of a robot with a formula hidden.
-fn measure(seed: u64, hidden: &'static dyn Effect) -> [Trace; 2] {
+fn measure(seed: u64, hidden: Arc<dyn Effect>) -> [Trace; 2] {
     let case = Case { seed, ..Case::default() };
     let campaign = campaign_with(&model("irb360-6-1600"), &case, &[hidden], &|_, _| ()).unwrap();
     [&campaign.measurement, &campaign.validation].map(Trace::new)

@@ -40,7 +40,7 @@ fn motions(plant: &Plant, count: usize) -> Vec<Motion> {
 }
 
 fn rest(plant: &Plant) -> Vec<Vec<f64>> {
-    plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect()
+    plant.effects.iter().map(|a| a.initial_state()).collect()
 }
 
 fn forces(plant: &Plant, motion: &Motion, detail: Detail) -> Multipliers {

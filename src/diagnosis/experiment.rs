@@ -247,7 +247,7 @@ pub fn sized(active: &ActiveEffect, coefficients: impl Iterator<Item = (String, 
     let mut sized = active.clone();
     let entries = active.entries();
     for (name, value) in coefficients {
-        let own = |e: &crate::effects::Entry| name == format!("{}.{}", active.effect.name(), e.name);
+        let own = |e: &crate::effects::Entry| name == e.full_name();
         if let Some(i) = entries.iter().position(own) {
             sized.values[i] = value;
         }

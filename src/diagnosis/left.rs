@@ -7,6 +7,7 @@ use super::judge::UNEXPLAINED;
 use super::unknown::{self, Shape};
 use crate::dynamics::Channel;
 use crate::identification::fit::FitError;
+use crate::machine::Unit;
 
 /// Error that is left, in units of the noise.
 #[derive(Clone, Debug)]
@@ -27,7 +28,7 @@ pub struct Rest {
     /// What acts there.
     pub shape: Shape,
     /// Unit of that.
-    pub unit: &'static str,
+    pub unit: Unit,
 }
 
 impl Left {

@@ -1,6 +1,8 @@
 //! The statistical problem of a model and its recordings: residuals, columns of its parameters, columns of every effect
 //! it lacks.
 
+use std::sync::Arc;
+
 use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
@@ -17,36 +19,36 @@ const WORTH_CARING: f64 = 0.3;
 
 /// Effects the model lacks on the parts of the machine that were mounted, one per way of setting their shape.
 pub fn absent(model: &Model) -> Vec<Vec<ActiveEffect>> {
-    missing(model).filter(|e| e.identifiable()).map(|e| variants(model, e)).collect()
+    missing(model).filter(|e| e.spec().identifiable).map(|e| variants(model, e)).collect()
 }
 
 /// Effects the model lacks that only the twin has: no measured motion shows them to inverse dynamics.
-pub fn beyond(model: &Model) -> Vec<&'static dyn effects::Effect> {
-    missing(model).filter(|e| !e.identifiable()).collect()
+pub fn beyond(model: &Model) -> Vec<Arc<dyn effects::Effect>> {
+    missing(model).filter(|e| !e.spec().identifiable).collect()
 }
 
-fn missing(model: &Model) -> impl Iterator<Item = &'static dyn effects::Effect> {
+fn missing(model: &Model) -> impl Iterator<Item = Arc<dyn effects::Effect>> {
     effects::REGISTRY
         .iter()
-        .copied()
         .filter(|e| e.name() != effects::rigid_bodies::NAME && !e.parameters().is_empty())
         .filter(|e| model.mechanism.has(e.acts_on(), model.assembled))
         .filter(|e| !model.effects.iter().any(|a| a.effect.name() == e.name()))
+        .cloned()
 }
 
 /// An absent effect with the model's constants and every starting shape.
-fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEffect> {
-    let mut base = ActiveEffect::absent_on(effect, model.host());
+fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect> {
+    let mut base = ActiveEffect::absent_on(effect.clone(), model.host());
     let entries = base.entries();
     for (value, entry) in base.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role != Role::Linear) {
-        *value = effect.constant(&entry.parameter, &model.view()).unwrap_or(*value);
+        *value = effect.spec().constant(&entry.parameter.name, &model.view()).unwrap_or(*value);
     }
     let of_role = |role: Role| {
         let own = entries.iter().enumerate().filter(move |(_, e)| e.parameter.role == role);
         own.map(|(i, _)| i)
     };
-    if !effect.starts().is_empty() {
-        return effect.starts().iter().map(|start| begun_at(&base, start)).collect();
+    if !effect.spec().search.starts.is_empty() {
+        return effect.spec().search.starts.iter().map(|start| begun_at(&base, start)).collect();
     }
     // Sets of values that are scaled together. What gears do depends on how much they give from the outset.
     let gears = base.has_gears();
@@ -64,13 +66,15 @@ fn variants(model: &Model, effect: &'static dyn effects::Effect) -> Vec<ActiveEf
         }
         variant
     };
-    let grids = searched.iter().zip(effect.shape_grids());
+    let grids = searched.iter().zip(effect.spec().search.grids);
     let mut variants: Vec<ActiveEffect> =
         grids.flat_map(|(set, grid)| grid.iter().map(move |f| (set, f))).map(scaled).collect();
     if variants.is_empty() {
         variants.push(base);
     }
-    for (i, _) in entries.iter().enumerate().filter(|(_, e)| effect.switches().contains(&e.parameter.name)) {
+    for (i, _) in
+        entries.iter().enumerate().filter(|(_, e)| effect.spec().search.switches.contains(&&*e.parameter.name))
+    {
         let switched = |v: ActiveEffect| {
             let mut other = v.clone();
             other.values[i] = 1.0 - other.values[i];
@@ -153,17 +157,16 @@ fn linearised(
     let one = |t: &Trace| averaged_columns(&Plant::new(model, &t.setup), t, candidates, BLOCK).map_err(kinematics(t));
     let all: Vec<Vec<Vec<Channels>>> = traces.iter().map(one).collect::<Result<_, FitError>>()?;
     let own = all[0].len() - candidates.len();
-    let flat: Vec<Vec<&Channels>> = all.iter().map(|effects| effects[..own].iter().flatten().collect()).collect();
     let owned = parameters
-        .iter()
-        .enumerate()
-        .filter(|(_, p)| p.role != Role::Fixed)
+        .free(&[])
+        .into_iter()
+        .map(|k| (k, &parameters[k]))
         .map(|(k, p)| Owned {
-            effect: p.effect,
+            effect: p.param.effect,
             linear: (p.role == Role::Linear).then_some(p.value),
             column: Column {
                 name: p.name.clone(),
-                values: stack(flat.iter().map(|trace| trace[k])),
+                values: stack(all.iter().map(|trace| parameters.pick(k, trace))),
                 magnitude: own_size(p),
             },
         })
@@ -173,7 +176,7 @@ fn linearised(
         let entries = active.entries();
         let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
         let column = |(k, e): (usize, &Entry)| Column {
-            name: format!("{}.{}", active.effect.name(), e.name),
+            name: e.full_name(),
             values: stack(all.iter().map(|trace| &trace[own + j][k])),
             magnitude: WORTH_CARING * e.parameter.default.abs(),
         };

@@ -36,7 +36,7 @@ pub fn inverse_dynamics(
     states: &[&[f64]],
     with_struts: bool,
 ) -> Result<Output, KinematicsError> {
-    let with_struts = with_struts || plant.effects.iter().any(|a| a.effect.reads_reactions());
+    let with_struts = with_struts || plant.effects.iter().any(|a| a.effect.spec().reads.reactions);
     let reduction = Reduction::new(&plant.geometry, motion, plant.assembled, with_struts)?;
     let output = |wrenches: &[Twist; BODIES]| {
         let (tau, upper, lower) = reduction.balance(wrenches);
@@ -75,7 +75,7 @@ pub(crate) fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] 
 
 /// Whether a law along a given motion depends on torques or strut forces.
 pub(crate) fn reads_loads(active: &ActiveEffect) -> bool {
-    active.effect.reads_reactions() || active.effect.reads_torque()
+    active.effect.spec().reads.reactions || active.effect.spec().reads.torque
 }
 
 /// Adds the wrenches of the plant's effects to `sum`: of those that read no loads, or with `loads` of those that do.
@@ -94,7 +94,7 @@ pub(crate) fn add_effects(
     for (active, state) in plant.effects.iter().zip(states).filter(|(a, _)| reads_loads(a) == loads.is_some()) {
         let at = instant(plant, active, t, motion, loads.unwrap_or(&none), state);
         let mut out = Wrenches::sum(&active.values, motion, sum);
-        active.effect.forces_along(&active.values(), &at, &mut out);
+        active.effect.wrenches_along(&active.values(), &at, &mut out);
         if !out.power().is_finite()
             && let Some(fault) = active.fault(&at, true)
         {
@@ -120,7 +120,7 @@ fn instant<'a>(
         gravity: plant.gravity,
         reactions: &loads.reactions,
         state,
-        torque: if active.effect.reads_torque() { loads.tau } else { [0.0; 4] },
+        torque: if active.effect.spec().reads.torque { loads.tau } else { [0.0; 4] },
         closed: SocketSet::ALL,
     }
 }
@@ -182,7 +182,7 @@ pub(crate) fn add_regressor(
         add(k, body, &force, &moment, -1.0);
     });
     let at = instant(plant, active, t, motion, loads, state);
-    active.effect.forces_along(
+    active.effect.wrenches_along(
         &values,
         &at,
         &mut Wrenches::new(&mut |k, body, force, moment| add(k, body, &force, &moment, 1.0)),

@@ -7,6 +7,7 @@
 mod channels;
 mod inverse;
 mod newton_euler;
+mod parameters;
 mod plant;
 mod reduction;
 
@@ -16,4 +17,5 @@ pub(crate) use inverse::add_regressor;
 pub(crate) use inverse::{MAX_REACTION_ITERATIONS, add_effects, reads_loads, rigid_wrenches};
 pub use inverse::{Output, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
-pub use plant::{Plant, PlantParameter, in_configuration, set_parameters};
+pub use parameters::{ParamTable, PlantParameter};
+pub use plant::{Plant, in_configuration, set_parameters};

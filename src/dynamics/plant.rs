@@ -2,8 +2,9 @@
 
 use nalgebra::Vector3;
 
+use super::ParamTable;
 use crate::effects::rigid_bodies::RigidBodies;
-use crate::effects::{ActiveEffect, Host, Kind, Role};
+use crate::effects::{ActiveEffect, Host, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
 use crate::machine::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
 use crate::machine::{Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, Setup, Stops};
@@ -36,27 +37,6 @@ pub struct Plant {
     pub assembled: bool,
     /// Effects beyond the rigid bodies, as far as the parts they act on are mounted.
     pub effects: Vec<ActiveEffect>,
-}
-
-/// A parameter of a plant.
-#[derive(Clone, Debug)]
-pub struct PlantParameter {
-    /// Printed name, e.g. `drive_friction.coulomb_1`.
-    pub name: String,
-    /// Name of its effect.
-    pub effect: &'static str,
-    /// Unit.
-    pub unit: &'static str,
-    /// Flat index within its effect.
-    pub index: usize,
-    /// How it enters.
-    pub role: Role,
-    /// Present value.
-    pub value: f64,
-    /// Allowed values.
-    pub range: (f64, f64),
-    /// Usual magnitude.
-    pub usual: f64,
 }
 
 impl Plant {
@@ -126,7 +106,7 @@ impl Plant {
     /// The inertia of the links as an effect.
     pub fn rigid_bodies(&self) -> ActiveEffect {
         let links = RigidBodies::with(self.mechanism, self.assembled, self.link_parameters);
-        let mut rigid = ActiveEffect::absent_on(links, self.host);
+        let mut rigid = ActiveEffect::absent_on(links.clone(), self.host);
         rigid.values = links.values(&self.links);
         rigid
     }
@@ -146,23 +126,8 @@ impl Plant {
     }
 
     /// All parameters: rigid bodies first, then the effects in order.
-    pub fn parameters(&self) -> Vec<PlantParameter> {
-        let rigid = self.rigid_bodies();
-        std::iter::once(&rigid)
-            .chain(&self.effects)
-            .flat_map(|active| {
-                active.entries().into_iter().enumerate().map(|(index, entry)| PlantParameter {
-                    name: format!("{}.{}", active.effect.name(), entry.name),
-                    effect: active.effect.name(),
-                    unit: entry.parameter.unit,
-                    index,
-                    role: entry.parameter.role,
-                    value: active.values[index],
-                    range: entry.parameter.range,
-                    usual: entry.parameter.default.abs(),
-                })
-            })
-            .collect()
+    pub fn parameters(&self) -> ParamTable {
+        ParamTable::new(std::iter::once(&self.rigid_bodies()).chain(&self.effects))
     }
 
     /// Whether any active effect of the plant changes reported signals.

@@ -1,43 +1,42 @@
 //! Drag of the air on the platform.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 
 /// F = −c·|v|·v on the platform; F in N, v in m/s, c in N/(m/s)². Dissipates c·|v|³.
 pub struct AirDrag;
 
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("coefficient"),
+    unit: Unit::NS2PerM2,
+    count: Count::One,
+    role: Role::Linear,
+    default: 0.04,
+    range: (0.0, 50.0),
+}];
+
+static SPEC: Spec = Spec::new(
+    "air_drag",
+    Part::Linkage,
+    About {
+        summary: "drag of the air on the platform",
+        law: "F = −c·|v|·v on the platform",
+        shows: "torque of all arms against the platform's velocity, growing with its square",
+        source: "turbulent drag; six struts and a plate of 0.06 m² give 0.02–0.1 N/(m/s)² (estimate)",
+    },
+    PARAMETERS,
+);
+
 impl Effect for AirDrag {
-    fn name(&self) -> &'static str {
-        "air_drag"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "drag of the air on the platform",
-            law: "F = −c·|v|·v on the platform",
-            shows: "torque of all arms against the platform's velocity, growing with its square",
-            source: "turbulent drag; six struts and a plate of 0.06 m² give 0.02–0.1 N/(m/s)² (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "coefficient",
-            unit: "N·s²/m²",
-            count: Count::One,
-            role: Role::Linear,
-            default: 0.04,
-            range: (0.0, 50.0),
-        }]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let v = at.motion.bodies[PLATFORM].velocity;
         out.wrench(values.index(0, 0), PLATFORM, -v * v.norm(), Vector3::zeros());
     }

@@ -1,6 +1,8 @@
 //! Friction of the telescope drive with saturation over speed (eq. 48).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, smooth_sign};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, smooth_sign};
 
 /// τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v).
 pub struct Axis4Friction;
@@ -11,54 +13,51 @@ const SATURATION: usize = 2;
 /// Steepness of the Coulomb term, s/rad (eq. 48).
 const STEEPNESS: f64 = 100.0;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("coulomb"),
+        unit: Unit::NM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 0.5272,
+        range: (0.0, 20.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("saturating"),
+        unit: Unit::NM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 0.6672,
+        range: (0.0, 20.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("saturation_speed"),
+        unit: Unit::RadPerS,
+        count: Count::One,
+        role: Role::Shape,
+        default: 8.5919,
+        range: (0.5, 60.0),
+    },
+];
+
+static SPEC: Spec = Spec::new(
+    "axis4_friction",
+    Part::Axis4,
+    About {
+        summary: "friction of the telescope drive, saturating with speed",
+        law: "τ_4 = −A_C·tanh(100·q̇_4) − A_v·tanh(q̇_4/ε_v)",
+        shows: "torque of axis 4: jump at reversals, flat above about 20 rad/s",
+        source: "Gnad et al. eq. 48, Table 2, Fig. 9",
+    },
+    PARAMETERS,
+);
+
 impl Effect for Axis4Friction {
-    fn name(&self) -> &'static str {
-        "axis4_friction"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Axis4
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "friction of the telescope drive, saturating with speed",
-            law: "τ_4 = −A_C·tanh(100·q̇_4) − A_v·tanh(q̇_4/ε_v)",
-            shows: "torque of axis 4: jump at reversals, flat above about 20 rad/s",
-            source: "Gnad et al. eq. 48, Table 2, Fig. 9",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "coulomb",
-                unit: "N·m",
-                count: Count::One,
-                role: Role::Linear,
-                default: 0.5272,
-                range: (0.0, 20.0),
-            },
-            Parameter {
-                name: "saturating",
-                unit: "N·m",
-                count: Count::One,
-                role: Role::Linear,
-                default: 0.6672,
-                range: (0.0, 20.0),
-            },
-            Parameter {
-                name: "saturation_speed",
-                unit: "rad/s",
-                count: Count::One,
-                role: Role::Shape,
-                default: 8.5919,
-                range: (0.5, 60.0),
-            },
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let rate = at.motion.qd[3];
         out.drive_torque(values.index(COULOMB, 0), 3, -smooth_sign(rate, STEEPNESS));
         out.drive_torque(values.index(VISCOUS, 0), 3, -(rate / values.one(SATURATION)).tanh());

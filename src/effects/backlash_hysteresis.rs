@@ -1,6 +1,8 @@
 //! Pre-sliding hysteresis of the arm drives: lost motion around reversals.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Instant, OwnStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::ARMS;
 
 /// Dahl's law: τ_i = −T_i·z_i with the effect's own state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
@@ -17,50 +19,56 @@ const ANGLE: usize = 1;
 /// 1.5 minutes of arc.
 const LOST_MOTION: f64 = 4.363e-4;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("moment"),
+        unit: Unit::NM,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 1.5,
+        range: (0.0, 50.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("angle"),
+        unit: Unit::Rad,
+        count: Count::One,
+        role: Role::Shape,
+        default: LOST_MOTION,
+        range: (1e-5, 0.05),
+    },
+];
+
+static SPEC: Spec = Spec::new(
+    "backlash_hysteresis",
+    Part::Drives,
+    About {
+        summary: "pre-sliding hysteresis of the arm drives around reversals",
+        law: "τ_i = −T_i·z_i, dz_i/dt = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0",
+        shows: "friction that changes sign over an angle after a reversal instead of at once, alike at every speed",
+        source: "Dahl, 1968; lost motion of gears 0.5–3 minutes of arc, worn 6 (data sheets ≤ 3); T an estimate",
+    },
+    PARAMETERS,
+)
+// From lost motion (minutes of arc) to elastic transmissions (degrees).
+.grids(&[&[0.5, 2.0, 8.0, 30.0, 100.0]]);
+
 impl Effect for BacklashHysteresis {
-    fn name(&self) -> &'static str {
-        "backlash_hysteresis"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "pre-sliding hysteresis of the arm drives around reversals",
-            law: "τ_i = −T_i·z_i, dz_i/dt = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0",
-            shows: "friction that changes sign over an angle after a reversal instead of at once, alike at every speed",
-            source: "Dahl, 1968; lost motion of gears 0.5–3 minutes of arc, worn 6 (data sheets ≤ 3); T an estimate",
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        for i in 0..values.len(MOMENT) {
+            out.drive_torque(values.index(MOMENT, i), i, -at.state[i]);
         }
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "moment",
-                unit: "N·m",
-                count: Count::PerArm,
-                role: Role::Linear,
-                default: 1.5,
-                range: (0.0, 50.0),
-            },
-            Parameter {
-                name: "angle",
-                unit: "rad",
-                count: Count::One,
-                role: Role::Shape,
-                default: LOST_MOTION,
-                range: (1e-5, 0.05),
-            },
-        ]
+    fn states(&self) -> Option<&dyn OwnStates> {
+        Some(self)
     }
+}
 
-    /// From lost motion (minutes of arc) to elastic transmissions (degrees).
-    fn shape_grids(&self) -> &'static [&'static [f64]] {
-        &[&[0.5, 2.0, 8.0, 30.0, 100.0]]
-    }
-
+impl OwnStates for BacklashHysteresis {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
         vec![0.0; ARMS]
     }
@@ -73,22 +81,18 @@ impl Effect for BacklashHysteresis {
             slope[i] = -qd.abs() / angle;
         }
     }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
-        for i in 0..values.len(MOMENT) {
-            out.drive_torque(values.index(MOMENT, i), i, -at.state[i]);
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::{ActiveEffect, testing};
 
     /// z of arm 1 after moving through `angles` at `speed` rad/s from state `z`, and ∫z dq; midpoint rule.
     fn moved(mut z: f64, angles: &[f64], speed: f64) -> (f64, f64) {
-        let active = ActiveEffect::new(&BacklashHysteresis, &[&[1.0; 3], &[1e-3]]);
+        let active = ActiveEffect::new(Arc::new(BacklashHysteresis), &[&[1.0; 3], &[1e-3]]);
         let mut area = 0.0;
         for leg in angles {
             let steps = 20_000;

@@ -1,6 +1,8 @@
 //! Coulomb friction in the ball sockets of the struts, constant under the clamp springs' preload.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches, unit_direction};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, unit_direction};
 
 /// M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -12,48 +14,45 @@ pub struct BallSocketCoulomb;
 const MOMENT: usize = 0;
 const REGULARISATION: usize = 1;
 
-impl Effect for BallSocketCoulomb {
-    fn name(&self) -> &'static str {
-        "ball_socket_coulomb"
-    }
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("moment"),
+        unit: Unit::NM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 0.285,
+        range: (0.0, 10.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("regularisation"),
+        unit: Unit::RadPerS,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 0.05,
+        range: (1e-4, 10.0),
+    },
+];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "Coulomb friction in the 12 ball sockets of the struts",
-            law: "M = −m·tanh(|ω_rel|/ε)·ω_rel/|ω_rel| on the strut at each socket, reaction on arm or platform",
-            shows: "torque that follows the direction of the motion and changes with the pose; \
+static SPEC: Spec = Spec::new(
+    "ball_socket_coulomb",
+    Part::Linkage,
+    About {
+        summary: "Coulomb friction in the 12 ball sockets of the struts",
+        law: "M = −m·tanh(|ω_rel|/ε)·ω_rel/|ω_rel| on the strut at each socket, reaction on arm or platform",
+        shows: "torque that follows the direction of the motion and changes with the pose; \
                     looks mostly like viscous drive friction",
-            source: "Gnad et al. section 6.3.3 (friction of the sockets, not modelled there); m = μ·r·P with μ 0.15, \
+        source: "Gnad et al. section 6.3.3 (friction of the sockets, not modelled there); m = μ·r·P with μ 0.15, \
                      r 9.5 mm, P 200 N (estimate)",
-        }
+    },
+    PARAMETERS,
+);
+
+impl Effect for BallSocketCoulomb {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "moment",
-                unit: "N·m",
-                count: Count::One,
-                role: Role::Linear,
-                default: 0.285,
-                range: (0.0, 10.0),
-            },
-            Parameter {
-                name: "regularisation",
-                unit: "rad/s",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 0.05,
-                range: (1e-4, 10.0),
-            },
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let epsilon = values.one(REGULARISATION);
         for socket in at.closed.iter() {
             let direction = unit_direction(&at.motion.socket_rate(socket), epsilon);

@@ -1,6 +1,11 @@
 //! Ball-socket friction proportional to the strut force.
 
-use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches, unit_direction};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, MachineView, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches,
+    unit_direction,
+};
 use crate::machine::STRUTS;
 
 /// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| on the strut at each socket, F the axial force at that end.
@@ -10,65 +15,55 @@ const FRICTION: usize = 0;
 const RADIUS: usize = 1;
 const REGULARISATION: usize = 2;
 
-impl Effect for BallSocketLoadDependent {
-    fn name(&self) -> &'static str {
-        "ball_socket_load_dependent"
-    }
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("friction"),
+        unit: Unit::One,
+        count: Count::One,
+        role: Role::Linear,
+        default: 0.15,
+        range: (0.0, 50.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("radius"),
+        unit: Unit::M,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 0.0095,
+        range: (1e-3, 0.1),
+    },
+    Parameter {
+        name: Cow::Borrowed("regularisation"),
+        unit: Unit::RadPerS,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 0.05,
+        range: (1e-4, 1.0),
+    },
+];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
-        match parameter.name {
-            "radius" if model.sockets.ball_radius > 0.0 => Some(model.sockets.ball_radius),
-            _ => None,
-        }
-    }
-
-    fn about(&self) -> About {
-        About {
+static SPEC: Spec = Spec::new("ball_socket_load_dependent", Part::Linkage, About {
             summary: "ball-socket friction that grows with the strut force",
             law: "M = −μ·r·|F|·tanh(|ω_rel|/ε)·ω_rel/|ω_rel| on the strut, reaction on arm or platform",
             shows: "arm torques at high strut forces, reversing with the socket rates",
             source: "Coulomb's law at the ball; μ 0.08–0.25 estimated from clamp preload and the paper's friction increments",
-        }
+        }, PARAMETERS)
+.reads(Reads { reactions: true, ..Reads::MOTION })
+.constants(constant);
+
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    match parameter {
+        "radius" if model.sockets.ball_radius > 0.0 => Some(model.sockets.ball_radius),
+        _ => None,
+    }
+}
+
+impl Effect for BallSocketLoadDependent {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "friction",
-                unit: "1",
-                count: Count::One,
-                role: Role::Linear,
-                default: 0.15,
-                range: (0.0, 50.0),
-            },
-            Parameter {
-                name: "radius",
-                unit: "m",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 0.0095,
-                range: (1e-3, 0.1),
-            },
-            Parameter {
-                name: "regularisation",
-                unit: "rad/s",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 0.05,
-                range: (1e-4, 1.0),
-            },
-        ]
-    }
-
-    fn reads_reactions(&self) -> bool {
-        true
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (radius, epsilon) = (values.one(RADIUS), values.one(REGULARISATION));
         for socket in at.closed.iter() {
             let strut = socket % STRUTS;

@@ -1,6 +1,8 @@
 //! Viscous friction in the ball sockets of the struts.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// M = −c·ω_rel on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -10,37 +12,34 @@ pub struct BallSocketViscous;
 
 const COEFFICIENT: usize = 0;
 
-impl Effect for BallSocketViscous {
-    fn name(&self) -> &'static str {
-        "ball_socket_viscous"
-    }
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("coefficient"),
+    unit: Unit::NMSPerRad,
+    count: Count::One,
+    role: Role::Linear,
+    default: 0.30,
+    range: (0.0, 10.0),
+}];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "viscous friction in the 12 ball sockets of the struts",
-            law: "M = −c·ω_rel on the strut at each socket, reaction on arm or platform",
-            shows: "torque in phase with the arm rates that changes with the pose; looks like viscous drive friction",
-            source: "Gnad et al. section 6.3.3 (friction of the sockets, not modelled there); 0.30 N·m·s/rad per ball \
+static SPEC: Spec = Spec::new(
+    "ball_socket_viscous",
+    Part::Linkage,
+    About {
+        summary: "viscous friction in the 12 ball sockets of the struts",
+        law: "M = −c·ω_rel on the strut at each socket, reaction on arm or platform",
+        shows: "torque in phase with the arm rates that changes with the pose; looks like viscous drive friction",
+        source: "Gnad et al. section 6.3.3 (friction of the sockets, not modelled there); 0.30 N·m·s/rad per ball \
                      explains the rise of p_v between the disassembled and the assembled robot (estimate, 0–0.45)",
-        }
+    },
+    PARAMETERS,
+);
+
+impl Effect for BallSocketViscous {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "coefficient",
-            unit: "N·m·s/rad",
-            count: Count::One,
-            role: Role::Linear,
-            default: 0.30,
-            range: (0.0, 10.0),
-        }]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for socket in at.closed.iter() {
             out.socket_moment(values.index(COEFFICIENT, 0), socket, -at.motion.socket_rate(socket));
         }

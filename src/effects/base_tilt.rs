@@ -1,42 +1,41 @@
 //! The base is not level.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// Gravity seen from a base rotated by the small angles θ: g' = g − θ × g.
 pub struct BaseTilt;
 
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("tilt"),
+    unit: Unit::Rad,
+    count: Count::Named(&["x", "y"]),
+    role: Role::Linear,
+    default: 0.002,
+    range: (-0.3, 0.3),
+}];
+
+static SPEC: Spec = Spec::new(
+    "base_tilt",
+    Part::Weight,
+    About {
+        summary: "the base is tilted about x and y",
+        law: "g' = g − θ×g = (g·θ_y, −g·θ_x, −g), first order in the tilt",
+        shows: "static torque of the arms that changes with the pose; close to a constant torque per arm",
+        source: "0.1° typical, 0.5° at worst (estimate)",
+    },
+    PARAMETERS,
+);
+
 impl Effect for BaseTilt {
-    fn name(&self) -> &'static str {
-        "base_tilt"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Weight
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "the base is tilted about x and y",
-            law: "g' = g − θ×g = (g·θ_y, −g·θ_x, −g), first order in the tilt",
-            shows: "static torque of the arms that changes with the pose; close to a constant torque per arm",
-            source: "0.1° typical, 0.5° at worst (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "tilt",
-            unit: "rad",
-            count: Count::Named(&["x", "y"]),
-            role: Role::Linear,
-            default: 0.002,
-            range: (-0.3, 0.3),
-        }]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let extra = [Vector3::new(0.0, -at.gravity, 0.0), Vector3::new(at.gravity, 0.0, 0.0)];
         for (body, inertia) in at.bodies.0.iter().enumerate() {
             let h = at.motion.bodies[body].rotation * inertia.first_moment;

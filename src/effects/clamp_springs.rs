@@ -1,8 +1,10 @@
 //! The springs that press the cups on the balls and keep the struts from spinning.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::kinematics::Motion;
 use crate::machine::bodies::{ARM, PLATFORM, STRUT};
 use crate::machine::{ARMS, STRUTS};
@@ -35,49 +37,63 @@ const SPREAD: usize = 4;
 const GAP: usize = 5;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit: "m", count: Count::One, role: Role::Fixed, default, range: (0.0, 1.0) }
+    Parameter {
+        name: Cow::Borrowed(name),
+        unit: Unit::M,
+        count: Count::One,
+        role: Role::Fixed,
+        default,
+        range: (0.0, 1.0),
+    }
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter { name: "preload", unit: "N", count: Count::One, role: Role::Linear, default: 200.0, range: (0.0, 1e4) },
-    Parameter { name: "rate", unit: "N/m", count: Count::One, role: Role::Linear, default: 9200.0, range: (0.0, 1e6) },
+    Parameter {
+        name: Cow::Borrowed("preload"),
+        unit: Unit::N,
+        count: Count::One,
+        role: Role::Linear,
+        default: 200.0,
+        range: (0.0, 1e4),
+    },
+    Parameter {
+        name: Cow::Borrowed("rate"),
+        unit: Unit::NPerM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 9200.0,
+        range: (0.0, 1e6),
+    },
     length("position", 0.03),
     length("offset", 0.0),
     length("spread", 0.012),
     length("gap", 0.1),
 ];
 
+static SPEC: Spec = Spec::new(
+    "clamp_springs",
+    Part::Linkage,
+    About {
+        summary: "springs between the struts of a pair, which clamp the sockets and restrain the struts' spin",
+        law: "F = ½·(P + k·(d − d₀)) along each of two springs per end of a pair",
+        shows: "nowhere in a recording: the springs of a parallel pair do no work",
+        source: "CAD: two springs per unit 30 mm from the ball, 4.3–5.0 N/mm each; anchors' offsets and P estimates",
+    },
+    PARAMETERS,
+)
+.twin_only()
+.constants(constant);
+
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    (parameter == "preload" && model.sockets.preload > 0.0).then_some(model.sockets.preload)
+}
+
 impl Effect for ClampSprings {
-    fn name(&self) -> &'static str {
-        "clamp_springs"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "springs between the struts of a pair, which clamp the sockets and restrain the struts' spin",
-            law: "F = ½·(P + k·(d − d₀)) along each of two springs per end of a pair",
-            shows: "nowhere in a recording: the springs of a parallel pair do no work",
-            source: "CAD: two springs per unit 30 mm from the ball, 4.3–5.0 N/mm each; anchors' offsets and P estimates",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
-    }
-
-    fn identifiable(&self) -> bool {
-        false
-    }
-
-    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
-        (parameter.name == "preload" && model.sockets.preload > 0.0).then_some(model.sockets.preload)
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (position, offset) = (values.one(POSITION), values.one(OFFSET));
         let (spread, gap) = (values.one(SPREAD), values.one(GAP));
         for limb in 0..ARMS {

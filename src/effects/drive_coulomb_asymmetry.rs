@@ -1,6 +1,11 @@
 //! Drive friction that differs between the two directions.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
+    smooth_sign,
+};
 
 /// τ = −a·tanh²(k q̇): adds a to the Coulomb friction of the positive direction and takes it from the negative one.
 pub struct DriveCoulombAsymmetry;
@@ -8,44 +13,38 @@ pub struct DriveCoulombAsymmetry;
 const DIFFERENCE: usize = 0;
 const STEEPNESS: usize = 1;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("difference"),
+        unit: Unit::NM,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 0.5,
+        range: (-20.0, 20.0),
+    },
+    // Nobody knows how the directions blend at standstill: if within less than a sample, nothing but a bias is left.
+    STEEPNESS_PARAMETER.searched((20.0, 1e4)),
+];
+
+static SPEC: Spec = Spec::new(
+    "drive_coulomb_asymmetry",
+    Part::Drives,
+    About {
+        summary: "Coulomb friction of an arm drive differs between + and − direction",
+        law: "τ_i = −a_i·tanh²(k·q̇_i); Coulomb friction is p_C + a for q̇ > 0 and p_C − a for q̇ < 0",
+        shows: "a nearly constant torque per arm that vanishes at standstill; close to a base tilt",
+        source: "usual for geared drives; magnitude a few tenths of a N·m (estimate)",
+    },
+    PARAMETERS,
+)
+.grids(&[&[1.0, 20.0]]);
+
 impl Effect for DriveCoulombAsymmetry {
-    fn name(&self) -> &'static str {
-        "drive_coulomb_asymmetry"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "Coulomb friction of an arm drive differs between + and − direction",
-            law: "τ_i = −a_i·tanh²(k·q̇_i); Coulomb friction is p_C + a for q̇ > 0 and p_C − a for q̇ < 0",
-            shows: "a nearly constant torque per arm that vanishes at standstill; close to a base tilt",
-            source: "usual for geared drives; magnitude a few tenths of a N·m (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "difference",
-                unit: "N·m",
-                count: Count::PerArm,
-                role: Role::Linear,
-                default: 0.5,
-                range: (-20.0, 20.0),
-            },
-            // Nobody knows how the directions blend at standstill: if within less than a sample, nothing but a bias is left.
-            Parameter { role: Role::Shape, range: (20.0, 1e4), ..STEEPNESS_PARAMETER },
-        ]
-    }
-
-    fn shape_grids(&self) -> &'static [&'static [f64]] {
-        &[&[1.0, 20.0]]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for axis in 0..values.len(DIFFERENCE) {
             let s = smooth_sign(at.motion.qd[axis], values.one(STEEPNESS));
             out.drive_torque(values.index(DIFFERENCE, axis), axis, -s * s);

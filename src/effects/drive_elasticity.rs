@@ -1,8 +1,14 @@
 //! Compliance of the arm gears between the motor-side encoder and the arm.
 
-use super::{About, Count, Effect, GearSpring, Instant, Kind, MachineView, Parameter, Part, Role, Values, Wrenches};
+use std::borrow::Cow;
+
+use super::{
+    About, Compliance, Count, Effect, Instant, Kind, MachineView, OwnStates, Parameter, Part, Role, Sensor, Spec, Unit,
+    Values, Wrenches,
+};
+use crate::machine::Payload;
 use crate::machine::bodies::{ARM, Inertia};
-use crate::machine::{ARMS, AXES, Mechanism, Payload};
+use crate::machine::{ARMS, AXES, Mechanism};
 
 /// Spring and damper in the gear: the arm gets δ/c + d·δ̇ instead of τ, the rotor τ − δ/c − d·δ̇.
 ///
@@ -12,7 +18,7 @@ use crate::machine::{ARMS, AXES, Mechanism, Payload};
 /// torque an arm rings at √(1/(c·J) + 1/(c·Θ)), 80 Hz, damped to a fifth, for some 50 ms. All that acts on the drives, their
 /// friction above all, acts on the arm, or with `friction_at_motor` = 1 on the rotor; the twin knows the arm's side only.
 ///
-/// The twin: `forces`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
+/// The twin: `wrenches`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
 /// leaves a consistent body; only Θ_yy enters). Along a measured motion θ the same law gives the arms' motion behind the
 /// gears (see `identification::prediction`); the damping and J hardly change it and are not estimated.
 pub struct DriveElasticity;
@@ -23,7 +29,7 @@ const ROTOR_INERTIA: usize = 2;
 const FRICTION_AT_MOTOR: usize = 3;
 
 /// Compliance times rotor inertia that counts as rigid, s²: a fortieth of the usual one would ring beyond 500 Hz.
-pub(super) const RIGID: f64 = 1.8e-7;
+const RIGID: f64 = 1.8e-7;
 
 /// Compliances of the elastic drives, with their number.
 fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<'a> {
@@ -34,70 +40,90 @@ fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<
 /// Share of what moves on a lone axis that is on the motor's side, an estimate.
 const MOTOR_SHARE: f64 = 0.4;
 
-impl Effect for DriveElasticity {
-    fn name(&self) -> &'static str {
-        "drive_elasticity"
-    }
+/// An elastic gear: the encoder leads the joint by compliance · transmitted torque (but for the damping).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GearSpring {
+    /// rad/(N·m); zero is rigid.
+    pub compliance: f64,
+    /// Damping, N·m·s/rad.
+    pub damping: f64,
+    /// Inertia on the motor side, seen at the gear output, kg·m².
+    pub rotor_inertia: f64,
+    /// Whether what acts on the drive acts on the motor's side.
+    pub friction_at_motor: bool,
+}
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
+impl GearSpring {
+    /// Whether the twin lets the gear give way; the effect has no torque otherwise.
+    pub fn is_elastic(&self) -> bool {
+        self.compliance * self.rotor_inertia > RIGID
     }
+}
 
-    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
-        match model.mechanism {
-            Mechanism::Axis(_) if parameter.name == "rotor_inertia" => {
-                Some(MOTOR_SHARE * model.bodies[ARM].tensor[(1, 1)])
-            }
-            _ => None,
-        }
-    }
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("compliance"),
+        unit: Unit::RadPerNM,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 4e-5,
+        range: (0.0, 2e-4),
+    },
+    Parameter {
+        name: Cow::Borrowed("damping"),
+        unit: Unit::NMSPerRad,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 20.0,
+        range: (0.0, 1e3),
+    },
+    Parameter {
+        name: Cow::Borrowed("rotor_inertia"),
+        unit: Unit::KgM2,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 0.18,
+        range: (1e-4, 10.0),
+    },
+    // 0 or 1.
+    Parameter {
+        name: Cow::Borrowed("friction_at_motor"),
+        unit: Unit::One,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 0.0,
+        range: (0.0, 1.0),
+    },
+];
 
-    fn about(&self) -> About {
-        About {
-            summary: "compliance of the arm gears between motor-side encoder and arm",
-            law: "τ_arm,i = δ_i/c_i + d·dδ_i/dt, J·(d²q_i/dt² + d²δ_i/dt²) = τ_i − τ_arm,i, encoder reads q_i + δ_i",
-            shows: "torque in phase with the jerk's rate: at fast reversals of the acceleration and of friction",
-            source: "gear 2.5e4 N·m/rad (0.8e4–5e4), 20 N·m·s/rad, estimates, ≤ 10 minutes of arc at rated torque in data \
+static SPEC: Spec = Spec::new(
+    "drive_elasticity",
+    Part::Drives,
+    About {
+        summary: "compliance of the arm gears between motor-side encoder and arm",
+        law: "τ_arm,i = δ_i/c_i + d·dδ_i/dt, J·(d²q_i/dt² + d²δ_i/dt²) = τ_i − τ_arm,i, encoder reads q_i + δ_i",
+        shows: "torque in phase with the jerk's rate: at fast reversals of the acceleration and of friction",
+        source: "gear 2.5e4 N·m/rad (0.8e4–5e4), 20 N·m·s/rad, estimates, ≤ 10 minutes of arc at rated torque in data \
                      sheets; J: Θ_yy 0.258 less at most 0.176 kg·m · 0.5 m of the arm itself",
-        }
-    }
+    },
+    PARAMETERS,
+)
+.kind(Kind::Encoder)
+// Of the compliance: within a factor of √2 of every gear in the range.
+.grids(&[&[0.25, 0.5, 1.0, 2.0]])
+.switches(&["friction_at_motor"])
+.constants(constant);
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "compliance",
-                unit: "rad/(N·m)",
-                count: Count::PerArm,
-                role: Role::Linear,
-                default: 4e-5,
-                range: (0.0, 2e-4),
-            },
-            Parameter {
-                name: "damping",
-                unit: "N·m·s/rad",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 20.0,
-                range: (0.0, 1e3),
-            },
-            Parameter {
-                name: "rotor_inertia",
-                unit: "kg·m²",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 0.18,
-                range: (1e-4, 10.0),
-            },
-            // 0 or 1.
-            Parameter {
-                name: "friction_at_motor",
-                unit: "1",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 0.0,
-                range: (0.0, 1.0),
-            },
-        ]
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    match model.mechanism {
+        Mechanism::Axis(_) if parameter == "rotor_inertia" => Some(MOTOR_SHARE * model.bodies[ARM].tensor[(1, 1)]),
+        _ => None,
+    }
+}
+
+impl Effect for DriveElasticity {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -111,7 +137,7 @@ impl Effect for DriveElasticity {
         }
     }
 
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (i, c) in elastic(values) {
             let transmitted = at.state[i] / c + values.one(DAMPING) * at.state[ARMS + i];
             out.drive_torque(values.index(COMPLIANCE, i), i, (transmitted - at.torque[i]) / c);
@@ -119,12 +145,26 @@ impl Effect for DriveElasticity {
     }
 
     /// The rotor moves with the arm: what `inertia` takes away comes back.
-    fn forces_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (i, c) in elastic(values) {
             out.drive_torque(values.index(COMPLIANCE, i), i, -values.one(ROTOR_INERTIA) * at.motion.qdd[i] / c);
         }
     }
 
+    fn states(&self) -> Option<&dyn OwnStates> {
+        Some(self)
+    }
+
+    fn sensor(&self) -> Option<&dyn Sensor> {
+        Some(self)
+    }
+
+    fn compliance(&self) -> Option<&dyn Compliance> {
+        Some(self)
+    }
+}
+
+impl OwnStates for DriveElasticity {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
         vec![0.0; 2 * ARMS]
     }
@@ -137,13 +177,17 @@ impl Effect for DriveElasticity {
             rate[ARMS + i] = (at.torque[i] - transmitted) / rotor - at.motion.qdd[i];
         }
     }
+}
 
+impl Sensor for DriveElasticity {
     fn encoder(&self, values: &Values, state: &[f64], angles: &mut [f64; AXES]) {
         for (i, _) in elastic(values) {
             angles[i] += state[i];
         }
     }
+}
 
+impl Compliance for DriveElasticity {
     fn gear_springs(&self, values: &Values) -> Option<[GearSpring; AXES]> {
         let mut gears = [GearSpring::default(); AXES];
         for (gear, &compliance) in gears.iter_mut().zip(values.block(COMPLIANCE)) {
@@ -156,29 +200,17 @@ impl Effect for DriveElasticity {
         }
         gears.iter().any(|g| g.compliance != 0.0).then_some(gears)
     }
-
-    /// Of the compliance: within a factor of √2 of every gear in the range.
-    fn shape_grids(&self) -> &'static [&'static [f64]] {
-        &[&[0.25, 0.5, 1.0, 2.0]]
-    }
-
-    /// Where a gear gives way, friction has two sides to act on.
-    fn switches(&self) -> &'static [&'static str] {
-        &["friction_at_motor"]
-    }
-
-    fn kind(&self) -> Kind {
-        Kind::Encoder
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::{ActiveEffect, testing};
 
     fn active() -> ActiveEffect {
-        ActiveEffect::new(&DriveElasticity, &[&[4e-5, 0.0, 0.0], &[20.0], &[0.2], &[0.0]])
+        ActiveEffect::new(Arc::new(DriveElasticity), &[&[4e-5, 0.0, 0.0], &[20.0], &[0.2], &[0.0]])
     }
 
     #[test]
@@ -192,7 +224,7 @@ mod tests {
         let mut torque = 0.0;
         testing::at(&motion, &state, |at| {
             let at = &Instant { torque: [10.0; 4], ..*at };
-            DriveElasticity.forces(
+            DriveElasticity.wrenches(
                 &active.values(),
                 at,
                 &mut Wrenches::new(&mut |k, body, _, m| {
@@ -213,7 +245,7 @@ mod tests {
     #[test]
     fn rotor_leaves_the_arm_and_a_possible_arm_remains() {
         let mut arm = Inertia::diagonal(1.6, [0.176, 0.0, 0.006], [0.1, 0.258, 0.258]);
-        let active = ActiveEffect::new(&DriveElasticity, &[&[4e-5; 3], &[20.0], &[0.18], &[0.0]]);
+        let active = ActiveEffect::new(Arc::new(DriveElasticity), &[&[4e-5; 3], &[20.0], &[0.18], &[0.0]]);
         DriveElasticity.inertia(&active.values(), &Payload::default(), &mut |k, body, unit| {
             if body == ARM {
                 arm += unit * active.values[k];
@@ -225,11 +257,12 @@ mod tests {
 
     #[test]
     fn too_stiff_to_ring_is_rigid() {
-        let active = ActiveEffect::new(&DriveElasticity, &[&[0.99 * RIGID / 0.18, 0.0, 0.0], &[20.0], &[0.18], &[0.0]]);
+        let active =
+            ActiveEffect::new(Arc::new(DriveElasticity), &[&[0.99 * RIGID / 0.18, 0.0, 0.0], &[20.0], &[0.18], &[0.0]]);
         DriveElasticity.inertia(&active.values(), &Payload::default(), &mut |_, _, _| panic!("no inertia"));
         let mut rate = [0.0; 6];
         testing::at(&testing::still(), &[1.0; 6], |at| {
-            DriveElasticity.forces(&active.values(), at, &mut Wrenches::new(&mut |_, _, _, _| panic!("no force")));
+            DriveElasticity.wrenches(&active.values(), at, &mut Wrenches::new(&mut |_, _, _, _| panic!("no force")));
             DriveElasticity.state_rate(&active.values(), at, &mut rate, &mut [0.0; 6]);
         });
         assert_eq!(rate, [0.0; 6]);

@@ -1,6 +1,11 @@
 //! Coulomb and viscous friction of the drives (eq. 5–7).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
+    smooth_sign,
+};
 
 /// τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive.
 pub struct DriveFriction;
@@ -9,47 +14,44 @@ const COULOMB: usize = 0;
 const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("coulomb"),
+        unit: Unit::NM,
+        count: Count::PerDrive,
+        role: Role::Linear,
+        default: 4.5,
+        range: (0.0, 50.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("viscous"),
+        unit: Unit::NMSPerRad,
+        count: Count::PerDrive,
+        role: Role::Linear,
+        default: 1.0,
+        range: (0.0, 50.0),
+    },
+    STEEPNESS_PARAMETER,
+];
+
+static SPEC: Spec = Spec::new(
+    "drive_friction",
+    Part::Drives,
+    About {
+        summary: "Coulomb and viscous friction of the drives",
+        law: "τ_i = −p_C,i·tanh(k·q̇_i) − p_v,i·q̇_i",
+        shows: "torque jump at every reversal of an arm, torque in phase with its speed",
+        source: "Gnad et al. eq. 5–7; Tables 1 and 4",
+    },
+    PARAMETERS,
+);
+
 impl Effect for DriveFriction {
-    fn name(&self) -> &'static str {
-        "drive_friction"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "Coulomb and viscous friction of the drives",
-            law: "τ_i = −p_C,i·tanh(k·q̇_i) − p_v,i·q̇_i",
-            shows: "torque jump at every reversal of an arm, torque in phase with its speed",
-            source: "Gnad et al. eq. 5–7; Tables 1 and 4",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "coulomb",
-                unit: "N·m",
-                count: Count::PerDrive,
-                role: Role::Linear,
-                default: 4.5,
-                range: (0.0, 50.0),
-            },
-            Parameter {
-                name: "viscous",
-                unit: "N·m·s/rad",
-                count: Count::PerDrive,
-                role: Role::Linear,
-                default: 1.0,
-                range: (0.0, 50.0),
-            },
-            STEEPNESS_PARAMETER,
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let k = values.one(STEEPNESS);
         for axis in 0..values.len(COULOMB) {
             out.drive_torque(values.index(COULOMB, axis), axis, -smooth_sign(at.motion.qd[axis], k));

@@ -1,6 +1,11 @@
 //! Stribeck friction of the drives: extra breakaway friction that decays with speed.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
+    smooth_sign,
+};
 
 /// τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive.
 pub struct DriveStribeck;
@@ -9,47 +14,44 @@ const BREAKAWAY: usize = 0;
 const SPEED: usize = 1;
 const STEEPNESS: usize = 2;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("breakaway"),
+        unit: Unit::NM,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 0.9,
+        range: (0.0, 50.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("stribeck_speed"),
+        unit: Unit::RadPerS,
+        count: Count::One,
+        role: Role::Shape,
+        default: 0.1,
+        range: (0.02, 2.0),
+    },
+    STEEPNESS_PARAMETER,
+];
+
+static SPEC: Spec = Spec::new(
+    "drive_stribeck",
+    Part::Drives,
+    About {
+        summary: "extra breakaway friction of the arm drives at low speed",
+        law: "τ_i = −F_i·exp(−(q̇_i/v_s)²)·tanh(k·q̇_i)",
+        shows: "peaks on both sides of every reversal",
+        source: "Armstrong-Hélouvry 1991; static/Coulomb 1.05–1.5, v_s 0.03–0.3 rad/s (estimate)",
+    },
+    PARAMETERS,
+);
+
 impl Effect for DriveStribeck {
-    fn name(&self) -> &'static str {
-        "drive_stribeck"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "extra breakaway friction of the arm drives at low speed",
-            law: "τ_i = −F_i·exp(−(q̇_i/v_s)²)·tanh(k·q̇_i)",
-            shows: "peaks on both sides of every reversal",
-            source: "Armstrong-Hélouvry 1991; static/Coulomb 1.05–1.5, v_s 0.03–0.3 rad/s (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "breakaway",
-                unit: "N·m",
-                count: Count::PerArm,
-                role: Role::Linear,
-                default: 0.9,
-                range: (0.0, 50.0),
-            },
-            Parameter {
-                name: "stribeck_speed",
-                unit: "rad/s",
-                count: Count::One,
-                role: Role::Shape,
-                default: 0.1,
-                range: (0.02, 2.0),
-            },
-            STEEPNESS_PARAMETER,
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for axis in 0..values.len(BREAKAWAY) {
             let rate = at.motion.qd[axis];
             let decay = (-(rate / values.one(SPEED)).powi(2)).exp();

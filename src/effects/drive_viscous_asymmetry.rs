@@ -1,6 +1,8 @@
 //! Viscous drive friction that differs between the two directions.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
 ///
@@ -10,36 +12,33 @@ pub struct DriveViscousAsymmetry;
 
 const DIFFERENCE: usize = 0;
 
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("difference"),
+    unit: Unit::NMSPerRad,
+    count: Count::PerArm,
+    role: Role::Linear,
+    default: 0.3,
+    range: (-20.0, 20.0),
+}];
+
+static SPEC: Spec = Spec::new(
+    "drive_viscous_asymmetry",
+    Part::Drives,
+    About {
+        summary: "viscous friction of an arm drive differs between + and − direction",
+        law: "τ_i = −a_i·|q̇_i|; viscous friction is p_v + a for q̇ > 0 and p_v − a for q̇ < 0",
+        shows: "a torque per arm that grows with speed and has the same sign in both directions",
+        source: "usual for geared drives; a few tenths of the viscous coefficient (estimate)",
+    },
+    PARAMETERS,
+);
+
 impl Effect for DriveViscousAsymmetry {
-    fn name(&self) -> &'static str {
-        "drive_viscous_asymmetry"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "viscous friction of an arm drive differs between + and − direction",
-            law: "τ_i = −a_i·|q̇_i|; viscous friction is p_v + a for q̇ > 0 and p_v − a for q̇ < 0",
-            shows: "a torque per arm that grows with speed and has the same sign in both directions",
-            source: "usual for geared drives; a few tenths of the viscous coefficient (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "difference",
-            unit: "N·m·s/rad",
-            count: Count::PerArm,
-            role: Role::Linear,
-            default: 0.3,
-            range: (-20.0, 20.0),
-        }]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for axis in 0..values.len(DIFFERENCE) {
             out.drive_torque(values.index(DIFFERENCE, axis), axis, -at.motion.qd[axis].abs());
         }

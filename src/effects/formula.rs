@@ -1,11 +1,15 @@
 //! A law that the user writes into the model file.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
+use crate::machine::unit::Powers;
 use crate::machine::{AXES, Mechanism};
 
+mod dimension;
 mod expression;
 mod variables;
 
@@ -26,7 +30,7 @@ pub struct Formula {
     pub terms: Vec<Term>,
     /// Whether it is a fit without physical meaning, as the diagnosis proposes.
     pub empirical: bool,
-    parameters: Vec<Parameter>,
+    spec: Spec,
 }
 
 /// One term of a formula.
@@ -38,6 +42,17 @@ pub struct Term {
     pub at: Place,
     /// Force per unit of coefficient.
     pub law: Expression,
+}
+
+impl Term {
+    /// Unit of its coefficient on a machine whose drives turn: that of the place over that of the law.
+    pub fn unit(&self) -> Unit {
+        let (force, per_law) = match self.at {
+            Place::Drive(_) => (Powers::NM, Unit::NMPerLaw),
+            Place::Platform(_) | Place::Telescope => (Powers::N, Unit::NPerLaw),
+        };
+        self.law.powers().and_then(|law| force.over(law)).map_or(per_law, Unit::Derived)
+    }
 }
 
 /// Where a term acts.
@@ -90,9 +105,12 @@ impl Place {
         })
     }
 
-    /// Unit of a coefficient there; on a slide, [`Mechanism::unit`] of it.
-    pub fn unit(self) -> &'static str {
-        if matches!(self, Self::Drive(_)) { "N·m" } else { "N" }
+    /// Unit of what acts there, on a machine whose drives turn.
+    pub fn unit(self) -> Unit {
+        match self {
+            Self::Drive(_) => Unit::NM,
+            Self::Platform(_) | Self::Telescope => Unit::N,
+        }
     }
 
     fn part(self) -> Part {
@@ -105,76 +123,65 @@ impl Place {
     }
 }
 
-/// The entry of the registry: no terms, nothing to try.
-pub static NONE: Formula = Formula { terms: Vec::new(), empirical: false, parameters: Vec::new() };
-
 /// Allowed size of a coefficient.
 pub const LIMIT: f64 = 1e9;
 
+const ABOUT: About = About {
+    summary: "a law written in the model file",
+    law: "Σ coefficient · law on the machine, `at` drive1 … drive4, platform_x, platform_y, platform_z or telescope; \
+          the law of q1 …, qd1 …, qdd1 …, x, y, z, vx …, ax …, s and sd of the telescope, strut1_upper …, t with \
+          sin cos tan tanh exp abs sign sqrt min max pi + − * / ^",
+    shows: "where its terms act",
+    source: "the user, in [[effects.formula.terms]]: name, at, law, coefficient; or the diagnosis, then marked empirical",
+};
+
+/// The entry of the registry: no terms, nothing to try.
+impl Default for Formula {
+    fn default() -> Self {
+        Self::new(Vec::new(), false)
+    }
+}
+
 impl Formula {
-    /// A formula of terms with the usual size of their coefficients, for the rest of the program: like every other effect it
-    /// is constant once the model is read.
-    pub fn new(terms: Vec<(Term, f64)>, empirical: bool) -> &'static Self {
+    /// A formula of terms with the usual size of their coefficients.
+    pub fn new(terms: Vec<(Term, f64)>, empirical: bool) -> Self {
         let parameter = |(term, size): &(Term, f64)| Parameter {
-            name: term.name.clone().leak(),
-            unit: term.at.unit(),
+            name: Cow::Owned(term.name.clone()),
+            unit: term.unit(),
             count: Count::One,
             role: Role::Linear,
             default: if *size == 0.0 { 1.0 } else { size.abs() },
             range: (-LIMIT, LIMIT),
         };
         let parameters = terms.iter().map(parameter).collect();
-        let terms = terms.into_iter().map(|(term, _)| term).collect();
-        Box::leak(Box::new(Self { terms, empirical, parameters }))
-    }
-
-    fn variables(&self) -> impl Iterator<Item = Variable> {
-        self.terms.iter().flat_map(|term| term.law.variables())
+        let terms: Vec<Term> = terms.into_iter().map(|(term, _)| term).collect();
+        let variables = || terms.iter().flat_map(|term| term.law.variables());
+        let reads = Reads {
+            reactions: variables().any(Variable::is_reaction),
+            accelerations: variables().any(Variable::is_acceleration),
+            torque: false,
+        };
+        let mut spec = Spec::new(NAME, part(&terms), ABOUT, &[]).reads(reads);
+        spec.parameters = Cow::Owned(parameters);
+        Self { terms, empirical, spec }
     }
 }
 
+/// The part that a machine must have for all terms: of those that they act on and read, the one that fewest machines have.
+fn part(terms: &[Term]) -> Part {
+    let places = terms.iter().map(|term| term.at.part());
+    let read = terms.iter().flat_map(|term| term.law.variables()).map(Variable::part);
+    // From what every machine has to what few have.
+    let rank = |part: &Part| [Part::Drives, Part::Axis4, Part::Weight, Part::Linkage].iter().position(|p| p == part);
+    places.chain(read).max_by_key(|part| rank(part).unwrap_or(usize::MAX)).unwrap_or(Part::Drives)
+}
+
 impl Effect for Formula {
-    fn name(&self) -> &'static str {
-        NAME
+    fn spec(&self) -> &Spec {
+        &self.spec
     }
 
-    fn acts_on(&self) -> Part {
-        let places = self.terms.iter().map(|term| term.at.part());
-        // From what every machine has to what few have.
-        let rank =
-            |part: &Part| [Part::Drives, Part::Axis4, Part::Weight, Part::Linkage].iter().position(|p| p == part);
-        let all = places.chain(self.variables().map(Variable::part));
-        all.max_by_key(|part| rank(part).unwrap_or(usize::MAX)).unwrap_or(Part::Drives)
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "a law written in the model file",
-            law: "Σ coefficient · law on the machine, `at` drive1 … drive4, platform_x, platform_y, platform_z or telescope; \
-                  the law of q1 …, qd1 …, qdd1 …, x, y, z, vx …, ax …, s and sd of the telescope, strut1_upper …, t with \
-                  sin cos tan tanh exp abs sign sqrt min max pi + − * / ^",
-            shows: "where its terms act",
-            source: "the user, in [[effects.formula.terms]]: name, at, law, coefficient; or the diagnosis, then marked empirical",
-        }
-    }
-
-    fn parameters(&self) -> &[Parameter] {
-        &self.parameters
-    }
-
-    fn formula(&self) -> Option<&Formula> {
-        Some(self)
-    }
-
-    fn reads_reactions(&self) -> bool {
-        self.variables().any(Variable::is_reaction)
-    }
-
-    fn reads_accelerations(&self) -> bool {
-        self.variables().any(Variable::is_acceleration)
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (i, term) in self.terms.iter().enumerate() {
             let force = term.law.value(|variable| variable.read(at));
             let k = values.index(i, 0);
@@ -189,12 +196,14 @@ impl Effect for Formula {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
     use crate::effects::testing;
     use crate::machine::bodies::{TELESCOPE_LOWER, TELESCOPE_UPPER};
 
-    fn formula(terms: &[(&str, &str)]) -> &'static Formula {
+    fn formula(terms: &[(&str, &str)]) -> Formula {
         let term = |(i, (at, law)): (usize, &(&str, &str))| {
             let law = Expression::parse(law).unwrap();
             (Term { name: format!("term{i}"), at: Place::named(at).unwrap(), law }, 1.0)
@@ -210,7 +219,7 @@ mod tests {
         (motion.q[0], motion.qd[0]) = (0.1, 2.0);
         motion.bodies[PLATFORM].position.z = -0.5;
         motion.telescope.rate = -0.5;
-        let total = testing::totals(law, &[&[0.3], &[2.0], &[3.0]], &motion);
+        let total = testing::totals(&law, &[&[0.3], &[2.0], &[3.0]], &motion);
         approx::assert_relative_eq!(total[0].1.y, 0.3 * 0.157_745_694_143_248_4, epsilon = 1e-12);
         approx::assert_relative_eq!(total[PLATFORM].0.z, 8.0, epsilon = 1e-12);
         approx::assert_relative_eq!(total[TELESCOPE_UPPER].0.z, -1.5, epsilon = 1e-12);
@@ -227,16 +236,33 @@ mod tests {
             ("platform_x", "1", Part::Linkage),
             ("drive4", "s", Part::Telescope),
         ] {
-            assert_eq!(formula(&[(at, law)]).acts_on(), part, "{at} {law}");
+            assert_eq!(formula(&[(at, law)]).spec().acts_on, part, "{at} {law}");
         }
         let law = formula(&[("drive1", "strut1_upper * qdd1")]);
-        assert!(law.reads_reactions() && law.reads_accelerations());
+        assert!(law.spec().reads.reactions && law.spec().reads.accelerations);
     }
 
     #[test]
-    fn coefficients_carry_the_names_of_their_terms() {
-        let active = ActiveEffect::new(formula(&[("drive1", "q1"), ("platform_x", "x")]), &[&[1.0], &[2.0]]);
-        let entries: Vec<_> = active.entries().into_iter().map(|e| (e.name, e.parameter.unit)).collect();
-        assert_eq!(entries, [("term0".to_string(), "N·m"), ("term1".to_string(), "N")]);
+    fn coefficients_carry_names_and_units_of_their_terms() {
+        // Force or torque over the unit of the law, by hand.
+        let laws = [
+            ("drive1", "-qd2^3", "N·m·s³/rad³"),
+            ("drive1", "q1", "N·m/rad"),
+            ("drive2", "-tanh(50*qd2)", "N·m"),
+            ("drive4", "-tanh(20*qd4)*strut5_upper", "m"),
+            ("platform_x", "x", "N/m"),
+            ("platform_z", "-vz*abs(vz)", "N·s²/m²"),
+            ("telescope", "-sd*(s - 0.8)", "N·s/m²"),
+            ("drive1", "q1 + qd1", "N·m per unit of the law"),
+            ("platform_y", "x + vx", "N per unit of the law"),
+        ];
+        let one: &[f64] = &[1.0];
+        let active = ActiveEffect::new(Arc::new(formula(&laws.map(|(at, law, _)| (at, law)))), &[one; 9]);
+        for (i, (entry, (_, law, unit))) in active.entries().into_iter().zip(laws).enumerate() {
+            assert_eq!((entry.name, entry.parameter.unit.to_string()), (format!("term{i}"), unit.to_string()), "{law}");
+        }
+        let slide = Mechanism::Axis(crate::machine::Joint::Prismatic);
+        let on_slide = formula(&[("drive1", "-qd1^3")]).spec().parameters[0].unit;
+        assert_eq!(slide.unit(on_slide).to_string(), "N·s³/m³");
     }
 }

@@ -1,6 +1,11 @@
 //! Gear friction that grows with the torque the gear transmits.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Reads, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
+    smooth_sign,
+};
 
 /// τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
 ///
@@ -11,43 +16,37 @@ pub struct GearLoadFriction;
 const FRICTION: usize = 0;
 const STEEPNESS: usize = 1;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("friction"),
+        unit: Unit::One,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 0.02,
+        range: (0.0, 0.5),
+    },
+    STEEPNESS_PARAMETER,
+];
+
+static SPEC: Spec = Spec::new(
+    "gear_load_friction",
+    Part::Drives,
+    About {
+        summary: "friction of the arm gears in proportion to the torque they transmit",
+        law: "τ_f,i = −μ_i·|τ_i|·tanh(k·q̇_i), τ_i the drive torque at the gear output",
+        shows: "torque scaled up while a drive works and down while it brakes",
+        source: "Bittencourt et al., IROS 2010: about 2 % of the load torque; 1–5 %",
+    },
+    PARAMETERS,
+)
+.reads(Reads { torque: true, ..Reads::MOTION });
+
 impl Effect for GearLoadFriction {
-    fn name(&self) -> &'static str {
-        "gear_load_friction"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "friction of the arm gears in proportion to the torque they transmit",
-            law: "τ_f,i = −μ_i·|τ_i|·tanh(k·q̇_i), τ_i the drive torque at the gear output",
-            shows: "torque scaled up while a drive works and down while it brakes",
-            source: "Bittencourt et al., IROS 2010: about 2 % of the load torque; 1–5 %",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "friction",
-                unit: "1",
-                count: Count::PerArm,
-                role: Role::Linear,
-                default: 0.02,
-                range: (0.0, 0.5),
-            },
-            STEEPNESS_PARAMETER,
-        ]
-    }
-
-    fn reads_torque(&self) -> bool {
-        true
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for axis in 0..values.len(FRICTION) {
             let sign = smooth_sign(at.motion.qd[axis], values.one(STEEPNESS));
             out.drive_torque(values.index(FRICTION, axis), axis, -at.torque[axis].abs() * sign);
@@ -57,19 +56,21 @@ impl Effect for GearLoadFriction {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::{ActiveEffect, testing};
 
     #[test]
     fn both_signs_of_torque_oppose_the_motion() {
         // 2 % of 50 N·m is 1 N·m, against +1 rad/s whatever the torque's sign (tanh(100) = 1).
-        let active = ActiveEffect::new(&GearLoadFriction, &[&[0.02; 3], &[100.0]]);
+        let active = ActiveEffect::new(Arc::new(GearLoadFriction), &[&[0.02; 3], &[100.0]]);
         let mut motion = testing::still();
         motion.qd = [1.0, 1.0, -1.0, 0.0];
         let mut torque = [0.0; 3];
         testing::at(&motion, &[], |at| {
             let at = &Instant { torque: [50.0, -50.0, 50.0, 50.0], ..*at };
-            GearLoadFriction.forces(
+            GearLoadFriction.wrenches(
                 &active.values(),
                 at,
                 &mut Wrenches::new(&mut |k, body, _, m| {

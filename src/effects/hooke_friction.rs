@@ -1,6 +1,11 @@
 //! Friction of the telescope's two Hooke joints.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
+    smooth_sign,
+};
 use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
 /// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
@@ -13,47 +18,44 @@ const COULOMB: usize = 0;
 const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("coulomb"),
+        unit: Unit::NM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 0.05,
+        range: (0.0, 20.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("viscous"),
+        unit: Unit::NMSPerRad,
+        count: Count::One,
+        role: Role::Linear,
+        default: 0.02,
+        range: (0.0, 20.0),
+    },
+    STEEPNESS_PARAMETER,
+];
+
+static SPEC: Spec = Spec::new(
+    "hooke_friction",
+    Part::Telescope,
+    About {
+        summary: "Coulomb and viscous friction of the telescope's Hooke joints",
+        law: "M = −M_C·tanh(k·ω) − d·ω about each cross axis of both joints",
+        shows: "torque of all drives when the telescope swings, also of axis 4 when it turns an inclined telescope",
+        source: "needle bearings of a small cardan joint, 0.02–0.1 N·m per axis (estimate)",
+    },
+    PARAMETERS,
+);
+
 impl Effect for HookeFriction {
-    fn name(&self) -> &'static str {
-        "hooke_friction"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Telescope
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "Coulomb and viscous friction of the telescope's Hooke joints",
-            law: "M = −M_C·tanh(k·ω) − d·ω about each cross axis of both joints",
-            shows: "torque of all drives when the telescope swings, also of axis 4 when it turns an inclined telescope",
-            source: "needle bearings of a small cardan joint, 0.02–0.1 N·m per axis (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "coulomb",
-                unit: "N·m",
-                count: Count::One,
-                role: Role::Linear,
-                default: 0.05,
-                range: (0.0, 20.0),
-            },
-            Parameter {
-                name: "viscous",
-                unit: "N·m·s/rad",
-                count: Count::One,
-                role: Role::Linear,
-                default: 0.02,
-                range: (0.0, 20.0),
-            },
-            STEEPNESS_PARAMETER,
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let rates = at.motion.hooke_rates();
         let joints = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
         for ((yoke, telescope), rates) in joints.into_iter().zip(rates) {

@@ -1,8 +1,10 @@
 //! A hose or cable that pulls at the platform.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Start, Values, Wrenches};
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Start, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 
 /// F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
@@ -41,71 +43,71 @@ const STARTS: [Start; 11] = {
     ]
 };
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("stiffness"),
+        unit: Unit::NPerM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 10.0,
+        range: (0.0, 1e4),
+    },
+    Parameter {
+        name: Cow::Borrowed("preload"),
+        unit: Unit::N,
+        count: Count::Named(&["x", "y", "z"]),
+        role: Role::Linear,
+        default: 3.0,
+        range: (-200.0, 200.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("anchor"),
+        unit: Unit::M,
+        count: Count::Named(&["x", "y", "z"]),
+        role: Role::Shape,
+        default: 0.5,
+        range: (-5.0, 5.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("free_length"),
+        unit: Unit::M,
+        count: Count::One,
+        role: Role::Shape,
+        default: 0.8,
+        range: (0.0, 5.0),
+    },
+    // 0 or 1.
+    Parameter {
+        name: Cow::Borrowed("pulls_only"),
+        unit: Unit::One,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 0.0,
+        range: (0.0, 1.0),
+    },
+];
+
+static SPEC: Spec = Spec::new(
+    "hose_spring",
+    Part::Linkage,
+    About {
+        summary: "pull of a hose or cable at the platform",
+        law: "F = f − k·(|d| − l₀)·d/|d|, d = p − a: a spring of free length l₀ to the fixed point a",
+        shows: "static torque of the arms that grows with the platform's distance from a point",
+        source: "Hooke's law; vacuum hose or cable, 5–50 N/m and some newtons (estimate)",
+    },
+    PARAMETERS,
+)
+// Of one that is drawn at random.
+.grids(&[&[0.5, 0.7, 1.3, 2.0]])
+.starts(&STARTS);
+
 impl Effect for HoseSpring {
-    fn name(&self) -> &'static str {
-        "hose_spring"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "pull of a hose or cable at the platform",
-            law: "F = f − k·(|d| − l₀)·d/|d|, d = p − a: a spring of free length l₀ to the fixed point a",
-            shows: "static torque of the arms that grows with the platform's distance from a point",
-            source: "Hooke's law; vacuum hose or cable, 5–50 N/m and some newtons (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "stiffness",
-                unit: "N/m",
-                count: Count::One,
-                role: Role::Linear,
-                default: 10.0,
-                range: (0.0, 1e4),
-            },
-            Parameter {
-                name: "preload",
-                unit: "N",
-                count: Count::Named(&["x", "y", "z"]),
-                role: Role::Linear,
-                default: 3.0,
-                range: (-200.0, 200.0),
-            },
-            Parameter {
-                name: "anchor",
-                unit: "m",
-                count: Count::Named(&["x", "y", "z"]),
-                role: Role::Shape,
-                default: 0.5,
-                range: (-5.0, 5.0),
-            },
-            Parameter {
-                name: "free_length",
-                unit: "m",
-                count: Count::One,
-                role: Role::Shape,
-                default: 0.8,
-                range: (0.0, 5.0),
-            },
-            // 0 or 1.
-            Parameter {
-                name: "pulls_only",
-                unit: "1",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 0.0,
-                range: (0.0, 1.0),
-            },
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let end = Vector3::from_column_slice(values.block(ANCHOR));
         let d = at.motion.bodies[PLATFORM].position - end;
         let (distance, free) = (d.norm(), values.one(FREE_LENGTH));
@@ -116,15 +118,6 @@ impl Effect for HoseSpring {
         for axis in 0..values.len(PRELOAD) {
             out.wrench(values.index(PRELOAD, axis), PLATFORM, Vector3::ith(axis, 1.0), Vector3::zeros());
         }
-    }
-
-    /// Of one that is drawn at random.
-    fn shape_grids(&self) -> &'static [&'static [f64]] {
-        &[&[0.5, 0.7, 1.3, 2.0]]
-    }
-
-    fn starts(&self) -> &'static [Start] {
-        &STARTS
     }
 }
 

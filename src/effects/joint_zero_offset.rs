@@ -1,6 +1,8 @@
 //! An encoder's zero is not the joint's.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::machine::AXES;
 
 /// The encoder of axis i reads q_i + o_i.
@@ -9,54 +11,51 @@ use crate::machine::AXES;
 /// Identification moves the recorded motion by −o.
 pub struct JointZeroOffset;
 
-impl Effect for JointZeroOffset {
-    fn name(&self) -> &'static str {
-        "joint_zero_offset"
-    }
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("offset"),
+    unit: Unit::Rad,
+    count: Count::PerAxis,
+    role: Role::Linear,
+    default: 0.002,
+    range: (-0.2, 0.2),
+}];
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
+static SPEC: Spec = Spec::new("joint_zero_offset", Part::Drives, About {
             summary: "an encoder's zero is not the joint's",
             law: "q_reported,i = q_i + o_i",
             shows: "torque of the arms that changes with the pose, platform beside its stated position; none of axis 4 without lateral payload",
             source: "0.05° typical, 0.2° at worst (estimate)",
-        }
+        }, PARAMETERS)
+.kind(Kind::Encoder);
+
+impl Effect for JointZeroOffset {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "offset",
-            unit: "rad",
-            count: Count::PerAxis,
-            role: Role::Linear,
-            default: 0.002,
-            range: (-0.2, 0.2),
-        }]
+    fn sensor(&self) -> Option<&dyn Sensor> {
+        Some(self)
     }
+}
 
+impl Sensor for JointZeroOffset {
     fn encoder(&self, values: &Values, _state: &[f64], angles: &mut [f64; AXES]) {
         for (angle, offset) in angles.iter_mut().zip(values.block(0)) {
             *angle += offset;
         }
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Encoder
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
     #[test]
     fn reading_is_angle_plus_offset() {
-        let active = ActiveEffect::new(&JointZeroOffset, &[&[0.001, -0.002, 0.0, 0.01]]);
+        let active = ActiveEffect::new(Arc::new(JointZeroOffset), &[&[0.001, -0.002, 0.0, 0.01]]);
         let mut angles = [0.5, 0.5, 0.5, 3.0];
         JointZeroOffset.encoder(&active.values(), &[], &mut angles);
         approx::assert_relative_eq!(angles.as_slice(), [0.501, 0.498, 0.5, 3.01].as_slice());

@@ -1,8 +1,11 @@
 //! A strut or an arm of another mass than the rest.
 
-use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Spec, Unit, Values};
+use crate::machine::Payload;
 use crate::machine::bodies::{ARM, STRUT};
-use crate::machine::{ARMS, Inertia, Payload, STRUTS};
+use crate::machine::{ARMS, Inertia, STRUTS};
 
 /// Extra mass Δm of single struts and arms, spread evenly along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
 ///
@@ -15,19 +18,33 @@ const STRUT_LENGTH: usize = 2;
 const ARM_LENGTH: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit: "m", count: Count::One, role: Role::Fixed, default, range: (1e-3, 10.0) }
+    Parameter {
+        name: Cow::Borrowed(name),
+        unit: Unit::M,
+        count: Count::One,
+        role: Role::Fixed,
+        default,
+        range: (1e-3, 10.0),
+    }
 }
 
 const PARAMETERS: &[Parameter] = &[
     Parameter {
-        name: "strut",
-        unit: "kg",
+        name: Cow::Borrowed("strut"),
+        unit: Unit::Kg,
         count: Count::Named(&["1", "2", "3", "4", "5", "6"]),
         role: Role::Linear,
         default: 0.1,
         range: (-0.1, 10.0),
     },
-    Parameter { name: "arm", unit: "kg", count: Count::PerArm, role: Role::Linear, default: 0.1, range: (-0.5, 10.0) },
+    Parameter {
+        name: Cow::Borrowed("arm"),
+        unit: Unit::Kg,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 0.1,
+        range: (-0.5, 10.0),
+    },
     length("strut_length", 1.106),
     length("arm_length", 0.5),
 ];
@@ -38,34 +55,31 @@ fn rod(length: f64) -> Inertia {
     Inertia::diagonal(1.0, [0.5 * length, 0.0, 0.0], [0.0, inertia, inertia])
 }
 
+static SPEC: Spec = Spec::new(
+    "limb_asymmetry",
+    Part::Linkage,
+    About {
+        summary: "a strut or an arm is heavier or lighter than the others",
+        law: "Δm per strut and arm as an even rod: first moment Δm·l/2, inertia Δm·l²/3 about its upper joint",
+        shows: "torque of that limb's drive with acceleration and weight; of both struts of a pair alike",
+        source: "the paper's measurement strut of 340 g in place of 179 g",
+    },
+    PARAMETERS,
+)
+.kind(Kind::Inertia)
+.constants(constant);
+
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    match parameter {
+        "strut_length" => Some(model.geometry.strut_length[0]),
+        "arm_length" => Some(model.geometry.arm_length),
+        _ => None,
+    }
+}
+
 impl Effect for LimbAsymmetry {
-    fn name(&self) -> &'static str {
-        "limb_asymmetry"
-    }
-
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
-        match parameter.name {
-            "strut_length" => Some(model.geometry.strut_length[0]),
-            "arm_length" => Some(model.geometry.arm_length),
-            _ => None,
-        }
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "a strut or an arm is heavier or lighter than the others",
-            law: "Δm per strut and arm as an even rod: first moment Δm·l/2, inertia Δm·l²/3 about its upper joint",
-            shows: "torque of that limb's drive with acceleration and weight; of both struts of a pair alike",
-            source: "the paper's measurement strut of 340 g in place of 179 g",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -76,14 +90,12 @@ impl Effect for LimbAsymmetry {
             out(values.index(ARM_MASS, arm), ARM + arm, rod(values.one(ARM_LENGTH)));
         }
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
@@ -92,7 +104,7 @@ mod tests {
         // 0.34 − 0.179 = 0.161 kg on 1.2 m: 0.0966 kg·m, 0.161·1.44/3 = 0.07728 kg·m².
         let mut masses = [0.0; 6];
         masses[3] = 0.161;
-        let active = ActiveEffect::new(&LimbAsymmetry, &[&masses, &[0.0; 3], &[1.2], &[0.5]]);
+        let active = ActiveEffect::new(Arc::new(LimbAsymmetry), &[&masses, &[0.0; 3], &[1.2], &[0.5]]);
         let mut sum = Inertia::ZERO;
         LimbAsymmetry.inertia(&active.values(), &Payload::default(), &mut |k, body, unit| {
             if active.values[k] != 0.0 {

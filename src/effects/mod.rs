@@ -6,11 +6,15 @@
 //!
 //! To add an effect: write `src/effects/<name>.rs` and add its `mod` and its registry line below.
 
+use std::any::Any;
+use std::borrow::Cow;
+use std::sync::{Arc, LazyLock};
+
 use nalgebra::Vector3;
 
-pub use crate::machine::Part;
-use crate::machine::{AXES, Geometry, Inertia, Payload, STRUTS};
-use crate::recording::Signals;
+use self::rigid_bodies::RigidBodies;
+use crate::machine::{Geometry, Inertia, Mechanism, Payload};
+pub use crate::machine::{Part, Unit};
 
 mod air_drag;
 mod axis4_friction;
@@ -50,228 +54,118 @@ mod torque_bias;
 mod torque_gain_error;
 mod torque_ripple;
 
+pub use drive_elasticity::GearSpring;
 pub use interface::{
-    ActiveEffect, Count, Effects, Entry, Host, Instant, Layout, MachineView, Parameter, Role, Values, Wrenches,
-    hunt_crossley,
+    About, ActiveEffect, Compliance, Count, Effects, Entry, Host, Instant, Kind, Layout, MachineView, OwnStates, Param,
+    Parameter, Reads, Role, Search, Sensor, Spec, Start, Values, Wrenches, hunt_crossley,
 };
+pub use strut_elasticity::StrutSpring;
 
 /// Every effect deltatwin knows. The name of an effect is its table in the model file.
-pub static REGISTRY: &[&dyn Effect] = &[
-    &rigid_bodies::ASSEMBLED,
-    &drive_friction::DriveFriction,
-    &axis4_friction::Axis4Friction,
-    &telescope_friction::TelescopeFriction,
-    &ball_socket_viscous::BallSocketViscous,
-    &ball_socket_coulomb::BallSocketCoulomb,
-    &drive_stribeck::DriveStribeck,
-    &drive_coulomb_asymmetry::DriveCoulombAsymmetry,
-    &drive_viscous_asymmetry::DriveViscousAsymmetry,
-    &gear_load_friction::GearLoadFriction,
-    &backlash_hysteresis::BacklashHysteresis,
-    &drive_elasticity::DriveElasticity,
-    &thermal_friction_drift::ThermalFrictionDrift,
-    &torque_ripple::TorqueRipple,
-    &rotor_inertia::RotorInertia,
-    &ball_socket_load_dependent::BallSocketLoadDependent,
-    &telescope_retract_friction::TelescopeRetractFriction,
-    &telescope_end_stop::TelescopeEndStop,
-    &hooke_friction::HookeFriction,
-    &payload_mass_error::PayloadMassError,
-    &payload_com_offset::PayloadComOffset,
-    &limb_asymmetry::LimbAsymmetry,
-    &strut_elasticity::StrutElasticity,
-    &clamp_springs::ClampSprings,
-    &strut_length_error::StrutLengthError,
-    &base_tilt::BaseTilt,
-    &hose_spring::HoseSpring,
-    &air_drag::AirDrag,
-    &joint_zero_offset::JointZeroOffset,
-    &torque_gain_error::TorqueGainError,
-    &torque_bias::TorqueBias,
-    &signal_delay::SignalDelay,
-    &formula::NONE,
-];
+pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
+    vec![
+        RigidBodies::of(Mechanism::default(), true),
+        Arc::new(drive_friction::DriveFriction),
+        Arc::new(axis4_friction::Axis4Friction),
+        Arc::new(telescope_friction::TelescopeFriction),
+        Arc::new(ball_socket_viscous::BallSocketViscous),
+        Arc::new(ball_socket_coulomb::BallSocketCoulomb),
+        Arc::new(drive_stribeck::DriveStribeck),
+        Arc::new(drive_coulomb_asymmetry::DriveCoulombAsymmetry),
+        Arc::new(drive_viscous_asymmetry::DriveViscousAsymmetry),
+        Arc::new(gear_load_friction::GearLoadFriction),
+        Arc::new(backlash_hysteresis::BacklashHysteresis),
+        Arc::new(drive_elasticity::DriveElasticity),
+        Arc::new(thermal_friction_drift::ThermalFrictionDrift),
+        Arc::new(torque_ripple::TorqueRipple),
+        Arc::new(rotor_inertia::RotorInertia),
+        Arc::new(ball_socket_load_dependent::BallSocketLoadDependent),
+        Arc::new(telescope_retract_friction::TelescopeRetractFriction),
+        Arc::new(telescope_end_stop::TelescopeEndStop),
+        Arc::new(hooke_friction::HookeFriction),
+        Arc::new(payload_mass_error::PayloadMassError),
+        Arc::new(payload_com_offset::PayloadComOffset),
+        Arc::new(limb_asymmetry::LimbAsymmetry),
+        Arc::new(strut_elasticity::StrutElasticity),
+        Arc::new(clamp_springs::ClampSprings),
+        Arc::new(strut_length_error::StrutLengthError),
+        Arc::new(base_tilt::BaseTilt),
+        Arc::new(hose_spring::HoseSpring),
+        Arc::new(air_drag::AirDrag),
+        Arc::new(joint_zero_offset::JointZeroOffset),
+        Arc::new(torque_gain_error::TorqueGainError),
+        Arc::new(torque_bias::TorqueBias),
+        Arc::new(signal_delay::SignalDelay),
+        Arc::new(formula::Formula::default()),
+    ]
+});
 
 /// The effect called `name`.
-pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    REGISTRY.iter().copied().find(|e| e.name() == name)
+pub fn find(name: &str) -> Option<Arc<dyn Effect>> {
+    REGISTRY.iter().find(|e| e.name() == name).cloned()
 }
 
 /// A physical effect: a force law, a change of inertia or geometry, or a change of what a sensor reports.
-pub trait Effect: Sync {
-    /// Name in model files and reports.
-    fn name(&self) -> &'static str;
+pub trait Effect: Any + Send + Sync {
+    /// What is known of it without a motion.
+    fn spec(&self) -> &Spec;
 
-    /// What part of a machine it acts on; a machine without that part cannot have the effect.
-    fn acts_on(&self) -> Part;
+    /// Wrenches per unit of each linear parameter.
+    fn wrenches(&self, _values: &Values, _at: &Instant, _out: &mut Wrenches) {}
 
-    /// Law, where it shows and where the numbers come from.
-    fn about(&self) -> About;
-
-    /// Parameters in the order of the values.
-    fn parameters(&self) -> &[Parameter];
+    /// The same along a given motion, where the drive torques are what is asked for. Differs from `wrenches` for what lies
+    /// between drive and joint: [`Instant::torque`] is no help there, and own states of [`Kind::Encoder`] rest.
+    fn wrenches_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+        self.wrenches(values, at, out);
+    }
 
     /// Inertia added per unit of each linear parameter (`out(k, body, inertia)`), constant over a run.
     fn inertia(&self, _values: &Values, _payload: &Payload, _out: &mut dyn FnMut(usize, usize, Inertia)) {}
 
-    /// Wrenches per unit of each linear parameter.
-    fn forces(&self, _values: &Values, _at: &Instant, _out: &mut Wrenches) {}
-
-    /// The same along a given motion, where the drive torques are what is asked for. Differs from `forces` for what lies
-    /// between drive and joint: [`Instant::torque`] is no help there, and own states of [`Kind::Encoder`] rest.
-    fn forces_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
-        self.forces(values, at, out);
-    }
-
-    /// Whether `forces` reads [`Instant::reactions`].
-    fn reads_reactions(&self) -> bool {
-        false
-    }
-
-    /// Whether `forces` reads accelerations of joints or platform.
-    fn reads_accelerations(&self) -> bool {
-        false
-    }
-
-    /// Whether `forces_along` reads [`Instant::torque`].
-    fn reads_torque(&self) -> bool {
-        false
-    }
-
-    /// Whether inverse dynamics along a measured motion shows the effect. If not, only the twin has it: identification
-    /// leaves its parameters alone, and the diagnosis lists it as unseen.
-    fn identifiable(&self) -> bool {
-        true
-    }
-
-    /// Initial values of the effect's own states.
-    fn initial_state(&self, _values: &Values) -> Vec<f64> {
-        Vec::new()
-    }
-
-    /// Time derivative of the effect's own states, and its derivative by each state itself where it is steep
-    /// (`slope`, 1/s, zero on entry): the twin treats it implicitly.
-    fn state_rate(&self, _values: &Values, _at: &Instant, _rate: &mut [f64], _slope: &mut [f64]) {}
-
-    /// What the motor-side encoders read beyond the joint angles: adds to `angles`, rad.
-    fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut [f64; AXES]) {}
-
-    /// Elastic gears between encoder and joint, whose compliances are the first parameters. The effect's own states are
-    /// then the three arms' deflections and their rates, which the twin integrates; readers of a measured motion find
-    /// them along it.
-    fn gear_springs(&self, _values: &Values) -> Option<[GearSpring; AXES]> {
-        None
-    }
-
-    /// Axial spring and damper of each strut per unit of compliance, see [`StrutSpring`].
-    fn strut_spring(&self, _values: &Values) -> Option<[StrutSpring; STRUTS]> {
-        None
-    }
-
     /// Changes the geometry.
     fn geometry(&self, _values: &Values, _geometry: &mut Geometry) {}
 
-    /// Changes what the sensors report: the ideal signals become the reported ones.
-    fn observe(&self, _values: &Values, _signals: &mut Signals) {}
-
-    /// What the machine says of a constant of the law, for an effect that is not in the model yet; its default otherwise.
-    fn constant(&self, _parameter: &Parameter, _model: &MachineView) -> Option<f64> {
+    /// Its differential equations, if it has any.
+    fn states(&self) -> Option<&dyn OwnStates> {
         None
     }
 
-    /// Where a search for shape parameters starts, as factors of their usual values: one grid for each of the leading ones,
-    /// searched one at a time. The others begin at their usual values.
-    fn shape_grids(&self) -> &'static [&'static [f64]] {
-        &[&[0.3, 0.6, 1.0, 2.0, 4.0]]
-    }
-
-    /// Shapes at which a search begins where no single grid finds them; [`Self::shape_grids`] is left aside then.
-    fn starts(&self) -> &'static [Start] {
-        &[]
-    }
-
-    /// Constants of 0 or 1 that a search tries both ways.
-    fn switches(&self) -> &'static [&'static str] {
-        &[]
-    }
-
-    /// The terms of a formula, which stand in the model file beside its numbers.
-    fn formula(&self) -> Option<&formula::Formula> {
+    /// What gives way elastically, if anything does.
+    fn compliance(&self) -> Option<&dyn Compliance> {
         None
     }
 
-    /// What the effect changes; decides how its columns are computed.
-    fn kind(&self) -> Kind {
-        Kind::Force
+    /// What it changes of the sensors, if anything.
+    fn sensor(&self) -> Option<&dyn Sensor> {
+        None
     }
 }
 
-/// Values at which a search begins: up to three parameter blocks, by number, with what stands in them.
-pub struct Start(pub [Option<(usize, &'static [f64])>; 3]);
-
-/// An elastic strut: T = stiffness · elongation + damping · its rate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StrutSpring {
-    /// N/m.
-    pub stiffness: f64,
-    /// N·s/m.
-    pub damping: f64,
-}
-
-/// An elastic gear: the encoder leads the joint by compliance · transmitted torque (but for the damping).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct GearSpring {
-    /// rad/(N·m); zero is rigid.
-    pub compliance: f64,
-    /// Damping, N·m·s/rad.
-    pub damping: f64,
-    /// Inertia on the motor side, seen at the gear output, kg·m².
-    pub rotor_inertia: f64,
-    /// Whether what acts on the drive acts on the motor's side.
-    pub friction_at_motor: bool,
-}
-
-impl GearSpring {
-    /// Whether the twin lets the gear give way; the effect has no torque otherwise.
-    pub fn is_elastic(&self) -> bool {
-        self.compliance * self.rotor_inertia > drive_elasticity::RIGID
+impl dyn Effect {
+    /// Name in model files and reports.
+    pub fn name(&self) -> &'static str {
+        self.spec().name
     }
-}
 
-/// What an effect changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Inertia of bodies; linear.
-    Inertia,
-    /// Wrenches on bodies.
-    Force,
-    /// Lengths; acts through the kinematics.
-    Geometry,
-    /// Reported signals.
-    Sensor,
-    /// What lies between encoder and joint; shifts the motion that a recording stands for.
-    Encoder,
-}
-
-impl Kind {
-    /// Whether the effect acts through everything else rather than by terms of its own, so that its columns are
-    /// differences of whole predictions.
-    pub fn acts_on_the_whole(self) -> bool {
-        matches!(self, Self::Geometry | Self::Sensor | Self::Encoder)
+    /// What part of a machine it acts on.
+    pub fn acts_on(&self) -> Part {
+        self.spec().acts_on
     }
-}
 
-/// What a person wants to know about an effect.
-#[derive(Clone, Copy, Debug)]
-pub struct About {
-    /// One line: what it is.
-    pub summary: &'static str,
-    /// The law with its symbols.
-    pub law: &'static str,
-    /// Where it shows in measurements.
-    pub shows: &'static str,
-    /// Source of the law and its usual magnitude.
-    pub source: &'static str,
+    /// Parameters in the order of the values.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.spec().parameters
+    }
+
+    /// What the effect changes.
+    pub fn kind(&self) -> Kind {
+        self.spec().kind
+    }
+
+    /// The terms of a formula, which stand in the model file beside its numbers; none of another effect.
+    pub fn formula(&self) -> Option<&formula::Formula> {
+        (self as &dyn Any).downcast_ref()
+    }
 }
 
 /// Direction of a rate vector, regularised: tanh(|ω|/ε)·ω/|ω|, smooth through zero.
@@ -283,8 +177,8 @@ pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
 
 /// Constant of the laws that use [`smooth_sign`].
 const STEEPNESS_PARAMETER: Parameter = Parameter {
-    name: "steepness",
-    unit: "s/rad",
+    name: Cow::Borrowed("steepness"),
+    unit: Unit::SPerRad,
     count: Count::One,
     role: Role::Fixed,
     default: 100.0,

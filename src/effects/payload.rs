@@ -1,8 +1,10 @@
 //! The payload by itself, for its identification; not in the registry, because recordings state their payload in the setup.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
 
@@ -18,35 +20,27 @@ pub const NAME: &str = "payload";
 /// show nowhere while the robot is intact.
 pub struct Payload;
 
-const fn parameter(name: &'static str, unit: &'static str, count: Count, default: f64) -> Parameter {
-    Parameter { name, unit, count, role: Role::Linear, default, range: (-100.0, 100.0) }
+const fn parameter(name: &'static str, unit: Unit, count: Count, default: f64) -> Parameter {
+    Parameter { name: Cow::Borrowed(name), unit, count, role: Role::Linear, default, range: (-100.0, 100.0) }
 }
 
-impl Effect for Payload {
-    fn name(&self) -> &'static str {
-        NAME
-    }
+const PARAMETERS: &[Parameter] = &[
+    parameter("mass", Unit::Kg, Count::One, 1.0),
+    parameter("first_moment", Unit::KgM, Count::Named(&["x", "y", "z"]), 0.05),
+    parameter("inertia", Unit::KgM2, Count::Named(&["xx", "yy", "zz", "xy", "xz", "yz"]), 0.01),
+];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
+static SPEC: Spec = Spec::new(NAME, Part::Linkage, About {
             summary: "inertia and weight of the payload",
             law: "Newton–Euler equations of the end effector, linear in m, m·c and Θ",
             shows: "arm torques in phase with acceleration and weight; torque of axis 4 with lateral acceleration; height and Θ_xz, Θ_yz in strut forces",
             source: "Gnad et al. section 2.3.1, End-effector",
-        }
-    }
+        }, PARAMETERS)
+.kind(Kind::Inertia);
 
-    fn parameters(&self) -> &'static [Parameter] {
-        const PARAMETERS: &[Parameter] = &[
-            parameter("mass", "kg", Count::One, 1.0),
-            parameter("first_moment", "kg·m", Count::Named(&["x", "y", "z"]), 0.05),
-            parameter("inertia", "kg·m²", Count::Named(&["xx", "yy", "zz", "xy", "xz", "yz"]), 0.01),
-        ];
-        PARAMETERS
+impl Effect for Payload {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn inertia(&self, values: &Values, _: &crate::machine::Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -62,21 +56,20 @@ impl Effect for Payload {
             out(values.index(2, entry), END_EFFECTOR, Inertia { tensor, ..Inertia::ZERO });
         }
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
     #[test]
     fn a_kilogram_at_ten_centimetres() {
         // 1 kg at (0.1, 0, −0.2) m: h = (0.1, 0, −0.2) kg·m, Θ_xx = 0.04, Θ_yy = 0.05, Θ_zz = 0.01, Θ_xz = 0.02 kg·m².
-        let active = ActiveEffect::new(&Payload, &[&[1.0], &[0.1, 0.0, -0.2], &[0.04, 0.05, 0.01, 0.0, 0.02, 0.0]]);
+        let active =
+            ActiveEffect::new(Arc::new(Payload), &[&[1.0], &[0.1, 0.0, -0.2], &[0.04, 0.05, 0.01, 0.0, 0.02, 0.0]]);
         let mut sum = Inertia::ZERO;
         Payload.inertia(&active.values(), &Default::default(), &mut |k, _, unit| sum += unit * active.values[k]);
         let point = Inertia::point(1.0, [0.1, 0.0, -0.2].into());

@@ -1,10 +1,13 @@
 //! The payload's centre of mass lies beside the stated one.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
+use crate::machine::Inertia;
+use crate::machine::Payload;
 use crate::machine::bodies::END_EFFECTOR;
-use crate::machine::{Inertia, Payload};
 
 /// First moment h = m·Δc of the end effector, beyond the stated payload.
 ///
@@ -12,33 +15,26 @@ use crate::machine::{Inertia, Payload};
 /// first moment + h, tensor about the flange − [c]×[h]× − [h]×[c]×, exact up to m·Δc² (1 kg, 10 mm: 1e-4 kg·m²).
 pub struct PayloadComOffset;
 
-impl Effect for PayloadComOffset {
-    fn name(&self) -> &'static str {
-        "payload_com_offset"
-    }
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("first_moment"),
+    unit: Unit::KgM,
+    count: Count::Named(&["x", "y", "z"]),
+    role: Role::Linear,
+    default: 0.02,
+    range: (-1.0, 1.0),
+}];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
+static SPEC: Spec = Spec::new("payload_com_offset", Part::Linkage, About {
             summary: "the payload's centre of mass lies beside the stated one",
             law: "first moment h = m·Δc added in the end-effector frame, tensor to first order",
             shows: "torque of axis 4 in proportion to the platform's lateral acceleration, turning with ψ; the height in strut forces alone",
             source: "10 mm typical, 50 mm at worst (estimate)",
-        }
-    }
+        }, PARAMETERS)
+.kind(Kind::Inertia);
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "first_moment",
-            unit: "kg·m",
-            count: Count::Named(&["x", "y", "z"]),
-            role: Role::Linear,
-            default: 0.02,
-            range: (-1.0, 1.0),
-        }]
+impl Effect for PayloadComOffset {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn inertia(&self, values: &Values, payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -49,14 +45,12 @@ impl Effect for PayloadComOffset {
             out(values.index(0, axis), END_EFFECTOR, unit);
         }
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
@@ -65,7 +59,7 @@ mod tests {
         // A point of 2 kg from (30, 0, −100) mm to (30.1, 0, −100) mm: h = 2e-4 kg·m;
         // Θ_zz grows by 2·(0.0301² − 0.03²) = 1.202e-5, Θ_xz by 2·0.1·1e-4 = 2e-5 kg·m².
         let payload = Payload::new(2.0, [0.03, 0.0, -0.1], 0.0);
-        let active = ActiveEffect::new(&PayloadComOffset, &[&[2e-4, 0.0, 0.0]]);
+        let active = ActiveEffect::new(Arc::new(PayloadComOffset), &[&[2e-4, 0.0, 0.0]]);
         let mut sum = Inertia::point(2.0, payload.com);
         PayloadComOffset.inertia(&active.values(), &payload, &mut |k, body, unit| {
             assert_eq!(body, END_EFFECTOR);
@@ -83,7 +77,7 @@ mod tests {
         // A point of 2.5 kg stated at (40, 0, −150) mm hangs at (40, 0, −250) mm: h_z = −0.25 kg·m,
         // Θ_xz grows from 0.015 by 2.5·0.04·0.1 = 0.01 to 2.5·0.04·0.25 = 0.025 kg·m².
         let payload = Payload::new(2.5, [0.04, 0.0, -0.15], 0.0);
-        let active = ActiveEffect::new(&PayloadComOffset, &[&[0.0, 0.0, -0.25]]);
+        let active = ActiveEffect::new(Arc::new(PayloadComOffset), &[&[0.0, 0.0, -0.25]]);
         let mut sum = payload.inertia();
         PayloadComOffset.inertia(&active.values(), &payload, &mut |k, _, unit| sum += unit * active.values[k]);
         approx::assert_relative_eq!(sum.first_moment.z, -0.625, epsilon = 1e-15);

@@ -1,39 +1,35 @@
 //! The payload weighs more or less than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
+use crate::machine::Inertia;
+use crate::machine::Payload;
 use crate::machine::bodies::END_EFFECTOR;
-use crate::machine::{Inertia, Payload};
 
 /// Extra mass Δm at the stated centre of mass of the payload (at the flange centre without payload).
 pub struct PayloadMassError;
 
-impl Effect for PayloadMassError {
-    fn name(&self) -> &'static str {
-        "payload_mass_error"
-    }
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("mass"),
+    unit: Unit::Kg,
+    count: Count::One,
+    role: Role::Linear,
+    default: 0.1,
+    range: (-10.0, 10.0),
+}];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
+static SPEC: Spec = Spec::new("payload_mass_error", Part::Linkage, About {
             summary: "the payload's mass differs from the stated one",
             law: "m = m_stated + Δm at the stated centre of mass; its inertia grows in proportion",
             shows: "torque in phase with the platform's acceleration; hides in the platform's mass unless the centre of mass is off the axis",
             source: "3 % typical, 10 % at worst (estimate)",
-        }
-    }
+        }, PARAMETERS)
+.kind(Kind::Inertia);
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "mass",
-            unit: "kg",
-            count: Count::One,
-            role: Role::Linear,
-            default: 0.1,
-            range: (-10.0, 10.0),
-        }]
+impl Effect for PayloadMassError {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn inertia(&self, values: &Values, payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -43,21 +39,19 @@ impl Effect for PayloadMassError {
         }
         out(values.index(0, 0), END_EFFECTOR, unit);
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
     #[test]
     fn unit_mass_sits_at_the_centre_of_mass() {
         let payload = Payload::new(2.0, [0.03, 0.0, -0.1], 0.01);
-        let active = ActiveEffect::absent(&PayloadMassError);
+        let active = ActiveEffect::absent(Arc::new(PayloadMassError));
         let mut seen = Vec::new();
         PayloadMassError.inertia(&active.values(), &payload, &mut |_, body, unit| seen.push((body, unit)));
         let (body, unit) = seen[0];

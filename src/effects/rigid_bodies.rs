@@ -8,63 +8,74 @@
 
 mod tables;
 
-use std::ops::Range;
+use std::borrow::Cow;
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use std::ops::Range;
+use std::sync::{Arc, LazyLock};
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
+use crate::machine::Payload;
 use crate::machine::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{Joint, LinkParameters, Mechanism, Payload};
+use crate::machine::{Joint, LinkParameters, Mechanism};
 
 /// Name of the effect.
 pub const NAME: &str = "rigid_bodies";
 
 /// Newton–Euler terms of every body per unit of its inertia parameters (eq. 2–4).
 pub struct RigidBodies {
-    parameters: &'static [Parameter],
+    spec: Spec,
     /// Bodies and unit inertia of each value.
-    units: &'static [(Range<usize>, Unit)],
+    units: Cow<'static, [(Range<usize>, UnitInertia)]>,
 }
 
-const fn one(name: &'static str, unit: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit, count: Count::One, role: Role::Linear, default, range: (-100.0, 100.0) }
+const fn one(name: &'static str, unit: Unit, default: f64) -> Parameter {
+    Parameter {
+        name: Cow::Borrowed(name),
+        unit,
+        count: Count::One,
+        role: Role::Linear,
+        default,
+        range: (-100.0, 100.0),
+    }
 }
 
-const fn per_arm(name: &'static str, unit: &'static str, default: f64) -> Parameter {
-    Parameter { count: Count::PerArm, ..one(name, unit, default) }
+const fn per_arm(name: &'static str, unit: Unit, default: f64) -> Parameter {
+    one(name, unit, default).counted(Count::PerArm)
 }
 
 const fn lone(name: &'static str) -> Parameter {
-    Parameter { range: (0.0, 1e6), ..one(name, "kg·m²", 0.258) }
+    one(name, Unit::KgM2, 0.258).within((0.0, 1e6))
 }
 
-const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", "kg·m²", 0.003);
+const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", Unit::KgM2, 0.003);
 
 /// The parameters of the assembled robot, in order; without a telescope, those of arms, struts and platform.
 pub const PARAMETERS: &[Parameter] = &[
-    one("arm_first_moment_x", "kg·m", 0.176),
-    one("arm_first_moment_z", "kg·m", 0.006),
-    one("arm_inertia_yy", "kg·m²", 0.258),
-    one("strut_mass", "kg", 0.179),
-    one("strut_first_moment_x", "kg·m", 0.076),
-    one("strut_inertia_xx", "kg·m²", 1.5e-5),
-    one("strut_inertia_yy", "kg·m²", 0.075),
-    one("platform_mass", "kg", 1.2),
+    one("arm_first_moment_x", Unit::KgM, 0.176),
+    one("arm_first_moment_z", Unit::KgM, 0.006),
+    one("arm_inertia_yy", Unit::KgM2, 0.258),
+    one("strut_mass", Unit::Kg, 0.179),
+    one("strut_first_moment_x", Unit::KgM, 0.076),
+    one("strut_inertia_xx", Unit::KgM2, 1.5e-5),
+    one("strut_inertia_yy", Unit::KgM2, 0.075),
+    one("platform_mass", Unit::Kg, 1.2),
     // Tilts the platform: it shows in strut forces alone.
-    one("platform_first_moment_z", "kg·m", -0.024),
-    one("telescope_upper_first_moment_z", "kg·m", -0.219),
-    one("telescope_upper_inertia_xx", "kg·m²", 0.084),
-    one("telescope_upper_inertia_zz", "kg·m²", 1.9e-5),
-    one("telescope_lower_mass", "kg", 0.557),
-    one("telescope_lower_first_moment_z", "kg·m", 0.146),
-    one("telescope_lower_inertia_xx", "kg·m²", 0.077),
-    one("telescope_lower_inertia_zz", "kg·m²", 3.0e-5),
+    one("platform_first_moment_z", Unit::KgM, -0.024),
+    one("telescope_upper_first_moment_z", Unit::KgM, -0.219),
+    one("telescope_upper_inertia_xx", Unit::KgM2, 0.084),
+    one("telescope_upper_inertia_zz", Unit::KgM2, 1.9e-5),
+    one("telescope_lower_mass", Unit::Kg, 0.557),
+    one("telescope_lower_first_moment_z", Unit::KgM, 0.146),
+    one("telescope_lower_inertia_xx", Unit::KgM2, 0.077),
+    one("telescope_lower_inertia_zz", Unit::KgM2, 3.0e-5),
     ROTOR_INERTIA,
 ];
 
 /// The same of independent arms and, where there is one, the rotor of motor 4.
 const PER_ARM: &[Parameter] = &[
-    per_arm("arm_first_moment_x", "kg·m", 0.176),
-    per_arm("arm_first_moment_z", "kg·m", 0.006),
-    per_arm("arm_inertia_yy", "kg·m²", 0.258),
+    per_arm("arm_first_moment_x", Unit::KgM, 0.176),
+    per_arm("arm_first_moment_z", Unit::KgM, 0.006),
+    per_arm("arm_inertia_yy", Unit::KgM2, 0.258),
     ROTOR_INERTIA,
 ];
 
@@ -74,68 +85,85 @@ const fn body(b: usize) -> Range<usize> {
     b..b + 1
 }
 
-const UNITS: &[(Range<usize>, Unit); PARAMETERS.len()] = &[
-    (ARMS, Unit::Moment(0)),
-    (ARMS, Unit::Moment(2)),
-    (ARMS, Unit::Tensor(&[1])),
-    (STRUTS, Unit::Mass),
-    (STRUTS, Unit::Moment(0)),
-    (STRUTS, Unit::Tensor(&[0])),
-    (STRUTS, Unit::Tensor(&[1, 2])),
-    (body(PLATFORM), Unit::Mass),
-    (body(PLATFORM), Unit::Moment(2)),
-    (body(TELESCOPE_UPPER), Unit::Moment(2)),
-    (body(TELESCOPE_UPPER), Unit::Tensor(&[0, 1])),
-    (body(TELESCOPE_UPPER), Unit::Tensor(&[2])),
-    (body(TELESCOPE_LOWER), Unit::Mass),
-    (body(TELESCOPE_LOWER), Unit::Moment(2)),
-    (body(TELESCOPE_LOWER), Unit::Tensor(&[0, 1])),
-    (body(TELESCOPE_LOWER), Unit::Tensor(&[2])),
-    (body(ROTOR), Unit::Tensor(&[2])),
+const UNITS: &[(Range<usize>, UnitInertia); PARAMETERS.len()] = &[
+    (ARMS, UnitInertia::Moment(0)),
+    (ARMS, UnitInertia::Moment(2)),
+    (ARMS, UnitInertia::Tensor(&[1])),
+    (STRUTS, UnitInertia::Mass),
+    (STRUTS, UnitInertia::Moment(0)),
+    (STRUTS, UnitInertia::Tensor(&[0])),
+    (STRUTS, UnitInertia::Tensor(&[1, 2])),
+    (body(PLATFORM), UnitInertia::Mass),
+    (body(PLATFORM), UnitInertia::Moment(2)),
+    (body(TELESCOPE_UPPER), UnitInertia::Moment(2)),
+    (body(TELESCOPE_UPPER), UnitInertia::Tensor(&[0, 1])),
+    (body(TELESCOPE_UPPER), UnitInertia::Tensor(&[2])),
+    (body(TELESCOPE_LOWER), UnitInertia::Mass),
+    (body(TELESCOPE_LOWER), UnitInertia::Moment(2)),
+    (body(TELESCOPE_LOWER), UnitInertia::Tensor(&[0, 1])),
+    (body(TELESCOPE_LOWER), UnitInertia::Tensor(&[2])),
+    (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
-const UNITS_PER_ARM: &[(Range<usize>, Unit); 10] = &[
-    (body(ARM), Unit::Moment(0)),
-    (body(ARM + 1), Unit::Moment(0)),
-    (body(ARM + 2), Unit::Moment(0)),
-    (body(ARM), Unit::Moment(2)),
-    (body(ARM + 1), Unit::Moment(2)),
-    (body(ARM + 2), Unit::Moment(2)),
-    (body(ARM), Unit::Tensor(&[1])),
-    (body(ARM + 1), Unit::Tensor(&[1])),
-    (body(ARM + 2), Unit::Tensor(&[1])),
-    (body(ROTOR), Unit::Tensor(&[2])),
+const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
+    (body(ARM), UnitInertia::Moment(0)),
+    (body(ARM + 1), UnitInertia::Moment(0)),
+    (body(ARM + 2), UnitInertia::Moment(0)),
+    (body(ARM), UnitInertia::Moment(2)),
+    (body(ARM + 1), UnitInertia::Moment(2)),
+    (body(ARM + 2), UnitInertia::Moment(2)),
+    (body(ARM), UnitInertia::Tensor(&[1])),
+    (body(ARM + 1), UnitInertia::Tensor(&[1])),
+    (body(ARM + 2), UnitInertia::Tensor(&[1])),
+    (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
-/// The assembled robot.
-pub static ASSEMBLED: RigidBodies = RigidBodies { parameters: PARAMETERS, units: UNITS };
-/// The assembled robot without telescope.
-static WITHOUT_TELESCOPE: RigidBodies =
-    RigidBodies { parameters: PARAMETERS.split_at(9).0, units: UNITS.split_at(9).0 };
-/// Independent arms and rotor.
-static ARMS_AND_ROTOR: RigidBodies = RigidBodies { parameters: PER_ARM, units: UNITS_PER_ARM };
-/// Independent arms.
-static ARMS_ALONE: RigidBodies = RigidBodies { parameters: PER_ARM.split_at(3).0, units: UNITS_PER_ARM.split_at(9).0 };
-/// A lone axis that turns.
-static TURNTABLE: RigidBodies = RigidBodies { parameters: &[lone("inertia")], units: &[(body(ARM), Unit::Lone)] };
-/// A lone axis that slides.
-static SLIDE: RigidBodies = RigidBodies { parameters: &[lone("mass")], units: &[(body(ARM), Unit::Lone)] };
+/// The parameters of every machine that has links of its own: assembled robot with and without telescope, arms with and
+/// without rotor, lone axis that turns and that slides.
+static MACHINES: LazyLock<[Arc<RigidBodies>; 6]> = LazyLock::new(|| {
+    const TURNTABLE: &[Parameter] = &[lone("inertia")];
+    const SLIDE: &[Parameter] = &[lone("mass")];
+    const LONE: &[(Range<usize>, UnitInertia)] = &[(body(ARM), UnitInertia::Lone)];
+    [
+        (PARAMETERS, &UNITS[..]),
+        (PARAMETERS.split_at(9).0, UNITS.split_at(9).0),
+        (PER_ARM, UNITS_PER_ARM),
+        (PER_ARM.split_at(3).0, UNITS_PER_ARM.split_at(9).0),
+        (TURNTABLE, LONE),
+        (SLIDE, LONE),
+    ]
+    .map(|(parameters, units)| Arc::new(RigidBodies::new(Cow::Borrowed(parameters), Cow::Borrowed(units))))
+});
+
+const ABOUT: About = About {
+    summary: "inertia and weight of the links",
+    law: "Newton–Euler equations of every body, linear in mass, first moments and inertia about the joint frame",
+    shows: "everywhere; torque in phase with acceleration, and the static torque",
+    source: "Gnad et al. eq. 2–4, section 2.3, Table 3; of the disassembled robot eq. 46–47, Table 1",
+};
 
 impl RigidBodies {
+    fn new(parameters: Cow<'static, [Parameter]>, units: Cow<'static, [(Range<usize>, UnitInertia)]>) -> Self {
+        let mut spec = Spec::new(NAME, Part::Drives, ABOUT, &[]).kind(Kind::Inertia);
+        spec.parameters = parameters;
+        Self { spec, units }
+    }
+
     /// The parameters of a machine that is assembled or not.
-    pub fn of(machine: Mechanism, assembled: bool) -> &'static Self {
-        match (machine, assembled) {
-            (Mechanism::Delta { telescope: true }, true) => &ASSEMBLED,
-            (Mechanism::Delta { telescope: false }, true) => &WITHOUT_TELESCOPE,
-            (Mechanism::Delta { telescope: true }, false) => &ARMS_AND_ROTOR,
-            (Mechanism::Delta { telescope: false }, false) => &ARMS_ALONE,
-            (Mechanism::Axis(Joint::Revolute), _) => &TURNTABLE,
-            (Mechanism::Axis(Joint::Prismatic), _) => &SLIDE,
-        }
+    pub fn of(machine: Mechanism, assembled: bool) -> Arc<Self> {
+        let [whole, without_telescope, arms_and_rotor, arms, turntable, slide] = &*MACHINES;
+        Arc::clone(match (machine, assembled) {
+            (Mechanism::Delta { telescope: true }, true) => whole,
+            (Mechanism::Delta { telescope: false }, true) => without_telescope,
+            (Mechanism::Delta { telescope: true }, false) => arms_and_rotor,
+            (Mechanism::Delta { telescope: false }, false) => arms,
+            (Mechanism::Axis(Joint::Revolute), _) => turntable,
+            (Mechanism::Axis(Joint::Prismatic), _) => slide,
+        })
     }
 
     /// The parameters of a machine whose limbs and symmetries are taken as `links` says; they matter while it is assembled.
-    pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> &'static Self {
+    pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
         match machine {
             Mechanism::Delta { telescope } if assembled && links != LinkParameters::default() => {
                 tables::table(telescope, links)
@@ -169,25 +197,8 @@ impl RigidBodies {
 }
 
 impl Effect for RigidBodies {
-    fn name(&self) -> &'static str {
-        NAME
-    }
-
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "inertia and weight of the links",
-            law: "Newton–Euler equations of every body, linear in mass, first moments and inertia about the joint frame",
-            shows: "everywhere; torque in phase with acceleration, and the static torque",
-            source: "Gnad et al. eq. 2–4, section 2.3, Table 3; of the disassembled robot eq. 46–47, Table 1",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        self.parameters
+    fn spec(&self) -> &Spec {
+        &self.spec
     }
 
     fn inertia(&self, _values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -197,15 +208,11 @@ impl Effect for RigidBodies {
             }
         }
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
-    }
 }
 
 /// Unit inertia of one parameter.
 #[derive(Clone, Copy)]
-enum Unit {
+enum UnitInertia {
     Mass,
     Moment(usize),
     Tensor(&'static [usize]),
@@ -220,7 +227,7 @@ const AXIS: &[usize; 3] = &[0, 1, 2];
 /// Places in the array of an inertia tensor.
 const INERTIA: &[usize; 6] = &[0, 1, 2, 3, 4, 5];
 
-impl Unit {
+impl UnitInertia {
     fn inertia(&self) -> Inertia {
         let mut i = Inertia::ZERO;
         self.set(&mut i, 1.0);
@@ -229,32 +236,32 @@ impl Unit {
 
     fn place(&self) -> (Option<&'static str>, &'static [usize]) {
         match self {
-            Unit::Mass => (Some("mass"), &[0]),
-            Unit::Moment(axis) => (Some("first_moment"), &AXIS[*axis..*axis + 1]),
-            Unit::Tensor(axes) => (Some("inertia"), axes),
+            UnitInertia::Mass => (Some("mass"), &[0]),
+            UnitInertia::Moment(axis) => (Some("first_moment"), &AXIS[*axis..*axis + 1]),
+            UnitInertia::Tensor(axes) => (Some("inertia"), axes),
             // xx, yy, zz, then xy, xz, yz.
-            Unit::Product(i, j) => (Some("inertia"), &INERTIA[i + j + 2..i + j + 3]),
-            Unit::Lone => (None, &[0]),
+            UnitInertia::Product(i, j) => (Some("inertia"), &INERTIA[i + j + 2..i + j + 3]),
+            UnitInertia::Lone => (None, &[0]),
         }
     }
 
     fn value(&self, i: &Inertia) -> f64 {
         match self {
-            Unit::Mass => i.mass,
-            Unit::Moment(axis) => i.first_moment[*axis],
-            Unit::Tensor(axes) => i.tensor[(axes[0], axes[0])],
-            Unit::Product(a, b) => i.tensor[(*a, *b)],
-            Unit::Lone => i.tensor[(1, 1)],
+            UnitInertia::Mass => i.mass,
+            UnitInertia::Moment(axis) => i.first_moment[*axis],
+            UnitInertia::Tensor(axes) => i.tensor[(axes[0], axes[0])],
+            UnitInertia::Product(a, b) => i.tensor[(*a, *b)],
+            UnitInertia::Lone => i.tensor[(1, 1)],
         }
     }
 
     fn set(&self, i: &mut Inertia, value: f64) {
         match self {
-            Unit::Mass => i.mass = value,
-            Unit::Moment(axis) => i.first_moment[*axis] = value,
-            Unit::Tensor(axes) => axes.iter().for_each(|&a| i.tensor[(a, a)] = value),
-            Unit::Product(a, b) => (i.tensor[(*a, *b)], i.tensor[(*b, *a)]) = (value, value),
-            Unit::Lone => *i = Inertia::lone(value),
+            UnitInertia::Mass => i.mass = value,
+            UnitInertia::Moment(axis) => i.first_moment[*axis] = value,
+            UnitInertia::Tensor(axes) => axes.iter().for_each(|&a| i.tensor[(a, a)] = value),
+            UnitInertia::Product(a, b) => (i.tensor[(*a, *b)], i.tensor[(*b, *a)]) = (value, value),
+            UnitInertia::Lone => *i = Inertia::lone(value),
         }
     }
 }

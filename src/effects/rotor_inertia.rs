@@ -1,8 +1,11 @@
 //! The arm drives' rotors are heavier or lighter than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
+use crate::machine::Inertia;
+use crate::machine::Payload;
 use crate::machine::bodies::ARM;
-use crate::machine::{Inertia, Payload};
 
 /// Extra inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
 ///
@@ -10,33 +13,26 @@ use crate::machine::{Inertia, Payload};
 /// Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is the arms' own Θ_yy.
 pub struct RotorInertia;
 
-impl Effect for RotorInertia {
-    fn name(&self) -> &'static str {
-        "rotor_inertia"
-    }
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("inertia"),
+    unit: Unit::KgM2,
+    count: Count::PerArm,
+    role: Role::Linear,
+    default: 0.02,
+    range: (-0.2, 1.0),
+}];
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
+static SPEC: Spec = Spec::new("rotor_inertia", Part::Linkage, About {
             summary: "the reflected rotor inertia of an arm drive differs from the stated one",
             law: "τ_i grows by ΔJ_i·d²q_i/dt², ΔJ at the gear output",
             shows: "torque of one arm in phase with its own acceleration, none at rest; alike on all arms it is the arms' inertia",
             source: "motors of one series differ by some 10 % of about 0.18 kg·m² (estimate)",
-        }
-    }
+        }, PARAMETERS)
+.kind(Kind::Inertia);
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "inertia",
-            unit: "kg·m²",
-            count: Count::PerArm,
-            role: Role::Linear,
-            default: 0.02,
-            range: (-0.2, 1.0),
-        }]
+impl Effect for RotorInertia {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn inertia(&self, values: &Values, _payload: &Payload, out: &mut dyn FnMut(usize, usize, Inertia)) {
@@ -44,24 +40,21 @@ impl Effect for RotorInertia {
             out(values.index(0, arm), ARM + arm, Inertia::diagonal(0.0, [0.0; 3], [0.5, 1.0, 0.5]));
         }
     }
-
-    fn kind(&self) -> Kind {
-        Kind::Inertia
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::dynamics::{Plant, inverse_dynamics};
     use crate::effects::ActiveEffect;
     use crate::kinematics::JointState;
-    use crate::model::testing::shipped;
 
     #[test]
     fn torque_grows_by_inertia_times_acceleration() {
         // 0.02 kg·m² · 50 rad/s² = 1 N·m on arm 2, nothing on the others.
-        let mut model = shipped("irb360-6-1600");
+        let mut model = crate::model::testing::shipped("irb360-6-1600");
         model.effects.clear();
         let joints = JointState { q: [0.3; 4], qd: [1.0; 4], qdd: [50.0; 4] };
         let torque = |model: &crate::model::Model| {
@@ -69,7 +62,7 @@ mod tests {
             inverse_dynamics(&plant, 0.0, &plant.motion(&joints).unwrap(), &[&[]], false).unwrap().tau
         };
         let before = torque(&model);
-        model.effects.push(ActiveEffect::new(&RotorInertia, &[&[0.0, 0.02, 0.0]]));
+        model.effects.push(ActiveEffect::new(Arc::new(RotorInertia), &[&[0.0, 0.02, 0.0]]));
         let change: Vec<f64> = torque(&model).iter().zip(before).map(|(a, b)| a - b).collect();
         approx::assert_relative_eq!(change.as_slice(), [0.0, 1.0, 0.0, 0.0].as_slice(), epsilon = 1e-12);
     }

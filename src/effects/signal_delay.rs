@@ -1,53 +1,53 @@
 //! Torque is reported late against position.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Start, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ(t − d), the same for all drives.
 pub struct SignalDelay;
 
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("delay"),
+    unit: Unit::S,
+    count: Count::One,
+    role: Role::Linear,
+    default: 0.001,
+    range: (0.0, 0.05),
+}];
+
+static SPEC: Spec = Spec::new(
+    "signal_delay",
+    Part::Drives,
+    About {
+        summary: "torque is reported late against position",
+        law: "τ_reported(t) = τ(t − d)",
+        shows: "residual in proportion to the torque's rate of change, on all axes",
+        source: "communication and filter delays, a fraction of a millisecond to some milliseconds",
+    },
+    PARAMETERS,
+)
+.kind(Kind::Sensor)
+.starts({
+    const fn late(delay: &'static [f64]) -> Start {
+        Start([Some((0, delay)), None, None])
+    }
+    const STARTS: [Start; 5] = [late(&[0.0003]), late(&[0.001]), late(&[0.002]), late(&[0.004]), late(&[0.008])];
+    &STARTS
+});
+
 impl Effect for SignalDelay {
-    fn name(&self) -> &'static str {
-        "signal_delay"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
+    fn sensor(&self) -> Option<&dyn Sensor> {
+        Some(self)
     }
+}
 
-    fn about(&self) -> About {
-        About {
-            summary: "torque is reported late against position",
-            law: "τ_reported(t) = τ(t − d)",
-            shows: "residual in proportion to the torque's rate of change, on all axes",
-            source: "communication and filter delays, a fraction of a millisecond to some milliseconds",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "delay",
-            unit: "s",
-            count: Count::One,
-            role: Role::Linear,
-            default: 0.001,
-            range: (0.0, 0.05),
-        }]
-    }
-
-    fn kind(&self) -> Kind {
-        Kind::Sensor
-    }
-
-    /// Between lags the response to a further one changes: secants from none to each of these.
-    fn starts(&self) -> &'static [Start] {
-        const fn late(delay: &'static [f64]) -> Start {
-            Start([Some((0, delay)), None, None])
-        }
-        const STARTS: [Start; 5] = [late(&[0.0003]), late(&[0.001]), late(&[0.002]), late(&[0.004]), late(&[0.008])];
-        &STARTS
-    }
-
+impl Sensor for SignalDelay {
     fn observe(&self, values: &Values, signals: &mut Signals) {
         let step = signals.sample_time();
         if step <= 0.0 || values.one(0) == 0.0 {
@@ -77,6 +77,8 @@ fn interpolate<const N: usize>(samples: &[[f64; N]], x: f64) -> [f64; N] {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
@@ -86,7 +88,7 @@ mod tests {
         let t: Vec<f64> = (0..20).map(|k| k as f64 * 0.01).collect();
         let tau = t.iter().map(|&t| [cubic(t); 4]).collect();
         let mut s = Signals { t, tau, ..Signals::default() };
-        let active = ActiveEffect::new(&SignalDelay, &[&[0.0137]]);
+        let active = ActiveEffect::new(Arc::new(SignalDelay), &[&[0.0137]]);
         SignalDelay.observe(&active.values(), &mut s);
         approx::assert_relative_eq!(s.tau[10][2], cubic(0.1 - 0.0137), epsilon = 1e-12);
     }

@@ -1,6 +1,8 @@
 //! Struts and their sockets give way along their axis.
 
-use super::{About, Count, Effect, Parameter, Part, Role, StrutSpring, Values};
+use std::borrow::Cow;
+
+use super::{About, Compliance, Count, Effect, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::STRUTS;
 
 /// Axial spring and damper in each strut: T = Δl/c + d·Δl̇, tension positive, Δl the elongation.
@@ -18,50 +20,59 @@ const DAMPING: usize = 1;
 /// Compliance that counts as rigid, m/N.
 const RIGID: f64 = 1e-10;
 
-impl Effect for StrutElasticity {
-    fn name(&self) -> &'static str {
-        "strut_elasticity"
-    }
+/// An elastic strut: T = stiffness · elongation + damping · its rate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StrutSpring {
+    /// N/m.
+    pub stiffness: f64,
+    /// N·s/m.
+    pub damping: f64,
+}
 
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("compliance"),
+        unit: Unit::MPerN,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 1.0 / 3.4e6,
+        range: (0.0, 2e-6),
+    },
+    Parameter {
+        name: Cow::Borrowed("damping"),
+        unit: Unit::NSPerM,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 300.0,
+        range: (0.0, 1e5),
+    },
+];
 
-    fn about(&self) -> About {
-        About {
-            summary: "axial compliance of the struts with their sockets (twin only)",
-            law: "T = Δl/c + d·dΔl/dt in each strut, tension positive",
-            shows: "vibration of the platform against the arms above 50 Hz, lag of the platform under acceleration",
-            source: "E·A/l of a carbon tube 16/14 mm, 5.1e6 N/m at 120 GPa, in series with two sockets of 2e7: 3.4e6 N/m \
+static SPEC: Spec = Spec::new(
+    "strut_elasticity",
+    Part::Linkage,
+    About {
+        summary: "axial compliance of the struts with their sockets (twin only)",
+        law: "T = Δl/c + d·dΔl/dt in each strut, tension positive",
+        shows: "vibration of the platform against the arms above 50 Hz, lag of the platform under acceleration",
+        source: "E·A/l of a carbon tube 16/14 mm, 5.1e6 N/m at 120 GPa, in series with two sockets of 2e7: 3.4e6 N/m \
                      (2.3e6–5e6, estimate); d: about a tenth of critical for 0.4 kg per strut",
-        }
+    },
+    PARAMETERS,
+)
+.twin_only();
+
+impl Effect for StrutElasticity {
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "compliance",
-                unit: "m/N",
-                count: Count::PerArm,
-                role: Role::Linear,
-                default: 1.0 / 3.4e6,
-                range: (0.0, 2e-6),
-            },
-            Parameter {
-                name: "damping",
-                unit: "N·s/m",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 300.0,
-                range: (0.0, 1e5),
-            },
-        ]
+    fn compliance(&self) -> Option<&dyn Compliance> {
+        Some(self)
     }
+}
 
-    fn identifiable(&self) -> bool {
-        false
-    }
-
+impl Compliance for StrutElasticity {
     fn strut_spring(&self, values: &Values) -> Option<[StrutSpring; STRUTS]> {
         let compliance = values.block(COMPLIANCE);
         // A rigid limb among elastic ones is as stiff as the law allows.
@@ -73,13 +84,15 @@ impl Effect for StrutElasticity {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
     #[test]
     fn stiffness_is_the_inverse_of_compliance() {
         // 0.25 µm/N: 4e6 N/m; 34 N stretch it by 8.5 µm.
-        let active = ActiveEffect::new(&StrutElasticity, &[&[2.5e-7, 5e-7, 2.5e-7], &[300.0]]);
+        let active = ActiveEffect::new(Arc::new(StrutElasticity), &[&[2.5e-7, 5e-7, 2.5e-7], &[300.0]]);
         let springs = StrutElasticity.strut_spring(&active.values()).unwrap();
         approx::assert_relative_eq!(springs[1].stiffness, 4e6);
         approx::assert_relative_eq!(springs[2].stiffness, 2e6);
@@ -89,6 +102,6 @@ mod tests {
 
     #[test]
     fn without_compliance_struts_are_rigid() {
-        assert_eq!(StrutElasticity.strut_spring(&ActiveEffect::absent(&StrutElasticity).values()), None);
+        assert_eq!(StrutElasticity.strut_spring(&ActiveEffect::absent(Arc::new(StrutElasticity)).values()), None);
     }
 }

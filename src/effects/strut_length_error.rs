@@ -1,42 +1,38 @@
 //! Struts of a limb are longer or shorter than stated.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Geometry;
 
 /// l₂ = l₂,stated + Δl for both struts of a limb.
 pub struct StrutLengthError;
 
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("length"),
+    unit: Unit::M,
+    count: Count::PerArm,
+    role: Role::Linear,
+    default: 0.001,
+    range: (-0.02, 0.02),
+}];
+
+static SPEC: Spec = Spec::new(
+    "strut_length_error",
+    Part::Linkage,
+    About {
+        summary: "the struts of a limb differ from the stated length",
+        law: "l₂,i = l₂ + Δl_i, both struts of a pair alike",
+        shows: "small torque errors everywhere, platform position off by about Δl",
+        source: "CAD is inconsistent by 0.28 mm; 0.1 mm typical, 0.3 mm at worst (estimate)",
+    },
+    PARAMETERS,
+)
+.kind(Kind::Geometry);
+
 impl Effect for StrutLengthError {
-    fn name(&self) -> &'static str {
-        "strut_length_error"
-    }
-
-    fn acts_on(&self) -> Part {
-        Part::Linkage
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "the struts of a limb differ from the stated length",
-            law: "l₂,i = l₂ + Δl_i, both struts of a pair alike",
-            shows: "small torque errors everywhere, platform position off by about Δl",
-            source: "CAD is inconsistent by 0.28 mm; 0.1 mm typical, 0.3 mm at worst (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "length",
-            unit: "m",
-            count: Count::PerArm,
-            role: Role::Linear,
-            default: 0.001,
-            range: (-0.02, 0.02),
-        }]
-    }
-
-    fn kind(&self) -> Kind {
-        Kind::Geometry
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
     fn geometry(&self, values: &Values, geometry: &mut Geometry) {
@@ -48,6 +44,8 @@ impl Effect for StrutLengthError {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
@@ -57,7 +55,7 @@ mod tests {
         // l 1.106 → 1.107 m lowers it from 0.893408 m to 0.894646 m.
         let mut geometry = crate::effects::testing::geometry();
         let before = geometry.forward(&[0.0; 3]).unwrap().z;
-        let active = ActiveEffect::new(&StrutLengthError, &[&[0.001; 3]]);
+        let active = ActiveEffect::new(Arc::new(StrutLengthError), &[&[0.001; 3]]);
         StrutLengthError.geometry(&active.values(), &mut geometry);
         let after = geometry.forward(&[0.0; 3]).unwrap().z;
         approx::assert_relative_eq!(before, -(1.106f64.powi(2) - 0.652f64.powi(2)).sqrt(), epsilon = 1e-12);

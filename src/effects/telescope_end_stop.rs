@@ -1,6 +1,10 @@
 //! The telescope runs into its ends.
 
-use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches, hunt_crossley};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches, hunt_crossley,
+};
 
 /// Unilateral spring and damper beyond the shortest and the longest Hooke distance L:
 /// F = k·x·max(0, 1 + χ·ẋ), x the depth beyond the limit (Hunt and Crossley).
@@ -16,61 +20,70 @@ const MIN: usize = 2;
 const MAX: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter { name, unit: "m", count: Count::One, role: Role::Shape, default, range: (0.0, 10.0) }
+    Parameter {
+        name: Cow::Borrowed(name),
+        unit: Unit::M,
+        count: Count::One,
+        role: Role::Shape,
+        default,
+        range: (0.0, 10.0),
+    }
 }
 
 const PARAMETERS: &[Parameter] = &[
     Parameter {
-        name: "stiffness",
-        unit: "N/m",
+        name: Cow::Borrowed("stiffness"),
+        unit: Unit::NPerM,
         count: Count::One,
         role: Role::Linear,
         default: 1e5,
         range: (0.0, 1e8),
     },
-    Parameter { name: "damping", unit: "s/m", count: Count::One, role: Role::Fixed, default: 1.0, range: (0.0, 100.0) },
+    Parameter {
+        name: Cow::Borrowed("damping"),
+        unit: Unit::SPerM,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 1.0,
+        range: (0.0, 100.0),
+    },
     length("min", 0.812),
     length("max", 1.372),
 ];
 
+static SPEC: Spec = Spec::new(
+    "telescope_end_stop",
+    Part::Telescope,
+    About {
+        summary: "the telescope runs into its shortest or longest length",
+        law: "F = k·x·max(0, 1 + χ·dx/dt), x = max(0, L_min − L) apart, max(0, L − L_max) together",
+        shows: "torque peaks of all arms where the Hooke distance leaves its range, nothing elsewhere",
+        source: "Hunt and Crossley, 1975; limits from CAD (rod bottoms, rod end at the bush); stiffness an estimate",
+    },
+    PARAMETERS,
+)
+// Of the limits in the data sheet: what stops it earlier is something in the way.
+.grids({
+    const NOTHING_SHORTER: &[f64] = &[1.0, 1.05, 1.1, 1.16, 1.22, 1.28, 1.35];
+    const NOTHING_LONGER: &[f64] = &[1.0, 0.97, 0.94, 0.91, 0.88, 0.85, 0.82, 0.79, 0.76];
+    &[NOTHING_SHORTER, NOTHING_LONGER]
+})
+.constants(constant);
+
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    match parameter {
+        "min" => Some(model.geometry.telescope_limits[0]),
+        "max" => Some(model.geometry.telescope_limits[1]),
+        _ => None,
+    }
+}
+
 impl Effect for TelescopeEndStop {
-    fn name(&self) -> &'static str {
-        "telescope_end_stop"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Telescope
-    }
-
-    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
-        match parameter.name {
-            "min" => Some(model.geometry.telescope_limits[0]),
-            "max" => Some(model.geometry.telescope_limits[1]),
-            _ => None,
-        }
-    }
-
-    /// Of the limits in the data sheet: what stops it earlier is something in the way.
-    fn shape_grids(&self) -> &'static [&'static [f64]] {
-        const NOTHING_SHORTER: &[f64] = &[1.0, 1.05, 1.1, 1.16, 1.22, 1.28, 1.35];
-        const NOTHING_LONGER: &[f64] = &[1.0, 0.97, 0.94, 0.91, 0.88, 0.85, 0.82, 0.79, 0.76];
-        &[NOTHING_SHORTER, NOTHING_LONGER]
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "the telescope runs into its shortest or longest length",
-            law: "F = k·x·max(0, 1 + χ·dx/dt), x = max(0, L_min − L) apart, max(0, L − L_max) together",
-            shows: "torque peaks of all arms where the Hooke distance leaves its range, nothing elsewhere",
-            source: "Hunt and Crossley, 1975; limits from CAD (rod bottoms, rod end at the bush); stiffness an estimate",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let telescope = &at.motion.telescope;
         let (short, long) = (values.one(MIN) - telescope.length, telescope.length - values.one(MAX));
         let (depth, rate, apart) = if short > 0.0 {

@@ -1,6 +1,11 @@
 //! Coulomb and viscous friction of the telescope's prismatic joint (Table 4, column P-TB).
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches, smooth_sign};
+use std::borrow::Cow;
+
+use super::{
+    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
+    smooth_sign,
+};
 
 /// F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
 ///
@@ -12,47 +17,44 @@ const COULOMB: usize = 0;
 const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("coulomb"),
+        unit: Unit::N,
+        count: Count::One,
+        role: Role::Linear,
+        default: 1.641,
+        range: (0.0, 100.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("viscous"),
+        unit: Unit::NSPerM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 1.247,
+        range: (0.0, 100.0),
+    },
+    STEEPNESS_PARAMETER.with_unit(Unit::SPerM),
+];
+
+static SPEC: Spec = Spec::new(
+    "telescope_friction",
+    Part::Telescope,
+    About {
+        summary: "Coulomb and viscous friction of the telescope's sliding joint",
+        law: "F = −F_C·tanh(k·ṡ) − d·ṡ along the telescope, ṡ lengthening positive",
+        shows: "small torque jump of all arms when the telescope reverses, none in turning motion",
+        source: "Gnad et al. Table 4, column P-TB (printed in N·m, meant in N and N·s/m)",
+    },
+    PARAMETERS,
+);
+
 impl Effect for TelescopeFriction {
-    fn name(&self) -> &'static str {
-        "telescope_friction"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Telescope
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "Coulomb and viscous friction of the telescope's sliding joint",
-            law: "F = −F_C·tanh(k·ṡ) − d·ṡ along the telescope, ṡ lengthening positive",
-            shows: "small torque jump of all arms when the telescope reverses, none in turning motion",
-            source: "Gnad et al. Table 4, column P-TB (printed in N·m, meant in N and N·s/m)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "coulomb",
-                unit: "N",
-                count: Count::One,
-                role: Role::Linear,
-                default: 1.641,
-                range: (0.0, 100.0),
-            },
-            Parameter {
-                name: "viscous",
-                unit: "N·s/m",
-                count: Count::One,
-                role: Role::Linear,
-                default: 1.247,
-                range: (0.0, 100.0),
-            },
-            Parameter { unit: "s/m", ..STEEPNESS_PARAMETER },
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let rate = at.motion.telescope.rate;
         let sign = smooth_sign(rate, values.one(STEEPNESS));
         out.telescope_force(values.index(COULOMB, 0), at.motion, -sign);

@@ -1,6 +1,8 @@
 //! Extra friction of the telescope while it shortens.
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Values, Wrenches};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// F = d·v + e·v² while ṡ = −v < 0, nothing while the telescope lengthens.
 ///
@@ -11,46 +13,43 @@ pub struct TelescopeRetractFriction;
 const VISCOUS: usize = 0;
 const QUADRATIC: usize = 1;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("viscous"),
+        unit: Unit::NSPerM,
+        count: Count::One,
+        role: Role::Linear,
+        default: 1.25,
+        range: (0.0, 100.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("quadratic"),
+        unit: Unit::NS2PerM2,
+        count: Count::One,
+        role: Role::Linear,
+        default: 2.0,
+        range: (0.0, 100.0),
+    },
+];
+
+static SPEC: Spec = Spec::new(
+    "telescope_retract_friction",
+    Part::Telescope,
+    About {
+        summary: "extra friction of the telescope while it shortens, growing with speed",
+        law: "F = d·v + e·v², v = max(0, −ṡ), pushing the parts apart",
+        shows: "torque of all arms while the platform rises, none while it sinks",
+        source: "viscous friction inward up to twice that outward, air cushion 2 (0–5) N/(m/s)² (estimate)",
+    },
+    PARAMETERS,
+);
+
 impl Effect for TelescopeRetractFriction {
-    fn name(&self) -> &'static str {
-        "telescope_retract_friction"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Telescope
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "extra friction of the telescope while it shortens, growing with speed",
-            law: "F = d·v + e·v², v = max(0, −ṡ), pushing the parts apart",
-            shows: "torque of all arms while the platform rises, none while it sinks",
-            source: "viscous friction inward up to twice that outward, air cushion 2 (0–5) N/(m/s)² (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "viscous",
-                unit: "N·s/m",
-                count: Count::One,
-                role: Role::Linear,
-                default: 1.25,
-                range: (0.0, 100.0),
-            },
-            Parameter {
-                name: "quadratic",
-                unit: "N·s²/m²",
-                count: Count::One,
-                role: Role::Linear,
-                default: 2.0,
-                range: (0.0, 100.0),
-            },
-        ]
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let speed = (-at.motion.telescope.rate).max(0.0);
         out.telescope_force(values.index(VISCOUS, 0), at.motion, speed);
         out.telescope_force(values.index(QUADRATIC, 0), at.motion, speed * speed);

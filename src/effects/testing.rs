@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::{ActiveEffect, Effect, Instant, Wrenches};
+use super::interface::default_values;
+use super::{Effect, Host, Instant, Layout, Values, Wrenches};
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
 use crate::machine::bodies::BODIES;
 use crate::machine::{Bodies, Geometry, Inertia, STRUTS};
@@ -45,18 +46,18 @@ pub(super) fn no_bodies() -> Bodies {
 }
 
 /// What the law writes per unit of its parameters.
-pub(super) fn wrenches(effect: &'static dyn Effect, motion: &Motion, reactions: &Reactions) -> Vec<Written> {
+pub(super) fn wrenches(effect: &dyn Effect, motion: &Motion, reactions: &Reactions) -> Vec<Written> {
     wrenches_with(effect, motion, reactions, &no_bodies())
 }
 
 pub(super) fn wrenches_with(
-    effect: &'static dyn Effect,
+    effect: &dyn Effect,
     motion: &Motion,
     reactions: &Reactions,
     bodies: &Bodies,
 ) -> Vec<Written> {
-    let active = ActiveEffect::absent(effect);
-    let state = effect.initial_state(&active.values());
+    let (values, layout) = absent(effect);
+    let state = effect.states().map_or_else(Vec::new, |own| own.initial_state(&Values::new(&values, &layout)));
     write(
         effect,
         &Instant {
@@ -72,7 +73,7 @@ pub(super) fn wrenches_with(
     )
 }
 
-pub(super) fn wrenches_in_state(effect: &'static dyn Effect, motion: &Motion, state: &[f64]) -> Vec<Written> {
+pub(super) fn wrenches_in_state(effect: &dyn Effect, motion: &Motion, state: &[f64]) -> Vec<Written> {
     let (bodies, reactions) = (no_bodies(), Reactions::default());
     write(
         effect,
@@ -103,15 +104,20 @@ pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
     });
 }
 
-fn write(effect: &'static dyn Effect, at: &Instant) -> Vec<Written> {
-    let active = ActiveEffect::absent(effect);
+/// Values of an effect with its default shape on the four-axis robot, without action.
+fn absent(effect: &dyn Effect) -> (Vec<f64>, Layout) {
+    default_values(effect, Host::default())
+}
+
+fn write(effect: &dyn Effect, at: &Instant) -> Vec<Written> {
+    let (values, layout) = absent(effect);
     let mut seen = Vec::new();
-    effect.forces(&active.values(), at, &mut Wrenches::new(&mut |k, b, f, m| seen.push((k, b, f, m))));
+    effect.wrenches(&Values::new(&values, &layout), at, &mut Wrenches::new(&mut |k, b, f, m| seen.push((k, b, f, m))));
     seen
 }
 
 /// Sum of the unit torques on drive `axis`.
-pub(super) fn drive_torque(effect: &'static dyn Effect, motion: &Motion, axis: usize) -> f64 {
+pub(super) fn drive_torque(effect: &dyn Effect, motion: &Motion, axis: usize) -> f64 {
     let (body, direction) = Motion::drive(axis);
     let all = wrenches(effect, motion, &Reactions::default());
     all.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&direction)).sum()
@@ -119,11 +125,11 @@ pub(super) fn drive_torque(effect: &'static dyn Effect, motion: &Motion, axis: u
 
 /// Total force and moment on every body for given parameter values.
 pub(super) fn totals(
-    effect: &'static dyn Effect,
+    effect: &dyn Effect,
     blocks: &[&[f64]],
     motion: &Motion,
 ) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
-    let active = ActiveEffect::new(effect, blocks);
+    let (values, layout) = (blocks.concat(), Layout::new(blocks.iter().map(|b| b.len())));
     let (bodies, reactions) = (no_bodies(), Reactions::default());
     let at = Instant {
         t: 0.0,
@@ -136,12 +142,12 @@ pub(super) fn totals(
         closed: SocketSet::ALL,
     };
     let mut sum = [(Vector3::zeros(), Vector3::zeros()); BODIES];
-    effect.forces(
-        &active.values(),
+    effect.wrenches(
+        &Values::new(&values, &layout),
         &at,
         &mut Wrenches::new(&mut |k, b, f, m| {
-            sum[b].0 += f * active.values[k];
-            sum[b].1 += m * active.values[k];
+            sum[b].0 += f * values[k];
+            sum[b].1 += m * values[k];
         }),
     );
     sum

@@ -1,8 +1,10 @@
 //! Friction of cold drives that decays while they warm up.
 
+use std::borrow::Cow;
+
 use super::{
-    About, Count, Effect, Instant, MachineView, Parameter, Part, Role, STEEPNESS_PARAMETER, Values, Wrenches,
-    smooth_sign,
+    About, Count, Effect, Instant, MachineView, OwnStates, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit,
+    Values, Wrenches, smooth_sign,
 };
 use crate::machine::ARMS;
 
@@ -27,77 +29,67 @@ const SATURATION: usize = 4;
 /// Saturation speed at which viscous friction is linear at every speed of a drive, rad/s.
 const NONE: f64 = 1e4;
 
+const PARAMETERS: &[Parameter] = &[
+    Parameter {
+        name: Cow::Borrowed("coulomb"),
+        unit: Unit::NM,
+        count: Count::AllDrives,
+        role: Role::Linear,
+        default: 0.4,
+        range: (-50.0, 50.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("viscous"),
+        unit: Unit::NMSPerRad,
+        count: Count::AllDrives,
+        role: Role::Linear,
+        default: 0.4,
+        range: (-50.0, 50.0),
+    },
+    Parameter {
+        name: Cow::Borrowed("time_constant"),
+        unit: Unit::S,
+        count: Count::One,
+        role: Role::Shape,
+        default: 10.0,
+        range: (0.5, 1e4),
+    },
+    STEEPNESS_PARAMETER,
+    Parameter {
+        name: Cow::Borrowed("saturation_speed"),
+        unit: Unit::RadPerS,
+        count: Count::One,
+        role: Role::Fixed,
+        default: 8.5919,
+        range: (0.5, NONE),
+    },
+];
+
+static SPEC: Spec = Spec::new(
+    "thermal_friction_drift",
+    Part::Drives,
+    About {
+        summary: "extra friction of cold drives that decays exponentially to the warm value",
+        law: "τ_i = −x·(c_C,i·tanh(k·q̇_i) + c_v,i·w(q̇_i)), dx/dt = −x/T, x(0) = 1; w = q̇, of axis 4 v_s·tanh(q̇/v_s)",
+        shows: "friction residual that shrinks over the run",
+        source: "Bittencourt et al., IROS 2010: viscous −30 to −70 %, Coulomb −10 %, T 30–60 min",
+    },
+    PARAMETERS,
+)
+.constants(constant);
+
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    let stated = model.effects.iter().flat_map(|a| a.entries().into_iter().zip(&a.values));
+    let mut stated = stated.filter(|(entry, _)| entry.parameter.name == parameter).map(|(_, value)| *value);
+    (parameter == "saturation_speed").then(|| stated.next().unwrap_or(NONE))
+}
+
 impl Effect for ThermalFrictionDrift {
-    fn name(&self) -> &'static str {
-        "thermal_friction_drift"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "extra friction of cold drives that decays exponentially to the warm value",
-            law: "τ_i = −x·(c_C,i·tanh(k·q̇_i) + c_v,i·w(q̇_i)), dx/dt = −x/T, x(0) = 1; w = q̇, of axis 4 v_s·tanh(q̇/v_s)",
-            shows: "friction residual that shrinks over the run",
-            source: "Bittencourt et al., IROS 2010: viscous −30 to −70 %, Coulomb −10 %, T 30–60 min",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[
-            Parameter {
-                name: "coulomb",
-                unit: "N·m",
-                count: Count::AllDrives,
-                role: Role::Linear,
-                default: 0.4,
-                range: (-50.0, 50.0),
-            },
-            Parameter {
-                name: "viscous",
-                unit: "N·m·s/rad",
-                count: Count::AllDrives,
-                role: Role::Linear,
-                default: 0.4,
-                range: (-50.0, 50.0),
-            },
-            Parameter {
-                name: "time_constant",
-                unit: "s",
-                count: Count::One,
-                role: Role::Shape,
-                default: 10.0,
-                range: (0.5, 1e4),
-            },
-            STEEPNESS_PARAMETER,
-            Parameter {
-                name: "saturation_speed",
-                unit: "rad/s",
-                count: Count::One,
-                role: Role::Fixed,
-                default: 8.5919,
-                range: (0.5, NONE),
-            },
-        ]
-    }
-
-    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
-        let stated = model.effects.iter().flat_map(|a| a.entries().into_iter().zip(&a.values));
-        let mut stated = stated.filter(|(entry, _)| entry.parameter.name == parameter.name).map(|(_, value)| *value);
-        (parameter.name == "saturation_speed").then(|| stated.next().unwrap_or(NONE))
-    }
-
-    fn initial_state(&self, _values: &Values) -> Vec<f64> {
-        vec![1.0]
-    }
-
-    fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], _slope: &mut [f64]) {
-        rate[0] = -at.state[0] / values.one(TIME);
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let (cold, saturation) = (at.state[0], values.one(SATURATION));
         for axis in 0..values.len(COULOMB) {
             out.drive_torque(
@@ -112,13 +104,26 @@ impl Effect for ThermalFrictionDrift {
             out.drive_torque(values.index(VISCOUS, axis), axis, -cold * saturating);
         }
     }
+
+    fn states(&self) -> Option<&dyn OwnStates> {
+        Some(self)
+    }
+}
+
+impl OwnStates for ThermalFrictionDrift {
+    fn initial_state(&self, _values: &Values) -> Vec<f64> {
+        vec![1.0]
+    }
+
+    fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], _slope: &mut [f64]) {
+        rate[0] = -at.state[0] / values.one(TIME);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::effects::testing;
-    use crate::model::testing::shipped;
 
     #[test]
     fn half_warm_drive_has_half_the_extra_friction() {
@@ -149,10 +154,10 @@ mod tests {
 
     #[test]
     fn viscous_friction_saturates_where_that_of_the_model_does() {
-        let parameter = ThermalFrictionDrift.parameters()[SATURATION];
-        let mut model = shipped("irb360-6-1600");
-        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model.view()), Some(8.5919));
+        let parameter = &SPEC.parameters[SATURATION];
+        let mut model = crate::model::testing::shipped("irb360-6-1600");
+        assert_eq!(SPEC.constant(&parameter.name, &model.view()), Some(8.5919));
         model.effects.retain(|a| a.effect.name() != "axis4_friction");
-        assert_eq!(ThermalFrictionDrift.constant(&parameter, &model.view()), Some(NONE));
+        assert_eq!(SPEC.constant(&parameter.name, &model.view()), Some(NONE));
     }
 }

@@ -1,44 +1,46 @@
 //! A drive reports its torque with an offset.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ + b; b in N·m at the gear output, either sign.
 pub struct TorqueBias;
 
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("bias"),
+    unit: Unit::NM,
+    count: Count::PerAxis,
+    role: Role::Linear,
+    default: 0.5,
+    range: (-50.0, 50.0),
+}];
+
+static SPEC: Spec = Spec::new(
+    "torque_bias",
+    Part::Drives,
+    About {
+        summary: "a drive reports its torque with a constant offset",
+        law: "τ_reported,i = τ_i + b_i",
+        shows: "constant residual of one axis, at rest as in motion; close to a base tilt",
+        source: "offset of the current measurement, about 0.5 % of 132 N·m (estimate)",
+    },
+    PARAMETERS,
+)
+.kind(Kind::Sensor);
+
 impl Effect for TorqueBias {
-    fn name(&self) -> &'static str {
-        "torque_bias"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
+    fn sensor(&self) -> Option<&dyn Sensor> {
+        Some(self)
     }
+}
 
-    fn about(&self) -> About {
-        About {
-            summary: "a drive reports its torque with a constant offset",
-            law: "τ_reported,i = τ_i + b_i",
-            shows: "constant residual of one axis, at rest as in motion; close to a base tilt",
-            source: "offset of the current measurement, about 0.5 % of 132 N·m (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "bias",
-            unit: "N·m",
-            count: Count::PerAxis,
-            role: Role::Linear,
-            default: 0.5,
-            range: (-50.0, 50.0),
-        }]
-    }
-
-    fn kind(&self) -> Kind {
-        Kind::Sensor
-    }
-
+impl Sensor for TorqueBias {
     fn observe(&self, values: &Values, signals: &mut Signals) {
         for tau in &mut signals.tau {
             for (x, bias) in tau.iter_mut().zip(values.block(0)) {
@@ -50,12 +52,14 @@ impl Effect for TorqueBias {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
     #[test]
     fn half_a_newton_metre_too_much() {
-        let active = ActiveEffect::new(&TorqueBias, &[&[0.5, 0.0, 0.0, -0.1]]);
+        let active = ActiveEffect::new(Arc::new(TorqueBias), &[&[0.5, 0.0, 0.0, -0.1]]);
         let mut s = Signals { tau: vec![[20.0, -20.0, 20.0, 2.0]], ..Signals::default() };
         TorqueBias.observe(&active.values(), &mut s);
         approx::assert_relative_eq!(s.tau[0].as_slice(), [20.5, -20.0, 20.0, 1.9].as_slice());

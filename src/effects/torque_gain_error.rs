@@ -1,44 +1,46 @@
 //! The torque constant of a drive is wrong.
 
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Values};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::recording::Signals;
 
 /// Reported torque (1 + g)·τ.
 pub struct TorqueGainError;
 
+const PARAMETERS: &[Parameter] = &[Parameter {
+    name: Cow::Borrowed("gain"),
+    unit: Unit::One,
+    count: Count::PerAxis,
+    role: Role::Linear,
+    default: 0.05,
+    range: (-0.9, 9.0),
+}];
+
+static SPEC: Spec = Spec::new(
+    "torque_gain_error",
+    Part::Drives,
+    About {
+        summary: "a drive reports its torque with a wrong factor",
+        law: "τ_reported,i = (1 + g_i)·τ_i",
+        shows: "residual of one axis in proportion to its torque",
+        source: "tolerance of torque constants, a few percent (estimate)",
+    },
+    PARAMETERS,
+)
+.kind(Kind::Sensor);
+
 impl Effect for TorqueGainError {
-    fn name(&self) -> &'static str {
-        "torque_gain_error"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
+    fn sensor(&self) -> Option<&dyn Sensor> {
+        Some(self)
     }
+}
 
-    fn about(&self) -> About {
-        About {
-            summary: "a drive reports its torque with a wrong factor",
-            law: "τ_reported,i = (1 + g_i)·τ_i",
-            shows: "residual of one axis in proportion to its torque",
-            source: "tolerance of torque constants, a few percent (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter {
-            name: "gain",
-            unit: "1",
-            count: Count::PerAxis,
-            role: Role::Linear,
-            default: 0.05,
-            range: (-0.9, 9.0),
-        }]
-    }
-
-    fn kind(&self) -> Kind {
-        Kind::Sensor
-    }
-
+impl Sensor for TorqueGainError {
     fn observe(&self, values: &Values, signals: &mut Signals) {
         for tau in &mut signals.tau {
             for (x, gain) in tau.iter_mut().zip(values.block(0)) {
@@ -50,12 +52,14 @@ impl Effect for TorqueGainError {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::effects::ActiveEffect;
 
     #[test]
     fn five_percent_of_twenty_newton_metres() {
-        let active = ActiveEffect::new(&TorqueGainError, &[&[0.05, 0.0, 0.0, -0.5]]);
+        let active = ActiveEffect::new(Arc::new(TorqueGainError), &[&[0.05, 0.0, 0.0, -0.5]]);
         let mut s = Signals { tau: vec![[20.0, 20.0, 20.0, 2.0]], ..Signals::default() };
         TorqueGainError.observe(&active.values(), &mut s);
         approx::assert_relative_eq!(s.tau[0].as_slice(), [21.0, 20.0, 20.0, 1.0].as_slice());

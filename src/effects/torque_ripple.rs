@@ -1,6 +1,8 @@
 //! Torque ripple of the arm motors.
 
-use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Values, Wrenches};
+use std::borrow::Cow;
+
+use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q), h = 1, 2, n the gear ratio.
 pub struct TorqueRipple;
@@ -10,7 +12,14 @@ const HARMONICS: [(usize, usize); 2] = [(0, 1), (2, 3)];
 const GEAR_RATIO: usize = 4;
 
 const fn amplitude(name: &'static str) -> Parameter {
-    Parameter { name, unit: "N·m", count: Count::PerArm, role: Role::Linear, default: 0.35, range: (-20.0, 20.0) }
+    Parameter {
+        name: Cow::Borrowed(name),
+        unit: Unit::NM,
+        count: Count::PerArm,
+        role: Role::Linear,
+        default: 0.35,
+        range: (-20.0, 20.0),
+    }
 }
 
 const PARAMETERS: &[Parameter] = &[
@@ -19,8 +28,8 @@ const PARAMETERS: &[Parameter] = &[
     amplitude("sine_2"),
     amplitude("cosine_2"),
     Parameter {
-        name: "gear_ratio",
-        unit: "1",
+        name: Cow::Borrowed("gear_ratio"),
+        unit: Unit::GearRatio,
         count: Count::One,
         role: Role::Fixed,
         default: 33.0,
@@ -28,36 +37,32 @@ const PARAMETERS: &[Parameter] = &[
     },
 ];
 
+static SPEC: Spec = Spec::new(
+    "torque_ripple",
+    Part::Drives,
+    About {
+        summary: "torque ripple of the arm motors over the motor angle",
+        law: "τ_i = Σ_{h=1,2} a_h,i·sin(h·n·q_i) + b_h,i·cos(h·n·q_i), n the gear ratio",
+        shows: "residual periodic in the joint angle with 360°/n",
+        source: "cogging of servo motors, 0.2–1 N·m at the gear output (estimate)",
+    },
+    PARAMETERS,
+)
+.constants(constant);
+
+fn constant(parameter: &str, model: &MachineView) -> Option<f64> {
+    match parameter {
+        "gear_ratio" => Some(model.drives[0].gear_ratio),
+        _ => None,
+    }
+}
+
 impl Effect for TorqueRipple {
-    fn name(&self) -> &'static str {
-        "torque_ripple"
+    fn spec(&self) -> &Spec {
+        &SPEC
     }
 
-    fn acts_on(&self) -> Part {
-        Part::Drives
-    }
-
-    fn constant(&self, parameter: &Parameter, model: &MachineView) -> Option<f64> {
-        match parameter.name {
-            "gear_ratio" => Some(model.drives[0].gear_ratio),
-            _ => None,
-        }
-    }
-
-    fn about(&self) -> About {
-        About {
-            summary: "torque ripple of the arm motors over the motor angle",
-            law: "τ_i = Σ_{h=1,2} a_h,i·sin(h·n·q_i) + b_h,i·cos(h·n·q_i), n the gear ratio",
-            shows: "residual periodic in the joint angle with 360°/n",
-            source: "cogging of servo motors, 0.2–1 N·m at the gear output (estimate)",
-        }
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
-    }
-
-    fn forces(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
+    fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (h, (sine, cosine)) in HARMONICS.into_iter().enumerate() {
             for axis in 0..values.len(sine) {
                 let (s, c) = ((h + 1) as f64 * values.one(GEAR_RATIO) * at.motion.q[axis]).sin_cos();

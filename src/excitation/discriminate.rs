@@ -126,7 +126,7 @@ fn random(options: &Options, k: u64) -> Course {
 /// The effect with the size it has in the model, or its usual one.
 fn assumed(model: &Model, name: &str) -> Result<ActiveEffect, DiscriminationError> {
     let effect = effects::find(name).ok_or_else(|| DiscriminationError::Unknown(name.into()))?;
-    if name == effects::rigid_bodies::NAME || !effect.identifiable() {
+    if name == effects::rigid_bodies::NAME || !effect.spec().identifiable {
         return Err(DiscriminationError::TwinOnly(name.into()));
     }
     if !model.mechanism.has(effect.acts_on(), model.assembled) {
@@ -135,10 +135,10 @@ fn assumed(model: &Model, name: &str) -> Result<ActiveEffect, DiscriminationErro
     if let Some(own) = model.effects.iter().find(|a| a.effect.name() == name) {
         return Ok(own.clone());
     }
-    let mut active = ActiveEffect::absent_on(effect, model.host());
+    let mut active = ActiveEffect::absent_on(effect.clone(), model.host());
     let entries = active.entries();
-    for (value, p) in active.values.iter_mut().zip(entries.iter().map(|e| e.parameter)) {
-        let constant = if p.role == Role::Fixed { effect.constant(&p, &model.view()) } else { None };
+    for (value, p) in active.values.iter_mut().zip(entries.iter().map(|e| &e.parameter)) {
+        let constant = if p.role == Role::Fixed { effect.spec().constant(&p.name, &model.view()) } else { None };
         *value = constant.unwrap_or(p.default);
     }
     Ok(active)
@@ -151,7 +151,7 @@ fn searched(
     options: &Options,
     go_on: &(dyn Fn() -> bool + Sync),
 ) -> Option<Course> {
-    if pair.iter().any(|a| a.states() > 0 || a.effect.gear_springs(&a.values()).is_some()) {
+    if pair.iter().any(|a| a.states() > 0 || a.gear_springs().is_some()) {
         return None;
     }
     let limits = Limits::of(base, options.share, options.hemisphere);

@@ -80,11 +80,10 @@ impl Machine {
             std::iter::once(plant.rigid_bodies()).chain(plant.effects.iter().cloned()).collect();
         let whole: Vec<bool> = effects
             .iter()
-            .flat_map(|a| vec![a.effect.kind().acts_on_the_whole() || !a.effect.identifiable(); a.values.len()])
+            .flat_map(|a| vec![a.effect.kind().acts_on_the_whole() || !a.effect.spec().identifiable; a.values.len()])
             .collect();
         let parameters = plant.parameters();
-        let columns: Vec<usize> =
-            (0..parameters.len()).filter(|&k| parameters[k].role == Role::Linear && !whole[k]).collect();
+        let columns: Vec<usize> = parameters.linear().into_iter().filter(|&k| !whole[k]).collect();
         Self {
             limits,
             noise: model.noise.torque.map(|s| if s > 0.0 { s } else { 1.0 }),
@@ -150,7 +149,7 @@ impl Machine {
     pub fn sample(&self, platform: &PlatformState) -> Result<Sample, KinematicsError> {
         let joints = self.plant.geometry.inverse_motion(platform)?;
         let motion = self.plant.motion(&joints)?;
-        let own: Vec<Vec<f64>> = self.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let own: Vec<Vec<f64>> = self.effects.iter().map(|a| a.initial_state()).collect();
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let loads = inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], true)?;
         let effects: Vec<&ActiveEffect> = self.effects.iter().collect();

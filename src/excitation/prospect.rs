@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::experiments::Experiment;
-use crate::dynamics::{Channel, Plant, PlantParameter};
+use crate::dynamics::{Channel, Plant};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
@@ -81,11 +81,11 @@ impl Information {
             }
         };
         let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
-        let free = |p: &PlantParameter| p.role != Role::Fixed && !held.iter().any(|h| h == p.effect);
         let mut all = averaged_columns(&plant, trace, &mounted, 1)?;
         let own = all.split_off(all.len() - mounted.len());
-        for (p, column) in plant.parameters().iter().zip(all.iter().flatten()).filter(|(p, _)| free(p)) {
-            keep(p.name.clone(), column);
+        let parameters = plant.parameters();
+        for k in parameters.free(held) {
+            keep(parameters[k].name.clone(), parameters.pick(k, &all));
         }
         for (active, own) in mounted.iter().zip(own) {
             let entries = active.entries();
@@ -93,7 +93,7 @@ impl Information {
             let shaped = entries.iter().any(|e| e.parameter.role == Role::Shape);
             let own = if shaped { columns(&plant, trace, Some(active))? } else { own };
             for (entry, column) in entries.iter().zip(&own).filter(|(e, _)| e.parameter.role != Role::Fixed) {
-                keep(format!("{}.{}", active.effect.name(), entry.name), column);
+                keep(entry.full_name(), column);
             }
         }
         let filters: Vec<ArFilter> = trace.channels.iter().map(|&c| noise.filter(model, c)).collect();
@@ -126,7 +126,7 @@ impl Information {
     fn own(&self, active: &ActiveEffect) -> (Vec<usize>, DVector<f64>) {
         let (mut place, mut sizes) = (Vec::new(), Vec::new());
         for (entry, value) in active.entries().iter().zip(&active.values) {
-            let name = format!("{}.{}", active.effect.name(), entry.name);
+            let name = entry.full_name();
             if let Some(i) = self.names.iter().position(|n| *n == name) {
                 place.push(i);
                 sizes.push(if entry.parameter.role == Role::Linear { *value } else { 0.0 });

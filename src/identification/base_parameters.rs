@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::dynamics::PlantParameter;
+use crate::machine::Unit;
 
 /// One identifiable combination.
 #[derive(Clone, Debug)]
@@ -13,7 +14,7 @@ pub struct BaseParameter {
     /// Name of the leading parameter.
     pub name: String,
     /// Unit of the leading parameter.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Value of the combination.
     pub value: f64,
     /// Standard error.

@@ -19,6 +19,7 @@ use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::{Role, payload};
 use crate::evidence::{NEVER, Stop};
 use crate::kinematics::KinematicsError;
+use crate::machine::Unit;
 use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
 
@@ -87,7 +88,7 @@ pub struct Estimate {
     /// Printed name.
     pub name: String,
     /// Unit.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Value.
     pub value: f64,
     /// Standard error; infinite where the data cannot tell the parameter alone.
@@ -208,7 +209,7 @@ pub struct Moved {
     /// Printed name.
     pub name: String,
     /// Unit.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Estimate that no possible machine has.
     pub free: f64,
     /// Value it has now.
@@ -318,8 +319,7 @@ impl<'a> Regression<'a> {
         let plant = Plant::new(model, setup);
         let parameters = plant.parameters();
         let regularised = options.prior.map_or_else(|| parameters.clone(), |p| Plant::new(p, setup).parameters());
-        let estimated = |p: &PlantParameter| p.role != Role::Fixed && !options.held.iter().any(|h| h == p.effect);
-        let free: Vec<usize> = (0..parameters.len()).filter(|&k| estimated(&parameters[k])).collect();
+        let free = parameters.free(options.held);
         if free.is_empty() {
             return Err(FitError::NothingToEstimate);
         }
@@ -327,7 +327,8 @@ impl<'a> Regression<'a> {
         let information = options.prior_information.unwrap_or(PRIOR_INFORMATION);
         let samples = traces.iter().map(Trace::len).sum();
         let weights = regularisation::weights(&own, information, options.weights, samples)?;
-        let known = |k: usize| regularised.iter().find(|p| p.name == parameters[k].name).unwrap_or(&parameters[k]);
+        // The prior may be another model: its parameters are the same by name.
+        let known = |k: usize| regularised.named(&parameters[k].name).map_or(&parameters[k], |i| &regularised[i]);
         let sigma = match options.weighing {
             Weighing::Noise => noise.to_vec(),
             Weighing::Maximum => largest(traces, noise),
@@ -354,7 +355,7 @@ impl<'a> Regression<'a> {
     }
 
     fn set(&self, model: &mut Model, values: &DVector<f64>) {
-        let mut all: Vec<f64> = Plant::new(model, &self.traces[0].setup).parameters().iter().map(|p| p.value).collect();
+        let mut all: Vec<f64> = Plant::new(model, &self.traces[0].setup).parameters().values();
         for (i, &k) in self.free.iter().enumerate() {
             all[k] = values[i];
         }
@@ -507,7 +508,8 @@ impl<'a> Regression<'a> {
         let structure = Structure::new(&normal.rows, normal.stride, &self.size, self.information);
         // Largest linear parameter of the effect: one of several that is nearly nothing has either sign.
         let largest = |own: &PlantParameter| {
-            let same = |p: &&&PlantParameter| p.effect == own.effect && p.unit == own.unit && p.role == own.role;
+            let same =
+                |p: &&&PlantParameter| p.param.effect == own.param.effect && p.unit == own.unit && p.role == own.role;
             estimated.iter().filter(same).map(|p| p.value.abs()).fold(0.0, f64::max)
         };
         let outside = |&i: &usize| {
@@ -676,8 +678,8 @@ fn largest(traces: &[Trace], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
 /// Whether some parameter enters the prediction nonlinearly.
 pub fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
-        a.effect.reads_reactions()
-            || a.effect.reads_torque()
+        a.effect.spec().reads.reactions
+            || a.effect.spec().reads.torque
             || a.effect.kind().acts_on_the_whole()
             || a.effect.parameters().iter().any(|p| p.role == Role::Shape)
     })

@@ -5,6 +5,7 @@
 //! mass and of its tensor about that; what the data do not show is taken from there, at the mass and the centre that they do show.
 
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 use super::fit::{Fit, FitError, Options, fit_with};
 use super::{Estimate, Trace};
@@ -50,7 +51,7 @@ pub fn identify_payload(
     let empty = |t: &Trace| Trace { setup: Setup { payload: Payload::default(), ..t.setup }, ..t.clone() };
     let traces: Vec<Trace> = traces.iter().map(empty).collect();
     let mut others: Vec<String> =
-        Plant::new(model, &traces[0].setup).parameters().iter().map(|p| p.effect.into()).collect();
+        Plant::new(model, &traces[0].setup).parameters().iter().map(|p| p.param.effect.into()).collect();
     others.dedup();
     let around = |prior: &Payload| {
         let with = loaded(model, prior);
@@ -67,7 +68,7 @@ fn loaded(model: &Model, load: &Payload) -> Model {
     let moments = Payload { tensor: inertia.tensor, ..Payload::default() }.moments();
     let mut with = model.clone();
     let values: [&[f64]; 3] = [&[inertia.mass], inertia.first_moment.as_slice(), &moments];
-    with.effects.push(ActiveEffect::new(&payload::Payload, &values));
+    with.effects.push(ActiveEffect::new(Arc::new(payload::Payload), &values));
     with
 }
 

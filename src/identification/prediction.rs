@@ -104,7 +104,7 @@ pub fn surroundings(plant: &Plant, trace: &Trace, range: &Range<usize>) -> (Trac
 fn joints<'a>(plant: &'a Plant, trace: &'a Trace) -> Result<Joints<'a>, KinematicsError> {
     let mut offset = [0.0; AXES];
     for active in &plant.effects {
-        active.effect.encoder(&active.values(), &active.effect.initial_state(&active.values()), &mut offset);
+        active.encoder(&active.initial_state(), &mut offset);
     }
     let joint = |j: &JointState| JointState { q: std::array::from_fn(|i| j.q[i] - offset[i]), ..*j };
     let states = match offset == [0.0; AXES] {
@@ -119,7 +119,7 @@ fn joints<'a>(plant: &'a Plant, trace: &'a Trace) -> Result<Joints<'a>, Kinemati
 }
 
 fn gear_springs(plant: &Plant) -> Option<[GearSpring; AXES]> {
-    plant.effects.iter().find_map(|a| a.effect.gear_springs(&a.values()))
+    plant.effects.iter().find_map(|a| a.gear_springs())
 }
 
 fn predict_along(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, KinematicsError> {
@@ -202,7 +202,7 @@ fn observe(plant: &Plant, trace: &Trace, series: &mut Channels) {
             ..Signals::default()
         };
         for active in &plant.effects {
-            active.effect.observe(&active.values(), &mut signals);
+            active.observe(&mut signals);
         }
         for (k, tau) in segment.clone().zip(&signals.tau) {
             for i in 0..drives {

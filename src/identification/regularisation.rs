@@ -48,9 +48,9 @@ pub fn weights(
 }
 
 fn belongs(p: &PlantParameter, group: &str) -> bool {
-    let link = p.effect == rigid_bodies::NAME;
+    let link = p.param.effect == rigid_bodies::NAME;
     let kind = || p.name.strip_prefix(rigid_bodies::NAME)?.strip_prefix('.')?.strip_prefix(group)?.chars().next();
-    p.effect == group
+    p.param.effect == group
         || (group == BODIES && link)
         || (group == FRICTION && !link)
         || (link && KINDS.contains(&group) && kind() == Some('_'))
@@ -60,8 +60,8 @@ fn belongs(p: &PlantParameter, group: &str) -> bool {
 fn groups(parameters: &[PlantParameter]) -> Vec<&str> {
     let mut all: Vec<&str> = KINDS.into_iter().filter(|kind| parameters.iter().any(|p| belongs(p, kind))).collect();
     for p in parameters {
-        if !all.contains(&p.effect) {
-            all.push(p.effect);
+        if !all.contains(&p.param.effect) {
+            all.push(p.param.effect);
         }
     }
     all

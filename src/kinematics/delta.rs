@@ -4,6 +4,8 @@
 //! x_A = cos φ·u − sin φ·z the arm's direction: the strut vector is l = p − (R − r)·u − l₁·x_A and |l| = l₂.
 //! The platform does not rotate, so both struts of a pair share l.
 
+use std::borrow::Cow;
+
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -140,12 +142,12 @@ impl KinematicsError {
 }
 
 /// Where a force law gives no number.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LawFault {
     /// Name of the effect.
     pub effect: &'static str,
     /// Name of the term, its coefficient's.
-    pub term: &'static str,
+    pub term: Cow<'static, str>,
     /// What it gives per unit of its coefficient.
     pub value: f64,
     /// Sample, from 0, where the motion is sampled.

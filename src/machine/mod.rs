@@ -6,12 +6,14 @@ mod geometry;
 mod mechanism;
 mod payload;
 mod setup;
+pub mod unit;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
 pub use mechanism::{Joint, Mechanism, Part};
 pub use payload::Payload;
 pub use setup::{Configuration, Setup};
+pub use unit::Unit;
 
 /// Number of actuated axes: three arms and the telescope drive.
 pub const AXES: usize = 4;

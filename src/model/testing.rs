@@ -19,10 +19,10 @@ macro_rules! copy {
 /// names, from which every field is copied.
 pub(crate) fn shipped(name: &str) -> Model {
     let read = deltatwin_io::model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model");
-    let mechanism = match (read.mechanism.arms(), read.mechanism.has_telescope(), read.mechanism.unit("rad")) {
-        (1, _, "rad") => Mechanism::Axis(Joint::Revolute),
-        (1, ..) => Mechanism::Axis(Joint::Prismatic),
-        (_, telescope, _) => Mechanism::Delta { telescope },
+    let mechanism = match (read.mechanism.arms(), format!("{:?}", read.mechanism).as_str()) {
+        (1, "Axis(Revolute)") => Mechanism::Axis(Joint::Revolute),
+        (1, _) => Mechanism::Axis(Joint::Prismatic),
+        _ => Mechanism::Delta { telescope: read.mechanism.has_telescope() },
     };
     let mut model = Model {
         name: read.name.clone(),

@@ -52,7 +52,7 @@ impl<'a> Machine<'a> {
     /// The machine `plant`, whose constraint forces are taken in `detail`.
     pub fn new(plant: &'a Plant, detail: Detail) -> Self {
         let weightless = Plant { gravity: 0.0, ..plant.clone() };
-        let own = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let own = plant.effects.iter().map(|a| a.initial_state()).collect();
         Self { plant, weightless, own, detail }
     }
 

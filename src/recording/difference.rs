@@ -1,6 +1,7 @@
 //! How far two recordings of the same run are apart.
 
 use super::{Recording, Signals};
+use crate::machine::Unit;
 
 /// A difference in one channel.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,14 +13,14 @@ pub struct Difference {
     /// Size of the difference, in `unit`.
     pub size: f64,
     /// Unit.
-    pub unit: &'static str,
+    pub unit: Unit,
 }
 
 /// A channel of a recording.
 struct Channel<'a> {
     family: &'static str,
     name: String,
-    unit: &'static str,
+    unit: Unit,
     value: Box<dyn Fn(usize) -> f64 + 'a>,
 }
 
@@ -69,7 +70,7 @@ impl Recording {
             channel: "t".into(),
             sample: samples,
             size: f64::INFINITY,
-            unit: "s",
+            unit: Unit::S,
         })
     }
 }
@@ -79,20 +80,20 @@ fn channels(signals: &Signals) -> Vec<Channel<'_>> {
         out: &mut Vec<Channel<'a>>,
         family: &'static str,
         name: String,
-        unit: &'static str,
+        unit: Unit,
         value: impl Fn(usize) -> f64 + 'a,
     ) {
         out.push(Channel { family, name, unit, value: Box::new(value) });
     }
     let mut out = Vec::new();
-    add(&mut out, "t", "t".into(), "s", |i| signals.t[i]);
+    add(&mut out, "t", "t".into(), Unit::S, |i| signals.t[i]);
     let axes = [
-        ("q", "rad", Some(&signals.q)),
-        ("tau", "N·m", Some(&signals.tau)),
-        ("qd", "rad/s", signals.qd.as_ref()),
-        ("qdd", "rad/s²", signals.qdd.as_ref()),
-        ("link_q", "rad", signals.link_q.as_ref()),
-        ("link_qd", "rad/s", signals.link_qd.as_ref()),
+        ("q", Unit::Rad, Some(&signals.q)),
+        ("tau", Unit::NM, Some(&signals.tau)),
+        ("qd", Unit::RadPerS, signals.qd.as_ref()),
+        ("qdd", Unit::RadPerS2, signals.qdd.as_ref()),
+        ("link_q", Unit::Rad, signals.link_q.as_ref()),
+        ("link_qd", Unit::RadPerS, signals.link_qd.as_ref()),
     ];
     for (family, unit, values) in axes {
         for k in 0..signals.mechanism.axes() {
@@ -106,23 +107,24 @@ fn channels(signals: &Signals) -> Vec<Channel<'_>> {
     for (end, struts) in [("upper", &signals.strut_upper), ("lower", &signals.strut_lower)] {
         for (s, values) in struts.iter().enumerate() {
             if let Some(values) = values {
-                add(&mut out, "strut force", format!("strut{}_{end}", s + 1), "N", move |i| values[i]);
+                add(&mut out, "strut force", format!("strut{}_{end}", s + 1), Unit::N, move |i| values[i]);
             }
         }
     }
     if let Some(ee) = &signals.ee {
         for (k, name) in ["ee_x", "ee_y", "ee_z"].into_iter().enumerate() {
-            add(&mut out, "ee", name.into(), "m", move |i| ee[i][k]);
+            add(&mut out, "ee", name.into(), Unit::M, move |i| ee[i][k]);
         }
     }
     if let Some(margins) = &signals.socket_margin {
         for s in 0..12 {
             let end = if s < 6 { "upper" } else { "lower" };
-            add(&mut out, "socket margin", format!("margin{}_{end}", s % 6 + 1), "N", move |i| margins[i][s]);
+            add(&mut out, "socket margin", format!("margin{}_{end}", s % 6 + 1), Unit::N, move |i| margins[i][s]);
         }
     }
     if let Some(multipliers) = &signals.multipliers {
-        for (forces, family, unit) in [(true, "multiplier (force)", "N"), (false, "multiplier (moment)", "N·m")] {
+        for (forces, family, unit) in [(true, "multiplier (force)", Unit::N), (false, "multiplier (moment)", Unit::NM)]
+        {
             for (row, name) in super::multiplier_names().into_iter().enumerate() {
                 if super::channels::is_force(row) == forces {
                     add(&mut out, family, name, unit, move |i| multipliers[i][row]);

@@ -61,7 +61,7 @@ impl Joints {
                 Solver::Bearings(Box::new(Bearings::new()))
             },
             rods: Rod::all(plant),
-            springs: plant.effects.iter().find_map(|a| a.effect.strut_spring(&a.values())),
+            springs: plant.effects.iter().find_map(|a| a.strut_spring()),
         }
     }
 

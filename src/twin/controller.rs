@@ -68,7 +68,7 @@ pub struct Controller<'a> {
 impl<'a> Controller<'a> {
     /// Controller that believes in `plant`, run every `step` seconds.
     pub fn new(plant: &'a Plant, drives: [Drive; AXES], gains: Gains, step: f64) -> Self {
-        let states = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let states = plant.effects.iter().map(|a| a.initial_state()).collect();
         Self { plant, states, drives, gains, step, last_error: None, filtered: [0.0; AXES] }
     }
 

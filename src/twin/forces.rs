@@ -48,9 +48,12 @@ impl Forces {
             starts.push(starts[starts.len() - 1] + active.states());
         }
         let all: Vec<usize> = (0..plant.effects.len()).collect();
-        let reads =
-            plant.effects.iter().map(|a| a.effect.reads_reactions() || a.effect.reads_accelerations()).collect();
-        let accelerations = plant.effects.iter().any(|a| a.effect.reads_accelerations());
+        let reads = plant
+            .effects
+            .iter()
+            .map(|a| a.effect.spec().reads.reactions || a.effect.spec().reads.accelerations)
+            .collect();
+        let accelerations = plant.effects.iter().any(|a| a.effect.spec().reads.accelerations);
         let mut forces = Self {
             starts,
             reads,
@@ -76,7 +79,7 @@ impl Forces {
 
     fn elastic_gears(&self, plant: &Plant) -> Option<(usize, [GearSpring; ARMS])> {
         plant.effects.iter().zip(&self.starts).find_map(|(active, &start)| {
-            let [a, b, c, _] = active.effect.gear_springs(&active.values())?;
+            let [a, b, c, _] = active.gear_springs()?;
             [a, b, c].iter().any(GearSpring::is_elastic).then_some((start, [a, b, c]))
         })
     }
@@ -206,7 +209,7 @@ impl Forces {
                 let mut own = [STILL; BODIES];
                 let mut out = Wrenches::sum(&active.values, motion, &mut own);
                 let instant = self.instant(plant, k, scene, moved, reactions);
-                active.effect.forces(&active.values(), &instant, &mut out);
+                active.effect.wrenches(&active.values(), &instant, &mut out);
                 powers[k] = out.power();
                 for (i, ..) in self.elastic(scene.own) {
                     let (body, direction) = Motion::drive(i);
@@ -223,7 +226,7 @@ impl Forces {
             }
             let instant = self.instant(plant, k, scene, motion, reactions);
             let mut out = Wrenches::sum(&active.values, motion, wrenches);
-            active.effect.forces(&active.values(), &instant, &mut out);
+            active.effect.wrenches(&active.values(), &instant, &mut out);
             powers[k] = out.power();
         }
     }
@@ -282,7 +285,7 @@ impl Forces {
                     instant.torque.iter_mut().zip(motors).for_each(|(torque, f)| *torque += f);
                 }
                 slopes[own.clone()].fill(0.0);
-                active.effect.state_rate(&active.values(), &instant, &mut rates[own.clone()], &mut slopes[own.clone()]);
+                active.state_rate(&instant, &mut rates[own.clone()], &mut slopes[own.clone()]);
             }
         }
     }
@@ -291,7 +294,7 @@ impl Forces {
     pub fn encoders(&self, plant: &Plant, own: &[f64], q: &[f64; AXES]) -> [f64; AXES] {
         let mut angles = *q;
         for (k, active) in plant.effects.iter().enumerate() {
-            active.effect.encoder(&active.values(), &own[self.starts[k]..self.starts[k + 1]], &mut angles);
+            active.encoder(&own[self.starts[k]..self.starts[k + 1]], &mut angles);
         }
         angles
     }
@@ -384,7 +387,7 @@ impl Forces {
                 let instant = self.instant(plant, e, scene, motion, reactions);
                 let active = &plant.effects[e];
                 let mut sum = Wrenches::sum(&active.values, motion, &mut out);
-                active.effect.forces(&active.values(), &instant, &mut sum);
+                active.effect.wrenches(&active.values(), &instant, &mut sum);
             }
             motion.qd = qd;
             for (s, omega) in bodies.iter().enumerate() {
@@ -403,7 +406,7 @@ impl Forces {
         for s in 0..STRUTS {
             motion.bodies[STRUT + s].angular_velocity = Vector3::new(0.3, 0.2, 0.1);
         }
-        let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.effect.initial_state(&a.values())).collect();
+        let own: Vec<f64> = plant.effects.iter().flat_map(|a| a.initial_state()).collect();
         let reactions = Reactions { upper: [100.0; STRUTS], lower: [100.0; STRUTS] };
         let scene = Scene { t: 0.0, own: &own, torque: [1.0; AXES], closed: SocketSet::ALL };
         [Freedom::Drives, Freedom::Spins].map(|freedom| {

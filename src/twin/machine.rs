@@ -122,7 +122,7 @@ impl Twin {
         };
         let mut at = layout.own().start;
         for active in &plant.effects {
-            for x in active.effect.initial_state(&active.values()) {
+            for x in active.initial_state() {
                 y[at] = x;
                 at += 1;
             }
@@ -153,7 +153,7 @@ impl Twin {
     pub fn deflect_gears(&mut self, deflection: &[f64; AXES]) {
         let mut at = self.context.layout.own().start;
         for active in &self.context.plant.effects {
-            if active.effect.gear_springs(&active.values()).is_some() {
+            if active.gear_springs().is_some() {
                 self.y[at..at + ARMS].copy_from_slice(&deflection[..ARMS]);
             }
             at += active.states();

@@ -18,7 +18,7 @@ use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
-use crate::machine::{ARMS, AXES, Configuration, Inertia, Mechanism, STRUTS, Setup};
+use crate::machine::{ARMS, AXES, Configuration, Inertia, Mechanism, STRUTS, Setup, Unit};
 use crate::model::Model;
 use crate::recording::{Recording, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
@@ -183,10 +183,10 @@ fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<B
 /// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
 /// transmitted torque.
 fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
-    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let mut deflection = [0.0; AXES];
     for (k, active) in plant.effects.iter().enumerate() {
-        let Some(gears) = active.effect.gear_springs(&active.values()) else { continue };
+        let Some(gears) = active.gear_springs() else { continue };
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let torque = inverse_dynamics(plant, 0.0, &plant.motion(wanted)?, &states, false)?.tau;
         for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
@@ -197,7 +197,7 @@ fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES
     let mut joints = *wanted;
     let mut lead = [0.0; AXES];
     for (active, state) in plant.effects.iter().zip(&own) {
-        active.effect.encoder(&active.values(), state, &mut lead);
+        active.encoder(state, &mut lead);
     }
     for (q, lead) in joints.q.iter_mut().zip(lead) {
         *q -= lead;
@@ -354,7 +354,7 @@ impl<'a> Run<'a> {
         let closed = self.twin.closed();
         let plant = self.twin.plant();
         // The length of an elastic strut is no constraint.
-        let rigid = plant.effects.iter().all(|a| a.effect.strut_spring(&a.values()).is_none());
+        let rigid = plant.effects.iter().all(|a| a.strut_spring().is_none());
         let report = &mut self.report;
         let joints = plant.assembled.then(|| constraints::rows(&plant.geometry, &snapshot.motion));
         for (row, (gap, rate)) in joints.into_iter().flatten().enumerate() {
@@ -391,7 +391,7 @@ impl<'a> Run<'a> {
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
         let limits = &self.options.supervision;
         let machine = self.twin.plant().mechanism;
-        let (torque, angle) = (machine.unit("N·m"), machine.unit("rad"));
+        let (torque, angle) = (machine.unit(Unit::NM), machine.unit(Unit::Rad));
         for i in 0..machine.arms() {
             let (feedback, error) = (command.feedback[i].abs(), (self.wanted.q[i] - encoders[i]).abs());
             if let Some(limit) = limits.torque.filter(|limit| feedback > *limit) {
@@ -632,7 +632,7 @@ impl<'a> Run<'a> {
         self.report.closed = self.twin.closed();
         self.report.unconverged = self.twin.unconverged();
         for active in &self.twin.plant().effects {
-            active.effect.observe(&active.values(), &mut self.signals);
+            active.observe(&mut self.signals);
         }
         self.sensors.add_noise(&mut self.signals);
         (Recording { name: model.name.clone(), signals: self.signals, setup }, self.report)

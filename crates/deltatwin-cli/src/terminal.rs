@@ -146,7 +146,7 @@ pub fn paths(files: &[PathBuf]) -> Value {
 pub fn estimates(parameters: &[Estimate]) -> Value {
     let entry = |p: &Estimate| {
         let (value, std) = if p.identified() { (Some(p.value), Some(p.std)) } else { (None, None) };
-        (p.name.clone(), json!({"value": value, "std": std, "unit": p.unit}))
+        (p.name.clone(), json!({"value": value, "std": std, "unit": p.unit.to_string()}))
     };
     Value::Object(parameters.iter().map(entry).collect())
 }

@@ -7,7 +7,7 @@ use miette::IntoDiagnostic;
 use crate::scene::{Scene, Series, measured, write_rrd};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Trace, predict};
-use deltatwin::machine::AXES;
+use deltatwin::machine::{AXES, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
@@ -24,7 +24,7 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
     let noise = trace.noise(model);
     let mut series = measured(recording);
     let axes = plant.mechanism.axes();
-    let unit = plant.mechanism.unit("N·m");
+    let unit = plant.mechanism.unit(Unit::NM);
     for axis in 0..axes {
         let left = trace.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
         let mut add = |path: String, values: Vec<f64>, color, label: &str| {

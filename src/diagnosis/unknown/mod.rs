@@ -10,6 +10,8 @@ pub use pursuit::MOST;
 pub use shape::Shape;
 pub use sight::Sight;
 
+use std::sync::Arc;
+
 use super::fitting::{Fitting, Stage};
 use super::judge::{Judge, is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
@@ -19,6 +21,7 @@ use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
 use crate::identification::trace::noise_floor;
 use crate::identification::{Fit, Trace};
+use crate::machine::Unit;
 use crate::model::Model;
 use library::{Atom, Cover, hums, library};
 use pursuit::{Formulation, Found, Pursuit, gain};
@@ -51,7 +54,7 @@ pub struct Unexplained {
     /// What acts at the strongest place.
     pub shape: Shape,
     /// Unit of that.
-    pub unit: &'static str,
+    pub unit: Unit,
     /// Terms: place, law and estimated coefficient.
     pub terms: Vec<(Place, String, Estimate)>,
     /// Whether the named effects stay beside the formula.
@@ -325,7 +328,9 @@ fn with_formula(base: &Model, sight: &Sight, terms: &[Found]) -> Model {
     }
     let values: Vec<[f64; 1]> = all.iter().map(|(_, c)| [*c]).collect();
     let blocks: Vec<&[f64]> = values.iter().map(|v| &v[..]).collect();
-    model.effects.push(ActiveEffect { host: model.host(), ..ActiveEffect::new(Formula::new(all, true), &blocks) });
+    model
+        .effects
+        .push(ActiveEffect { host: model.host(), ..ActiveEffect::new(Arc::new(Formula::new(all, true)), &blocks) });
     model
 }
 

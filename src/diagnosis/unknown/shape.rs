@@ -7,15 +7,15 @@ use rand_chacha::rand_core::SeedableRng;
 use super::Sight;
 use super::pursuit::{Found, force};
 use crate::effects::formula::{Place, Variable};
-use crate::machine::Mechanism;
+use crate::machine::{Mechanism, Unit};
 
 /// A force over one variable, with simultaneous 95 % bands.
 #[derive(Clone, Debug, Default)]
 pub struct Shape {
     /// Variable of formulas, e.g. `qd1`; of a wave, within its period.
     pub variable: &'static str,
-    /// Its unit.
-    pub variable_unit: &'static str,
+    /// Its unit; none without data.
+    variable_unit: Option<Unit>,
     /// Whether the force along the motion is meant, its sign taken with that of the speed.
     pub along: bool,
     /// Middle of each bin.
@@ -87,7 +87,7 @@ impl Shape {
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
         Self {
             variable: best.name(),
-            variable_unit: machine.unit(unit(best.name())),
+            variable_unit: Some(machine.unit(best.unit())),
             low: bins.mean.iter().zip(&band).map(|(m, b)| m - b).collect(),
             high: bins.mean.iter().zip(&band).map(|(m, b)| m + b).collect(),
             odd,
@@ -101,6 +101,11 @@ impl Shape {
         }
     }
 
+    /// Text of the variable's unit; empty without data.
+    pub fn variable_unit(&self) -> String {
+        self.variable_unit.map_or_else(String::new, |unit| unit.to_string())
+    }
+
     /// The parity in speed as a word.
     pub fn parity(&self) -> &'static str {
         match self.odd {
@@ -108,20 +113,6 @@ impl Shape {
             x if x < 1.0 - ODD => "even",
             _ => "mixed",
         }
-    }
-}
-
-/// Unit of a variable.
-fn unit(variable: &str) -> &'static str {
-    match variable {
-        "t" => "s",
-        "x" | "y" | "z" | "s" => "m",
-        "vx" | "vy" | "vz" | "sd" => "m/s",
-        "ax" | "ay" | "az" => "m/s²",
-        v if v.starts_with("qdd") => "rad/s²",
-        v if v.starts_with("qd") => "rad/s",
-        v if v.starts_with('q') => "rad",
-        _ => "N",
     }
 }
 

@@ -1,6 +1,8 @@
 //! What a search for an unknown law looks at: the residual, what the model's parameters could do about it, and what a
 //! force at each place would, at some hundred instants per second.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use crate::dynamics::{Plant, inverse_dynamics};
@@ -125,13 +127,13 @@ fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
     let one = || Expression::parse("1").expect("a number");
     let term = |place: &Place| (Term { name: place.name().into(), at: *place, law: one() }, 1.0);
     let formula = Formula::new(places.iter().map(term).collect(), true);
-    ActiveEffect::absent_on(formula, plant.host)
+    ActiveEffect::absent_on(Arc::new(formula), plant.host)
 }
 
 /// Every variable along a trace, strut forces as the plant predicts them.
 fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
     let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
-    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     let at = |k: usize| {
         let (t, motion) = (trace.t[k], plant.motion(&trace.joints[k])?);

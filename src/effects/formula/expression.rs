@@ -5,7 +5,9 @@
 
 use std::ops::Range;
 
+use super::dimension::{Dimension, Yields};
 use super::variables::Variable;
+use crate::machine::unit::Powers;
 use crate::text::nearest;
 
 /// A law as text, ready to be evaluated.
@@ -42,7 +44,7 @@ enum Step {
 
 #[derive(Clone, Copy, Debug)]
 enum Function {
-    One(fn(f64) -> f64),
+    One(fn(f64) -> f64, Yields),
     Two(fn(f64, f64) -> f64),
 }
 
@@ -52,14 +54,14 @@ fn sign(x: f64) -> f64 {
 }
 
 const FUNCTIONS: [(&str, Function); 10] = [
-    ("sin", Function::One(f64::sin)),
-    ("cos", Function::One(f64::cos)),
-    ("tan", Function::One(f64::tan)),
-    ("tanh", Function::One(f64::tanh)),
-    ("exp", Function::One(f64::exp)),
-    ("abs", Function::One(f64::abs)),
-    ("sign", Function::One(sign)),
-    ("sqrt", Function::One(f64::sqrt)),
+    ("sin", Function::One(f64::sin, Yields::Number)),
+    ("cos", Function::One(f64::cos, Yields::Number)),
+    ("tan", Function::One(f64::tan, Yields::Number)),
+    ("tanh", Function::One(f64::tanh, Yields::Number)),
+    ("exp", Function::One(f64::exp, Yields::Number)),
+    ("abs", Function::One(f64::abs, Yields::Same)),
+    ("sign", Function::One(sign, Yields::Number)),
+    ("sqrt", Function::One(f64::sqrt, Yields::Root)),
     ("min", Function::Two(f64::min)),
     ("max", Function::Two(f64::max)),
 ];
@@ -128,6 +130,38 @@ impl Expression {
         stack[0]
     }
 
+    /// Its unit as powers of N, m, s and rad; none where that cannot be told.
+    pub fn powers(&self) -> Option<Powers> {
+        let mut stack: Vec<Dimension> = Vec::new();
+        for step in &self.program {
+            let last = match step {
+                Step::Number(_) | Step::Variable(_) => None,
+                _ => stack.pop(),
+            };
+            let next = match (step, last) {
+                (Step::Number(x), _) => Dimension::Number(*x),
+                (Step::Variable(v), _) => Dimension::Of(v.powers()),
+                (_, None) => return None,
+                (Step::Negate, Some(x)) => x.map(|x| -x),
+                (Step::PowerOf(n), Some(x)) => x.to_the(Dimension::Number(f64::from(*n))),
+                (Step::Call(Function::One(f, yields)), Some(x)) => x.of(*f, *yields),
+                (_, Some(x)) => {
+                    let before = stack.pop()?;
+                    match step {
+                        Step::Multiply => before.times(x),
+                        Step::Divide => before.over(x),
+                        Step::Power => before.to_the(x),
+                        Step::Subtract => before.with(x, |a, b| a - b),
+                        Step::Call(Function::Two(f)) => before.with(x, f),
+                        _ => before.with(x, |a, b| a + b),
+                    }
+                }
+            };
+            stack.push(next);
+        }
+        stack.pop()?.powers()
+    }
+
     /// Variables it reads.
     pub fn variables(&self) -> impl Iterator<Item = Variable> {
         self.program.iter().filter_map(|s| if let Step::Variable(v) = s { Some(*v) } else { None })
@@ -139,7 +173,7 @@ fn of_one(step: &Step, x: f64) -> Option<f64> {
     match step {
         Step::Negate => Some(-x),
         Step::PowerOf(n) => Some(x.powi(*n)),
-        Step::Call(Function::One(f)) => Some(f(x)),
+        Step::Call(Function::One(f, _)) => Some(f(x)),
         _ => None,
     }
 }

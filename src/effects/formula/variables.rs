@@ -2,7 +2,8 @@
 
 use crate::effects::Instant;
 use crate::machine::bodies::PLATFORM;
-use crate::machine::{Mechanism, Part};
+use crate::machine::unit::Powers;
+use crate::machine::{Mechanism, Part, Unit};
 
 /// A quantity of an instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,6 +105,26 @@ impl Variable {
             Kind::StrutUpper(i) => at.reactions.upper[i],
             Kind::StrutLower(i) => at.reactions.lower[i],
         }
+    }
+
+    /// Its unit as powers of N, m, s and rad, on a machine whose drives turn.
+    pub fn powers(self) -> Powers {
+        let [angle, length] = [Powers { rad: 1, ..Powers::ONE }, Powers { m: 1, ..Powers::ONE }];
+        match self.kind() {
+            Kind::Time => Powers { s: 1, ..Powers::ONE },
+            Kind::Angle(_) => angle,
+            Kind::Rate(_) => Powers { s: -1, ..angle },
+            Kind::Acceleration(_) => Powers { s: -2, ..angle },
+            Kind::Position(_) | Kind::TelescopeLength => length,
+            Kind::Velocity(_) | Kind::TelescopeRate => Powers { s: -1, ..length },
+            Kind::PlatformAcceleration(_) => Powers { s: -2, ..length },
+            Kind::StrutUpper(_) | Kind::StrutLower(_) => Powers::N,
+        }
+    }
+
+    /// Its unit on a machine whose drives turn.
+    pub fn unit(self) -> Unit {
+        Unit::Derived(self.powers())
     }
 
     /// Whether it is a strut force.

@@ -2,9 +2,12 @@
 
 use std::sync::Arc;
 
-use super::{Count, Effects, Layout, Parameter, Role, Values};
-use crate::effects::Effect;
-use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, Sockets};
+#[cfg(doc)]
+use super::OwnStates;
+use super::{Count, Effects, Instant, Layout, Param, Parameter, Role, Values};
+use crate::effects::{Effect, GearSpring, StrutSpring};
+use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, STRUTS, Sockets};
+use crate::recording::Signals;
 
 /// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their
 /// usual sizes, which are stated for an arm drive of the IRB 360.
@@ -58,21 +61,14 @@ impl Host {
 
     /// `parameter` with unit, usual size and range on this machine.
     pub fn parameter(&self, parameter: &Parameter) -> Parameter {
-        let (t, v) = (self.torque, self.speed);
-        let factor = match parameter.unit {
-            "N·m" => t,
-            "rad" | "rad/s" => v,
-            "s/rad" => 1.0 / v,
-            "N·m·s/rad" | "kg·m²" => t / v,
-            "rad/(N·m)" => v / t,
-            _ => 1.0,
-        };
+        let unit = self.mechanism.unit(parameter.unit);
+        let factor = unit.scale(self.torque, self.speed);
         let (low, high) = parameter.range;
         Parameter {
-            unit: self.mechanism.unit(parameter.unit),
+            unit,
             default: factor * parameter.default,
             range: (factor * low, factor * high),
-            ..*parameter
+            ..parameter.clone()
         }
     }
 }
@@ -83,7 +79,7 @@ pub struct ActiveEffect {
     /// The machine it is on.
     pub host: Host,
     /// The law.
-    pub effect: &'static dyn Effect,
+    pub effect: Arc<dyn Effect>,
     /// Flat parameter values.
     pub values: Vec<f64>,
     /// Where each parameter stands in `values`.
@@ -92,19 +88,13 @@ pub struct ActiveEffect {
 
 impl ActiveEffect {
     /// `effect` on the four-axis robot with its default shape and zero linear parameters: present, but without action.
-    pub fn absent(effect: &'static dyn Effect) -> Self {
+    pub fn absent(effect: Arc<dyn Effect>) -> Self {
         Self::absent_on(effect, Host::default())
     }
 
     /// The same on another machine.
-    pub fn absent_on(effect: &'static dyn Effect, host: Host) -> Self {
-        let layout = Layout::new(effect.parameters().iter().map(|p| p.count.on(host.mechanism)));
-        let mut values = vec![0.0; layout.len()];
-        for (b, p) in effect.parameters().iter().enumerate() {
-            if p.role != Role::Linear {
-                values[layout.starts[b]..layout.starts[b + 1]].fill(host.parameter(p).default);
-            }
-        }
+    pub fn absent_on(effect: Arc<dyn Effect>, host: Host) -> Self {
+        let (values, layout) = default_values(&*effect, host);
         Self { host, effect, values, layout: Arc::new(layout) }
     }
 
@@ -121,14 +111,14 @@ impl ActiveEffect {
 
     /// Whether the effect puts springs into gears, at its usual size if it is absent.
     pub fn has_gears(&self) -> bool {
-        self.effect.gear_springs(&self.at_usual_size().values()).is_some()
+        self.at_usual_size().gear_springs().is_some()
     }
 
     /// `effect` with one slice of values per parameter.
     ///
     /// # Panics
     /// If the number of blocks differs from the number of parameters.
-    pub fn new(effect: &'static dyn Effect, blocks: &[&[f64]]) -> Self {
+    pub fn new(effect: Arc<dyn Effect>, blocks: &[&[f64]]) -> Self {
         assert_eq!(blocks.len(), effect.parameters().len(), "{}: one block per parameter", effect.name());
         let layout = Layout::new(blocks.iter().map(|b| b.len()));
         Self { host: Host::default(), effect, values: blocks.concat(), layout: Arc::new(layout) }
@@ -136,12 +126,48 @@ impl ActiveEffect {
 
     /// The values, by parameter.
     pub fn values(&self) -> Values<'_> {
-        Values { values: &self.values, layout: &self.layout }
+        Values::new(&self.values, &self.layout)
     }
 
     /// Number of the effect's own states.
     pub fn states(&self) -> usize {
-        self.effect.initial_state(&self.values()).len()
+        self.initial_state().len()
+    }
+
+    /// Initial values of the effect's own states; empty without any.
+    pub fn initial_state(&self) -> Vec<f64> {
+        self.effect.states().map_or_else(Vec::new, |own| own.initial_state(&self.values()))
+    }
+
+    /// Time derivative of the effect's own states, see [`OwnStates::state_rate`].
+    pub fn state_rate(&self, at: &Instant, rate: &mut [f64], slope: &mut [f64]) {
+        if let Some(own) = self.effect.states() {
+            own.state_rate(&self.values(), at, rate, slope);
+        }
+    }
+
+    /// Adds what the encoders read beyond the joint angles, rad.
+    pub fn encoder(&self, state: &[f64], angles: &mut [f64; AXES]) {
+        if let Some(sensor) = self.effect.sensor() {
+            sensor.encoder(&self.values(), state, angles);
+        }
+    }
+
+    /// Changes what the sensors report.
+    pub fn observe(&self, signals: &mut Signals) {
+        if let Some(sensor) = self.effect.sensor() {
+            sensor.observe(&self.values(), signals);
+        }
+    }
+
+    /// Elastic gears between encoder and joint.
+    pub fn gear_springs(&self) -> Option<[GearSpring; AXES]> {
+        self.effect.compliance()?.gear_springs(&self.values())
+    }
+
+    /// Axial spring and damper of each strut.
+    pub fn strut_spring(&self) -> Option<[StrutSpring; STRUTS]> {
+        self.effect.compliance()?.strut_spring(&self.values())
     }
 
     /// Parameter, its number within the parameter and its printed name for each flat value.
@@ -161,18 +187,38 @@ impl ActiveEffect {
                     }
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),
                 };
-                out.push(Entry { parameter, name });
+                out.push(Entry { param: Param { effect: self.effect.name(), block: b, item: i }, parameter, name });
             }
         }
         out
     }
 }
 
+/// Flat values of `effect` with its default shape and zero linear parameters, and their layout.
+pub(crate) fn default_values(effect: &dyn Effect, host: Host) -> (Vec<f64>, Layout) {
+    let parameters = effect.parameters();
+    let layout = Layout::new(parameters.iter().map(|p| p.count.on(host.mechanism)));
+    let mut values = vec![0.0; layout.len()];
+    for (b, p) in parameters.iter().enumerate().filter(|(_, p)| p.role != Role::Linear) {
+        values[layout.starts[b]..layout.starts[b + 1]].fill(host.parameter(p).default);
+    }
+    (values, layout)
+}
+
 /// One flat value of an effect.
 #[derive(Clone, Debug)]
 pub struct Entry {
+    /// Its identity.
+    pub param: Param,
     /// Its parameter, as it is on the machine.
     pub parameter: Parameter,
     /// Printed name, e.g. `coulomb_2`.
     pub name: String,
+}
+
+impl Entry {
+    /// Printed name with that of the effect, e.g. `drive_friction.coulomb_2`.
+    pub fn full_name(&self) -> String {
+        format!("{}.{}", self.param.effect, self.name)
+    }
 }

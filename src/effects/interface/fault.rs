@@ -1,11 +1,13 @@
 //! Laws that give no number where they are asked.
 
+use std::borrow::Cow;
+
 use super::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, LawFault};
 
 impl ActiveEffect {
     /// The first term of the law whose force or moment at an instant is no finite number, as an error that names it;
-    /// `along` asks the law along a given motion, see [`Effect::forces_along`](crate::effects::Effect::forces_along).
+    /// `along` asks the law along a given motion, see [`Effect::wrenches_along`](crate::effects::Effect::wrenches_along).
     pub fn fault(&self, at: &Instant, along: bool) -> Option<KinematicsError> {
         let mut first = None;
         let mut look = |k: usize, _: usize, force: nalgebra::Vector3<f64>, moment: nalgebra::Vector3<f64>| {
@@ -16,13 +18,13 @@ impl ActiveEffect {
         };
         let mut out = Wrenches::new(&mut look);
         if along {
-            self.effect.forces_along(&self.values(), at, &mut out);
+            self.effect.wrenches_along(&self.values(), at, &mut out);
         } else {
-            self.effect.forces(&self.values(), at, &mut out);
+            self.effect.wrenches(&self.values(), at, &mut out);
         }
         let (k, value) = first?;
         let block = self.layout.starts.partition_point(|start| *start <= k).saturating_sub(1);
-        let term = self.effect.parameters().get(block).map_or("", |p| p.name);
+        let term = self.effect.parameters().get(block).map_or(Cow::Borrowed(""), |p| p.name.clone());
         let (q, qd) = (at.motion.q, at.motion.qd);
         let fault = LawFault { effect: self.effect.name(), term, value, sample: None, t: at.t, q, qd };
         Some(KinematicsError::Law(Box::new(fault)))

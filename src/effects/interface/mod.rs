@@ -5,10 +5,16 @@ mod active;
 mod fault;
 mod impact;
 mod parameter;
+mod spec;
+mod views;
 mod wrenches;
 
 pub use acting::Effects;
+#[cfg(test)]
+pub(super) use active::default_values;
 pub use active::{ActiveEffect, Entry, Host, MachineView};
 pub use impact::hunt_crossley;
-pub use parameter::{Count, Layout, Parameter, Role, Values};
+pub use parameter::{Count, Layout, Param, Parameter, Role, Values};
+pub use spec::{About, Kind, Reads, Search, Spec, Start};
+pub use views::{Compliance, OwnStates, Sensor};
 pub use wrenches::{Instant, Wrenches};

@@ -1,6 +1,19 @@
 //! Parameters of effects and where their values stand.
 
-use crate::machine::Mechanism;
+use std::borrow::Cow;
+
+use crate::machine::{Mechanism, Unit};
+
+/// Identity of one number among the parameters of a machine: value `item` of parameter `block` of an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Param {
+    /// Name of the effect; a machine has each once.
+    pub effect: &'static str,
+    /// Which of the effect's parameters.
+    pub block: usize,
+    /// Which of its values.
+    pub item: usize,
+}
 
 /// How a parameter enters the law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,12 +56,12 @@ impl Count {
 }
 
 /// A parameter of an effect.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Parameter {
     /// Key in the effect's table.
-    pub name: &'static str,
-    /// Unit, e.g. `N·m·s/rad`.
-    pub unit: &'static str,
+    pub name: Cow<'static, str>,
+    /// Unit on a machine whose drives turn.
+    pub unit: Unit,
     /// How many values.
     pub count: Count,
     /// How it enters the law.
@@ -58,6 +71,32 @@ pub struct Parameter {
     pub default: f64,
     /// Allowed values.
     pub range: (f64, f64),
+}
+
+impl Parameter {
+    /// The same with another number of values.
+    pub const fn counted(mut self, count: Count) -> Self {
+        self.count = count;
+        self
+    }
+
+    /// The same within another range.
+    pub const fn within(mut self, range: (f64, f64)) -> Self {
+        self.range = range;
+        self
+    }
+
+    /// The same constant as a shape to be searched within a range.
+    pub const fn searched(mut self, range: (f64, f64)) -> Self {
+        self.role = Role::Shape;
+        self.within(range)
+    }
+
+    /// The same in another unit.
+    pub const fn with_unit(mut self, unit: Unit) -> Self {
+        self.unit = unit;
+        self
+    }
 }
 
 /// Where each parameter's values stand in the flat list.
@@ -90,11 +129,16 @@ impl Layout {
 /// Values of an effect's parameters, addressed by parameter block.
 #[derive(Clone, Copy)]
 pub struct Values<'a> {
-    pub(super) values: &'a [f64],
-    pub(super) layout: &'a Layout,
+    values: &'a [f64],
+    layout: &'a Layout,
 }
 
 impl<'a> Values<'a> {
+    /// Flat `values` with their `layout`.
+    pub fn new(values: &'a [f64], layout: &'a Layout) -> Self {
+        Self { values, layout }
+    }
+
     /// All values of parameter `block`.
     pub fn block(&self, block: usize) -> &'a [f64] {
         &self.values[self.layout.starts[block]..self.layout.starts[block + 1]]
@@ -110,7 +154,7 @@ impl<'a> Values<'a> {
         self.block(block).len()
     }
 
-    /// Flat index of value `i` of parameter `block`, as `forces` and `inertia` report it.
+    /// Flat index of value `i` of parameter `block`, as `wrenches` and `inertia` report it.
     pub fn index(&self, block: usize, i: usize) -> usize {
         self.layout.starts[block] + i
     }

@@ -232,7 +232,7 @@ impl<'a> Differences<'a> {
     /// gears to those of `active` (of usual size if they are rigid, too). The change of a channel is put down to the gear
     /// of its own limb.
     fn of_gears(&self, active: &ActiveEffect) -> Result<Vec<Channels>, KinematicsError> {
-        let is_rigid = active.effect.gear_springs(&active.values()).is_none();
+        let is_rigid = active.gear_springs().is_none();
         let there = if is_rigid { active.at_usual_size() } else { active.clone() };
         let elastic = predict(&with(self.plant, &there, None, true), self.trace)?;
         let column = |(arm, (entry, value)): (usize, (Entry, &f64))| -> Channels {
@@ -317,8 +317,8 @@ fn linear(
     let states = OwnStates::along(plant, effects, trace, joints)?;
     let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let plant_states = OwnStates::along(plant, &plant_effects, trace, joints)?;
-    let reads_reactions = effects.iter().any(|a| a.effect.reads_reactions());
-    let reads = reads_reactions || effects.iter().any(|a| a.effect.reads_torque());
+    let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
+    let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
     let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
     let total: usize = widths.iter().sum();
     let channels = trace.channels.len();
@@ -384,6 +384,8 @@ fn linear(
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::dynamics::Channel;
     use crate::effects::{REGISTRY, rigid_bodies};
@@ -436,13 +438,13 @@ mod tests {
         let model = shipped("irb360-6-1600");
         let trace = trace();
         let plant = Plant::new(&model, &trace.setup);
-        let known = |e: &&&'static dyn crate::effects::Effect| {
+        let known = |e: &&Arc<dyn crate::effects::Effect>| {
             e.name() != rigid_bodies::NAME
-                && e.identifiable()
+                && e.spec().identifiable
                 && model.effects.iter().all(|a| a.effect.name() != e.name())
         };
         let candidates: Vec<ActiveEffect> =
-            REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(*e, model.host())).collect();
+            REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host())).collect();
         let all = averaged_columns(&plant, &trace, &candidates, BLOCK).unwrap();
         let mut expected = vec![columns(&plant, &trace, None).unwrap()];
         expected.extend(candidates.iter().map(|c| columns(&plant, &trace, Some(c)).unwrap()));

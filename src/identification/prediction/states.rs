@@ -31,7 +31,7 @@ impl OwnStates {
         if width == 0 || trace.is_empty() {
             return Ok(Self { starts, values: Vec::new() });
         }
-        let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.initial_state()).collect();
         let moving = |a: &ActiveEffect| a.states() > 0 && a.effect.kind() != Kind::Encoder;
         if !effects.iter().any(|a| moving(a)) {
             return Ok(Self { starts, values: now.concat().repeat(trace.len()) });
@@ -54,7 +54,7 @@ impl OwnStates {
                         torque: [0.0; 4],
                         closed: SocketSet::ALL,
                     };
-                    active.effect.state_rate(&active.values(), &at, &mut rate, &mut slope);
+                    active.state_rate(&at, &mut rate, &mut slope);
                     (rate, slope)
                 };
                 let h = trace.t[k] - trace.t[k - 1];

@@ -149,7 +149,7 @@ impl FourierMotion {
 
     /// Axes that leave their joint's or their drive's limits.
     fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> [bool; AXES] {
-        let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+        let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
         let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
         let [low, high] = plant.geometry.arm_limits;
         let arms = plant.mechanism.arms();
@@ -184,7 +184,7 @@ impl FourierMotion {
             if plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
                 return Fit::Platform;
             }
-            let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+            let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
             let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
             let Ok(motion) = plant.motion(&joints) else { return Fit::Platform };
             let Ok(out) = inverse_dynamics(plant, 0.0, &motion, &states, false) else { return Fit::Platform };

@@ -14,7 +14,7 @@ use thiserror::Error;
 
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, KinematicsError, PlatformState, Target};
-use crate::machine::{ARMS, AXES, Geometry, Setup};
+use crate::machine::{ARMS, AXES, Geometry, Setup, Unit};
 use crate::model::Model;
 
 use constant_speed::ConstantSpeed;
@@ -230,7 +230,7 @@ impl DesiredMotion {
             }
             .map_err(|source| match source {
                 KinematicsError::ArmLimit { arm: axis, angle: position, min, max } if !self.is_of_platform() => {
-                    let unit = planning.mechanism.unit("rad");
+                    let unit = planning.mechanism.unit(Unit::Rad);
                     MotionError::BeyondLimit { t, axis, position, min, max, unit }
                 }
                 source => MotionError::Unreachable { t, source },
@@ -249,7 +249,13 @@ impl DesiredMotion {
             for (axis, (rate, drive)) in joints.qd.iter().zip(&planning.drives).enumerate() {
                 if rate.is_nan() || rate.abs() > drive.max_speed {
                     let (speed, limit) = (rate.abs(), drive.max_speed);
-                    return Err(MotionError::TooFast { t, axis, speed, limit, unit: planning.mechanism.unit("rad/s") });
+                    return Err(MotionError::TooFast {
+                        t,
+                        axis,
+                        speed,
+                        limit,
+                        unit: planning.mechanism.unit(Unit::RadPerS),
+                    });
                 }
             }
         }
@@ -286,7 +292,7 @@ pub enum MotionError {
         /// Limit, rad/s.
         limit: f64,
         /// Unit of both, m/s for a prismatic axis.
-        unit: &'static str,
+        unit: Unit,
     },
     /// An independent axis would leave its range.
     #[error("the desired motion moves axis {} to {position:.4} {unit} at t = {t:.3} s, outside {min:.4}..{max:.4} {unit}", .axis + 1)]
@@ -302,7 +308,7 @@ pub enum MotionError {
         /// Upper limit, rad.
         max: f64,
         /// Unit of all three, m for a prismatic axis.
-        unit: &'static str,
+        unit: Unit,
     },
     /// An axis would have to move that the machine does not have.
     #[error("the desired motion moves axis {} at t = {t:.3} s, which the machine does not have", .axis + 1)]

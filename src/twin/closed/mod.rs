@@ -30,7 +30,7 @@ use super::context::Answer;
 use super::rod::{Rod, platform_ball};
 use super::wrench::Twist;
 use crate::dynamics::Plant;
-use crate::effects::StrutSpring;
+use crate::effects::{ActiveEffect, StrutSpring};
 use crate::kinematics::Reactions;
 use crate::kinematics::motion::SOCKETS;
 use crate::machine::bodies::{BODIES, END_EFFECTOR, Inertia, PLATFORM};
@@ -103,7 +103,7 @@ impl Mechanism {
             laden_platform += Inertia::point(rod.bb, platform_ball(&geometry, s));
         }
         let end_effector = &plant.bodies[END_EFFECTOR];
-        let springs = plant.effects.iter().find_map(|a| a.effect.strut_spring(&a.values()));
+        let springs = plant.effects.iter().find_map(ActiveEffect::strut_spring);
         Self { geometry, rods, laden_platform, loaded: *end_effector != Inertia::ZERO, springs }
     }
 

@@ -85,7 +85,7 @@ fn json(a: &Addition, parameters: &[Estimate], data: &Data, args: &Args) -> Valu
 fn print(a: &Addition, parameters: &[Estimate], data: &Data, verbose: bool) -> miette::Result<()> {
     let mut table = Table::new(&[&a.effect, "value", "std", "unit"], &[3]);
     for p in parameters {
-        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
+        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.to_string()]);
     }
     say(table)?;
     let b = &a.budget;

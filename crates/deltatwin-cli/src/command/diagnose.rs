@@ -134,7 +134,7 @@ fn write(
 /// Refuses names of effects that the machine of the data does not have.
 fn known(held: &[String], model: &Model, trace: &Trace) -> miette::Result<()> {
     let parameters = Plant::new(model, &trace.setup).parameters();
-    match held.iter().find(|name| !parameters.iter().any(|p| p.effect == *name)) {
+    match held.iter().find(|name| !parameters.iter().any(|p| p.param.effect == *name)) {
         Some(name) => Err(miette!("--hold {name}: the model has no such effect")),
         None => Ok(()),
     }

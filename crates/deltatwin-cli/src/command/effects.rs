@@ -2,6 +2,7 @@
 
 use miette::miette;
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 use crate::terminal::{DONE, Table, say};
 use deltatwin::effects::{Count, Effect, Parameter, REGISTRY, Role, find};
@@ -23,16 +24,16 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     match &args.name {
         Some(name) => {
             let effect = known(name)?;
-            if args.json { say(json(effect)) } else { describe(effect) }?;
+            if args.json { say(json(&*effect)) } else { describe(&*effect) }?;
         }
         None if args.json => {
-            let entry = |e: &&dyn Effect| json!({"name": e.name(), "summary": e.about().summary});
+            let entry = |e: &Arc<dyn Effect>| json!({"name": e.name(), "summary": e.spec().about.summary});
             say(json!({"effects": REGISTRY.iter().map(entry).collect::<Vec<_>>()}))?;
         }
         None => {
             let mut table = Table::new(&["Effect", "what it is"], &[1]);
-            for effect in REGISTRY {
-                table.row([effect.name().into(), effect.about().summary.into()]);
+            for effect in REGISTRY.iter() {
+                table.row([effect.name().into(), effect.spec().about.summary.into()]);
             }
             say(table)?;
         }
@@ -41,7 +42,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
 }
 
 /// The effect called `name`, or an error that suggests the nearest name.
-pub(crate) fn known(name: &str) -> miette::Result<&'static dyn Effect> {
+pub(crate) fn known(name: &str) -> miette::Result<Arc<dyn Effect>> {
     find(name).ok_or_else(|| {
         let hint = nearest(name, REGISTRY.iter().map(|e| e.name()));
         let hint = hint.map_or(String::new(), |n| format!("did you mean `{n}`? "));
@@ -68,11 +69,11 @@ fn count(p: &Parameter) -> String {
 }
 
 fn json(effect: &dyn Effect) -> Value {
-    let about = effect.about();
+    let about = effect.spec().about;
     let parameter = |p: &Parameter| {
         json!({
             "name": p.name,
-            "unit": p.unit,
+            "unit": p.unit.to_string(),
             "range": [p.range.0, p.range.1],
             "default": p.default,
             "role": role(p),
@@ -91,14 +92,14 @@ fn json(effect: &dyn Effect) -> Value {
 }
 
 fn describe(effect: &dyn Effect) -> miette::Result<()> {
-    let about = effect.about();
+    let about = effect.spec().about;
     say(format!("{}: {}\n", effect.name(), about.summary))?;
     let on = effect.acts_on().describe();
     say(format!("  law     {}\n  acts on {on}\n  shows   {}\n  source  {}\n", about.law, about.shows, about.source))?;
     let mut table = Table::new(&["Parameter", "usual", "range", "unit", "role", "values"], &[3, 4, 5]);
     for p in effect.parameters() {
         let range = format!("{} to {}", p.range.0, p.range.1);
-        table.row([p.name.into(), p.default.to_string(), range, p.unit.into(), role(p).into(), count(p)]);
+        table.row([p.name.to_string(), p.default.to_string(), range, p.unit.to_string(), role(p).into(), count(p)]);
     }
     say(table)
 }

@@ -250,7 +250,7 @@ fn json(design: &Design, args: &Args, solve: f64) -> Value {
         let size = design.sizes[i];
         let std = finite(design.merit.std[i] * size);
         let typical = finite(random(design, |m| m.std[i])[0] * size);
-        (p.name.clone(), json!({"std": std, "random_median_std": typical, "unit": p.unit}))
+        (p.name.clone(), json!({"std": std, "random_median_std": typical, "unit": p.unit.to_string()}))
     };
     json!({
         "scenario": path(&args.output),
@@ -304,7 +304,7 @@ fn print(design: &Design, args: &Args, solve: f64) -> miette::Result<()> {
     for &i in order.iter().take(SHOWN) {
         let (p, size, std) = (&design.parameters[i], design.sizes[i], design.merit.std[i]);
         let cells = [significant(std * size, 3), significant(typical[i] * size, 3), significant(typical[i] / std, 3)];
-        table.row(std::iter::once(p.name.clone()).chain(cells).chain(std::iter::once(p.unit.into())));
+        table.row(std::iter::once(p.name.clone()).chain(cells).chain(std::iter::once(p.unit.to_string())));
     }
     say(format!("\n{table}"))?;
     let mut table = Table::new(&["Use of the limits", "worst"], &[]);

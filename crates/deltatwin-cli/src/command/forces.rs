@@ -89,7 +89,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         return Err(miette!("{}: is of a disassembled robot; expected an assembled one", args.motion.display()));
     }
     let progress = spinner("forces");
-    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let one = |(k, (t, joints)): (usize, (&f64, &JointState))| {
         let pose = plant.motion(joints)?;

@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let noise_floor = floor(&model, &data.traces);
     let prior = args.how.prior(&model)?;
     for name in args.how.held() {
-        if !Plant::new(&model, &data.traces[0].setup).parameters().iter().any(|p| p.effect == name) {
+        if !Plant::new(&model, &data.traces[0].setup).parameters().iter().any(|p| p.param.effect == name) {
             return Err(miette!("--hold {name}: the model has no such effect"));
         }
     }
@@ -155,14 +155,14 @@ impl Answer<'_> {
         let fitted = &self.fitted;
         let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
         for p in fitted.parameters.iter().filter(|p| p.identified()) {
-            table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
+            table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.to_string()]);
         }
         say(table)?;
         let together: Vec<&BaseParameter> = fitted.base.iter().filter(|b| !b.others.is_empty()).collect();
         if !together.is_empty() {
             let mut table = Table::new(&["Value", "std", "unit", "only together"], &[2, 3]);
             for b in together {
-                table.row([significant(b.value, 4), significant(b.std, 2), b.unit.into(), b.combination()]);
+                table.row([significant(b.value, 4), significant(b.std, 2), b.unit.to_string(), b.combination()]);
             }
             say(format!("\n{table}"))?;
         }
@@ -193,7 +193,8 @@ fn eigenvalues(model: &Model) -> Value {
 /// How the estimate became possible, and what that moved; null if it was.
 fn correction(fitted: &Fit) -> Value {
     let Some(c) = fitted.correction else { return Value::Null };
-    let one = |m: &Moved| json!({"name": m.name, "free": m.free, "value": m.value, "std": m.std, "unit": m.unit});
+    let one =
+        |m: &Moved| json!({"name": m.name, "free": m.free, "value": m.value, "std": m.std, "unit": m.unit.to_string()});
     let moved: Vec<Value> = fitted.moved.iter().map(one).collect();
     json!({"cost": c.cost, "duality_gap": c.gap, "moved": moved})
 }
@@ -226,14 +227,15 @@ fn print_correction(fitted: &Fit) -> miette::Result<()> {
     let mut table = Table::new(&["Moved to be possible", "from", "to", "standard errors", "unit"], &[4]);
     for m in &fitted.moved {
         let by = significant((m.value - m.free).abs() / m.std, 3);
-        table.row([m.name.clone(), significant(m.free, 4), significant(m.value, 4), by, m.unit.into()]);
+        table.row([m.name.clone(), significant(m.free, 4), significant(m.value, 4), by, m.unit.to_string()]);
     }
     say(format!("\n{table}"))
 }
 
 fn base(parameters: &[BaseParameter]) -> Value {
     let entry = |b: &BaseParameter| {
-        let content = json!({"value": b.value, "std": b.std, "unit": b.unit, "combination": b.combination()});
+        let content =
+            json!({"value": b.value, "std": b.std, "unit": b.unit.to_string(), "combination": b.combination()});
         (b.name.clone(), content)
     };
     Value::Object(parameters.iter().map(entry).collect())

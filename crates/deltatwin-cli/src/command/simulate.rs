@@ -16,6 +16,7 @@ use crate::terminal::{
 };
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::Unit;
 use deltatwin::model::Model;
 use deltatwin::recording::{Context, Difference, Recording};
 use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
@@ -368,7 +369,7 @@ fn print(
     let machine = job.machine.mechanism;
     let errors: Vec<String> =
         report.tracking_error[..machine.axes()].iter().map(|e| format!("{:.3}", 1e3 * e)).collect();
-    say(format!("  tracking   {} m{} at most", errors.join(", "), machine.unit("rad")))?;
+    say(format!("  tracking   {} m{} at most", errors.join(", "), machine.unit(Unit::Rad)))?;
     if report.unconverged > 0.0 {
         say(format!(
             "  effects    laws that read forces or accelerations did not converge, off by up to {:.1e}",

@@ -127,7 +127,7 @@ fn read_history(top: &Table) -> Checked<Vec<Added>> {
         let channels = table.strings("channels", "an array of names such as \"tau1\"")?;
         let rms = |key: &str| {
             let shape = Shape::Array(channels.len());
-            table.numbers(key, shape, &Bounds::between(0.0, 1e9), "N·m or N, one per channel")
+            table.numbers(key, shape, &Bounds::between(0.0, 1e9), Some("N·m or N, one per channel"))
         };
         Ok(Added {
             effect: table.string("effect", "the name of an effect")?.to_string(),
@@ -295,7 +295,7 @@ fn read_drives(table: &Table, mechanism: Mechanism) -> Checked<[Drive; AXES]> {
         let table = table.table(name)?;
         table.only(&keys(schema::DRIVE))?;
         for field in schema::DRIVE {
-            let (shape, unit) = (drive_shape(drives.len()), mechanism.unit(field.unit));
+            let (shape, unit) = (drive_shape(drives.len()), field.unit.map(|unit| mechanism.unit(unit)));
             (field.set)(drives, &table.numbers(field.key, shape, &field.bounds, unit)?);
         }
     }
@@ -321,7 +321,7 @@ fn read_effects(table: &Table, host: Host) -> Checked<Effects> {
         return Err(table.refuse_key(key, &message, suggestion(key, &names)));
     }
     let mut active = Effects::default();
-    for effect in REGISTRY {
+    for effect in REGISTRY.iter() {
         if let Some(own) = table.optional_table(effect.name())? {
             // An effect on what is only dismounted may stay.
             let part = effect.acts_on();
@@ -330,7 +330,7 @@ fn read_effects(table: &Table, host: Host) -> Checked<Effects> {
                     format!("acts on {}, which this machine does not have; expected no table for it", part.describe());
                 return Err(table.refuse_key(effect.name(), &why, None));
             }
-            active.push(read_effect(&own, *effect, host)?);
+            active.push(read_effect(&own, Arc::clone(effect), host)?);
         }
     }
     Ok(active)
@@ -339,17 +339,22 @@ fn read_effects(table: &Table, host: Host) -> Checked<Effects> {
 /// The effect that needs no table.
 pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
 
-fn read_effect(table: &Table, effect: &'static dyn Effect, host: Host) -> Checked<ActiveEffect> {
+fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Checked<ActiveEffect> {
     if effect.formula().is_some() {
         return formula::read(table, host);
     }
     let parameters: Vec<Parameter> = effect.parameters().iter().map(|p| host.parameter(p)).collect();
-    table.only(&parameters.iter().map(|p| p.name).collect::<Vec<_>>())?;
+    table.only(&parameters.iter().map(|p| &*p.name).collect::<Vec<_>>())?;
     let mut blocks = Vec::new();
     for p in &parameters {
-        let present = p.role == Role::Linear || table.entry(p.name).is_some();
+        let present = p.role == Role::Linear || table.entry(&p.name).is_some();
         blocks.push(if present {
-            table.numbers(p.name, Shape::of(p, host.mechanism), &Bounds::between(p.range.0, p.range.1), p.unit)?
+            table.numbers(
+                &p.name,
+                Shape::of(p, host.mechanism),
+                &Bounds::between(p.range.0, p.range.1),
+                Some(p.unit),
+            )?
         } else {
             default_values(p, host.mechanism)
         });

@@ -2,14 +2,16 @@
 //!
 //! `read.rs` and `write.rs` both walk these lists, so a key added here is read, checked and written.
 
+use std::fmt::Display;
+
 use deltatwin::effects::{Count, Parameter};
-use deltatwin::machine::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops};
+use deltatwin::machine::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit};
 use nalgebra::{Matrix3, Vector3};
 
 /// A key with one number or an array of numbers, stored in a `T`.
 pub(super) struct Field<T: ?Sized + 'static> {
     pub key: &'static str,
-    pub unit: &'static str,
+    pub unit: Option<Unit>,
     pub about: &'static str,
     pub shape: Shape,
     pub bounds: Bounds,
@@ -97,9 +99,9 @@ impl Bounds {
             && !(self.integer && v.fract() != 0.0)
     }
 
-    fn describe(&self, unit: &str) -> String {
+    fn describe(&self, unit: Option<impl Display>) -> String {
         let what = if self.integer { "a whole number" } else { "a number" };
-        let unit = if unit.is_empty() { String::new() } else { format!(" in {unit}") };
+        let unit = unit.map_or(String::new(), |unit| format!(" in {unit}"));
         if self.above {
             format!("{what}{unit} above {} and at most {}", self.low, self.high)
         } else {
@@ -109,7 +111,7 @@ impl Bounds {
 }
 
 /// What a key must hold, in words.
-pub(super) fn expectation(shape: Shape, bounds: &Bounds, unit: &str) -> String {
+pub(super) fn expectation(shape: Shape, bounds: &Bounds, unit: Option<impl Display>) -> String {
     shape.describe(&bounds.describe(unit))
 }
 
@@ -130,7 +132,7 @@ macro_rules! number {
     ($key:ident, $unit:expr, $about:expr, $bounds:expr, $always:expr, $default:expr) => {
         Field {
             key: stringify!($key),
-            unit: $unit,
+            unit: Some($unit),
             about: $about,
             shape: Shape::One,
             bounds: $bounds,
@@ -146,7 +148,7 @@ macro_rules! array {
     ($key:ident, $n:expr, $unit:expr, $about:expr, $bounds:expr, $always:expr) => {
         Field {
             key: stringify!($key),
-            unit: $unit,
+            unit: Some($unit),
             about: $about,
             shape: Shape::Array($n),
             bounds: $bounds,
@@ -159,8 +161,8 @@ macro_rules! array {
 }
 
 const TOP: &[Field<Top>] = &[
-    number!(sample_time, "s", "sampling and control period", Bounds::positive(1.0), true),
-    number!(gravity, "m/s²", "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
+    number!(sample_time, Unit::S, "sampling and control period", Bounds::positive(1.0), true),
+    number!(gravity, Unit::MPerS2, "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
 ];
 
 /// Numbers that belong to no table; a lone axis has no gravity.
@@ -172,11 +174,11 @@ pub(super) fn top(machine: Mechanism) -> &'static [Field<Top>] {
 }
 
 const GEOMETRY: &[Field<Geometry>] = &[
-    number!(base_radius, "m", "centre line to motor shaft", LENGTH, true),
-    number!(arm_length, "m", "shaft to elbow (ball line)", LENGTH, true),
+    number!(base_radius, Unit::M, "centre line to motor shaft", LENGTH, true),
+    number!(arm_length, Unit::M, "shaft to elbow (ball line)", LENGTH, true),
     Field {
         key: "strut_length",
-        unit: "m",
+        unit: Some(Unit::M),
         about: "ball to ball, one for all or one per limb",
         shape: Shape::OneOrArray(ARMS),
         bounds: LENGTH,
@@ -185,21 +187,34 @@ const GEOMETRY: &[Field<Geometry>] = &[
         get: |g| g.strut_length.to_vec(),
         set: |g, v| g.strut_length.copy_from_slice(v),
     },
-    number!(platform_radius, "m", "platform centre to the middle of a ball pair", Bounds::between(0.0, 10.0), false),
-    number!(pair_distance, "m", "distance of the two balls of a pair", LENGTH, false),
-    number!(mounting_height, "m", "mounting plane above the shaft plane", HEIGHT, false),
-    number!(flange_height, "m", "flange above the platform's ball plane, negative: below", HEIGHT, false),
-    array!(arm_limits, 2, "rad", "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE, true),
-    number!(upper_hooke_height, "m", "upper Hooke joint above the shaft plane", HEIGHT, false),
-    number!(lower_hooke_height, "m", "lower Hooke joint above the platform's ball plane", HEIGHT, false),
-    array!(telescope_limits, 2, "m", "smallest and largest distance of the telescope's Hooke joints", LENGTH, false),
+    number!(
+        platform_radius,
+        Unit::M,
+        "platform centre to the middle of a ball pair",
+        Bounds::between(0.0, 10.0),
+        false
+    ),
+    number!(pair_distance, Unit::M, "distance of the two balls of a pair", LENGTH, false),
+    number!(mounting_height, Unit::M, "mounting plane above the shaft plane", HEIGHT, false),
+    number!(flange_height, Unit::M, "flange above the platform's ball plane, negative: below", HEIGHT, false),
+    array!(arm_limits, 2, Unit::Rad, "smallest and largest arm angle, 0 = horizontal, positive down", ANGLE, true),
+    number!(upper_hooke_height, Unit::M, "upper Hooke joint above the shaft plane", HEIGHT, false),
+    number!(lower_hooke_height, Unit::M, "lower Hooke joint above the platform's ball plane", HEIGHT, false),
+    array!(
+        telescope_limits,
+        2,
+        Unit::M,
+        "smallest and largest distance of the telescope's Hooke joints",
+        LENGTH,
+        false
+    ),
 ];
 /// The last of them, those of the telescope.
 const OF_TELESCOPE: usize = 3;
 
 const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
     key: "limits",
-    unit: "rad",
+    unit: Some(Unit::Rad),
     about: "smallest and largest position",
     shape: Shape::Array(2),
     bounds: Bounds::between(-1e4, 1e4),
@@ -223,10 +238,10 @@ pub(super) const FIRST_MOMENT: usize = 1;
 pub(super) const TENSOR: usize = 2;
 
 const INERTIA: &[Field<Inertia>] = &[
-    number!(mass, "kg", "of the whole body", Bounds::between(0.0, 1000.0), true),
+    number!(mass, Unit::Kg, "of the whole body", Bounds::between(0.0, 1000.0), true),
     Field {
         key: "first_moment",
-        unit: "kg·m",
+        unit: Some(Unit::KgM),
         about: "mass times centre of mass, x y z in the joint frame",
         shape: Shape::Array(3),
         bounds: Bounds::between(-1000.0, 1000.0),
@@ -237,7 +252,7 @@ const INERTIA: &[Field<Inertia>] = &[
     },
     Field {
         key: "inertia",
-        unit: "kg·m²",
+        unit: Some(Unit::KgM2),
         about: "xx yy zz, or xx yy zz xy xz yz, about the joint frame",
         shape: Shape::Arrays(3, 6),
         bounds: Bounds::between(-1000.0, 1000.0),
@@ -263,7 +278,7 @@ const INERTIA: &[Field<Inertia>] = &[
 const fn lone(key: &'static str, about: &'static str) -> Field<Inertia> {
     Field {
         key,
-        unit: "kg·m²",
+        unit: Some(Unit::KgM2),
         about,
         shape: Shape::One,
         bounds: Bounds::positive(1e6),
@@ -289,7 +304,7 @@ macro_rules! drive {
     ($key:ident, $unit:expr, $about:expr, $bounds:expr) => {
         Field {
             key: stringify!($key),
-            unit: $unit,
+            unit: Some($unit),
             about: $about,
             shape: Shape::OneOrArray(ARMS),
             bounds: $bounds,
@@ -303,58 +318,67 @@ macro_rules! drive {
 
 /// Keys of `[drives.arm]`; `[drives.telescope]` and `[drives.axis]` have the same with one number each.
 pub(super) const DRIVE: &[Field<[Drive]>] = &[
-    drive!(gear_ratio, "rad/rad", "motor turns per output turn", Bounds::positive(1e5)),
+    drive!(gear_ratio, Unit::RadPerRad, "motor turns per output turn", Bounds::positive(1e5)),
     drive!(
         encoder_bits,
-        "bit",
+        Unit::Bit,
         "encoder resolution per motor turn",
         Bounds { low: 1.0, high: 32.0, above: false, integer: true }
     ),
-    drive!(max_torque, "N·m", "largest torque at the gear output", Bounds::positive(1e5)),
-    drive!(max_speed, "rad/s", "largest speed at the gear output", Bounds::positive(1e4)),
-    drive!(max_acceleration, "rad/s²", "largest acceleration", Bounds::positive(1e7)),
-    drive!(max_jerk, "rad/s³", "largest jerk", Bounds::positive(1e10)),
+    drive!(max_torque, Unit::NM, "largest torque at the gear output", Bounds::positive(1e5)),
+    drive!(max_speed, Unit::RadPerS, "largest speed at the gear output", Bounds::positive(1e4)),
+    drive!(max_acceleration, Unit::RadPerS2, "largest acceleration", Bounds::positive(1e7)),
+    drive!(max_jerk, Unit::RadPerS3, "largest jerk", Bounds::positive(1e10)),
 ];
 
 pub(super) const SOCKETS: &[Field<Sockets>] = &[
-    number!(ball_radius, "m", "radius of the ball", Bounds::positive(1.0), true),
-    number!(preload, "N", "force of the clamp spring on the ball", Bounds::positive(1e5), true),
+    number!(ball_radius, Unit::M, "radius of the ball", Bounds::positive(1.0), true),
+    number!(preload, Unit::N, "force of the clamp spring on the ball", Bounds::positive(1e5), true),
     number!(
         dislocation_force,
-        "N",
+        Unit::N,
         "force across the cup at which a healthy socket leaves its ball",
         Bounds::positive(1e6),
         true
     ),
+    Field {
+        unit: None,
+        ..number!(
+            clamp_share,
+            Unit::One,
+            "share of the clamp springs' own pull across the cup that counts against the hold, 0: net",
+            Bounds::between(0.0, 1.0),
+            false,
+            Some(0.0)
+        )
+    },
     number!(
-        clamp_share,
-        "",
-        "share of the clamp springs' own pull across the cup that counts against the hold, 0: net",
-        Bounds::between(0.0, 1.0),
-        false,
-        Some(0.0)
+        spin_damping,
+        Unit::NMSPerRad,
+        "damping of a strut's spin about its own axis",
+        Bounds::between(0.0, 1e6),
+        true
     ),
-    number!(spin_damping, "N·m·s/rad", "damping of a strut's spin about its own axis", Bounds::between(0.0, 1e6), true),
 ];
 
 const STIFFNESS: Bounds = Bounds::positive(1e9);
 const DAMPING: Bounds = Bounds::between(0.0, 100.0);
 
 const STOPS: &[Field<Stops>] = &[
-    array!(arm, 2, "rad", "arm angles of the lower and the upper stop", ANGLE, true),
-    number!(arm_stiffness, "N·m/rad", "of the arms' stops", STIFFNESS, true),
-    number!(arm_damping, "s/rad", "Hunt and Crossley's, of the arms' stops", DAMPING, true),
-    number!(telescope_stiffness, "N/m", "of both ends of the telescope", STIFFNESS, true),
-    number!(telescope_damping, "s/m", "Hunt and Crossley's, of both ends of the telescope", DAMPING, true),
+    array!(arm, 2, Unit::Rad, "arm angles of the lower and the upper stop", ANGLE, true),
+    number!(arm_stiffness, Unit::NMPerRad, "of the arms' stops", STIFFNESS, true),
+    number!(arm_damping, Unit::SPerRad, "Hunt and Crossley's, of the arms' stops", DAMPING, true),
+    number!(telescope_stiffness, Unit::NPerM, "of both ends of the telescope", STIFFNESS, true),
+    number!(telescope_damping, Unit::SPerM, "Hunt and Crossley's, of both ends of the telescope", DAMPING, true),
     number!(
         hooke,
-        "rad",
+        Unit::Rad,
         "largest angle between the parts of a Hooke joint",
         Bounds::positive(std::f64::consts::PI),
         true
     ),
-    number!(hooke_stiffness, "N·m/rad", "of the Hooke joints' stops", STIFFNESS, true),
-    number!(hooke_damping, "s/rad", "Hunt and Crossley's, of the Hooke joints' stops", DAMPING, true),
+    number!(hooke_stiffness, Unit::NMPerRad, "of the Hooke joints' stops", STIFFNESS, true),
+    number!(hooke_damping, Unit::SPerRad, "Hunt and Crossley's, of the Hooke joints' stops", DAMPING, true),
 ];
 /// The first of them, those of the arms.
 const OF_ARMS: usize = 3;
@@ -368,7 +392,7 @@ macro_rules! torque_noise {
     ($n:expr, $shape:expr) => {
         Field {
             key: "torque",
-            unit: "N·m",
+            unit: Some(Unit::NM),
             about: "torque at the gear output, per axis",
             shape: $shape,
             bounds: Bounds::between(0.0, 1e6),
@@ -380,7 +404,7 @@ macro_rules! torque_noise {
     };
 }
 
-const STRUT_NOISE: Field<Noise> = number!(strut_force, "N", "axial strut force", Bounds::between(0.0, 1e5), true);
+const STRUT_NOISE: Field<Noise> = number!(strut_force, Unit::N, "axial strut force", Bounds::between(0.0, 1e5), true);
 
 /// Keys of `[noise]`.
 pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {

@@ -1,5 +1,6 @@
 //! A table of a TOML file and the checks of its values.
 
+use std::fmt::Display;
 use std::ops::Range;
 
 use deltatwin::machine::Mechanism;
@@ -140,7 +141,7 @@ impl<'a> Table<'a> {
             match f.default {
                 Some(default) if !given => (f.set)(target, &[default]),
                 _ if given || assembled || f.always => {
-                    (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, units.unit(f.unit))?);
+                    (f.set)(target, &self.numbers(f.key, f.shape, &f.bounds, f.unit.map(|unit| units.unit(unit)))?);
                 }
                 _ => {}
             }
@@ -166,7 +167,13 @@ impl<'a> Table<'a> {
     }
 
     /// The numbers of `key`; a lone number that stands for several is repeated.
-    pub fn numbers(&self, key: &str, shape: Shape, bounds: &Bounds, unit: &str) -> Checked<Vec<f64>> {
+    pub fn numbers(
+        &self,
+        key: &str,
+        shape: Shape,
+        bounds: &Bounds,
+        unit: Option<impl Display + Copy>,
+    ) -> Checked<Vec<f64>> {
         let expected = schema::expectation(shape, bounds, unit);
         let value = self.required(key, &expected)?;
         match value.get_ref() {

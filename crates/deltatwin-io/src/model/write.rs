@@ -1,11 +1,13 @@
 //! [`Model`] → TOML: the user's file with its comments, only changed numbers replaced.
 
+use std::borrow::Cow;
 use std::path::Path;
+use std::sync::Arc;
 
-use deltatwin::effects::rigid_bodies::{self, RigidBodies};
+use deltatwin::effects::rigid_bodies::RigidBodies;
 use deltatwin::effects::{ActiveEffect, Host, Parameter, Role};
 use deltatwin::machine::bodies::{ARM, BODIES, body_name};
-use deltatwin::machine::{Inertia, Joint, Mechanism};
+use deltatwin::machine::{Inertia, Joint, Mechanism, Unit};
 use deltatwin::model::{Added, Model, Provenance};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
@@ -165,7 +167,7 @@ fn verify(text: &str, model: &Model) -> Result<()> {
     for (wanted, got) in wanted.iter().zip(&got) {
         for (w, g) in wanted.lines.iter().zip(&got.lines) {
             if wanted.path != got.path || w.numbers != g.numbers {
-                let (path, key) = (wanted.path.join("."), w.key);
+                let (path, key) = (wanted.path.join("."), &w.key);
                 return Err(miette!("cannot write [{path}] {key} = {:?}: it reads as {:?}", w.numbers, g.numbers));
             }
         }
@@ -194,7 +196,7 @@ struct Section {
 
 /// One key of a table.
 struct Line {
-    key: &'static str,
+    key: Cow<'static, str>,
     numbers: Vec<f64>,
     /// Names of the parameter that each number is, where it is one.
     parameters: Vec<Vec<String>>,
@@ -242,9 +244,9 @@ fn section<T: ?Sized>(path: &[&str], fields: &[Field<T>], source: &T, assembled:
         let numbers = (f.get)(source);
         let unneeded = (!assembled && !f.always).then(|| vec![0.0; numbers.len()]);
         let default = f.default.map(|x| vec![x]).or(unneeded);
-        let comment = comment(units.unit(f.unit), f.about);
+        let comment = comment(f.unit.map(|unit| units.unit(unit)), f.about);
         let parameters = Vec::new();
-        Line { key: f.key, numbers, parameters, default, shape: f.shape, integer: f.bounds.integer, comment }
+        Line { key: f.key.into(), numbers, parameters, default, shape: f.shape, integer: f.bounds.integer, comment }
     });
     Section {
         path: path.iter().map(|p| p.to_string()).collect(),
@@ -289,15 +291,15 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
 /// Names of the links' parameters with the number of the file that each is.
 struct Parameters {
     /// Of the machine as it is, and of one that was recorded taken apart.
-    tables: [(&'static RigidBodies, Vec<String>); 2],
+    tables: [(Arc<RigidBodies>, Vec<String>); 2],
 }
 
 impl Parameters {
     fn of(model: &Model) -> Self {
         let named = |assembled: bool| {
             let links = RigidBodies::with(model.mechanism, assembled, model.link_parameters);
-            let entries = ActiveEffect::absent_on(links, model.host()).entries();
-            (links, entries.into_iter().map(|e| format!("{}.{}", rigid_bodies::NAME, e.name)).collect())
+            let entries = ActiveEffect::absent_on(links.clone(), model.host()).entries();
+            (links, entries.iter().map(deltatwin::effects::Entry::full_name).collect())
         };
         Self { tables: [named(model.assembled), named(false)] }
     }
@@ -320,35 +322,31 @@ impl Parameters {
 }
 
 fn effect_section(active: &ActiveEffect, host: Host) -> Section {
-    let mut names = active.entries().into_iter().map(|e| vec![format!("{}.{}", active.effect.name(), e.name)]);
-    let mut line = |(b, p): (usize, &Parameter)| {
+    let entries = active.entries();
+    let line = |(b, p): (usize, &Parameter)| {
         let p = host.parameter(p);
         let numbers = active.values().block(b).to_vec();
         Line {
-            key: p.name,
-            parameters: names.by_ref().take(numbers.len()).collect(),
+            parameters: entries.iter().filter(|e| e.param.block == b).map(|e| vec![e.full_name()]).collect(),
             numbers,
             default: (p.role != Role::Linear).then(|| default_values(&p, host.mechanism)),
             shape: Shape::of(&p, host.mechanism),
             integer: false,
-            comment: comment(p.unit, ""),
+            comment: p.unit.to_string(),
+            key: p.name,
         }
     };
-    let about = active.effect.about();
+    let about = active.effect.spec().about;
     Section {
         path: vec!["effects".into(), active.effect.name().into()],
-        lines: active.effect.parameters().iter().enumerate().map(&mut line).collect(),
+        lines: active.effect.parameters().iter().enumerate().map(line).collect(),
         comment: Some(format!("{}: {}", about.summary, about.law)),
         optional: false,
     }
 }
 
-fn comment(unit: &str, about: &str) -> String {
-    match (unit, about) {
-        ("", about) => about.to_string(),
-        (unit, "") => unit.to_string(),
-        (unit, about) => format!("{unit}; {about}"),
-    }
+fn comment(unit: Option<Unit>, about: &str) -> String {
+    unit.map_or(about.to_string(), |unit| format!("{unit}; {about}"))
 }
 
 impl Section {
@@ -365,7 +363,7 @@ impl Section {
             let assumed = line.default.as_ref() == Some(&line.numbers);
             // a new effect shows its constants too; zeros of an incomplete geometry stay away
             let shown = new && self.comment.is_some();
-            match table.get_mut(line.key) {
+            match table.get_mut(&line.key) {
                 Some(item) => {
                     let before = source::Before::of(item);
                     line.replace(item);
@@ -375,7 +373,7 @@ impl Section {
                 }
                 None if assumed && !shown => {}
                 None => {
-                    table.insert(line.key, Item::Value(line.value(true)));
+                    table.insert(&line.key, Item::Value(line.value(true)));
                     let fitted = provenance.filter(|p| line.parameters.iter().any(|names| p.error(names).is_some()));
                     let comment = match fitted {
                         Some(provenance) => source::sourced(line, &vec![true; line.numbers.len()], provenance),
@@ -384,7 +382,7 @@ impl Section {
                     moved += fitted.map_or(0, |_| line.numbers.len());
                     if !comment.is_empty()
                         && !inline
-                        && let Some(Item::Value(v)) = table.get_mut(line.key)
+                        && let Some(Item::Value(v)) = table.get_mut(&line.key)
                     {
                         v.decor_mut().set_suffix(format!(" # {comment}"));
                     }

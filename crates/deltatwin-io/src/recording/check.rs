@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
-use deltatwin::machine::{AXES, Joint, Mechanism, STRUTS};
+use deltatwin::machine::{AXES, Joint, Mechanism, STRUTS, Unit};
 use deltatwin::recording::{Signals, multiplier_names};
 
 use super::ReadError;
@@ -320,7 +320,7 @@ impl Table {
 
     fn jumps(&self, warnings: &mut Vec<String>) {
         let step = median_step(&self.t);
-        let unit = self.machine.unit("rad");
+        let unit = self.machine.unit(Unit::Rad);
         for k in 1..=self.machine.axes() {
             let name = format!("q{k}");
             let Some(q) = self.column(&name) else {
@@ -384,7 +384,7 @@ impl Table {
             if count >= 10 {
                 warnings.push(format!(
                     "`{name}` stays at its {what} value {extreme} {} for {count} samples, first at {}: clipped?",
-                    self.machine.unit("N·m"),
+                    self.machine.unit(Unit::NM),
                     self.at(runs[0].start)
                 ));
             }
@@ -409,7 +409,7 @@ impl Table {
             warnings.push(format!(
                 "`{name}` stays exactly {} {} from {} for {} samples while the axis moves: frozen sensor?",
                 tau[r.start],
-                self.machine.unit("N·m"),
+                self.machine.unit(Unit::NM),
                 self.at(r.start),
                 r.len()
             ));

@@ -2,9 +2,10 @@
 
 use crate::{Color, Curve, Figure, Style, time_series};
 use deltatwin::diagnosis::unknown::Shape;
+use deltatwin::machine::Unit;
 
 /// A force over the variable it depends on most, with its simultaneous 95 % band.
-pub fn shape(shape: &Shape, title: &str, unit: &str) -> Figure {
+pub fn shape(shape: &Shape, title: &str, unit: Unit) -> Figure {
     let curve = |label: &str, y: &[f64]| Curve::new(label, shape.x.clone(), y.to_vec());
     let band = Color::CYCLE[1];
     let curves = [
@@ -14,8 +15,8 @@ pub fn shape(shape: &Shape, title: &str, unit: &str) -> Figure {
     ];
     let what = if shape.along { "force along the motion" } else { "force" };
     let over = match shape.period {
-        Some((length, _)) => format!("{} within a period of {length:.4} / {}", shape.variable, shape.variable_unit),
-        None => format!("{} / {}", shape.variable, shape.variable_unit),
+        Some((length, _)) => format!("{} within a period of {length:.4} / {}", shape.variable, shape.variable_unit()),
+        None => format!("{} / {}", shape.variable, shape.variable_unit()),
     };
     time_series(title, &over, &format!("{what} / {unit}"), &curves)
 }

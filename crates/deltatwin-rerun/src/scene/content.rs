@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::AXIS;
 use deltatwin::cell::{Object, Shape};
 use deltatwin::machine::bodies::BODIES;
-use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS};
+use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS, Unit};
 use deltatwin::recording::Recording;
 pub use deltatwin::recording::{Level, Note};
 
@@ -116,7 +116,7 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
 
 /// Curves of torques and joint angles; `of` gives both for an axis.
 pub fn drives(machine: Mechanism, times: &[f64], of: impl Fn(usize) -> (Vec<f64>, Vec<f64>)) -> Vec<Series> {
-    let (torque, angle) = (machine.unit("N·m"), machine.unit("rad"));
+    let (torque, angle) = (machine.unit(Unit::NM), machine.unit(Unit::Rad));
     let curve =
         |path: String, values, color, label: String| Series { path, times: times.to_vec(), values, color, label };
     let mut torques = Vec::new();

@@ -91,7 +91,7 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
                     format!("{}.{}", e.name, p.name),
                     format!("{:.5}", p.value),
                     format!("{:.5}", p.std),
-                    p.unit.into(),
+                    p.unit.to_string(),
                 ]
             })
             .collect();
@@ -106,7 +106,7 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
         let number = |x: f64| deltatwin::text::significant(x, 4);
         let row = |c: &deltatwin::diagnosis::budget::Change| {
             let numbers = [c.before.value, c.before.std, c.after.value, c.after.std].map(number);
-            std::iter::once(c.before.name.clone()).chain(numbers).chain([c.before.unit.into()]).collect::<Vec<_>>()
+            std::iter::once(c.before.name.clone()).chain(numbers).chain([c.before.unit.to_string()]).collect::<Vec<_>>()
         };
         let rows: Vec<Vec<String>> = d.changes.iter().map(row).collect();
         if !rows.is_empty() {

@@ -3,6 +3,7 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use std::sync::Arc;
 use thiserror::Error;
 
 use super::motion::{Motion, MotionKind};
@@ -130,19 +131,21 @@ impl Case {
 }
 
 /// Effects that can be hidden from a model: those it lacks and a measured motion shows.
-pub fn hideable(model: &Model) -> Vec<&'static dyn Effect> {
+pub fn hideable(model: &Model) -> Vec<Arc<dyn Effect>> {
     let carried = |e: &dyn Effect| model.effects.iter().any(|a| a.effect.name() == e.name());
     effects::REGISTRY
         .iter()
-        .copied()
-        .filter(|e| e.name() != rigid_bodies::NAME && e.identifiable() && !e.parameters().is_empty() && !carried(*e))
+        .filter(|e| {
+            e.name() != rigid_bodies::NAME && e.spec().identifiable && !e.parameters().is_empty() && !carried(&***e)
+        })
         .filter(|e| model.mechanism.has(e.acts_on(), model.assembled))
+        .cloned()
         .collect()
 }
 
 /// Makes a campaign on an assembled delta robot; `progress` gets the run (0 or 1) and the simulated time.
 pub fn campaign(model: &Model, case: &Case, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
-    let outside: Vec<&'static dyn Effect> = case.outside.iter().map(|law| law.effect() as _).collect();
+    let outside: Vec<Arc<dyn Effect>> = case.outside.iter().map(|law| Arc::new(law.effect()) as _).collect();
     campaign_with(model, case, &outside, progress)
 }
 
@@ -150,7 +153,7 @@ pub fn campaign(model: &Model, case: &Case, progress: &(dyn Fn(usize, f64) + Syn
 pub fn campaign_with(
     model: &Model,
     case: &Case,
-    beyond: &[&'static dyn Effect],
+    beyond: &[Arc<dyn Effect>],
     progress: &(dyn Fn(usize, f64) + Sync),
 ) -> Result<Campaign, CampaignError> {
     prepare(model, case, beyond)?.record(model, progress)
@@ -160,7 +163,7 @@ pub fn campaign_with(
 pub fn quiet_campaign(
     model: &Model,
     case: &Case,
-    beyond: &[&'static dyn Effect],
+    beyond: &[Arc<dyn Effect>],
     progress: &(dyn Fn(usize, f64) + Sync),
 ) -> Result<Campaign, CampaignError> {
     prepare(model, case, beyond)?.quiet(model, progress)
@@ -181,16 +184,16 @@ pub struct Prepared {
 ///
 /// # Errors
 /// If an effect cannot be hidden, or if the model cannot be refitted along the drawn motion.
-pub fn prepare(model: &Model, case: &Case, beyond: &[&'static dyn Effect]) -> Result<Prepared, CampaignError> {
+pub fn prepare(model: &Model, case: &Case, beyond: &[Arc<dyn Effect>]) -> Result<Prepared, CampaignError> {
     let known = hideable(model);
     let find = |name: &String| {
-        known.iter().copied().find(|e| e.name() == name).ok_or_else(|| CampaignError::Effect {
+        known.iter().find(|e| e.name() == name).cloned().ok_or_else(|| CampaignError::Effect {
             name: name.clone(),
             known: known.iter().map(|e| e.name()).collect(),
         })
     };
     let mut wanted = case.effects.iter().map(find).collect::<Result<Vec<_>, _>>()?;
-    wanted.extend(beyond);
+    wanted.extend(beyond.iter().cloned());
     let setup = case.setup();
     let mut robot = model.clone();
     perturb(&mut robot, &mut case.random(Stream::Robot));

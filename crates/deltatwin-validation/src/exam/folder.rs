@@ -69,7 +69,7 @@ pub fn write_truth(folder: &Path, truth: &Value) -> Result<(), FolderError> {
 pub fn truth(campaign: &Campaign, case: &Case) -> Value {
     let plant = Plant::new(&campaign.robot, &campaign.measurement.setup);
     let hidden = |name: &str| campaign.hidden.iter().any(|h| h.active.effect.name() == name);
-    let own = plant.parameters().into_iter().filter(|p| p.role != Role::Fixed && !hidden(p.effect));
+    let own = plant.parameters().into_iter().filter(|p| p.role != Role::Fixed && !hidden(p.param.effect));
     json!({
         "effects": campaign.hidden.iter().map(effect).collect::<Vec<_>>(),
         "outside": case.outside.map(|law| outside(law, campaign.unspanned)),

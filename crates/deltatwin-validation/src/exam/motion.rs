@@ -151,7 +151,7 @@ enum Beyond {
 }
 
 fn beyond(at: &dyn Fn(f64) -> PlatformState, length: f64, plant: &Plant, limits: &MotionLimits) -> Option<Beyond> {
-    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.effect.initial_state(&a.values())).collect();
+    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     for k in 0..(length / SPACING).ceil() as usize {
         let t = k as f64 * SPACING;

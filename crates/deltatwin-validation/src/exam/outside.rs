@@ -68,7 +68,7 @@ impl Outside {
     }
 
     /// The effect that hides it.
-    pub fn effect(self) -> &'static Formula {
+    pub fn effect(self) -> Formula {
         let at = Place::named(self.at).expect("a place of a formula");
         let law = Expression::parse(self.law).expect("an expression");
         Formula::new(vec![(Term { name: self.name.into(), at, law }, 1.0)], false)

@@ -1,5 +1,7 @@
 //! Which campaigns an exam consists of.
 
+use std::sync::Arc;
+
 use super::campaign::Case;
 use super::motion::MotionKind;
 use super::noise::Noise;
@@ -109,8 +111,8 @@ impl Plan {
 }
 
 /// Whether an effect's inertia depends on the payload, so that it shows on a robot that carries one.
-fn reads_payload(effect: &'static dyn Effect) -> bool {
-    let active = ActiveEffect::absent(effect);
+fn reads_payload(effect: Arc<dyn Effect>) -> bool {
+    let active = ActiveEffect::absent(Arc::clone(&effect));
     let terms = |payload: &Payload| {
         let mut terms = Vec::new();
         effect.inertia(&active.values(), payload, &mut |k, body, inertia| terms.push((k, body, inertia)));

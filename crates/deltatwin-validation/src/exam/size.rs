@@ -8,6 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
 
 use super::motion::Motion;
 use super::outside::Outside;
@@ -171,11 +172,11 @@ impl<'a> Sizer<'a> {
     /// Draws the values of an effect of the given size.
     pub fn draw(
         &self,
-        effect: &'static dyn deltatwin::effects::Effect,
+        effect: Arc<dyn deltatwin::effects::Effect>,
         size: Size,
         rng: &mut ChaCha8Rng,
     ) -> Result<Hidden, FitError> {
-        let active = self.shaped(effect, rng);
+        let active = self.shaped(&effect, rng);
         let columns = self.columns(&active)?;
         let mut direction = self.departing(&columns, direction(&active, rng), rng);
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
@@ -238,19 +239,19 @@ impl<'a> Sizer<'a> {
     }
 
     /// The effect without action, with the robot's constants and a drawn shape.
-    fn shaped(&self, effect: &'static dyn deltatwin::effects::Effect, rng: &mut ChaCha8Rng) -> ActiveEffect {
-        let mut active = ActiveEffect::absent_on(effect, self.robot.host());
+    fn shaped(&self, effect: &Arc<dyn deltatwin::effects::Effect>, rng: &mut ChaCha8Rng) -> ActiveEffect {
+        let mut active = ActiveEffect::absent_on(Arc::clone(effect), self.robot.host());
         let entries = active.entries();
-        let grids = effect.shape_grids();
+        let grids = effect.spec().search.grids;
         // Of several that are searched only one departs from its usual value.
         let chosen = if grids.len() > 1 { rng.random_range(0..grids.len()) } else { 0 };
         let mut shape = 0;
         for (value, entry) in active.values.iter_mut().zip(&entries) {
-            let p = entry.parameter;
+            let p = &entry.parameter;
             match p.role {
-                Role::Fixed => *value = effect.constant(&p, &self.robot.view()).unwrap_or(*value),
+                Role::Fixed => *value = effect.spec().constant(&p.name, &self.robot.view()).unwrap_or(*value),
                 Role::Shape => {
-                    let usual = effect.constant(&p, &self.robot.view()).unwrap_or(p.default);
+                    let usual = effect.spec().constant(&p.name, &self.robot.view()).unwrap_or(p.default);
                     *value = usual;
                     if grids.len() == 1 || shape == chosen {
                         // Between the inner starting points of a search for it.
@@ -374,7 +375,7 @@ const POSSIBLE: f64 = 1e-10;
 /// for it; zero elsewhere.
 fn direction(active: &ActiveEffect, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let drawn = |entry: &deltatwin::effects::Entry| {
-        let p = entry.parameter;
+        let p = &entry.parameter;
         let size = p.default * rng.random_range(0.5..1.5);
         let (low, high) = p.range;
         let negative = rng.random_bool((-low / (high - low)).clamp(0.0, 1.0));

@@ -258,6 +258,7 @@ fn beyond(orthonormal: &[DVector<f64>], column: DVector<f64>) -> Option<DVector<
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+    use std::sync::Arc;
 
     use super::super::campaign::prepare;
     use super::super::outside::Outside;
@@ -269,9 +270,8 @@ mod tests {
         let model = deltatwin_io::model::parse(MODEL, Path::new("models/irb360-6-1600.toml")).unwrap();
         let outside = Outside { name: "law", at, law };
         let case = Case { outside: Some(outside), motion: MotionKind::Fourier, duration: 6.0, ..Case::default() };
-        let beyond: Vec<&dyn deltatwin::effects::Effect> = Vec::new();
-        assert!(prepare(&model, &Case { outside: None, ..case.clone() }, &beyond).unwrap().unspanned.is_none());
-        prepare(&model, &case, &[outside.effect()]).unwrap().unspanned.unwrap()
+        assert!(prepare(&model, &Case { outside: None, ..case.clone() }, &[]).unwrap().unspanned.is_none());
+        prepare(&model, &case, &[Arc::new(outside.effect())]).unwrap().unspanned.unwrap()
     }
 
     #[test]

@@ -69,7 +69,7 @@ pub fn covariance(campaign: &Campaign) -> Section {
         });
         let truth = campaign.disassembled.noise.torque[axis];
         let quantity = format!("σ of axis {}", axis + 1);
-        rows.push(Row { quantity, unit: "N·m", ours: ours.collect(), truth: Some(truth), paper: None });
+        rows.push(Row { quantity, unit: "N·m".into(), ours: ours.collect(), truth: Some(truth), paper: None });
     }
     let largest = |run: &Run| at_rest(run, 0).iter().map(|p| p.0.abs()).fold(0.0, f64::max);
     let loads: Vec<String> = campaign.rests.iter().map(|run| format!("{:.1}", largest(run))).collect();

@@ -10,11 +10,12 @@ use super::paper::{self, table_1, table_4};
 use super::prior;
 use super::runs::{Campaign, Run};
 use deltatwin::dynamics::Channel;
-use deltatwin::effects::{ActiveEffect, find, rigid_bodies};
+use deltatwin::effects::rigid_bodies::{self, RigidBodies};
+use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::Options;
 use deltatwin::identification::{BaseParameter, Fit, Trace, fit_with};
 use deltatwin::machine::bodies::{ARM, Bodies, ROTOR, STRUT};
-use deltatwin::machine::{ARMS, AXES};
+use deltatwin::machine::{ARMS, AXES, Mechanism};
 use deltatwin::model::Model;
 
 /// Friction of the telescope's sliding joint to start from, N and N·s/m; the paper does not say what it took.
@@ -119,7 +120,7 @@ fn link(bodies: &Bodies, name: &str) -> Option<f64> {
     let of_arm = |arm: usize| {
         let mut one = bodies.clone();
         one[ARM] = bodies[ARM + arm];
-        rigid_bodies::ASSEMBLED.values(&one)[k]
+        RigidBodies::of(Mechanism::default(), true).values(&one)[k]
     };
     Some((0..ARMS).map(of_arm).sum::<f64>() / ARMS as f64)
 }
@@ -200,7 +201,7 @@ impl Assembled {
             };
             Some(Row {
                 quantity: sum(base)?,
-                unit: base.unit,
+                unit: base.unit.to_string(),
                 ours: vec![Some(Estimate::new(base.value, base.std)), other(&self.free), other(&self.complete)],
                 truth: Some(of(&campaign.robot.bodies, base)?),
                 paper: combined(base, printed),
@@ -218,7 +219,7 @@ impl Assembled {
                 let mut ours = vec![link(&self.prior.bodies, name).map(Estimate::plain)];
                 ours.extend(self.all().iter().map(|f| estimate(f, &format!("{LINKS}{name}"))));
                 let truth = link(&campaign.robot.bodies, name);
-                Row { quantity: (*symbol).into(), unit, ours, truth, paper: Some(*printed) }
+                Row { quantity: (*symbol).into(), unit: unit.to_string(), ours, truth, paper: Some(*printed) }
             })
             .collect();
         let titles = std::iter::once("prior".to_string()).chain(titles()).collect();
@@ -272,7 +273,7 @@ impl Assembled {
             ours: self.all().iter().map(|f| estimate(f, &format!("{effect}.{name}"))).collect(),
             truth: truth(effect, &name),
             quantity: symbol,
-            unit,
+            unit: unit.into(),
             paper: Some(printed),
         };
         let mut rows = Vec::new();
@@ -303,7 +304,7 @@ impl Assembled {
         let growth = (0..ARMS)
             .map(|arm| Row {
                 quantity: format!("drive {}: p_v over Table 1", arm + 1),
-                unit: "",
+                unit: String::new(),
                 ours: inflation.iter().map(|f| Some(Estimate::plain(f[arm]))).collect(),
                 truth: None,
                 paper: Some(table_4::VISCOUS[arm] / table_1::VISCOUS[arm]),

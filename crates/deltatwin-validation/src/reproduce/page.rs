@@ -49,7 +49,7 @@ pub struct Row {
     /// What.
     pub quantity: String,
     /// Its unit.
-    pub unit: &'static str,
+    pub unit: String,
     /// One per estimate column of the table.
     pub ours: Vec<Option<Estimate>>,
     /// The twin's own value.
@@ -60,8 +60,8 @@ pub struct Row {
 
 impl Row {
     /// A single estimate beside truth and paper.
-    pub fn new(quantity: impl Into<String>, unit: &'static str, ours: Estimate) -> Self {
-        Self { quantity: quantity.into(), unit, ours: vec![Some(ours)], truth: None, paper: None }
+    pub fn new(quantity: impl Into<String>, unit: impl ToString, ours: Estimate) -> Self {
+        Self { quantity: quantity.into(), unit: unit.to_string(), ours: vec![Some(ours)], truth: None, paper: None }
     }
 
     /// With the twin's own value.
@@ -141,7 +141,7 @@ impl Comparison {
             cells.extend(row.ours.iter().map(|e| e.map_or("–".into(), |e| e.text())));
             cells.extend(truth.then(|| number(row.truth)));
             cells.extend(paper.then(|| number(row.paper)));
-            cells.push(row.unit.into());
+            cells.push(row.unit.clone());
             let _ = writeln!(out, "| {} |", cells.join(" | "));
         }
         out

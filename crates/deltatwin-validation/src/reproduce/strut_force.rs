@@ -52,7 +52,7 @@ pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Sec
     }
     let row = |what: &str, values: &[f64]| Row {
         quantity: what.into(),
-        unit: "N",
+        unit: "N".into(),
         ours: values.iter().map(|v| Some(Estimate::plain(*v))).collect(),
         truth: None,
         paper: None,

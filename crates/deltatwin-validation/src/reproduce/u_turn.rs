@@ -88,7 +88,7 @@ pub fn sections(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Ve
     let titles: Vec<String> = variants.iter().map(|v| v.title.to_string()).collect();
     let row = |quantity: String, unit: &'static str, of: &dyn Fn(&Variant) -> f64| Row {
         quantity,
-        unit,
+        unit: unit.into(),
         ours: variants.iter().map(|v| Some(Estimate::plain(of(v)))).collect(),
         truth: None,
         paper: None,

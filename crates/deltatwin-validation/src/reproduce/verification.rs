@@ -63,7 +63,7 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
         for axis in 0..AXES {
             rows.push(Row {
                 quantity: format!("axis {}, {what}", axis + 1),
-                unit: "N·m",
+                unit: "N·m".into(),
                 ours: ours.iter().map(|v| v.map(|v| Estimate::plain(v[axis]))).collect(),
                 truth: Some(campaign.robot.noise.torque[axis]),
                 paper: Some(printed[axis]),
@@ -129,7 +129,7 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
     let mut rows = Vec::new();
     let mut add = |quantity: String, ours: [f64; 3], paper: Option<f64>| {
         let ours = ours.map(|v| v.is_finite().then(|| Estimate::plain(v))).into();
-        rows.push(Row { quantity, unit: "N", ours, truth: None, paper });
+        rows.push(Row { quantity, unit: "N".into(), ours, truth: None, paper });
     };
     let extreme = |all: &[Vec<f64>], pick: fn(f64, f64) -> f64| {
         channels.iter().flat_map(|(_, c)| &all[*c]).copied().reduce(pick).unwrap_or(f64::NAN)

@@ -10,7 +10,7 @@ pub fn print(d: &Diagnosis) -> miette::Result<()> {
     for e in &d.effects {
         let mut table = Table::new(&[&e.name, "value", "std", "unit"], &[3]);
         for p in &e.parameters {
-            table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
+            table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.to_string()]);
         }
         say(format!("\n{table}"))?;
     }

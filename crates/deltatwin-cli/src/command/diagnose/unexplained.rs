@@ -8,11 +8,12 @@ use deltatwin::diagnosis::left::Rest;
 use deltatwin::diagnosis::unknown::Shape;
 use deltatwin::effects::formula::Place;
 use deltatwin::identification::Estimate;
+use deltatwin::machine::Unit;
 use deltatwin::text::significant;
 
 /// As JSON; `explained` is the share of the explainable error that the named effects and the formula take.
 pub fn json(u: &Unexplained, explained: f64) -> Value {
-    let term = |(place, law, c): &(Place, String, Estimate)| json!({"name": c.name, "at": place.name(), "law": law, "coefficient": c.value, "std": finite(c.std), "unit": c.unit});
+    let term = |(place, law, c): &(Place, String, Estimate)| json!({"name": c.name, "at": place.name(), "law": law, "coefficient": c.value, "std": finite(c.std), "unit": c.unit.to_string()});
     let s = &u.shape;
     json!({
         "location": u.location,
@@ -35,8 +36,8 @@ pub fn json(u: &Unexplained, explained: f64) -> Value {
 }
 
 /// A shape as JSON.
-pub fn shape(s: &Shape, unit: &str) -> Value {
-    json!({"variable": s.variable, "along_motion": s.along, "variable_unit": s.variable_unit, "unit": unit, "x": s.x, "mean": s.mean, "low": s.low, "high": s.high})
+pub fn shape(s: &Shape, unit: Unit) -> Value {
+    json!({"variable": s.variable, "along_motion": s.along, "variable_unit": s.variable_unit(), "unit": unit.to_string(), "x": s.x, "mean": s.mean, "low": s.low, "high": s.high})
 }
 
 fn finite(x: f64) -> Option<f64> {
@@ -72,10 +73,10 @@ pub fn rest(rest: &Rest) -> String {
 }
 
 /// A shape in words.
-fn looks(s: &Shape, unit: &str) -> String {
+fn looks(s: &Shape, unit: Unit) -> String {
     let mut words = vec![format!("{} in speed", s.parity())];
     if let Some((period, variable)) = s.period {
-        words.push(format!("period {} {} in {variable}", significant(period, 4), s.variable_unit));
+        words.push(format!("period {} {} in {variable}", significant(period, 4), s.variable_unit()));
     }
     let (low, high) = s.mean.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), m| (a.min(*m), b.max(*m)));
     if low < high {

@@ -64,7 +64,7 @@ fn json(args: &Args, data: &Data, noise_floor: &[f64], found: &PayloadFit) -> Va
 fn print(data: &Data, noise_floor: &[f64], found: &PayloadFit) -> miette::Result<()> {
     let mut table = Table::new(&["Parameter", "value", "std", "unit"], &[3]);
     for p in found.parameters.iter().filter(|p| p.identified()) {
-        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.into()]);
+        table.row([p.name.clone(), significant(p.value, 4), significant(p.std, 2), p.unit.to_string()]);
     }
     say(table)?;
     print_unidentified(&found.fit)?;

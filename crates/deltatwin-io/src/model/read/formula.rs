@@ -1,9 +1,10 @@
 //! `[effects.formula]`: terms with their laws as text.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use deltatwin::effects::formula::{Expression, Formula, LIMIT, Place, Term};
-use deltatwin::effects::{ActiveEffect, Effect, Host};
+use deltatwin::effects::{ActiveEffect, Host};
 use toml::de::DeValue;
 
 use super::super::schema::{Bounds, Shape};
@@ -42,8 +43,7 @@ pub(super) fn read(table: &Table, host: Host) -> Checked<ActiveEffect> {
     }
     let values: Vec<[f64; 1]> = terms.iter().map(|(_, coefficient)| [*coefficient]).collect();
     let blocks: Vec<&[f64]> = values.iter().map(|v| &v[..]).collect();
-    let formula: &'static dyn Effect = Formula::new(terms, empirical);
-    Ok(ActiveEffect { host, ..ActiveEffect::new(formula, &blocks) })
+    Ok(ActiveEffect { host, ..ActiveEffect::new(Arc::new(Formula::new(terms, empirical)), &blocks) })
 }
 
 fn read_term(table: &Table, host: Host) -> Checked<(Term, f64)> {
@@ -67,13 +67,15 @@ fn read_term(table: &Table, host: Host) -> Checked<(Term, f64)> {
     if let Some(variable) = law.variables().find(|v| !v.exists_on(host.mechanism)) {
         return Err(table.refuse("law", &format!("this machine has no `{}`; expected what it has", variable.name())));
     }
-    let unit = host.mechanism.unit(at.unit());
+    let term = Term { name: name.into(), at, law };
+    let unit = host.mechanism.unit(term.unit());
     let bounds = Bounds::between(-LIMIT, LIMIT);
-    let coefficient = table.numbers("coefficient", Shape::One, &bounds, unit)?[0];
-    if table.entry("unit").is_some() && table.string("unit", &format!("\"{unit}\""))? != unit {
-        return Err(table.refuse("unit", &format!("expected \"{unit}\", the unit of a coefficient at {}", at.name())));
+    let coefficient = table.numbers("coefficient", Shape::One, &bounds, Some(unit))?[0];
+    if table.entry("unit").is_some() && table.string("unit", &format!("\"{unit}\""))? != unit.to_string() {
+        let problem = format!("expected \"{unit}\", the unit of a coefficient at {}", at.name());
+        return Err(table.refuse("unit", &problem));
     }
-    Ok((Term { name: name.into(), at, law }, coefficient))
+    Ok((term, coefficient))
 }
 
 /// Place of a part of a string in the file: exact unless the string is written with escapes.

@@ -37,7 +37,7 @@ pub(super) fn same(a: &Model, b: &Model) -> bool {
 /// Puts the model's formula into the document; says how many of its coefficients moved.
 pub(super) fn edit(root: &mut Table, model: &Model, provenance: Option<&Provenance>) -> Result<usize> {
     let Some((active, formula)) = of(model) else { return Ok(0) };
-    let unit = |i: usize| model.mechanism.unit(formula.terms[i].at.unit());
+    let unit = |i: usize| model.mechanism.unit(formula.terms[i].unit());
     // Unit, source and standard error of a coefficient.
     let fitted = |i: usize| {
         let name = format!("{NAME}.{}", formula.terms[i].name);

@@ -1,0 +1,307 @@
+//! Units of parameters, in SI, and what becomes of them on a slide.
+
+use std::fmt;
+
+/// Unit of a parameter or of a limit.
+///
+/// Laws and sizes are stated for drives that turn; [`Unit::on_slide`] and [`Unit::scale`] carry them over to other machines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[rustfmt::skip]
+pub enum Unit {
+    /// 1, a pure number.
+    One,
+    /// bit.
+    Bit,
+    /// rad of the motor per rad of the joint: a pure number on an axis that turns, rad/m on a slide.
+    GearRatio,
+    /// rad/rad, the same where it is the key of a drive.
+    RadPerRad,
+    /// rad/m.
+    RadPerM,
+    /// s.
+    S,
+    /// m.
+    M,
+    /// m/s.
+    MPerS,
+    /// m/s².
+    MPerS2,
+    /// m/s³.
+    MPerS3,
+    /// s/m.
+    SPerM,
+    /// rad.
+    Rad,
+    /// rad/s.
+    RadPerS,
+    /// rad/s².
+    RadPerS2,
+    /// rad/s³.
+    RadPerS3,
+    /// s/rad.
+    SPerRad,
+    /// kg.
+    Kg,
+    /// kg·m.
+    KgM,
+    /// kg·m².
+    KgM2,
+    /// N.
+    N,
+    /// N/s.
+    NPerS,
+    /// N/m.
+    NPerM,
+    /// N·s/m.
+    NSPerM,
+    /// N·s²/m².
+    NS2PerM2,
+    /// m/N.
+    MPerN,
+    /// N·m.
+    NM,
+    /// N·m/s.
+    NMPerS,
+    /// N·m/rad.
+    NMPerRad,
+    /// N·m·s/rad.
+    NMSPerRad,
+    /// rad/(N·m).
+    RadPerNM,
+    /// Of a formula's coefficient, or of what its law reads.
+    Derived(Powers),
+    /// N per unit of a law whose own unit cannot be told.
+    NPerLaw,
+    /// N·m per unit of a law whose own unit cannot be told.
+    NMPerLaw,
+}
+
+impl Unit {
+    /// The unit on an axis that slides, where metres stand for radians and newtons for newton metres: what has no part in
+    /// the motion of a drive stays.
+    pub fn on_slide(self) -> Self {
+        match self {
+            Self::Rad => Self::M,
+            Self::RadPerS => Self::MPerS,
+            Self::RadPerS2 => Self::MPerS2,
+            Self::RadPerS3 => Self::MPerS3,
+            Self::SPerRad => Self::SPerM,
+            Self::NM => Self::N,
+            Self::NMPerS => Self::NPerS,
+            Self::NMPerRad => Self::NPerM,
+            Self::NMSPerRad => Self::NSPerM,
+            Self::RadPerNM => Self::MPerN,
+            Self::KgM2 => Self::Kg,
+            Self::GearRatio | Self::RadPerRad => Self::RadPerM,
+            Self::NMPerLaw => Self::NPerLaw,
+            Self::Derived(powers) => Self::Derived(powers.on_slide()),
+            Self::One
+            | Self::Bit
+            | Self::RadPerM
+            | Self::S
+            | Self::M
+            | Self::MPerS
+            | Self::MPerS2
+            | Self::MPerS3
+            | Self::SPerM
+            | Self::Kg
+            | Self::KgM
+            | Self::N
+            | Self::NPerS
+            | Self::NPerM
+            | Self::NSPerM
+            | Self::NS2PerM2
+            | Self::MPerN
+            | Self::NPerLaw => self,
+        }
+    }
+
+    /// Size of a parameter with this unit on a machine whose drives have `torque` times the torque (or force) and `speed`
+    /// times the speed of the stated ones; it is asked of the unit on that machine, see [`Self::on_slide`].
+    ///
+    /// Torques grow with the one, what drives move through with the other; the motor's own speed stays. The coefficient
+    /// of a formula grows with the force alone, because its law is written for the machine.
+    pub fn scale(self, torque: f64, speed: f64) -> f64 {
+        match self {
+            Self::NM | Self::N | Self::NMPerS | Self::NPerS => torque,
+            Self::Derived(_) | Self::NMPerLaw | Self::NPerLaw => torque,
+            Self::Rad | Self::RadPerS | Self::RadPerS2 | Self::RadPerS3 => speed,
+            Self::M | Self::MPerS | Self::MPerS2 | Self::MPerS3 => speed,
+            Self::SPerRad | Self::SPerM | Self::RadPerM => 1.0 / speed,
+            Self::NMPerRad | Self::NMSPerRad | Self::KgM2 => torque / speed,
+            Self::NPerM | Self::NSPerM | Self::Kg => torque / speed,
+            Self::RadPerNM | Self::MPerN => speed / torque,
+            Self::NS2PerM2 => torque / (speed * speed),
+            Self::One | Self::Bit | Self::GearRatio | Self::RadPerRad | Self::S | Self::KgM => 1.0,
+        }
+    }
+}
+
+impl fmt::Display for Unit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::One | Self::GearRatio => "1",
+            Self::Bit => "bit",
+            Self::RadPerRad => "rad/rad",
+            Self::RadPerM => "rad/m",
+            Self::S => "s",
+            Self::M => "m",
+            Self::MPerS => "m/s",
+            Self::MPerS2 => "m/s²",
+            Self::MPerS3 => "m/s³",
+            Self::SPerM => "s/m",
+            Self::Rad => "rad",
+            Self::RadPerS => "rad/s",
+            Self::RadPerS2 => "rad/s²",
+            Self::RadPerS3 => "rad/s³",
+            Self::SPerRad => "s/rad",
+            Self::Kg => "kg",
+            Self::KgM => "kg·m",
+            Self::KgM2 => "kg·m²",
+            Self::N => "N",
+            Self::NPerS => "N/s",
+            Self::NPerM => "N/m",
+            Self::NSPerM => "N·s/m",
+            Self::NS2PerM2 => "N·s²/m²",
+            Self::MPerN => "m/N",
+            Self::NM => "N·m",
+            Self::NMPerS => "N·m/s",
+            Self::NMPerRad => "N·m/rad",
+            Self::NMSPerRad => "N·m·s/rad",
+            Self::RadPerNM => "rad/(N·m)",
+            Self::NPerLaw => "N per unit of the law",
+            Self::NMPerLaw => "N·m per unit of the law",
+            Self::Derived(powers) => return f.pad(&powers.to_string()),
+        })
+    }
+}
+
+/// N^`n` · m^`m` · s^`s` · rad^`rad`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Powers {
+    /// Power of N.
+    pub n: i8,
+    /// Power of m.
+    pub m: i8,
+    /// Power of s.
+    pub s: i8,
+    /// Power of rad.
+    pub rad: i8,
+}
+
+impl Powers {
+    /// A pure number.
+    pub const ONE: Self = Self { n: 0, m: 0, s: 0, rad: 0 };
+    /// N.
+    pub const N: Self = Self { n: 1, ..Self::ONE };
+    /// N·m.
+    pub const NM: Self = Self { n: 1, m: 1, ..Self::ONE };
+
+    fn each(self, other: Self, of: impl Fn(i8, i8) -> Option<i8>) -> Option<Self> {
+        let Self { n, m, s, rad } = other;
+        Some(Self { n: of(self.n, n)?, m: of(self.m, m)?, s: of(self.s, s)?, rad: of(self.rad, rad)? })
+    }
+
+    /// Unit of a product; none beyond the range of the powers.
+    pub fn times(self, other: Self) -> Option<Self> {
+        self.each(other, i8::checked_add)
+    }
+
+    /// Unit of a quotient; none beyond the range of the powers.
+    pub fn over(self, other: Self) -> Option<Self> {
+        self.each(other, i8::checked_sub)
+    }
+
+    /// Unit of a power; none if it is no product of whole powers.
+    pub fn to_the(self, exponent: f64) -> Option<Self> {
+        self.each(self, |p, _| {
+            let power = f64::from(p) * exponent;
+            (power.fract() == 0.0 && power.abs() <= f64::from(i8::MAX)).then_some(power as i8)
+        })
+    }
+
+    /// On a slide: of a product of a drive's torque with powers of its angle and of time.
+    fn on_slide(self) -> Self {
+        let Self { n, m, s, rad } = self;
+        Self { n, m: m.saturating_sub(n).saturating_add(rad), s, rad: 0 }
+    }
+}
+
+impl fmt::Display for Powers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let factors = [("N", self.n), ("m", self.m), ("s", self.s), ("rad", self.rad)];
+        let product = |sign: i8| {
+            let side = factors.iter().filter(|(_, power)| power.signum() == sign);
+            side.map(|(base, power)| format!("{base}{}", exponent(power.unsigned_abs()))).collect::<Vec<_>>()
+        };
+        let (above, below) = (product(1), product(-1));
+        let above = if above.is_empty() { "1".to_string() } else { above.join("·") };
+        match below.len() {
+            0 => f.write_str(&above),
+            1 => write!(f, "{above}/{}", below[0]),
+            _ => write!(f, "{above}/({})", below.join("·")),
+        }
+    }
+}
+
+/// `power` as a superscript; nothing for 1.
+fn exponent(power: u8) -> String {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    match power {
+        1 => String::new(),
+        _ => power.to_string().bytes().map(|b| DIGITS[usize::from(b - b'0')]).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_of_derived_units() {
+        let text = |n, m, s, rad| Powers { n, m, s, rad }.to_string();
+        assert_eq!(text(0, 0, 0, 0), "1");
+        assert_eq!(text(1, 1, 0, 0), "N·m");
+        assert_eq!(text(1, 1, 3, -3), "N·m·s³/rad³");
+        assert_eq!(text(1, 0, 1, -1), "N·s/rad");
+        assert_eq!(text(-1, -1, 0, 1), "rad/(N·m)");
+        assert_eq!(text(0, 0, -12, 0), "1/s¹²");
+    }
+
+    #[test]
+    fn on_a_slide_metres_stand_for_radians_and_newtons_for_torques() {
+        // A cubic friction torque N·m·s³/rad³ becomes N·s³/m³, a stiffness N·m/rad becomes N/m.
+        let derived = |n, m, s, rad| Unit::Derived(Powers { n, m, s, rad });
+        assert_eq!(derived(1, 1, 3, -3).on_slide(), derived(1, -3, 3, 0));
+        assert_eq!(derived(1, 1, 0, -1).on_slide().to_string(), Unit::NMPerRad.on_slide().to_string());
+        assert_eq!(derived(1, 1, 0, 0).on_slide().to_string(), "N");
+        assert_eq!(Unit::GearRatio.to_string(), "1");
+        assert_eq!(Unit::GearRatio.on_slide().to_string(), "rad/m");
+        assert_eq!(Unit::NMPerLaw.on_slide().to_string(), "N per unit of the law");
+        assert_eq!(Unit::KgM2.on_slide(), Unit::Kg);
+        assert_eq!(Unit::N.on_slide(), Unit::N);
+    }
+
+    #[test]
+    fn sizes_follow_torque_and_speed() {
+        // Twice the torque at a quarter of the speed.
+        let scale = |unit: Unit| unit.scale(2.0, 0.25);
+        assert_eq!([scale(Unit::NM), scale(Unit::RadPerS), scale(Unit::SPerRad)], [2.0, 0.25, 4.0]);
+        assert_eq!([scale(Unit::NMSPerRad), scale(Unit::KgM2), scale(Unit::RadPerNM)], [8.0, 8.0, 0.125]);
+        assert_eq!([scale(Unit::One), scale(Unit::GearRatio), scale(Unit::S)], [1.0; 3]);
+        // The motor turns as fast as it did, its load moves at a quarter of the speed: four times as many rad per metre.
+        assert_eq!(scale(Unit::GearRatio.on_slide()), 4.0);
+        for unit in [Unit::NM, Unit::Rad, Unit::RadPerS, Unit::SPerRad, Unit::NMSPerRad, Unit::KgM2, Unit::RadPerNM] {
+            assert_eq!(scale(unit), scale(unit.on_slide()), "{unit}");
+        }
+    }
+
+    #[test]
+    fn powers_that_are_not_whole_have_no_unit() {
+        let metre = Powers { m: 1, ..Powers::ONE };
+        assert_eq!(metre.to_the(3.0), Some(Powers { m: 3, ..Powers::ONE }));
+        assert_eq!(metre.to_the(2.0).and_then(|area| area.to_the(0.5)), Some(metre));
+        assert_eq!(metre.to_the(0.5), None);
+        assert_eq!(metre.to_the(1e3), None);
+    }
+}
