@@ -11,7 +11,7 @@ use super::coefficients::{Machine, Reference};
 use super::grid::graded;
 use super::limits::Limits;
 use super::pass::relaxed;
-use super::rows::Stations;
+use super::rows::Grid;
 use super::{Curve, PlanError, Profile};
 
 /// Intervals of the relaxation.
@@ -43,7 +43,7 @@ pub fn above(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Profile) 
     let middles = s.windows(2).map(|w| 0.5 * (w[0] + w[1]));
     let mut all: Vec<f64> = s.iter().copied().zip(middles).flat_map(|(end, middle)| [end, middle]).collect();
     all.push(curve.end());
-    let mut stations = Stations::new(machine, curve, limits, &all)?;
+    let mut grid = Grid::new(machine, curve, limits, &all)?;
     let references: Vec<Reference> = all
         .iter()
         .map(|s| {
@@ -52,8 +52,8 @@ pub fn above(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Profile) 
             Reference { speed: pace.z.sqrt().max(1e-6), acceleration: pace.acceleration }
         })
         .collect();
-    stations.load(machine, limits, &references)?;
-    let (z, margin) = relaxed(&stations);
+    grid.load(machine, limits, &references)?;
+    let (z, margin) = relaxed(&grid);
     let part = |i: usize| 2.0 * (s[i + 1] - s[i]) / ((z[i] + margin[i]).sqrt() + (z[i + 1] + margin[i]).sqrt());
     let time = (0..INTERVALS).map(part).sum();
     Ok(Above { s, z, margin, time })

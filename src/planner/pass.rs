@@ -2,30 +2,30 @@
 //!
 //! s̈ is constant over an interval, so z = ṡ² is linear in s. Rows hold at both ends of every interval with its s̈. For a
 //! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. Back along the path the largest z
-//! at a station from which the next one can be reached is the largest with L ≤ U: where L > U, the two rows are a quadratic
+//! at a grid point from which the next one can be reached is the largest with L ≤ U: where L > U, the two rows are a quadratic
 //! in √z that is negative, so nothing down to its next root is feasible, and that root is where to look next ([`Strips::largest`];
 //! without d it is Newton's method from the right). This gives the largest controllable z; forth the largest s̈ within it is taken, as
 //! in TOPP-RA [Pham & Pham, 2018]. √z at an interval's far end is its tangent in the pass back, taken again at what is
 //! reached until both agree, and exact in the pass forth, where z is given.
 
-use super::rows::{Room, Row, Stations};
+use super::rows::{Grid, Row, Slack};
 
 /// What the passes found.
 #[derive(Clone, Debug)]
 pub struct Passes {
-    /// z at each station.
+    /// z at each grid point.
     pub z: Vec<f64>,
     /// s̈ in each interval.
     pub acceleration: Vec<f64>,
-    /// Maximum velocity curve: largest z at each station alone.
+    /// Maximum velocity curve: largest z at each grid point alone.
     pub mvc: Vec<f64>,
 }
 
-/// There is no z at a station.
+/// There is no z at a grid point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stuck {
-    /// Station.
-    pub station: usize,
+    /// Grid point.
+    pub grid_point: usize,
 }
 
 /// α + β z + δ √z.
@@ -86,15 +86,15 @@ impl Strips {
         self.bare.truncate(bare);
     }
 
-    /// |a s̈ + b z + c + d √z| ≤ room.
-    fn add(&mut self, row: Row, room: f64) {
+    /// |a s̈ + b z + c + d √z| ≤ slack.
+    fn add(&mut self, row: Row, slack: f64) {
         let Row { a, b, c, d } = row;
         if a.abs() > f64::MIN_POSITIVE.sqrt() {
-            let (p, q) = ((room - c) / a, (-room - c) / a);
+            let (p, q) = ((slack - c) / a, (-slack - c) / a);
             self.list.push(Strip { slope: -b / a, bend: -d / a, low: p.min(q), high: p.max(q) });
         } else if b != 0.0 || d != 0.0 {
             for sign in [1.0, -1.0] {
-                self.bare.push(Curved { constant: room - sign * c, slope: -sign * b, bend: -sign * d });
+                self.bare.push(Curved { constant: slack - sign * c, slope: -sign * b, bend: -sign * d });
             }
         }
     }
@@ -151,43 +151,43 @@ impl Strips {
         Some(z)
     }
 
-    /// Rows at station `i` with its own z.
-    fn here(&mut self, stations: &Stations, room: &Room, i: usize) {
-        let station = &stations.list[i];
-        for (row, &k) in station.rows.iter().zip(&stations.quantities) {
-            self.add(*row, room.share[i][k]);
+    /// Rows at grid point `i` with its own z.
+    fn here(&mut self, grid: &Grid, slack: &Slack, i: usize) {
+        let grid_point = &grid.points[i];
+        for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
+            self.add(*row, slack.share[i][k]);
         }
-        for row in &station.rest {
+        for row in &grid_point.rest {
             self.add(*row, 1.0);
         }
     }
 
-    /// Rows at station `i` + 1, whose z is that of station `i` plus 2hs̈; the root of it is that of the tangent at `z`.
-    fn ahead(&mut self, stations: &Stations, room: &Room, i: usize, z: f64) {
-        let (station, h) = (&stations.list[i + 1], stations.length(i));
-        let rows = station.rows.iter().zip(&stations.quantities).map(|(row, &k)| (row, room.share[i + 1][k]));
-        for (row, room) in rows.chain(station.rest.iter().map(|row| (row, 1.0))) {
+    /// Rows at grid point `i` + 1, whose z is that of grid point `i` plus 2hs̈; the root of it is that of the tangent at `z`.
+    fn ahead(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
+        let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
+        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
+        for (row, slack) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
             let (a, b, c) = if z > 0.0 { row.tangent(z.sqrt()) } else { (row.a, row.b, row.c) };
-            self.add(Row { a: a + 2.0 * h * b, b, c, d: 0.0 }, room);
+            self.add(Row { a: a + 2.0 * h * b, b, c, d: 0.0 }, slack);
         }
     }
 
-    /// Rows at station `i` + 1 as bounds on its own z, if that of station `i` is `z`.
-    fn arriving(&mut self, stations: &Stations, room: &Room, i: usize, z: f64) {
-        let (station, h) = (&stations.list[i + 1], stations.length(i));
-        let rows = station.rows.iter().zip(&stations.quantities).map(|(row, &k)| (row, room.share[i + 1][k]));
-        for (row, room) in rows.chain(station.rest.iter().map(|row| (row, 1.0))) {
+    /// Rows at grid point `i` + 1 as bounds on its own z, if that of grid point `i` is `z`.
+    fn arriving(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
+        let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
+        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
+        for (row, slack) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
             let a = 0.5 * row.a / h;
-            self.add(Row { a: 0.0, b: a + row.b, c: row.c - a * z, d: row.d }, room);
+            self.add(Row { a: 0.0, b: a + row.b, c: row.c - a * z, d: row.d }, slack);
         }
     }
 
-    /// Rows at station `i` with the tangent to the root of z at its reference.
-    fn linear(&mut self, stations: &Stations, room: &Room, i: usize) {
-        let station = &stations.list[i];
-        for (row, &k) in station.rows.iter().zip(&stations.quantities) {
-            let (a, b, c) = row.tangent(station.reference);
-            self.add(Row { a, b, c, d: 0.0 }, room.share[i][k]);
+    /// Rows at grid point `i` with the tangent to the root of z at its reference.
+    fn linear(&mut self, grid: &Grid, slack: &Slack, i: usize) {
+        let grid_point = &grid.points[i];
+        for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
+            let (a, b, c) = row.tangent(grid_point.reference);
+            self.add(Row { a, b, c, d: 0.0 }, slack.share[i][k]);
         }
     }
 
@@ -203,29 +203,29 @@ const SETTLED: f64 = 1e-4;
 const TANGENTS: usize = 10;
 
 /// z at rest at both ends of the path.
-pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
-    let n = stations.intervals();
-    let cap = |i: usize| stations.list[i].cap * room.cap(i);
+pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
+    let n = grid.intervals();
+    let cap = |i: usize| grid.points[i].cap * slack.cap(i);
     let mut strips = Strips::default();
     let mut mvc = vec![0.0; n + 1];
     for i in 0..=n {
         strips.clear(cap(i));
-        strips.here(stations, room, i);
-        mvc[i] = strips.largest().ok_or(Stuck { station: i })?;
+        strips.here(grid, slack, i);
+        mvc[i] = strips.largest().ok_or(Stuck { grid_point: i })?;
     }
-    let viscous = |i: usize| stations.list[i].rows.iter().any(|row| row.d != 0.0);
+    let viscous = |i: usize| grid.points[i].rows.iter().any(|row| row.d != 0.0);
     let mut largest = vec![0.0; n + 1];
     for i in (0..n).rev() {
-        let h = stations.length(i);
+        let h = grid.length(i);
         strips.clear(mvc[i]);
         strips.reach(h, largest[i + 1]);
-        strips.here(stations, room, i);
+        strips.here(grid, slack, i);
         let own = [strips.list.len(), strips.bare.len()];
         let mut tangent = largest[i + 1];
         let mut found = None;
         for _ in 0..TANGENTS {
             strips.truncate(own);
-            strips.ahead(stations, room, i, tangent);
+            strips.ahead(grid, slack, i, tangent);
             let Some(z) = strips.largest() else {
                 // A tangent far above lies too high.
                 tangent *= 0.25;
@@ -239,19 +239,19 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
             }
             tangent = reached;
         }
-        largest[i] = found.ok_or(Stuck { station: i })?;
+        largest[i] = found.ok_or(Stuck { grid_point: i })?;
     }
     let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
     let mut arriving = Strips::default();
     for i in 0..n {
-        let h = stations.length(i);
+        let h = grid.length(i);
         strips.clear(mvc[i]);
         strips.reach(h, largest[i + 1]);
-        strips.here(stations, room, i);
+        strips.here(grid, slack, i);
         let mut reach = |z: f64, strips: &Strips| {
             let [(upper, _), (lower, _)] = strips.range(z, z.sqrt());
             arriving.clear((z + 2.0 * h * upper).clamp(0.0, largest[i + 1]));
-            arriving.arriving(stations, room, i, z);
+            arriving.arriving(grid, slack, i, z);
             let next = arriving.largest()?;
             (next >= (z + 2.0 * h * lower) * (1.0 - 1e-9)).then_some(next)
         };
@@ -261,10 +261,10 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
             None => {
                 // Next to the largest z steep rows turn rounding of z into much of s̈.
                 strips.cap = z[i];
-                strips.ahead(stations, room, i, largest[i + 1]);
+                strips.ahead(grid, slack, i, largest[i + 1]);
                 match strips.largest() {
                     Some(lower) if lower >= z[i] * (1.0 - 1e-6) => z[i] = lower,
-                    _ => return Err(Stuck { station: i }),
+                    _ => return Err(Stuck { grid_point: i }),
                 }
                 let [(upper, _), _] = strips.range(z[i], z[i].sqrt());
                 (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1])
@@ -275,25 +275,25 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
     Ok(Passes { z, acceleration, mvc })
 }
 
-/// z(s) above that of every feasible motion, see [`super::certificate`]; `stations` are ends and middles of the intervals in
+/// z(s) above that of every feasible motion, see [`super::certificate`]; the grid points are ends and middles of the intervals in
 /// turn. Returns z at the ends and by how much z may depart from a straight line over each interval.
-pub(super) fn relaxed(stations: &Stations) -> (Vec<f64>, Vec<f64>) {
-    let n = stations.intervals() / 2;
-    let room = Room::full(stations.list.len());
+pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
+    let n = grid.intervals() / 2;
+    let slack = Slack::full(grid.points.len());
     let mut strips = Strips::default();
     let mut above: Vec<f64> = (0..=n)
         .map(|i| {
-            strips.clear(stations.list[2 * i].cap);
-            strips.linear(stations, &room, 2 * i);
-            strips.largest().unwrap_or(stations.list[2 * i].cap)
+            strips.clear(grid.points[2 * i].cap);
+            strips.linear(grid, &slack, 2 * i);
+            strips.largest().unwrap_or(grid.points[2 * i].cap)
         })
         .collect();
     let mut margin = vec![0.0; n];
-    // What z cannot exceed bounds s̈, which bounds the slack, which bounds z.
+    // What z cannot exceed bounds s̈, which bounds ε, which bounds z.
     for _ in 0..TURNS {
         let mut means: Vec<(Strips, f64)> = Vec::with_capacity(n);
         for i in 0..n {
-            means.push(mean_rows(stations, i, above[i].max(above[i + 1]), &mut margin[i]));
+            means.push(mean_rows(grid, i, above[i].max(above[i + 1]), &mut margin[i]));
         }
         let mut largest = vec![0.0; n + 1];
         for i in (0..n).rev() {
@@ -315,10 +315,10 @@ pub(super) fn relaxed(stations: &Stations) -> (Vec<f64>, Vec<f64>) {
 /// Rounds of the bootstrap.
 const TURNS: usize = 4;
 
-/// Rows averaged over interval `i` between the ends 2i and 2i + 2, with the slack they need for z up to `most`; its length.
+/// Rows averaged over interval `i` between the ends 2i and 2i + 2, right side 1 + ε for z up to `most`; its length.
 /// Sets how far z may depart from a straight line.
-fn mean_rows(stations: &Stations, i: usize, most: f64, margin: &mut f64) -> (Strips, f64) {
-    let [left, here, right] = [0, 1, 2].map(|k| &stations.list[2 * i + k]);
+fn mean_rows(grid: &Grid, i: usize, most: f64, margin: &mut f64) -> (Strips, f64) {
+    let [left, here, right] = [0, 1, 2].map(|k| &grid.points[2 * i + k]);
     let h = right.point.s - left.point.s;
     let rows = || (0..here.rows.len()).map(|r| [left, here, right].map(|s| s.rows[r].tangent(s.reference)));
     let least = |(a, b, c): (f64, f64, f64), top: f64| (1.0 + b.abs() * top + c.abs()) / a.abs();
@@ -338,11 +338,11 @@ fn mean_rows(stations: &Stations, i: usize, most: f64, margin: &mut f64) -> (Str
         let mean = |l: f64, m: f64, r: f64| (l + 4.0 * m + r) / 6.0;
         let bend = |l: f64, m: f64, r: f64| (l - 2.0 * m + r).abs();
         let (a, b, c) = (mean(l.0, m.0, r.0), mean(l.1, m.1, r.1), mean(l.2, m.2, r.2));
-        let slack = (0.25 * (r.0 - l.0).abs() + bend(l.0, m.0, r.0)) * acceleration
+        let excess = (0.25 * (r.0 - l.0).abs() + bend(l.0, m.0, r.0)) * acceleration
             + bend(l.1, m.1, r.1) * top
             + bend(l.2, m.2, r.2)
             + (0.5 * b.abs() + 0.5 * (r.1 - l.1).abs()) * *margin;
-        strips.add(Row { a: a + h * b, b, c, d: 0.0 }, 1.0 + slack);
+        strips.add(Row { a: a + h * b, b, c, d: 0.0 }, 1.0 + excess);
     }
     (strips, h)
 }

@@ -18,7 +18,7 @@ pub struct Options {
     pub objective: Objective,
     /// Whether bounds on the time are computed; they cost more than the plan.
     pub certify: bool,
-    /// Whether the bound with jerk limits is tightened until its gap is [`ENOUGH`] or no longer shrinks, which takes seconds.
+    /// Whether the bound with jerk limits is tightened until its gap is [`TIGHTENED_GAP`] or no longer shrinks, which takes seconds.
     pub tighten: bool,
     /// Whether intervals are split where no limit is reached, see [`refine`].
     pub refine: bool,
@@ -27,7 +27,7 @@ pub struct Options {
 }
 
 /// Gap of the bound with jerk limits at which it is no further tightened.
-pub const ENOUGH: f64 = 5e-3;
+pub const TIGHTENED_GAP: f64 = 5e-3;
 
 impl Default for Options {
     fn default() -> Self {
@@ -75,18 +75,18 @@ pub struct Plan {
 }
 
 /// Use of a limit that a plan may reach.
-pub const ALLOWED: f64 = 1.001;
+pub const ALLOWED_USE: f64 = 1.001;
 /// Path speed of a robot that hardly moves, in lengths of the path per second.
-const CREEPING: f64 = 0.05;
+const CREEPING_SPEED: f64 = 0.05;
 /// Intervals are doubled up to this many times those asked for where a limit cannot be kept.
-const FINEST: usize = 4;
+const MAX_DOUBLING: usize = 4;
 /// Use from which a limit counts as active.
-const ACTIVE: f64 = 0.998;
+const ACTIVE_USE: f64 = 0.998;
 
 /// The fastest motion along `curve` from rest to rest.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
     let mut search = Search::new(machine, curve, limits, options);
-    search.at_rest(&[0.0, curve.end()], 0.0, ALLOWED)?;
+    search.at_rest(&[0.0, curve.end()], 0.0, ALLOWED_USE)?;
     match finer(&mut search, curve, options) {
         // Of a hundred paths one has a motion that the programmes do not find over the eased parameter.
         Err(error) if limits.has_jerk() && is_of_the_search(&error) => {
@@ -102,9 +102,9 @@ fn finer(search: &mut Search, curve: &Curve, options: &Options) -> Result<Plan, 
     loop {
         match search.run(intervals) {
             Err(error) if is_of_the_search(&error) => {
-                if intervals >= FINEST * options.intervals {
+                if intervals >= MAX_DOUBLING * options.intervals {
                     let places = even(curve, options.intervals);
-                    return search.at_rest(&places, CREEPING * curve.end(), 1.0).and(Err(error));
+                    return search.at_rest(&places, CREEPING_SPEED * curve.end(), 1.0).and(Err(error));
                 }
                 intervals *= 2;
             }
@@ -155,7 +155,7 @@ impl Plan {
         let mut out: Vec<(Limit, [f64; 2])> = Vec::new();
         for k in 0..CHECKED {
             let mut last: Option<usize> = None;
-            for (i, u) in self.uses.iter().enumerate().filter(|(_, u)| u.ratio[k] > ACTIVE) {
+            for (i, u) in self.uses.iter().enumerate().filter(|(_, u)| u.ratio[k] > ACTIVE_USE) {
                 match (last, out.last_mut()) {
                     (Some(j), Some((_, stretch))) if self.uses[i].interval - self.uses[j].interval <= 2 => {
                         stretch[1] = u.s

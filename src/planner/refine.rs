@@ -4,7 +4,7 @@
 //! lie on the border of what is allowed. So the *idle time* ∫ |1 − u| dt, u the largest use of a limit at a place by the
 //! full model, vanishes with the intervals. It gathers in the intervals that are too long: at the ends of the path, where a
 //! single s⃛ must serve for a whole interval, where the active limit changes, and where a limit is exceeded between two
-//! stations, which costs room at both. Those intervals are split.
+//! grid points, which costs room at both. Those intervals are split.
 
 use super::Profile;
 use super::verify::Use;
@@ -31,7 +31,7 @@ pub fn idle(profile: &Profile, uses: &[Use]) -> Vec<f64> {
     out
 }
 
-/// The stations of `profile` and new ones in the intervals in which most of the `idle` time is; at most `most` intervals.
+/// The grid points of `profile` and new ones in the intervals in which most of the `idle` time is; at most `most` intervals.
 pub fn split(profile: &Profile, idle: &[f64], most: usize) -> Vec<f64> {
     let n = idle.len();
     let mut order: Vec<usize> = (0..n).collect();
@@ -52,11 +52,11 @@ pub fn split(profile: &Profile, idle: &[f64], most: usize) -> Vec<f64> {
         parts[i] = wanted.min(1 + most.saturating_sub(total));
         total += parts[i] - 1;
     }
-    let mut grid = vec![profile.s[0]];
+    let mut places = vec![profile.s[0]];
     for (i, parts) in parts.into_iter().enumerate() {
         let [from, to] = [profile.s[i], profile.s[i + 1]];
-        grid.extend((1..parts).map(|k| from + (to - from) * k as f64 / parts as f64));
-        grid.push(to);
+        places.extend((1..parts).map(|k| from + (to - from) * k as f64 / parts as f64));
+        places.push(to);
     }
-    grid
+    places
 }
