@@ -2,8 +2,8 @@
 //!
 //! A [`Curve`] r(s) becomes [`PathPoint`]s in joint space; torques and constraint forces along it are A s̈ + B ṡ² + C + D ṡ
 //! ([`Coefficients`]), so every limit is a row in z = ṡ² and s̈ ([`rows`]). Without jerk limits two passes find the
-//! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). What is found is a [`Profile`]; it is
-//! checked against the full model on a finer grid and refused if a limit does not hold ([`plan()`]).
+//! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). The result is a [`Profile`]; it is
+//! checked against the full model on a finer grid and refused if a limit is exceeded ([`plan()`]).
 
 mod accept;
 pub mod certificate;
@@ -40,7 +40,7 @@ pub use shape::Shape;
 
 use thiserror::Error;
 
-/// What is optimised with jerk limits; without them both have the same optimum.
+/// The objective with jerk limits; without them both have the same optimum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Objective {
     /// The time ∫ ds/√z itself.
@@ -78,7 +78,7 @@ pub enum PlanError {
         /// What may be used.
         usable: f64,
     },
-    /// The limits leave no room for any motion through a place.
+    /// The limits leave no motion through a place.
     #[error("the limits leave no motion through s = {s:.4}")]
     Stuck {
         /// Path parameter.
@@ -109,7 +109,7 @@ pub enum PlanError {
 }
 
 impl PlanError {
-    /// The same with the parameter of `curve` replaced by s.
+    /// The same error with the parameter of `curve` replaced by s.
     fn along(mut self, curve: &Curve) -> Self {
         match &mut self {
             Self::Place { s, .. }

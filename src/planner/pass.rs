@@ -10,7 +10,7 @@
 
 use super::rows::{Grid, Row, Slack};
 
-/// What the passes found.
+/// The result of the passes.
 #[derive(Clone, Debug)]
 pub struct Passes {
     /// z at each grid point.
@@ -21,7 +21,7 @@ pub struct Passes {
     pub mvc: Vec<f64>,
 }
 
-/// There is no z at a grid point.
+/// The error that the limits leave no z at a grid point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stuck {
     /// Grid point.
@@ -191,6 +191,12 @@ impl Strips {
         }
     }
 
+    /// z + 2hs̈ at the end of an interval for the largest s̈ at z, at most `limit`.
+    fn reached(&self, z: f64, h: f64, limit: f64) -> f64 {
+        let [(upper, _), _] = self.range(z, z.sqrt());
+        (z + 2.0 * h * upper).clamp(0.0, limit)
+    }
+
     /// 0 ≤ z + 2hs̈ ≤ limit.
     fn reach(&mut self, h: f64, limit: f64) {
         self.list.push(Strip { slope: -0.5 / h, bend: 0.0, low: 0.0, high: 0.5 * limit / h });
@@ -199,31 +205,47 @@ impl Strips {
 
 /// Change of z, relative, at which tangents to its root are settled: they are off by an eighth of its square.
 const SETTLED: f64 = 1e-4;
-/// Tangents at most.
-const TANGENTS: usize = 10;
+/// Tangents for one interval at most.
+const MAX_TANGENTS: usize = 10;
 
-/// z at rest at both ends of the path.
+/// The largest z at every grid point, from rest to rest, within the rows and their `slack`.
+///
+/// # Errors
+///
+/// [`Stuck`] names the grid point at which the limits leave no z.
 pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
-    let n = grid.intervals();
-    let cap = |i: usize| grid.points[i].cap * slack.cap(i);
+    let mvc = maximum_velocity_curve(grid, slack)?;
+    let controllable = backward(grid, slack, &mvc)?;
+    let (z, acceleration) = forward(grid, slack, &mvc, &controllable)?;
+    Ok(Passes { z, acceleration, mvc })
+}
+
+/// The largest z at each grid point alone.
+fn maximum_velocity_curve(grid: &Grid, slack: &Slack) -> Result<Vec<f64>, Stuck> {
     let mut strips = Strips::default();
-    let mut mvc = vec![0.0; n + 1];
-    for i in 0..=n {
-        strips.clear(cap(i));
+    let largest = |i: usize| {
+        strips.clear(grid.points[i].cap * slack.cap(i));
         strips.here(grid, slack, i);
-        mvc[i] = strips.largest().ok_or(Stuck { grid_point: i })?;
-    }
+        strips.largest().ok_or(Stuck { grid_point: i })
+    };
+    (0..grid.points.len()).map(largest).collect()
+}
+
+/// The largest controllable z at each grid point: rest at the end of the path can be reached from it.
+fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> {
+    let n = grid.intervals();
     let viscous = |i: usize| grid.points[i].rows.iter().any(|row| row.d != 0.0);
-    let mut largest = vec![0.0; n + 1];
+    let mut strips = Strips::default();
+    let mut controllable = vec![0.0; n + 1];
     for i in (0..n).rev() {
-        let h = grid.length(i);
+        let (h, next) = (grid.length(i), controllable[i + 1]);
         strips.clear(mvc[i]);
-        strips.reach(h, largest[i + 1]);
+        strips.reach(h, next);
         strips.here(grid, slack, i);
         let own = [strips.list.len(), strips.bare.len()];
-        let mut tangent = largest[i + 1];
+        let mut tangent = next;
         let mut found = None;
-        for _ in 0..TANGENTS {
+        for _ in 0..MAX_TANGENTS {
             strips.truncate(own);
             strips.ahead(grid, slack, i, tangent);
             let Some(z) = strips.largest() else {
@@ -232,25 +254,30 @@ pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
                 continue;
             };
             found = Some(z);
-            let [(upper, _), _] = strips.range(z, z.sqrt());
-            let reached = (z + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+            let reached = strips.reached(z, h, next);
             if (reached - tangent).abs() <= SETTLED * tangent || !viscous(i + 1) {
                 break;
             }
             tangent = reached;
         }
-        largest[i] = found.ok_or(Stuck { grid_point: i })?;
+        controllable[i] = found.ok_or(Stuck { grid_point: i })?;
     }
+    Ok(controllable)
+}
+
+/// z at each grid point and s̈ in each interval of the motion that takes the largest s̈ within the controllable z.
+fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Stuck> {
+    let n = grid.intervals();
     let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
-    let mut arriving = Strips::default();
+    let (mut strips, mut arriving) = (Strips::default(), Strips::default());
     for i in 0..n {
-        let h = grid.length(i);
+        let (h, limit) = (grid.length(i), controllable[i + 1]);
         strips.clear(mvc[i]);
-        strips.reach(h, largest[i + 1]);
+        strips.reach(h, limit);
         strips.here(grid, slack, i);
         let mut reach = |z: f64, strips: &Strips| {
             let [(upper, _), (lower, _)] = strips.range(z, z.sqrt());
-            arriving.clear((z + 2.0 * h * upper).clamp(0.0, largest[i + 1]));
+            arriving.clear((z + 2.0 * h * upper).clamp(0.0, limit));
             arriving.arriving(grid, slack, i, z);
             let next = arriving.largest()?;
             (next >= (z + 2.0 * h * lower) * (1.0 - 1e-9)).then_some(next)
@@ -261,21 +288,20 @@ pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
             None => {
                 // Next to the largest z steep rows turn rounding of z into much of s̈.
                 strips.cap = z[i];
-                strips.ahead(grid, slack, i, largest[i + 1]);
+                strips.ahead(grid, slack, i, limit);
                 match strips.largest() {
                     Some(lower) if lower >= z[i] * (1.0 - 1e-6) => z[i] = lower,
                     _ => return Err(Stuck { grid_point: i }),
                 }
-                let [(upper, _), _] = strips.range(z[i], z[i].sqrt());
-                (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1])
+                strips.reached(z[i], h, limit)
             }
         };
         acceleration[i] = 0.5 * (z[i + 1] - z[i]) / h;
     }
-    Ok(Passes { z, acceleration, mvc })
+    Ok((z, acceleration))
 }
 
-/// z(s) above that of every feasible motion, see [`super::certificate`]; the grid points are ends and middles of the intervals in
+/// Upper bound on z of every feasible motion, see [`super::certificate`]; the grid points are ends and middles of the intervals in
 /// turn. Returns z at the ends and by how much z may depart from a straight line over each interval.
 pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
     let n = grid.intervals() / 2;
@@ -290,7 +316,7 @@ pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
         .collect();
     let mut margin = vec![0.0; n];
     // What z cannot exceed bounds s̈, which bounds ε, which bounds z.
-    for _ in 0..TURNS {
+    for _ in 0..BOUND_ROUNDS {
         let mut means: Vec<(Strips, f64)> = Vec::with_capacity(n);
         for i in 0..n {
             means.push(mean_rows(grid, i, above[i].max(above[i + 1]), &mut margin[i]));
@@ -312,8 +338,8 @@ pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
     (above, margin)
 }
 
-/// Rounds of the bootstrap.
-const TURNS: usize = 4;
+/// Rounds in which the bounds on z, s̈ and ε are taken from each other.
+const BOUND_ROUNDS: usize = 4;
 
 /// Rows averaged over interval `i` between the ends 2i and 2i + 2, right side 1 + ε for z up to `most`; its length.
 /// Sets how far z may depart from a straight line.

@@ -26,12 +26,12 @@ pub struct Row {
 }
 
 impl Row {
-    /// Its value at z and s̈.
+    /// Value of the row at z and s̈.
     pub fn at(&self, z: f64, acceleration: f64) -> f64 {
         self.a * acceleration + self.b * z + self.c + self.d * z.sqrt()
     }
 
-    /// √z replaced by its tangent at `speed`: (a, b, c) of a row in s̈ and z alone.
+    /// (a, b, c) of the row in s̈ and z alone, with √z replaced by its tangent at `speed`.
     pub fn tangent(&self, speed: f64) -> (f64, f64, f64) {
         (self.a, self.b + 0.5 * self.d / speed, self.c + 0.5 * self.d * speed)
     }
@@ -48,7 +48,7 @@ pub struct GridPoint {
     pub rows: Vec<Row>,
     /// At the ends of the path: the rows of torques and constraint forces once more, at rest, where there is no friction.
     pub rest: Vec<Row>,
-    /// (ds/dx)³: ṡ² ds over ẋ² dx.
+    /// (ds/dx)³ = ṡ² ds / ẋ² dx.
     pub weight: f64,
     /// Speed at which the rows' force laws are linearised.
     pub reference: f64,
@@ -61,12 +61,16 @@ pub struct Grid {
     pub points: Vec<GridPoint>,
     /// The limited quantities that the rows stand for, in order.
     pub quantities: Vec<usize>,
-    /// Whether the path is eased at its ends: the robot rests there while its parameter moves on.
+    /// Whether the path is eased at its ends: the robot rests there while the parameter has a speed.
     pub eased: bool,
 }
 
 impl Grid {
     /// Grid points at `places` with the limits on drive speeds and accelerations.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Place`] where the robot cannot follow the path.
     pub fn new(machine: &Machine, curve: &Curve, limits: &Limits, places: &[f64]) -> Result<Self, PlanError> {
         let usable = limits.usable();
         let quantities: Vec<usize> = (0..AXES).filter(|&k| usable[k].is_finite()).collect();
@@ -96,7 +100,11 @@ impl Grid {
         })
     }
 
-    /// Adds the rows of torques and constraint forces, force laws linearised at `references`, or brings them up to date.
+    /// Replaces the rows of torques and constraint forces by those with force laws linearised at `references`, one per point.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::Place`] where the constraint forces are not determined.
     pub fn load(&mut self, machine: &Machine, limits: &Limits, references: &[Reference]) -> Result<(), PlanError> {
         let usable = limits.usable();
         let loads: Vec<usize> = (0..LOADS).filter(|&k| usable[AXES + k].is_finite()).collect();

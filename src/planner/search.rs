@@ -2,7 +2,7 @@
 //! the full model.
 
 use super::accept::{accept, tighten};
-use super::certificate::Above;
+use super::certificate::UpperBound;
 use super::coefficients::Machine;
 use super::grid::{even, graded};
 use super::jerk::{self, Sequence};
@@ -175,7 +175,12 @@ impl<'a> Search<'a> {
     }
 
     /// The fastest motion with jerk limits, begun at the one without them.
-    fn with_jerk(&mut self, unlimited: &Profile, above: Option<&Above>, intervals: usize) -> Result<Found, PlanError> {
+    fn with_jerk(
+        &mut self,
+        unlimited: &Profile,
+        above: Option<&UpperBound>,
+        intervals: usize,
+    ) -> Result<Found, PlanError> {
         let coarse = self.coarse_to_fine(unlimited, intervals)?;
         let (mut sequence, change) = self.refined(coarse, intervals)?;
         if self.options.objective == Objective::Speed {
@@ -326,9 +331,9 @@ impl<'a> Search<'a> {
     }
 
     /// Upper bound on z without jerk limits, if bounds are asked for.
-    fn upper_bound(&self, profile: &Profile) -> Result<Option<Above>, PlanError> {
+    fn upper_bound(&self, profile: &Profile) -> Result<Option<UpperBound>, PlanError> {
         match self.options.certify {
-            true => certificate::above(self.machine, self.curve, self.limits, profile).map(Some),
+            true => certificate::upper_bound(self.machine, self.curve, self.limits, profile).map(Some),
             false => Ok(None),
         }
     }
@@ -343,7 +348,7 @@ impl<'a> Search<'a> {
     }
 
     /// Lower bound on the time of all motions on the grid of the last programme, s.
-    fn outer_bound(&self, sequence: &Sequence, above: &Above) -> Option<f64> {
+    fn outer_bound(&self, sequence: &Sequence, above: &UpperBound) -> Option<f64> {
         let largest = |i: usize| {
             let [s, g1, ..] = self.eased.way(sequence.grid.s(i));
             above.at(s) / (g1 * g1)
