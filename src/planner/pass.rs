@@ -1,12 +1,12 @@
-//! Time-optimal z(s) without jerk limits: one pass back along the path, one forth.
+//! Time-optimal z(s) without jerk limits: one pass backward along the path, one forward.
 //!
 //! s̈ is constant over an interval, so z = ṡ² is linear in s. Rows hold at both ends of every interval with its s̈. For a
-//! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. Back along the path the largest z
-//! at a grid point from which the next one can be reached is the largest with L ≤ U: where L > U, the two rows are a quadratic
-//! in √z that is negative, so nothing down to its next root is feasible, and that root is where to look next ([`Strips::largest`];
-//! without d it is Newton's method from the right). This gives the largest controllable z; forth the largest s̈ within it is taken, as
-//! in TOPP-RA [Pham & Pham, 2018]. √z at an interval's far end is its tangent in the pass back, taken again at what is
-//! reached until both agree, and exact in the pass forth, where z is given.
+//! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. In the backward pass the
+//! largest controllable z at a grid point, from which the next one can be reached, is the largest with L ≤ U: where L > U, the
+//! two rows are a quadratic in √z that is negative, so nothing down to its next root is feasible, and the search goes on at that
+//! root ([`Strips::largest`]; without d it is Newton's method from the right). The forward pass takes the largest s̈ within the
+//! controllable z, as in TOPP-RA [Pham & Pham, 2018]. √z at the end of an interval is replaced by its tangent in the backward
+//! pass, renewed at the z reached until both agree; it is exact in the forward pass, where z is given.
 
 use super::rows::{Grid, Row, Slack};
 
@@ -80,13 +80,13 @@ impl Strips {
         self.cap = cap;
     }
 
-    /// Rows added since there were as many.
+    /// Removes the rows after the first `strips` and `bare` ones.
     fn truncate(&mut self, [strips, bare]: [usize; 2]) {
         self.list.truncate(strips);
         self.bare.truncate(bare);
     }
 
-    /// |a s̈ + b z + c + d √z| ≤ slack.
+    /// Adds |a s̈ + b z + c + d √z| ≤ slack.
     fn add(&mut self, row: Row, slack: f64) {
         let Row { a, b, c, d } = row;
         if a.abs() > f64::MIN_POSITIVE.sqrt() {
@@ -99,7 +99,7 @@ impl Strips {
         }
     }
 
-    /// The strips that bound s̈ from above and from below, and the bounds.
+    /// The upper and the lower bound on s̈ at z, each with the strip that it comes from.
     fn range(&self, z: f64, root: f64) -> [(f64, Option<&Strip>); 2] {
         let (mut upper, mut lower) = ((f64::INFINITY, None), (f64::NEG_INFINITY, None));
         for s in &self.list {
@@ -114,7 +114,7 @@ impl Strips {
         [upper, lower]
     }
 
-    /// What is broken most at z, if it is by more than `rounding`.
+    /// The condition on z that is violated by more than `rounding`, if there is one.
     fn broken(&self, z: f64, rounding: f64) -> Option<Curved> {
         let root = z.sqrt();
         if let Some(bare) = self.bare.iter().find(|bare| bare.at(z, root) < -rounding) {
@@ -151,7 +151,7 @@ impl Strips {
         Some(z)
     }
 
-    /// Rows at grid point `i` with its own z.
+    /// Adds the rows at grid point `i` in its own z.
     fn here(&mut self, grid: &Grid, slack: &Slack, i: usize) {
         let grid_point = &grid.points[i];
         for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
@@ -162,7 +162,7 @@ impl Strips {
         }
     }
 
-    /// Rows at grid point `i` + 1, whose z is that of grid point `i` plus 2hs̈; the root of it is that of the tangent at `z`.
+    /// Adds the rows at grid point `i` + 1 in z of grid point `i`, z₊ = z + 2hs̈; √z₊ is replaced by its tangent at `z`.
     fn ahead(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
         let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
         let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
@@ -172,7 +172,7 @@ impl Strips {
         }
     }
 
-    /// Rows at grid point `i` + 1 as bounds on its own z, if that of grid point `i` is `z`.
+    /// Adds the rows at grid point `i` + 1 as bounds on its own z, where z of grid point `i` is given.
     fn arriving(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
         let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
         let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
@@ -182,7 +182,7 @@ impl Strips {
         }
     }
 
-    /// Rows at grid point `i` with the tangent to the root of z at its reference.
+    /// Adds the rows at grid point `i` with √z replaced by its tangent at the reference speed.
     fn linear(&mut self, grid: &Grid, slack: &Slack, i: usize) {
         let grid_point = &grid.points[i];
         for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
@@ -197,7 +197,7 @@ impl Strips {
         (z + 2.0 * h * upper).clamp(0.0, limit)
     }
 
-    /// 0 ≤ z + 2hs̈ ≤ limit.
+    /// Adds 0 ≤ z + 2hs̈ ≤ limit.
     fn reach(&mut self, h: f64, limit: f64) {
         self.list.push(Strip { slope: -0.5 / h, bend: 0.0, low: 0.0, high: 0.5 * limit / h });
     }
@@ -317,23 +317,21 @@ pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
     let mut margin = vec![0.0; n];
     // What z cannot exceed bounds s̈, which bounds ε, which bounds z.
     for _ in 0..BOUND_ROUNDS {
-        let mut means: Vec<(Strips, f64)> = Vec::with_capacity(n);
-        for i in 0..n {
-            means.push(mean_rows(grid, i, above[i].max(above[i + 1]), &mut margin[i]));
-        }
+        let mut means: Vec<MeanRows> = (0..n).map(|i| MeanRows::new(grid, i, above[i].max(above[i + 1]))).collect();
         let mut largest = vec![0.0; n + 1];
         for i in (0..n).rev() {
-            let (strips, h) = &mut means[i];
+            let MeanRows { strips, length, .. } = &mut means[i];
             strips.cap = strips.cap.min(above[i]);
-            strips.reach(*h, largest[i + 1]);
+            strips.reach(*length, largest[i + 1]);
             largest[i] = strips.largest().unwrap_or(strips.cap);
         }
         above[0] = 0.0;
         for i in 0..n {
-            let (strips, h) = &means[i];
+            let MeanRows { strips, length, .. } = &means[i];
             let [(upper, _), _] = strips.range(above[i], 0.0);
-            above[i + 1] = (above[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+            above[i + 1] = (above[i] + 2.0 * length * upper).clamp(0.0, largest[i + 1]);
         }
+        margin = means.iter().map(|mean| mean.margin).collect();
     }
     (above, margin)
 }
@@ -341,34 +339,45 @@ pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
 /// Rounds in which the bounds on z, s̈ and ε are taken from each other.
 const BOUND_ROUNDS: usize = 4;
 
-/// Rows averaged over interval `i` between the ends 2i and 2i + 2, right side 1 + ε for z up to `most`; its length.
-/// Sets how far z may depart from a straight line.
-fn mean_rows(grid: &Grid, i: usize, most: f64, margin: &mut f64) -> (Strips, f64) {
-    let [left, here, right] = [0, 1, 2].map(|k| &grid.points[2 * i + k]);
-    let h = right.point.s - left.point.s;
-    let rows = || (0..here.rows.len()).map(|r| [left, here, right].map(|s| s.rows[r].tangent(s.reference)));
-    let least = |(a, b, c): (f64, f64, f64), top: f64| (1.0 + b.abs() * top + c.abs()) / a.abs();
-    // z between the ends may be above both by as much as s̈ allows.
-    let bound = |top: f64| {
-        rows().map(|row| row.map(|r| least(r, top)).into_iter().fold(0.0, f64::max)).fold(f64::INFINITY, f64::min)
-    };
-    let mut top = most;
-    for _ in 0..3 {
-        top = most + h * bound(top);
+/// Rows averaged over an interval between two ends, see [`super::certificate`].
+struct MeanRows {
+    /// The averaged rows, right sides 1 + ε.
+    strips: Strips,
+    /// Length of the interval in s.
+    length: f64,
+    /// Bound on how far z departs from a straight line, 1/s².
+    margin: f64,
+}
+
+impl MeanRows {
+    /// Averaged rows of interval `i`, between the grid points 2i and 2i + 2, for z up to `most` at both ends.
+    fn new(grid: &Grid, i: usize, most: f64) -> Self {
+        let [left, here, right] = [0, 1, 2].map(|k| &grid.points[2 * i + k]);
+        let h = right.point.s - left.point.s;
+        let rows = || (0..here.rows.len()).map(|r| [left, here, right].map(|s| s.rows[r].tangent(s.reference)));
+        let least = |(a, b, c): (f64, f64, f64), top: f64| (1.0 + b.abs() * top + c.abs()) / a.abs();
+        // z between the ends may be above both by as much as s̈ allows.
+        let bound = |top: f64| {
+            rows().map(|row| row.map(|r| least(r, top)).into_iter().fold(0.0, f64::max)).fold(f64::INFINITY, f64::min)
+        };
+        let mut top = most;
+        for _ in 0..3 {
+            top = most + h * bound(top);
+        }
+        let acceleration = bound(top);
+        let margin = h * acceleration;
+        let mut strips = Strips::default();
+        strips.clear(f64::INFINITY);
+        for [l, m, r] in rows() {
+            let mean = |l: f64, m: f64, r: f64| (l + 4.0 * m + r) / 6.0;
+            let bend = |l: f64, m: f64, r: f64| (l - 2.0 * m + r).abs();
+            let (a, b, c) = (mean(l.0, m.0, r.0), mean(l.1, m.1, r.1), mean(l.2, m.2, r.2));
+            let excess = (0.25 * (r.0 - l.0).abs() + bend(l.0, m.0, r.0)) * acceleration
+                + bend(l.1, m.1, r.1) * top
+                + bend(l.2, m.2, r.2)
+                + (0.5 * b.abs() + 0.5 * (r.1 - l.1).abs()) * margin;
+            strips.add(Row { a: a + h * b, b, c, d: 0.0 }, 1.0 + excess);
+        }
+        Self { strips, length: h, margin }
     }
-    let acceleration = bound(top);
-    *margin = h * acceleration;
-    let mut strips = Strips::default();
-    strips.clear(f64::INFINITY);
-    for [l, m, r] in rows() {
-        let mean = |l: f64, m: f64, r: f64| (l + 4.0 * m + r) / 6.0;
-        let bend = |l: f64, m: f64, r: f64| (l - 2.0 * m + r).abs();
-        let (a, b, c) = (mean(l.0, m.0, r.0), mean(l.1, m.1, r.1), mean(l.2, m.2, r.2));
-        let excess = (0.25 * (r.0 - l.0).abs() + bend(l.0, m.0, r.0)) * acceleration
-            + bend(l.1, m.1, r.1) * top
-            + bend(l.2, m.2, r.2)
-            + (0.5 * b.abs() + 0.5 * (r.1 - l.1).abs()) * *margin;
-        strips.add(Row { a: a + h * b, b, c, d: 0.0 }, 1.0 + excess);
-    }
-    (strips, h)
 }
