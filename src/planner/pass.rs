@@ -4,7 +4,7 @@
 //! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. In the backward pass the
 //! largest controllable z at a grid point, from which the next one can be reached, is the largest with L ≤ U: where L > U, the
 //! two rows are a quadratic in √z that is negative, so nothing down to its next root is feasible, and the search goes on at that
-//! root ([`Strips::largest`]; without d it is Newton's method from the right). The forward pass takes the largest s̈ within the
+//! root (`Strips::largest`; without d it is Newton's method from the right). The forward pass takes the largest s̈ within the
 //! controllable z, as in TOPP-RA [Pham & Pham, 2018]. √z at the end of an interval is replaced by its tangent in the backward
 //! pass, renewed at the z reached until both agree; it is exact in the forward pass, where z is given.
 

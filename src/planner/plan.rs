@@ -20,7 +20,7 @@ pub struct Options {
     pub certify: bool,
     /// Whether the bound with jerk limits is tightened until its gap is [`TIGHTENED_GAP`] or no longer shrinks, which takes seconds.
     pub tighten: bool,
-    /// Whether intervals are split where no limit is reached, see [`refine`].
+    /// Whether intervals are split where no limit is reached, see [`refine`](super::refine).
     pub refine: bool,
     /// Seconds since some fixed instant, from which [`Plan::solve_s`] and [`Plan::verify_s`] come; they are zero by default.
     pub clock: fn() -> f64,

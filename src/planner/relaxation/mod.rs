@@ -39,7 +39,7 @@ pub fn bound(sequence: &Sequence, limits: &Limits, above: &[f64]) -> Option<f64>
     Relaxation::new(sequence, limits, above).solve(Goal::Time, f64::INFINITY).map(|found| found.bound)
 }
 
-/// The same bound, tightened by ranges of z until its gap to the time of the iterate is below `gap`, relative, or a round gains less than [`LEAST_GAIN`].
+/// The same bound, tightened by ranges of z until its gap to the time of the iterate is below `gap`, relative, or a round gains less than 2e-4 of the time.
 pub fn tightened(sequence: &Sequence, limits: &Limits, above: &[f64], gap: f64) -> Option<f64> {
     let mut relaxation = Relaxation::new(sequence, limits, above);
     let time = sequence.profile().time();
