@@ -14,7 +14,7 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::planner::jerk::{self, Sequence};
-use deltatwin::planner::rows::{Room, Stations};
+use deltatwin::planner::rows::{Grid, Slack};
 use deltatwin::planner::{Limits, Machine, Objective, Options, PathPoint, Reference, pass, plan};
 use oracle::{Oracle, Programme};
 use rand_chacha::ChaCha8Rng;
@@ -46,20 +46,20 @@ fn planning(c: &mut Criterion) {
     let machine = Machine::new(&plant, task.limits.detail);
     let curve = task.shape.curve();
     let limits = Limits { jerk: [f64::INFINITY; 4], ..task.limits };
-    let grid: Vec<f64> = (0..=1000).map(|k| f64::from(k) / 1e3).collect();
+    let places: Vec<f64> = (0..=1000).map(|k| f64::from(k) / 1e3).collect();
     let points: Vec<PathPoint> =
-        grid.iter().map(|s| PathPoint::new(&plant.geometry, &curve, *s).expect("reachable")).collect();
+        places.iter().map(|s| PathPoint::new(&plant.geometry, &curve, *s).expect("reachable")).collect();
     let reference = Reference { speed: 2.0, acceleration: 10.0 };
     let mut group = c.benchmark_group("plan");
     group.sample_size(20);
     group.bench_function("coefficients of 1000 points", |b| {
         b.iter(|| points.iter().map(|p| machine.coefficients(p, reference).unwrap().a[0]).sum::<f64>())
     });
-    let mut stations = Stations::new(&machine, &curve, &limits, &grid).expect("reachable");
-    stations.load(&machine, &limits, &vec![reference; grid.len()]).expect("regular");
-    let room = Room::full(grid.len());
+    let mut grid = Grid::new(&machine, &curve, &limits, &places).expect("reachable");
+    grid.load(&machine, &limits, &vec![reference; places.len()]).expect("regular");
+    let slack = Slack::full(places.len());
     group.bench_function("passes without jerk, 1000 intervals", |b| {
-        b.iter(|| pass::solve(&stations, &room).unwrap().z[500])
+        b.iter(|| pass::solve(&grid, &slack).unwrap().z[500])
     });
     for (what, limits, intervals) in [
         ("without jerk, checked", limits, 1000),
@@ -85,26 +85,26 @@ fn beside_copp(c: &mut Criterion) {
     let mut group = c.benchmark_group("rows given");
     group.sample_size(20);
     for intervals in [100, 200, 500, 1000] {
-        let grid: Vec<f64> = (0..=intervals).map(|k| f64::from(k) / f64::from(intervals)).collect();
+        let places: Vec<f64> = (0..=intervals).map(|k| f64::from(k) / f64::from(intervals)).collect();
         let reference = Reference { speed: 2.0, acceleration: 10.0 };
-        let mut stations = Stations::new(&machine, &curve, &limits, &grid).expect("reachable");
-        stations.load(&machine, &limits, &vec![reference; grid.len()]).expect("regular");
-        let room = Room::full(grid.len());
+        let mut grid = Grid::new(&machine, &curve, &limits, &places).expect("reachable");
+        grid.load(&machine, &limits, &vec![reference; places.len()]).expect("regular");
+        let slack = Slack::full(places.len());
         group.bench_function(format!("deltatwin, viscous friction, {intervals}"), |b| {
-            b.iter(|| pass::solve(&stations, &room).unwrap().z[50])
+            b.iter(|| pass::solve(&grid, &slack).unwrap().z[50])
         });
-        stations.list.iter_mut().flat_map(|s| &mut s.rows).for_each(|row| row.d = 0.0);
+        grid.points.iter_mut().flat_map(|s| &mut s.rows).for_each(|row| row.d = 0.0);
         group.bench_function(format!("deltatwin, {intervals}"), |b| {
-            b.iter(|| pass::solve(&stations, &room).unwrap().z[50])
+            b.iter(|| pass::solve(&grid, &slack).unwrap().z[50])
         });
-        let mut oracle = Oracle::new(&stations, &limits);
+        let mut oracle = Oracle::new(&grid, &limits);
         group.bench_function(format!("copp TOPP2-RA, {intervals}"), |b| b.iter(|| oracle.without_jerk()[50]));
-        let unlimited = pass::solve(&stations, &room).expect("a motion").z;
+        let unlimited = pass::solve(&grid, &slack).expect("a motion").z;
         group.bench_function(format!("deltatwin with jerk limits, {intervals}"), |b| {
             b.iter_batched(
-                || stations.clone(),
-                |stations| {
-                    let mut sequence = Sequence::begin(stations, &limits, &unlimited);
+                || grid.clone(),
+                |grid| {
+                    let mut sequence = Sequence::begin(grid, &limits, &unlimited);
                     sequence.settle(&limits, Objective::Time, jerk::SETTLED, |_, _| Ok(())).unwrap();
                     sequence.at.z[50]
                 },

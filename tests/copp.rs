@@ -1,4 +1,4 @@
-//! Times against those of copp, at the same stations with the same rows.
+//! Times against those of copp, at the same grid with the same rows.
 
 mod common;
 #[path = "common/oracle.rs"]
@@ -11,7 +11,7 @@ use copp::solver::topp3_lp::s_to_t_topp3;
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::planner::jerk::Sequence;
-use deltatwin::planner::rows::{Room, Stations};
+use deltatwin::planner::rows::{Grid, Slack};
 use deltatwin::planner::{Curve, Limits, Machine, Objective, Profile, Reference, Shape, pass, verify};
 use oracle::{Oracle, Programme};
 
@@ -36,13 +36,13 @@ fn problems() -> Vec<(Curve, Setup, Limits)> {
     ]
 }
 
-/// Rows at `intervals` + 1 stations; `viscous` is the share of D √z in them.
-fn stations(machine: &Machine, curve: &Curve, limits: &Limits, intervals: usize, viscous: f64) -> Stations {
-    let grid: Vec<f64> = (0..=intervals).map(|k| k as f64 / intervals as f64).collect();
-    let mut stations = Stations::new(machine, curve, limits, &grid).unwrap();
-    stations.load(machine, limits, &vec![Reference { speed: 2.0, acceleration: 10.0 }; grid.len()]).unwrap();
-    stations.list.iter_mut().flat_map(|s| &mut s.rows).for_each(|row| row.d *= viscous);
-    stations
+/// Rows at `intervals` + 1 grid points; `viscous` is the share of D √z in them.
+fn loaded(machine: &Machine, curve: &Curve, limits: &Limits, intervals: usize, viscous: f64) -> Grid {
+    let places: Vec<f64> = (0..=intervals).map(|k| k as f64 / intervals as f64).collect();
+    let mut grid = Grid::new(machine, curve, limits, &places).unwrap();
+    grid.load(machine, limits, &vec![Reference { speed: 2.0, acceleration: 10.0 }; places.len()]).unwrap();
+    grid.points.iter_mut().flat_map(|s| &mut s.rows).for_each(|row| row.d *= viscous);
+    grid
 }
 
 fn plants() -> Vec<(Plant, Curve, Limits)> {
@@ -58,11 +58,11 @@ fn without_jerk_limits_copp_is_not_faster() {
     for (plant, curve, limits) in plants() {
         let machine = Machine::new(&plant, limits.detail);
         for intervals in [100, 1000] {
-            let stations = stations(&machine, &curve, &limits, intervals, 0.0);
-            let found = pass::solve(&stations, &Room::full(intervals + 1)).unwrap();
-            let s: Vec<f64> = stations.list.iter().map(|x| x.point.s).collect();
+            let grid = loaded(&machine, &curve, &limits, intervals, 0.0);
+            let found = pass::solve(&grid, &Slack::full(intervals + 1)).unwrap();
+            let s: Vec<f64> = grid.points.iter().map(|x| x.point.s).collect();
             let ours = Profile::linear(&s, &found.z).time();
-            let theirs = Oracle::new(&stations, &limits).without_jerk();
+            let theirs = Oracle::new(&grid, &limits).without_jerk();
             let (time, _) = s_to_t_topp2(&s, &theirs, 0.0).unwrap();
             println!("{intervals}: ours {ours} s, copp {time} s");
             assert!(ours < time * (1.0 + ROUNDING), "{intervals}: {ours} against {time}");
@@ -72,8 +72,8 @@ fn without_jerk_limits_copp_is_not_faster() {
     }
 }
 
-/// Of all programmes of copp, each repeated until nothing changes. Rows are met at the stations only, by both. Ours end when the
-/// time is within 1e-5 of what their rows allow; the problem is not convex, and with 50 stations along the last path copp ends in
+/// Of all programmes of copp, each repeated until nothing changes. Rows are met at the grid points only, by both. Ours end when the
+/// time is within 1e-5 of what their rows allow; the problem is not convex, and with 50 grid points along the last path copp ends in
 /// an optimum that is 0.4 to 0.7 % better.
 #[test]
 fn with_jerk_limits_copp_is_not_faster() {
@@ -82,11 +82,11 @@ fn with_jerk_limits_copp_is_not_faster() {
     for (plant, curve, limits) in plants() {
         let machine = Machine::new(&plant, limits.detail);
         for intervals in [100, 200] {
-            let stations = stations(&machine, &curve, &limits, intervals, 0.0);
-            let unlimited = pass::solve(&stations, &Room::full(intervals + 1)).unwrap().z;
-            let mut copp = Oracle::new(&stations, &limits);
-            let s: Vec<f64> = stations.list.iter().map(|x| x.point.s).collect();
-            let mut ours = Sequence::begin(stations, &limits, &unlimited);
+            let grid = loaded(&machine, &curve, &limits, intervals, 0.0);
+            let unlimited = pass::solve(&grid, &Slack::full(intervals + 1)).unwrap().z;
+            let mut copp = Oracle::new(&grid, &limits);
+            let s: Vec<f64> = grid.points.iter().map(|x| x.point.s).collect();
+            let mut ours = Sequence::begin(grid, &limits, &unlimited);
             ours.settle(&limits, Objective::Time, SETTLED, |_, _| Ok(())).unwrap();
             let time = ours.profile().time();
             let theirs = [Programme::Linear, Programme::Cone].map(|programme| {
@@ -114,9 +114,9 @@ fn viscous_friction_breaks_the_limits_of_copp() {
         let torques = uses.iter().flat_map(|u| (0..4).map(|i| u.ratio[8 + i]));
         torques.fold(0.0, f64::max)
     };
-    let with_friction = stations(&machine, &curve, &limits, 1000, 1.0);
-    let s: Vec<f64> = with_friction.list.iter().map(|x| x.point.s).collect();
-    let ours = torque(&Profile::linear(&s, &pass::solve(&with_friction, &Room::full(1001)).unwrap().z));
+    let with_friction = loaded(&machine, &curve, &limits, 1000, 1.0);
+    let s: Vec<f64> = with_friction.points.iter().map(|x| x.point.s).collect();
+    let ours = torque(&Profile::linear(&s, &pass::solve(&with_friction, &Slack::full(1001)).unwrap().z));
     let theirs = torque(&Profile::linear(&s, &Oracle::new(&with_friction, &limits).without_jerk()));
     println!("of the torque ours uses {ours}, copp {theirs}");
     assert!(theirs > 1.08 && ours < 1.01, "{theirs} {ours}");

@@ -11,7 +11,7 @@ use deltatwin::effects::ActiveEffect;
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::planner::jerk::Sequence;
-use deltatwin::planner::rows::{Station, Stations};
+use deltatwin::planner::rows::{Grid, GridPoint};
 use deltatwin::planner::trajectory::trajectory;
 use deltatwin::planner::validation::execute;
 use deltatwin::planner::{
@@ -243,7 +243,7 @@ fn viscous_friction_is_in_d_at_every_speed() {
     }
 }
 
-/// Largest use of every limit along the plan at times that are no stations, by the inverse dynamics.
+/// Largest use of every limit along the plan at times that are no grid points, by the inverse dynamics.
 fn worst_use(plant: &Plant, limits: &Limits, plan: &Plan, samples: usize) -> (f64, String) {
     let times = (0..=samples).map(|k| plan.time * k as f64 / samples as f64);
     let share = 1.0 - limits.margin;
@@ -340,28 +340,28 @@ fn more_intervals_converge() {
     for limits in [no_jerk(limits), limits] {
         let time = |intervals: usize| plan(&machine, &curve, &limits, &Options { intervals, ..QUICK }).unwrap().time;
         let [coarse, fine, finest] = [100, 200, 800].map(time);
-        // Coarse grids pay for what their stations do not see.
+        // Coarse grids pay for what their points do not see.
         let apart = [coarse, fine].map(|t| t / finest - 1.0);
         assert!((-5e-4..1e-2).contains(&apart[0]) && (-5e-4..3e-3).contains(&apart[1]), "{coarse} {fine} {finest}");
     }
 }
 
-/// Rest to rest with nothing but a jerk limit takes (32 L/J)^(1/3), and the relaxation finds just that. With stations evenly spread the
+/// Rest to rest with nothing but a jerk limit takes (32 L/J)^(1/3), and the relaxation finds just that. With grid points evenly spread the
 /// motion found is 1 % slower: over the first intervals the jerk of s̈ linear in s is far from even.
 #[test]
 fn the_bound_with_jerk_limits_is_exact_for_a_straight_line() {
     const N: usize = 200;
     let limits = Limits { jerk: [32.0, f64::INFINITY, f64::INFINITY, f64::INFINITY], ..Limits::NONE };
-    let station = |k: usize| {
+    let grid_point = |k: usize| {
         let q = [[0.0; 4], [1.0, 0.0, 0.0, 0.0], [0.0; 4], [0.0; 4]];
         let point = PathPoint { s: k as f64 / N as f64, q, r: [Vector4::zeros(); 4] };
-        Station { point, cap: 100.0, rows: Vec::new(), rest: Vec::new(), weight: 1.0, reference: 1.0 }
+        GridPoint { point, cap: 100.0, rows: Vec::new(), rest: Vec::new(), weight: 1.0, reference: 1.0 }
     };
-    let stations = Stations { list: (0..=N).map(station).collect(), quantities: Vec::new(), eased: false };
-    let mut found = Sequence::begin(stations, &limits, &[100.0; N + 1]);
+    let grid = Grid { points: (0..=N).map(grid_point).collect(), quantities: Vec::new(), eased: false };
+    let mut found = Sequence::begin(grid, &limits, &[100.0; N + 1]);
     found.settle(&limits, Objective::Time, 1e-5, |_, _| Ok(())).unwrap();
     let time = found.profile().time();
-    let bound = relaxation::bound(&found.stations, &limits, &found.watch, &found.at, &[100.0; N + 1]).unwrap();
+    let bound = relaxation::bound(&found, &limits, &[100.0; N + 1]).unwrap();
     println!("time {time}, bound {bound}");
     assert!((1.0..1.01).contains(&time), "{time}");
     assert!((0.9999..1.0001).contains(&bound), "{bound}");
@@ -387,7 +387,7 @@ fn the_bound_with_jerk_limits_is_tightened() {
 /// Parts of an interval at whose ends the dynamic programme checks the limits.
 const PARTS: usize = 4;
 
-/// Fastest motion on a grid of ṡ at every station, by dynamic programming over the true model's loads; s̈ is constant over an
+/// Fastest motion on a grid of ṡ at every grid point, by dynamic programming over the true model's loads; s̈ is constant over an
 /// interval.
 fn dynamic_programme(
     machine: &Machine,
@@ -675,13 +675,13 @@ fn random_paths_are_planned_or_refused_for_a_reason() {
 }
 
 #[test]
-fn stations_name_the_place_that_cannot_be_reached() {
+fn a_grid_names_the_place_that_cannot_be_reached() {
     let model = common::model("irb360-6-1600");
     let plant = Plant::new(&model, &Setup::default());
     let machine = Machine::new(&plant, Default::default());
     let curve = Shape::arch([0.0, -0.4, -0.9, 0.0], [0.0, 0.4, -0.9, 0.0], 0.25, 0.05, 0.1).curve();
     let grid: Vec<f64> = (0..=100).map(|k| f64::from(k) / 100.0).collect();
-    let error = Stations::new(&machine, &curve, &Limits::of(&model), &grid).unwrap_err().to_string();
+    let error = Grid::new(&machine, &curve, &Limits::of(&model), &grid).unwrap_err().to_string();
     assert!(error.contains("s = 0.1") && error.contains("arm 3 at -0.7163 rad is outside"), "{error}");
 }
 

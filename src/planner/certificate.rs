@@ -3,32 +3,32 @@
 //! Over an interval of length h, a row of a feasible motion is on average ⟨a s̈⟩ + ⟨b z⟩ + ⟨c⟩ ≤ 1. With the means of a, b
 //! and c, with ⟨s̈⟩ = Δz/2h exactly and z̄ that of the straight line between the ends, it reads a s̈ + b z̄ + c ≤ 1 + ε,
 //! ε = ¼|Δa| U + ½(|b| + |Δb|) h U and the bends of a, b, c: Δ is the change over the interval, U bounds |s̈|, and h U is the
-//! most by which z departs from the straight line. So the samples of every feasible motion satisfy the rows with 1 + ε of
-//! room, and the passes with these rows find a z(s) above all of them. Force laws are linearised at the plan; means and bends
+//! most by which z departs from the straight line. So the samples of every feasible motion satisfy the rows with the
+//! right side 1 + ε, and the passes with these rows find a z(s) above all of them. Force laws are linearised at the plan; means and bends
 //! are Simpson's from ends and middle.
 
 use super::coefficients::{Machine, Reference};
 use super::grid::graded;
 use super::limits::Limits;
 use super::pass::relaxed;
-use super::rows::Stations;
+use super::rows::Grid;
 use super::{Curve, PlanError, Profile};
 
 /// Intervals of the relaxation.
 const INTERVALS: usize = 16_000;
 
-/// z(s) above that of every feasible motion.
-pub struct Above {
+/// An upper bound on z(s) of every feasible motion, jerk limits left aside.
+pub struct UpperBound {
     s: Vec<f64>,
     /// z at the ends of the intervals and by how much it may be larger in between.
     z: Vec<f64>,
     margin: Vec<f64>,
-    /// Time over the path at this z, s: no motion takes less.
+    /// Time over the path at this z, s: a lower bound on that of every motion.
     pub time: f64,
 }
 
-impl Above {
-    /// Largest z at `s`.
+impl UpperBound {
+    /// Upper bound on z at `s`, 1/s².
     pub fn at(&self, s: f64) -> f64 {
         let i = self.s.partition_point(|&x| x <= s).clamp(1, self.margin.len()) - 1;
         let part = (s - self.s[i]) / (self.s[i + 1] - self.s[i]);
@@ -36,25 +36,29 @@ impl Above {
     }
 }
 
-/// Upper bound on z with jerk limits left aside; force laws are linearised along `plan`.
-pub fn above(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Profile) -> Result<Above, PlanError> {
+/// Upper bound on z(s), jerk limits left aside; force laws are linearised along `plan`.
+///
+/// # Errors
+///
+/// [`PlanError::Place`] where the robot cannot follow the path.
+pub fn upper_bound(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Profile) -> Result<UpperBound, PlanError> {
     let s = graded(plan, curve, INTERVALS);
     // Ends and middles of all intervals in turn.
     let middles = s.windows(2).map(|w| 0.5 * (w[0] + w[1]));
     let mut all: Vec<f64> = s.iter().copied().zip(middles).flat_map(|(end, middle)| [end, middle]).collect();
     all.push(curve.end());
-    let mut stations = Stations::new(machine, curve, limits, &all)?;
+    let mut grid = Grid::new(machine, curve, limits, &all)?;
     let references: Vec<Reference> = all
         .iter()
         .map(|s| {
-            // At the ends of the path the robot is just leaving or arriving.
+            // At rest the law is linearised at the speed next to the end of the path.
             let pace = plan.pace(s.clamp(all[1], all[all.len() - 2]));
             Reference { speed: pace.z.sqrt().max(1e-6), acceleration: pace.acceleration }
         })
         .collect();
-    stations.load(machine, limits, &references)?;
-    let (z, margin) = relaxed(&stations);
+    grid.load(machine, limits, &references)?;
+    let (z, margin) = relaxed(&grid);
     let part = |i: usize| 2.0 * (s[i + 1] - s[i]) / ((z[i] + margin[i]).sqrt() + (z[i + 1] + margin[i]).sqrt());
     let time = (0..INTERVALS).map(part).sum();
-    Ok(Above { s, z, margin, time })
+    Ok(UpperBound { s, z, margin, time })
 }

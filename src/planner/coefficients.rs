@@ -8,6 +8,7 @@ use super::PathPoint;
 use super::limits::{LOADS, forces};
 use crate::constraint_forces::{Detail, Loads, Multipliers, Statics, rigid_loads};
 use crate::dynamics::{Plant, STILL, Twist, add_effects, reads_loads};
+use crate::effects::ActiveEffect;
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::AXES;
 use crate::machine::bodies::BODIES;
@@ -34,26 +35,26 @@ pub struct Reference {
     pub acceleration: f64,
 }
 
-/// A machine, weightless and without force laws where need be, and the detail of its constraint forces.
+/// The dynamics that the planner evaluates: a plant, the same without gravity, and the detail of its constraint forces.
 pub struct Machine<'a> {
     plant: &'a Plant,
     /// The same without gravity.
     weightless: Plant,
-    own: Vec<Vec<f64>>,
+    initial_states: Vec<Vec<f64>>,
     detail: Detail,
 }
 
-/// Step of the speed by which the slope of a force law is taken, as a share of it.
-const STEP: f64 = 0.01;
-/// Evaluations of laws that read loads.
-const ITERATIONS: usize = 4;
+/// Step of the speed in the difference quotient of a force law, over the speed.
+const SPEED_STEP: f64 = 0.01;
+/// Fixed-point iterations of laws that read loads.
+const LOAD_ITERATIONS: usize = 4;
 
 impl<'a> Machine<'a> {
     /// The machine `plant`, whose constraint forces are taken in `detail`.
     pub fn new(plant: &'a Plant, detail: Detail) -> Self {
         let weightless = Plant { gravity: 0.0, ..plant.clone() };
-        let own = plant.effects.iter().map(|a| a.initial_state()).collect();
-        Self { plant, weightless, own, detail }
+        let initial_states = plant.effects.iter().map(ActiveEffect::initial_state).collect();
+        Self { plant, weightless, initial_states, detail }
     }
 
     /// Its plant.
@@ -61,12 +62,18 @@ impl<'a> Machine<'a> {
         self.plant
     }
 
-    /// Own states of the effects at the start.
+    /// Internal states of the effects at the start.
     pub(super) fn states(&self) -> Vec<&[f64]> {
-        self.own.iter().map(Vec::as_slice).collect()
+        self.initial_states.iter().map(Vec::as_slice).collect()
     }
 
-    /// Coefficients at a point; `reference` is where force laws are linearised.
+    /// Coefficients of torques and constraint forces at a point of the path.
+    ///
+    /// Force laws are linearised in the speed at `reference`; those that read loads take the loads of the reference motion.
+    ///
+    /// # Errors
+    ///
+    /// The error of the kinematics where the constraint forces are not determined.
     pub fn coefficients(&self, point: &PathPoint, reference: Reference) -> Result<Coefficients, KinematicsError> {
         let geometry = &self.plant.geometry;
         let unit = point.unit_acceleration(geometry);
@@ -80,7 +87,7 @@ impl<'a> Machine<'a> {
         if !self.plant.effects.is_empty() {
             let states = self.states();
             let Reference { speed, acceleration } = reference;
-            let step = STEP * speed;
+            let step = SPEED_STEP * speed;
             let at = |speed: f64| Motion::along(&pace, &unit, speed, acceleration);
             let (here, ahead) = (at(speed), at(speed + step));
             let mut loads = None;
@@ -94,7 +101,7 @@ impl<'a> Machine<'a> {
             };
             if self.plant.effects.iter().any(reads_loads) {
                 let rigid = rigid_loads(self.plant, &here, Detail::Complete);
-                for _ in 0..ITERATIONS {
+                for _ in 0..LOAD_ITERATIONS {
                     let mut wrenches = rigid;
                     add_effects(self.plant, 0.0, &here, &states, None, &mut wrenches)?;
                     if let Some(loads) = &loads {
@@ -113,7 +120,11 @@ impl<'a> Machine<'a> {
         Ok(Coefficients { a, b, c, d })
     }
 
-    /// Torques, λ_E, λ_P and λ_S themselves for a motion.
+    /// Torques (N·m), λ_E (N·m, N), λ_P and λ_S (N) of a motion by the full model.
+    ///
+    /// # Errors
+    ///
+    /// The error of the kinematics where the constraint forces are not determined.
     pub fn loads(&self, motion: &Motion) -> Result<[f64; LOADS], KinematicsError> {
         use crate::constraint_forces::constraint_forces;
         let states = self.states();
@@ -152,7 +163,7 @@ impl Solver {
         }
     }
 
-    /// Of inertia and weight alone.
+    /// Torques and constraint forces of inertia and weight alone.
     fn rigid(&self, plant: &Plant, motion: &Motion) -> [f64; LOADS] {
         let wrenches = rigid_loads(plant, motion, Detail::Complete);
         let complete = self.complete.solve(&Loads::new(motion, &wrenches, Detail::Complete));

@@ -58,7 +58,7 @@ impl Curve {
         self.end
     }
 
-    /// The same path over a parameter x with s = g(x), x from 0 to the same end, that hardly moves near the ends of the path.
+    /// The same path over a parameter x with s = g(x), x from 0 to the same end, whose ds/dx vanishes at the ends of the path.
     ///
     /// g = E (10u³ − 15u⁴ + 6u⁵), u = x/E: from rest to rest with s ∝ t³ at both ends is ẋ > 0 throughout, and what is smooth
     /// over time is smooth over x. So intervals of x resolve a departure under jerk limits, however short it is.
@@ -73,7 +73,7 @@ impl Curve {
         self.eased
     }
 
-    /// s and its first three derivatives by the parameter.
+    /// s at parameter `x`, and its first three derivatives by the parameter.
     pub fn way(&self, x: f64) -> [f64; 4] {
         if !self.eased {
             return [x, 1.0, 0.0, 0.0];

@@ -1,23 +1,23 @@
-//! Places along a path at which rows are held.
+//! Where grid points lie along a path.
 
 use super::{Curve, Profile};
 
-/// Least intervals over a piece of the path.
-const PER_PIECE: usize = 6;
+/// Intervals over a piece of the path at least.
+const MIN_PER_PIECE: usize = 6;
 
-/// Grid of about `n` intervals evenly spread over the path, at least [`PER_PIECE`] over every piece of it.
+/// Places of a grid of about `n` intervals evenly spread over the path, at least [`MIN_PER_PIECE`] over every piece of it.
 pub(super) fn even(curve: &Curve, n: usize) -> Vec<f64> {
     let knots: Vec<f64> = curve.knots().collect();
     let mut grid = vec![0.0];
     for piece in knots.windows(2) {
         let length = piece[1] - piece[0];
-        let count = ((n as f64 * length / curve.end()).round() as usize).max(PER_PIECE);
+        let count = ((n as f64 * length / curve.end()).round() as usize).max(MIN_PER_PIECE);
         grid.extend((1..=count).map(|k| piece[0] + length * k as f64 / count as f64));
     }
     grid
 }
 
-/// Grid of `n` intervals, evenly spread over the mean of time, path and number of its pieces.
+/// Places of a grid of `n` intervals, evenly spaced in the mean of time, path and number of its pieces.
 pub(super) fn graded(profile: &Profile, curve: &Curve, n: usize) -> Vec<f64> {
     let m = profile.pieces.len();
     let (time, length) = (profile.time(), curve.end());

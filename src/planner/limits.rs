@@ -1,4 +1,4 @@
-//! What bounds a motion along a path, (35)–(37).
+//! Limits on a motion along a path, (35)–(37).
 
 use crate::constraint_forces::{Detail, Multipliers};
 use crate::machine::{AXES, STRUTS};

@@ -2,8 +2,8 @@
 //!
 //! A [`Curve`] r(s) becomes [`PathPoint`]s in joint space; torques and constraint forces along it are A s̈ + B ṡ² + C + D ṡ
 //! ([`Coefficients`]), so every limit is a row in z = ṡ² and s̈ ([`rows`]). Without jerk limits two passes find the
-//! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). What is found is a [`Profile`]; it is
-//! checked against the full model on a finer grid and refused if a limit does not hold ([`plan()`]).
+//! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). The result is a [`Profile`]; it is
+//! checked against the full model on a finer grid and refused if a limit is exceeded ([`plan()`]).
 
 mod accept;
 pub mod certificate;
@@ -12,16 +12,19 @@ pub mod curve;
 mod grid;
 pub mod jerk;
 pub mod limits;
+mod linearise;
 pub mod pass;
 pub mod plan;
 pub mod point;
 pub mod profile;
+mod programme;
 pub mod refine;
 pub mod relaxation;
 pub mod rows;
 mod search;
 pub mod shape;
 pub mod trajectory;
+mod unknowns;
 pub mod validation;
 pub mod verify;
 
@@ -52,7 +55,7 @@ pub struct Task {
     pub options: Options,
 }
 
-/// What is optimised with jerk limits; without them both have the same optimum.
+/// The objective with jerk limits; without them both have the same optimum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Objective {
     /// The time ∫ ds/√z itself.
@@ -90,7 +93,7 @@ pub enum PlanError {
         /// What may be used.
         usable: f64,
     },
-    /// The limits leave no room for any motion through a place.
+    /// The limits leave no motion through a place.
     #[error("the limits leave no motion through s = {s:.4}")]
     Stuck {
         /// Path parameter.
@@ -121,7 +124,7 @@ pub enum PlanError {
 }
 
 impl PlanError {
-    /// The same with the parameter of `curve` replaced by s.
+    /// The same error with the parameter of `curve` replaced by s.
     fn along(mut self, curve: &Curve) -> Self {
         match &mut self {
             Self::Place { s, .. }

@@ -1,31 +1,31 @@
-//! Time-optimal z(s) without jerk limits: one pass back along the path, one forth.
+//! Time-optimal z(s) without jerk limits: one pass backward along the path, one forward.
 //!
 //! s̈ is constant over an interval, so z = ṡ² is linear in s. Rows hold at both ends of every interval with its s̈. For a
-//! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. Back along the path the largest z
-//! at a station from which the next one can be reached is the largest with L ≤ U: where L > U, the two rows are a quadratic
-//! in √z that is negative, so nothing down to its next root is feasible, and that root is where to look next ([`Strips::largest`];
-//! without d it is Newton's method from the right). This gives the largest controllable z; forth the largest s̈ within it is taken, as
-//! in TOPP-RA [Pham & Pham, 2018]. √z at an interval's far end is its tangent in the pass back, taken again at what is
-//! reached until both agree, and exact in the pass forth, where z is given.
+//! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. In the backward pass the
+//! largest controllable z at a grid point, from which the next one can be reached, is the largest with L ≤ U: where L > U, the
+//! two rows are a quadratic in √z that is negative, so nothing down to its next root is feasible, and the search goes on at that
+//! root (`Strips::largest`; without d it is Newton's method from the right). The forward pass takes the largest s̈ within the
+//! controllable z, as in TOPP-RA [Pham & Pham, 2018]. √z at the end of an interval is replaced by its tangent in the backward
+//! pass, renewed at the z reached until both agree; it is exact in the forward pass, where z is given.
 
-use super::rows::{Room, Row, Stations};
+use super::rows::{Grid, Row, Slack};
 
-/// What the passes found.
+/// The result of the passes.
 #[derive(Clone, Debug)]
 pub struct Passes {
-    /// z at each station.
+    /// z at each grid point.
     pub z: Vec<f64>,
     /// s̈ in each interval.
     pub acceleration: Vec<f64>,
-    /// Maximum velocity curve: largest z at each station alone.
+    /// Maximum velocity curve: largest z at each grid point alone.
     pub mvc: Vec<f64>,
 }
 
-/// There is no z at a station.
+/// The error that the limits leave no z at a grid point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stuck {
-    /// Station.
-    pub station: usize,
+    /// Grid point.
+    pub grid_point: usize,
 }
 
 /// α + β z + δ √z.
@@ -80,26 +80,26 @@ impl Strips {
         self.cap = cap;
     }
 
-    /// Rows added since there were as many.
+    /// Removes the rows after the first `strips` and `bare` ones.
     fn truncate(&mut self, [strips, bare]: [usize; 2]) {
         self.list.truncate(strips);
         self.bare.truncate(bare);
     }
 
-    /// |a s̈ + b z + c + d √z| ≤ room.
-    fn add(&mut self, row: Row, room: f64) {
+    /// Adds |a s̈ + b z + c + d √z| ≤ slack.
+    fn add(&mut self, row: Row, slack: f64) {
         let Row { a, b, c, d } = row;
         if a.abs() > f64::MIN_POSITIVE.sqrt() {
-            let (p, q) = ((room - c) / a, (-room - c) / a);
+            let (p, q) = ((slack - c) / a, (-slack - c) / a);
             self.list.push(Strip { slope: -b / a, bend: -d / a, low: p.min(q), high: p.max(q) });
         } else if b != 0.0 || d != 0.0 {
             for sign in [1.0, -1.0] {
-                self.bare.push(Curved { constant: room - sign * c, slope: -sign * b, bend: -sign * d });
+                self.bare.push(Curved { constant: slack - sign * c, slope: -sign * b, bend: -sign * d });
             }
         }
     }
 
-    /// The strips that bound s̈ from above and from below, and the bounds.
+    /// The upper and the lower bound on s̈ at z, each with the strip that it comes from.
     fn range(&self, z: f64, root: f64) -> [(f64, Option<&Strip>); 2] {
         let (mut upper, mut lower) = ((f64::INFINITY, None), (f64::NEG_INFINITY, None));
         for s in &self.list {
@@ -114,7 +114,7 @@ impl Strips {
         [upper, lower]
     }
 
-    /// What is broken most at z, if it is by more than `rounding`.
+    /// The condition on z that is violated by more than `rounding`, if there is one.
     fn broken(&self, z: f64, rounding: f64) -> Option<Curved> {
         let root = z.sqrt();
         if let Some(bare) = self.bare.iter().find(|bare| bare.at(z, root) < -rounding) {
@@ -151,47 +151,53 @@ impl Strips {
         Some(z)
     }
 
-    /// Rows at station `i` with its own z.
-    fn here(&mut self, stations: &Stations, room: &Room, i: usize) {
-        let station = &stations.list[i];
-        for (row, &k) in station.rows.iter().zip(&stations.quantities) {
-            self.add(*row, room.share[i][k]);
+    /// Adds the rows at grid point `i` in its own z.
+    fn here(&mut self, grid: &Grid, slack: &Slack, i: usize) {
+        let grid_point = &grid.points[i];
+        for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
+            self.add(*row, slack.share[i][k]);
         }
-        for row in &station.rest {
+        for row in &grid_point.rest {
             self.add(*row, 1.0);
         }
     }
 
-    /// Rows at station `i` + 1, whose z is that of station `i` plus 2hs̈; the root of it is that of the tangent at `z`.
-    fn ahead(&mut self, stations: &Stations, room: &Room, i: usize, z: f64) {
-        let (station, h) = (&stations.list[i + 1], stations.length(i));
-        let rows = station.rows.iter().zip(&stations.quantities).map(|(row, &k)| (row, room.share[i + 1][k]));
-        for (row, room) in rows.chain(station.rest.iter().map(|row| (row, 1.0))) {
+    /// Adds the rows at grid point `i` + 1 in z of grid point `i`, z₊ = z + 2hs̈; √z₊ is replaced by its tangent at `z`.
+    fn ahead(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
+        let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
+        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
+        for (row, slack) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
             let (a, b, c) = if z > 0.0 { row.tangent(z.sqrt()) } else { (row.a, row.b, row.c) };
-            self.add(Row { a: a + 2.0 * h * b, b, c, d: 0.0 }, room);
+            self.add(Row { a: a + 2.0 * h * b, b, c, d: 0.0 }, slack);
         }
     }
 
-    /// Rows at station `i` + 1 as bounds on its own z, if that of station `i` is `z`.
-    fn arriving(&mut self, stations: &Stations, room: &Room, i: usize, z: f64) {
-        let (station, h) = (&stations.list[i + 1], stations.length(i));
-        let rows = station.rows.iter().zip(&stations.quantities).map(|(row, &k)| (row, room.share[i + 1][k]));
-        for (row, room) in rows.chain(station.rest.iter().map(|row| (row, 1.0))) {
+    /// Adds the rows at grid point `i` + 1 as bounds on its own z, where z of grid point `i` is given.
+    fn arriving(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
+        let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
+        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
+        for (row, slack) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
             let a = 0.5 * row.a / h;
-            self.add(Row { a: 0.0, b: a + row.b, c: row.c - a * z, d: row.d }, room);
+            self.add(Row { a: 0.0, b: a + row.b, c: row.c - a * z, d: row.d }, slack);
         }
     }
 
-    /// Rows at station `i` with the tangent to the root of z at its reference.
-    fn linear(&mut self, stations: &Stations, room: &Room, i: usize) {
-        let station = &stations.list[i];
-        for (row, &k) in station.rows.iter().zip(&stations.quantities) {
-            let (a, b, c) = row.tangent(station.reference);
-            self.add(Row { a, b, c, d: 0.0 }, room.share[i][k]);
+    /// Adds the rows at grid point `i` with √z replaced by its tangent at the reference speed.
+    fn linear(&mut self, grid: &Grid, slack: &Slack, i: usize) {
+        let grid_point = &grid.points[i];
+        for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
+            let (a, b, c) = row.tangent(grid_point.reference);
+            self.add(Row { a, b, c, d: 0.0 }, slack.share[i][k]);
         }
     }
 
-    /// 0 ≤ z + 2hs̈ ≤ limit.
+    /// z + 2hs̈ at the end of an interval for the largest s̈ at z, at most `limit`.
+    fn reached(&self, z: f64, h: f64, limit: f64) -> f64 {
+        let [(upper, _), _] = self.range(z, z.sqrt());
+        (z + 2.0 * h * upper).clamp(0.0, limit)
+    }
+
+    /// Adds 0 ≤ z + 2hs̈ ≤ limit.
     fn reach(&mut self, h: f64, limit: f64) {
         self.list.push(Strip { slope: -0.5 / h, bend: 0.0, low: 0.0, high: 0.5 * limit / h });
     }
@@ -199,59 +205,80 @@ impl Strips {
 
 /// Change of z, relative, at which tangents to its root are settled: they are off by an eighth of its square.
 const SETTLED: f64 = 1e-4;
-/// Tangents at most.
-const TANGENTS: usize = 10;
+/// Tangents for one interval at most.
+const MAX_TANGENTS: usize = 10;
 
-/// z at rest at both ends of the path.
-pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
-    let n = stations.intervals();
-    let cap = |i: usize| stations.list[i].cap * room.cap(i);
+/// The largest z at every grid point, from rest to rest, within the rows and their `slack`.
+///
+/// # Errors
+///
+/// [`Stuck`] names the grid point at which the limits leave no z.
+pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
+    let mvc = maximum_velocity_curve(grid, slack)?;
+    let controllable = backward(grid, slack, &mvc)?;
+    let (z, acceleration) = forward(grid, slack, &mvc, &controllable)?;
+    Ok(Passes { z, acceleration, mvc })
+}
+
+/// The largest z at each grid point alone.
+fn maximum_velocity_curve(grid: &Grid, slack: &Slack) -> Result<Vec<f64>, Stuck> {
     let mut strips = Strips::default();
-    let mut mvc = vec![0.0; n + 1];
-    for i in 0..=n {
-        strips.clear(cap(i));
-        strips.here(stations, room, i);
-        mvc[i] = strips.largest().ok_or(Stuck { station: i })?;
-    }
-    let viscous = |i: usize| stations.list[i].rows.iter().any(|row| row.d != 0.0);
-    let mut largest = vec![0.0; n + 1];
+    let largest = |i: usize| {
+        strips.clear(grid.points[i].cap * slack.cap(i));
+        strips.here(grid, slack, i);
+        strips.largest().ok_or(Stuck { grid_point: i })
+    };
+    (0..grid.points.len()).map(largest).collect()
+}
+
+/// The largest controllable z at each grid point: rest at the end of the path can be reached from it.
+fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> {
+    let n = grid.intervals();
+    let viscous = |i: usize| grid.points[i].rows.iter().any(|row| row.d != 0.0);
+    let mut strips = Strips::default();
+    let mut controllable = vec![0.0; n + 1];
     for i in (0..n).rev() {
-        let h = stations.length(i);
+        let (h, next) = (grid.length(i), controllable[i + 1]);
         strips.clear(mvc[i]);
-        strips.reach(h, largest[i + 1]);
-        strips.here(stations, room, i);
+        strips.reach(h, next);
+        strips.here(grid, slack, i);
         let own = [strips.list.len(), strips.bare.len()];
-        let mut tangent = largest[i + 1];
+        let mut tangent = next;
         let mut found = None;
-        for _ in 0..TANGENTS {
+        for _ in 0..MAX_TANGENTS {
             strips.truncate(own);
-            strips.ahead(stations, room, i, tangent);
+            strips.ahead(grid, slack, i, tangent);
             let Some(z) = strips.largest() else {
                 // A tangent far above lies too high.
                 tangent *= 0.25;
                 continue;
             };
             found = Some(z);
-            let [(upper, _), _] = strips.range(z, z.sqrt());
-            let reached = (z + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+            let reached = strips.reached(z, h, next);
             if (reached - tangent).abs() <= SETTLED * tangent || !viscous(i + 1) {
                 break;
             }
             tangent = reached;
         }
-        largest[i] = found.ok_or(Stuck { station: i })?;
+        controllable[i] = found.ok_or(Stuck { grid_point: i })?;
     }
+    Ok(controllable)
+}
+
+/// z at each grid point and s̈ in each interval of the motion that takes the largest s̈ within the controllable z.
+fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Stuck> {
+    let n = grid.intervals();
     let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
-    let mut arriving = Strips::default();
+    let (mut strips, mut arriving) = (Strips::default(), Strips::default());
     for i in 0..n {
-        let h = stations.length(i);
+        let (h, limit) = (grid.length(i), controllable[i + 1]);
         strips.clear(mvc[i]);
-        strips.reach(h, largest[i + 1]);
-        strips.here(stations, room, i);
+        strips.reach(h, limit);
+        strips.here(grid, slack, i);
         let mut reach = |z: f64, strips: &Strips| {
             let [(upper, _), (lower, _)] = strips.range(z, z.sqrt());
-            arriving.clear((z + 2.0 * h * upper).clamp(0.0, largest[i + 1]));
-            arriving.arriving(stations, room, i, z);
+            arriving.clear((z + 2.0 * h * upper).clamp(0.0, limit));
+            arriving.arriving(grid, slack, i, z);
             let next = arriving.largest()?;
             (next >= (z + 2.0 * h * lower) * (1.0 - 1e-9)).then_some(next)
         };
@@ -261,88 +288,96 @@ pub fn solve(stations: &Stations, room: &Room) -> Result<Passes, Stuck> {
             None => {
                 // Next to the largest z steep rows turn rounding of z into much of s̈.
                 strips.cap = z[i];
-                strips.ahead(stations, room, i, largest[i + 1]);
+                strips.ahead(grid, slack, i, limit);
                 match strips.largest() {
                     Some(lower) if lower >= z[i] * (1.0 - 1e-6) => z[i] = lower,
-                    _ => return Err(Stuck { station: i }),
+                    _ => return Err(Stuck { grid_point: i }),
                 }
-                let [(upper, _), _] = strips.range(z[i], z[i].sqrt());
-                (z[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1])
+                strips.reached(z[i], h, limit)
             }
         };
         acceleration[i] = 0.5 * (z[i + 1] - z[i]) / h;
     }
-    Ok(Passes { z, acceleration, mvc })
+    Ok((z, acceleration))
 }
 
-/// z(s) above that of every feasible motion, see [`super::certificate`]; `stations` are ends and middles of the intervals in
+/// Upper bound on z of every feasible motion, see [`super::certificate`]; the grid points are ends and middles of the intervals in
 /// turn. Returns z at the ends and by how much z may depart from a straight line over each interval.
-pub(super) fn relaxed(stations: &Stations) -> (Vec<f64>, Vec<f64>) {
-    let n = stations.intervals() / 2;
-    let room = Room::full(stations.list.len());
+pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
+    let n = grid.intervals() / 2;
+    let slack = Slack::full(grid.points.len());
     let mut strips = Strips::default();
     let mut above: Vec<f64> = (0..=n)
         .map(|i| {
-            strips.clear(stations.list[2 * i].cap);
-            strips.linear(stations, &room, 2 * i);
-            strips.largest().unwrap_or(stations.list[2 * i].cap)
+            strips.clear(grid.points[2 * i].cap);
+            strips.linear(grid, &slack, 2 * i);
+            strips.largest().unwrap_or(grid.points[2 * i].cap)
         })
         .collect();
     let mut margin = vec![0.0; n];
-    // What z cannot exceed bounds s̈, which bounds the slack, which bounds z.
-    for _ in 0..TURNS {
-        let mut means: Vec<(Strips, f64)> = Vec::with_capacity(n);
-        for i in 0..n {
-            means.push(mean_rows(stations, i, above[i].max(above[i + 1]), &mut margin[i]));
-        }
+    // What z cannot exceed bounds s̈, which bounds ε, which bounds z.
+    for _ in 0..BOUND_ROUNDS {
+        let mut means: Vec<MeanRows> = (0..n).map(|i| MeanRows::new(grid, i, above[i].max(above[i + 1]))).collect();
         let mut largest = vec![0.0; n + 1];
         for i in (0..n).rev() {
-            let (strips, h) = &mut means[i];
+            let MeanRows { strips, length, .. } = &mut means[i];
             strips.cap = strips.cap.min(above[i]);
-            strips.reach(*h, largest[i + 1]);
+            strips.reach(*length, largest[i + 1]);
             largest[i] = strips.largest().unwrap_or(strips.cap);
         }
         above[0] = 0.0;
         for i in 0..n {
-            let (strips, h) = &means[i];
+            let MeanRows { strips, length, .. } = &means[i];
             let [(upper, _), _] = strips.range(above[i], 0.0);
-            above[i + 1] = (above[i] + 2.0 * h * upper).clamp(0.0, largest[i + 1]);
+            above[i + 1] = (above[i] + 2.0 * length * upper).clamp(0.0, largest[i + 1]);
         }
+        margin = means.iter().map(|mean| mean.margin).collect();
     }
     (above, margin)
 }
 
-/// Rounds of the bootstrap.
-const TURNS: usize = 4;
+/// Rounds in which the bounds on z, s̈ and ε are taken from each other.
+const BOUND_ROUNDS: usize = 4;
 
-/// Rows averaged over interval `i` between the ends 2i and 2i + 2, with the slack they need for z up to `most`; its length.
-/// Sets how far z may depart from a straight line.
-fn mean_rows(stations: &Stations, i: usize, most: f64, margin: &mut f64) -> (Strips, f64) {
-    let [left, here, right] = [0, 1, 2].map(|k| &stations.list[2 * i + k]);
-    let h = right.point.s - left.point.s;
-    let rows = || (0..here.rows.len()).map(|r| [left, here, right].map(|s| s.rows[r].tangent(s.reference)));
-    let least = |(a, b, c): (f64, f64, f64), top: f64| (1.0 + b.abs() * top + c.abs()) / a.abs();
-    // z between the ends may be above both by as much as s̈ allows.
-    let bound = |top: f64| {
-        rows().map(|row| row.map(|r| least(r, top)).into_iter().fold(0.0, f64::max)).fold(f64::INFINITY, f64::min)
-    };
-    let mut top = most;
-    for _ in 0..3 {
-        top = most + h * bound(top);
+/// Rows averaged over an interval between two ends, see [`super::certificate`].
+struct MeanRows {
+    /// The averaged rows, right sides 1 + ε.
+    strips: Strips,
+    /// Length of the interval in s.
+    length: f64,
+    /// Bound on how far z departs from a straight line, 1/s².
+    margin: f64,
+}
+
+impl MeanRows {
+    /// Averaged rows of interval `i`, between the grid points 2i and 2i + 2, for z up to `most` at both ends.
+    fn new(grid: &Grid, i: usize, most: f64) -> Self {
+        let [left, here, right] = [0, 1, 2].map(|k| &grid.points[2 * i + k]);
+        let h = right.point.s - left.point.s;
+        let rows = || (0..here.rows.len()).map(|r| [left, here, right].map(|s| s.rows[r].tangent(s.reference)));
+        let least = |(a, b, c): (f64, f64, f64), top: f64| (1.0 + b.abs() * top + c.abs()) / a.abs();
+        // z between the ends may be above both by as much as s̈ allows.
+        let bound = |top: f64| {
+            rows().map(|row| row.map(|r| least(r, top)).into_iter().fold(0.0, f64::max)).fold(f64::INFINITY, f64::min)
+        };
+        let mut top = most;
+        for _ in 0..3 {
+            top = most + h * bound(top);
+        }
+        let acceleration = bound(top);
+        let margin = h * acceleration;
+        let mut strips = Strips::default();
+        strips.clear(f64::INFINITY);
+        for [l, m, r] in rows() {
+            let mean = |l: f64, m: f64, r: f64| (l + 4.0 * m + r) / 6.0;
+            let bend = |l: f64, m: f64, r: f64| (l - 2.0 * m + r).abs();
+            let (a, b, c) = (mean(l.0, m.0, r.0), mean(l.1, m.1, r.1), mean(l.2, m.2, r.2));
+            let excess = (0.25 * (r.0 - l.0).abs() + bend(l.0, m.0, r.0)) * acceleration
+                + bend(l.1, m.1, r.1) * top
+                + bend(l.2, m.2, r.2)
+                + (0.5 * b.abs() + 0.5 * (r.1 - l.1).abs()) * margin;
+            strips.add(Row { a: a + h * b, b, c, d: 0.0 }, 1.0 + excess);
+        }
+        Self { strips, length: h, margin }
     }
-    let acceleration = bound(top);
-    *margin = h * acceleration;
-    let mut strips = Strips::default();
-    strips.clear(f64::INFINITY);
-    for [l, m, r] in rows() {
-        let mean = |l: f64, m: f64, r: f64| (l + 4.0 * m + r) / 6.0;
-        let bend = |l: f64, m: f64, r: f64| (l - 2.0 * m + r).abs();
-        let (a, b, c) = (mean(l.0, m.0, r.0), mean(l.1, m.1, r.1), mean(l.2, m.2, r.2));
-        let slack = (0.25 * (r.0 - l.0).abs() + bend(l.0, m.0, r.0)) * acceleration
-            + bend(l.1, m.1, r.1) * top
-            + bend(l.2, m.2, r.2)
-            + (0.5 * b.abs() + 0.5 * (r.1 - l.1).abs()) * *margin;
-        strips.add(Row { a: a + h * b, b, c, d: 0.0 }, 1.0 + slack);
-    }
-    (strips, h)
 }

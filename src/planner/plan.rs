@@ -9,7 +9,7 @@ use super::search::Search;
 use super::verify::{self, CHECKED, Use};
 use super::{Curve, Objective, PlanError, Profile};
 
-/// How to plan.
+/// Options of the search.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Intervals of the path.
@@ -18,16 +18,16 @@ pub struct Options {
     pub objective: Objective,
     /// Whether bounds on the time are computed; they cost more than the plan.
     pub certify: bool,
-    /// Whether the bound with jerk limits is tightened until its gap is [`ENOUGH`] or no longer shrinks, which takes seconds.
+    /// Whether the bound with jerk limits is tightened until its gap is [`TIGHTENED_GAP`] or no longer shrinks, which takes seconds.
     pub tighten: bool,
-    /// Whether intervals are split where no limit is reached, see [`refine`].
+    /// Whether intervals are split where no limit is reached, see [`refine`](super::refine).
     pub refine: bool,
     /// Seconds since some fixed instant, from which [`Plan::solve_s`] and [`Plan::verify_s`] come; they are zero by default.
     pub clock: fn() -> f64,
 }
 
 /// Gap of the bound with jerk limits at which it is no further tightened.
-pub const ENOUGH: f64 = 5e-3;
+pub const TIGHTENED_GAP: f64 = 5e-3;
 
 impl Default for Options {
     fn default() -> Self {
@@ -56,7 +56,7 @@ pub struct Plan {
     /// With jerk limits: no motion whose ẍ is linear over the plan's intervals is faster, s.
     pub outer_bound: Option<f64>,
     /// With jerk limits: no motion that the last programme allows is faster, s. Jerk limits are their tangents at the plan
-    /// there, so this tells that the search has converged, not that its optimum is the best.
+    /// there, so a small gap shows that the search has converged, not that its optimum is global.
     pub search_bound: Option<f64>,
     /// With jerk limits: time on an ever finer grid, s, extrapolated: what is left to gain is about what the last split gained.
     pub estimate: Option<f64>,
@@ -74,19 +74,23 @@ pub struct Plan {
     pub iterations: usize,
 }
 
-/// Use of a limit that a plan may reach.
-pub const ALLOWED: f64 = 1.001;
-/// Path speed of a robot that hardly moves, in lengths of the path per second.
-const CREEPING: f64 = 0.05;
-/// Intervals are doubled up to this many times those asked for where a limit cannot be kept.
-const FINEST: usize = 4;
+/// Largest use of a limit by a plan.
+pub const ALLOWED_USE: f64 = 1.001;
+/// Path speed at which loads count as those of rest, in lengths of the path per second.
+const CREEPING_SPEED: f64 = 0.05;
+/// Intervals over those asked for, up to which they are doubled where a limit cannot be kept.
+const MAX_REFINEMENT: usize = 4;
 /// Use from which a limit counts as active.
-const ACTIVE: f64 = 0.998;
+const ACTIVE_USE: f64 = 0.998;
 
-/// The fastest motion along `curve` from rest to rest.
+/// The fastest motion along `curve` from rest to rest within `limits`, checked against the full model.
+///
+/// # Errors
+///
+/// [`PlanError`] says where the path or the limits leave no motion, or that none was found.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
     let mut search = Search::new(machine, curve, limits, options);
-    search.at_rest(&[0.0, curve.end()], 0.0, ALLOWED)?;
+    search.at_rest(&[0.0, curve.end()], 0.0, ALLOWED_USE)?;
     match finer(&mut search, curve, options) {
         // Of a hundred paths one has a motion that the programmes do not find over the eased parameter.
         Err(error) if limits.has_jerk() && is_of_the_search(&error) => {
@@ -96,15 +100,15 @@ pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options
     }
 }
 
-/// Searches on finer and finer grids, until one has a motion.
+/// The plan on the first of finer and finer grids that has a motion.
 fn finer(search: &mut Search, curve: &Curve, options: &Options) -> Result<Plan, PlanError> {
     let mut intervals = options.intervals;
     loop {
         match search.run(intervals) {
             Err(error) if is_of_the_search(&error) => {
-                if intervals >= FINEST * options.intervals {
+                if intervals >= MAX_REFINEMENT * options.intervals {
                     let places = even(curve, options.intervals);
-                    return search.at_rest(&places, CREEPING * curve.end(), 1.0).and(Err(error));
+                    return search.at_rest(&places, CREEPING_SPEED * curve.end(), 1.0).and(Err(error));
                 }
                 intervals *= 2;
             }
@@ -131,7 +135,7 @@ impl Plan {
         1.0 - possible / self.time
     }
 
-    /// z = ṡ² over s at a place of the check.
+    /// s and z = ṡ² at a place of the check.
     pub fn speed(&self, at: &Use) -> [f64; 2] {
         let [s, g1, ..] = self.curve.way(at.s);
         let x = at.s - self.profile.s[at.interval];
@@ -155,7 +159,7 @@ impl Plan {
         let mut out: Vec<(Limit, [f64; 2])> = Vec::new();
         for k in 0..CHECKED {
             let mut last: Option<usize> = None;
-            for (i, u) in self.uses.iter().enumerate().filter(|(_, u)| u.ratio[k] > ACTIVE) {
+            for (i, u) in self.uses.iter().enumerate().filter(|(_, u)| u.ratio[k] > ACTIVE_USE) {
                 match (last, out.last_mut()) {
                     (Some(j), Some((_, stretch))) if self.uses[i].interval - self.uses[j].interval <= 2 => {
                         stretch[1] = u.s

@@ -19,9 +19,9 @@ pub struct PathPoint {
 }
 
 /// Least sine of the angle between strut and arm seen along the motor axis.
-const MIN_SERIAL: f64 = 0.1;
+const MIN_ARM_SINE: f64 = 0.1;
 /// Least volume spanned by the three unit vectors along the struts.
-const MIN_PARALLEL: f64 = 0.05;
+const MIN_STRUT_VOLUME: f64 = 0.05;
 
 /// A place on the path where the robot cannot go.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -50,7 +50,11 @@ pub enum PlaceError {
 }
 
 impl PathPoint {
-    /// The point of `curve` at `s`.
+    /// The point of `curve` at `s` in joint space.
+    ///
+    /// # Errors
+    ///
+    /// The error of the inverse kinematics where the pose is impossible.
     pub fn new(geometry: &Geometry, curve: &Curve, s: f64) -> Result<Self, KinematicsError> {
         let r = curve.at(s);
         let platform = platform(&r[0], &r[1], &r[2]);
@@ -60,7 +64,11 @@ impl PathPoint {
         Ok(Self { s, q, r })
     }
 
-    /// Whether the robot may be here.
+    /// Nothing if the robot may be at this point.
+    ///
+    /// # Errors
+    ///
+    /// [`PlaceError`] says which limit of joints or telescope is exceeded, or which singularity is near.
     pub fn check(&self, geometry: &Geometry) -> Result<(), PlaceError> {
         let position = self.r[0].xyz();
         geometry.check_limits(&self.q[0], &position).map_err(PlaceError::Pose)?;
@@ -70,14 +78,14 @@ impl PathPoint {
             let strut = geometry.strut_vector(arm, angle, &position).normalize();
             let normal = Geometry::radial(arm) * angle.sin() + Vector3::z() * angle.cos();
             let sine = strut.dot(&normal).abs();
-            if sine < MIN_SERIAL {
-                return Err(PlaceError::Stretched { arm, sine, least: MIN_SERIAL });
+            if sine < MIN_ARM_SINE {
+                return Err(PlaceError::Stretched { arm, sine, least: MIN_ARM_SINE });
             }
             axes.set_column(arm, &strut);
         }
         let volume = axes.determinant().abs();
-        if volume < MIN_PARALLEL {
-            return Err(PlaceError::Flat { volume, least: MIN_PARALLEL });
+        if volume < MIN_STRUT_VOLUME {
+            return Err(PlaceError::Flat { volume, least: MIN_STRUT_VOLUME });
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The found z(s) = ṡ² between the stations, and time along it (45).
+//! The found z(s) = ṡ² between the grid points, and the time along it (45).
 
 use nalgebra::Vector3;
 
@@ -40,20 +40,20 @@ pub struct Pace {
 /// z along a whole path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// Stations, increasing.
+    /// Path parameter of the grid points, increasing.
     pub s: Vec<f64>,
     /// Interval by interval.
     pub pieces: Vec<Piece>,
 }
 
 impl Profile {
-    /// z linear between the stations.
+    /// z linear between the grid points.
     pub fn linear(s: &[f64], z: &[f64]) -> Self {
         let piece = |i: usize| Piece::Quadratic { z: z[i], b: 0.5 * (z[i + 1] - z[i]) / (s[i + 1] - s[i]), c: 0.0 };
         Self { s: s.to_vec(), pieces: (0..s.len() - 1).map(piece).collect() }
     }
 
-    /// s̈ linear between the stations, with constant jerk of s at both ends of the path; `acceleration` at the stations.
+    /// s̈ linear between the grid points, with constant jerk of s at both ends of the path; `acceleration` at the grid points.
     pub fn quadratic(s: &[f64], z: &[f64], acceleration: &[f64]) -> Self {
         let n = s.len() - 1;
         let piece = |i: usize| match i {
@@ -68,7 +68,7 @@ impl Profile {
         Self { s: s.to_vec(), pieces: (0..n).map(piece).collect() }
     }
 
-    /// s̈ linear between the stations, ends included; `acceleration` at the stations.
+    /// s̈ linear between the grid points, ends included; `acceleration` at the grid points.
     pub fn smooth(s: &[f64], z: &[f64], acceleration: &[f64]) -> Self {
         let slope = |i: usize| (acceleration[i + 1] - acceleration[i]) / (s[i + 1] - s[i]);
         let piece = |i: usize| Piece::Quadratic { z: z[i], b: acceleration[i], c: slope(i) };

@@ -2,9 +2,9 @@
 //!
 //! Along a fastest motion some limit is reached almost everywhere: with z and s̈ as states and s⃛ as input, time-optimal inputs
 //! lie on the border of what is allowed. So the *idle time* ∫ |1 − u| dt, u the largest use of a limit at a place by the
-//! full model, vanishes with the intervals. It gathers in the intervals that are too long: at the ends of the path, where a
-//! single s⃛ must serve for a whole interval, where the active limit changes, and where a limit is exceeded between two
-//! stations, which costs room at both. Those intervals are split.
+//! full model, tends to zero with the length of the intervals. It is largest in intervals that are too long: at the ends of
+//! the path, where s⃛ is constant over an interval, where the active limit changes, and where a limit is exceeded between two
+//! grid points, which reduces the slack at both. Those intervals are split.
 
 use super::Profile;
 use super::verify::Use;
@@ -12,9 +12,9 @@ use super::verify::Use;
 /// Change of the time by the last split, relative, at which the grid is fine enough.
 pub const SETTLED: f64 = 2.5e-3;
 /// Share of the idle time in the intervals that are split.
-const MARKED: f64 = 0.7;
+const SPLIT_SHARE: f64 = 0.7;
 /// An interval is split into this many parts at most.
-const PARTS: f64 = 6.0;
+const MAX_PARTS: f64 = 6.0;
 
 /// Idle time in every interval, s.
 pub fn idle(profile: &Profile, uses: &[Use]) -> Vec<f64> {
@@ -31,12 +31,14 @@ pub fn idle(profile: &Profile, uses: &[Use]) -> Vec<f64> {
     out
 }
 
-/// The stations of `profile` and new ones in the intervals in which most of the `idle` time is; at most `most` intervals.
-pub fn split(profile: &Profile, idle: &[f64], most: usize) -> Vec<f64> {
+/// Places of the grid of `profile` with new ones in the intervals that have most of the `idle` time.
+///
+/// The new grid has no more than `largest` intervals, unless the old one has.
+pub fn split(profile: &Profile, idle: &[f64], largest: usize) -> Vec<f64> {
     let n = idle.len();
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&a, &b| idle[b].total_cmp(&idle[a]));
-    let mut rest = (1.0 - MARKED) * idle.iter().sum::<f64>();
+    let mut rest = (1.0 - SPLIT_SHARE) * idle.iter().sum::<f64>();
     let few = |i: &&usize| {
         rest -= idle[**i];
         rest >= 0.0
@@ -48,15 +50,15 @@ pub fn split(profile: &Profile, idle: &[f64], most: usize) -> Vec<f64> {
     let mut parts = vec![1; n];
     let mut total = n;
     for &i in &order[..marked] {
-        let wanted = (idle[i] / keep).clamp(2.0, PARTS) as usize;
-        parts[i] = wanted.min(1 + most.saturating_sub(total));
+        let wanted = (idle[i] / keep).clamp(2.0, MAX_PARTS) as usize;
+        parts[i] = wanted.min(1 + largest.saturating_sub(total));
         total += parts[i] - 1;
     }
-    let mut grid = vec![profile.s[0]];
+    let mut places = vec![profile.s[0]];
     for (i, parts) in parts.into_iter().enumerate() {
         let [from, to] = [profile.s[i], profile.s[i + 1]];
-        grid.extend((1..parts).map(|k| from + (to - from) * k as f64 / parts as f64));
-        grid.push(to);
+        places.extend((1..parts).map(|k| from + (to - from) * k as f64 / parts as f64));
+        places.push(to);
     }
-    grid
+    places
 }

@@ -47,9 +47,9 @@ impl Shape {
         let Self::Lines { points, blend, turn_radius } = self else { return Vec::new() };
         let legs = Legs::new(points, *turn_radius);
         let corners = 1..legs.lengths.len();
-        let cut = corners.filter(|&i| !legs.reverses(i) && legs.room(i, *blend) < *blend * (1.0 - 1e-12));
+        let cut = corners.filter(|&i| !legs.reverses(i) && legs.blend(i, *blend) < *blend * (1.0 - 1e-12));
         cut.map(|i| {
-            let used = legs.room(i, *blend);
+            let used = legs.blend(i, *blend);
             format!(
                 "the blend at corner {} begins {used:.4} m from it instead of {blend} m: half of the shorter line",
                 i + 1
@@ -80,8 +80,8 @@ struct Legs {
     lengths: Vec<f64>,
 }
 
-/// Sum of two unit vectors below which they are opposite.
-const OPPOSITE: f64 = 1e-6;
+/// Norm of the sum of two unit vectors below which they count as opposite.
+const OPPOSITE_TOLERANCE: f64 = 1e-6;
 
 impl Legs {
     fn new(points: &[[f64; 4]], turn_radius: f64) -> Self {
@@ -95,7 +95,7 @@ impl Legs {
 
     /// Whether the path turns back at waypoint `i`.
     fn reverses(&self, i: usize) -> bool {
-        (self.directions[i - 1] + self.directions[i]).norm() < OPPOSITE
+        (self.directions[i - 1] + self.directions[i]).norm() < OPPOSITE_TOLERANCE
     }
 
     /// Half of the shorter line at waypoint `i`, m.
@@ -103,8 +103,8 @@ impl Legs {
         0.5 * self.lengths[i - 1].min(self.lengths[i])
     }
 
-    /// Distance from waypoint `i` at which its line ends, m.
-    fn room(&self, i: usize, blend: f64) -> f64 {
+    /// Distance from waypoint `i` at which its lines end and its blend begins, m.
+    fn blend(&self, i: usize, blend: f64) -> f64 {
         match i {
             0 => 0.0,
             i if i == self.lengths.len() => 0.0,
@@ -117,7 +117,7 @@ impl Legs {
 /// First waypoint, from 0, at which the lines between `points` neither end, go straight on nor turn back.
 pub fn first_corner(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
     let legs = Legs::new(points, turn_radius);
-    let straight = |i: usize| (legs.directions[i - 1] - legs.directions[i]).norm() < OPPOSITE;
+    let straight = |i: usize| (legs.directions[i - 1] - legs.directions[i]).norm() < OPPOSITE_TOLERANCE;
     (1..legs.lengths.len()).find(|&i| !straight(i) && !legs.reverses(i))
 }
 
@@ -131,7 +131,7 @@ fn lines(points: &[[f64; 4]], blend: f64, turn_radius: f64) -> Curve {
     let none = Vector4::zeros();
     let mut pieces = Vec::new();
     for (i, &direction) in legs.directions.iter().enumerate() {
-        let (b0, b) = (legs.room(i, blend), legs.room(i + 1, blend));
+        let (b0, b) = (legs.blend(i, blend), legs.blend(i + 1, blend));
         pieces.push((legs.lengths[i] - b0 - b, vec![legs.points[i] + direction * b0, direction]));
         let Some(&next) = legs.directions.get(i + 1) else { continue };
         let corner = legs.points[i + 1];

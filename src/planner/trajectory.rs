@@ -5,9 +5,13 @@ use crate::constraint_forces::{Detail, constraint_forces};
 use crate::machine::{STRUTS, Setup};
 use crate::recording::{Recording, Signals};
 
-/// Rows every `period` s with q, q̇, q̈, torques, strut forces and the platform's position, all of the same place, ṡ and s̈.
+/// A recording with a row every `period` s: q, q̇, q̈, torques, strut forces and the platform's position, all of the same place, ṡ and s̈.
 ///
 /// The motion is slowed down by less than one period in all, so that its end falls on a row.
+///
+/// # Errors
+///
+/// [`PlanError::Place`] where the robot cannot follow the path.
 pub fn trajectory(
     machine: &Machine,
     plan: &Plan,

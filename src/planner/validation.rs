@@ -8,7 +8,7 @@ use crate::scenario::motion::table::Table;
 use crate::scenario::{DesiredMotion, Sensors};
 use crate::twin::{Clamps, Event, NewContacts, Options, SimulationError, simulate};
 
-/// What the twin did.
+/// The executed motion, and how far it departs from the planned one.
 pub struct Execution {
     /// Its signals, without noise.
     pub recording: Recording,
@@ -22,15 +22,20 @@ pub struct Execution {
     pub peak_strut: f64,
     /// Least margin of a socket, N.
     pub margin: f64,
-    /// What happened.
+    /// Events of the simulation.
     pub events: Vec<Event>,
 }
 
-/// Time the twin goes on after the planned end, s.
-const AFTER: f64 = 0.02;
+/// Time of the simulation after the planned end, s.
+const SETTLING_TIME: f64 = 0.02;
 
-/// Lets `machine` follow the planned table, with feed-forward of `planning` and feedback. Sockets leave their balls at the
-/// machine's dislocation force; what comes off meets the rest where `contacts` are solved.
+/// The simulated execution of the `planned` table by `machine`, with the feed-forward of `planning` and feedback.
+///
+/// Sockets leave their balls at the dislocation force of the machine; what comes off meets the rest where `contacts` are solved.
+///
+/// # Errors
+///
+/// The error of the simulation.
 pub fn execute(
     machine: &Model,
     planning: &Plant,
@@ -48,7 +53,7 @@ pub fn execute(
     let all = [true; STRUTS];
     let end = planned.signals.t.last().copied().unwrap_or_default();
     let options = Options {
-        duration: end + AFTER,
+        duration: end + SETTLING_TIME,
         substeps: 2,
         noise_seed: None,
         sensors: Sensors { strut_upper: all, strut_lower: all, ..Sensors::default() },

@@ -1,4 +1,4 @@
-//! Checks a found motion against the full nonlinear model on a grid finer than that of the plan.
+//! The check of a found motion against the full nonlinear model, on a grid finer than that of the plan.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use crate::machine::AXES;
 /// All limited quantities at a place, in units of what may be used (drive speeds, then as in [`Limit::affine`], then jerks).
 pub const CHECKED: usize = AXES + QUANTITIES + AXES;
 
-/// Number `k` of the checked quantities.
+/// The limit of checked quantity `k`.
 pub fn checked(k: usize) -> Limit {
     const JERK: usize = AXES + QUANTITIES;
     match k {
@@ -40,18 +40,18 @@ impl Use {
     }
 }
 
-/// Places about one where a drive or the telescope reverses, in units of the way over which Coulomb friction changes there,
-/// δs = ε/(|q″| ṡ).
-const AROUND: [f64; 13] = [-4.0, -2.5, -1.8, -1.3, -0.9, -0.5, 0.0, 0.5, 0.9, 1.3, 1.8, 2.5, 4.0];
-/// Rate ε over which it changes, rad/s or m/s.
-const REVERSAL: f64 = 0.02;
+/// Distances of the checked places from a reversal of a drive or the telescope, in units of the distance over which Coulomb
+/// friction changes sign there, δs = ε/(|q″| ṡ).
+const REVERSAL_OFFSETS: [f64; 13] = [-4.0, -2.5, -1.8, -1.3, -0.9, -0.5, 0.0, 0.5, 0.9, 1.3, 1.8, 2.5, 4.0];
+/// Rate ε over which it changes sign, rad/s or m/s.
+const REVERSAL_RATE: f64 = 0.02;
 
 /// Places in interval `i`: `points` + 1 evenly spaced ones with both ends, and more next to the ends of the path and where a drive
 /// or the telescope reverses.
 fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points: usize) -> Vec<f64> {
     let h = profile.s[i + 1] - profile.s[i];
     let mut out: Vec<f64> = (0..=points).map(|k| h * k as f64 / points as f64).collect();
-    // Even in time where it departs or arrives with constant jerk.
+    // Evenly spaced in time where the motion departs or arrives with constant jerk.
     let cubes = (1..points).map(|k| h * (k as f64 / points as f64).powi(3));
     match i {
         0 => out.extend(cubes),
@@ -77,14 +77,20 @@ fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points:
             }
         }
         let bend = (end[k] - start[k]) / h;
-        let width = REVERSAL / (bend.abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
-        out.extend(AROUND.map(|x| low + x * width).into_iter().filter(|sigma| (0.0..=h).contains(sigma)));
+        let width = REVERSAL_RATE / (bend.abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
+        out.extend(REVERSAL_OFFSETS.map(|x| low + x * width).into_iter().filter(|sigma| (0.0..=h).contains(sigma)));
     }
     out.sort_by(f64::total_cmp);
     out
 }
 
-/// Uses at `points` + 1 evenly spaced places of every interval, both ends included, and where drives reverse.
+/// Uses of the limits by `profile` at `points` + 1 evenly spaced places of every interval, both ends included, and about reversals.
+///
+/// Torques and constraint forces are those of the full nonlinear model.
+///
+/// # Errors
+///
+/// [`PlanError::Place`] where the robot cannot follow the path.
 pub fn uses(
     machine: &Machine,
     curve: &Curve,

@@ -1,11 +1,11 @@
-//! The rows of our stations given to copp: oracle of tests, yardstick of benches.
+//! The rows of our grid given to copp: oracle of tests, yardstick of benches.
 
 use copp::constraints::Constraints;
 use copp::solver::topp2_ra::{ReachSet2OptionsBuilder, Topp2ProblemBuilder, topp2_ra};
 use copp::solver::topp3_lp::{ClarabelOptionsBuilder, Topp3ProblemBuilder, Topp3Profile, topp3_lp};
 use copp::solver::topp3_socp::topp3_socp;
 use deltatwin::planner::Limits;
-use deltatwin::planner::rows::{Row, Stations};
+use deltatwin::planner::rows::{Grid, Row};
 use nalgebra::DMatrix;
 
 /// Programme of copp with jerk limits.
@@ -24,13 +24,13 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// The rows of `stations` and the jerk limits.
-    pub fn new(stations: &Stations, limits: &Limits) -> Self {
-        let n = stations.list.len();
-        let s: Vec<f64> = stations.list.iter().map(|x| x.point.s).collect();
+    /// The rows of `grid` and the jerk limits.
+    pub fn new(grid: &Grid, limits: &Limits) -> Self {
+        let n = grid.points.len();
+        let s: Vec<f64> = grid.points.iter().map(|x| x.point.s).collect();
         let mut constraints = Constraints::with_capacity(4, n);
         constraints.with_s(s.as_slice()).expect("increasing");
-        let caps: Vec<f64> = stations.list.iter().map(|x| x.cap).collect();
+        let caps: Vec<f64> = grid.points.iter().map(|x| x.cap).collect();
         constraints.with_constraint_1order(caps.as_slice(), 0).expect("positive");
         let mut second = |rows: &[Vec<Row>], at: usize| {
             let of = |f: fn(&Row) -> f64| DMatrix::from_fn(rows[0].len(), rows.len(), |r, i| f(&rows[i][r]));
@@ -42,13 +42,13 @@ impl Oracle {
                     .expect("of equal shape");
             }
         };
-        second(&stations.list.iter().map(|x| x.rows.clone()).collect::<Vec<_>>(), 0);
+        second(&grid.points.iter().map(|x| x.rows.clone()).collect::<Vec<_>>(), 0);
         for end in [0, n - 1] {
-            second(&[stations.list[end].rest.clone()], end);
+            second(&[grid.points[end].rest.clone()], end);
         }
         if limits.has_jerk() {
             let of = |order: usize, factor: f64| {
-                DMatrix::from_fn(4, n, |axis, i| factor * stations.list[i].point.q[order][axis] / limits.jerk[axis])
+                DMatrix::from_fn(4, n, |axis, i| factor * grid.points[i].point.q[order][axis] / limits.jerk[axis])
             };
             let (third, second, first) = (of(3, 1.0), of(2, 3.0), of(1, 1.0));
             let (none, one) = (DMatrix::zeros(4, n), DMatrix::from_element(4, n, 1.0));

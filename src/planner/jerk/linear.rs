@@ -1,0 +1,148 @@
+//! One linear programme of the sequence: the limits and the time linearised at an iterate.
+
+use super::active_set::ActiveSet;
+use super::constraint::{Constraints, jerk_row, ramp_caps};
+use super::{GridProfile, Objective};
+use crate::machine::AXES;
+use crate::planner::programme::{Programme, normalise};
+use crate::planner::unknowns::Unknowns;
+
+/// Least z after a step over z before it with [`Objective::Speed`].
+///
+/// ∫ z ds does not count the time that a motion stands still, so it may slow down from step to step only.
+const SPEED_STEP: f64 = 0.5;
+/// √(z₀/z) in x = z/z₀ at x = 1: 1.5 − 0.5 x.
+const ROOT_TANGENT: [f64; 2] = [1.5, -0.5];
+
+/// The optimum of a linear programme.
+pub struct Step {
+    /// z and s̈ at its optimum.
+    pub profile: GridProfile,
+    /// Lower bound on the time within its rows, s; −∞ with [`Objective::Speed`].
+    pub bound: f64,
+}
+
+/// The optimum of the programme about the iterate `at`; `None` if the solver finds none.
+///
+/// Of the rows of loads and jerk limits those in `active` enter.
+pub fn step(constraints: Constraints, active: &ActiveSet, at: &GridProfile, objective: Objective) -> Option<Step> {
+    let linear = Linear { constraints, active, at, unknowns: Unknowns::new(constraints.grid, at) };
+    let mut programme = Programme::default();
+    linear.unknowns.continuity(&mut programme);
+    linear.unknowns.ends(&mut programme);
+    let equalities = programme.len();
+    linear.load_rows(&mut programme, objective);
+    linear.jerk_rows(&mut programme);
+    linear.dip_rows(&mut programme);
+    let inequalities = programme.len();
+    let gradient = at.gradient(constraints.grid);
+    let mut cost = linear.cost(objective, &gradient);
+    let scale = normalise(&mut cost);
+    let solution = programme.solve(&cost, equalities, inequalities)?;
+    let profile = linear.unknowns.read(&solution.x);
+    let moving = constraints.grid.moving();
+    if profile.z[moving].iter().any(|z| !z.is_finite() || *z <= 0.0) {
+        return None;
+    }
+    let bound = match objective {
+        Objective::Time => linear.time_bound(&gradient, solution.obj_val_dual / scale),
+        Objective::Speed => f64::NEG_INFINITY,
+    };
+    Some(Step { profile, bound })
+}
+
+struct Linear<'a> {
+    constraints: Constraints<'a>,
+    active: &'a ActiveSet,
+    at: &'a GridProfile,
+    unknowns: Unknowns<'a>,
+}
+
+impl Linear<'_> {
+    /// Adds the bounds on z and the rows of speeds, accelerations and loads, point by point.
+    fn load_rows(&self, programme: &mut Programme, objective: Objective) {
+        let Constraints { grid, limits, slack } = self.constraints;
+        let ramps = grid.ramps();
+        let caps = ramp_caps(grid, limits, &slack.jerk);
+        let least = match objective {
+            Objective::Time => 0.0,
+            Objective::Speed => SPEED_STEP,
+        };
+        for i in grid.moving() {
+            let (z, acceleration) = (self.unknowns.z(i), self.unknowns.acceleration(i));
+            let (z_unit, acceleration_unit) = (self.unknowns.z_unit(i), self.unknowns.acceleration_unit);
+            let ramp_cap = ramps.iter().zip(&caps).filter(|(ramp, _)| ramp.neighbour == i).map(|(_, cap)| *cap);
+            let cap = ramp_cap.fold(grid.points[i].cap * slack.cap(i), f64::min);
+            programme.row(&[(z, -1.0)], -least);
+            if cap.is_finite() {
+                programme.row(&[(z, z_unit / cap)], 1.0);
+            }
+            for (r, (row, &k)) in grid.points[i].rows.iter().zip(&grid.quantities).enumerate() {
+                let (a, b, c) = row.tangent(z_unit.sqrt());
+                for sign in self.active.load_signs(i, r) {
+                    let terms = [(acceleration, sign * a * acceleration_unit), (z, sign * b * z_unit)];
+                    programme.row(&terms, slack.share[i][k] - sign * c);
+                }
+            }
+        }
+    }
+
+    /// Adds |q‴ z + 3 q″ s̈ + q′ c| ≤ J/√z at both ends of the intervals, the right side by its tangent at z₀, in units of J/√z₀.
+    fn jerk_rows(&self, programme: &mut Programme) {
+        let Constraints { grid, limits, slack } = self.constraints;
+        let (unknowns, unit) = (&self.unknowns, self.unknowns.acceleration_unit);
+        let [offset, slope] = ROOT_TANGENT;
+        for i in grid.inner() {
+            let h = grid.length(i);
+            for (side, point) in [i, i + 1].into_iter().enumerate() {
+                let z0 = self.at.z[point];
+                for axis in (0..AXES).filter(|&k| limits.jerk[k].is_finite()) {
+                    let [third, second, first] = jerk_row(&grid.points[point], limits, axis).map(|v| v * z0.sqrt());
+                    let share = slack.jerk[point][axis];
+                    for sign in self.active.jerk_signs(i, side, axis) {
+                        let mut terms = [
+                            (unknowns.acceleration(i), -sign * first / h * unit),
+                            (unknowns.acceleration(i + 1), sign * first / h * unit),
+                            (unknowns.z(point), sign * third * z0 - slope * share),
+                        ];
+                        terms[side].1 += sign * second * unit;
+                        programme.row(&terms, offset * share);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds zᵢ + h s̈ᵢ ≥ 0, the middle Bernstein coefficient of z over an interval: with it none is negative, nor is z.
+    fn dip_rows(&self, programme: &mut Programme) {
+        let (grid, unknowns) = (self.constraints.grid, &self.unknowns);
+        for i in grid.inner().filter(|&i| self.active.must_not_vanish(i)) {
+            let scale = 1.0 / unknowns.z_unit(i).max(unknowns.z_unit(i + 1));
+            let step = -grid.length(i) * unknowns.acceleration_unit * scale;
+            programme.row(&[(unknowns.z(i), -unknowns.z_unit(i) * scale), (unknowns.acceleration(i), step)], 0.0);
+        }
+    }
+
+    /// ∇T·z, or −∫ z ds by the trapezoidal rule.
+    fn cost(&self, objective: Objective, gradient: &[f64]) -> Vec<f64> {
+        let grid = self.constraints.grid;
+        let n = grid.intervals();
+        let reach = |k: usize| if k < n { grid.length(k) } else { 0.0 };
+        let mut cost = vec![0.0; 2 * self.unknowns.count];
+        for i in grid.moving() {
+            cost[self.unknowns.z(i)] = self.unknowns.z_unit(i)
+                * match objective {
+                    Objective::Time => gradient[self.unknowns.position(i)],
+                    Objective::Speed => -0.5 * (reach(i.wrapping_sub(1)) + reach(i)) * grid.points[i].weight,
+                };
+        }
+        cost
+    }
+
+    /// T(z) + ∇T·(z* − z) with the `dual` bound on ∇T·z*, s.
+    fn time_bound(&self, gradient: &[f64], dual: f64) -> f64 {
+        let grid = self.constraints.grid;
+        let present: f64 = grid.moving().map(|i| gradient[self.unknowns.position(i)] * self.at.z[i]).sum();
+        self.at.time(grid) + dual - present
+    }
+}
