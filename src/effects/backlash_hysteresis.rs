@@ -50,7 +50,6 @@ static SPEC: Spec = Spec::new(
     PARAMETERS,
 )
 // From lost motion (minutes of arc) to elastic transmissions (degrees).
-// From lost motion (minutes of arc) to elastic transmissions (degrees).
 .grids(&[&[0.5, 2.0, 8.0, 30.0, 100.0]]);
 
 impl Effect for BacklashHysteresis {

@@ -99,7 +99,6 @@ static SPEC: Spec = Spec::new(
     PARAMETERS,
 )
 // Of one that is drawn at random.
-// Of one that is drawn at random.
 .grids(&[&[0.5, 0.7, 1.3, 2.0]])
 .starts(&STARTS);
 
