@@ -496,7 +496,7 @@ impl<'a> Search<'a> {
 
 /// Whether an effect has a value that its law does not allow: a law with a definite sign must come out with it.
 fn is_impossible(fit: &Fit, name: &str) -> bool {
-    fit.impossible.iter().any(|p| p.split('.').next() == Some(name))
+    fit.impossible.iter().any(|p| p.effect == name)
 }
 
 /// A model with effects that were chosen; those that a ranking assesses begin at its estimates.

@@ -42,12 +42,18 @@ const PARAMETERS: &[Parameter] = &[
     },
 ];
 
-static SPEC: Spec = Spec::new("ball_socket_load_dependent", Part::Linkage, About {
-            summary: "ball-socket friction that grows with the strut force",
-            law: "M = −μ·r·|F|·tanh(|ω_rel|/ε)·ω_rel/|ω_rel| on the strut, reaction on arm or platform",
-            shows: "arm torques at high strut forces, reversing with the socket rates",
-            source: "Coulomb's law at the ball; μ 0.08–0.25 estimated from clamp preload and the paper's friction increments",
-        }, PARAMETERS)
+static SPEC: Spec = Spec::new(
+    "ball_socket_load_dependent",
+    Part::Linkage,
+    About {
+        summary: "ball-socket friction that grows with the strut force",
+        law: "M = −μ·r·|F|·tanh(|ω_rel|/ε)·ω_rel/|ω_rel| on the strut, reaction on arm or platform",
+        shows: "arm torques at high strut forces, reversing with the socket rates",
+        source: "Coulomb's law at the ball; μ 0.08–0.25 estimated from clamp preload and the paper's \
+                  friction increments",
+    },
+    PARAMETERS,
+)
 .reads(Reads { reactions: true, ..Reads::MOTION })
 .constants(constant);
 

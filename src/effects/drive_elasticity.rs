@@ -111,6 +111,7 @@ static SPEC: Spec = Spec::new(
 .kind(Kind::Encoder)
 // Of the compliance: within a factor of √2 of every gear in the range.
 .grids(&[&[0.25, 0.5, 1.0, 2.0]])
+// Where a gear gives way, friction has two sides to act on.
 .switches(&["friction_at_motor"])
 .constants(constant);
 

@@ -20,12 +20,18 @@ const PARAMETERS: &[Parameter] = &[Parameter {
     range: (-0.2, 0.2),
 }];
 
-static SPEC: Spec = Spec::new("joint_zero_offset", Part::Drives, About {
-            summary: "an encoder's zero is not the joint's",
-            law: "q_reported,i = q_i + o_i",
-            shows: "torque of the arms that changes with the pose, platform beside its stated position; none of axis 4 without lateral payload",
-            source: "0.05° typical, 0.2° at worst (estimate)",
-        }, PARAMETERS)
+static SPEC: Spec = Spec::new(
+    "joint_zero_offset",
+    Part::Drives,
+    About {
+        summary: "an encoder's zero is not the joint's",
+        law: "q_reported,i = q_i + o_i",
+        shows: "torque of the arms that changes with the pose, platform beside its stated position; \
+                  none of axis 4 without lateral payload",
+        source: "0.05° typical, 0.2° at worst (estimate)",
+    },
+    PARAMETERS,
+)
 .kind(Kind::Encoder);
 
 impl Effect for JointZeroOffset {

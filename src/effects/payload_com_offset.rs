@@ -24,12 +24,18 @@ const PARAMETERS: &[Parameter] = &[Parameter {
     range: (-1.0, 1.0),
 }];
 
-static SPEC: Spec = Spec::new("payload_com_offset", Part::Linkage, About {
-            summary: "the payload's centre of mass lies beside the stated one",
-            law: "first moment h = m·Δc added in the end-effector frame, tensor to first order",
-            shows: "torque of axis 4 in proportion to the platform's lateral acceleration, turning with ψ; the height in strut forces alone",
-            source: "10 mm typical, 50 mm at worst (estimate)",
-        }, PARAMETERS)
+static SPEC: Spec = Spec::new(
+    "payload_com_offset",
+    Part::Linkage,
+    About {
+        summary: "the payload's centre of mass lies beside the stated one",
+        law: "first moment h = m·Δc added in the end-effector frame, tensor to first order",
+        shows: "torque of axis 4 in proportion to the platform's lateral acceleration, turning with \
+                  ψ; the height in strut forces alone",
+        source: "10 mm typical, 50 mm at worst (estimate)",
+    },
+    PARAMETERS,
+)
 .kind(Kind::Inertia);
 
 impl Effect for PayloadComOffset {

@@ -19,12 +19,18 @@ const PARAMETERS: &[Parameter] = &[Parameter {
     range: (-10.0, 10.0),
 }];
 
-static SPEC: Spec = Spec::new("payload_mass_error", Part::Linkage, About {
-            summary: "the payload's mass differs from the stated one",
-            law: "m = m_stated + Δm at the stated centre of mass; its inertia grows in proportion",
-            shows: "torque in phase with the platform's acceleration; hides in the platform's mass unless the centre of mass is off the axis",
-            source: "3 % typical, 10 % at worst (estimate)",
-        }, PARAMETERS)
+static SPEC: Spec = Spec::new(
+    "payload_mass_error",
+    Part::Linkage,
+    About {
+        summary: "the payload's mass differs from the stated one",
+        law: "m = m_stated + Δm at the stated centre of mass; its inertia grows in proportion",
+        shows: "torque in phase with the platform's acceleration; hides in the platform's mass \
+                  unless the centre of mass is off the axis",
+        source: "3 % typical, 10 % at worst (estimate)",
+    },
+    PARAMETERS,
+)
 .kind(Kind::Inertia);
 
 impl Effect for PayloadMassError {

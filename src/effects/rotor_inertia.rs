@@ -22,12 +22,18 @@ const PARAMETERS: &[Parameter] = &[Parameter {
     range: (-0.2, 1.0),
 }];
 
-static SPEC: Spec = Spec::new("rotor_inertia", Part::Linkage, About {
-            summary: "the reflected rotor inertia of an arm drive differs from the stated one",
-            law: "τ_i grows by ΔJ_i·d²q_i/dt², ΔJ at the gear output",
-            shows: "torque of one arm in phase with its own acceleration, none at rest; alike on all arms it is the arms' inertia",
-            source: "motors of one series differ by some 10 % of about 0.18 kg·m² (estimate)",
-        }, PARAMETERS)
+static SPEC: Spec = Spec::new(
+    "rotor_inertia",
+    Part::Linkage,
+    About {
+        summary: "the reflected rotor inertia of an arm drive differs from the stated one",
+        law: "τ_i grows by ΔJ_i·d²q_i/dt², ΔJ at the gear output",
+        shows: "torque of one arm in phase with its own acceleration, none at rest; alike on all \
+                  arms it is the arms' inertia",
+        source: "motors of one series differ by some 10 % of about 0.18 kg·m² (estimate)",
+    },
+    PARAMETERS,
+)
 .kind(Kind::Inertia);
 
 impl Effect for RotorInertia {

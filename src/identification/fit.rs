@@ -16,7 +16,7 @@ use super::prediction::{Channels, predict};
 use super::regularisation::{self, GroupWeight};
 use super::{BaseParameter, Trace};
 use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
-use crate::effects::{Role, payload};
+use crate::effects::{Param, Role, payload};
 use crate::evidence::{NEVER, Stop};
 use crate::kinematics::KinematicsError;
 use crate::machine::Unit;
@@ -188,7 +188,7 @@ pub struct Fit {
     pub unidentified: Vec<Unidentified>,
     /// Parameters whose unconstrained estimate lies more than three standard errors outside the allowed range, and by more
     /// than a fifth of the effect's largest: the law is not what the data show.
-    pub impossible: Vec<String>,
+    pub impossible: Vec<Param>,
     /// How the estimate became possible; `None` if it was.
     pub correction: Option<Correction>,
     /// Identified parameters that this moved by more than their standard error.
@@ -517,7 +517,7 @@ impl<'a> Regression<'a> {
             let beyond = (p.range.0 - p.value).max(p.value - p.range.1);
             margin < 3.0 * self.size[i] && beyond > margin && beyond > NEARLY_NOTHING * largest(p)
         };
-        let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].name.clone()).collect();
+        let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].param).collect();
         let base = structure.base_parameters(&estimated, &self.size, &covariance);
         let curvature = estimator.curvature();
         let (values, classes, correction) = self.possible(&estimated, &curvature);
