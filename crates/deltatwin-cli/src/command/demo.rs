@@ -57,7 +57,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let robot = hide(&model, args.seed, args.effect.as_deref()).into_diagnostic()?;
     let left_out = robot.left_out;
     if !left_out.is_empty() {
-        say(wrapped(&format!("Left out, as these motions cannot show it: {}", left_out.join(", ")), 0));
+        let each: Vec<String> = left_out.iter().map(|(name, why)| format!("{name} ({why})")).collect();
+        say(wrapped(&format!("Drawn and left out: {}.", each.join(", ")), 0));
     }
     let measured = robot.prepared.record(&model, &|k, t| {
         let now = (t * 1000.0) as u64;
@@ -79,7 +80,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let files = write(args, &measured, &findings)?;
     if args.json {
         let mut object = summary(args, &measured, &findings, &files);
-        object["left_out"] = json!(left_out);
+        object["left_out"] = left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect();
         println!("{object}");
     } else {
         print(&measured, &findings, &files);

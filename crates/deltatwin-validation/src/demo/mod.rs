@@ -41,12 +41,13 @@ pub enum DemoError {
 pub struct Robot {
     /// The robot with what is hidden in it.
     pub prepared: Prepared,
-    /// Effects drawn before that its motions cannot show.
-    pub left_out: Vec<&'static str>,
+    /// Effects drawn before it and why they were left out.
+    pub left_out: Vec<(&'static str, &'static str)>,
 }
 
 /// Hides `effect` (nothing if `none`) in a robot. If `None`, effects that the model lacks are drawn from the seed until one
-/// is as large as the data need to show it: a refit leaves of it what it leaves of one of medium size.
+/// is as large as the data need to show it: a refit leaves of it what it leaves of one of medium size. Elastic gears are left
+/// out: they are integrated along the motion, for minutes.
 ///
 /// # Errors
 /// If there is no such effect, or if the model cannot be refitted along the drawn motion.
@@ -64,10 +65,12 @@ pub fn hide(model: &Model, seed: u64, effect: Option<&str>) -> Result<Robot, Dem
     all.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     for effect in all {
         let robot = prepared(Some(effect.name()))?;
-        if robot.hidden.iter().all(|hidden| hidden.rise.is_visible()) {
+        let visible = robot.hidden.iter().all(|hidden| hidden.rise.is_visible());
+        let slow = robot.hidden.iter().any(|hidden| hidden.active.has_gears());
+        if visible && !slow {
             return Ok(Robot { prepared: robot, left_out });
         }
-        left_out.push(effect.name());
+        left_out.push((effect.name(), if visible { "takes minutes to find" } else { "not seen in these motions" }));
     }
     Ok(Robot { prepared: prepared(None)?, left_out })
 }
