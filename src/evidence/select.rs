@@ -121,7 +121,7 @@ where
     let last = refitted.as_ref().unwrap_or(problem);
     let first = steps.first().filter(|_| refitted.is_none());
     let (findings, removed) = match stop() {
-        true => (steps.iter().map(as_added).collect(), Vec::new()),
+        true => (as_added(&steps, apart), Vec::new()),
         false => prune(last, &mut chosen, first, settings, &Context { stop, apart })?,
     };
     if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
@@ -130,9 +130,15 @@ where
     Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short })
 }
 
-/// The finding of a step, with only the effects added before it in the base.
-fn as_added(step: &Step) -> Finding {
-    Finding { chosen: step.added, ranking: step.ranking.clone(), problem: None }
+/// The findings of the steps, each with only the effects added before it in the base.
+fn as_added(steps: &[Step], apart: Apart) -> Vec<Finding> {
+    let before = |i: usize| steps[..i].iter().map(|s| s.added).collect::<Vec<Chosen>>();
+    let one = |(i, step): (usize, &Step)| Finding {
+        chosen: step.added,
+        ranking: step.ranking.clone(),
+        problem: apart(&before(i)),
+    };
+    steps.iter().enumerate().map(one).collect()
 }
 
 /// What removal depends on beside the problem.
