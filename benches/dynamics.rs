@@ -12,13 +12,13 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
 use deltatwin::effects::ActiveEffect;
-use deltatwin::identification::{Method, Trace};
+use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::{JointState, Motion, SocketSet};
 use deltatwin::machine::Setup;
 use deltatwin::machine::bodies::BODIES;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
-use deltatwin::twin::loose::Loose;
-use deltatwin::twin::{Mark, Options, Torque, Twin, simulate};
+use deltatwin::twin::maximal::MaximalCoordinates;
+use deltatwin::twin::{Checkpoint, Options, Torque, Twin, simulate};
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -71,16 +71,16 @@ fn dynamics(c: &mut Criterion) {
 
 fn twin(c: &mut Criterion) {
     for (name, plant, h) in [("rigid", common::nominal_plant(), 4e-3), ("truth", truth(), 400e-6)] {
-        let mut twins: Vec<(Twin, Torque, Mark)> = motions(&plant)
+        let mut twins: Vec<(Twin, Torque, Checkpoint)> = motions(&plant)
             .iter()
             .map(|motion| {
                 let tau = inverse_dynamics(&plant, 0.0, motion, &vec![[].as_slice(); plant.effects.len()], false)
                     .expect("a regular pose")
                     .tau;
                 let twin = Twin::new(plant.clone(), motion).expect("a regular pose");
-                let mut mark = Mark::default();
-                twin.save(&mut mark);
-                (twin, Torque::constant(tau), mark)
+                let mut checkpoint = Checkpoint::default();
+                twin.save(&mut checkpoint);
+                (twin, Torque::constant(tau), checkpoint)
             })
             .collect();
         let mut k = 0;
@@ -90,8 +90,8 @@ fn twin(c: &mut Criterion) {
         };
         c.bench_function(&format!("84 accelerations and 74 reactions ({name})"), |b| {
             b.iter(|| {
-                let (twin, torque, mark) = &mut twins[next()];
-                twin.restore(mark);
+                let (twin, torque, checkpoint) = &mut twins[next()];
+                twin.restore(checkpoint);
                 let snapshot = twin.evaluate(torque).expect("a regular pose");
                 black_box((snapshot.joints(twin.plant()), snapshot))
             })
@@ -103,24 +103,24 @@ fn twin(c: &mut Criterion) {
         };
         c.bench_function(&format!("step of {} ms ({name})", h * 1e3), |b| {
             b.iter(|| {
-                let (twin, torque, mark) = &mut twins[next()];
-                twin.restore(mark);
+                let (twin, torque, checkpoint) = &mut twins[next()];
+                twin.restore(checkpoint);
                 twin.step(h, torque).expect("a regular pose");
             })
         });
     }
 }
 
-fn loose(c: &mut Criterion) {
+fn maximal(c: &mut Criterion) {
     let plant = common::nominal_plant();
     let motions = motions(&plant);
     let wrenches = [(Vector3::zeros(), Vector3::zeros()); BODIES];
-    let mut loose = Loose::new();
+    let mut maximal = MaximalCoordinates::new();
     let mut cycle = motions.iter().cycle();
-    c.bench_function("loose solve, 84 + 74", |b| {
+    c.bench_function("maximal coordinates, 84 + 74", |b| {
         b.iter(|| {
             let motion = black_box(cycle.next().unwrap());
-            loose.solve(&plant, &motion.bodies, SocketSet::ALL, &wrenches, None).map(|s| s.bodies[0].1)
+            maximal.solve(&plant, &motion.bodies, SocketSet::ALL, &wrenches, None).map(|s| s.bodies[0].1)
         })
     });
 }
@@ -157,10 +157,10 @@ fn derivatives(c: &mut Criterion) {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     for method in [Method::Polynomial, Method::Smoother, Method::Reversals] {
         c.bench_function(&format!("derivatives of 20 s ({method:?})"), |b| {
-            b.iter(|| one.install(|| Trace::with(black_box(&recording), method)))
+            b.iter(|| one.install(|| Dataset::with(black_box(&recording), method)))
         });
     }
 }
 
-criterion_group!(benches, kinematics, dynamics, twin, closed_loop, loose, derivatives);
+criterion_group!(benches, kinematics, dynamics, twin, closed_loop, maximal, derivatives);
 criterion_main!(benches);

@@ -9,7 +9,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::estimator::{Estimator, PRIOR_INFORMATION};
 use deltatwin::identification::normal_equations::{ALIKE, NormalEquations};
-use deltatwin::identification::{Trace, fit, predict};
+use deltatwin::identification::{Dataset, fit, predict};
 use deltatwin::machine::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 use nalgebra::DVector;
@@ -21,7 +21,7 @@ use rand_distr::StandardNormal;
 const SIGMA: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
 const DT: f64 = 4e-4;
 
-fn trace(samples: usize) -> Trace {
+fn dataset(samples: usize) -> Dataset {
     let model = common::model("irb360-6-1600");
     let mut robot = model.clone();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -30,7 +30,7 @@ fn trace(samples: usize) -> Trace {
     let plant = Plant::new(&model, &setup);
     let motion = FourierMotion::random(&plant, &MotionLimits::of(&model, 0.45), 0.1, 10, &mut rng);
     let joints = (0..samples).map(|k| plant.geometry.inverse_motion(&motion.at(k as f64 * DT)).expect("reachable"));
-    let mut trace = Trace {
+    let mut dataset = Dataset {
         name: "bench".into(),
         setup,
         t: (0..samples).map(|k| k as f64 * DT).collect(),
@@ -42,16 +42,16 @@ fn trace(samples: usize) -> Trace {
         readings: deltatwin::identification::EncoderReadings::default(),
         half_width: [10; 4],
     };
-    trace.measured = predict(&Plant::new(&robot, &setup), &trace).expect("reachable");
-    for (series, sigma) in trace.measured.iter_mut().zip(SIGMA) {
+    dataset.measured = predict(&Plant::new(&robot, &setup), &dataset).expect("reachable");
+    for (series, sigma) in dataset.measured.iter_mut().zip(SIGMA) {
         series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
     }
-    trace
+    dataset
 }
 
 fn identification(c: &mut Criterion) {
     let model = common::model("irb360-6-1600");
-    let (trace, noise) = ([trace(50_000)], [SIGMA.to_vec()]);
+    let (dataset, noise) = ([dataset(50_000)], [SIGMA.to_vec()]);
     let parameters = Plant::new(&model, &Setup::default()).parameters().len();
     let free: Vec<usize> = (0..parameters).collect();
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
@@ -60,7 +60,7 @@ fn identification(c: &mut Criterion) {
     group.bench_function("regressor and base parameters, one core", |b| {
         b.iter(|| {
             one.install(|| {
-                let normal = NormalEquations::new(&model, &trace, &noise, &free, ALIKE).expect("a regular motion");
+                let normal = NormalEquations::new(&model, &dataset, &noise, &free, ALIKE).expect("a regular motion");
                 let size = DVector::from_element(parameters, 1.0);
                 let estimator = Estimator::new(&normal, &size, &size.map(|_| PRIOR_INFORMATION)).expect("finite");
                 estimator.step(&normal, &DVector::zeros(parameters), &[])
@@ -68,10 +68,10 @@ fn identification(c: &mut Criterion) {
         })
     });
     group.bench_function("consistent parameters with standard errors, one core", |b| {
-        b.iter(|| one.install(|| fit(&model, &trace, &noise).expect("a fit")))
+        b.iter(|| one.install(|| fit(&model, &dataset, &noise).expect("a fit")))
     });
     group.bench_function("consistent parameters with standard errors, all cores", |b| {
-        b.iter(|| fit(&model, &trace, &noise).expect("a fit"))
+        b.iter(|| fit(&model, &dataset, &noise).expect("a fit"))
     });
     group.finish();
 }

@@ -8,17 +8,17 @@
 //! use std::path::Path;
 //!
 //! use deltatwin::diagnosis::{add, diagnose};
-//! use deltatwin::identification::{Trace, fit::fit, trace::noise_floor};
+//! use deltatwin::identification::{Dataset, fit::fit, dataset::noise_floor};
 //! use deltatwin_io::{model, recording};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let model = model::read(Path::new("models/irb360-6-1600.toml"))?;
 //! let (recording, warnings) = recording::read(Path::new("run.csv"), None)?;
-//! let traces = [Trace::new(&recording)];
-//! let fitted = fit(&model, &traces, &[noise_floor(&model, &traces)])?;
-//! let answer = diagnose(&fitted.model, &traces, &[], &mut |stage| log(stage))?;
+//! let datasets = [Dataset::new(&recording)];
+//! let fitted = fit(&model, &datasets, &[noise_floor(&model, &datasets)])?;
+//! let answer = diagnose(&fitted.model, &datasets, &[], &mut |stage| log(stage))?;
 //! if let Some(missing) = answer.effects.first() {
-//!     let better = add(&fitted.model, &missing.name, &traces, &[])?;
+//!     let better = add(&fitted.model, &missing.name, &datasets, &[])?;
 //!     model::write(&better.fit.model, Path::new("better.toml"))?;
 //! }
 //! # fn log(_: &str) {}

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use deltatwin::dynamics::{Plant, inverse_dynamics};
-use deltatwin::identification::{Method, Trace};
+use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::AXES;
 use deltatwin::recording::{Recording, Signals};
@@ -50,11 +50,11 @@ struct Errors {
 
 fn errors(recording: &Recording, plant: &Plant, method: Method) -> Errors {
     let signals = &recording.signals;
-    let trace = Trace::with(recording, method);
+    let dataset = Dataset::with(recording, method);
     let (qd, qdd) = (signals.qd.as_ref().unwrap(), signals.qdd.as_ref().unwrap());
     let mut sums = [[0.0; AXES]; 4];
     let mut slow = [0.0; AXES];
-    for (t, joints) in trace.t.iter().zip(&trace.joints) {
+    for (t, joints) in dataset.t.iter().zip(&dataset.joints) {
         let k = signals.t.partition_point(|x| x < t);
         let truth = JointState { q: signals.q[k], qd: qd[k], qdd: qdd[k] };
         let (tau, exact) = (torque(plant, joints), torque(plant, &truth));
@@ -69,7 +69,7 @@ fn errors(recording: &Recording, plant: &Plant, method: Method) -> Errors {
             }
         }
     }
-    let n = trace.len() as f64;
+    let n = dataset.len() as f64;
     let mean = |s: usize| sums[s].map(|x| x / n);
     Errors {
         qd: mean(0).map(f64::sqrt),
@@ -144,14 +144,14 @@ fn acceleration_errors(t: Vec<f64>) -> [f64; AXES] {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.csv");
     recording::write(&recording, &file).unwrap();
-    let trace = Trace::new(&recording::read(&file, None).unwrap().0);
+    let dataset = Dataset::new(&recording::read(&file, None).unwrap().0);
     let mut squares = [0.0; AXES];
-    for (t, joints) in trace.t.iter().zip(&trace.joints) {
+    for (t, joints) in dataset.t.iter().zip(&dataset.joints) {
         for i in 0..AXES {
             squares[i] += (joints.qdd[i] - sum(*t, i, |w, x| -w * w * x.sin())).powi(2);
         }
     }
-    squares.map(|x| (x / trace.len() as f64).sqrt())
+    squares.map(|x| (x / dataset.len() as f64).sqrt())
 }
 
 #[test]

@@ -13,7 +13,9 @@ use deltatwin::machine::{Geometry, Payload, Setup, Stops};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, Scenario};
-use deltatwin::twin::{Clamps, Event, EventKind, Load, Mark, NewContacts, Options, Report, Torque, Twin, simulate};
+use deltatwin::twin::{
+    Checkpoint, Clamps, Event, EventKind, Load, NewContacts, Options, Report, Torque, Twin, simulate,
+};
 use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 
@@ -248,18 +250,18 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
                 (0..substeps).for_each(|_| twin.step(period / substeps as f64, &torque(j)).unwrap());
             }
             twin.set_time(k as f64 * period);
-            let mut mark = Mark::default();
-            twin.save(&mut mark);
+            let mut checkpoint = Checkpoint::default();
+            twin.save(&mut checkpoint);
             let (mut low, mut high) = (0.0, period);
             while high - low > 1e-10 {
                 let middle = 0.5 * (low + high);
-                twin.restore(&mark);
+                twin.restore(&checkpoint);
                 (0..substeps).for_each(|_| twin.step(middle / substeps as f64, &torque(k)).unwrap());
                 let s = twin.evaluate(&torque(k)).unwrap();
                 let margins = clamps.margins(&s.motion, &s.sockets, twin.closed());
                 if margins.iter().any(|m| *m < 0.0) { high = middle } else { low = middle }
             }
-            twin.restore(&mark);
+            twin.restore(&checkpoint);
             (0..substeps).for_each(|_| twin.step(high / substeps as f64, &torque(k)).unwrap());
             (twin.time(), twin)
         };

@@ -8,7 +8,7 @@ use common::{payload, random_joints};
 use deltatwin::diagnosis::{DiagnosisError, add};
 use deltatwin::dynamics::{Channel, Plant, inverse_dynamics, regressor};
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::{Trace, fit};
+use deltatwin::identification::{Dataset, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::Model;
@@ -266,12 +266,12 @@ fn a_run_is_audited_and_gives_the_coefficients_back() {
     let (recording, report) = run(&robot, &nominal, &payload(), 10.0, true);
     assert!(report.energy_error < 1e-6, "{:e}", report.energy_error);
     assert_eq!(report.unconverged, 0.0);
-    let trace = Trace::new(&recording);
+    let dataset = Dataset::new(&recording);
     let mut start = robot.clone();
     let place = start.effects.iter().position(|a| a.effect.name() == "formula").unwrap();
     // All coefficients start from nothing; inertia of a drive is no more than what the arms' inertia imitates.
     start.effects[place].values.fill(0.0);
-    let fitted = fit(&start, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let fitted = fit(&start, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
     for (i, name) in ["cable", "rotor", "guide", "load", "bush", "tool"].iter().enumerate() {
         let p = fitted.parameters.iter().find(|p| p.name == format!("formula.{name}")).expect(name);
         let truth = formula(&robot).values[i];
@@ -287,8 +287,8 @@ fn a_lone_slide_and_a_robot_taken_apart_have_formulas_too() {
     let (robot, nominal) = (parse(&text("servo-axis", laws)).unwrap(), parse(&text("servo-axis", "")).unwrap());
     let (recording, report) = run(&robot, &nominal, &Setup::default(), 10.0, true);
     assert!(report.energy_error < 1e-6, "{:e}", report.energy_error);
-    let trace = Trace::new(&recording);
-    let fitted = fit(&robot, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let dataset = Dataset::new(&recording);
+    let fitted = fit(&robot, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
     let p = fitted.parameters.iter().find(|p| p.name == "formula.rail").unwrap();
     assert!((p.value - 300.0).abs() < 4.0 * p.std && p.std < 30.0 && p.unit.to_string() == "N/m²", "{p:?}");
     // Taken apart, a law of the drives still acts; one of the platform rests, and so does the whole formula with it.
@@ -306,6 +306,6 @@ fn without_terms_there_is_nothing_to_try() {
     assert!(find("formula").unwrap().parameters().is_empty());
     let model = parse(&text("servo-axis", "")).unwrap();
     let (recording, _) = run(&model, &model, &Setup::default(), 4.0, true);
-    let error = add(&model, "formula", &[Trace::new(&recording)], &[]).map(drop).unwrap_err();
+    let error = add(&model, "formula", &[Dataset::new(&recording)], &[]).map(drop).unwrap_err();
     assert!(matches!(error, DiagnosisError::NoTerms), "{error}");
 }

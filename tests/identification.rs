@@ -6,7 +6,7 @@ use deltatwin::dynamics::{Channel, Plant, set_parameters};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::fit::{Consistency, Options, Reason, Weighing, fit_with};
-use deltatwin::identification::{BaseParameter, Trace, fit, identify_payload, predict};
+use deltatwin::identification::{BaseParameter, Dataset, fit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::ROTOR;
 use deltatwin::machine::{Configuration, Setup};
@@ -22,8 +22,8 @@ use rayon::prelude::*;
 const SIGMA: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
 
 /// A recording of `robot` along a motion that is known exactly, without noise.
-fn trace(robot: &Model, setup: &Setup, samples: usize, dt: f64, motion: impl Fn(f64) -> JointState) -> Trace {
-    let mut trace = Trace {
+fn dataset(robot: &Model, setup: &Setup, samples: usize, dt: f64, motion: impl Fn(f64) -> JointState) -> Dataset {
+    let mut dataset = Dataset {
         name: "made".into(),
         setup: *setup,
         t: (0..samples).map(|k| k as f64 * dt).collect(),
@@ -35,8 +35,8 @@ fn trace(robot: &Model, setup: &Setup, samples: usize, dt: f64, motion: impl Fn(
         readings: deltatwin::identification::EncoderReadings::default(),
         half_width: [10; 4],
     };
-    trace.measured = predict(&Plant::new(robot, setup), &trace).expect("reachable");
-    trace
+    dataset.measured = predict(&Plant::new(robot, setup), &dataset).expect("reachable");
+    dataset
 }
 
 /// A random end-effector Fourier motion in joint angles.
@@ -62,23 +62,23 @@ fn combined(model: &Model, base: &[BaseParameter]) -> Vec<f64> {
 }
 
 /// Noise with memory (half a millisecond to 50 ms), correlated across axes and growing with speed, of RMS about `SIGMA`.
-fn robot_like_noise(trace: &Trace, rng: &mut ChaCha8Rng) -> Vec<[f64; 4]> {
+fn robot_like_noise(dataset: &Dataset, rng: &mut ChaCha8Rng) -> Vec<[f64; 4]> {
     let mut slow = [0.0; 4];
-    let memory: f64 = (-trace.dt / 0.05).exp();
+    let memory: f64 = (-dataset.dt / 0.05).exp();
     let mut normal = || rng.sample::<f64, _>(StandardNormal);
-    let common_part = |trace: &Trace, k: usize, slow: &[f64; 4], common: f64, white: &[f64; 4]| {
+    let common_part = |dataset: &Dataset, k: usize, slow: &[f64; 4], common: f64, white: &[f64; 4]| {
         std::array::from_fn(|i| {
-            let growth = 0.6 + 0.2 * trace.joints[k].qd[i].abs().min(4.0);
+            let growth = 0.6 + 0.2 * dataset.joints[k].qd[i].abs().min(4.0);
             SIGMA[i] * growth * (0.6 * white[i] + 0.6 * slow[i] + 0.5 * common)
         })
     };
-    (0..trace.len())
+    (0..dataset.len())
         .map(|k| {
             for x in &mut slow {
                 *x = memory * *x + (1.0 - memory * memory).sqrt() * normal();
             }
             let (common, white) = (normal(), [normal(), normal(), normal(), normal()]);
-            common_part(trace, k, &slow, common, &white)
+            common_part(dataset, k, &slow, common, &white)
         })
         .collect()
 }
@@ -88,7 +88,7 @@ fn intervals_cover_the_truth_when_noise_has_memory() {
     const RUNS: u64 = 200;
     let robot = robot();
     let nominal = common::model("irb360-6-1600");
-    let clean = trace(&robot, &Setup::default(), 2500, 8e-3, excitation(3));
+    let clean = dataset(&robot, &Setup::default(), 2500, 8e-3, excitation(3));
     let run = |seed: u64| {
         let mut noisy = clean.clone();
         let mut rng = ChaCha8Rng::seed_from_u64(1000 + seed);
@@ -124,7 +124,7 @@ fn intervals_cover_the_truth_when_noise_has_memory() {
 fn weights_of_rows_and_robust_loss_change_little_when_the_model_is_right() {
     let robot = robot();
     let nominal = common::model("irb360-6-1600");
-    let mut noisy = trace(&robot, &Setup::default(), 5000, 4e-3, excitation(3));
+    let mut noisy = dataset(&robot, &Setup::default(), 5000, 4e-3, excitation(3));
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for (channel, sigma) in noisy.measured.iter_mut().zip(SIGMA) {
         channel.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
@@ -135,8 +135,8 @@ fn weights_of_rows_and_robust_loss_change_little_when_the_model_is_right() {
     for channel in &mut spoilt.measured {
         channel.iter_mut().step_by(50).for_each(|x| *x += 20.0);
     }
-    let with = |trace: &Trace, options: Options| {
-        fit_with(&nominal, std::slice::from_ref(trace), &[SIGMA.to_vec()], &options).unwrap()
+    let with = |dataset: &Dataset, options: Options| {
+        fit_with(&nominal, std::slice::from_ref(dataset), &[SIGMA.to_vec()], &options).unwrap()
     };
     let maximum = with(&noisy, Options { weighing: Weighing::Maximum, ..Options::default() });
     let robust = with(&spoilt, Options { robust: true, ..Options::default() });
@@ -154,7 +154,7 @@ fn weights_of_rows_and_robust_loss_change_little_when_the_model_is_right() {
 #[test]
 fn garbage_gives_possible_bodies_and_both_ways_agree() {
     let nominal = common::model("irb360-6-1600");
-    let clean = trace(&nominal, &Setup::default(), 1500, 4e-3, excitation(3));
+    let clean = dataset(&nominal, &Setup::default(), 1500, 4e-3, excitation(3));
     let (mut corrected, mut written) = (0, 0);
     for seed in 0..12u64 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -204,7 +204,7 @@ fn garbage_gives_possible_bodies_and_both_ways_agree() {
 fn a_useless_motion_is_answered_by_names() {
     let nominal = common::model("irb360-6-1600");
     let pose = |_: f64| JointState { q: [0.3, 0.4, 0.2, 0.5], ..JointState::default() };
-    let still = trace(&robot(), &Setup::default(), 1000, 4e-3, pose);
+    let still = dataset(&robot(), &Setup::default(), 1000, 4e-3, pose);
     let fitted = fit(&nominal, &[still], &[SIGMA.to_vec()]).unwrap();
     for p in &fitted.parameters {
         let named = fitted.unidentified.iter().any(|u| u.name == p.name);
@@ -221,7 +221,7 @@ fn a_useless_motion_is_answered_by_names() {
         let (s, c) = (9.0 * t).sin_cos();
         JointState { q: [0.3, 0.4, 0.2, 0.5 * s], qd: [0.0, 0.0, 0.0, 4.5 * c], qdd: [0.0, 0.0, 0.0, -40.5 * s] }
     };
-    let one = trace(&robot(), &Setup::default(), 1000, 4e-3, turning);
+    let one = dataset(&robot(), &Setup::default(), 1000, 4e-3, turning);
     let fitted = fit(&nominal, &[one], &[SIGMA.to_vec()]).unwrap();
     let identified: Vec<&str> = fitted.parameters.iter().filter(|p| p.identified()).map(|p| p.name.as_str()).collect();
     assert!(identified.iter().all(|n| n.contains("axis4") || n.contains("rotor")), "{identified:?}");
@@ -236,7 +236,7 @@ fn regularisation_pulls_where_the_data_are_silent_and_nowhere_else() {
     let mut values: Vec<f64> = Plant::new(&weighed, &Setup::default()).parameters().iter().map(|p| p.value).collect();
     values.iter_mut().take(17).for_each(|v| *v *= 1.2);
     set_parameters(&mut weighed, &values);
-    let data = trace(&robot, &Setup::default(), 4000, 4e-3, excitation(3));
+    let data = dataset(&robot, &Setup::default(), 4000, 4e-3, excitation(3));
     let options = |prior| Options { prior, ..Options::default() };
     let own = fit_with(&nominal, std::slice::from_ref(&data), &[SIGMA.to_vec()], &options(None)).unwrap();
     let other = fit_with(&nominal, &[data], &[SIGMA.to_vec()], &options(Some(&weighed))).unwrap();
@@ -268,7 +268,7 @@ fn arms_alone_are_identified_without_struts() {
         }
         joints
     };
-    let data = trace(&nominal, &setup, 2000, 4e-3, wave);
+    let data = dataset(&nominal, &setup, 2000, 4e-3, wave);
     let fitted = fit(&nominal, &[data], &[SIGMA.to_vec()]).unwrap();
     let friction: Vec<_> = fitted.parameters.iter().filter(|p| p.name.starts_with("drive_friction")).collect();
     assert!(friction.len() == 8 && friction.iter().all(|p| p.identified()), "{friction:?}");
@@ -279,7 +279,7 @@ fn arms_alone_are_identified_without_struts() {
 fn a_payload_is_found_with_a_known_robot() {
     let robot = robot();
     let truth = common::payload();
-    let mut data = trace(&robot, &truth, 5000, 4e-3, excitation(3));
+    let mut data = dataset(&robot, &truth, 5000, 4e-3, excitation(3));
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     for (channel, sigma) in data.measured.iter_mut().zip(SIGMA) {
         channel.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
@@ -309,10 +309,10 @@ fn recordings_with_different_payloads_are_used_together() {
     let robot = robot();
     let nominal = common::model("irb360-6-1600");
     let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let data: Vec<Trace> = [(Setup::default(), 3), (common::payload(), 4)]
+    let data: Vec<Dataset> = [(Setup::default(), 3), (common::payload(), 4)]
         .into_iter()
         .map(|(setup, seed)| {
-            let mut data = trace(&robot, &setup, 2500, 4e-3, excitation(seed));
+            let mut data = dataset(&robot, &setup, 2500, 4e-3, excitation(seed));
             for (channel, sigma) in data.measured.iter_mut().zip(SIGMA) {
                 channel.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
             }
@@ -333,7 +333,7 @@ fn recordings_with_different_payloads_are_used_together() {
 fn what_effects_and_payload_add_stays_out_of_the_links() {
     let mut robot = common::model("irb360-6-1600");
     robot.effects.push(ActiveEffect::new(find("rotor_inertia").unwrap(), &[&[0.05; 3]]));
-    let data = trace(&robot, &common::payload(), 1500, 4e-3, excitation(3));
+    let data = dataset(&robot, &common::payload(), 1500, 4e-3, excitation(3));
     let fitted = fit(&robot, &[data], &[SIGMA.to_vec()]).unwrap();
     // The data are the model's own: its links come back as they were, also in what no torque shows.
     for (b, (found, before)) in

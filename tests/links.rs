@@ -6,7 +6,7 @@ use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::{Fit, Options, fit_with};
 use deltatwin::identification::regularisation::GroupWeight;
-use deltatwin::identification::{EncoderReadings, Trace, predict};
+use deltatwin::identification::{Dataset, EncoderReadings, predict};
 use deltatwin::kinematics::{BodyMotion, JointState, Motion};
 use deltatwin::machine::bodies::{ARM, STRUT};
 use deltatwin::machine::{BodyParameters, Geometry, Inertia, LinkParameters, STRUTS, Setup};
@@ -22,7 +22,7 @@ use rand_distr::StandardNormal;
 const SIGMA: [f64; 4] = [0.4, 0.4, 0.4, 0.05];
 
 /// Torques of `robot` along an excitation that is known exactly, with noise of `share` of `SIGMA`.
-fn trace(robot: &Model, share: f64) -> Trace {
+fn dataset(robot: &Model, share: f64) -> Dataset {
     const SAMPLES: usize = 2000;
     const STEP: f64 = 5e-3;
     let nominal = common::model("irb360-6-1600");
@@ -30,7 +30,7 @@ fn trace(robot: &Model, share: f64) -> Trace {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let motion = FourierMotion::random(&believed, &MotionLimits::of(&nominal, 0.6), 0.1, 10, &mut rng);
     let joints = |t: f64| believed.geometry.inverse_motion(&motion.at(t)).expect("within the workspace");
-    let mut trace = Trace {
+    let mut dataset = Dataset {
         name: "made".into(),
         setup: Setup::default(),
         t: (0..SAMPLES).map(|k| k as f64 * STEP).collect(),
@@ -42,18 +42,18 @@ fn trace(robot: &Model, share: f64) -> Trace {
         readings: EncoderReadings::default(),
         half_width: [10; 4],
     };
-    trace.measured = predict(&Plant::new(robot, &Setup::default()), &trace).expect("reachable");
-    for (series, sigma) in trace.measured.iter_mut().zip(SIGMA) {
+    dataset.measured = predict(&Plant::new(robot, &Setup::default()), &dataset).expect("reachable");
+    for (series, sigma) in dataset.measured.iter_mut().zip(SIGMA) {
         series.iter_mut().for_each(|x| *x += share * sigma * rng.sample::<f64, _>(StandardNormal));
     }
-    trace
+    dataset
 }
 
 fn links(each_limb: bool, bodies: BodyParameters) -> LinkParameters {
     LinkParameters { each_limb, bodies }
 }
 
-fn fitted(links: LinkParameters, data: &Trace, options: &Options) -> Fit {
+fn fitted(links: LinkParameters, data: &Dataset, options: &Options) -> Fit {
     let model = Model { link_parameters: links, ..common::model("irb360-6-1600") };
     fit_with(&model, std::slice::from_ref(data), &[SIGMA.to_vec()], options).expect("a fit")
 }
@@ -69,7 +69,7 @@ fn alone(links: LinkParameters, flange: bool) -> Model {
 }
 
 /// Rank of the torques' regressor.
-fn rank_of_torques(model: &Model, data: &Trace) -> usize {
+fn rank_of_torques(model: &Model, data: &Dataset) -> usize {
     fit_with(model, std::slice::from_ref(data), &[SIGMA.to_vec()], &Options::default()).expect("a fit").structure.rank
 }
 
@@ -99,7 +99,7 @@ fn turn_struts(motion: &mut Motion) {
 
 /// Number of parameters' combinations that equations of motion hold: Lagrange's equations of L = Σ p_j·L_j vanish for a
 /// constant L alone, since every L_j is quadratic in the rates.
-fn rank_of_lagrangians(model: &Model, data: &Trace, turning: bool) -> usize {
+fn rank_of_lagrangians(model: &Model, data: &Dataset, turning: bool) -> usize {
     let plant = Plant::new(model, &Setup::default());
     let effects: Vec<ActiveEffect> = std::iter::once(plant.rigid_bodies()).chain(plant.effects.clone()).collect();
     let columns: usize = effects.iter().map(|a| a.values.len()).sum();
@@ -144,7 +144,7 @@ fn the_papers_counts() {
         (links(false, Complete), 51, 25, 22),
         (links(true, Complete), 3 * 20 + 3 * 10 + 1, 47, 38),
     ];
-    let data = trace(&alone(links(false, Symmetric), false), 0.0);
+    let data = dataset(&alone(links(false, Symmetric), false), 0.0);
     for (links, numbers, turning, still) in cases {
         let [bare, with] = [false, true].map(|flange| alone(links, flange));
         assert_eq!(Plant::new(&bare, &Setup::default()).parameters().len(), numbers, "{links:?}");
@@ -168,7 +168,7 @@ fn limbs_that_differ_are_found() {
     for strut in [STRUT + 4, STRUT + 5] {
         robot.bodies[strut] += Inertia::diagonal(0.161, [0.089, 0.0, 0.0], [0.0, 0.066, 0.066]);
     }
-    let data = trace(&robot, 1.0);
+    let data = dataset(&robot, 1.0);
     let alike = fitted(links(false, BodyParameters::Symmetric), &data, &Options::default());
     let each = fitted(links(true, BodyParameters::Symmetric), &data, &Options::default());
     println!("RMS alike {:?}, each limb {:?}", alike.rms, each.rms);
@@ -198,7 +198,7 @@ fn limbs_that_differ_are_found() {
 
 #[test]
 fn bodies_with_more_parameters_stay_possible() {
-    let data = trace(&common::model("irb360-6-1600"), 1.0);
+    let data = dataset(&common::model("irb360-6-1600"), 1.0);
     for bodies in [BodyParameters::Aligned, BodyParameters::Complete] {
         let fit = fitted(links(false, bodies), &data, &Options::default());
         for (b, body) in fit.model.bodies.0.iter().enumerate().filter(|(_, b)| **b != Inertia::ZERO) {
@@ -216,7 +216,7 @@ fn bodies_with_more_parameters_stay_possible() {
 
 #[test]
 fn a_group_has_its_own_weight() {
-    let data = trace(&common::model("irb360-6-1600"), 1.0);
+    let data = dataset(&common::model("irb360-6-1600"), 1.0);
     let mut believed = common::model("irb360-6-1600");
     for active in &mut believed.effects {
         active.values.iter_mut().for_each(|v| *v *= 1.1);
@@ -231,14 +231,14 @@ fn a_group_has_its_own_weight() {
     let prior = 1.1 * drive(&[weight("bodies", 1e-2)]).0;
     let (plain, inertia) = drive(&[]);
     // A weight beyond all data holds friction at its regularisation value and leaves the links.
-    let (held, still) = drive(&[weight("friction", 1e9)]);
+    let (fixed, still) = drive(&[weight("friction", 1e9)]);
     let named = |name: &str| {
         let parameters = Plant::new(&believed, &Setup::default()).parameters();
         parameters.iter().find(|p| p.name == name).expect("a parameter").value
     };
-    assert!((held - named("drive_friction.viscous_1")).abs() < 1e-4, "{held} {prior}");
+    assert!((fixed - named("drive_friction.viscous_1")).abs() < 1e-4, "{fixed} {prior}");
     assert!(
-        (plain - held).abs() > 0.05 * held && (inertia - still).abs() < 0.05 * inertia,
+        (plain - fixed).abs() > 0.05 * fixed && (inertia - still).abs() < 0.05 * inertia,
         "{plain} {inertia} {still}"
     );
     // Only ratios count: γ_τ = n_s is the plain sum, and a thousandth of it makes every prior a thousand times stronger.

@@ -5,7 +5,7 @@ use std::path::Path;
 use deltatwin::diagnosis::{Verdict, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::{Trace, fit};
+use deltatwin::identification::{Dataset, fit};
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -61,11 +61,11 @@ fn true_base(robot: &Model, base: &[deltatwin::identification::BaseParameter]) -
 fn noise_free_data_return_the_base_parameters() {
     let robot = perturbed();
     let (recording, _) = run(&robot, 2, 10.0, false);
-    let trace = Trace::new(&recording);
+    let dataset = Dataset::new(&recording);
     let nominal = model("irb360-6-1600");
     // Weights of data without noise: the prior must not be felt.
-    let noise: Vec<f64> = trace.noise(&nominal).iter().map(|sigma| 1e-3 * sigma).collect();
-    let fitted = fit(&nominal, std::slice::from_ref(&trace), &[noise]).unwrap();
+    let noise: Vec<f64> = dataset.noise(&nominal).iter().map(|sigma| 1e-3 * sigma).collect();
+    let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[noise]).unwrap();
     let truth = true_base(&robot, &fitted.base);
     for (b, truth) in fitted.base.iter().zip(&truth) {
         let error = ((b.value - truth) / truth).abs();
@@ -80,9 +80,9 @@ fn noise_free_data_return_the_base_parameters() {
 fn noisy_data_return_the_base_parameters_within_three_standard_errors() {
     let robot = perturbed();
     let (recording, _) = run(&robot, 3, 10.0, true);
-    let trace = Trace::new(&recording);
+    let dataset = Dataset::new(&recording);
     let nominal = model("irb360-6-1600");
-    let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
     let truth = true_base(&robot, &fitted.base);
     for (b, truth) in fitted.base.iter().zip(&truth) {
         println!("{:<50} {:>10.5} ± {:.5}: {:+.1} σ", b.name, b.value, b.std, (b.value - truth) / b.std);
@@ -97,9 +97,9 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
     let mut robot = perturbed();
     robot.effects.push(ActiveEffect::new(find("ball_socket_coulomb").unwrap(), &[&[0.3], &[0.05]]));
     let (recording, _) = run(&robot, 4, 10.0, true);
-    let (held, _) = run(&robot, 14, 8.0, true);
+    let (held_out, _) = run(&robot, 14, 8.0, true);
     let nominal = model("irb360-6-1600");
-    let d = diagnose(&nominal, &[Trace::new(&recording)], &[Trace::new(&held)], &mut |_| {}).unwrap();
+    let d = diagnose(&nominal, &[Dataset::new(&recording)], &[Dataset::new(&held_out)], &mut |_| {}).unwrap();
     assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.effects);
     assert_eq!(d.effects[0].name, "ball_socket_coulomb");
     let p = &d.effects[0].parameters[0];
@@ -112,7 +112,7 @@ fn hidden_socket_friction_is_named_and_taken_back_by_its_own_parameter() {
 #[test]
 fn nothing_hidden_is_nothing_found() {
     let (recording, _) = run(&perturbed(), 6, 10.0, true);
-    let d = diagnose(&model("irb360-6-1600"), &[Trace::new(&recording)], &[], &mut |_| {}).unwrap();
+    let d = diagnose(&model("irb360-6-1600"), &[Dataset::new(&recording)], &[], &mut |_| {}).unwrap();
     assert_eq!(d.verdict, Verdict::None, "{:?}", d.effects);
     assert!(d.effects.is_empty());
 }

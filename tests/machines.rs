@@ -6,7 +6,7 @@ use common::model;
 use deltatwin::diagnosis::{DiagnosisError, Verdict, add, diagnose};
 use deltatwin::dynamics::{Plant, in_configuration, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
-use deltatwin::identification::{Estimate, Fit, Trace, fit};
+use deltatwin::identification::{Dataset, Estimate, Fit, fit};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::END_EFFECTOR;
 use deltatwin::machine::{AXES, Configuration, Part, Payload, Setup, Unit};
@@ -153,8 +153,8 @@ fn each_arm_of_a_disassembled_robot_gets_its_own_inertia_back() {
     let robot = perturbed(&nominal, &setup, 1);
     let (recording, report) = run(&robot, &nominal, &setup, 10.0, 2, true);
     assert!(report.energy_error < 1e-6, "{:e}", report.energy_error);
-    let trace = Trace::new(&recording);
-    let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let dataset = Dataset::new(&recording);
+    let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
     assert_eq!(off(&fitted, &robot, &setup, 3.5), [""; 0]);
     let names: Vec<&str> = fitted.parameters.iter().map(|p| p.name.as_str()).collect();
     for wanted in ["arm_first_moment_x", "arm_first_moment_z", "arm_inertia_yy"] {
@@ -164,7 +164,7 @@ fn each_arm_of_a_disassembled_robot_gets_its_own_inertia_back() {
     }
     assert_eq!(names.len(), 10 + 8, "{names:?}");
     assert!(fitted.parameters.iter().all(|p| p.std < 0.1 * p.value.abs().max(0.05)), "all are determined");
-    for (rms, floor) in fitted.rms.iter().zip(trace.noise(&nominal)) {
+    for (rms, floor) in fitted.rms.iter().zip(dataset.noise(&nominal)) {
         assert!(*rms < 1.05 * floor, "{rms} {floor}");
     }
 }
@@ -177,8 +177,8 @@ fn a_model_of_the_assembled_robot_learns_its_arms_from_a_run_of_it_taken_apart()
     // Ball sockets and telescope are not there: their friction must not act.
     robot.effects.push(ActiveEffect::new(find("ball_socket_viscous").unwrap(), &[&[5.0]]));
     let (recording, _) = run(&robot, &nominal, &setup, 10.0, 4, true);
-    let trace = Trace::new(&recording);
-    let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let dataset = Dataset::new(&recording);
+    let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
     assert_eq!(off(&fitted, &robot, &setup, 3.5), [""; 0]);
     assert!(fitted.parameters.iter().all(|p| !p.name.contains("strut") && !p.name.contains("telescope")));
     // What was not there stays as it was, and the file goes on describing the assembled robot.
@@ -295,13 +295,13 @@ fn parameters_of_every_machine_come_back_within_their_standard_errors() {
     for (nominal, setup) in [(model("servo-axis"), Setup::default()), (turntable(), Setup::default())] {
         let robot = perturbed(&nominal, &setup, 9);
         let (recording, _) = run(&robot, &nominal, &setup, 10.0, 10, true);
-        let trace = Trace::new(&recording);
-        let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+        let dataset = Dataset::new(&recording);
+        let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
         assert_eq!(off(&fitted, &robot, &setup, 3.5), [""; 0], "{}", nominal.name);
         let first = &fitted.parameters[0];
         let wanted = [("rigid_bodies.mass", Unit::Kg), ("rigid_bodies.inertia", Unit::KgM2)];
         assert_eq!((first.name.as_str(), first.unit), wanted[usize::from(nominal.name == "turntable")]);
-        assert!(fitted.rms[0] < 1.1 * trace.noise(&nominal)[0], "{:?}", fitted.rms);
+        assert!(fitted.rms[0] < 1.1 * dataset.noise(&nominal)[0], "{:?}", fitted.rms);
     }
 }
 
@@ -310,9 +310,9 @@ fn base_parameters_of_a_three_axis_robot_come_back() {
     let nominal = model("clavel-delta");
     let robot = perturbed(&nominal, &payload(), 11);
     let (recording, _) = run(&robot, &nominal, &payload(), 10.0, 12, true);
-    let trace = Trace::new(&recording);
-    assert_eq!(trace.channels.len(), 3);
-    let fitted = fit(&nominal, std::slice::from_ref(&trace), &[trace.noise(&nominal)]).unwrap();
+    let dataset = Dataset::new(&recording);
+    assert_eq!(dataset.channels.len(), 3);
+    let fitted = fit(&nominal, std::slice::from_ref(&dataset), &[dataset.noise(&nominal)]).unwrap();
     let truth = Plant::new(&robot, &payload()).parameters();
     let value = |name: &str| truth.iter().find(|p| p.name == name).expect("a parameter").value;
     assert!(fitted.base.len() >= 9, "{}", fitted.base.len());
@@ -327,7 +327,7 @@ fn base_parameters_of_a_three_axis_robot_come_back() {
 fn only_effects_on_what_is_there_are_candidates() {
     for (model, setup) in machines() {
         let (recording, _) = run(&model, &model, &setup, 1.0, 13, true);
-        let d = diagnose(&model, &[Trace::new(&recording)], &[], &mut |_| {}).unwrap();
+        let d = diagnose(&model, &[Dataset::new(&recording)], &[], &mut |_| {}).unwrap();
         let plant = Plant::new(&model, &setup);
         for name in d.candidates.iter().map(|c| &c.name).chain(&d.unseen) {
             assert!(plant.has(find(name).unwrap().acts_on()), "{name} on {}", model.name);
@@ -342,7 +342,7 @@ fn nothing_hidden_is_nothing_found_on_a_lone_slide() {
     let nominal = model("servo-axis");
     let robot = perturbed(&nominal, &Setup::default(), 21);
     let (recording, _) = run(&robot, &nominal, &Setup::default(), 4.0, 21, true);
-    let d = diagnose(&nominal, &[Trace::new(&recording)], &[], &mut |_| {}).unwrap();
+    let d = diagnose(&nominal, &[Dataset::new(&recording)], &[], &mut |_| {}).unwrap();
     assert_eq!(d.verdict, Verdict::None, "{:?}", d.effects);
 }
 
@@ -352,10 +352,10 @@ fn found(nominal: &Model, setup: &Setup, active: ActiveEffect, seed: u64) -> (Ve
     let mut robot = nominal.clone();
     robot.effects.push(active);
     let (recording, _) = run(&robot, nominal, setup, 4.0, seed, true);
-    let traces = [Trace::new(&recording)];
-    let d = diagnose(nominal, &traces, &[], &mut |_| {}).unwrap();
+    let datasets = [Dataset::new(&recording)];
+    let d = diagnose(nominal, &datasets, &[], &mut |_| {}).unwrap();
     println!("{}: {:?} {:?}", nominal.name, d.verdict, d.effects);
-    let addition = add(nominal, name, &traces, &[]).unwrap();
+    let addition = add(nominal, name, &datasets, &[]).unwrap();
     for (after, floor) in addition.budget.rms_after().iter().zip(&addition.budget.noise_floor) {
         assert!(*after < 1.2 * floor, "{after} {floor}");
     }
@@ -406,7 +406,7 @@ fn friction_in_the_sockets_is_found_on_a_three_axis_robot() {
 fn effects_on_what_is_dismounted_cannot_be_added() {
     let nominal = model("irb360-6-1600");
     let (recording, _) = run(&nominal, &nominal, &disassembled(), 1.0, 18, true);
-    let refused = add(&nominal, "ball_socket_viscous", &[Trace::new(&recording)], &[]);
+    let refused = add(&nominal, "ball_socket_viscous", &[Dataset::new(&recording)], &[]);
     assert!(matches!(refused, Err(DiagnosisError::Missing { part, .. }) if part == Part::Linkage.describe()));
 }
 
@@ -451,12 +451,12 @@ fn a_recording_has_the_columns_of_its_machine() {
 fn swapped_torques_are_named_and_others_are_not() {
     for (model, setup) in machines().into_iter().filter(|(m, _)| m.mechanism.axes() > 1) {
         let (mut recording, _) = run(&model, &model, &setup, 10.0, 20, true);
-        assert_eq!(deltatwin::identification::swapped(&Trace::new(&recording)), None, "{}", model.name);
+        assert_eq!(deltatwin::identification::swapped(&Dataset::new(&recording)), None, "{}", model.name);
         recording.signals.tau.iter_mut().for_each(|tau| tau.swap(0, 1));
-        let what = deltatwin::identification::swapped(&Trace::new(&recording)).expect("swapped");
+        let what = deltatwin::identification::swapped(&Dataset::new(&recording)).expect("swapped");
         assert!(what.contains("tau1 follows q2") && what.contains("tau2 follows q1"), "{}: {what}", model.name);
         recording.signals.tau.iter_mut().for_each(|tau| tau.swap(1, 2));
-        let what = deltatwin::identification::swapped(&Trace::new(&recording)).expect("turned round");
+        let what = deltatwin::identification::swapped(&Dataset::new(&recording)).expect("turned round");
         assert!(what.contains("tau3 follows q1") && what.contains("tau2 follows q3"), "{}: {what}", model.name);
     }
 }

@@ -5,7 +5,7 @@ mod common;
 use deltatwin::diagnosis::{self, Verdict, diagnose, diagnose_with};
 use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};
 use deltatwin::identification::fit::{Estimate, FitError, Options};
-use deltatwin::identification::{EncoderReadings, PayloadFit, Trace, identify_payload, predict};
+use deltatwin::identification::{Dataset, EncoderReadings, PayloadFit, identify_payload, predict};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Geometry, Payload, STRUTS, Setup};
 use deltatwin::model::Model;
@@ -79,7 +79,7 @@ fn lateral_moments_show_nowhere() {
 }
 
 /// A recording of ten seconds, with or without rotation and strut forces, with white noise.
-fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed: u64) -> Trace {
+fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed: u64) -> Dataset {
     const SAMPLES: usize = 2500;
     const STEP: f64 = 4e-3;
     let believed = Plant::new(model, &Setup::default());
@@ -96,7 +96,7 @@ fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed
     if struts {
         channels.extend((0..STRUTS).map(Channel::StrutLower));
     }
-    let mut trace = Trace {
+    let mut dataset = Dataset {
         name: "made".into(),
         setup: Setup { payload, ..Setup::default() },
         t: (0..SAMPLES).map(|k| k as f64 * STEP).collect(),
@@ -108,11 +108,11 @@ fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed
         readings: EncoderReadings::default(),
         half_width: [10; 4],
     };
-    trace.measured = predict(&Plant::new(model, &trace.setup), &trace).expect("reachable");
-    for (series, sigma) in trace.measured.iter_mut().zip(noise(struts)) {
+    dataset.measured = predict(&Plant::new(model, &dataset.setup), &dataset).expect("reachable");
+    for (series, sigma) in dataset.measured.iter_mut().zip(noise(struts)) {
         series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));
     }
-    trace
+    dataset
 }
 
 fn noise(struts: bool) -> Vec<f64> {
@@ -120,10 +120,10 @@ fn noise(struts: bool) -> Vec<f64> {
     TORQUE_NOISE.into_iter().chain(std::iter::repeat_n(FORCE_NOISE, forces)).collect()
 }
 
-fn identified(model: &Model, trace: Trace, stated: Payload) -> PayloadFit {
-    let struts = trace.channels.len() > 4;
-    let trace = Trace { setup: Setup { payload: stated, ..trace.setup }, ..trace };
-    identify_payload(model, &[trace], &[noise(struts)], &Options::default()).expect("a fit")
+fn identified(model: &Model, dataset: Dataset, stated: Payload) -> PayloadFit {
+    let struts = dataset.channels.len() > 4;
+    let dataset = Dataset { setup: Setup { payload: stated, ..dataset.setup }, ..dataset };
+    identify_payload(model, &[dataset], &[noise(struts)], &Options::default()).expect("a fit")
 }
 
 /// The ten parameters of a payload about the flange.
@@ -144,9 +144,9 @@ fn every_estimate_lies_within_four_standard_errors() {
     ];
     for (number, truth) in truths.iter().enumerate() {
         for (rotation, struts) in [(true, true), (false, true), (true, false), (false, false)] {
-            let trace = recording(&model, *truth, rotation, struts, 3 + number as u64);
+            let dataset = recording(&model, *truth, rotation, struts, 3 + number as u64);
             for stated in [Payload::default(), Payload::new(2.0, [0.0, 0.0, -0.1], 0.01)] {
-                let found = identified(&model, trace.clone(), stated);
+                let found = identified(&model, dataset.clone(), stated);
                 let what = format!("payload {number}, rotation {rotation}, struts {struts}, stated {} kg", stated.mass);
                 for (p, truth) in found.parameters.iter().zip(ten(truth)) {
                     let known = p.identified();
@@ -192,11 +192,11 @@ fn an_impossible_estimate_is_moved_and_says_by_how_much() {
     let model = common::model("irb360-6-1600");
     // Axis 4 with less inertia than the model believes: about the flange's axis the payload would have less than m·c_x².
     let truth = Payload::new(2.5, [0.08, 0.0, 0.0], 0.001);
-    let mut trace = recording(&model, truth, true, true, 5);
-    for (tau, joints) in trace.measured[3].iter_mut().zip(&trace.joints) {
+    let mut dataset = recording(&model, truth, true, true, 5);
+    for (tau, joints) in dataset.measured[3].iter_mut().zip(&dataset.joints) {
         *tau -= 0.008 * joints.qdd[3];
     }
-    let found = identified(&model, trace, Payload::default());
+    let found = identified(&model, dataset, Payload::default());
     let moved = &found.fit.moved;
     assert!(moved.iter().any(|m| m.name == "payload.inertia_zz" && m.value > m.free + 3.0 * m.std), "{moved:?}");
     let correction = found.fit.correction.expect("a correction");
@@ -213,13 +213,13 @@ fn a_payload_that_hangs_lower_than_stated_is_named() {
     let model = common::model("irb360-6-1600");
     let (truth, stated) = (Payload::new(2.5, [0.0, 0.0, -0.25], 0.02), Payload::new(2.5, [0.0, 0.0, -0.15], 0.02));
     let told = |struts: bool, seed: u64| {
-        let trace = recording(&model, truth, true, struts, seed);
-        Trace { setup: Setup { payload: stated, ..trace.setup }, ..trace }
+        let dataset = recording(&model, truth, true, struts, seed);
+        Dataset { setup: Setup { payload: stated, ..dataset.setup }, ..dataset }
     };
-    let held = [told(true, 4)];
+    let held_out = [told(true, 4)];
     // The links' own parameters are free, too: among them the height of the platform's centre of mass, which is as good an
     // explanation until no platform can have it.
-    let found = diagnose(&model, &[told(true, 3)], &held, &mut |_| {}).unwrap();
+    let found = diagnose(&model, &[told(true, 3)], &held_out, &mut |_| {}).unwrap();
     assert_eq!(found.verdict, Verdict::Effect);
     let [named] = &found.effects[..] else { panic!("{:?}", found.effects) };
     assert!(named.name == NAME && named.confidence.probability() > 0.9, "{named:?}");
@@ -233,7 +233,7 @@ fn a_payload_that_hangs_lower_than_stated_is_named() {
     // Of a robot that is known the height comes with its value.
     let fixed = ["rigid_bodies".to_string()];
     let options = diagnosis::Options { fixed: &fixed, ..diagnosis::Options::default() };
-    let known = diagnose_with(&model, &[told(true, 3)], &held, &options, &mut |_| {}).unwrap();
+    let known = diagnose_with(&model, &[told(true, 3)], &held_out, &options, &mut |_| {}).unwrap();
     let found = known.effects.iter().find(|e| e.name == NAME).expect("named");
     let height = height(&found.parameters);
     assert!(height.identified() && (height.value + 0.25).abs() < 4.0 * height.std.max(1e-4), "{height:?}");
@@ -248,16 +248,17 @@ fn a_payload_that_hangs_lower_than_stated_is_named() {
 #[test]
 fn a_machine_without_a_flange_carries_no_payload() {
     let model = common::model("irb360-6-1600");
-    let trace = recording(&model, Payload::default(), true, false, 3);
+    let dataset = recording(&model, Payload::default(), true, false, 3);
     let apart = common::model("irb360-6-1600-disassembled");
-    let error = identify_payload(&apart, std::slice::from_ref(&trace), &[noise(false)], &Options::default())
+    let error = identify_payload(&apart, std::slice::from_ref(&dataset), &[noise(false)], &Options::default())
         .map(drop)
         .unwrap_err();
     assert!(matches!(&error, FitError::NoFlange { recording } if recording == "made"), "{error}");
     let effects: Vec<String> = model.effects.iter().map(|a| a.effect.name().into()).collect();
-    let held = [effects, vec!["rigid_bodies".into()]].concat();
-    let options = Options { held: &held, ..Options::default() };
-    let error = deltatwin::identification::fit_with(&model, &[trace], &[noise(false)], &options).map(drop).unwrap_err();
+    let fixed = [effects, vec!["rigid_bodies".into()]].concat();
+    let options = Options { fixed: &fixed, ..Options::default() };
+    let error =
+        deltatwin::identification::fit_with(&model, &[dataset], &[noise(false)], &options).map(drop).unwrap_err();
     assert!(matches!(error, FitError::NothingToEstimate), "{error}");
 }
 
@@ -267,7 +268,7 @@ fn a_recording_that_is_too_short_is_told_in_seconds() {
     let model = common::model("irb360-6-1600");
     let whole = recording(&model, Payload::default(), true, false, 3);
     let n = 300;
-    let short = Trace {
+    let short = Dataset {
         t: whole.t[..n].to_vec(),
         joints: whole.joints[..n].to_vec(),
         measured: whole.measured.iter().map(|m| m[..n].to_vec()).collect(),

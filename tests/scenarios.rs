@@ -5,7 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use deltatwin::dynamics::Plant;
-use deltatwin::identification::{Trace, swapped};
+use deltatwin::identification::{Dataset, swapped};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
 use deltatwin::machine::{Inertia, Payload, Setup};
@@ -94,7 +94,7 @@ fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
 fn no_shipped_scenario_looks_as_if_axes_were_swapped() {
     for file in files() {
         let (recording, _) = play(&file, |o| o.duration = o.duration.min(1.0));
-        assert_eq!(swapped(&Trace::new(&recording)), None, "{}", file.display());
+        assert_eq!(swapped(&Dataset::new(&recording)), None, "{}", file.display());
     }
 }
 

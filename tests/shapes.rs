@@ -22,7 +22,7 @@ use deltatwin::diagnosis::{Diagnosis, Options, diagnose, diagnose_with};
 use deltatwin::dynamics::Channel;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::ActiveEffect;
-use deltatwin::identification::{EncoderReadings, Trace, predict};
+use deltatwin::identification::{Dataset, EncoderReadings, predict};
 use deltatwin::kinematics::Motion;
 use deltatwin::machine::Setup;
 use deltatwin::recording::{Recording, Signals};
@@ -86,7 +86,7 @@ const LAWS: [(&str, Law); 8] = [
 ];
 
 /// What a robot a few percent off the nominal one measures, with a foreign law.
-fn measured(law: Law, seed: u64) -> Trace {
+fn measured(law: Law, seed: u64) -> Dataset {
     let setup = Setup { torque_noise: Some(NOISE), ..Setup::default() };
     let mut robot = model("irb360-6-1600");
     deltatwin_validation::exam::perturb(&mut robot, &mut ChaCha8Rng::seed_from_u64(9));
@@ -94,7 +94,7 @@ fn measured(law: Law, seed: u64) -> Trace {
     let motion = course.on(&robot, &setup).unwrap();
     let n = (LENGTH / PERIOD) as usize;
     let joints: Vec<_> = (0..n).map(|k| motion.at(k as f64 * PERIOD).joints(&robot.geometry).unwrap()).collect();
-    let exact = Trace {
+    let exact = Dataset {
         name: "measured".into(),
         setup,
         t: (0..n).map(|k| k as f64 * PERIOD).collect(),
@@ -140,7 +140,7 @@ fn measured(law: Law, seed: u64) -> Trace {
         tau,
         ..Signals::default()
     };
-    Trace::new(&Recording { name: "measured".into(), signals, setup })
+    Dataset::new(&Recording { name: "measured".into(), signals, setup })
 }
 
 /// Whether an effect is named, or one of a set of at most three.

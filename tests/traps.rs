@@ -12,7 +12,7 @@ use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::excitation::Options;
 use deltatwin::excitation::discriminate::discriminate;
 use deltatwin::excitation::experiments::Experiment;
-use deltatwin::identification::{Trace, fit, predict};
+use deltatwin::identification::{Dataset, fit, predict};
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
@@ -40,13 +40,13 @@ fn robot(name: &str, blocks: &[&[f64]]) -> Model {
 }
 
 /// What `robot` measures along `course`.
-fn measured(robot: &Model, course: &Course, payload: Payload, duration: f64, seed: u64) -> Trace {
+fn measured(robot: &Model, course: &Course, payload: Payload, duration: f64, seed: u64) -> Dataset {
     let setup = Setup { payload, torque_noise: Some(NOISE), ..Setup::default() };
     let motion = course.on(robot, &setup).expect("a possible motion");
     let n = (duration / PERIOD) as usize;
     let joints: Vec<_> =
         (0..n).map(|k| motion.at(k as f64 * PERIOD).joints(&robot.geometry).expect("in reach")).collect();
-    let exact = Trace {
+    let exact = Dataset {
         name: "measured".into(),
         setup,
         t: (0..n).map(|k| k as f64 * PERIOD).collect(),
@@ -68,7 +68,7 @@ fn measured(robot: &Model, course: &Course, payload: Payload, duration: f64, see
         tau: (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect(),
         ..Signals::default()
     };
-    Trace::new(&Recording { name: "measured".into(), signals, setup })
+    Dataset::new(&Recording { name: "measured".into(), signals, setup })
 }
 
 /// A random periodic motion that uses `share` of the drives' limits.
@@ -76,8 +76,8 @@ fn excitation(seed: u64, share: f64) -> Course {
     Course::RandomFourier { seed, frequency: 0.2, harmonics: 8, share }
 }
 
-fn diagnosed(traces: &[Trace]) -> Diagnosis {
-    let d = diagnose(&nominal(), traces, &[], &mut |_| {}).expect("a diagnosis");
+fn diagnosed(datasets: &[Dataset]) -> Diagnosis {
+    let d = diagnose(&nominal(), datasets, &[], &mut |_| {}).expect("a diagnosis");
     println!("{:?} {:?} sets {:?}", d.verdict, names(&d), d.indistinguishable);
     println!("unseen {:?}", d.unseen);
     println!("next {:?}", d.next_experiment.as_ref().map(|e| &e.what));
@@ -161,7 +161,7 @@ fn coulomb_friction_of_the_sockets_looks_viscous_until_the_speed_changes() {
     let slow = FourierMotion { frequency: 0.1 * fast.frequency, ..fast.clone() };
     let [slow, fast] = [(slow, 6.0), (fast, 4.0)]
         .map(|(series, duration)| measured(&robot, &Course::Fourier(series), Payload::default(), duration, 6));
-    let alone = |t: &Trace| {
+    let alone = |t: &Dataset| {
         let f = fit(&nominal(), std::slice::from_ref(t), &[t.noise(&nominal())]).unwrap();
         viscosity(&f.model)
     };
@@ -235,8 +235,8 @@ fn the_planned_motion_tells_a_bias_from_a_tilt() {
 
 #[test]
 fn torques_that_come_four_samples_late_are_no_backlash() {
-    let trace = measured(&robot("signal_delay", &[&[0.004]]), &excitation(5, 0.6), Payload::default(), 10.0, 6);
-    let d = diagnosed(&[trace]);
+    let dataset = measured(&robot("signal_delay", &[&[0.004]]), &excitation(5, 0.6), Payload::default(), 10.0, 6);
+    let d = diagnosed(&[dataset]);
     assert_eq!(names(&d), ["signal_delay"]);
     let delay = d.effects[0].parameters.iter().find(|p| p.name == "delay").expect("a parameter");
     assert!((delay.value - 0.004).abs() < 4.0 * delay.std + 2e-5, "{delay:?}");

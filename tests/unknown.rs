@@ -9,7 +9,7 @@ use common::model;
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
 use deltatwin::effects::{ActiveEffect, Effect, find};
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin_io::model;
 use deltatwin_io::model::updated_text;
 use deltatwin_validation::exam::{Case, campaign_with};
@@ -59,10 +59,10 @@ fn formula(terms: &[(&str, &str)]) -> Arc<dyn Effect> {
 }
 
 /// Measurement and validation of a robot with a formula hidden.
-fn measure(seed: u64, hidden: Arc<dyn Effect>) -> [Trace; 2] {
+fn measure(seed: u64, hidden: Arc<dyn Effect>) -> [Dataset; 2] {
     let case = Case { seed, ..Case::default() };
     let campaign = campaign_with(&model("irb360-6-1600"), &case, &[hidden], &|_, _| ()).unwrap();
-    [&campaign.measurement, &campaign.validation].map(Trace::new)
+    [&campaign.measurement, &campaign.validation].map(Dataset::new)
 }
 
 fn line(name: &str, d: &Diagnosis) {
@@ -115,7 +115,7 @@ fn an_unknown_law_beside_a_strong_effect_is_told() {
     let case = Case { seed: 33, ..Case::default() };
     let hidden = formula(&[("drive1", "sin(47*q1+0.7)")]);
     let campaign = campaign_with(&robot, &case, &[hidden], &|_, _| ()).unwrap();
-    let [measurement, validation] = [&campaign.measurement, &campaign.validation].map(Trace::new);
+    let [measurement, validation] = [&campaign.measurement, &campaign.validation].map(Dataset::new);
     let d = diagnose(&nominal, &[measurement], &[validation], &mut |_| ()).unwrap();
     line("cogging beside socket friction", &d);
     assert_eq!(d.effects[0].name, "ball_socket_coulomb");

@@ -5,7 +5,7 @@ use super::Finding;
 use super::place::{Partition, reversal};
 use super::spectrum::spectrum;
 use crate::dynamics::Channel;
-use crate::identification::Trace;
+use crate::identification::Dataset;
 
 /// Share of the mean square from which a place is worth a sentence.
 const MIN_SHARE: f64 = 0.05;
@@ -25,7 +25,7 @@ struct Quantity {
     name: &'static str,
     symbol: &'static str,
     unit: &'static str,
-    of: fn(&Trace, usize, usize) -> f64,
+    of: fn(&Dataset, usize, usize) -> f64,
 }
 
 const JOINT: [Quantity; 3] = [
@@ -43,13 +43,13 @@ struct Cause {
 /// Findings about one channel, `platform` in the order of the samples or empty.
 pub fn of_channel(
     channel: Channel,
-    traces: &[Trace],
+    datasets: &[Dataset],
     platform: &[[f64; 3]],
     residual: Vec<f64>,
     noise: f64,
 ) -> Vec<Finding> {
     let whole = square(&residual);
-    let mut search = Search { channel, traces, platform, rest: residual, whole };
+    let mut search = Search { channel, datasets, platform, rest: residual, whole };
     let mut found = Vec::new();
     found.extend(search.mean(noise));
     while let Some(cause) = search.strongest() {
@@ -71,7 +71,7 @@ fn square(x: &[f64]) -> f64 {
 
 struct Search<'a> {
     channel: Channel,
-    traces: &'a [Trace],
+    datasets: &'a [Dataset],
     platform: &'a [[f64; 3]],
     /// What the findings so far leave.
     rest: Vec<f64>,
@@ -90,8 +90,8 @@ impl Search<'_> {
         share * square(&self.rest) / self.whole.max(f64::MIN_POSITIVE)
     }
 
-    fn values(&self, of: &dyn Fn(&Trace, usize) -> f64) -> Vec<f64> {
-        self.traces.iter().flat_map(|t| (0..t.len()).map(move |k| of(t, k))).collect()
+    fn values(&self, of: &dyn Fn(&Dataset, usize) -> f64) -> Vec<f64> {
+        self.datasets.iter().flat_map(|t| (0..t.len()).map(move |k| of(t, k))).collect()
     }
 
     /// A constant, taken away.
@@ -141,7 +141,7 @@ impl Search<'_> {
 
     /// A drift over the recordings: a parabola in time.
     fn drift(&self) -> Cause {
-        let t = self.values(&|trace, k| trace.t[k] - trace.t[0]);
+        let t = self.values(&|dataset, k| dataset.t[k] - dataset.t[0]);
         let end = t.iter().copied().fold(0.0, f64::max).max(f64::MIN_POSITIVE);
         let legendre = |x: f64| [x, 0.5 * (3.0 * x * x - 1.0)];
         let features: Vec<[f64; TREND]> = t.iter().map(|t| legendre(2.0 * t / end - 1.0)).collect();
@@ -218,17 +218,17 @@ impl Search<'_> {
             .then(|| self.finding("frequency", share, format!("is no noise and lies below {frequency:.1} Hz")))
     }
 
-    /// Spectrum of what is left of the longest trace.
+    /// Spectrum of what is left of the longest dataset.
     fn spectrum(&self) -> Option<super::spectrum::Spectrum> {
         let mut start = 0;
-        let mut longest: Option<(&Trace, usize)> = None;
-        for trace in self.traces {
-            if longest.is_none_or(|(other, _)| trace.len() > other.len()) {
-                longest = Some((trace, start));
+        let mut longest: Option<(&Dataset, usize)> = None;
+        for dataset in self.datasets {
+            if longest.is_none_or(|(other, _)| dataset.len() > other.len()) {
+                longest = Some((dataset, start));
             }
-            start += trace.len();
+            start += dataset.len();
         }
-        let (trace, start) = longest?;
-        spectrum(self.rest.get(start..start + trace.len())?, &trace.segments, trace.dt)
+        let (dataset, start) = longest?;
+        spectrum(self.rest.get(start..start + dataset.len())?, &dataset.segments, dataset.dt)
     }
 }

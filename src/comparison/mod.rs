@@ -5,9 +5,9 @@ mod place;
 mod spectrum;
 
 use crate::dynamics::{Channel, Plant};
-use crate::identification::Trace;
+use crate::identification::Dataset;
+use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{FitError, channel_rms, kinematics, residuals};
-use crate::identification::trace::noise_floor;
 use crate::model::Model;
 
 /// Residuals of a model as it stands, without refitting.
@@ -60,33 +60,33 @@ const MORE_THAN_NOISE: f64 = 1.02;
 ///
 /// # Errors
 /// Poses that the model's geometry cannot take.
-pub fn compare(model: &Model, traces: &[Trace], held_out: &[Trace]) -> Result<Comparison, FitError> {
-    let all = residuals(model, traces)?;
+pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Result<Comparison, FitError> {
+    let all = residuals(model, datasets)?;
     let rms = channel_rms(&all);
-    let noise_floor = noise_floor(model, traces);
+    let noise_floor = noise_floor(model, datasets);
     let held_out_rms = if held_out.is_empty() { None } else { Some(channel_rms(&residuals(model, held_out)?)) };
-    let channels = traces[0].channels.clone();
+    let channels = datasets[0].channels.clone();
     let loud = |c: &usize| rms[*c] > MORE_THAN_NOISE * noise_floor[*c];
-    let platform = if (0..channels.len()).any(|c| loud(&c)) { platform(model, traces)? } else { Vec::new() };
+    let platform = if (0..channels.len()).any(|c| loud(&c)) { platform(model, datasets)? } else { Vec::new() };
     let mut found: Vec<Finding> = Vec::new();
     for c in (0..channels.len()).filter(loud) {
         let residual: Vec<f64> = all.iter().flat_map(|r| &r[c]).copied().collect();
-        found.extend(findings::of_channel(channels[c], traces, &platform, residual, noise_floor[c]));
+        found.extend(findings::of_channel(channels[c], datasets, &platform, residual, noise_floor[c]));
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     Ok(Comparison { channels, rms, noise_floor, held_out_rms, findings: found })
 }
 
-/// Centre of the platform at every sample of all traces, m; nothing where there is no platform.
-fn platform(model: &Model, traces: &[Trace]) -> Result<Vec<[f64; 3]>, FitError> {
+/// Centre of the platform at every sample of all datasets, m; nothing where there is no platform.
+fn platform(model: &Model, datasets: &[Dataset]) -> Result<Vec<[f64; 3]>, FitError> {
     let mut points = Vec::new();
-    for trace in traces {
-        let plant = Plant::new(model, &trace.setup);
+    for dataset in datasets {
+        let plant = Plant::new(model, &dataset.setup);
         if !plant.assembled {
             return Ok(Vec::new());
         }
-        for j in &trace.joints {
-            points.push(plant.geometry.forward(&j.q).map_err(kinematics(trace))?.into());
+        for j in &dataset.joints {
+            points.push(plant.geometry.forward(&j.q).map_err(kinematics(dataset))?.into());
         }
     }
     Ok(points)

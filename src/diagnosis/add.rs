@@ -8,7 +8,7 @@ use super::{DiagnosisError, check, problem};
 use crate::dynamics::in_configuration;
 use crate::effects;
 use crate::evidence::{self, Chosen};
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::identification::fit::{Estimate, Fit};
 use crate::model::Model;
 
@@ -28,12 +28,17 @@ pub struct Addition {
 }
 
 /// Adds an effect to a model and refits all parameters.
-pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) -> Result<Addition, DiagnosisError> {
-    check(traces, held_out)?;
+pub fn add(
+    model: &Model,
+    effect: &str,
+    datasets: &[Dataset],
+    held_out: &[Dataset],
+) -> Result<Addition, DiagnosisError> {
+    check(datasets, held_out)?;
     if model.effects.iter().any(|a| a.effect.name() == effect) || effect == effects::rigid_bodies::NAME {
         return Err(DiagnosisError::Present(effect.into()));
     }
-    let mounted = in_configuration(model, &traces[0].setup);
+    let mounted = in_configuration(model, &datasets[0].setup);
     if let Some(known) = effects::find(effect).filter(|e| !mounted.mechanism.has(e.acts_on(), mounted.assembled)) {
         return Err(DiagnosisError::Missing { effect: effect.into(), part: known.acts_on().describe() });
     }
@@ -46,7 +51,7 @@ pub fn add(model: &Model, effect: &str, traces: &[Trace], held_out: &[Trace]) ->
     let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?];
     let options = Options::default();
-    let fitting = Fitting::new(model, traces, &options);
+    let fitting = Fitting::new(model, datasets, &options);
     let judge = Judge::new(&fitting, model, held_out);
     let before = judge.fit(model)?;
     let problem = fitting.problem(&before.fit, &candidates)?;

@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use super::problem;
 use crate::evidence;
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::identification::fit::FitError;
 
 /// Why a diagnosis cannot be made.
@@ -78,10 +78,10 @@ pub enum DiagnosisError {
 
 impl DiagnosisError {
     /// An error of the statistics on means of samples, in the seconds of the recordings.
-    pub(super) fn of_statistics(error: evidence::Error, traces: &[Trace]) -> Self {
+    pub(super) fn of_statistics(error: evidence::Error, datasets: &[Dataset]) -> Self {
         let evidence::Error::TooShort { rows, skip, needed: means } = error else { return error.into() };
-        let mean = problem::BLOCK as f64 * traces.iter().map(|t| t.dt).fold(0.0, f64::max);
-        let (stretches, all) = problem::segments(traces);
+        let mean = problem::BLOCK as f64 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
+        let (stretches, all) = problem::segments(datasets);
         Self::TooShort {
             recorded: all as f64 * mean,
             stretches: stretches.len(),

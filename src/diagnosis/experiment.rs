@@ -15,7 +15,7 @@ use crate::evidence::whiten::ArFilter;
 use crate::evidence::{Assessment, Finding, Visibility};
 use crate::excitation::experiments::{Bench, Experiment};
 use crate::excitation::prospect::{Comparison, Information, Noise, Prospect, SURE, in_words, prospect, ranked, which};
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::model::Model;
 
 /// A proposed experiment.
@@ -46,9 +46,9 @@ pub struct Open<'a> {
     /// The machine as far as it is known, without the effects in question.
     pub model: &'a Model,
     /// Effects whose parameters are known.
-    pub held: &'a [String],
+    pub fixed: &'a [String],
     /// The data.
-    pub traces: &'a [Trace],
+    pub datasets: &'a [Dataset],
     /// The noise left by the best model, as whitening filter of each channel.
     pub filters: &'a [ArFilter],
     /// Samples averaged into one before the filters apply.
@@ -118,31 +118,31 @@ impl Open<'_> {
 
     /// Every experiment of the catalogue with what its data will hold about `effects`.
     fn plans(&self, effects: &[ActiveEffect]) -> Vec<Plan> {
-        let Some(first) = self.traces.first() else { return Vec::new() };
+        let Some(first) = self.datasets.first() else { return Vec::new() };
         let channels = first.channels.clone();
         let filters = channels.iter().copied().zip(self.filters.iter().cloned()).collect();
         let noise = Noise { filters, dt: self.stride as f64 * first.dt };
         let mut present = Information::default();
-        for trace in self.traces {
-            let (part, weight) = self.coarse(trace);
-            if let Ok(information) = Information::along(self.model, self.held, effects, &part, &noise) {
+        for dataset in self.datasets {
+            let (part, weight) = self.coarse(dataset);
+            if let Ok(information) = Information::along(self.model, self.fixed, effects, &part, &noise) {
                 present.add(&information, weight);
             }
         }
-        let (model, setup, traces) = (self.model, first.setup, self.traces);
-        let bench = Bench { model, setup, channels, noise: &noise, traces, seed: SEED };
+        let (model, setup, datasets) = (self.model, first.setup, self.datasets);
+        let bench = Bench { model, setup, channels, noise: &noise, datasets, seed: SEED };
         let plan = |experiment: Experiment| {
-            let own = Information::along(model, self.held, effects, &experiment.trace, &noise).ok()?;
+            let own = Information::along(model, self.fixed, effects, &experiment.dataset, &noise).ok()?;
             Some(Plan { experiment, own, present: present.clone(), blocks: self.blocks })
         };
         bench.catalogue().into_par_iter().filter_map(plan).collect()
     }
 
-    /// Evenly spread windows of a trace, averaged, and the share of the whole that they stand for, inverted.
-    fn coarse(&self, trace: &Trace) -> (Trace, f64) {
-        let averaged = trace.averaged(self.stride);
+    /// Evenly spread windows of a dataset, averaged, and the share of the whole that they stand for, inverted.
+    fn coarse(&self, dataset: &Dataset) -> (Dataset, f64) {
+        let averaged = dataset.averaged(self.stride);
         let windows: Vec<Range<usize>> = averaged.blocks(WINDOW.min(averaged.len())).collect();
-        let every = (windows.len() * WINDOW).div_ceil(SAMPLES / self.traces.len().max(1)).max(1);
+        let every = (windows.len() * WINDOW).div_ceil(SAMPLES / self.datasets.len().max(1)).max(1);
         let mut part = averaged.empty();
         for window in windows.into_iter().step_by(every) {
             let start = part.len();
@@ -167,8 +167,8 @@ pub(super) fn next(
     let end = &conclusion.end.fit.model;
     let open = |model| Open {
         model,
-        held: fitting.fixed,
-        traces: fitting.traces,
+        fixed: fitting.fixed,
+        datasets: fitting.datasets,
         filters: &ranking.filters,
         stride: problem::BLOCK,
         blocks: ranking.blocks,
@@ -185,7 +185,7 @@ pub(super) fn next(
         None => {
             let unseen = ranking.candidates.iter().filter(|a| a.visibility != Visibility::Visible);
             let effects: Vec<ActiveEffect> =
-                unseen.map(|a| candidates[a.candidate][a.variant].at_usual_size()).collect();
+                unseen.map(|a| candidates[a.candidate][a.variant].at_nominal_size()).collect();
             if effects.is_empty() { None } else { open(end).see(&effects) }
         }
     }

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::problem;
 use crate::effects::ActiveEffect;
 use crate::evidence::Problem;
-use crate::identification::Trace;
+use crate::identification::Dataset;
+use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{Fit, FitError, Options as FitOptions, fit_with};
-use crate::identification::trace::noise_floor;
 use crate::model::Model;
 
 /// Returns the share of the time for a diagnosis that has passed; 1 and more once it is up.
@@ -45,7 +45,7 @@ const FIRST_SEARCH: f64 = 2.0;
 
 /// How a model is fitted to the recordings.
 pub(super) struct Fitting<'a> {
-    pub traces: &'a [Trace],
+    pub datasets: &'a [Dataset],
     /// Standard deviation of the noise of each channel.
     pub noise: Vec<f64>,
     /// Effects that keep their parameters.
@@ -55,17 +55,17 @@ pub(super) struct Fitting<'a> {
 }
 
 impl<'a> Fitting<'a> {
-    pub fn new(model: &Model, traces: &'a [Trace], options: &Options<'a>) -> Self {
-        let noise = noise_floor(model, traces);
-        Self { traces, noise, fixed: options.fixed, clock: options.clock, has_tried: AtomicBool::new(false) }
+    pub fn new(model: &Model, datasets: &'a [Dataset], options: &Options<'a>) -> Self {
+        let noise = noise_floor(model, datasets);
+        Self { datasets, noise, fixed: options.fixed, clock: options.clock, has_tried: AtomicBool::new(false) }
     }
 
     /// Refits the parameters of `model` that are not fixed.
     pub fn fit(&self, model: &Model) -> Result<Fit, FitError> {
-        let weights = vec![self.noise.clone(); self.traces.len()];
+        let weights = vec![self.noise.clone(); self.datasets.len()];
         let stop = || self.is_late();
-        let options = FitOptions { held: self.fixed, stop: Some(&stop), ..FitOptions::default() };
-        fit_with(model, self.traces, &weights, &options)
+        let options = FitOptions { fixed: self.fixed, stop: Some(&stop), ..FitOptions::default() };
+        fit_with(model, self.datasets, &weights, &options)
     }
 
     /// Whether it is too late to look for another effect.
@@ -89,7 +89,7 @@ impl<'a> Fitting<'a> {
 
     /// The linearised problem of a fit, without the parameters that are fixed or held by physical consistency.
     pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
-        let mut problem = problem::problem(fit, self.traces, &self.noise, candidates)?;
+        let mut problem = problem::problem(fit, self.datasets, &self.noise, candidates)?;
         problem.base.retain(|c| !self.is_fixed(&c.name));
         problem::along_edges(&mut problem.base, fit);
         Ok(problem)

@@ -5,10 +5,10 @@ use super::fitting::Fitting;
 use super::problem;
 use crate::evidence::Problem;
 use crate::evidence::drift::Noise;
-use crate::identification::Trace;
+use crate::identification::Dataset;
+use crate::identification::dataset::noise_floor as floor;
 use crate::identification::fit::{Fit, FitError, channel_rms, residuals};
 use crate::identification::prediction::Channels;
-use crate::identification::trace::noise_floor as floor;
 use crate::model::Model;
 
 /// Smallest share of the raw noise an effect must explain on some channel to be worth naming. In the data it is judged by
@@ -38,21 +38,21 @@ pub(super) struct Judged {
 pub(super) struct Judge<'a> {
     pub fitting: &'a Fitting<'a>,
     /// Recordings that no fit sees; may be none.
-    pub held_out: &'a [Trace],
+    pub held_out: &'a [Dataset],
     /// Their noise floor.
     pub floor: Vec<f64>,
 }
 
 impl<'a> Judge<'a> {
-    pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Trace]) -> Self {
+    pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Dataset]) -> Self {
         let mut judge = Self { fitting, held_out, floor: Vec::new() };
         judge.floor = floor(model, judge.data());
         judge
     }
 
     /// The recordings to judge by: those held out; without any, those fitted to.
-    pub fn data(&self) -> &'a [Trace] {
-        if self.held_out.is_empty() { self.fitting.traces } else { self.held_out }
+    pub fn data(&self) -> &'a [Dataset] {
+        if self.held_out.is_empty() { self.fitting.datasets } else { self.held_out }
     }
 
     /// Whether residuals on the data to judge by lie clearly above the noise of some channel.
@@ -63,7 +63,7 @@ impl<'a> Judge<'a> {
     /// An error budget on the data judged by.
     pub fn budget(&self, rms_before: Vec<f64>, effects: Vec<(String, Vec<f64>)>) -> Budget {
         Budget {
-            channels: self.fitting.traces[0].channels.clone(),
+            channels: self.fitting.datasets[0].channels.clone(),
             rms_before,
             noise_floor: self.floor.clone(),
             effects,
@@ -79,11 +79,11 @@ impl<'a> Judge<'a> {
     /// Whether more than noise is left away from reversals, both of what was fitted and of what was held out: a bias that
     /// drifts differs from one recording to the next, and parameters follow it.
     pub fn leaves_more(&self, judged: &Fit) -> Result<bool, FitError> {
-        let above = |traces: &[Trace], residuals: &[Channels], floor: &[f64]| {
-            let rms = rms_away_from_reversals(traces, residuals);
+        let above = |datasets: &[Dataset], residuals: &[Channels], floor: &[f64]| {
+            let rms = rms_away_from_reversals(datasets, residuals);
             rms.iter().zip(floor).any(|(r, f)| *r > UNEXPLAINED * f)
         };
-        Ok(above(self.fitting.traces, &judged.residuals, &self.fitting.noise)
+        Ok(above(self.fitting.datasets, &judged.residuals, &self.fitting.noise)
             && above(self.data(), &residuals(&judged.model, self.data())?, &self.floor))
     }
 
@@ -110,11 +110,11 @@ impl Fitting<'_> {
 
     /// Fall of the energy from one fit to the other, in units of the noise, as far as noise that drifts does not explain it.
     fn gain(&self, without: &Fit, with: &Fit) -> Result<f64, FitError> {
-        let traces = self.traces;
-        let (segments, samples) = problem::segments(traces);
-        let series = |fit: &Fit| problem::residual_series(traces, &fit.residuals);
+        let datasets = self.datasets;
+        let (segments, samples) = problem::segments(datasets);
+        let series = |fit: &Fit| problem::residual_series(datasets, &fit.residuals);
         let (before, mut left) = (series(without), series(with));
-        let mut noise = Noise::of(&left, samples, &segments, drives(traces));
+        let mut noise = Noise::of(&left, samples, &segments, drives(datasets));
         if !noise.wanders() {
             return Ok(noise.energy(&before) - noise.energy(&left));
         }
@@ -125,48 +125,48 @@ impl Fitting<'_> {
         };
         // Ordinary least squares hide a part of the walk in the parameters.
         left = refitted(&least, &noise);
-        noise = Noise::of(&left, samples, &segments, drives(traces));
+        noise = Noise::of(&left, samples, &segments, drives(datasets));
         Ok(noise.energy(&refitted(&problem, &noise)) - noise.energy(&refitted(&least, &noise)))
     }
 }
 
 /// RMS residuals away from the drives' reversals, channel by channel: within their half width the derivatives blur what
 /// friction does there. All counts where nothing else is left.
-fn rms_away_from_reversals(traces: &[Trace], residuals: &[Channels]) -> Vec<f64> {
-    let kept: Vec<Vec<usize>> = traces.iter().map(away_from_reversals).collect();
+fn rms_away_from_reversals(datasets: &[Dataset], residuals: &[Channels]) -> Vec<f64> {
+    let kept: Vec<Vec<usize>> = datasets.iter().map(away_from_reversals).collect();
     if kept.iter().all(Vec::is_empty) {
         return channel_rms(residuals);
     }
-    let of = |(trace, kept): (&Channels, &Vec<usize>)| -> Channels {
-        trace.iter().map(|series| kept.iter().map(|&k| series[k]).collect()).collect()
+    let of = |(dataset, kept): (&Channels, &Vec<usize>)| -> Channels {
+        dataset.iter().map(|series| kept.iter().map(|&k| series[k]).collect()).collect()
     };
     channel_rms(&residuals.iter().zip(&kept).map(of).collect::<Vec<_>>())
 }
 
-/// Samples of a trace that lie farther from every reversal than the derivatives reach.
-fn away_from_reversals(trace: &Trace) -> Vec<usize> {
-    let mut is_away = vec![true; trace.len()];
-    for axis in 0..drives(std::slice::from_ref(trace)) {
-        let reach = trace.half_width[axis];
-        let reversals = trace.joints.windows(2).enumerate().filter(|(_, w)| w[0].qd[axis] * w[1].qd[axis] < 0.0);
+/// Samples of a dataset that lie farther from every reversal than the derivatives reach.
+fn away_from_reversals(dataset: &Dataset) -> Vec<usize> {
+    let mut is_away = vec![true; dataset.len()];
+    for axis in 0..drives(std::slice::from_ref(dataset)) {
+        let reach = dataset.half_width[axis];
+        let reversals = dataset.joints.windows(2).enumerate().filter(|(_, w)| w[0].qd[axis] * w[1].qd[axis] < 0.0);
         for (k, _) in reversals {
-            is_away[k.saturating_sub(reach)..(k + reach + 2).min(trace.len())].fill(false);
+            is_away[k.saturating_sub(reach)..(k + reach + 2).min(dataset.len())].fill(false);
         }
     }
-    (0..trace.len()).filter(|&k| is_away[k]).collect()
+    (0..dataset.len()).filter(|&k| is_away[k]).collect()
 }
 
 /// Number of the drives' channels, which come first.
-fn drives(traces: &[Trace]) -> usize {
-    traces[0].channels.iter().filter(|c| c.drive().is_some()).count()
+fn drives(datasets: &[Dataset]) -> usize {
+    datasets[0].channels.iter().filter(|c| c.drive().is_some()).count()
 }
 
 /// Whether an effect takes no more from residuals it was not fitted to, `without` it and `with` it, than noise that drifts.
-pub(super) fn wanders_in(traces: &[Trace], without: &[Channels], with: &[Channels]) -> bool {
-    let (segments, samples) = problem::segments(traces);
-    let left = problem::residual_series(traces, with);
-    let noise = Noise::of(&left, samples, &segments, drives(traces));
-    noise.energy(&problem::residual_series(traces, without)) - noise.energy(&left) < NO_MORE
+pub(super) fn wanders_in(datasets: &[Dataset], without: &[Channels], with: &[Channels]) -> bool {
+    let (segments, samples) = problem::segments(datasets);
+    let left = problem::residual_series(datasets, with);
+    let noise = Noise::of(&left, samples, &segments, drives(datasets));
+    noise.energy(&problem::residual_series(datasets, without)) - noise.energy(&left) < NO_MORE
 }
 
 /// Whether the variance of some channel falls by enough, in units of what is left.

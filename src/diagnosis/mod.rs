@@ -32,10 +32,10 @@ pub use left::Left;
 pub use unknown::Unexplained;
 
 use crate::dynamics::in_configuration;
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::model::Model;
 
-/// Finds the effects that `model` lacks to explain `traces`, judged on `held_out` where given.
+/// Finds the effects that `model` lacks to explain `datasets`, judged on `held_out` where given.
 ///
 /// All parameters are fitted, and it takes the time it needs; `progress` is told what is being done.
 ///
@@ -43,11 +43,11 @@ use crate::model::Model;
 /// If there are no data, recordings measure different channels, or the model cannot be fitted to them.
 pub fn diagnose(
     model: &Model,
-    traces: &[Trace],
-    held_out: &[Trace],
+    datasets: &[Dataset],
+    held_out: &[Dataset],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
-    diagnose_with(model, traces, held_out, &Options::default(), progress)
+    diagnose_with(model, datasets, held_out, &Options::default(), progress)
 }
 
 /// The same with known parameters and within a time.
@@ -56,17 +56,17 @@ pub fn diagnose(
 /// As [`diagnose`].
 pub fn diagnose_with(
     model: &Model,
-    traces: &[Trace],
-    held_out: &[Trace],
+    datasets: &[Dataset],
+    held_out: &[Dataset],
     options: &Options,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Diagnosis, DiagnosisError> {
-    check(traces, held_out)?;
-    let fitting = Fitting::new(model, traces, options);
+    check(datasets, held_out)?;
+    let fitting = Fitting::new(model, datasets, options);
     let judge = Judge::new(&fitting, model, held_out);
     progress("refit");
     let refitted = fitting.fit(model)?;
-    let mounted = in_configuration(model, &traces[0].setup);
+    let mounted = in_configuration(model, &datasets[0].setup);
     let candidates = problem::absent(&mounted);
     let found = search::find(refitted, &judge, &candidates, progress)?;
     progress("confidence");
@@ -89,9 +89,9 @@ pub fn diagnose_with(
     conclusion.answer(found, left, next, &mounted, &judge)
 }
 
-fn check(traces: &[Trace], held_out: &[Trace]) -> Result<(), DiagnosisError> {
-    let first = traces.first().ok_or(DiagnosisError::NoData)?;
-    match traces.iter().chain(held_out).find(|t| t.channels != first.channels) {
+fn check(datasets: &[Dataset], held_out: &[Dataset]) -> Result<(), DiagnosisError> {
+    let first = datasets.first().ok_or(DiagnosisError::NoData)?;
+    match datasets.iter().chain(held_out).find(|t| t.channels != first.channels) {
         Some(other) => Err(DiagnosisError::Channels { first: first.name.clone(), second: other.name.clone() }),
         None => Ok(()),
     }

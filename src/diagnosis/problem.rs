@@ -6,9 +6,9 @@ use std::sync::Arc;
 use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
-use crate::identification::fit::{Fit, FitError, kinematics, own_size};
+use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::Channels;
-use crate::identification::{Trace, averaged_columns};
+use crate::identification::{Dataset, averaged_columns};
 use crate::model::Model;
 
 /// Samples averaged into one. Physics lives below 80 Hz, the samples come at kilohertz.
@@ -53,7 +53,7 @@ fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect
     // Sets of values that are scaled together. What gears do depends on how much they give from the outset.
     let gears = base.has_gears();
     let searched: Vec<Vec<usize>> = if gears {
-        base = base.at_usual_size();
+        base = base.at_nominal_size();
         vec![of_role(Role::Linear).collect()]
     } else {
         of_role(Role::Shape).map(|i| vec![i]).collect()
@@ -98,19 +98,19 @@ fn begun_at(active: &ActiveEffect, start: &Start) -> ActiveEffect {
 /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.
 pub fn problem(
     fit: &Fit,
-    traces: &[Trace],
+    datasets: &[Dataset],
     noise: &[f64],
     candidates: &[Vec<ActiveEffect>],
 ) -> Result<Problem, FitError> {
-    let (segments, samples) = segments(traces);
-    let (owned, columns) = linearised(&fit.model, traces, &candidates.concat())?;
+    let (segments, samples) = segments(datasets);
+    let (owned, columns) = linearised(&fit.model, datasets, &candidates.concat())?;
     let mut columns = columns.into_iter();
     let mut candidate = |shapes: &Vec<ActiveEffect>| {
         let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
         Candidate { name: shapes[0].effect.name().into(), variants: shapes.iter().map(variant).collect() }
     };
     Ok(Problem {
-        channels: traces[0]
+        channels: datasets[0]
             .channels
             .iter()
             .zip(noise)
@@ -118,7 +118,7 @@ pub fn problem(
             .collect(),
         samples,
         segments,
-        y: residual_series(traces, &fit.residuals),
+        y: residual_series(datasets, &fit.residuals),
         base: owned.into_iter().map(|o| o.column).collect(),
         candidates: candidates.iter().map(&mut candidate).collect(),
     })
@@ -140,8 +140,8 @@ pub struct Owned {
 }
 
 /// Columns of all estimated parameters of a model; what the motion does not excite at all is left out.
-pub fn owned_columns(model: &Model, traces: &[Trace]) -> Result<Vec<Owned>, FitError> {
-    Ok(linearised(model, traces, &[])?.0)
+pub fn owned_columns(model: &Model, datasets: &[Dataset]) -> Result<Vec<Owned>, FitError> {
+    Ok(linearised(model, datasets, &[])?.0)
 }
 
 /// Contribution of a parameter of usual size below which it is not excited, N·m or N.
@@ -150,12 +150,12 @@ const NOT_EXCITED: f64 = 1e-9;
 /// Columns of the parameters of a model, and of each candidate as if it stood in the model with the values it has.
 fn linearised(
     model: &Model,
-    traces: &[Trace],
+    datasets: &[Dataset],
     candidates: &[ActiveEffect],
 ) -> Result<(Vec<Owned>, Vec<Vec<Column>>), FitError> {
-    let parameters = Plant::new(model, &traces[0].setup).parameters();
-    let one = |t: &Trace| averaged_columns(&Plant::new(model, &t.setup), t, candidates, BLOCK).map_err(kinematics(t));
-    let all: Vec<Vec<Vec<Channels>>> = traces.iter().map(one).collect::<Result<_, FitError>>()?;
+    let parameters = Plant::new(model, &datasets[0].setup).parameters();
+    let one = |t: &Dataset| averaged_columns(&Plant::new(model, &t.setup), t, candidates, BLOCK).map_err(kinematics(t));
+    let all: Vec<Vec<Vec<Channels>>> = datasets.iter().map(one).collect::<Result<_, FitError>>()?;
     let own = all[0].len() - candidates.len();
     let owned = parameters
         .free(&[])
@@ -166,8 +166,8 @@ fn linearised(
             linear: (p.role == Role::Linear).then_some(p.value),
             column: Column {
                 name: p.name.clone(),
-                values: stack(all.iter().map(|trace| parameters.pick(k, trace))),
-                magnitude: own_size(p),
+                values: stack(all.iter().map(|dataset| parameters.pick(k, dataset))),
+                magnitude: nominal_size(p),
             },
         })
         .filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED))
@@ -177,7 +177,7 @@ fn linearised(
         let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
         let column = |(k, e): (usize, &Entry)| Column {
             name: e.full_name(),
-            values: stack(all.iter().map(|trace| &trace[own + j][k])),
+            values: stack(all.iter().map(|dataset| &dataset[own + j][k])),
             magnitude: WORTH_CARING * e.parameter.default.abs(),
         };
         linear.map(column).collect()
@@ -196,11 +196,11 @@ pub fn along_edges(base: &mut Vec<Column>, fit: &Fit) {
         let weight = |c: &Column| (pull(c) * c.magnitude).abs();
         let most = (0..base.len()).max_by(|&a, &b| weight(&base[a]).total_cmp(&weight(&base[b])));
         let Some(k) = most.filter(|&k| weight(&base[k]) > 0.0) else { continue };
-        let held = base.remove(k);
+        let fixed = base.remove(k);
         for c in base.iter_mut() {
-            let share = pull(c) / pull(&held);
+            let share = pull(c) / pull(&fixed);
             if share != 0.0 {
-                c.values.iter_mut().zip(&held.values).for_each(|(x, h)| *x -= share * h);
+                c.values.iter_mut().zip(&fixed.values).for_each(|(x, h)| *x -= share * h);
             }
         }
     }
@@ -218,17 +218,17 @@ pub fn not_excited(problem: &Problem, unseen: &[String]) -> Vec<String> {
         .collect()
 }
 
-/// Channel by channel, trace by trace.
-fn stack<'a>(traces: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
-    let traces: Vec<&Channels> = traces.collect();
-    (0..traces[0].len()).flat_map(|c| traces.iter().flat_map(move |t| &t[c])).copied().collect()
+/// Channel by channel, dataset by dataset.
+fn stack<'a>(datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
+    let datasets: Vec<&Channels> = datasets.collect();
+    (0..datasets[0].len()).flat_map(|c| datasets.iter().flat_map(move |t| &t[c])).copied().collect()
 }
 
-/// Averaged segments of all traces one after another, and their total length.
-pub fn segments(traces: &[Trace]) -> (Vec<std::ops::Range<usize>>, usize) {
+/// Averaged segments of all datasets one after another, and their total length.
+pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
     let mut out = Vec::new();
     let mut from = 0;
-    for segment in traces.iter().flat_map(|t| &t.segments) {
+    for segment in datasets.iter().flat_map(|t| &t.segments) {
         let n = segment.len() / BLOCK;
         if n > 0 {
             out.push(from..from + n);
@@ -238,12 +238,12 @@ pub fn segments(traces: &[Trace]) -> (Vec<std::ops::Range<usize>>, usize) {
     (out, from)
 }
 
-/// Residuals of traces, stacked: channel by channel, trace by trace.
-pub fn residual_series(traces: &[Trace], residuals: &[Channels]) -> Vec<f64> {
+/// Residuals of datasets, stacked: channel by channel, dataset by dataset.
+pub fn residual_series(datasets: &[Dataset], residuals: &[Channels]) -> Vec<f64> {
     let mut out = Vec::new();
-    for c in 0..traces[0].channels.len() {
-        for (trace, residuals) in traces.iter().zip(residuals) {
-            out.extend(trace.means(&residuals[c], BLOCK));
+    for c in 0..datasets[0].channels.len() {
+        for (dataset, residuals) in datasets.iter().zip(residuals) {
+            out.extend(dataset.means(&residuals[c], BLOCK));
         }
     }
     out

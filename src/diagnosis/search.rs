@@ -78,7 +78,7 @@ impl Fits {
         if let Some((_, known)) = self.columns.borrow().iter().find(|(k, _)| *k == key) {
             return Ok(known.clone());
         }
-        let made = Rc::new(problem::owned_columns(&fit.model, fitting.traces)?);
+        let made = Rc::new(problem::owned_columns(&fit.model, fitting.datasets)?);
         self.columns.borrow_mut().push((key, made.clone()));
         Ok(made)
     }
@@ -242,7 +242,7 @@ impl<'a> Search<'a> {
 
     /// Half the sampling period, s.
     fn half_sample(&self) -> f64 {
-        0.5 * self.judge.fitting.traces[0].dt
+        0.5 * self.judge.fitting.datasets[0].dt
     }
 
     /// The problem without the candidates that were refused.
@@ -306,7 +306,7 @@ impl<'a> Search<'a> {
         if let Some(stopped) = stopped {
             return Ok(stopped);
         }
-        let outcome = outcome.map_err(|e| DiagnosisError::of_statistics(e, fitting.traces))?;
+        let outcome = outcome.map_err(|e| DiagnosisError::of_statistics(e, fitting.datasets))?;
         self.complete(outcome, last, progress)
     }
 
@@ -467,7 +467,7 @@ impl<'a> Search<'a> {
     fn relinearised(&self, fitted: &Fit, stated: &Problem, chosen: &[Chosen]) -> Result<Problem, FitError> {
         let (fitting, names) = (self.judge.fitting, self.names(chosen));
         let mut next = Problem {
-            y: problem::residual_series(fitting.traces, &fitted.residuals),
+            y: problem::residual_series(fitting.datasets, &fitted.residuals),
             base: Vec::new(),
             ..stated.clone()
         };

@@ -69,9 +69,9 @@ impl ParamTable {
         self.places(|p| p.role == Role::Linear)
     }
 
-    /// Places of the parameters that can be estimated, without those of the effects `held`.
-    pub fn free(&self, held: &[String]) -> Vec<usize> {
-        self.places(|p| p.role != Role::Fixed && !held.iter().any(|h| h == p.param.effect))
+    /// Places of the parameters that can be estimated, without those of the effects `fixed`.
+    pub fn free(&self, fixed: &[String]) -> Vec<usize> {
+        self.places(|p| p.role != Role::Fixed && !fixed.iter().any(|h| h == p.param.effect))
     }
 
     fn places(&self, keep: impl Fn(&PlantParameter) -> bool) -> Vec<usize> {
@@ -127,8 +127,8 @@ mod tests {
             let flat = active.values().index(p.param.block, p.param.item);
             assert_eq!((active.values[flat], *table.pick(k, &values)), (p.value, p.value), "{}", p.name);
         }
-        let held = vec!["drive_friction".to_string()];
-        let (linear, free) = (table.linear(), table.free(&held));
+        let fixed = vec!["drive_friction".to_string()];
+        let (linear, free) = (table.linear(), table.free(&fixed));
         assert!(linear.iter().all(|&k| table[k].role == Role::Linear) && linear.len() < table.len());
         assert!(free.iter().all(|&k| table[k].role != Role::Fixed && table[k].param.effect != "drive_friction"));
         assert_eq!(

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{About, Count, Effect, Instant, OwnStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Count, Effect, Instant, InternalStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::ARMS;
 
 /// Dahl's law: τ_i = −T_i·z_i with the effect's own state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
@@ -63,12 +63,12 @@ impl Effect for BacklashHysteresis {
         }
     }
 
-    fn states(&self) -> Option<&dyn OwnStates> {
+    fn states(&self) -> Option<&dyn InternalStates> {
         Some(self)
     }
 }
 
-impl OwnStates for BacklashHysteresis {
+impl InternalStates for BacklashHysteresis {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
         vec![0.0; ARMS]
     }

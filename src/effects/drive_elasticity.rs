@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use super::{
-    About, Compliance, Count, Effect, Instant, Kind, MachineView, OwnStates, Parameter, Part, Role, Sensor, Spec, Unit,
-    Values, Wrenches,
+    About, Compliance, Count, Effect, Instant, InternalStates, Kind, MachineView, Parameter, Part, Role, Sensor, Spec,
+    Unit, Values, Wrenches,
 };
 use crate::machine::Payload;
 use crate::machine::bodies::{ARM, Inertia};
@@ -152,7 +152,7 @@ impl Effect for DriveElasticity {
         }
     }
 
-    fn states(&self) -> Option<&dyn OwnStates> {
+    fn states(&self) -> Option<&dyn InternalStates> {
         Some(self)
     }
 
@@ -165,7 +165,7 @@ impl Effect for DriveElasticity {
     }
 }
 
-impl OwnStates for DriveElasticity {
+impl InternalStates for DriveElasticity {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
         vec![0.0; 2 * ARMS]
     }

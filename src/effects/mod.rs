@@ -56,8 +56,8 @@ mod torque_ripple;
 
 pub use drive_elasticity::GearSpring;
 pub use interface::{
-    About, ActiveEffect, Compliance, Count, Effects, Entry, Host, Instant, Kind, Layout, MachineView, OwnStates, Param,
-    Parameter, Reads, Role, Search, Sensor, Spec, Start, Values, Wrenches, hunt_crossley,
+    About, ActiveEffect, Compliance, Count, Effects, Entry, Host, Instant, InternalStates, Kind, Layout, MachineView,
+    Param, Parameter, Reads, Role, Search, Sensor, Spec, Start, Values, Wrenches, hunt_crossley,
 };
 pub use strut_elasticity::StrutSpring;
 
@@ -126,7 +126,7 @@ pub trait Effect: Any + Send + Sync {
     fn geometry(&self, _values: &Values, _geometry: &mut Geometry) {}
 
     /// Its differential equations, if it has any.
-    fn states(&self) -> Option<&dyn OwnStates> {
+    fn states(&self) -> Option<&dyn InternalStates> {
         None
     }
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::{
-    About, Count, Effect, Instant, MachineView, OwnStates, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit,
+    About, Count, Effect, Instant, InternalStates, MachineView, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit,
     Values, Wrenches, smooth_sign,
 };
 use crate::machine::ARMS;
@@ -105,12 +105,12 @@ impl Effect for ThermalFrictionDrift {
         }
     }
 
-    fn states(&self) -> Option<&dyn OwnStates> {
+    fn states(&self) -> Option<&dyn InternalStates> {
         Some(self)
     }
 }
 
-impl OwnStates for ThermalFrictionDrift {
+impl InternalStates for ThermalFrictionDrift {
     fn initial_state(&self, _values: &Values) -> Vec<f64> {
         vec![1.0]
     }

@@ -19,7 +19,7 @@ use super::problem::{Problem, Settings};
 use super::ranking::{Assessment, Ranking};
 use super::score::{Scores, block_grams, obvious};
 use super::special::ln_chi2_tail;
-use super::{Error, flip};
+use super::{Error, sign_flips};
 
 /// Most candidates taken for the truth.
 const RIVALS: usize = 8;
@@ -177,7 +177,7 @@ impl<'a> Drawn<'a> {
             energies,
             rows: rest.freedom(),
             blocks: base.blocks.len(),
-            critical: flip::critical(&standard, base.blocks.len(), settings),
+            critical: sign_flips::critical(&standard, base.blocks.len(), settings),
             entries: list,
         })
     }

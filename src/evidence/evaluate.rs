@@ -10,7 +10,7 @@ use super::problem::{Chosen, Problem, Settings, Variant};
 use super::project::{Projected, pseudo_inverse};
 use super::ranking::{Assessment, Ranking};
 use super::score::{Remainder, Scores, block_grams, obvious};
-use super::{Error, flip};
+use super::{Error, sign_flips};
 
 /// Assesses every candidate that is not among `chosen`, whose columns join the base.
 ///
@@ -164,7 +164,7 @@ impl Entries<'_> {
     fn chances(&self, groups: &[Vec<&Entry<'_>>], blocks: usize, settings: &Settings) -> Vec<Chance> {
         let p: Vec<f64> = groups.iter().map(|g| g.iter().map(|e| e.scores.p).fold(1.0, f64::min)).collect();
         let stacked: Vec<&DMatrix<f64>> = self.list.iter().map(|e| &e.scores.standard).collect();
-        let adjusted = flip::family_wise(&stacked, &p, blocks, settings.flips, settings.seed);
+        let adjusted = sign_flips::family_wise(&stacked, &p, blocks, settings.flips, settings.seed);
         let score = |group: &[&Entry<'_>]| {
             let least = group.iter().min_by(|a, b| a.scores.p.total_cmp(&b.scores.p));
             least.map_or(0.0, |e| e.scores.statistic)

@@ -85,7 +85,7 @@ pub fn discriminate(
     let drives = Channel::of_drives(model.mechanism);
     let noise = Noise::of(&base, &drives, PERIOD.max(model.sample_time));
     let setup = Setup::default();
-    let bench = Bench { model: &base, setup, channels: drives, noise: &noise, traces: &[], seed: options.seed };
+    let bench = Bench { model: &base, setup, channels: drives, noise: &noise, datasets: &[], seed: options.seed };
     let mut plans = bench.catalogue();
     let searched = searched(&base, &pair, options, go_on);
     let series: Vec<Course> = match &searched {
@@ -98,7 +98,7 @@ pub fn discriminate(
     let length = options.periods as f64 / options.frequency;
     plans.extend(designed.map(|e| Experiment { weight: e.weight * length / e.length, length, ..e }));
     let promises = plans.into_par_iter().map(|experiment| {
-        let own = Information::along(&base, &[], &pair, &experiment.trace, &noise)?;
+        let own = Information::along(&base, &[], &pair, &experiment.dataset, &noise)?;
         let promise = prospect(&which(2), &pair, None, (&own, &experiment), BLOCKS);
         Ok((experiment, promise))
     });

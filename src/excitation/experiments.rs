@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::prospect::Noise;
 use crate::dynamics::{Channel, Plant};
 use crate::identification::filtering::MIN_HALF_WIDTH;
-use crate::identification::{Trace, predict};
+use crate::identification::{Dataset, predict};
 use crate::kinematics::JointState;
 use crate::machine::{ARMS, AXES, Configuration, Payload, STRUTS, Setup};
 use crate::model::Model;
@@ -88,7 +88,7 @@ pub struct Experiment {
     /// The motion; none where it is that of a recording.
     pub course: Option<Course>,
     /// Samples of the planned motion; nothing is measured yet.
-    pub trace: Trace,
+    pub dataset: Dataset,
     /// Length of the whole, s.
     pub length: f64,
     /// Length of the whole over what the samples cover.
@@ -122,7 +122,7 @@ pub struct Bench<'a> {
     /// Noise; its sampling period is that of the plans.
     pub noise: &'a Noise,
     /// The data, whose motions may be repeated.
-    pub traces: &'a [Trace],
+    pub datasets: &'a [Dataset],
     /// Seed of the random motions.
     pub seed: u64,
 }
@@ -208,21 +208,21 @@ impl Bench<'_> {
             _ => course.length()?,
         };
         let at = |t: f64| motion.state(t).ok()?.joints(&plant.geometry).ok();
-        let (trace, weight) = self.sampled(&at, length)?;
-        Some(Experiment { kind, what, course: Some(course.clone()), trace, length, weight, alone: false })
+        let (dataset, weight) = self.sampled(&at, length)?;
+        Some(Experiment { kind, what, course: Some(course.clone()), dataset, length, weight, alone: false })
     }
 
     fn warm_up(&self, random: &Course) -> Option<Experiment> {
         let plant = Plant::new(self.model, &self.setup);
         let motion = random.on(self.model, &self.setup).ok()?;
         let at = |t: f64| motion.state(t).ok()?.joints(&plant.geometry).ok();
-        let (trace, weight) = self.sampled(&at, WARM_UP)?;
+        let (dataset, weight) = self.sampled(&at, WARM_UP)?;
         let what = format!("a long run from cold to warm, {:.0} minutes of any motion", WARM_UP / 60.0);
         Some(Experiment {
             kind: Kind::WarmUp,
             what,
             course: Some(random.clone()),
-            trace,
+            dataset,
             length: WARM_UP,
             weight,
             alone: false,
@@ -231,13 +231,13 @@ impl Bench<'_> {
 
     /// The longest stretch of the data at `speed` times its speed.
     fn again(&self, kind: Kind, speed: f64, what: &str, setup: Setup, channels: &[Channel]) -> Option<Experiment> {
-        let stretches = self.traces.iter().flat_map(|t| t.segments.iter().map(move |s| (t, s.clone())));
-        let (trace, segment) = stretches.max_by_key(|(_, s)| s.len()).filter(|(_, s)| s.len() > 1)?;
+        let stretches = self.datasets.iter().flat_map(|t| t.segments.iter().map(move |s| (t, s.clone())));
+        let (dataset, segment) = stretches.max_by_key(|(_, s)| s.len()).filter(|(_, s)| s.len() > 1)?;
         let last = segment.len() - 2;
         let at = |t: f64| {
-            let place = speed * t / trace.dt;
+            let place = speed * t / dataset.dt;
             let k = (place as usize).min(last);
-            let (part, [a, b]) = (place - k as f64, [0, 1].map(|i| &trace.joints[segment.start + k + i]));
+            let (part, [a, b]) = (place - k as f64, [0, 1].map(|i| &dataset.joints[segment.start + k + i]));
             let mix = |a: f64, b: f64| a + part * (b - a);
             let joined = |f: fn(&JointState) -> &[f64; AXES], factor: f64| {
                 std::array::from_fn(|i| factor * mix(f(a)[i], f(b)[i]))
@@ -248,10 +248,10 @@ impl Bench<'_> {
                 qdd: joined(|j| &j.qdd, speed * speed),
             })
         };
-        let length = (segment.len() - 1) as f64 * trace.dt / speed;
+        let length = (segment.len() - 1) as f64 * dataset.dt / speed;
         let other = Bench { setup, channels: channels.to_vec(), ..*self };
-        let (trace, weight) = other.sampled(&at, length)?;
-        Some(Experiment { kind, what: what.into(), course: None, trace, length, weight, alone: false })
+        let (dataset, weight) = other.sampled(&at, length)?;
+        Some(Experiment { kind, what: what.into(), course: None, dataset, length, weight, alone: false })
     }
 
     /// Slow travel of the platform, or of each axis alone.
@@ -361,7 +361,7 @@ impl Bench<'_> {
     }
 
     /// The motion's samples, and the length over what they cover; none where the machine cannot follow.
-    fn sampled(&self, at: &dyn Fn(f64) -> Option<JointState>, length: f64) -> Option<(Trace, f64)> {
+    fn sampled(&self, at: &dyn Fn(f64) -> Option<JointState>, length: f64) -> Option<(Dataset, f64)> {
         let dt = self.noise.dt;
         let whole = (length / dt) as usize;
         let starts: Vec<f64> = match whole <= SAMPLES {
@@ -373,7 +373,7 @@ impl Bench<'_> {
             }
         };
         let each = if whole <= SAMPLES { whole } else { WINDOW };
-        let mut trace = Trace {
+        let mut dataset = Dataset {
             name: "plan".into(),
             setup: self.setup,
             t: Vec::new(),
@@ -386,39 +386,39 @@ impl Bench<'_> {
             half_width: [MIN_HALF_WIDTH; AXES],
         };
         for start in starts {
-            let first = trace.len();
+            let first = dataset.len();
             for k in 0..each {
                 let t = start + k as f64 * dt;
-                trace.t.push(t);
-                trace.joints.push(at(t)?);
+                dataset.t.push(t);
+                dataset.joints.push(at(t)?);
             }
-            trace.segments.push(first..trace.len());
+            dataset.segments.push(first..dataset.len());
         }
-        trace.measured = vec![vec![0.0; trace.len()]; trace.channels.len()];
-        let covered = trace.len() as f64 * dt;
-        self.possible(&trace).then_some((trace, length / covered.max(dt)))
+        dataset.measured = vec![vec![0.0; dataset.len()]; dataset.channels.len()];
+        let covered = dataset.len() as f64 * dt;
+        self.possible(&dataset).then_some((dataset, length / covered.max(dt)))
     }
 
     /// Whether drives and sockets bear a motion.
-    fn possible(&self, trace: &Trace) -> bool {
-        let plant = Plant::new(self.model, &trace.setup);
+    fn possible(&self, dataset: &Dataset) -> bool {
+        let plant = Plant::new(self.model, &dataset.setup);
         let drives = &self.model.drives[..self.model.mechanism.axes()];
         let slow = |j: &JointState| {
             drives.iter().enumerate().all(|(i, d)| {
                 j.qd[i].abs() <= d.max_speed && (i >= ARMS || j.qdd[i].abs() <= SHARE * d.max_acceleration)
             })
         };
-        let mut probe = Trace { channels: Channel::of_drives(self.model.mechanism), ..trace.clone() };
+        let mut probe = Dataset { channels: Channel::of_drives(self.model.mechanism), ..dataset.clone() };
         if plant.assembled {
             probe.channels.extend((0..STRUTS).map(Channel::StrutUpper));
         }
-        probe.measured = vec![vec![0.0; trace.len()]; probe.channels.len()];
+        probe.measured = vec![vec![0.0; dataset.len()]; probe.channels.len()];
         let hold = Some(self.model.sockets.dislocation_force).filter(|f| *f > 0.0).unwrap_or(f64::INFINITY);
         let limit = |c: &Channel| SHARE * c.drive().map_or(hold, |i| drives[i].max_torque);
         let within = |loads: Vec<Vec<f64>>| {
             loads.iter().zip(&probe.channels).all(|(series, c)| series.iter().all(|x| x.abs() <= limit(c)))
         };
-        !trace.is_empty() && trace.joints.iter().all(slow) && predict(&plant, &probe).is_ok_and(within)
+        !dataset.is_empty() && dataset.joints.iter().all(slow) && predict(&plant, &probe).is_ok_and(within)
     }
 }
 

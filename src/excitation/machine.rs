@@ -8,8 +8,8 @@ use super::series::{Basis, INPUTS, moved};
 use crate::dynamics::{Channel, Plant, PlantParameter, inverse_dynamics, regressor};
 use crate::effects::{ActiveEffect, Entry, Role};
 use crate::identification::filtering::MIN_HALF_WIDTH;
-use crate::identification::fit::own_size;
-use crate::identification::{Trace, columns};
+use crate::identification::fit::nominal_size;
+use crate::identification::{Dataset, columns};
 use crate::kinematics::{JointState, KinematicsError, PlatformState};
 use crate::machine::{AXES, Setup};
 use crate::model::Model;
@@ -87,7 +87,7 @@ impl Machine {
         Self {
             limits,
             noise: model.noise.torque.map(|s| if s > 0.0 { s } else { 1.0 }),
-            sizes: columns.iter().map(|&k| own_size(&parameters[k])).collect(),
+            sizes: columns.iter().map(|&k| nominal_size(&parameters[k])).collect(),
             columns,
             effects,
             plant,
@@ -172,7 +172,7 @@ impl Machine {
         if self.candidates.is_empty() {
             return Ok(Vec::new());
         }
-        let instant = Trace {
+        let instant = Dataset {
             name: String::new(),
             setup: Setup::default(),
             t: vec![0.0],

@@ -13,7 +13,7 @@ use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
 use crate::evidence::whiten::ArFilter;
 use crate::identification::prediction::Channels;
-use crate::identification::{Trace, averaged_columns, columns};
+use crate::identification::{Dataset, averaged_columns, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 
@@ -61,16 +61,16 @@ pub struct Information {
 }
 
 impl Information {
-    /// Of the parameters of `model` but for those of effects that are `held`, and of `effects`, which are not in it, along a
-    /// trace. An effect that does not act in the trace's configuration has no columns.
+    /// Of the parameters of `model` but for those of effects that are `fixed`, and of `effects`, which are not in it, along a
+    /// dataset. An effect that does not act in the dataset's configuration has no columns.
     pub fn along(
         model: &Model,
-        held: &[String],
+        fixed: &[String],
         effects: &[ActiveEffect],
-        trace: &Trace,
+        dataset: &Dataset,
         noise: &Noise,
     ) -> Result<Self, KinematicsError> {
-        let plant = Plant::new(model, &trace.setup);
+        let plant = Plant::new(model, &dataset.setup);
         let mut names = Vec::new();
         let mut stacked: Vec<Vec<f64>> = Vec::new();
         let mut keep = |name: String, column: &Channels| {
@@ -81,24 +81,24 @@ impl Information {
             }
         };
         let mounted: Vec<ActiveEffect> = effects.iter().filter(|a| plant.has(a.effect.acts_on())).cloned().collect();
-        let mut all = averaged_columns(&plant, trace, &mounted, 1)?;
+        let mut all = averaged_columns(&plant, dataset, &mounted, 1)?;
         let own = all.split_off(all.len() - mounted.len());
         let parameters = plant.parameters();
-        for k in parameters.free(held) {
+        for k in parameters.free(fixed) {
             keep(parameters[k].name.clone(), parameters.pick(k, &all));
         }
         for (active, own) in mounted.iter().zip(own) {
             let entries = active.entries();
             // What the shape of the law can do belongs to what is fitted.
             let shaped = entries.iter().any(|e| e.parameter.role == Role::Shape);
-            let own = if shaped { columns(&plant, trace, Some(active))? } else { own };
+            let own = if shaped { columns(&plant, dataset, Some(active))? } else { own };
             for (entry, column) in entries.iter().zip(&own).filter(|(e, _)| e.parameter.role != Role::Fixed) {
                 keep(entry.full_name(), column);
             }
         }
-        let filters: Vec<ArFilter> = trace.channels.iter().map(|&c| noise.filter(model, c)).collect();
+        let filters: Vec<ArFilter> = dataset.channels.iter().map(|&c| noise.filter(model, c)).collect();
         let columns: Vec<&[f64]> = stacked.iter().map(Vec::as_slice).collect();
-        let gram = separation::information(&columns, trace.len(), &trace.segments, &filters);
+        let gram = separation::information(&columns, dataset.len(), &dataset.segments, &filters);
         Ok(Self { names, gram })
     }
 

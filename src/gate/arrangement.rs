@@ -120,18 +120,18 @@ pub struct Judgement {
 
 /// Judges an arrangement; none if the machine cannot take the poses.
 pub fn judge(plant: &Plant, instants: &Instants, arrangement: Arrangement) -> Option<Judgement> {
-    let trace = instants.trace;
+    let dataset = instants.dataset;
     let joints = instants.joints(|j| arrangement.joints(j));
-    let t = trace.t.first().copied().unwrap_or(0.0);
-    let predicted = Predicted::new(plant, &trace.channels, t, &joints);
+    let t = dataset.t.first().copied().unwrap_or(0.0);
+    let predicted = Predicted::new(plant, &dataset.channels, t, &joints);
     if predicted.share() < POSSIBLE {
         return None;
     }
     let line = |c: usize| {
-        let column = trace.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
+        let column = dataset.channels[c].drive().map_or(c, |i| arrangement.torque[i]);
         Line::of(&predicted.series[c], &predicted.of(instants.measured(column, 0)))
     };
-    let lines: Vec<Option<Line>> = (0..trace.channels.len()).map(line).collect();
+    let lines: Vec<Option<Line>> = (0..dataset.channels.len()).map(line).collect();
     let wrong = |l: &Line| WRONG * (f64::from(l.slope < 0.0) + l.slope.abs().max(1e-9).ln().powi(2));
     let cost = |l: &Line| (l.unexplained + FLOOR).ln() + wrong(l);
     let cost = lines.iter().flatten().map(cost).sum::<f64>() + CHANGE * arrangement.changes() as f64;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
 use crate::effects::Kind;
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
@@ -15,10 +15,10 @@ use crate::model::Model;
 /// Longest lag that is looked for, s.
 pub const LONGEST_LAG: f64 = 0.025;
 
-/// Samples of a trace spread over its length, far enough from the ends of stretches that lags stay within.
+/// Samples of a dataset spread over its length, far enough from the ends of stretches that lags stay within.
 pub struct Instants<'a> {
     /// The recording.
-    pub trace: &'a Trace,
+    pub dataset: &'a Dataset,
     /// Indices of the samples.
     pub at: Vec<usize>,
     /// Largest lag, samples.
@@ -27,38 +27,38 @@ pub struct Instants<'a> {
 
 impl<'a> Instants<'a> {
     /// At most `count` instants.
-    pub fn of(trace: &'a Trace, count: usize) -> Self {
-        let reach = if trace.dt > 0.0 { (LONGEST_LAG / trace.dt).round() as usize } else { 0 };
-        let shortest = trace.segments.iter().map(|s| s.len()).max().unwrap_or(0);
+    pub fn of(dataset: &'a Dataset, count: usize) -> Self {
+        let reach = if dataset.dt > 0.0 { (LONGEST_LAG / dataset.dt).round() as usize } else { 0 };
+        let shortest = dataset.segments.iter().map(|s| s.len()).max().unwrap_or(0);
         let reach = reach.min(shortest / 4);
         let inner =
-            trace.segments.iter().flat_map(|s| s.start + reach..s.end.saturating_sub(reach).max(s.start + reach));
+            dataset.segments.iter().flat_map(|s| s.start + reach..s.end.saturating_sub(reach).max(s.start + reach));
         let inner: Vec<usize> = inner.collect();
         let stride = inner.len().div_ceil(count.max(1)).max(1);
-        Self { trace, at: inner.into_iter().step_by(stride).collect(), reach }
+        Self { dataset, at: inner.into_iter().step_by(stride).collect(), reach }
     }
 
     /// Every `stride`-th of them.
     pub fn thinned(&self, stride: usize) -> Self {
-        Self { trace: self.trace, at: self.at.iter().step_by(stride.max(1)).copied().collect(), reach: self.reach }
+        Self { dataset: self.dataset, at: self.at.iter().step_by(stride.max(1)).copied().collect(), reach: self.reach }
     }
 
     /// Joint motion, changed by `change`.
     pub fn joints(&self, change: impl Fn(&JointState) -> JointState) -> Vec<JointState> {
-        self.at.iter().map(|&k| change(&self.trace.joints[k])).collect()
+        self.at.iter().map(|&k| change(&self.dataset.joints[k])).collect()
     }
 
     /// A measured channel, `lag` samples later.
     pub fn measured(&self, channel: usize, lag: isize) -> Vec<f64> {
-        let series = &self.trace.measured[channel];
+        let series = &self.dataset.measured[channel];
         self.at.iter().map(|&k| series[k.saturating_add_signed(lag).min(series.len() - 1)]).collect()
     }
 }
 
 /// What the gate computes with: rigid bodies, payload and force laws without own states. What lies between encoder and
 /// joint, sensors and internal states change predictions by less than what the gate looks for.
-pub fn plain(model: &Model, trace: &Trace) -> Plant {
-    let mut plant = Plant::new(model, &trace.setup);
+pub fn plain(model: &Model, dataset: &Dataset) -> Plant {
+    let mut plant = Plant::new(model, &dataset.setup);
     plant.effects.retain(|a| a.states() == 0 && !matches!(a.effect.kind(), Kind::Sensor | Kind::Encoder));
     plant
 }
@@ -71,7 +71,7 @@ pub fn heavier(plant: &Plant) -> Plant {
     heavier
 }
 
-/// Predictions at some instants: one series per channel of the trace, and the share of instants whose pose is possible.
+/// Predictions at some instants: one series per channel of the dataset, and the share of instants whose pose is possible.
 pub struct Predicted {
     /// Series by channel, over the possible instants.
     pub series: Vec<Vec<f64>>,

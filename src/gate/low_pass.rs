@@ -6,7 +6,7 @@ use super::instants::Predicted;
 use super::line::least_squares;
 use super::mild::STEEPNESS;
 use crate::dynamics::Plant;
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::kinematics::JointState;
 
 /// Spacing of the instants at which both are compared, s.
@@ -32,10 +32,10 @@ pub struct LowPass {
 
 /// The low-pass that torques went through which follow the model best `lag` samples late; none if a shift explains them as
 /// well, or if some pose is impossible.
-pub fn low_pass(plant: &Plant, trace: &Trace, lag: isize) -> Option<LowPass> {
-    let late = lag as f64 * trace.dt;
+pub fn low_pass(plant: &Plant, dataset: &Dataset, lag: isize) -> Option<LowPass> {
+    let late = lag as f64 * dataset.dt;
     let series =
-        Series::new(plant, trace, late * GRID.0.powi(GRID.1) * FORGOTTEN, lag.unsigned_abs() + AROUND as usize)?;
+        Series::new(plant, dataset, late * GRID.0.powi(GRID.1) * FORGOTTEN, lag.unsigned_abs() + AROUND as usize)?;
     let shifted =
         (lag - AROUND..=lag + AROUND).map(|lag| series.cost(&series.features, lag)).fold(f64::INFINITY, f64::min);
     let tried = (-GRID.1..=GRID.1).map(|k| late * GRID.0.powi(k));
@@ -49,7 +49,7 @@ pub fn low_pass(plant: &Plant, trace: &Trace, lag: isize) -> Option<LowPass> {
 
 /// What torques are made of at evenly spaced instants.
 struct Series<'a> {
-    trace: &'a Trace,
+    dataset: &'a Dataset,
     /// Samples of the instants, by stretch.
     at: Vec<Vec<usize>>,
     /// s
@@ -62,22 +62,22 @@ struct Series<'a> {
 
 impl<'a> Series<'a> {
     /// Stretches that are longer than `memory`, without `margin` samples at either end.
-    fn new(plant: &Plant, trace: &'a Trace, memory: f64, margin: usize) -> Option<Self> {
-        if trace.dt <= 0.0 {
+    fn new(plant: &Plant, dataset: &'a Dataset, memory: f64, margin: usize) -> Option<Self> {
+        if dataset.dt <= 0.0 {
             return None;
         }
-        let stride = (STEP / trace.dt).round().max(1.0) as usize;
-        let step = stride as f64 * trace.dt;
+        let stride = (STEP / dataset.dt).round().max(1.0) as usize;
+        let step = stride as f64 * dataset.dt;
         let skip = (memory / step).ceil() as usize;
         let inner = |s: &std::ops::Range<usize>| s.start + margin..s.end.saturating_sub(margin);
-        let stretches = trace.segments.iter().map(|s| inner(s).step_by(stride).collect::<Vec<usize>>());
+        let stretches = dataset.segments.iter().map(|s| inner(s).step_by(stride).collect::<Vec<usize>>());
         let at: Vec<Vec<usize>> = stretches.filter(|s| s.len() > skip).collect();
         if at.iter().map(|s| s.len() - skip).sum::<usize>() < FEWEST {
             return None;
         }
-        let joints: Vec<JointState> = at.iter().flatten().map(|&k| trace.joints[k]).collect();
-        let t = trace.t.first().copied().unwrap_or(0.0);
-        let predicted = Predicted::new(plant, &trace.channels, t, &joints);
+        let joints: Vec<JointState> = at.iter().flatten().map(|&k| dataset.joints[k]).collect();
+        let t = dataset.t.first().copied().unwrap_or(0.0);
+        let predicted = Predicted::new(plant, &dataset.channels, t, &joints);
         let drives = plant.mechanism.axes().min(predicted.series.len());
         let axis = |i: usize| {
             let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
@@ -85,7 +85,7 @@ impl<'a> Series<'a> {
             [predicted.series[i].clone(), rates, signs]
         };
         let all = predicted.possible.iter().all(|p| *p);
-        all.then(|| Self { trace, step, skip, features: (0..drives).map(axis).collect(), at })
+        all.then(|| Self { dataset, step, skip, features: (0..drives).map(axis).collect(), at })
     }
 
     /// The features behind a low-pass, each stretch from rest at its first value.
@@ -123,7 +123,7 @@ impl<'a> Series<'a> {
         };
         let axis = |(i, own): (usize, &[Vec<f64>; 3])| {
             let measured: Vec<f64> =
-                self.at.iter().flatten().map(|&k| self.trace.measured[i][k.saturating_add_signed(lag)]).collect();
+                self.at.iter().flatten().map(|&k| self.dataset.measured[i][k.saturating_add_signed(lag)]).collect();
             let y = kept(&measured);
             let [torque, rate, sign] = own.each_ref().map(|f| kept(f));
             let ones = vec![1.0; y.len()];
@@ -143,7 +143,7 @@ mod tests {
     fn a_ramp_comes_late_by_the_time_constant() {
         let (step, t) = (2e-3, 8e-3);
         let ramp: Vec<f64> = (0..50).map(|k| f64::from(k) * step).collect();
-        let trace = Trace {
+        let dataset = Dataset {
             name: "ramp".into(),
             setup: Default::default(),
             t: Vec::new(),
@@ -156,7 +156,7 @@ mod tests {
             half_width: [1; 4],
         };
         let series = Series {
-            trace: &trace,
+            dataset: &dataset,
             at: vec![(0..50).collect()],
             step,
             skip: 0,

@@ -78,9 +78,9 @@ struct Context<'a> {
 impl<'a> Context<'a> {
     /// None where a pose is impossible.
     fn new(model: &Model, plant: &'a Plant, instants: &'a Instants<'a>) -> Option<Self> {
-        let trace = instants.trace;
+        let dataset = instants.dataset;
         let joints = instants.joints(|j| *j);
-        let predicted = Predicted::new(plant, &trace.channels, trace.t.first().copied().unwrap_or(0.0), &joints);
+        let predicted = Predicted::new(plant, &dataset.channels, dataset.t.first().copied().unwrap_or(0.0), &joints);
         let drives = plant.mechanism.axes().min(predicted.series.len());
         let friction = |i: usize| {
             let rates: Vec<f64> = joints.iter().map(|j| j.qd[i]).collect();
@@ -90,7 +90,7 @@ impl<'a> Context<'a> {
         let friction = (0..drives).map(friction).collect();
         let possible = predicted.possible.iter().all(|p| *p);
         let ones = vec![1.0; joints.len()];
-        possible.then(|| Self { plant, instants, predicted, friction, joints, noise: trace.noise(model), ones })
+        possible.then(|| Self { plant, instants, predicted, friction, joints, noise: dataset.noise(model), ones })
     }
 
     fn residual(&self, axis: usize, lag: isize) -> Vec<f64> {
@@ -107,7 +107,7 @@ impl<'a> Context<'a> {
 
     /// The lag, common to all torques, at which they follow the angles best, and the low-pass that it comes from, if it does.
     fn lag(&self) -> Option<Finding> {
-        let (dt, reach) = (self.instants.trace.dt, self.instants.reach as isize);
+        let (dt, reach) = (self.instants.dataset.dt, self.instants.reach as isize);
         let drives = self.friction.len();
         let cost = |lag: isize| {
             (0..drives).filter_map(|i| Some(self.fit(i, lag)?.mean_square.max(f64::MIN_POSITIVE).ln())).sum::<f64>()
@@ -126,7 +126,7 @@ impl<'a> Context<'a> {
         let total = |lag: isize| rms(&arms.clone().flat_map(|i| self.residual(i, lag)).collect::<Vec<_>>());
         let milliseconds = rounded(1e3 * lag, 4);
         let late = if lag > 0.0 { "late" } else { "early" };
-        let filter = if best > 0 { low_pass(self.plant, self.instants.trace, best) } else { None };
+        let filter = if best > 0 { low_pass(self.plant, self.instants.dataset, best) } else { None };
         // f = 1/(2πT).
         let cut_off = |t: f64| 1.0 / (std::f64::consts::TAU * t);
         let (problem, value, sentence) = match filter {
@@ -146,7 +146,7 @@ impl<'a> Context<'a> {
             ),
         };
         Some(Finding {
-            recording: self.instants.trace.name.clone(),
+            recording: self.instants.dataset.name.clone(),
             axis: None,
             problem,
             severe: false,
@@ -163,7 +163,7 @@ impl<'a> Context<'a> {
 
     /// Torques of one kilogram more at the flange, by channel.
     fn kilogram(&self) -> Option<Vec<Vec<f64>>> {
-        let channels = &self.instants.trace.channels;
+        let channels = &self.instants.dataset.channels;
         let [heavy, plain] = [&heavier(self.plant), self.plant].map(|p| Predicted::new(p, channels, 0.0, &self.joints));
         let possible = [&heavy, &plain].iter().all(|p| p.possible.iter().all(|p| *p));
         let difference = |(h, p): (&Vec<f64>, &Vec<f64>)| h.iter().zip(p).map(|(h, p)| h - p).collect();
@@ -223,7 +223,7 @@ impl<'a> Context<'a> {
         }
         let text: Vec<String> = values.iter().map(|v| format!("{:+}", rounded(*v, 2))).collect();
         Some(Finding {
-            recording: self.instants.trace.name.clone(),
+            recording: self.instants.dataset.name.clone(),
             axis: None,
             problem: Problem::AnotherMachine,
             severe: true,
@@ -250,7 +250,7 @@ impl<'a> Context<'a> {
         }
         let said = if stated == 0.0 { "states none".into() } else { format!("states {stated} kg") };
         Some(Finding {
-            recording: self.instants.trace.name.clone(),
+            recording: self.instants.dataset.name.clone(),
             axis: None,
             problem: Problem::Payload,
             severe: false,
@@ -276,10 +276,10 @@ impl<'a> Context<'a> {
         if !clear || after.powi(2) > (1.0 - OFFSET.1) * before.powi(2) {
             return None;
         }
-        let channel = self.instants.trace.channels[axis];
+        let channel = self.instants.dataset.channels[axis];
         let (k, value) = (axis + 1, rounded(constant, 3));
         Some(Finding {
-            recording: self.instants.trace.name.clone(),
+            recording: self.instants.dataset.name.clone(),
             axis: Some(axis),
             problem: Problem::Offset,
             severe: false,

@@ -16,7 +16,7 @@ pub use arrangement::Arrangement;
 pub use line::Line;
 
 use self::instants::{Instants, Predicted, plain};
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::model::Model;
 
 /// What is wrong with a recording.
@@ -129,11 +129,11 @@ const INSTANTS: usize = 1200;
 /// What is wrong with a recording of a machine like `model`; nothing if it may be fitted.
 ///
 /// What would make a fit worthless comes alone; the rest is looked for only where there is nothing of that kind.
-pub fn examine(model: &Model, trace: &Trace) -> Vec<Finding> {
-    let plant = plain(model, trace);
-    let instants = Instants::of(trace, INSTANTS);
+pub fn examine(model: &Model, dataset: &Dataset) -> Vec<Finding> {
+    let plant = plain(model, dataset);
+    let instants = Instants::of(dataset, INSTANTS);
     // A law that gives no number is no fault of the recording; whoever predicts with it names it.
-    let lawless = || Predicted::new(&plant, &trace.channels, 0.0, &instants.joints(|j| *j)).lawless;
+    let lawless = || Predicted::new(&plant, &dataset.channels, 0.0, &instants.joints(|j| *j)).lawless;
     if instants.at.is_empty() || lawless() {
         return Vec::new();
     }

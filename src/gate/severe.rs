@@ -74,9 +74,9 @@ fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant) -> bo
 /// No pose, or few, of the recording is one of the machine.
 fn impossible(plant: &Plant, instants: &Instants) -> Finding {
     let joints = instants.joints(|j| *j);
-    let share = Predicted::new(plant, &instants.trace.channels, 0.0, &joints).share();
+    let share = Predicted::new(plant, &instants.dataset.channels, 0.0, &joints).share();
     Finding {
-        recording: instants.trace.name.clone(),
+        recording: instants.dataset.name.clone(),
         axis: None,
         problem: Problem::AnotherMachine,
         severe: true,
@@ -153,7 +153,7 @@ impl Context<'_> {
         let (before, after) = self.rms(axis, scale);
         let line = self.plain.and_then(|p| p.lines[axis]);
         Some(Finding {
-            recording: self.instants.trace.name.clone(),
+            recording: self.instants.dataset.name.clone(),
             axis: Some(axis),
             problem,
             // On a bench the mass is what is to be found.
@@ -218,7 +218,7 @@ impl Context<'_> {
     fn rms(&self, axis: usize, scale: f64) -> (Option<f64>, f64) {
         let difference = |a: &Arrangement, scale: f64| {
             let joints = self.instants.joints(|j| a.joints(j));
-            let predicted = Predicted::new(self.plant, &self.instants.trace.channels, 0.0, &joints);
+            let predicted = Predicted::new(self.plant, &self.instants.dataset.channels, 0.0, &joints);
             let measured = predicted.of(self.instants.measured(a.torque[axis], 0));
             let of = measured.iter().zip(&predicted.series[axis]).map(|(m, p)| scale * m - p);
             rms(&of.collect::<Vec<_>>())
@@ -247,7 +247,7 @@ impl Context<'_> {
         let text = |k: usize| slopes.iter().map(|s| rounded(s[k], 2).to_string()).collect::<Vec<_>>().join(", ");
         let (before, _) = self.rms(0, 1.0);
         Some(Finding {
-            recording: self.instants.trace.name.clone(),
+            recording: self.instants.dataset.name.clone(),
             axis: None,
             problem: Problem::AnotherMachine,
             severe: true,
@@ -265,7 +265,7 @@ impl Context<'_> {
     /// Slopes of a measured torque over what weight and what inertia make of the predicted one.
     fn weight_and_inertia(&self, axis: usize) -> Option<[f64; 2]> {
         let a = &self.judged.arrangement;
-        let channels = &self.instants.trace.channels;
+        let channels = &self.instants.dataset.channels;
         let still = |j: &JointState| JointState { qd: [0.0; AXES], qdd: [0.0; AXES], ..a.joints(j) };
         let whole = Predicted::new(self.plant, channels, 0.0, &self.instants.joints(|j| a.joints(j)));
         let weight = Predicted::new(self.plant, channels, 0.0, &self.instants.joints(still));
@@ -289,7 +289,7 @@ impl Context<'_> {
             let measured = rms(&self.instants.measured(axis, 0));
             let severe = before.is_some_and(|b| b > WORTHLESS * measured) && line.correlation < 0.5;
             Some(Finding {
-                recording: self.instants.trace.name.clone(),
+                recording: self.instants.dataset.name.clone(),
                 axis: Some(axis),
                 problem: Problem::Unrelated,
                 severe,

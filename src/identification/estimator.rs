@@ -34,16 +34,16 @@ impl Estimator {
         finite.then(|| Self { size: size.clone(), data, prior: prior.clone(), inverse })
     }
 
-    /// Gauss–Newton step from parameters that lie `offset` from their prior; those in `held` do not move.
-    pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, held: &[usize]) -> DVector<f64> {
+    /// Gauss–Newton step from parameters that lie `offset` from their prior; those in `fixed` do not move.
+    pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, fixed: &[usize]) -> DVector<f64> {
         let pull = offset.component_div(&self.size).component_mul(&self.prior);
         let gradient = normal.score.component_mul(&self.size) - pull;
         let mut step = &self.inverse * gradient;
-        // The step of least cost among those that leave the held ones where they are: s − P_h·P_hh⁻¹·s_h, P the inverse.
-        let own = DMatrix::from_fn(held.len(), held.len(), |i, j| self.inverse[(held[i], held[j])]);
-        let back = DVector::from_fn(held.len(), |i, _| step[held[i]]);
+        // The step of least cost among those that leave the fixed ones where they are: s − P_h·P_hh⁻¹·s_h, P the inverse.
+        let own = DMatrix::from_fn(fixed.len(), fixed.len(), |i, j| self.inverse[(fixed[i], fixed[j])]);
+        let back = DVector::from_fn(fixed.len(), |i, _| step[fixed[i]]);
         if let Some(factor) = own.cholesky() {
-            for (share, &h) in factor.solve(&back).iter().zip(held) {
+            for (share, &h) in factor.solve(&back).iter().zip(fixed) {
                 step -= self.inverse.column(h) * *share;
             }
         }

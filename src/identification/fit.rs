@@ -14,7 +14,7 @@ use super::filtering::MIN_HALF_WIDTH;
 use super::normal_equations::{ALIKE, NormalEquations, Weight};
 use super::prediction::{Channels, predict};
 use super::regularisation::{self, GroupWeight};
-use super::{BaseParameter, Trace};
+use super::{BaseParameter, Dataset};
 use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
 use crate::effects::{Param, Role, payload};
 use crate::evidence::{NEVER, Stop};
@@ -55,7 +55,7 @@ pub enum FitError {
         /// Samples needed.
         needed: usize,
     },
-    /// Every parameter is held.
+    /// Every parameter is fixed.
     #[error("every parameter of the model is held; expected at least one to estimate")]
     NothingToEstimate,
     /// There is nothing a payload could hang at.
@@ -168,7 +168,7 @@ pub struct Options<'a> {
     /// Weights γ of eq. 10 that depart from `prior_information`.
     pub weights: &'a [GroupWeight],
     /// Effects whose parameters stay as they are.
-    pub held: &'a [String],
+    pub fixed: &'a [String],
     /// When to end with the best parameters so far; one step is always made.
     pub stop: Option<Stop<'a>>,
 }
@@ -247,32 +247,32 @@ const HUBER: f64 = 1.345;
 /// Residuals beyond this many scatters do not count.
 const TRIM: f64 = 3.0;
 
-/// Fits all parameters of `model` to the traces; `noise[trace][channel]` weighs the channels.
-pub fn fit(model: &Model, traces: &[Trace], noise: &[Vec<f64>]) -> Result<Fit, FitError> {
-    fit_with(model, traces, noise, &Options::default())
+/// Fits all parameters of `model` to the datasets; `noise[dataset][channel]` weighs the channels.
+pub fn fit(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>]) -> Result<Fit, FitError> {
+    fit_with(model, datasets, noise, &Options::default())
 }
 
-/// Fits the parameters of `model` to the traces; `noise[trace][channel]` are the channels' standard deviations.
-pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &Options) -> Result<Fit, FitError> {
-    for trace in traces {
-        if trace.len() < MIN_SAMPLES {
+/// Fits the parameters of `model` to the datasets; `noise[dataset][channel]` are the channels' standard deviations.
+pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: &Options) -> Result<Fit, FitError> {
+    for dataset in datasets {
+        if dataset.len() < MIN_SAMPLES {
             return Err(FitError::TooShort {
-                recording: trace.name.clone(),
-                samples: trace.len(),
+                recording: dataset.name.clone(),
+                samples: dataset.len(),
                 needed: MIN_SAMPLES,
             });
         }
     }
-    if let Some(other) = traces.iter().find(|t| t.setup.configuration != traces[0].setup.configuration) {
-        let [first, second] = [&traces[0], other].map(|t| t.name.clone());
+    if let Some(other) = datasets.iter().find(|t| t.setup.configuration != datasets[0].setup.configuration) {
+        let [first, second] = [&datasets[0], other].map(|t| t.name.clone());
         return Err(FitError::Configurations { first, second });
     }
     let assembled = model.assembled;
-    let mut model = in_configuration(model, &traces[0].setup);
-    let problem = Regression::new(&model, traces, noise, options)?;
+    let mut model = in_configuration(model, &datasets[0].setup);
+    let problem = Regression::new(&model, datasets, noise, options)?;
     let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE)?;
     // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
-    let clean = traces.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
+    let clean = datasets.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
     if options.robust || clean {
         for _ in 0..ROUNDS {
             if (problem.stop)() {
@@ -292,7 +292,7 @@ pub fn fit_with(model: &Model, traces: &[Trace], noise: &[Vec<f64>], options: &O
 
 /// A regression with everything that stays the same while parameters move.
 struct Regression<'a> {
-    traces: &'a [Trace],
+    datasets: &'a [Dataset],
     sigma: Vec<Vec<f64>>,
     /// Whether `sigma` is the noise itself.
     white: bool,
@@ -314,30 +314,35 @@ struct Regression<'a> {
 }
 
 impl<'a> Regression<'a> {
-    fn new(model: &Model, traces: &'a [Trace], noise: &[Vec<f64>], options: &Options<'a>) -> Result<Self, FitError> {
-        let setup = &traces[0].setup;
+    fn new(
+        model: &Model,
+        datasets: &'a [Dataset],
+        noise: &[Vec<f64>],
+        options: &Options<'a>,
+    ) -> Result<Self, FitError> {
+        let setup = &datasets[0].setup;
         let plant = Plant::new(model, setup);
         let parameters = plant.parameters();
         let regularised = options.prior.map_or_else(|| parameters.clone(), |p| Plant::new(p, setup).parameters());
-        let free = parameters.free(options.held);
+        let free = parameters.free(options.fixed);
         if free.is_empty() {
             return Err(FitError::NothingToEstimate);
         }
         let own: Vec<PlantParameter> = free.iter().map(|&k| parameters[k].clone()).collect();
         let information = options.prior_information.unwrap_or(PRIOR_INFORMATION);
-        let samples = traces.iter().map(Trace::len).sum();
+        let samples = datasets.iter().map(Dataset::len).sum();
         let weights = regularisation::weights(&own, information, options.weights, samples)?;
         // The prior may be another model: its parameters are the same by name.
         let known = |k: usize| regularised.named(&parameters[k].name).map_or(&parameters[k], |i| &regularised[i]);
         let sigma = match options.weighing {
             Weighing::Noise => noise.to_vec(),
-            Weighing::Maximum => largest(traces, noise),
+            Weighing::Maximum => largest(datasets, noise),
         };
         Ok(Self {
-            traces,
+            datasets,
             sigma,
             white: options.weighing == Weighing::Noise,
-            size: DVector::from_iterator(free.len(), free.iter().map(|&k| own_size(known(k)))),
+            size: DVector::from_iterator(free.len(), free.iter().map(|&k| nominal_size(known(k)))),
             prior: DVector::from_iterator(free.len(), free.iter().map(|&k| known(k).value)),
             parameters: own,
             before: plant,
@@ -350,12 +355,12 @@ impl<'a> Regression<'a> {
     }
 
     fn values(&self, model: &Model) -> DVector<f64> {
-        let parameters = Plant::new(model, &self.traces[0].setup).parameters();
+        let parameters = Plant::new(model, &self.datasets[0].setup).parameters();
         DVector::from_iterator(self.free.len(), self.free.iter().map(|&k| parameters[k].value))
     }
 
     fn set(&self, model: &mut Model, values: &DVector<f64>) {
-        let mut all: Vec<f64> = Plant::new(model, &self.traces[0].setup).parameters().values();
+        let mut all: Vec<f64> = Plant::new(model, &self.datasets[0].setup).parameters().values();
         for (i, &k) in self.free.iter().enumerate() {
             all[k] = values[i];
         }
@@ -366,10 +371,10 @@ impl<'a> Regression<'a> {
     fn cost(&self, residuals: &[Channels], values: &DVector<f64>, weight: Weight) -> f64 {
         let series =
             |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
-        let trace = |(channels, sigma): (&Channels, &Vec<f64>)| -> f64 {
+        let dataset = |(channels, sigma): (&Channels, &Vec<f64>)| -> f64 {
             channels.iter().zip(sigma).enumerate().map(series).sum()
         };
-        let data: f64 = residuals.iter().zip(&self.sigma).map(trace).sum();
+        let data: f64 = residuals.iter().zip(&self.sigma).map(dataset).sum();
         0.5 * data + self.prior_cost(values)
     }
 
@@ -381,7 +386,7 @@ impl<'a> Regression<'a> {
 
     /// Gauss–Newton from the present parameters of `model` to those of least cost.
     fn least_squares(&self, model: &mut Model, weight: Weight) -> Result<(NormalEquations, Estimator), FitError> {
-        let pass = |model: &Model| NormalEquations::new(model, self.traces, &self.sigma, &self.free, weight);
+        let pass = |model: &Model| NormalEquations::new(model, self.datasets, &self.sigma, &self.free, weight);
         let solve =
             |normal: &NormalEquations| Estimator::new(normal, &self.size, &self.weights).ok_or(FitError::NotFinite);
         let mut normal = pass(model)?;
@@ -391,7 +396,7 @@ impl<'a> Regression<'a> {
             let step = estimator.step(&normal, &(&values - &self.prior), &[]);
             self.set(model, &(&values + &step));
             normal.advance(&step);
-            normal.residuals = residuals(model, self.traces)?;
+            normal.residuals = residuals(model, self.datasets)?;
             return Ok((normal, estimator));
         }
         let mut cost = self.cost(&normal.residuals, &values, weight);
@@ -414,7 +419,7 @@ impl<'a> Regression<'a> {
                 let trial = self.moved(&values, &step, damping);
                 self.set(&mut next, &trial);
                 // Trials need no columns. Where the machine cannot be assembled, the step was too long.
-                let there = residuals(&next, self.traces).ok();
+                let there = residuals(&next, self.datasets).ok();
                 let trial_cost = there.as_ref().map_or(f64::INFINITY, |there| self.cost(there, &trial, weight));
                 if let Some(there) = there.filter(|_| trial_cost <= cost) {
                     let step = &trial - &values;
@@ -457,7 +462,7 @@ impl<'a> Regression<'a> {
 
     /// Mean cost of a residual over that of one of the stated noise; one if it is less.
     fn scale(&self, cost: f64) -> f64 {
-        let residuals: usize = self.traces.iter().map(|t| t.len() * t.channels.len()).sum();
+        let residuals: usize = self.datasets.iter().map(|t| t.len() * t.channels.len()).sum();
         (2.0 * cost / residuals.max(1) as f64).max(1.0)
     }
 
@@ -487,7 +492,7 @@ impl<'a> Regression<'a> {
         })
     }
 
-    /// Robust standard deviation of each channel in units of its sigma, over all traces.
+    /// Robust standard deviation of each channel in units of its sigma, over all datasets.
     fn scatter(&self, residuals: &[Channels]) -> Vec<f64> {
         let channels = self.sigma.iter().map(Vec::len).min().unwrap_or(0);
         let one = |c: usize| {
@@ -501,7 +506,7 @@ impl<'a> Regression<'a> {
 
     /// Turns the estimate into possible parameters with their standard errors.
     fn finish(&self, mut model: Model, normal: &NormalEquations, estimator: &Estimator) -> Result<Fit, FitError> {
-        let plant = Plant::new(&model, &self.traces[0].setup);
+        let plant = Plant::new(&model, &self.datasets[0].setup);
         let all = plant.parameters();
         let estimated: Vec<&PlantParameter> = self.free.iter().map(|&k| &all[k]).collect();
         let covariance = estimator.covariance(normal, self.white);
@@ -530,7 +535,7 @@ impl<'a> Regression<'a> {
         // The payload is no part of the machine.
         let links: Vec<_> = classes.into_iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).collect();
         consistency::complete(&links, &values, &mut model.bodies);
-        let residuals = if corrected { residuals(&model, self.traces)? } else { normal.residuals.clone() };
+        let residuals = if corrected { residuals(&model, self.datasets)? } else { normal.residuals.clone() };
         let mut parameters = Vec::new();
         let mut unidentified = Vec::new();
         let mut moved = Vec::new();
@@ -585,11 +590,11 @@ impl<'a> Regression<'a> {
         let alone = |i: &usize| !owners.iter().any(|o| o.contains(i));
         let ranges: Vec<Vec<usize>> = (0..free.len()).filter(alone).map(|i| vec![i]).collect();
         owners.extend(ranges);
-        let held = |owned: &Vec<usize>| -> Vec<(String, f64)> {
+        let fixed = |owned: &Vec<usize>| -> Vec<(String, f64)> {
             let pulled = owned.iter().filter(|&&i| i < free.len() && scaled(i) > RESIDUE * largest);
             pulled.map(|&i| (free[i].name.clone(), pull[i])).collect()
         };
-        owners.iter().map(held).filter(|edge| !edge.is_empty()).collect()
+        owners.iter().map(fixed).filter(|edge| !edge.is_empty()).collect()
     }
 
     fn reason(
@@ -665,14 +670,14 @@ impl<'a> Regression<'a> {
 }
 
 /// Largest measured magnitude of every channel, in the proportion that leaves the mean weight of a row.
-fn largest(traces: &[Trace], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let one = |(trace, sigma): (&Trace, &Vec<f64>)| {
+fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let one = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
         let peak = |m: &Vec<f64>| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
-        let peaks: Vec<f64> = trace.measured.iter().map(peak).collect();
+        let peaks: Vec<f64> = dataset.measured.iter().map(peak).collect();
         let ratio: f64 = sigma.iter().zip(&peaks).map(|(s, p)| (s / p).powi(2)).sum::<f64>() / peaks.len() as f64;
         peaks.into_iter().map(|p| p * ratio.sqrt()).collect()
     };
-    traces.iter().zip(noise).map(one).collect()
+    datasets.iter().zip(noise).map(one).collect()
 }
 
 /// Whether some parameter enters the prediction nonlinearly.
@@ -685,21 +690,21 @@ pub fn is_nonlinear(model: &Model) -> bool {
     })
 }
 
-/// Measured minus predicted for every trace.
-pub fn residuals(model: &Model, traces: &[Trace]) -> Result<Vec<Channels>, FitError> {
-    traces
+/// Measured minus predicted for every dataset.
+pub fn residuals(model: &Model, datasets: &[Dataset]) -> Result<Vec<Channels>, FitError> {
+    datasets
         .iter()
-        .map(|trace| {
-            let predicted = predict(&Plant::new(model, &trace.setup), trace).map_err(kinematics(trace))?;
+        .map(|dataset| {
+            let predicted = predict(&Plant::new(model, &dataset.setup), dataset).map_err(kinematics(dataset))?;
             let minus = |(m, p): (&Vec<f64>, Vec<f64>)| m.iter().zip(p).map(|(m, p)| m - p).collect();
-            Ok(trace.measured.iter().zip(predicted).map(minus).collect())
+            Ok(dataset.measured.iter().zip(predicted).map(minus).collect())
         })
         .collect()
 }
 
 /// Attaches the recording's name to a kinematic error.
-pub fn kinematics(trace: &Trace) -> impl Fn(KinematicsError) -> FitError + '_ {
-    |source| FitError::Kinematics { recording: trace.name.clone(), source }
+pub fn kinematics(dataset: &Dataset) -> impl Fn(KinematicsError) -> FitError + '_ {
+    |source| FitError::Kinematics { recording: dataset.name.clone(), source }
 }
 
 /// Root mean square per channel over several recordings.
@@ -715,6 +720,6 @@ pub fn channel_rms(residuals: &[Channels]) -> Vec<f64> {
 }
 
 /// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
-pub fn own_size(p: &PlantParameter) -> f64 {
+pub fn nominal_size(p: &PlantParameter) -> f64 {
     p.value.abs().max(p.usual).max(1e-9)
 }

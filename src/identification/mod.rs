@@ -1,10 +1,11 @@
 //! Which parameters explain a recording.
 //!
-//! A [`Trace`] holds the smoothed joint motion of a recording; [`predict`] and [`columns`] turn a plant and a trace into
+//! A [`Dataset`] holds the smoothed joint motion of a recording; [`predict`] and [`columns`] turn a plant and a dataset into
 //! predicted channels and their derivatives by parameter; [`mod@fit`] is weighted least squares on what the data can tell.
 
 pub mod base_parameters;
 pub mod consistency;
+pub mod dataset;
 pub mod derivatives;
 pub mod estimator;
 pub mod filtering;
@@ -15,12 +16,11 @@ pub mod prediction;
 pub mod regularisation;
 pub mod smoother;
 mod swapped;
-pub mod trace;
 
 pub use base_parameters::BaseParameter;
+pub use dataset::{Dataset, EncoderReadings};
 pub use derivatives::Method;
 pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use payload::{PayloadFit, identify_payload};
 pub use prediction::{averaged_columns, columns, predict};
 pub use swapped::swapped;
-pub use trace::{EncoderReadings, Trace};

@@ -8,7 +8,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::Trace;
+use super::Dataset;
 use super::fit::{FitError, kinematics};
 use super::prediction::{Channels, is_local, prediction_and_columns, surroundings};
 use crate::dynamics::Plant;
@@ -57,10 +57,10 @@ pub struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// Sums over all traces for the parameters `free` of the plant; `sigma[trace][channel]` scales the rows.
+    /// Sums over all datasets for the parameters `free` of the plant; `sigma[dataset][channel]` scales the rows.
     pub fn new(
         model: &Model,
-        traces: &[Trace],
+        datasets: &[Dataset],
         sigma: &[Vec<f64>],
         free: &[usize],
         weight: Weight,
@@ -72,10 +72,10 @@ impl NormalEquations {
             score: DVector::zeros(n),
             residuals: Vec::new(),
             rows: Vec::new(),
-            stride: traces.iter().map(Trace::len).sum::<usize>().div_ceil(ROWS).max(1),
+            stride: datasets.iter().map(Dataset::len).sum::<usize>().div_ceil(ROWS).max(1),
         };
-        for (trace, sigma) in traces.iter().zip(sigma) {
-            all.pass(&Plant::new(model, &trace.setup), trace, sigma, free, weight)?;
+        for (dataset, sigma) in datasets.iter().zip(sigma) {
+            all.pass(&Plant::new(model, &dataset.setup), dataset, sigma, free, weight)?;
         }
         for b in all.blocks.iter().flatten() {
             all.information += &b.information;
@@ -87,23 +87,23 @@ impl NormalEquations {
     fn pass(
         &mut self,
         plant: &Plant,
-        trace: &Trace,
+        dataset: &Dataset,
         sigma: &[f64],
         free: &[usize],
         weight: Weight,
     ) -> Result<(), FitError> {
-        let length = trace.len().div_ceil(BLOCKS).max(MIN_BLOCK);
-        let window = if is_local(plant) { length * (WINDOW / length).max(1) } else { trace.len().max(1) };
-        let starts: Vec<usize> = (0..trace.len()).step_by(window).collect();
+        let length = dataset.len().div_ceil(BLOCKS).max(MIN_BLOCK);
+        let window = if is_local(plant) { length * (WINDOW / length).max(1) } else { dataset.len().max(1) };
+        let starts: Vec<usize> = (0..dataset.len()).step_by(window).collect();
         let rows = Rows { length, stride: self.stride, sigma, free, weight };
         let parts: Vec<Part> = starts
             .into_par_iter()
             .map(|start| {
-                let range = start..(start + window).min(trace.len());
-                part(plant, trace, range, rows)
+                let range = start..(start + window).min(dataset.len());
+                part(plant, dataset, range, rows)
             })
             .collect::<Result<_, _>>()?;
-        let mut residuals: Channels = trace.channels.iter().map(|_| Vec::with_capacity(trace.len())).collect();
+        let mut residuals: Channels = dataset.channels.iter().map(|_| Vec::with_capacity(dataset.len())).collect();
         let mut blocks = Vec::new();
         for part in parts {
             blocks.extend(part.blocks);
@@ -133,7 +133,7 @@ struct Part {
     rows: Vec<Vec<f64>>,
 }
 
-/// How the rows of a trace are weighed and gathered.
+/// How the rows of a dataset are weighed and gathered.
 #[derive(Clone, Copy)]
 struct Rows<'a> {
     /// Samples of a block.
@@ -147,11 +147,11 @@ struct Rows<'a> {
     weight: Weight<'a>,
 }
 
-fn part(plant: &Plant, trace: &Trace, range: Range<usize>, of: Rows) -> Result<Part, FitError> {
+fn part(plant: &Plant, dataset: &Dataset, range: Range<usize>, of: Rows) -> Result<Part, FitError> {
     let Rows { length, stride, sigma, free, weight } = of;
-    let (around, shift) = surroundings(plant, trace, &range);
-    let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(trace))?;
-    let residual: Channels = trace
+    let (around, shift) = surroundings(plant, dataset, &range);
+    let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(dataset))?;
+    let residual: Channels = dataset
         .measured
         .iter()
         .zip(&predicted)

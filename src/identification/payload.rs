@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use std::sync::Arc;
 
 use super::fit::{Fit, FitError, Options, fit_with};
-use super::{Estimate, Trace};
+use super::{Dataset, Estimate};
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Part, payload};
 use crate::machine::{Inertia, Payload, Setup};
@@ -34,28 +34,28 @@ const ZZ: usize = TENSOR + 2;
 const XZ: usize = TENSOR + 4;
 const YZ: usize = TENSOR + 5;
 
-/// Finds the payload all `traces` were recorded with; their stated payload is the regularisation value.
+/// Finds the payload all `datasets` were recorded with; their stated payload is the regularisation value.
 ///
 /// # Errors
 /// If a machine has no flange, and as [`fit_with`].
 pub fn identify_payload(
     model: &Model,
-    traces: &[Trace],
+    datasets: &[Dataset],
     noise: &[Vec<f64>],
     options: &Options,
 ) -> Result<PayloadFit, FitError> {
-    if let Some(trace) = traces.iter().find(|t| !Plant::new(model, &t.setup).has(Part::Linkage)) {
-        return Err(FitError::NoFlange { recording: trace.name.clone() });
+    if let Some(dataset) = datasets.iter().find(|t| !Plant::new(model, &t.setup).has(Part::Linkage)) {
+        return Err(FitError::NoFlange { recording: dataset.name.clone() });
     }
-    let stated = traces.first().map_or_else(Payload::default, |t| t.setup.payload);
-    let empty = |t: &Trace| Trace { setup: Setup { payload: Payload::default(), ..t.setup }, ..t.clone() };
-    let traces: Vec<Trace> = traces.iter().map(empty).collect();
+    let stated = datasets.first().map_or_else(Payload::default, |t| t.setup.payload);
+    let empty = |t: &Dataset| Dataset { setup: Setup { payload: Payload::default(), ..t.setup }, ..t.clone() };
+    let datasets: Vec<Dataset> = datasets.iter().map(empty).collect();
     let mut others: Vec<String> =
-        Plant::new(model, &traces[0].setup).parameters().iter().map(|p| p.param.effect.into()).collect();
+        Plant::new(model, &datasets[0].setup).parameters().iter().map(|p| p.param.effect.into()).collect();
     others.dedup();
     let around = |prior: &Payload| {
         let with = loaded(model, prior);
-        fit_with(&with, &traces, noise, &Options { held: &others, prior: Some(&with), ..*options })
+        fit_with(&with, &datasets, noise, &Options { fixed: &others, prior: Some(&with), ..*options })
     };
     let first = around(&stated)?;
     let fit = around(&completed(&stated, &first.parameters))?;

@@ -1,6 +1,6 @@
-//! What a plant predicts for a trace, and how that changes with each parameter.
+//! What a plant predicts for a dataset, and how that changes with each parameter.
 //!
-//! A trace holds what the encoders read. What lies between encoder and joint ([`Kind::Encoder`]) is taken off first:
+//! A dataset holds what the encoders read. What lies between encoder and joint ([`Kind::Encoder`]) is taken off first:
 //! constant offsets, then the deflection of elastic gears (`gears`). With θ the encoder angle less its offset, q the
 //! joint's, J the rotor's inertia and ID the inverse dynamics with the rotor on the arm, τ = ID(q, q̇, q̈) + J·(θ̈ − q̈).
 //!
@@ -15,8 +15,8 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use self::states::OwnStates;
-use super::Trace;
+use self::states::InternalStates;
+use super::Dataset;
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion};
@@ -25,7 +25,7 @@ use crate::recording::Signals;
 
 pub use columns::{averaged_columns, columns, prediction_and_columns};
 
-/// Series of every channel, in the order of the trace's channels.
+/// Series of every channel, in the order of the dataset's channels.
 pub type Channels = Vec<Vec<f64>>;
 
 /// Joint motion of the mechanism at every sample. The motion of all bodies takes kilobytes: it is computed where it is
@@ -65,17 +65,17 @@ fn reach(plant: &Plant) -> usize {
 /// Samples predicted together.
 const CHUNK: usize = 1024;
 
-/// Predicted channels of a plant along a trace.
-pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
-    if !is_local(plant) || trace.len() <= CHUNK {
-        return predict_along(plant, trace, &joints(plant, trace)?);
+/// Predicted channels of a plant along a dataset.
+pub fn predict(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
+    if !is_local(plant) || dataset.len() <= CHUNK {
+        return predict_along(plant, dataset, &joints(plant, dataset)?);
     }
-    let starts: Vec<usize> = (0..trace.len()).step_by(CHUNK).collect();
+    let starts: Vec<usize> = (0..dataset.len()).step_by(CHUNK).collect();
     let pieces: Vec<Channels> = starts
         .into_par_iter()
         .map(|start| {
-            let range = start..(start + CHUNK).min(trace.len());
-            let (around, shift) = surroundings(plant, trace, &range);
+            let range = start..(start + CHUNK).min(dataset.len());
+            let (around, shift) = surroundings(plant, dataset, &range);
             let piece = predict_along(plant, &around, &joints(plant, &around)?);
             let mut piece = piece.map_err(|e| e.later(range.start - shift))?;
             piece.iter_mut().for_each(|series| *series = series[shift..shift + range.len()].to_vec());
@@ -85,35 +85,35 @@ pub fn predict(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError
         .into_iter()
         .collect::<Result<_, _>>()?;
     let whole = |c: usize| pieces.iter().flat_map(|p| &p[c]).copied().collect();
-    Ok((0..trace.channels.len()).map(whole).collect())
+    Ok((0..dataset.channels.len()).map(whole).collect())
 }
 
 /// The samples that a local prediction in `range` needs, and where `range` starts in them.
-pub fn surroundings(plant: &Plant, trace: &Trace, range: &Range<usize>) -> (Trace, usize) {
+pub fn surroundings(plant: &Plant, dataset: &Dataset, range: &Range<usize>) -> (Dataset, usize) {
     let reach = reach(plant);
     if gear_springs(plant).is_some() {
         // Once for all windows.
-        trace.ringing();
+        dataset.ringing();
     }
-    let outer = range.start.saturating_sub(reach)..(range.end + reach).min(trace.len());
+    let outer = range.start.saturating_sub(reach)..(range.end + reach).min(dataset.len());
     let shift = range.start - outer.start;
-    (trace.window(outer), shift)
+    (dataset.window(outer), shift)
 }
 
 /// Motion of the mechanism: that of the encoders less what lies between them and the joints.
-fn joints<'a>(plant: &'a Plant, trace: &'a Trace) -> Result<Joints<'a>, KinematicsError> {
+fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, KinematicsError> {
     let mut offset = [0.0; AXES];
     for active in &plant.effects {
         active.encoder(&active.initial_state(), &mut offset);
     }
     let joint = |j: &JointState| JointState { q: std::array::from_fn(|i| j.q[i] - offset[i]), ..*j };
     let states = match offset == [0.0; AXES] {
-        true => Cow::Borrowed(trace.joints.as_slice()),
-        false => Cow::Owned(trace.joints.iter().map(joint).collect()),
+        true => Cow::Borrowed(dataset.joints.as_slice()),
+        false => Cow::Owned(dataset.joints.iter().map(joint).collect()),
     };
     let rigid = Joints { plant, encoders: states.clone(), states };
     match gear_springs(plant) {
-        Some(gears) => gears::deflected(trace, &rigid, &gears),
+        Some(gears) => gears::deflected(dataset, &rigid, &gears),
         None => Ok(rigid),
     }
 }
@@ -122,23 +122,23 @@ fn gear_springs(plant: &Plant) -> Option<[GearSpring; AXES]> {
     plant.effects.iter().find_map(|a| a.gear_springs())
 }
 
-fn predict_along(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, KinematicsError> {
-    let mut series = ideal(plant, trace, joints)?;
-    observe(plant, trace, &mut series);
+fn predict_along(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, KinematicsError> {
+    let mut series = ideal(plant, dataset, joints)?;
+    observe(plant, dataset, &mut series);
     Ok(series)
 }
 
 /// Predicted channels before the sensors change them.
-fn ideal(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, KinematicsError> {
+fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, KinematicsError> {
     let gears = gear_springs(plant).unwrap_or_default();
     let behind = gears::behind(plant, &gears);
     let effects: Vec<&ActiveEffect> = behind.effects.iter().collect();
-    let own = OwnStates::along(&behind, &effects, trace, joints)?;
-    let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
-    let mut outputs: Vec<Output> = (0..trace.len())
+    let own = InternalStates::along(&behind, &effects, dataset, joints)?;
+    let with_struts = dataset.channels.iter().any(|c| c.drive().is_none());
+    let mut outputs: Vec<Output> = (0..dataset.len())
         .into_par_iter()
         .map(|k| {
-            let out = inverse_dynamics(&behind, trace.t[k], &joints.motion(k)?, &own.at(k), with_struts);
+            let out = inverse_dynamics(&behind, dataset.t[k], &joints.motion(k)?, &own.at(k), with_struts);
             let mut out = out.map_err(|e| e.at_sample(k))?;
             for (i, gear) in gears.iter().enumerate() {
                 // The rotor moves with the encoder, not with the arm.
@@ -151,12 +151,12 @@ fn ideal(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, Kine
         .into_iter()
         .collect::<Result<_, _>>()?;
     if gears.iter().any(|g| g.friction_at_motor) {
-        for (out, friction) in outputs.iter_mut().zip(at_motors(plant, &behind, &own, trace, joints)?) {
+        for (out, friction) in outputs.iter_mut().zip(at_motors(plant, &behind, &own, dataset, joints)?) {
             out.tau.iter_mut().zip(friction).for_each(|(tau, f)| *tau += f);
         }
     }
     let series: Channels =
-        trace.channels.iter().map(|channel| outputs.iter().map(|o| channel_value(*channel, o)).collect()).collect();
+        dataset.channels.iter().map(|channel| outputs.iter().map(|o| channel_value(*channel, o)).collect()).collect();
     Ok(series)
 }
 
@@ -164,20 +164,20 @@ fn ideal(plant: &Plant, trace: &Trace, joints: &Joints) -> Result<Channels, Kine
 fn at_motors(
     plant: &Plant,
     behind: &Plant,
-    own_behind: &OwnStates,
-    trace: &Trace,
+    own_behind: &InternalStates,
+    dataset: &Dataset,
     joints: &Joints,
 ) -> Result<Vec<[f64; AXES]>, KinematicsError> {
     let encoders = joints.of_encoders();
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let own = OwnStates::along(plant, &effects, trace, &encoders)?;
+    let own = InternalStates::along(plant, &effects, dataset, &encoders)?;
     let difference = |k: usize| {
         let motion = encoders.motion(k)?;
-        let with = inverse_dynamics(plant, trace.t[k], &motion, &own.at(k), false)?.tau;
-        let without = inverse_dynamics(behind, trace.t[k], &motion, &own_behind.at(k), false)?.tau;
+        let with = inverse_dynamics(plant, dataset.t[k], &motion, &own.at(k), false)?.tau;
+        let without = inverse_dynamics(behind, dataset.t[k], &motion, &own_behind.at(k), false)?.tau;
         Ok(std::array::from_fn(|i| with[i] - without[i]))
     };
-    (0..trace.len()).into_par_iter().map(difference).collect()
+    (0..dataset.len()).into_par_iter().map(difference).collect()
 }
 
 fn channel_value(channel: Channel, output: &Output) -> f64 {
@@ -189,15 +189,15 @@ fn channel_value(channel: Channel, output: &Output) -> f64 {
 }
 
 /// Passes the torque channels through the plant's sensor effects.
-fn observe(plant: &Plant, trace: &Trace, series: &mut Channels) {
+fn observe(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
     if !plant.observes() {
         return;
     }
     let drives = plant.mechanism.axes();
-    for segment in &trace.segments {
+    for segment in &dataset.segments {
         let torque = |i: usize, k: usize| if i < drives { series[i][k] } else { 0.0 };
         let mut signals = Signals {
-            t: trace.t[segment.clone()].to_vec(),
+            t: dataset.t[segment.clone()].to_vec(),
             tau: segment.clone().map(|k| std::array::from_fn(|i| torque(i, k))).collect(),
             ..Signals::default()
         };

@@ -6,7 +6,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::Trace;
+use super::Dataset;
 
 /// Numbers that describe the motion of one axis.
 const FEATURES: usize = 6;
@@ -23,14 +23,14 @@ type Features = SVector<f64, FEATURES>;
 
 /// The axes, in order, that the torques of axes 1, 2, … seem to belong to, in words; none if every torque is where it
 /// should be or the motion does not tell.
-pub fn swapped(trace: &Trace) -> Option<String> {
-    let axes = trace.channels.iter().take_while(|c| c.drive().is_some()).count();
+pub fn swapped(dataset: &Dataset) -> Option<String> {
+    let axes = dataset.channels.iter().take_while(|c| c.drive().is_some()).count();
     let own: Vec<usize> = (0..axes).collect();
-    if axes < 2 || trace.is_empty() {
+    if axes < 2 || dataset.is_empty() {
         return None;
     }
     let unexplained: Vec<Vec<f64>> =
-        own.iter().map(|&i| own.iter().map(|&j| unexplained(trace, i, j)).collect()).collect();
+        own.iter().map(|&i| own.iter().map(|&j| unexplained(dataset, i, j)).collect()).collect();
     let better = |i: usize, j: usize| unexplained[i][j] < DECIDED * unexplained[i][i];
     let order: Vec<usize> = (0..axes)
         .map(|i| {
@@ -59,13 +59,13 @@ pub fn swapped(trace: &Trace) -> Option<String> {
 }
 
 /// Share of the variance of the torque of axis `i` that the motion of axis `j` leaves.
-fn unexplained(trace: &Trace, i: usize, j: usize) -> f64 {
-    let stride = trace.len().div_ceil(SAMPLES);
-    let rows = (0..trace.len()).step_by(stride).map(|k| {
-        let m = &trace.joints[k];
+fn unexplained(dataset: &Dataset, i: usize, j: usize) -> f64 {
+    let stride = dataset.len().div_ceil(SAMPLES);
+    let rows = (0..dataset.len()).step_by(stride).map(|k| {
+        let m = &dataset.joints[k];
         let (s, c) = m.q[j].sin_cos();
         let friction = (STEEPNESS * m.qd[j]).tanh();
-        (Features::from([1.0, c, s, m.qd[j], m.qdd[j], friction]), trace.measured[i][k])
+        (Features::from([1.0, c, s, m.qd[j], m.qdd[j], friction]), dataset.measured[i][k])
     });
     let mut normal = SMatrix::<f64, FEATURES, FEATURES>::zeros();
     let mut right = Features::zeros();

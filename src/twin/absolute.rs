@@ -13,7 +13,7 @@ use super::constraints::ROWS;
 use super::context::{Answer, Context};
 use super::forces::spin_restraint;
 use super::integrator::{Stage, System};
-use super::loose::{Bearings, Loose, Solution as Constrained, Stretch, Stretches};
+use super::maximal::{Bearings, MaximalCoordinates, Solution as Constrained, Stretch, Stretches};
 use super::rod::{self, Rod};
 use super::state::BodyState;
 use super::wrench::Twist;
@@ -46,7 +46,7 @@ pub(super) struct Joints {
 
 enum Solver {
     /// All joints of an assembled robot, but for open sockets.
-    Loops(Loose),
+    Loops(MaximalCoordinates),
     /// Arms and rotor in their bearings.
     Bearings(Box<Bearings>),
 }
@@ -56,7 +56,7 @@ impl Joints {
     pub fn new(plant: &Plant) -> Self {
         Self {
             solver: if plant.assembled {
-                Solver::Loops(Loose::new())
+                Solver::Loops(MaximalCoordinates::new())
             } else {
                 Solver::Bearings(Box::new(Bearings::new()))
             },
@@ -105,9 +105,9 @@ impl Joints {
             socket_force: [Vector3::zeros(); 2 * STRUTS],
         };
         match &mut self.solver {
-            Solver::Loops(loose) => {
-                let out = solution(loose.solve_elastic(plant, bodies, closed, wrenches, damping, stretches)?);
-                Ok(Solution { reactions: loose.axial_forces(bodies), socket_force: loose.socket_forces(), ..out })
+            Solver::Loops(maximal) => {
+                let out = solution(maximal.solve_elastic(plant, bodies, closed, wrenches, damping, stretches)?);
+                Ok(Solution { reactions: maximal.axial_forces(bodies), socket_force: maximal.socket_forces(), ..out })
             }
             Solver::Bearings(bearings) => Ok(solution(bearings.solve(plant, bodies, wrenches, damping)?)),
         }
@@ -118,7 +118,7 @@ impl Joints {
         let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| body_state(&y[BODY * b..BODY * (b + 1)]));
         let mut stretches = self.stretches(y);
         match &mut self.solver {
-            Solver::Loops(loose) => loose.project_elastic(plant, &mut bodies, closed, stretches.as_mut())?,
+            Solver::Loops(maximal) => maximal.project_elastic(plant, &mut bodies, closed, stretches.as_mut())?,
             Solver::Bearings(bearings) => bearings.project(plant, &mut bodies)?,
         }
         for (b, body) in bodies.iter().enumerate() {

@@ -31,7 +31,7 @@ pub(super) struct FrameCache {
 
 impl FrameCache {
     /// State, machine or surroundings are no longer those of the last evaluation.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.fresh = None;
     }
 }

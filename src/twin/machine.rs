@@ -11,7 +11,7 @@ use super::context::{Answer, Context, Scratch};
 use super::forces::{Damping, Forces};
 use super::integrator::{RK4, ROS34PW2, Stepper, Tableau};
 use super::layout::Layout;
-use super::loose::{Loose, momentum};
+use super::maximal::{MaximalCoordinates, momentum};
 use super::reactions::JointReactions;
 use super::stops::{Hit, STOPS};
 use super::torque::Torque;
@@ -75,7 +75,7 @@ enum Form {
 
 /// A state to return to, as long as no socket opens in between.
 #[derive(Clone, Debug, Default)]
-pub struct Mark {
+pub struct Checkpoint {
     t: f64,
     y: Vec<f64>,
     answer: Answer,
@@ -177,7 +177,7 @@ impl Twin {
             Form::Absolute(joints) => stepper.step(tableau, &mut Absolute { context, joints }, *t, y, h)?,
         }
         self.t += h;
-        self.forget();
+        self.invalidate();
         Ok(())
     }
 
@@ -216,9 +216,9 @@ impl Twin {
     }
 
     /// What was evaluated last no longer holds.
-    fn forget(&mut self) {
+    fn invalidate(&mut self) {
         if let Form::Assembled(_, cache) = &mut self.form {
-            cache.forget();
+            cache.invalidate();
         }
     }
 
@@ -239,7 +239,7 @@ impl Twin {
         if matches!(self.form, Form::Assembled(..)) {
             self.go_absolute()?;
         }
-        self.forget();
+        self.invalidate();
         self.context.closed = self.context.closed.without(socket);
         Ok(())
     }
@@ -300,7 +300,7 @@ impl Twin {
         let velocity = twist.0 + twist.1.cross(&lever);
         let brought = BodyMotion { velocity, angular_velocity: twist.1, ..motion.bodies[carrier] };
         impulses[carrier] = momentum(&inertia, &brought);
-        let mut solver = Loose::new();
+        let mut solver = MaximalCoordinates::new();
         let after =
             solver.impulse(&joined, &self.context.plant.bodies, &motion.bodies, self.context.closed, &impulses)?;
         let mut moved = motion;
@@ -328,7 +328,7 @@ impl Twin {
     }
 
     fn reload(&mut self, moved: Option<&Motion>) -> Result<(), SingularPose> {
-        self.forget();
+        self.invalidate();
         match &mut self.form {
             Form::Assembled(mechanism, _) => {
                 **mechanism = Mechanism::new(&self.context.plant);
@@ -364,14 +364,14 @@ impl Twin {
 
     /// Sets the clock without moving anything.
     pub fn set_time(&mut self, t: f64) {
-        self.forget();
+        self.invalidate();
         self.t = t;
     }
 
     /// Wrenches from outside on all bodies (about their origins, world axes), until set again.
     pub fn set_external(&mut self, load: Load) {
         if !(self.context.external.is_none() && load.is_none()) {
-            self.forget();
+            self.invalidate();
         }
         self.context.external = load;
     }
@@ -383,7 +383,7 @@ impl Twin {
 
     /// Brakes on all drives that resist motion with up to `torque` N·m.
     pub fn set_brake(&mut self, torque: f64) {
-        self.forget();
+        self.invalidate();
         self.context.forces.brake = torque;
         self.smooth = false;
     }
@@ -443,23 +443,23 @@ impl Twin {
         self.context.scratch.unconverged
     }
 
-    /// Remembers the state in `mark`.
-    pub fn save(&self, mark: &mut Mark) {
-        mark.t = self.t;
-        mark.y.clone_from(&self.y);
-        mark.answer = self.context.scratch.answer;
-        mark.damping = self.context.scratch.damping;
+    /// Remembers the state in `checkpoint`.
+    pub fn save(&self, checkpoint: &mut Checkpoint) {
+        checkpoint.t = self.t;
+        checkpoint.y.clone_from(&self.y);
+        checkpoint.answer = self.context.scratch.answer;
+        checkpoint.damping = self.context.scratch.damping;
     }
 
     /// Returns to a state of the same mechanism.
     ///
     /// # Panics
     /// If a socket opened since.
-    pub fn restore(&mut self, mark: &Mark) {
-        self.forget();
-        self.t = mark.t;
-        self.y.copy_from_slice(&mark.y);
-        self.context.scratch.answer = mark.answer;
-        self.context.scratch.damping = mark.damping;
+    pub fn restore(&mut self, checkpoint: &Checkpoint) {
+        self.invalidate();
+        self.t = checkpoint.t;
+        self.y.copy_from_slice(&checkpoint.y);
+        self.context.scratch.answer = checkpoint.answer;
+        self.context.scratch.damping = checkpoint.damping;
     }
 }

@@ -1,6 +1,6 @@
 //! The machine in motion: fourteen bodies, 84 velocities, 74 constraint rows.
 //!
-//! Two formulations of the same equations. `absolute` integrates all bodies with all rows, which `loose` solves for whatever
+//! Two formulations of the same equations. `absolute` integrates all bodies with all rows, which `maximal` solves for whatever
 //! joints hold. `assembled` integrates what is left when the rows are eliminated, which `mechanism` does in closed form while
 //! all sockets hold; `axes` is that for a robot taken apart or a lone axis. `integrator` steps each. The eliminated form is the
 //! default, being the faster one; from the first dislocation on every run is in absolute coordinates.
@@ -17,8 +17,8 @@ pub mod energy;
 mod forces;
 mod integrator;
 mod layout;
-pub mod loose;
 mod machine;
+pub mod maximal;
 
 mod options;
 pub mod origin;
@@ -35,7 +35,7 @@ mod wrench;
 
 pub use contacts::{ContactBody, Contacts, Held, NewContacts, Surroundings, Touch};
 pub use controller::Gains;
-pub use machine::{Mark, Snapshot, Twin};
+pub use machine::{Checkpoint, Snapshot, Twin};
 pub use options::{Options, Watcher};
 pub use reactions::JointReactions;
 pub use report::{Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Pose, Report, SimulationError};

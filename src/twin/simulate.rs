@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::contacts::{ContactBody, Contacts, Held, Surroundings};
 use super::controller::Controller;
-use super::machine::{Mark, Snapshot, Twin};
+use super::machine::{Checkpoint, Snapshot, Twin};
 use super::sensors::Sensors;
 use super::sockets::{Clamps, socket_name};
 use super::torque::Torque;
@@ -126,7 +126,7 @@ struct Run<'a> {
     /// Desired joint state at the present control instant.
     wanted: JointState,
     tripped: bool,
-    mark: Mark,
+    checkpoint: Checkpoint,
     /// Contact wrenches at the present time.
     contact: [Twist; BODIES],
     /// What has met so far, and when last, s.
@@ -254,7 +254,7 @@ impl<'a> Run<'a> {
             torque,
             wanted,
             tripped: false,
-            mark: Mark::default(),
+            checkpoint: Checkpoint::default(),
             contact: [STILL; BODIES],
             touching: Vec::new(),
             rest_since: None,
@@ -434,7 +434,7 @@ impl<'a> Run<'a> {
             h = self.touch(h);
             let t = self.twin.time();
             if self.clamps.armed {
-                self.twin.save(&mut self.mark);
+                self.twin.save(&mut self.checkpoint);
             }
             self.twin.step(h, &self.torque)?;
             self.report.steps += 1;
@@ -510,11 +510,11 @@ impl<'a> Run<'a> {
         let (mut before, mut after) = (0.0, h);
         while after - before > EVENT_TIME {
             let middle = 0.5 * (before + after);
-            self.twin.restore(&self.mark);
+            self.twin.restore(&self.checkpoint);
             self.twin.step(middle, &self.torque)?;
             if self.weakest()? < 0.0 { after = middle } else { before = middle }
         }
-        self.twin.restore(&self.mark);
+        self.twin.restore(&self.checkpoint);
         self.twin.step(after, &self.torque)?;
         let t = self.twin.time();
         // Each loss loads the others and takes the hold of its partner.

@@ -9,7 +9,7 @@ use std::process::Output;
 use assert_cmd::Command;
 use common::model;
 use deltatwin::effects::Kind;
-use deltatwin::identification::{Trace, fit};
+use deltatwin::identification::{Dataset, fit};
 use deltatwin_io::recording;
 use deltatwin_validation::demo::hide;
 use deltatwin_validation::exam::{self, Campaign, Case, Grade, MotionKind, Noise, Size, campaign, folder, judge};
@@ -28,11 +28,11 @@ fn of(name: &str, seed: u64) -> Case {
 
 /// RMS residual over the noise on the channel that sized the effect, after a refit of the user's model.
 fn refitted(campaign: &Campaign) -> f64 {
-    let trace = Trace::new(&campaign.measurement);
-    let noise = trace.noise(&campaign.model);
+    let dataset = Dataset::new(&campaign.measurement);
+    let noise = dataset.noise(&campaign.model);
     let channel = campaign.hidden[0].rise.channel;
-    let c = trace.channels.iter().position(|x| *x == channel).unwrap();
-    let fitted = fit(&campaign.model, std::slice::from_ref(&trace), std::slice::from_ref(&noise)).unwrap();
+    let c = dataset.channels.iter().position(|x| *x == channel).unwrap();
+    let fitted = fit(&campaign.model, std::slice::from_ref(&dataset), std::slice::from_ref(&noise)).unwrap();
     fitted.rms[c] / noise[c]
 }
 

@@ -12,7 +12,7 @@ use std::path::Path;
 use common::model;
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
-use deltatwin::identification::{EncoderReadings, Trace, predict};
+use deltatwin::identification::{Dataset, EncoderReadings, predict};
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
@@ -54,7 +54,7 @@ fn measured(robot: &Model, motion: &Motion, payload: Payload, seed: u64) -> Reco
     let n = (DURATION / PERIOD) as usize;
     let t: Vec<f64> = (0..n).map(|k| (1e6 * k as f64 * PERIOD).round() / 1e6).collect();
     let joints = t.iter().map(|&t| motion.at(t).joints(&robot.geometry).expect("in reach")).collect();
-    let exact = Trace {
+    let exact = Dataset {
         name: "measured".into(),
         setup,
         joints,
@@ -90,7 +90,7 @@ fn examined(file: &Path, maps: &[Mapping], payload_mass: Option<f64>) -> Vec<Fin
     if let Some(mass) = payload_mass {
         recording.setup.payload.mass = mass;
     }
-    examine(&nominal(), &Trace::new(&recording))
+    examine(&nominal(), &Dataset::new(&recording))
 }
 
 /// Changes a good recording and returns what is found, once the remedy is shown to leave nothing.
@@ -117,7 +117,7 @@ fn a_good_recording_passes() {
     common::at_root();
     for seed in 0..4 {
         let recording = measured(&robot(seed), &motion(20 + seed), Payload::default(), seed);
-        let found = examine(&nominal(), &Trace::new(&recording));
+        let found = examine(&nominal(), &Dataset::new(&recording));
         assert!(found.is_empty(), "{seed}: {found:?}");
     }
 }
@@ -272,7 +272,7 @@ fn a_payload_that_is_not_stated_is_named() {
     let payload = Payload::new(2.5, [0.0; 3], 0.01);
     let mut recording = measured(&robot(3), &motion(5), payload, 7);
     recording.setup.payload = Payload::default();
-    let found = examine(&nominal(), &Trace::new(&recording));
+    let found = examine(&nominal(), &Dataset::new(&recording));
     assert_eq!(problems(&found), [(None, Problem::Payload)]);
     assert!(!found[0].severe);
     let mass = found[0].evidence.value.unwrap().0;
@@ -287,7 +287,7 @@ fn a_payload_that_is_not_stated_is_named() {
 fn another_robots_model_is_told() {
     common::at_root();
     let recording = measured(&robot(3), &motion(5), Payload::default(), 7);
-    let found = examine(&model("irb360-1-1130"), &Trace::new(&recording));
+    let found = examine(&model("irb360-1-1130"), &Dataset::new(&recording));
     // On this motion the smaller robot's lighter links look like a load of their own: it is told, and a fit may go on.
     assert!(!found.is_empty(), "a model of another robot passes in silence");
     let told = [Problem::AnotherMachine, Problem::Unrelated, Problem::Payload];
@@ -309,7 +309,7 @@ fn no_effect_of_the_catalogue_is_refused() {
             let mut with = robot.clone();
             with.effects.push(hidden.active);
             let recording = measured(&with, &motion, Payload::default(), seed);
-            let found = examine(&model, &Trace::new(&recording));
+            let found = examine(&model, &Dataset::new(&recording));
             let worthless = |f: &Finding| f.severe || f.problem == Problem::LowPass;
             assert!(!found.iter().any(worthless), "{}: {found:?}", effect.name());
         }
@@ -391,11 +391,11 @@ fn compare_has_one_sentence_for_one_cause() {
     common::at_root();
     let machine = robot(3);
     let recording = measured(&machine, &motion(5), Payload::default(), 7);
-    let plain = deltatwin::comparison::compare(&machine, &[Trace::new(&recording)], &[]).unwrap();
+    let plain = deltatwin::comparison::compare(&machine, &[Dataset::new(&recording)], &[]).unwrap();
     assert!(plain.findings.is_empty(), "{:?}", plain.findings);
     let mut offset = recording;
     each(&mut offset.signals, |_, tau| tau[0] += 2.0);
-    let found = deltatwin::comparison::compare(&machine, &[Trace::new(&offset)], &[]).unwrap().findings;
+    let found = deltatwin::comparison::compare(&machine, &[Dataset::new(&offset)], &[]).unwrap().findings;
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!((found[0].channel, found[0].place.as_str()), (Channel::Torque(0), "mean"));
     // 2 N·m within four standard errors of a mean of 5000 samples with a noise of 0.4 N·m.

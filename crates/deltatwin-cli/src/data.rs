@@ -1,9 +1,9 @@
-//! Recordings that are used together: the traces of several files with the channels they have in common.
+//! Recordings that are used together: the datasets of several files with the channels they have in common.
 
 use std::path::{Path, PathBuf};
 
 use deltatwin::dynamics::Channel;
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::identification::derivatives::Method;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -40,20 +40,20 @@ fn mass(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Traces to fit to and traces to judge by, all with the same channels.
+/// Datasets to fit to and datasets to judge by, all with the same channels.
 pub struct Data {
-    /// Traces to fit to.
-    pub traces: Vec<Trace>,
-    /// Traces to judge by.
-    pub held_out: Vec<Trace>,
+    /// Datasets to fit to.
+    pub datasets: Vec<Dataset>,
+    /// Datasets to judge by.
+    pub held_out: Vec<Dataset>,
     /// What was noticed and repaired or left out.
     pub warnings: Vec<String>,
 }
 
 impl Data {
-    /// Channels of all traces.
+    /// Channels of all datasets.
     pub fn channels(&self) -> &[Channel] {
-        self.traces.first().map_or(&[], |t| &t.channels)
+        self.datasets.first().map_or(&[], |t| &t.channels)
     }
 
     /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
@@ -64,33 +64,33 @@ impl Data {
     /// Reads all recordings of a machine like `model` as [`Self::read`] does, angles differentiated by `method`.
     pub fn read_with(args: &DataArgs, model: &Model, method: Method) -> Result<Self, ReadError> {
         let how = Reading { setup: args.setup.as_deref(), machine: Some(model.mechanism), maps: &args.map };
-        Self::read_each(args, |file, warnings| trace_of(file, &how, model, method, warnings))
+        Self::read_each(args, |file, warnings| dataset_of(file, &how, model, method, warnings))
     }
 
     /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
     pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
         let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
         Self::read_each(args, |file, warnings| {
-            trace(recording::read_as(file, &how)?, file, Method::Reversals, warnings)
+            dataset(recording::read_as(file, &how)?, file, Method::Reversals, warnings)
         })
     }
 
     fn read_each(
         args: &DataArgs,
-        read: impl Fn(&Path, &mut Vec<String>) -> Result<Trace, ReadError>,
+        read: impl Fn(&Path, &mut Vec<String>) -> Result<Dataset, ReadError>,
     ) -> Result<Self, ReadError> {
         let mut warnings = Vec::new();
-        let mut traces = Vec::new();
+        let mut datasets = Vec::new();
         for file in args.data.iter().chain(&args.held_out) {
-            let mut trace = read(file, &mut warnings)?;
+            let mut dataset = read(file, &mut warnings)?;
             if let Some(mass) = args.payload_mass {
-                trace.setup.payload.mass = mass;
+                dataset.setup.payload.mass = mass;
             }
-            traces.push(trace);
+            datasets.push(dataset);
         }
-        warnings.extend(keep_common_channels(&mut traces));
-        let held_out = traces.split_off(args.data.len());
-        Ok(Self { traces, held_out, warnings })
+        warnings.extend(keep_common_channels(&mut datasets));
+        let held_out = datasets.split_off(args.data.len());
+        Ok(Self { datasets, held_out, warnings })
     }
 
     /// Input files, which no output may replace.
@@ -99,15 +99,15 @@ impl Data {
     }
 }
 
-fn trace(
+fn dataset(
     (recording, noticed): (Recording, Vec<String>),
     file: &Path,
     method: Method,
     warnings: &mut Vec<String>,
-) -> Result<Trace, ReadError> {
+) -> Result<Dataset, ReadError> {
     warnings.extend(noticed);
-    let trace = Trace::with(&recording, method);
-    if trace.is_empty() {
+    let dataset = Dataset::with(&recording, method);
+    if dataset.is_empty() {
         let samples = recording.signals.len();
         return Err(ReadError::Content {
             file: file.into(),
@@ -115,39 +115,39 @@ fn trace(
             expected: "a longer stretch without gaps".into(),
         });
     }
-    Ok(trace)
+    Ok(dataset)
 }
 
-fn trace_of(
+fn dataset_of(
     file: &Path,
     how: &Reading,
     model: &Model,
     method: Method,
     warnings: &mut Vec<String>,
-) -> Result<Trace, ReadError> {
-    let mut trace = trace(recording::read_as(file, how)?, file, method, warnings)?;
+) -> Result<Dataset, ReadError> {
+    let mut dataset = dataset(recording::read_as(file, how)?, file, method, warnings)?;
     let drives = Channel::of_drives(model.mechanism);
-    if !model.assembled && trace.channels.len() > drives.len() {
-        warnings.push(format!("{}: strut forces left out, the model has no struts", trace.name));
-        trace.restrict(&drives);
+    if !model.assembled && dataset.channels.len() > drives.len() {
+        warnings.push(format!("{}: strut forces left out, the model has no struts", dataset.name));
+        dataset.restrict(&drives);
     }
-    Ok(trace)
+    Ok(dataset)
 }
 
-/// Drops the channels that not all traces have; says what was dropped.
-fn keep_common_channels(traces: &mut [Trace]) -> Vec<String> {
-    let Some(first) = traces.first() else { return Vec::new() };
-    let in_all = |c: &Channel| traces.iter().all(|t| t.channels.contains(c));
+/// Drops the channels that not all datasets have; says what was dropped.
+fn keep_common_channels(datasets: &mut [Dataset]) -> Vec<String> {
+    let Some(first) = datasets.first() else { return Vec::new() };
+    let in_all = |c: &Channel| datasets.iter().all(|t| t.channels.contains(c));
     let common: Vec<Channel> = first.channels.iter().copied().filter(in_all).collect();
     let mut warnings = Vec::new();
-    for trace in traces {
+    for dataset in datasets {
         let dropped: Vec<String> =
-            trace.channels.iter().filter(|c| !common.contains(c)).map(Channel::to_string).collect();
+            dataset.channels.iter().filter(|c| !common.contains(c)).map(Channel::to_string).collect();
         if !dropped.is_empty() {
             let what = dropped.join(", ");
-            warnings.push(format!("{}: {what} left out, other recordings do not have it", trace.name));
+            warnings.push(format!("{}: {what} left out, other recordings do not have it", dataset.name));
         }
-        trace.restrict(&common);
+        dataset.restrict(&common);
     }
     warnings
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use miette::{IntoDiagnostic, WrapErr};
 
 use deltatwin::gate::{Finding, examine};
-use deltatwin::identification::{Trace, swapped};
+use deltatwin::identification::{Dataset, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, summary};
 use deltatwin::planner::Limits;
@@ -102,10 +102,10 @@ type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
 
 fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
     let (recording, mut warnings) = recording::read_as(path, how)?;
-    let trace = Trace::new(&recording);
-    let gate = model.map(|m| examine(m, &trace));
+    let dataset = Dataset::new(&recording);
+    let gate = model.map(|m| examine(m, &dataset));
     if model.is_none() {
-        warnings.extend(swapped(&trace).map(|what| format!("{}: {what}", path.display())));
+        warnings.extend(swapped(&dataset).map(|what| format!("{}: {what}", path.display())));
     }
     let s = &recording.signals;
     let duration = s.t.last().zip(s.t.first()).map_or(0.0, |(b, a)| b - a);

@@ -6,7 +6,7 @@ use miette::IntoDiagnostic;
 
 use crate::scene::{Scene, Series, measured, write_rrd};
 use deltatwin::dynamics::Plant;
-use deltatwin::identification::{Trace, predict};
+use deltatwin::identification::{Dataset, predict};
 use deltatwin::machine::{AXES, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -18,37 +18,37 @@ const RESIDUAL: [u8; 3] = [200, 60, 60];
 
 /// Writes `recording` as an `.rrd` file beside what `model` predicts for it.
 pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Result<()> {
-    let trace = Trace::new(recording);
+    let dataset = Dataset::new(recording);
     let plant = Plant::new(model, &recording.setup);
-    let predicted = predict(&plant, &trace).into_diagnostic()?;
-    let noise = trace.noise(model);
+    let predicted = predict(&plant, &dataset).into_diagnostic()?;
+    let noise = dataset.noise(model);
     let mut series = measured(recording);
     let axes = plant.mechanism.axes();
     let unit = plant.mechanism.unit(Unit::NM);
     for axis in 0..axes {
-        let left = trace.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
+        let left = dataset.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
         let mut add = |path: String, values: Vec<f64>, color, label: &str| {
-            series.push(Series { path, times: trace.t.clone(), values, color, label: label.into() });
+            series.push(Series { path, times: dataset.t.clone(), values, color, label: label.into() });
         };
         let axis_name = format!("axis{}", axis + 1);
         add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, &format!("model [{unit}]"));
         add(format!("residual/{axis_name}/residual"), left, RESIDUAL, &format!("residual [{unit}]"));
     }
-    let stride = (1.0 / FRAMES / trace.dt).round().max(1.0) as usize;
-    let frames: Vec<usize> = (0..trace.len()).step_by(stride).collect();
-    let times: Vec<f64> = frames.iter().map(|&k| trace.t[k]).collect();
-    let poses = frames.iter().map(|&k| plant.motion(&trace.joints[k]).map(|m| m.shown(plant.mechanism)));
+    let stride = (1.0 / FRAMES / dataset.dt).round().max(1.0) as usize;
+    let frames: Vec<usize> = (0..dataset.len()).step_by(stride).collect();
+    let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
+    let poses = frames.iter().map(|&k| plant.motion(&dataset.joints[k]).map(|m| m.shown(plant.mechanism)));
     let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
     // Mean over a frame: single samples are noise.
     let residual: Vec<[f64; AXES]> = frames
         .iter()
         .map(|&k| {
-            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(trace.len());
+            let window = k.saturating_sub(stride / 2)..(k + stride / 2 + 1).min(dataset.len());
             std::array::from_fn(|i| {
                 if i >= axes {
                     return 0.0;
                 }
-                let sum: f64 = window.clone().map(|k| trace.measured[i][k] - predicted[i][k]).sum();
+                let sum: f64 = window.clone().map(|k| dataset.measured[i][k] - predicted[i][k]).sum();
                 sum / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
             })
         })

@@ -186,7 +186,7 @@ const FASTEST_HUM: f64 = 60.0;
 const HUMS: usize = 3;
 
 /// Disturbances in time at the strongest lines of each drive's residual, whose channels are the first of the sight.
-pub fn hums(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
+pub fn harmonic_disturbances(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
     let mut atoms = Vec::new();
     let steps: Vec<f64> = t.windows(2).map(|t| t[1] - t[0]).collect();
     let step = Data::new(steps).median();
@@ -200,7 +200,7 @@ pub fn hums(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
         _ => None,
     }) {
         let power = power(series, t, step);
-        // The first two are the constant and half a line, slower than anything that hums.
+        // The first two are the constant and half a line, slower than anything that harmonic_disturbances.
         let line = 0.5 / (step * power.len() as f64);
         let lines: Vec<f64> = (2..power.len()).map(|k| line * k as f64).take_while(|f| *f < FASTEST_HUM).collect();
         let power = &power[power.len().min(2)..];

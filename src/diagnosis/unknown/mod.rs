@@ -2,11 +2,11 @@
 //! formula for it, found by sparse regression and judged on data that were not used to find it.
 
 pub mod library;
-mod pursuit;
+mod matching_pursuit;
 mod shape;
 mod sight;
 
-pub use pursuit::MOST;
+pub use matching_pursuit::MOST;
 pub use shape::Shape;
 pub use sight::Sight;
 
@@ -18,13 +18,13 @@ use super::left::Rest;
 use super::search::Found as Outcome;
 use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
+use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
-use crate::identification::trace::noise_floor;
-use crate::identification::{Fit, Trace};
+use crate::identification::{Dataset, Fit};
 use crate::machine::Unit;
 use crate::model::Model;
-use library::{Atom, Cover, hums, library};
-use pursuit::{Formulation, Found, Pursuit, gain};
+use library::{Atom, Cover, harmonic_disturbances, library};
+use matching_pursuit::{Formulation, Found, Pursuit, gain};
 
 /// Share of the explainable error that named effects may leave to a formula at one place that does without them before
 /// they are doubted: their shape may differ a little from ours.
@@ -185,15 +185,15 @@ impl Choice {
 /// RMS residuals of the fit `with` a formula on the data to judge by, if it takes enough from those of the fit `without` to be
 /// worth showing: a trifle is what smoothing blurs, and noise may drift.
 fn confirmed(without: &Fit, with: &Fit, judge: &Judge) -> Result<Option<Vec<f64>>, FitError> {
-    let traces = judge.data();
-    let (before, after) = (residuals(&without.model, traces)?, residuals(&with.model, traces)?);
+    let datasets = judge.data();
+    let (before, after) = (residuals(&without.model, datasets)?, residuals(&with.model, datasets)?);
     let rms = channel_rms(&after);
-    let floor = noise_floor(&without.model, traces);
+    let floor = noise_floor(&without.model, datasets);
     let energy = |rms: &[f64]| relative_energy(rms, &floor);
     let unexplained = energy(&channel_rms(&before)) - floor.len() as f64;
     let takes_enough = energy(&channel_rms(&before)) - energy(&rms) >= WORTH_SHOWING * unexplained
         && is_relevant(&channel_rms(&before), &rms)
-        && !wanders_in(traces, &before, &after)
+        && !wanders_in(datasets, &before, &after)
         && !judge.fitting.wanders(without, with)?;
     Ok(takes_enough.then_some(rms))
 }
@@ -210,8 +210,8 @@ pub(super) fn look(fit: &Fit, judge: &Judge, drive: usize) -> Result<Option<Rest
     }))
 }
 
-fn sight(model: &Model, traces: &[Trace], fitting: &Fitting) -> Result<Sight, FitError> {
-    Sight::new(model, traces, &fitting.noise, &|parameter| fitting.is_fixed(parameter))
+fn sight(model: &Model, datasets: &[Dataset], fitting: &Fitting) -> Result<Sight, FitError> {
+    Sight::new(model, datasets, &fitting.noise, &|parameter| fitting.is_fixed(parameter))
 }
 
 /// A number as it is read by a person.
@@ -234,7 +234,7 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     fn new(model: &Model, judge: &Judge<'a>) -> Result<Self, FitError> {
         let fitting = judge.fitting;
-        let find = sight(model, fitting.traces, fitting)?;
+        let find = sight(model, fitting.datasets, fitting)?;
         let judge = if judge.held_out.is_empty() { None } else { Some(sight(model, judge.held_out, fitting)?) };
         let (found, judged) = match &judge {
             Some(judge) => ((0..find.len()).collect(), (0..judge.len()).collect()),
@@ -242,8 +242,8 @@ impl<'a> Search<'a> {
         };
         let mut atoms = library(&find.places, &Cover::new(&find.variables));
         let time = Variable::named("t").map_or(&[][..], |t| &find.variables[t.index()]);
-        if fitting.traces.len() == 1 {
-            atoms.extend(hums(&find.places, &find.residual, time));
+        if fitting.datasets.len() == 1 {
+            atoms.extend(harmonic_disturbances(&find.places, &find.residual, time));
         }
         Ok(Self { find, found, judge, judged, atoms, fitting })
     }

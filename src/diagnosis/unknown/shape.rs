@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::Sight;
-use super::pursuit::{Found, force};
+use super::matching_pursuit::{Found, force};
 use crate::effects::formula::{Place, Variable};
 use crate::machine::{Mechanism, Unit};
 

@@ -10,7 +10,7 @@ use crate::effects::formula::{Expression, Formula, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Instant};
 use crate::identification::fit::{FitError, kinematics, residuals};
 use crate::identification::prediction::Channels;
-use crate::identification::{Trace, columns};
+use crate::identification::{Dataset, columns};
 use crate::kinematics::{KinematicsError, SocketSet};
 use crate::machine::Mechanism;
 use crate::model::Model;
@@ -38,12 +38,17 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Of `model` along `traces`; `noise` of each channel at the traces' own rate, for the scale alone. Parameters that are
-    /// `held` explain nothing.
-    pub fn new(model: &Model, traces: &[Trace], noise: &[f64], held: &dyn Fn(&str) -> bool) -> Result<Self, FitError> {
+    /// Of `model` along `datasets`; `noise` of each channel at the datasets' own rate, for the scale alone. Parameters that are
+    /// `fixed` explain nothing.
+    pub fn new(
+        model: &Model,
+        datasets: &[Dataset],
+        noise: &[f64],
+        fixed: &dyn Fn(&str) -> bool,
+    ) -> Result<Self, FitError> {
         let mut sight = Self::default();
-        for (number, (trace, full)) in traces.iter().zip(residuals(model, traces)?).enumerate() {
-            sight.add(model, (number, trace), &full, noise, held)?;
+        for (number, (dataset, full)) in datasets.iter().zip(residuals(model, datasets)?).enumerate() {
+            sight.add(model, (number, dataset), &full, noise, fixed)?;
         }
         Ok(sight)
     }
@@ -68,25 +73,25 @@ impl Sight {
     fn add(
         &mut self,
         model: &Model,
-        (number, trace): (usize, &Trace),
+        (number, dataset): (usize, &Dataset),
         full: &Channels,
         noise: &[f64],
-        held: &dyn Fn(&str) -> bool,
+        fixed: &dyn Fn(&str) -> bool,
     ) -> Result<(), FitError> {
-        let stride = ((STEP / trace.dt).round() as usize).max(1);
-        let thin = trace.averaged(stride);
-        let plant = Plant::new(model, &trace.setup);
-        let failed = kinematics(trace);
+        let stride = ((STEP / dataset.dt).round() as usize).max(1);
+        let thin = dataset.averaged(stride);
+        let plant = Plant::new(model, &dataset.setup);
+        let failed = kinematics(dataset);
         let scaled = |mut channels: Channels| {
             for (series, sigma) in channels.iter_mut().zip(noise) {
                 series.iter_mut().for_each(|x| *x *= (stride as f64).sqrt() / sigma);
             }
             channels
         };
-        let averaged = full.iter().map(|series| trace.means(series, stride)).collect();
+        let averaged = full.iter().map(|series| dataset.means(series, stride)).collect();
         append(&mut self.residual, scaled(averaged));
         let base = columns(&plant, &thin, None).map_err(&failed)?;
-        let free = plant.parameters().into_iter().zip(base).filter(|(p, _)| !held(&p.name)).map(|(_, column)| column);
+        let free = plant.parameters().into_iter().zip(base).filter(|(p, _)| !fixed(&p.name)).map(|(_, column)| column);
         append_all(&mut self.base, free.map(scaled));
         self.places = mounted(model.mechanism, plant.assembled);
         let unit = unit_forces(&self.places, &plant);
@@ -130,13 +135,13 @@ fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
     ActiveEffect::absent_on(Arc::new(formula), plant.host)
 }
 
-/// Every variable along a trace, strut forces as the plant predicts them.
-fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> {
+/// Every variable along a dataset, strut forces as the plant predicts them.
+fn variables(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
     let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
     let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     let at = |k: usize| {
-        let (t, motion) = (trace.t[k], plant.motion(&trace.joints[k])?);
+        let (t, motion) = (dataset.t[k], plant.motion(&dataset.joints[k])?);
         let reactions = inverse_dynamics(plant, t, &motion, &states, true)?.reactions;
         let at = Instant {
             t,
@@ -150,6 +155,6 @@ fn variables(plant: &Plant, trace: &Trace) -> Result<Channels, KinematicsError> 
         };
         Ok(all.iter().map(|variable| variable.read(&at)).collect())
     };
-    let rows: Vec<Vec<f64>> = (0..trace.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+    let rows: Vec<Vec<f64>> = (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
     Ok((0..all.len()).map(|i| rows.iter().map(|row| row[i]).collect()).collect())
 }

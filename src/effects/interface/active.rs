@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 #[cfg(doc)]
-use super::OwnStates;
+use super::InternalStates;
 use super::{Count, Effects, Instant, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, STRUTS, Sockets};
@@ -99,7 +99,7 @@ impl ActiveEffect {
     }
 
     /// The same shape with the linear parameters at their usual values.
-    pub fn at_usual_size(&self) -> Self {
+    pub fn at_nominal_size(&self) -> Self {
         let mut usual = self.clone();
         for (value, entry) in usual.values.iter_mut().zip(self.entries()) {
             if entry.parameter.role == Role::Linear {
@@ -111,7 +111,7 @@ impl ActiveEffect {
 
     /// Whether the effect puts springs into gears, at its usual size if it is absent.
     pub fn has_gears(&self) -> bool {
-        self.at_usual_size().gear_springs().is_some()
+        self.at_nominal_size().gear_springs().is_some()
     }
 
     /// `effect` with one slice of values per parameter.
@@ -139,7 +139,7 @@ impl ActiveEffect {
         self.effect.states().map_or_else(Vec::new, |own| own.initial_state(&self.values()))
     }
 
-    /// Time derivative of the effect's own states, see [`OwnStates::state_rate`].
+    /// Time derivative of the effect's own states, see [`InternalStates::state_rate`].
     pub fn state_rate(&self, at: &Instant, rate: &mut [f64], slope: &mut [f64]) {
         if let Some(own) = self.effect.states() {
             own.state_rate(&self.values(), at, rate, slope);

@@ -16,5 +16,5 @@ pub use active::{ActiveEffect, Entry, Host, MachineView};
 pub use impact::hunt_crossley;
 pub use parameter::{Count, Layout, Param, Parameter, Role, Values};
 pub use spec::{About, Kind, Reads, Search, Spec, Start};
-pub use views::{Compliance, OwnStates, Sensor};
+pub use views::{Compliance, InternalStates, Sensor};
 pub use wrenches::{Instant, Wrenches};

@@ -6,7 +6,7 @@ use crate::machine::{AXES, STRUTS};
 use crate::recording::Signals;
 
 /// Differential equations of an effect.
-pub trait OwnStates {
+pub trait InternalStates {
     /// Initial values of the states.
     fn initial_state(&self, values: &Values) -> Vec<f64>;
 

@@ -267,13 +267,13 @@ fn descend(chart: &Chart, mut pi: DVector<f64>, t: f64) -> DVector<f64> {
         let normal = slope.tr_mul(&(&cost.curvature * &slope));
         let curvature = &normal + chart.bend(&pi, &by_parameter);
         // Variables that push against their bound stay there.
-        let held: Vec<bool> = (0..pi.len())
+        let fixed: Vec<bool> = (0..pi.len())
             .map(|i| {
                 let (low, high) = chart.bounds[i];
                 (pi[i] <= low && gradient[i] > 0.0) || (pi[i] >= high && gradient[i] < 0.0)
             })
             .collect();
-        let step = step(&curvature, &gradient, &held, damping).or_else(|| step(&normal, &gradient, &held, damping));
+        let step = step(&curvature, &gradient, &fixed, damping).or_else(|| step(&normal, &gradient, &fixed, damping));
         let better = step.map(|d| chart.clamped(&(&pi - d))).and_then(|next| {
             let (x, slope) = chart.parameters(&next);
             let value = total(&x, &next);
@@ -299,17 +299,17 @@ fn descend(chart: &Chart, mut pi: DVector<f64>, t: f64) -> DVector<f64> {
     pi
 }
 
-/// Damped step of the variables that are not held, (A + λ·|diag A|)⁻¹·g; `None` if that is not positive definite.
-fn step(curvature: &DMatrix<f64>, gradient: &DVector<f64>, held: &[bool], damping: f64) -> Option<DVector<f64>> {
-    let loose: Vec<usize> = (0..held.len()).filter(|&i| !held[i]).collect();
-    let m = DMatrix::from_fn(loose.len(), loose.len(), |a, b| {
-        let n = curvature[(loose[a], loose[b])];
+/// Damped step of the variables that are not fixed, (A + λ·|diag A|)⁻¹·g; `None` if that is not positive definite.
+fn step(curvature: &DMatrix<f64>, gradient: &DVector<f64>, fixed: &[bool], damping: f64) -> Option<DVector<f64>> {
+    let free: Vec<usize> = (0..fixed.len()).filter(|&i| !fixed[i]).collect();
+    let m = DMatrix::from_fn(free.len(), free.len(), |a, b| {
+        let n = curvature[(free[a], free[b])];
         if a == b { n + damping * n.abs() + f64::MIN_POSITIVE } else { n }
     });
-    let g = DVector::from_fn(loose.len(), |a, _| gradient[loose[a]]);
+    let g = DVector::from_fn(free.len(), |a, _| gradient[free[a]]);
     let d = m.cholesky()?.solve(&g);
-    let mut all = DVector::zeros(held.len());
-    for (a, &i) in loose.iter().enumerate() {
+    let mut all = DVector::zeros(fixed.len());
+    for (a, &i) in free.iter().enumerate() {
         all[i] = d[a];
     }
     Some(all)

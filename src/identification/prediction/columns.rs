@@ -11,16 +11,16 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::{Channels, Joints, OwnStates, gear_springs, gears, ideal, joints, observe, predict, predict_along};
+use super::{Channels, InternalStates, Joints, gear_springs, gears, ideal, joints, observe, predict, predict_along};
 use crate::dynamics::{ChannelMap, Output, Plant, add_regressor, inverse_dynamics};
 use crate::effects::{ActiveEffect, Entry, Kind, Role};
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
 
 /// Blocks handled together.
 const CHUNK: usize = 64;
 
-/// Effects whose columns at every sample are held at a time.
+/// Effects whose columns at every sample are fixed at a time.
 const GROUP: usize = 8;
 
 /// An effect whose columns are wanted.
@@ -56,7 +56,7 @@ impl<'a> Wanted<'a> {
 /// values, secants from none of it to them.
 pub fn columns(
     plant: &Plant,
-    trace: &Trace,
+    dataset: &Dataset,
     candidate: Option<&ActiveEffect>,
 ) -> Result<Vec<Channels>, KinematicsError> {
     let rigid = plant.rigid_bodies();
@@ -64,47 +64,47 @@ pub fn columns(
         Some(active) => vec![Wanted { active, is_candidate: true, shapes: true }],
         None => Wanted::own(plant, &rigid),
     };
-    Ok(along(trace, &joints(plant, trace)?, &wanted, 1)?.concat())
+    Ok(along(dataset, &joints(plant, dataset)?, &wanted, 1)?.concat())
 }
 
-/// Predicted channels of a plant along a trace, and their derivatives by all its parameters.
-pub fn prediction_and_columns(plant: &Plant, trace: &Trace) -> Result<(Channels, Vec<Channels>), KinematicsError> {
-    let joints = joints(plant, trace)?;
+/// Predicted channels of a plant along a dataset, and their derivatives by all its parameters.
+pub fn prediction_and_columns(plant: &Plant, dataset: &Dataset) -> Result<(Channels, Vec<Channels>), KinematicsError> {
+    let joints = joints(plant, dataset)?;
     let rigid = plant.rigid_bodies();
-    let columns = along(trace, &joints, &Wanted::own(plant, &rigid), 1)?.concat();
-    Ok((predict_along(plant, trace, &joints)?, columns))
+    let columns = along(dataset, &joints, &Wanted::own(plant, &rigid), 1)?.concat();
+    Ok((predict_along(plant, dataset, &joints)?, columns))
 }
 
 /// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over `block`
 /// samples. The plant's effects come first, `rigid_bodies` before all; shape parameters of candidates have zero columns.
 pub fn averaged_columns(
     plant: &Plant,
-    trace: &Trace,
+    dataset: &Dataset,
     candidates: &[ActiveEffect],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
     let rigid = plant.rigid_bodies();
     let mut wanted = Wanted::own(plant, &rigid);
     wanted.extend(candidates.iter().map(|active| Wanted { active, is_candidate: true, shapes: false }));
-    along(trace, &joints(plant, trace)?, &wanted, block)
+    along(dataset, &joints(plant, dataset)?, &wanted, block)
 }
 
 /// Columns of the plant of `joints`.
 fn along(
-    trace: &Trace,
+    dataset: &Dataset,
     joints: &Joints,
     wanted: &[Wanted],
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let Some(springs) = gear_springs(joints.plant) else { return at_joints(trace, joints, wanted, block) };
-    let passage = gears::Passage::new(trace, joints, &springs)?;
+    let Some(springs) = gear_springs(joints.plant) else { return at_joints(dataset, joints, wanted, block) };
+    let passage = gears::Passage::new(dataset, joints, &springs)?;
     let mut all = Vec::with_capacity(wanted.len());
     for group in wanted.chunks(GROUP) {
-        let mut columns = at_joints(trace, joints, group, 1)?;
+        let mut columns = at_joints(dataset, joints, group, 1)?;
         for (wanted, columns) in group.iter().zip(&mut columns) {
             passage.pass(wanted.active, columns);
         }
-        let averaged = |columns: Vec<Channels>| columns.into_iter().map(|c| means(trace, c, block)).collect();
+        let averaged = |columns: Vec<Channels>| columns.into_iter().map(|c| means(dataset, c, block)).collect();
         all.extend(columns.into_iter().map(averaged));
     }
     Ok(all)
@@ -112,7 +112,7 @@ fn along(
 
 /// Columns at the given motion of the joints, but those of what acts through a whole prediction: they are exact.
 fn at_joints(
-    trace: &Trace,
+    dataset: &Dataset,
     joints: &Joints,
     wanted: &[Wanted],
     block: usize,
@@ -120,12 +120,12 @@ fn at_joints(
     let plant = joints.plant;
     let moved: Vec<ActiveEffect> = wanted.iter().filter(|w| w.shapes).flat_map(|w| shaped(w.active)).collect();
     let effects: Vec<&ActiveEffect> = wanted.iter().map(|w| w.active).chain(&moved).collect();
-    let mut columns = linear(plant, &effects, trace, joints, block)?;
+    let mut columns = linear(plant, &effects, dataset, joints, block)?;
     let gears = gear_springs(plant).unwrap_or_default();
     let on_motors: Vec<usize> = (0..effects.len()).filter(|&i| gears::acts_on_motors(effects[i], &gears)).collect();
     if !on_motors.is_empty() {
         let those: Vec<&ActiveEffect> = on_motors.iter().map(|&i| effects[i]).collect();
-        let turned = linear(plant, &those, trace, &joints.of_encoders(), block)?;
+        let turned = linear(plant, &those, dataset, &joints.of_encoders(), block)?;
         on_motors.into_iter().zip(turned).for_each(|(i, turned)| columns[i] = turned);
     }
     let mut moved = columns.split_off(wanted.len()).into_iter();
@@ -142,7 +142,7 @@ fn at_joints(
     }
     let wholes: Vec<usize> = (0..wanted.len()).filter(|&i| is_whole(&wanted[i])).collect();
     if !wholes.is_empty() {
-        let differences = Differences::new(plant, trace, joints, block)?;
+        let differences = Differences::new(plant, dataset, joints, block)?;
         let of = |&i: &usize| differences.columns(&wanted[i], &columns[i]);
         let found: Vec<Vec<Channels>> = wholes.par_iter().map(of).collect::<Result<_, KinematicsError>>()?;
         wholes.into_iter().zip(found).for_each(|(i, found)| columns[i] = found);
@@ -156,22 +156,22 @@ fn slope(there: &Channels, here: &Channels, step: f64) -> Channels {
     there.iter().zip(here).map(one).collect()
 }
 
-fn means(trace: &Trace, column: Channels, block: usize) -> Channels {
-    if block == 1 { column } else { column.iter().map(|x| trace.means(x, block)).collect() }
+fn means(dataset: &Dataset, column: Channels, block: usize) -> Channels {
+    if block == 1 { column } else { column.iter().map(|x| dataset.means(x, block)).collect() }
 }
 
 /// The middle samples of blocks.
-fn middle(trace: &Trace, block: usize) -> Cow<'_, Trace> {
-    if block == 1 { Cow::Borrowed(trace) } else { Cow::Owned(trace.averaged(block)) }
+fn middle(dataset: &Dataset, block: usize) -> Cow<'_, Dataset> {
+    if block == 1 { Cow::Borrowed(dataset) } else { Cow::Owned(dataset.averaged(block)) }
 }
 
 /// Columns of what acts through a whole prediction.
 struct Differences<'a> {
     plant: &'a Plant,
-    trace: &'a Trace,
+    dataset: &'a Dataset,
     block: usize,
     /// The blocks' middle samples and the prediction there.
-    middle: Cow<'a, Trace>,
+    middle: Cow<'a, Dataset>,
     plain: Channels,
     /// Prediction at every sample before and after the sensors.
     unobserved: Channels,
@@ -179,13 +179,13 @@ struct Differences<'a> {
 }
 
 impl<'a> Differences<'a> {
-    fn new(plant: &'a Plant, trace: &'a Trace, joints: &Joints, block: usize) -> Result<Self, KinematicsError> {
-        let unobserved = ideal(plant, trace, joints)?;
+    fn new(plant: &'a Plant, dataset: &'a Dataset, joints: &Joints, block: usize) -> Result<Self, KinematicsError> {
+        let unobserved = ideal(plant, dataset, joints)?;
         let mut observed = unobserved.clone();
-        observe(plant, trace, &mut observed);
-        let middle = middle(trace, block);
+        observe(plant, dataset, &mut observed);
+        let middle = middle(dataset, block);
         let plain = if block == 1 { observed.clone() } else { predict(plant, &middle)? };
-        Ok(Self { plant, trace, block, middle, plain, unobserved, observed })
+        Ok(Self { plant, dataset, block, middle, plain, unobserved, observed })
     }
 
     /// Columns of all parameters of an effect; those not wanted are as in `none`.
@@ -203,7 +203,7 @@ impl<'a> Differences<'a> {
             }
             // Sensors act on what the mechanism does anyway.
             let mut seen = self.unobserved.clone();
-            observe(&moved, self.trace, &mut seen);
+            observe(&moved, self.dataset, &mut seen);
             Ok(seen)
         };
         let unmoved = match (wanted.is_candidate, is_sensor) {
@@ -221,7 +221,7 @@ impl<'a> Differences<'a> {
             let step = if is_secant { active.values[k] } else { difference(entry) };
             let moved = predicted((!is_secant).then_some((k, step)))?;
             let slope = slope(&moved, &unmoved, step);
-            Ok(if is_sensor { means(self.trace, slope, self.block) } else { slope })
+            Ok(if is_sensor { means(self.dataset, slope, self.block) } else { slope })
         };
         active.entries().par_iter().enumerate().map(column).collect()
     }
@@ -233,14 +233,14 @@ impl<'a> Differences<'a> {
     /// of its own limb.
     fn of_gears(&self, active: &ActiveEffect) -> Result<Vec<Channels>, KinematicsError> {
         let is_rigid = active.gear_springs().is_none();
-        let there = if is_rigid { active.at_usual_size() } else { active.clone() };
-        let elastic = predict(&with(self.plant, &there, None, true), self.trace)?;
+        let there = if is_rigid { active.at_nominal_size() } else { active.clone() };
+        let elastic = predict(&with(self.plant, &there, None, true), self.dataset)?;
         let column = |(arm, (entry, value)): (usize, (Entry, &f64))| -> Channels {
             let of = |(c, (e, r)): (usize, (&Vec<f64>, &Vec<f64>))| {
-                let own = entry.parameter.role == Role::Linear && self.trace.channels[c].limb() == arm;
+                let own = entry.parameter.role == Role::Linear && self.dataset.channels[c].limb() == arm;
                 e.iter().zip(r).map(|(e, r)| if own { (e - r) / value } else { 0.0 }).collect()
             };
-            means(self.trace, elastic.iter().zip(&self.observed).enumerate().map(of).collect(), self.block)
+            means(self.dataset, elastic.iter().zip(&self.observed).enumerate().map(of).collect(), self.block)
         };
         Ok(there.entries().into_iter().zip(&there.values).enumerate().map(column).collect())
     }
@@ -310,37 +310,37 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
 fn linear(
     plant: &Plant,
     effects: &[&ActiveEffect],
-    trace: &Trace,
+    dataset: &Dataset,
     joints: &Joints,
     block: usize,
 ) -> Result<Vec<Vec<Channels>>, KinematicsError> {
-    let states = OwnStates::along(plant, effects, trace, joints)?;
+    let states = InternalStates::along(plant, effects, dataset, joints)?;
     let plant_effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let plant_states = OwnStates::along(plant, &plant_effects, trace, joints)?;
+    let plant_states = InternalStates::along(plant, &plant_effects, dataset, joints)?;
     let reads_reactions = effects.iter().any(|a| a.effect.spec().reads.reactions);
     let reads = reads_reactions || effects.iter().any(|a| a.effect.spec().reads.torque);
     let widths: Vec<usize> = effects.iter().map(|a| a.values.len()).collect();
     let total: usize = widths.iter().sum();
-    let channels = trace.channels.len();
+    let channels = dataset.channels.len();
     if total == 0 || channels == 0 {
         return Ok(widths.iter().map(|width| vec![Channels::new(); *width]).collect());
     }
-    let blocks: Vec<Range<usize>> = trace.blocks(block).collect();
+    let blocks: Vec<Range<usize>> = dataset.blocks(block).collect();
     let sum = |range: &Range<usize>, out: &mut [f64]| {
         for k in range.clone() {
             let motion = joints.motion(k)?;
             let loads = if reads {
-                inverse_dynamics(plant, trace.t[k], &motion, &plant_states.at(k), reads_reactions)
+                inverse_dynamics(plant, dataset.t[k], &motion, &plant_states.at(k), reads_reactions)
                     .map_err(|e| e.at_sample(k))?
             } else {
                 Output::default()
             };
-            let map = ChannelMap::new(&plant.geometry, &motion, plant.assembled, &trace.channels)?;
+            let map = ChannelMap::new(&plant.geometry, &motion, plant.assembled, &dataset.channels)?;
             let mut at = 0;
             for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
                 let state = states.of(k, i);
                 let rows = &mut out[at * channels..(at + width) * channels];
-                add_regressor(plant, active, trace.t[k], &motion, &loads, state, &map, rows)
+                add_regressor(plant, active, dataset.t[k], &motion, &loads, state, &map, rows)
                     .map_err(|e| e.at_sample(k))?;
                 at += width;
             }
@@ -368,7 +368,7 @@ fn linear(
     let mut columns: Vec<Channels> =
         (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
     if plant.observes() {
-        let middle = middle(trace, block);
+        let middle = middle(dataset, block);
         let mut zero: Channels = vec![vec![0.0; blocks.len()]; channels];
         observe(plant, &middle, &mut zero);
         columns.par_iter_mut().for_each(|column| {
@@ -397,7 +397,7 @@ mod tests {
     const BLOCK: usize = 5;
 
     /// 0.8 s of all axes below 3 Hz, in two segments with odd ends.
-    fn trace() -> Trace {
+    fn dataset() -> Dataset {
         let at = |k: usize| {
             let t = k as f64 * DT;
             let wave = |i: usize| (0.2 + 0.1 * i as f64, 11.0 + 3.0 * i as f64);
@@ -407,7 +407,7 @@ mod tests {
                 qdd: std::array::from_fn(|i| -wave(i).0 * wave(i).1.powi(2) * (wave(i).1 * t).sin()),
             }
         };
-        Trace {
+        Dataset {
             name: "made".into(),
             setup: Setup::default(),
             t: (0..2003).map(|k| k as f64 * DT).collect(),
@@ -423,7 +423,7 @@ mod tests {
 
     #[test]
     fn blocks_keep_to_segments() {
-        let middle = trace().averaged(BLOCK);
+        let middle = dataset().averaged(BLOCK);
         assert_eq!(middle.segments, vec![0..200, 200..400]);
         assert_eq!(middle.len(), 400);
         assert_eq!(middle.measured[0][199..201], [997.0, 1003.0]);
@@ -436,8 +436,8 @@ mod tests {
     #[test]
     fn averages_of_the_columns() {
         let model = shipped("irb360-6-1600");
-        let trace = trace();
-        let plant = Plant::new(&model, &trace.setup);
+        let dataset = dataset();
+        let plant = Plant::new(&model, &dataset.setup);
         let known = |e: &&Arc<dyn crate::effects::Effect>| {
             e.name() != rigid_bodies::NAME
                 && e.spec().identifiable
@@ -445,9 +445,9 @@ mod tests {
         };
         let candidates: Vec<ActiveEffect> =
             REGISTRY.iter().filter(known).map(|e| ActiveEffect::absent_on(Arc::clone(e), model.host())).collect();
-        let all = averaged_columns(&plant, &trace, &candidates, BLOCK).unwrap();
-        let mut expected = vec![columns(&plant, &trace, None).unwrap()];
-        expected.extend(candidates.iter().map(|c| columns(&plant, &trace, Some(c)).unwrap()));
+        let all = averaged_columns(&plant, &dataset, &candidates, BLOCK).unwrap();
+        let mut expected = vec![columns(&plant, &dataset, None).unwrap()];
+        expected.extend(candidates.iter().map(|c| columns(&plant, &dataset, Some(c)).unwrap()));
         let own = all.len() - candidates.len();
         let flat: Vec<&Channels> = all[..own].iter().flatten().collect();
         assert_eq!(flat.len(), expected[0].len());
@@ -459,7 +459,7 @@ mod tests {
             for (k, (got, expected)) in got.iter().zip(expected).enumerate().filter(|(k, _)| !shape(*k)) {
                 let (mut error, mut size) = (0.0, 0.0);
                 for (got, expected) in got.iter().zip(expected) {
-                    for (x, b) in got.iter().zip(trace.blocks(BLOCK)) {
+                    for (x, b) in got.iter().zip(dataset.blocks(BLOCK)) {
                         let mean = expected[b].iter().sum::<f64>() / BLOCK as f64;
                         error += (x - mean) * (x - mean);
                         size += mean * mean;

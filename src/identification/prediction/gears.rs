@@ -6,7 +6,7 @@
 //! ID(q, q̇, q̈) − J·q̈ = δ/c + d·δ̇.
 //!
 //! The three arms together are integrated along the measured θ. What rings with the gears is in θ, too, at frequencies
-//! which the smoothing of rigid joints takes off ([`Trace::ringing`]).
+//! which the smoothing of rigid joints takes off ([`Dataset::ringing`]).
 //!
 //! What acts on the drives, F(q, q̇), is part of ID, or with [`GearSpring::friction_at_motor`] of the rotor's balance as
 //! F(θ, θ̇); ID is then that of the plant without it ([`behind`]).
@@ -21,11 +21,11 @@ use std::ops::Range;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::states::OwnStates;
+use super::states::InternalStates;
 use super::{Channels, Joints, channel_value};
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::{ActiveEffect, GearSpring, Kind};
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::{ARMS, AXES, Part};
 
@@ -59,26 +59,26 @@ pub(super) fn acts_on_motors(active: &ActiveEffect, gears: &[GearSpring; AXES]) 
 
 /// Joint motion behind the gears of encoders whose motion would be `rigid` without them.
 pub(super) fn deflected<'a>(
-    trace: &Trace,
+    dataset: &Dataset,
     rigid: &Joints<'a>,
     gears: &[GearSpring; AXES],
 ) -> Result<Joints<'a>, KinematicsError> {
     let plant = behind(rigid.plant, gears);
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-    let own = OwnStates::along(&plant, &effects, trace, rigid)?;
-    let encoders = encoders(trace, rigid);
+    let own = InternalStates::along(&plant, &effects, dataset, rigid)?;
+    let encoders = encoders(dataset, rigid);
     let mut states = encoders.clone();
-    let arms = Arms { plant: &plant, gears, trace, own: &own, encoders: &encoders };
-    for segment in &trace.segments {
+    let arms = Arms { plant: &plant, gears, dataset, own: &own, encoders: &encoders };
+    for segment in &dataset.segments {
         arms.along(segment.clone(), &mut states)?;
     }
     Ok(Joints { plant: rigid.plant, states: states.into(), encoders: encoders.into() })
 }
 
 /// Motion of the encoders, less their offsets: of the arms with what rings.
-fn encoders(trace: &Trace, rigid: &Joints) -> Vec<JointState> {
+fn encoders(dataset: &Dataset, rigid: &Joints) -> Vec<JointState> {
     let mut out = rigid.states.to_vec();
-    for ((joint, ringing), smooth) in out.iter_mut().zip(trace.ringing()).zip(&trace.joints) {
+    for ((joint, ringing), smooth) in out.iter_mut().zip(dataset.ringing()).zip(&dataset.joints) {
         for i in 0..ARMS {
             joint.q[i] += ringing.q[i] - smooth.q[i];
             joint.qd[i] = ringing.qd[i];
@@ -122,8 +122,8 @@ impl Deflection {
 struct Arms<'a> {
     plant: &'a Plant,
     gears: &'a [GearSpring; AXES],
-    trace: &'a Trace,
-    own: &'a OwnStates,
+    dataset: &'a Dataset,
+    own: &'a InternalStates,
     encoders: &'a [JointState],
 }
 
@@ -158,7 +158,7 @@ impl Arms<'_> {
         before: &Deflection,
         inverse: &mut Option<Matrix3<f64>>,
     ) -> Result<Deflection, KinematicsError> {
-        let h = self.trace.dt;
+        let h = self.dataset.dt;
         let left = |a: &Vector3<f64>| self.excess(k, &before.after(h, *a));
         let mut acceleration = before.acceleration;
         let mut last: Option<[Vector3<f64>; 2]> = None;
@@ -190,7 +190,7 @@ impl Arms<'_> {
     fn excess(&self, k: usize, at: &Deflection) -> Result<Vector3<f64>, KinematicsError> {
         let joint = at.behind(&self.encoders[k]);
         let motion = self.plant.motion(&joint)?;
-        let tau = inverse_dynamics(self.plant, self.trace.t[k], &motion, &self.own.at(k), false)?.tau;
+        let tau = inverse_dynamics(self.plant, self.dataset.t[k], &motion, &self.own.at(k), false)?.tau;
         Ok(Vector3::from_fn(|i, _| {
             let gear = &self.gears[i];
             let transmitted = tau[i] - gear.rotor_inertia * joint.qdd[i];
@@ -221,7 +221,7 @@ fn measured(drives: &[Option<usize>; ARMS]) -> impl Iterator<Item = (usize, usiz
 
 /// What elastic gears make of a torque, linearised along a motion.
 pub(super) struct Passage<'a> {
-    trace: &'a Trace,
+    dataset: &'a Dataset,
     joints: &'a Joints<'a>,
     gears: &'a [GearSpring; AXES],
     /// Channels of the arms' torques; a gear whose torque was not measured counts as rigid.
@@ -234,19 +234,19 @@ pub(super) struct Passage<'a> {
 
 impl<'a> Passage<'a> {
     pub fn new(
-        trace: &'a Trace,
+        dataset: &'a Dataset,
         joints: &'a Joints<'a>,
         gears: &'a [GearSpring; AXES],
     ) -> Result<Self, KinematicsError> {
         let plant = &*behind(joints.plant, gears);
-        let drives = std::array::from_fn(|i| trace.channels.iter().position(|c| c.drive() == Some(i)));
+        let drives = std::array::from_fn(|i| dataset.channels.iter().position(|c| c.drive() == Some(i)));
         let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
-        let own = OwnStates::along(plant, &effects, trace, joints)?;
-        let with_struts = trace.channels.iter().any(|c| c.drive().is_none());
+        let own = InternalStates::along(plant, &effects, dataset, joints)?;
+        let with_struts = dataset.channels.iter().any(|c| c.drive().is_none());
         let at = |k: usize| -> Result<Vec<[Vector3<f64>; 2]>, KinematicsError> {
             let values = |joint: &JointState| -> Result<Vec<f64>, KinematicsError> {
-                let out = inverse_dynamics(plant, trace.t[k], &plant.motion(joint)?, &own.at(k), with_struts)?;
-                Ok(trace.channels.iter().map(|c| channel_value(*c, &out)).collect())
+                let out = inverse_dynamics(plant, dataset.t[k], &plant.motion(joint)?, &own.at(k), with_struts)?;
+                Ok(dataset.channels.iter().map(|c| channel_value(*c, &out)).collect())
             };
             let here = values(&joints.states[k])?;
             let mut slopes = vec![[Vector3::zeros(); 2]; here.len()];
@@ -262,8 +262,8 @@ impl<'a> Passage<'a> {
             Ok(slopes)
         };
         let slopes: Vec<Vec<[Vector3<f64>; 2]>> =
-            (0..trace.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
-        let h = trace.dt;
+            (0..dataset.len()).into_par_iter().map(at).collect::<Result<_, KinematicsError>>()?;
+        let h = dataset.dt;
         let inverse = |slopes: &Vec<[Vector3<f64>; 2]>| {
             let mut matrix = Matrix3::from_diagonal_element(BETA * h * h);
             for (i, c) in measured(&drives) {
@@ -276,7 +276,7 @@ impl<'a> Passage<'a> {
             matrix.try_inverse().unwrap_or_else(Matrix3::zeros)
         };
         let inverse = slopes.iter().map(inverse).collect();
-        Ok(Self { trace, joints, gears, drives, slopes: slopes.concat(), inverse })
+        Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), inverse })
     }
 
     /// Makes of an effect's columns, the derivatives of the channels at the given motion of the joints, those at the given
@@ -289,7 +289,7 @@ impl<'a> Passage<'a> {
         // The compliances come first.
         let count = if gears { self.joints.plant.mechanism.arms() } else { columns.len() };
         columns.par_iter_mut().take(count).enumerate().for_each(|(i, column)| {
-            for segment in &self.trace.segments {
+            for segment in &self.dataset.segments {
                 self.turn(segment.clone(), column, gears.then_some(i));
             }
         });
@@ -297,7 +297,7 @@ impl<'a> Passage<'a> {
 
     /// Turns a column in one segment; `own` has its compliance as parameter, if any.
     fn turn(&self, segment: Range<usize>, column: &mut Channels, own: Option<usize>) {
-        let (h, none) = (self.trace.dt, Vector3::zeros());
+        let (h, none) = (self.dataset.dt, Vector3::zeros());
         let mut s = Deflection { angle: self.source(column, segment.start, own), rate: none, acceleration: none };
         for k in segment {
             let slopes = &self.slopes[k * column.len()..(k + 1) * column.len()];

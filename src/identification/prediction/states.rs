@@ -3,23 +3,23 @@
 use super::Joints;
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Instant, Kind};
-use crate::identification::Trace;
+use crate::identification::Dataset;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
 
 /// Own states of some effects at each sample.
-pub(super) struct OwnStates {
+pub(super) struct InternalStates {
     /// Where each effect's states begin among those of a sample, and where the last ones end.
     starts: Vec<usize>,
     /// Sample by sample; empty where no effect has states.
     values: Vec<f64>,
 }
 
-impl OwnStates {
+impl InternalStates {
     /// Integrates the effects' own states along a motion; those of [`Kind::Encoder`] rest.
     pub(super) fn along(
         plant: &Plant,
         effects: &[&ActiveEffect],
-        trace: &Trace,
+        dataset: &Dataset,
         joints: &Joints,
     ) -> Result<Self, KinematicsError> {
         let mut starts = vec![0];
@@ -28,24 +28,24 @@ impl OwnStates {
             Some(*end)
         }));
         let width = starts[effects.len()];
-        if width == 0 || trace.is_empty() {
+        if width == 0 || dataset.is_empty() {
             return Ok(Self { starts, values: Vec::new() });
         }
         let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.initial_state()).collect();
         let moving = |a: &ActiveEffect| a.states() > 0 && a.effect.kind() != Kind::Encoder;
         if !effects.iter().any(|a| moving(a)) {
-            return Ok(Self { starts, values: now.concat().repeat(trace.len()) });
+            return Ok(Self { starts, values: now.concat().repeat(dataset.len()) });
         }
         let none = Reactions::default();
         let mut motions = [joints.motion(0)?; 2];
-        let mut values = Vec::with_capacity(trace.len() * width);
-        for k in 0..trace.len() {
+        let mut values = Vec::with_capacity(dataset.len() * width);
+        for k in 0..dataset.len() {
             if k > 0 {
                 motions = [motions[1], joints.motion(k)?];
                 let rate = |active: &ActiveEffect, end: bool, state: &[f64]| {
                     let (mut rate, mut slope) = (vec![0.0; state.len()], vec![0.0; state.len()]);
                     let at = Instant {
-                        t: trace.t[k - 1 + usize::from(end)],
+                        t: dataset.t[k - 1 + usize::from(end)],
                         motion: &motions[usize::from(end)],
                         bodies: &plant.bodies,
                         gravity: plant.gravity,
@@ -57,7 +57,7 @@ impl OwnStates {
                     active.state_rate(&at, &mut rate, &mut slope);
                     (rate, slope)
                 };
-                let h = trace.t[k] - trace.t[k - 1];
+                let h = dataset.t[k] - dataset.t[k - 1];
                 for (active, x) in effects.iter().zip(&mut now).filter(|(a, _)| moving(a)) {
                     *x = exponential_heun(x, h, |end, state| rate(active, end, state));
                 }

@@ -7,8 +7,8 @@ use crate::model::testing::shipped;
 
 const DT: f64 = 4e-4;
 
-fn trace(joints: Vec<JointState>, setup: Setup) -> Trace {
-    Trace {
+fn dataset(joints: Vec<JointState>, setup: Setup) -> Dataset {
+    Dataset {
         name: "made".into(),
         setup,
         t: (0..joints.len()).map(|k| k as f64 * DT).collect(),
@@ -46,23 +46,23 @@ fn steep_hysteresis_follows_the_closed_form_at_every_angle() {
             qdd: [200.0 * (20.0 * t).cos(); 4],
         };
         let (plant, setup) = arms("backlash_hysteresis", &[&[1.0; 3], &[angle]]);
-        let trace = trace((0..2500).map(|k| at(f64::from(k) * DT)).collect(), setup);
-        let joints = joints(&plant, &trace).unwrap();
-        let states = OwnStates::along(&plant, &[&plant.effects[0]], &trace, &joints).unwrap();
+        let dataset = dataset((0..2500).map(|k| at(f64::from(k) * DT)).collect(), setup);
+        let joints = joints(&plant, &dataset).unwrap();
+        let states = InternalStates::along(&plant, &[&plant.effects[0]], &dataset, &joints).unwrap();
         // z = s − (s − z_r)·exp(−|q − q_r|/δ) since the last reversal r.
         let half_period = std::f64::consts::PI / 20.0;
         let mut worst = 0f64;
         let (mut reversed, mut leg) = (0.0, 0);
-        for k in 0..trace.len() {
+        for k in 0..dataset.len() {
             let own = states.of(k, 0);
-            let now = (trace.t[k] / half_period) as usize;
+            let now = (dataset.t[k] / half_period) as usize;
             while leg < now {
                 let sign = if leg % 2 == 0 { 1.0 } else { -1.0 };
                 reversed = sign - (sign - reversed) * (-1.0 / angle).exp();
                 leg += 1;
             }
             let sign = if leg % 2 == 0 { 1.0 } else { -1.0 };
-            let travelled = (trace.joints[k].q[0] - (leg % 2) as f64).abs();
+            let travelled = (dataset.joints[k].q[0] - (leg % 2) as f64).abs();
             let exact = sign - (sign - reversed) * (-travelled / angle).exp();
             worst = worst.max((own[0] - exact).abs());
             assert!(own[0].abs() < 1.0 + 1e-3);
@@ -98,8 +98,8 @@ fn encoder_offset_is_taken_off_the_recorded_angles() {
     let (shifted, setup) = arms("joint_zero_offset", &[&[0.01, -0.02, 0.0, 0.0]]);
     let (plain, _) = arms("joint_zero_offset", &[&[0.0; 4]]);
     let at = |q: [f64; 4]| JointState { q, qd: [1.0; 4], qdd: [2.0; 4] };
-    let read = predict(&shifted, &trace(vec![at([0.51, 0.38, 0.3, 0.0]); 10], setup)).unwrap();
-    let truth = predict(&plain, &trace(vec![at([0.5, 0.4, 0.3, 0.0]); 10], setup)).unwrap();
+    let read = predict(&shifted, &dataset(vec![at([0.51, 0.38, 0.3, 0.0]); 10], setup)).unwrap();
+    let truth = predict(&plain, &dataset(vec![at([0.5, 0.4, 0.3, 0.0]); 10], setup)).unwrap();
     for (a, b) in read.iter().flatten().zip(truth.iter().flatten()) {
         approx::assert_relative_eq!(a, b, epsilon = 1e-12);
     }
@@ -171,10 +171,10 @@ fn elastic_drive_is_seen_through_the_encoder_and_its_compliance_comes_back() {
     let with = |c: f64| arms("drive_elasticity", &[&[c, 0.0, 0.0], &[20.0], &[0.18], &[0.0]]);
     let (rigid, setup) = with(0.0);
     let (joints, torque) = elastic_arm(&rigid, COMPLIANCE, 20.0, 0.18, |_| 0.0);
-    let trace = trace(joints, setup);
+    let dataset = dataset(joints, setup);
     let inside = 100..torque.len() - 100;
     let residual = |plant: &Plant| -> Vec<f64> {
-        let predicted = predict(plant, &trace).unwrap();
+        let predicted = predict(plant, &dataset).unwrap();
         inside.clone().map(|k| torque[k] - predicted[0][k]).collect()
     };
     let size = |plant: &Plant| rms(residual(plant).into_iter());
@@ -183,7 +183,7 @@ fn elastic_drive_is_seen_through_the_encoder_and_its_compliance_comes_back() {
     // One Gauss–Newton step from two thirds of it.
     let (near, _) = with(COMPLIANCE / 1.5);
     let left = residual(&near);
-    let column = &columns(&near, &trace, None).unwrap()[near.rigid_bodies().values.len()][0][inside.clone()];
+    let column = &columns(&near, &dataset, None).unwrap()[near.rigid_bodies().values.len()][0][inside.clone()];
     let product: f64 = column.iter().zip(&left).map(|(c, r)| c * r).sum();
     let estimate = COMPLIANCE / 1.5 + product / column.iter().map(|c| c * c).sum::<f64>();
     println!("rigid {before:.4} N·m, elastic {after:.1e} N·m, compliance {estimate:.4e}");
@@ -196,7 +196,7 @@ fn friction_on_the_motors_side_is_seen_through_the_gear() {
     const COMPLIANCE: f64 = 4e-5;
     let (bare, setup) = arms("drive_elasticity", &[&[0.0; 3], &[20.0], &[0.18], &[1.0]]);
     let (joints, torque) = elastic_arm(&bare, COMPLIANCE, 20.0, 0.18, |rate| -5.0 * (100.0 * rate).tanh() - 2.0 * rate);
-    let trace = trace(joints, setup);
+    let dataset = dataset(joints, setup);
     let left = |compliance: f64, at_motor: f64| {
         let mut model = shipped("irb360-6-1600");
         let elastic: [&[f64]; 4] = [&[compliance, 0.0, 0.0], &[20.0], &[0.18], &[at_motor]];
@@ -206,7 +206,7 @@ fn friction_on_the_motors_side_is_seen_through_the_gear() {
             ActiveEffect::new(find("drive_elasticity").unwrap(), &elastic),
         ]
         .into();
-        let predicted = predict(&Plant::new(&model, &setup), &trace).unwrap();
+        let predicted = predict(&Plant::new(&model, &setup), &dataset).unwrap();
         rms((100..torque.len() - 100).map(|k| torque[k] - predicted[0][k]))
     };
     let (right, wrong, rigid) = (left(COMPLIANCE, 1.0), left(COMPLIANCE, 0.0), left(0.0, 0.0));
@@ -237,18 +237,18 @@ fn columns_pass_through_gears_with_friction(at_motor: f64) {
             qdd: std::array::from_fn(|i| -wave(i).0 * wave(i).1.powi(2) * (wave(i).1 * t).sin()),
         }
     };
-    let mut trace = trace((0..1500).map(at).collect(), Setup::default());
-    trace.channels.push(Channel::StrutUpper(2));
-    trace.measured.push(vec![0.0; 1500]);
-    let plant = Plant::new(&elastic, &trace.setup);
-    let analytic = columns(&plant, &trace, None).unwrap();
+    let mut dataset = dataset((0..1500).map(at).collect(), Setup::default());
+    dataset.channels.push(Channel::StrutUpper(2));
+    dataset.measured.push(vec![0.0; 1500]);
+    let plant = Plant::new(&elastic, &dataset.setup);
+    let analytic = columns(&plant, &dataset, None).unwrap();
     let values: Vec<f64> = plant.parameters().iter().map(|p| p.value).collect();
     let moved = |k: usize, step: f64| {
         let mut there = values.clone();
         there[k] += step;
         let mut model = elastic.clone();
         crate::dynamics::set_parameters(&mut model, &there);
-        predict(&Plant::new(&model, &trace.setup), &trace).unwrap()
+        predict(&Plant::new(&model, &dataset.setup), &dataset).unwrap()
     };
     for (k, p) in plant.parameters().iter().enumerate().filter(|(_, p)| p.role == Role::Linear) {
         let step = 1e-4 * p.usual.abs().max(1e-3 * p.value.abs()).max(1e-9);

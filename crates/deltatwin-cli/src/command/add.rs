@@ -51,9 +51,9 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&data.warnings);
     guard(&model, &data, &args.data)?;
     let progress = spinner(&format!("add {}", args.effect));
-    let addition = add(&model, &args.effect, &data.traces, &data.held_out);
+    let addition = add(&model, &args.effect, &data.datasets, &data.held_out);
     progress.finish_and_clear();
-    let names: Vec<&str> = data.traces.iter().map(|t| t.name.as_str()).collect();
+    let names: Vec<&str> = data.datasets.iter().map(|t| t.name.as_str()).collect();
     let addition = addition.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
     warn(&much_is_left(data.channels(), addition.budget.rms_after(), &addition.budget.noise_floor));
     let parameters = parameters_of(&addition.fit, &addition.effect);

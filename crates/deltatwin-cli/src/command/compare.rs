@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     warn(&data.warnings);
     let gate = guard(&model, &data, &args.data)?;
     let progress = spinner("compare");
-    let comparison = compare(&model, &data.traces, &data.held_out);
+    let comparison = compare(&model, &data.datasets, &data.held_out);
     progress.finish_and_clear();
     let comparison = comparison.into_diagnostic()?;
     if args.json {

@@ -18,7 +18,7 @@ use crate::data::{Data, DataArgs};
 use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
 use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, diagnose_with};
 use deltatwin::dynamics::Plant;
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
 use deltatwin_io::model;
@@ -80,18 +80,18 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     guard(&model, &data, &args.data)?;
-    known(&args.hold, &model, &data.traces[0])?;
+    known(&args.hold, &model, &data.datasets[0])?;
     let progress = spinner("diagnose");
-    let samples: usize = data.traces.iter().chain(&data.held_out).map(Trace::len).sum();
+    let samples: usize = data.datasets.iter().chain(&data.held_out).map(Dataset::len).sum();
     let allowance = Allowance::new(args.time_limit, samples);
     catch_interrupt()?;
     let clock = || allowance.passed();
     let options = Options { fixed: &args.hold, clock: &clock };
-    let answer = diagnose_with(&model, &data.traces, &data.held_out, &options, &mut |what| {
+    let answer = diagnose_with(&model, &data.datasets, &data.held_out, &options, &mut |what| {
         progress.set_message(format!("diagnose: {what}"));
     });
     progress.finish_and_clear();
-    let names: Vec<&str> = data.traces.iter().map(|t| t.name.as_str()).collect();
+    let names: Vec<&str> = data.datasets.iter().map(|t| t.name.as_str()).collect();
     let answer = answer.into_diagnostic().wrap_err_with(|| format!("recording {}", names.join(", ")))?;
     warn(&much_is_left(&answer.channels, &answer.rms_after, &answer.noise_floor));
     let scenario = answer.next_experiment.as_ref().zip(args.next.as_deref()).filter(|(next, _)| writable(next, &model));
@@ -132,8 +132,8 @@ fn write(
 }
 
 /// Refuses names of effects that the machine of the data does not have.
-fn known(held: &[String], model: &Model, trace: &Trace) -> miette::Result<()> {
-    let parameters = Plant::new(model, &trace.setup).parameters();
+fn known(held: &[String], model: &Model, dataset: &Dataset) -> miette::Result<()> {
+    let parameters = Plant::new(model, &dataset.setup).parameters();
     match held.iter().find(|name| !parameters.iter().any(|p| p.param.effect == *name)) {
         Some(name) => Err(miette!("--hold {name}: the model has no such effect")),
         None => Ok(()),
@@ -142,7 +142,7 @@ fn known(held: &[String], model: &Model, trace: &Trace) -> miette::Result<()> {
 
 /// Whether a proposal has a scenario: not if its motion is that of the data, or of the machine taken apart.
 fn writable(next: &NextExperiment, model: &Model) -> bool {
-    let apart = next.experiment.trace.setup.configuration != Configuration::Assembled && model.assembled;
+    let apart = next.experiment.dataset.setup.configuration != Configuration::Assembled && model.assembled;
     if apart {
         warn(&["no scenario written: the next experiment needs the model of the machine taken apart".into()]);
     } else if next.experiment.course.is_none() {

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Channel, Plant};
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{ARMS, STRUTS, Setup};
 use deltatwin::model::Model;
@@ -123,12 +123,13 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
     }
     let (recording, warnings) = recording::read_of(&args.motion, args.setup.as_deref(), model.mechanism)?;
     warn(&warnings);
-    let trace = Trace::new(&recording);
-    if trace.is_empty() {
+    let dataset = Dataset::new(&recording);
+    if dataset.is_empty() {
         return Err(miette!("{}: has too few samples to differentiate", name()));
     }
-    let measured = trace.channels.iter().copied().zip(trace.measured).filter(|(c, _)| !matches!(c, Channel::Torque(_)));
-    Ok(Motion { setup: trace.setup, t: trace.t, joints: trace.joints, measured: measured.collect() })
+    let measured =
+        dataset.channels.iter().copied().zip(dataset.measured).filter(|(c, _)| !matches!(c, Channel::Torque(_)));
+    Ok(Motion { setup: dataset.setup, t: dataset.t, joints: dataset.joints, measured: measured.collect() })
 }
 
 /// Place of a measured strut force among the multipliers.

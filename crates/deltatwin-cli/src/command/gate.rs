@@ -20,15 +20,15 @@ const MUCH: f64 = 10.0;
 pub fn guard(model: &Model, data: &Data, args: &DataArgs) -> miette::Result<Vec<Finding>> {
     let mut all = Vec::new();
     let mut refused = Vec::new();
-    for trace in data.traces.iter().chain(&data.held_out) {
-        let found = examine(model, trace);
+    for dataset in data.datasets.iter().chain(&data.held_out) {
+        let found = examine(model, dataset);
         if found.iter().any(|f| f.severe) {
             let lines: Vec<String> = found.iter().map(|f| format!("\n  {}", line(f))).collect();
             let remedy = match combined(&found) {
                 Some(map) => format!("\n  remedy: {map}"),
                 None => format!("\n  remedy: {}", found[0].remedy),
             };
-            refused.push(format!("{}: does not fit the model {}:{}{remedy}", trace.name, model.name, lines.concat()));
+            refused.push(format!("{}: does not fit the model {}:{}{remedy}", dataset.name, model.name, lines.concat()));
         } else {
             warn(
                 &found

@@ -16,8 +16,8 @@ use crate::terminal::{
 };
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::consistency::min_eigenvalue;
+use deltatwin::identification::dataset::noise_floor as floor;
 use deltatwin::identification::fit::{FitError, Moved, Unidentified, channel_rms, residuals};
-use deltatwin::identification::trace::noise_floor as floor;
 use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
 use deltatwin::machine::bodies::{Inertia, body_name};
 use deltatwin::model::{Model, Provenance};
@@ -59,10 +59,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let data = Data::read_with(&args.data, &model, args.how.method())?;
     warn(&data.warnings);
     guard(&model, &data, &args.data)?;
-    let noise_floor = floor(&model, &data.traces);
+    let noise_floor = floor(&model, &data.datasets);
     let prior = args.how.prior(&model)?;
-    for name in args.how.held() {
-        if !Plant::new(&model, &data.traces[0].setup).parameters().iter().any(|p| p.param.effect == name) {
+    for name in args.how.fixed() {
+        if !Plant::new(&model, &data.datasets[0].setup).parameters().iter().any(|p| p.param.effect == name) {
             return Err(miette!("--hold {name}: the model has no such effect"));
         }
     }
@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         return payload::run(args, &model, &data, &noise_floor, &options);
     }
     let progress = spinner("fit");
-    let fitted = fit_with(&model, &data.traces, &vec![noise_floor.clone(); data.traces.len()], &options);
+    let fitted = fit_with(&model, &data.datasets, &vec![noise_floor.clone(); data.datasets.len()], &options);
     progress.finish_and_clear();
     let fitted = fitted.map_err(refusal)?;
     warn(&much_is_left(data.channels(), &fitted.rms, &noise_floor));

@@ -7,7 +7,7 @@ use crate::data::{Data, DataArgs};
 use crate::terminal::{BAD_ANSWER, DONE, Table, say, warn};
 use deltatwin::dynamics::Channel;
 use deltatwin::evidence::noise::{covariance, difference_covariance, rests};
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::machine::AXES;
 use deltatwin::text::significant;
 
@@ -45,25 +45,25 @@ pub struct TorqueNoise {
 }
 
 impl TorqueNoise {
-    /// Noise of all traces together.
-    pub fn of(traces: &[Trace]) -> Self {
+    /// Noise of all datasets together.
+    pub fn of(datasets: &[Dataset]) -> Self {
         let drive = |c: &Channel| if let Channel::Torque(i) = c { Some(*i) } else { None };
         let drives: Vec<usize> =
-            traces.first().map_or_else(Vec::new, |t| t.channels.iter().filter_map(drive).collect());
+            datasets.first().map_or_else(Vec::new, |t| t.channels.iter().filter_map(drive).collect());
         let mut torques = vec![Vec::new(); drives.len()];
         let (mut segments, mut still, mut rest_time) = (Vec::new(), Vec::new(), 0.0);
-        for trace in traces {
+        for dataset in datasets {
             let first = torques[0].len();
             let shifted = |r: &std::ops::Range<usize>| first + r.start..first + r.end;
-            let angles: Vec<Vec<f64>> = (0..AXES).map(|i| trace.joints.iter().map(|j| j.q[i]).collect()).collect();
-            let samples = |time: f64| (time / trace.dt).ceil() as usize;
-            for rest in rests(&angles, &trace.segments, &[BAND; AXES], samples(SHORTEST)) {
+            let angles: Vec<Vec<f64>> = (0..AXES).map(|i| dataset.joints.iter().map(|j| j.q[i]).collect()).collect();
+            let samples = |time: f64| (time / dataset.dt).ceil() as usize;
+            for rest in rests(&angles, &dataset.segments, &[BAND; AXES], samples(SHORTEST)) {
                 let inner = rest.start + samples(SETTLING)..rest.end - samples(SETTLING);
-                rest_time += inner.len() as f64 * trace.dt;
+                rest_time += inner.len() as f64 * dataset.dt;
                 still.push(shifted(&inner));
             }
-            segments.extend(trace.segments.iter().map(shifted));
-            for (all, measured) in torques.iter_mut().zip(&trace.measured) {
+            segments.extend(dataset.segments.iter().map(shifted));
+            for (all, measured) in torques.iter_mut().zip(&dataset.measured) {
                 all.extend(measured);
             }
         }
@@ -81,8 +81,8 @@ impl TorqueNoise {
 pub fn run(args: &Args) -> miette::Result<u8> {
     let data = Data::of_any_machine(&args.data)?;
     warn(&data.warnings);
-    let traces: Vec<Trace> = data.traces.into_iter().chain(data.held_out).collect();
-    let noise = TorqueNoise::of(&traces);
+    let datasets: Vec<Dataset> = data.datasets.into_iter().chain(data.held_out).collect();
+    let noise = TorqueNoise::of(&datasets);
     if args.json {
         say(noise.json())?;
     } else {

@@ -103,11 +103,11 @@ pub fn write_experiment(
         "\nmodel = {model_name}\nduration = {:?} # s\nseed = {seed} # of the sensor noise\nnoise = true\n\n{motion}",
         (plan.length * 1e6).round() / 1e6
     );
-    let Setup { payload, .. } = plan.trace.setup;
+    let Setup { payload, .. } = plan.dataset.setup;
     if payload != Payload::default() {
         let _ = write!(text, "\n{}", payload_to_toml(&payload));
     }
-    let struts = |end: fn(&Channel) -> Option<usize>| plan.trace.channels.iter().filter_map(end).collect::<Vec<_>>();
+    let struts = |end: fn(&Channel) -> Option<usize>| plan.dataset.channels.iter().filter_map(end).collect::<Vec<_>>();
     let upper = struts(|c| if let Channel::StrutUpper(i) = c { Some(i + 1) } else { None });
     let lower = struts(|c| if let Channel::StrutLower(i) = c { Some(i + 1) } else { None });
     if !upper.is_empty() || !lower.is_empty() {

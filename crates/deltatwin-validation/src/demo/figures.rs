@@ -131,23 +131,23 @@ fn residual_figures(
     campaign: &Campaign,
     findings: &Findings,
 ) -> Option<(deltatwin_report::Figure, deltatwin_report::Figure, deltatwin_report::Figure)> {
-    let trace = &findings.validation;
+    let dataset = &findings.validation;
     let before_model = &findings.identified.model;
-    let predicted = predict(&Plant::new(before_model, &campaign.validation.setup), trace).ok()?;
-    let before = residuals(before_model, std::slice::from_ref(trace)).ok()?.remove(0);
-    let after = residuals(&findings.diagnosis.model, std::slice::from_ref(trace)).ok()?.remove(0);
+    let predicted = predict(&Plant::new(before_model, &campaign.validation.setup), dataset).ok()?;
+    let before = residuals(before_model, std::slice::from_ref(dataset)).ok()?.remove(0);
+    let after = residuals(&findings.diagnosis.model, std::slice::from_ref(dataset)).ok()?.remove(0);
     let stack: Vec<Panel> = (0..AXES)
         .map(|i| Panel {
             title: format!("axis {}", i + 1),
             y_label: "torque / N·m".into(),
             curves: vec![
-                Curve::new("measured", trace.t.clone(), trace.measured[i].clone()).color(Color::MEASURED),
-                Curve::new("identified model", trace.t.clone(), predicted[i].clone()).color(Color::MODEL),
-                Curve::new("residual", trace.t.clone(), before[i].clone()).color(Color::RESIDUAL).style(Style::Thin),
+                Curve::new("measured", dataset.t.clone(), dataset.measured[i].clone()).color(Color::MEASURED),
+                Curve::new("identified model", dataset.t.clone(), predicted[i].clone()).color(Color::MODEL),
+                Curve::new("residual", dataset.t.clone(), before[i].clone()).color(Color::RESIDUAL).style(Style::Thin),
             ],
         })
         .collect();
-    let speed: Vec<f64> = (0..3).flat_map(|i| trace.joints.iter().map(move |j| j.qd[i])).collect();
+    let speed: Vec<f64> = (0..3).flat_map(|i| dataset.joints.iter().map(move |j| j.qd[i])).collect();
     let all = |r: &[Vec<f64>]| -> Vec<f64> { r[..3].concat() };
     let phase = scatter_binned(
         "Residual of the arms over joint speed",
@@ -159,7 +159,7 @@ fn residual_figures(
         ],
         40,
     );
-    let line = |r: &[f64]| amplitude_spectrum(r, trace.dt);
+    let line = |r: &[f64]| amplitude_spectrum(r, dataset.dt);
     let (f, a) = line(&before[0]);
     let (g, b) = line(&after[0]);
     let spectra = spectrum(

@@ -13,7 +13,7 @@ use crate::exam::{Answer, Campaign, CampaignError, Case, Grade, Hidden, MotionKi
 use deltatwin::comparison::{Comparison, compare};
 use deltatwin::diagnosis::{Diagnosis, DiagnosisError, diagnose};
 use deltatwin::effects::Role;
-use deltatwin::identification::{Fit, FitError, Trace, fit};
+use deltatwin::identification::{Dataset, Fit, FitError, fit};
 use deltatwin::model::Model;
 use deltatwin::text::significant;
 
@@ -95,10 +95,10 @@ pub fn describe(campaign: &Campaign) -> String {
 
 /// What the loop finds.
 pub struct Findings {
-    /// Trace of the measurement.
-    pub measurement: Trace,
-    /// Trace of the validation.
-    pub validation: Trace,
+    /// Dataset of the measurement.
+    pub measurement: Dataset,
+    /// Dataset of the validation.
+    pub validation: Dataset,
     /// Model as it came against the measurement.
     pub comparison: Comparison,
     /// Identified parameters of the model as it came.
@@ -112,8 +112,8 @@ pub struct Findings {
 /// Compare, identify, diagnose and add, judged on the validation.
 pub fn investigate(campaign: &Campaign, progress: &mut dyn FnMut(&str)) -> Result<Findings, DemoError> {
     progress("compare");
-    let measurement = Trace::new(&campaign.measurement);
-    let validation = Trace::new(&campaign.validation);
+    let measurement = Dataset::new(&campaign.measurement);
+    let validation = Dataset::new(&campaign.validation);
     let comparison = compare(&campaign.model, std::slice::from_ref(&measurement), std::slice::from_ref(&validation))?;
     progress("identify");
     let noise = measurement.noise(&campaign.model);

@@ -13,9 +13,9 @@ use super::size::{Hidden, Size, Sizer};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
+use deltatwin::identification::dataset::noise_floor;
 use deltatwin::identification::fit::{channel_rms, residuals};
-use deltatwin::identification::trace::noise_floor;
-use deltatwin::identification::{FitError, Trace};
+use deltatwin::identification::{Dataset, FitError};
 use deltatwin::machine::{AXES, Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -279,9 +279,9 @@ impl Prepared {
 
 /// Largest RMS residual over the noise floor that the robot's own model leaves of a recording: what differentiation blurs.
 fn attainable(robot: &Model, recording: &Recording) -> Result<f64, FitError> {
-    let traces = [Trace::new(recording)];
-    let rms = channel_rms(&residuals(robot, &traces)?);
-    Ok(rms.iter().zip(noise_floor(robot, &traces)).map(|(rms, floor)| rms / floor).fold(0.0, f64::max))
+    let datasets = [Dataset::new(recording)];
+    let rms = channel_rms(&residuals(robot, &datasets)?);
+    Ok(rms.iter().zip(noise_floor(robot, &datasets)).map(|(rms, floor)| rms / floor).fold(0.0, f64::max))
 }
 
 impl Campaign {

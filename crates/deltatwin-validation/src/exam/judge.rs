@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use deltatwin::diagnosis::{self, Diagnosis, diagnose};
 use deltatwin::effects;
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
@@ -87,8 +87,8 @@ pub struct Named {
 /// Asks the diagnosis which effect `model` lacks, from a recording to learn from and one to judge on.
 pub fn judge(model: &Model, [measurement, validation]: &[Recording; 2]) -> Answer {
     let start = Instant::now();
-    let (trace, held_out) = (Trace::new(measurement), Trace::new(validation));
-    let result = diagnose(model, &[trace], &[held_out], &mut |_| {});
+    let (dataset, held_out) = (Dataset::new(measurement), Dataset::new(validation));
+    let result = diagnose(model, &[dataset], &[held_out], &mut |_| {});
     let seconds = start.elapsed().as_secs_f64();
     match result {
         Ok(diagnosis) => Answer { seconds, ..Answer::from(&diagnosis) },

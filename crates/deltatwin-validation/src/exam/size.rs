@@ -16,8 +16,8 @@ use super::span;
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::identification::filtering::MIN_HALF_WIDTH;
-use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, own_size};
-use deltatwin::identification::{Trace, columns, predict};
+use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, nominal_size};
+use deltatwin::identification::{Dataset, columns, predict};
 use deltatwin::machine::{AXES, Setup};
 use deltatwin::model::Model;
 
@@ -115,7 +115,7 @@ const SHOWN: f64 = 0.25;
 pub struct Sizer<'a> {
     robot: &'a Model,
     setup: &'a Setup,
-    trace: Trace,
+    dataset: Dataset,
     noise: Vec<f64>,
     /// Columns of the robot's own parameters in units of noise and own size.
     base: DMatrix<f64>,
@@ -139,7 +139,7 @@ impl<'a> Sizer<'a> {
         let t: Vec<f64> = (0..n).map(|k| k as f64 * SPACING).collect();
         let joints = t.iter().map(|&t| motion.at(t).joints(&plant.geometry)).collect::<Result<_, _>>();
         let joints = joints.map_err(|source| FitError::Kinematics { recording: "desired".into(), source })?;
-        let trace = Trace {
+        let dataset = Dataset {
             name: "desired".into(),
             setup: *setup,
             joints,
@@ -152,13 +152,13 @@ impl<'a> Sizer<'a> {
             half_width: [MIN_HALF_WIDTH + 1; AXES],
             t,
         };
-        let all = columns(&plant, &trace, None).map_err(kinematics(&trace))?;
+        let all = columns(&plant, &dataset, None).map_err(kinematics(&dataset))?;
         let own: Vec<DVector<f64>> = plant
             .parameters()
             .iter()
             .zip(&all)
             .filter(|(p, _)| p.role != Role::Fixed)
-            .map(|(p, column)| own_size(p) * stacked(column, noise))
+            .map(|(p, column)| nominal_size(p) * stacked(column, noise))
             .collect();
         let base = DMatrix::from_columns(&own);
         let m = base.ncols();
@@ -166,7 +166,7 @@ impl<'a> Sizer<'a> {
         let prior = PRIOR * robot.sample_time / SPACING;
         let normal = base.tr_mul(&base) + DMatrix::identity(m, m) * prior;
         let inverse = normal.cholesky().map_or_else(|| DMatrix::zeros(m, m), |c| c.inverse());
-        Ok(Self { robot, setup, trace, noise: noise.to_vec(), base, inverse, prior })
+        Ok(Self { robot, setup, dataset, noise: noise.to_vec(), base, inverse, prior })
     }
 
     /// Draws the values of an effect of the given size.
@@ -189,7 +189,7 @@ impl<'a> Sizer<'a> {
         // Scale of the direction at which a channel's residual rises as wanted.
         let needed = |c: usize| (wanted * wanted - 1.0f64).sqrt() / left[c].max(f64::MIN_POSITIVE);
         let best = |torque: bool| {
-            let own = (0..left.len()).filter(|&c| self.trace.channels[c].drive().is_some() == torque);
+            let own = (0..left.len()).filter(|&c| self.dataset.channels[c].drive().is_some() == torque);
             own.min_by(|&a, &b| needed(a).total_cmp(&needed(b)))
         };
         let torque = best(true).expect("a machine has drives");
@@ -234,8 +234,8 @@ impl<'a> Sizer<'a> {
         }
         let most = (0..left.len()).max_by(|&a, &b| left[a].total_cmp(&left[b])).unwrap_or(0);
         let (channel, limited) = sized.unwrap_or((most, false));
-        let ratios = self.trace.channels.iter().zip(&left).map(|(&c, l)| (c, l.hypot(1.0))).collect();
-        Ok(Hidden { active, rise: Rise { channel: self.trace.channels[channel], ratios, limited } })
+        let ratios = self.dataset.channels.iter().zip(&left).map(|(&c, l)| (c, l.hypot(1.0))).collect();
+        Ok(Hidden { active, rise: Rise { channel: self.dataset.channels[channel], ratios, limited } })
     }
 
     /// The effect without action, with the robot's constants and a drawn shape.
@@ -271,14 +271,14 @@ impl<'a> Sizer<'a> {
 
     /// Columns of an effect's parameters in units of noise.
     fn columns(&self, active: &ActiveEffect) -> Result<Vec<DVector<f64>>, FitError> {
-        let all = columns(&Plant::new(self.robot, self.setup), &self.trace, Some(active));
-        let all = all.map_err(kinematics(&self.trace))?;
+        let all = columns(&Plant::new(self.robot, self.setup), &self.dataset, Some(active));
+        let all = all.map_err(kinematics(&self.dataset))?;
         Ok(all.iter().map(|column| stacked(column, &self.noise)).collect())
     }
 
     /// What the linear parameters at `direction` do, and what a refit leaves of it, channel by channel in units of noise.
     fn done_and_left(&self, columns: &[DVector<f64>], direction: &[f64]) -> [DVector<f64>; 2] {
-        let mut z = DVector::zeros(self.trace.len() * self.noise.len());
+        let mut z = DVector::zeros(self.dataset.len() * self.noise.len());
         for (column, d) in columns.iter().zip(direction).filter(|(_, d)| **d != 0.0) {
             z.axpy(*d, column, 1.0);
         }
@@ -289,7 +289,7 @@ impl<'a> Sizer<'a> {
 
     /// RMS per channel of what a refit leaves of the effect with its linear parameters at `direction`, in units of noise.
     fn left(&self, columns: &[DVector<f64>], direction: &[f64]) -> Vec<f64> {
-        let n = self.trace.len();
+        let n = self.dataset.len();
         let [_, r] = self.done_and_left(columns, direction);
         (0..self.noise.len()).map(|c| (r.rows(c * n, n).norm_squared() / n as f64).sqrt()).collect()
     }
@@ -320,16 +320,16 @@ impl<'a> Sizer<'a> {
     /// If the machine cannot follow the motion.
     pub fn unspanned(&self, law: Outside) -> Result<f64, FitError> {
         let terms = &law.effect().terms;
-        span::unspanned(self.robot, &self.trace, &self.noise, terms[0].at, &terms[0].law)
+        span::unspanned(self.robot, &self.dataset, &self.noise, terms[0].at, &terms[0].law)
     }
 
     /// The same of `scale` times `direction` by the refit itself, with all its limits, along the motion without noise.
     fn left_exactly(&self, active: &ActiveEffect, direction: &[f64], scale: f64) -> Result<Vec<f64>, FitError> {
         let with = self.with(active, direction, scale);
-        let mut trace = self.trace.clone();
-        trace.measured = predict(&Plant::new(&with, self.setup), &trace).map_err(kinematics(&trace))?;
+        let mut dataset = self.dataset.clone();
+        dataset.measured = predict(&Plant::new(&with, self.setup), &dataset).map_err(kinematics(&dataset))?;
         let options = Options { prior_information: Some(self.prior), ..Options::default() };
-        let refitted = fit_with(self.robot, &[trace], std::slice::from_ref(&self.noise), &options)?;
+        let refitted = fit_with(self.robot, &[dataset], std::slice::from_ref(&self.noise), &options)?;
         Ok(refitted.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())
     }
 

@@ -10,10 +10,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use deltatwin::diagnosis::unknown::library::{Atom, Cover, hums, library};
+use deltatwin::diagnosis::unknown::library::{Atom, Cover, harmonic_disturbances, library};
 use deltatwin::diagnosis::unknown::{MOST, Sight};
 use deltatwin::effects::formula::{Expression, Place, Variable};
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::identification::fit::FitError;
 use deltatwin::model::Model;
 
@@ -30,18 +30,28 @@ const PASSES: usize = 2;
 /// A column that loses more than this share of itself to others is made of them.
 const COLLINEAR: f64 = 1e-9;
 
-/// Share of the energy of `law` at `at` along `trace` that no sum of the search's laws makes, beyond what the own parameters
+/// Share of the energy of `law` at `at` along `dataset` that no sum of the search's laws makes, beyond what the own parameters
 /// of `model` imitate; zero where these imitate all of it. `noise` weighs the channels.
 ///
 /// # Errors
 /// If the machine cannot follow the motion.
-pub fn unspanned(model: &Model, trace: &Trace, noise: &[f64], at: Place, law: &Expression) -> Result<f64, FitError> {
-    let sight = Sight::new(model, std::slice::from_ref(trace), noise, &|_| false)?;
+pub fn unspanned(
+    model: &Model,
+    dataset: &Dataset,
+    noise: &[f64],
+    at: Place,
+    law: &Expression,
+) -> Result<f64, FitError> {
+    let sight = Sight::new(model, std::slice::from_ref(dataset), noise, &|_| false)?;
     let Some(place) = sight.places.iter().position(|p| *p == at) else { return Ok(1.0) };
     let ground = Ground::new(&sight);
     let mut atoms = library(&sight.places, &Cover::new(&sight.variables));
     if let Some(time) = Variable::named("t") {
-        atoms.extend(hums(&sight.places, &effect_of(&sight, place, law), &sight.variables[time.index()]));
+        atoms.extend(harmonic_disturbances(
+            &sight.places,
+            &effect_of(&sight, place, law),
+            &sight.variables[time.index()],
+        ));
     }
     Ok(ground.left_of(&atoms, place, law))
 }

@@ -7,7 +7,7 @@ use super::least_squares::{Solution, Stack};
 use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::paper::{self, table_1};
 use super::runs::{Campaign, Run};
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::identification::fit::channel_rms;
 use deltatwin::machine::bodies::{ARM, ROTOR};
 use deltatwin::machine::{ARMS, AXES};
@@ -25,7 +25,7 @@ const REST: f64 = 1e-9;
 /// Time it needs to settle, s: steep friction against the controller's stiffness decays within about 0.2 s.
 const SETTLING: f64 = 1.5;
 
-/// Mean and variance of the torque of `axis` at every pose held, N·m and N²·m².
+/// Mean and variance of the torque of `axis` at every pose fixed, N·m and N²·m².
 pub fn at_rest(run: &Run, axis: usize) -> Vec<(f64, f64)> {
     let signals = &run.recording.signals;
     let mut poses: Vec<Vec<f64>> = Vec::new();
@@ -106,7 +106,7 @@ pub struct Table1 {
 
 /// Base parameters of the arms and of drive 4.
 pub fn identify(model: &Model, excitation: &Run, sigma: &[f64; AXES]) -> miette::Result<Table1> {
-    let (stack, axes) = Stack::new(model, &Trace::new(&excitation.recording)).into_diagnostic()?.by_axis();
+    let (stack, axes) = Stack::new(model, &Dataset::new(&excitation.recording)).into_diagnostic()?.by_axis();
     let solution = stack.solve(sigma);
     let by_torque = stack.solve(&model.drives.map(|d| d.max_torque));
     let size = |v: f64| v.abs().max(f64::MIN_POSITIVE);
@@ -173,11 +173,11 @@ impl Table1 {
 
     /// Fig. 8: another motion, measured and computed.
     pub fn verification(&self, model: &Model, run: &Run) -> miette::Result<Section> {
-        let trace = Trace::new(&run.recording);
-        let (stack, _) = Stack::new(model, &trace).into_diagnostic()?.by_axis();
+        let dataset = Dataset::new(&run.recording);
+        let (stack, _) = Stack::new(model, &dataset).into_diagnostic()?.by_axis();
         let computed = stack.torques(&self.solution.values);
         let residual: Vec<Vec<f64>> =
-            (0..AXES).map(|i| trace.measured[i].iter().zip(&computed[i]).map(|(m, c)| m - c).collect()).collect();
+            (0..AXES).map(|i| dataset.measured[i].iter().zip(&computed[i]).map(|(m, c)| m - c).collect()).collect();
         let rms = channel_rms(&[residual]);
         let rows = (0..AXES)
             .map(|i| {
@@ -186,7 +186,7 @@ impl Table1 {
             })
             .collect();
         let figure =
-            measured_and_computed("Verification of the disassembled robot", &trace, &[("computed", &computed)]);
+            measured_and_computed("Verification of the disassembled robot", &dataset, &[("computed", &computed)]);
         Ok(Section {
             key: "figure_8",
             title: "Fig. 8: verification of the disassembled robot".into(),

@@ -13,7 +13,7 @@ use deltatwin::dynamics::Channel;
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::Options;
-use deltatwin::identification::{BaseParameter, Fit, Trace, fit_with};
+use deltatwin::identification::{BaseParameter, Dataset, Fit, fit_with};
 use deltatwin::machine::bodies::{ARM, Bodies, ROTOR, STRUT};
 use deltatwin::machine::{ARMS, AXES, Mechanism};
 use deltatwin::model::Model;
@@ -82,21 +82,21 @@ pub fn with_socket_friction(model: &Model) -> Model {
 }
 
 /// The torques of a recording.
-pub fn torques(run: &Run) -> Trace {
-    let mut trace = Trace::new(&run.recording);
-    trace.restrict(&Channel::TORQUES);
-    trace
+pub fn torques(run: &Run) -> Dataset {
+    let mut dataset = Dataset::new(&run.recording);
+    dataset.restrict(&Channel::TORQUES);
+    dataset
 }
 
 /// Identifies the paper's model with and without socket friction in the robot, and the complete model.
 pub fn identify(campaign: &Campaign, prior: Model, sigma: &[f64; AXES]) -> miette::Result<Assembled> {
     let complete = with_socket_friction(&prior);
-    let held = ["axis4_friction".to_string()];
-    let options = Options { prior_information: Some(TRUST), held: &held, ..Options::default() };
+    let fixed = ["axis4_friction".to_string()];
+    let options = Options { prior_information: Some(TRUST), fixed: &fixed, ..Options::default() };
     let [excitation, free] = [&campaign.assembled[0], &campaign.assembled_free[0]].map(torques);
     let mut fits = [(&prior, &excitation), (&prior, &free), (&complete, &excitation)]
         .par_iter()
-        .map(|(model, trace)| fit_with(model, std::slice::from_ref(*trace), &[sigma.to_vec()], &options))
+        .map(|(model, dataset)| fit_with(model, std::slice::from_ref(*dataset), &[sigma.to_vec()], &options))
         .collect::<Result<Vec<_>, _>>()
         .into_diagnostic()?
         .into_iter();

@@ -1,6 +1,6 @@
 //! Figures that several sections share.
 
-use deltatwin::identification::Trace;
+use deltatwin::identification::Dataset;
 use deltatwin::machine::AXES;
 use deltatwin_report::{Color, Curve, Figure, Panel, Style, panels};
 
@@ -8,15 +8,15 @@ use deltatwin_report::{Color, Curve, Figure, Panel, Style, panels};
 const COMPUTED: [Color; 2] = [Color::MODEL, Color::RESIDUAL];
 
 /// Torques of all axes, measured and computed, against time.
-pub fn measured_and_computed(title: &str, trace: &Trace, computed: &[(&str, &[Vec<f64>])]) -> Figure {
+pub fn measured_and_computed(title: &str, dataset: &Dataset, computed: &[(&str, &[Vec<f64>])]) -> Figure {
     let panel = |axis: usize| {
         let mut curves = vec![
-            Curve::new("measured", trace.t.clone(), trace.measured[axis].clone())
+            Curve::new("measured", dataset.t.clone(), dataset.measured[axis].clone())
                 .color(Color::MUTED)
                 .style(Style::Thin),
         ];
         for ((label, series), color) in computed.iter().zip(COMPUTED) {
-            curves.push(Curve::new(*label, trace.t.clone(), series[axis].clone()).color(color));
+            curves.push(Curve::new(*label, dataset.t.clone(), series[axis].clone()).color(color));
         }
         Panel { title: format!("axis {}", axis + 1), y_label: "torque / N·m".into(), curves }
     };

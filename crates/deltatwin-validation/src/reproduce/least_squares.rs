@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use deltatwin::dynamics::{Plant, PlantParameter};
 use deltatwin::effects::Role;
 use deltatwin::identification::base_parameters::independent;
-use deltatwin::identification::{Trace, columns};
+use deltatwin::identification::{Dataset, columns};
 use deltatwin::kinematics::KinematicsError;
 use deltatwin::machine::AXES;
 use deltatwin::model::Model;
@@ -35,9 +35,9 @@ pub struct Solution {
 
 impl Stack {
     /// All parameters of `model` that enter linearly.
-    pub fn new(model: &Model, trace: &Trace) -> Result<Self, KinematicsError> {
-        let plant = Plant::new(model, &trace.setup);
-        let all = columns(&plant, trace, None)?;
+    pub fn new(model: &Model, dataset: &Dataset) -> Result<Self, KinematicsError> {
+        let plant = Plant::new(model, &dataset.setup);
+        let all = columns(&plant, dataset, None)?;
         let (parameters, columns) = plant
             .parameters()
             .into_iter()
@@ -45,7 +45,7 @@ impl Stack {
             .filter(|(p, _)| p.role == Role::Linear)
             .map(|(p, mut column)| (p, std::array::from_fn(|axis| std::mem::take(&mut column[axis]))))
             .unzip();
-        Ok(Self { parameters, columns, torque: std::array::from_fn(|axis| trace.measured[axis].clone()) })
+        Ok(Self { parameters, columns, torque: std::array::from_fn(|axis| dataset.measured[axis].clone()) })
     }
 
     /// One parameter of its own for every axis a column acts on, in the order of the axes (eq. 46–47).

@@ -8,22 +8,22 @@ use super::runs::Campaign;
 use super::{paper, robot};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::fit::channel_rms;
-use deltatwin::identification::{Trace, predict};
+use deltatwin::identification::{Dataset, predict};
 use deltatwin::model::Model;
 use deltatwin_report::{Color, Curve, Style, time_series};
 
 /// Fig. 13.
 pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Section> {
-    let trace = Trace::new(&campaign.strut_force.recording);
-    let place = trace.channels.iter().position(|c| *c == Channel::StrutUpper(0));
+    let dataset = Dataset::new(&campaign.strut_force.recording);
+    let place = dataset.channels.iter().position(|c| *c == Channel::StrutUpper(0));
     let Some(place) = place else {
         return Err(miette::miette!(
             "strut-force: strut 1 carries no sensor; expected `strut_upper = [1]` in [sensors]"
         ));
     };
-    let measured = &trace.measured[place];
+    let measured = &dataset.measured[place];
     let compute = |model: &Model| -> miette::Result<Vec<f64>> {
-        Ok(predict(&Plant::new(model, &trace.setup), &trace).into_diagnostic()?.remove(place))
+        Ok(predict(&Plant::new(model, &dataset.setup), &dataset).into_diagnostic()?.remove(place))
     };
     let variants = [
         (
@@ -41,14 +41,14 @@ pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Sec
         ),
     ];
     let mut curves =
-        vec![Curve::new("measured", trace.t.clone(), measured.clone()).color(Color::MUTED).style(Style::Thin)];
+        vec![Curve::new("measured", dataset.t.clone(), measured.clone()).color(Color::MUTED).style(Style::Thin)];
     let (mut rms, mut mean) = (Vec::new(), Vec::new());
     for (label, model, color, style) in &variants {
         let computed = compute(model)?;
         let residual: Vec<f64> = measured.iter().zip(&computed).map(|(m, c)| m - c).collect();
         mean.push(residual.iter().sum::<f64>() / residual.len().max(1) as f64);
         rms.push(channel_rms(&[vec![residual]])[0]);
-        curves.push(Curve::new(*label, trace.t.clone(), computed).color(*color).style(*style));
+        curves.push(Curve::new(*label, dataset.t.clone(), computed).color(*color).style(*style));
     }
     let row = |what: &str, values: &[f64]| Row {
         quantity: what.into(),

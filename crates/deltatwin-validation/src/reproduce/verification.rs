@@ -11,7 +11,7 @@ use super::runs::{Campaign, Run};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::fit::{channel_rms, residuals};
-use deltatwin::identification::{Trace, predict};
+use deltatwin::identification::{Dataset, predict};
 use deltatwin::machine::{ARMS, AXES, STRUTS};
 use deltatwin::model::Model;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
@@ -35,9 +35,9 @@ struct Base {
 fn base(prior: &Model, [excitation, check]: &[Run; 2], sigma: &[f64; AXES]) -> miette::Result<Base> {
     let model = linear_friction(prior);
     let solution = Stack::new(&model, &torques(excitation)).into_diagnostic()?.solve(sigma);
-    let trace = torques(check);
-    let computed = Stack::new(&model, &trace).into_diagnostic()?.torques(&solution.values);
-    let residual = (0..AXES).map(|i| difference(&trace.measured[i], &computed[i])).collect();
+    let dataset = torques(check);
+    let computed = Stack::new(&model, &dataset).into_diagnostic()?.torques(&solution.values);
+    let residual = (0..AXES).map(|i| difference(&dataset.measured[i], &computed[i])).collect();
     Ok(Base { count: solution.base.len(), computed, rms: channel_rms(&[residual]) })
 }
 
@@ -46,8 +46,8 @@ fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
 }
 
 fn rms(model: &Model, check: &Run) -> miette::Result<Vec<f64>> {
-    let trace = torques(check);
-    Ok(channel_rms(&residuals(model, std::slice::from_ref(&trace)).into_diagnostic()?))
+    let dataset = torques(check);
+    Ok(channel_rms(&residuals(model, std::slice::from_ref(&dataset)).into_diagnostic()?))
 }
 
 /// Fig. 10.
@@ -73,11 +73,11 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
     add("base parameters", [Some(&with.rms), Some(&free.rms), None], paper::FIG_10_BASE);
     add("consistent", [Some(&consistent), Some(&consistent_free), Some(&complete)], paper::FIG_10_CONSISTENT);
     let titles = ["sockets with friction", "free sockets", "model with socket friction"].map(Into::into).into();
-    let trace = torques(check);
-    let computed = predict(&Plant::new(&assembled.paper.model, &trace.setup), &trace).into_diagnostic()?;
+    let dataset = torques(check);
+    let computed = predict(&Plant::new(&assembled.paper.model, &dataset.setup), &dataset).into_diagnostic()?;
     let figure = measured_and_computed(
         "Torques of the verification motion",
-        &trace,
+        &dataset,
         &[("base parameters", &with.computed), ("consistent", &computed)],
     );
     let arms = |v: &[f64]| {
@@ -120,11 +120,11 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
 
 /// Fig. 11.
 pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Section> {
-    let trace = Trace::new(&campaign.assembled[1].recording);
-    let compute = |model: &Model| predict(&Plant::new(model, &trace.setup), &trace).into_diagnostic();
+    let dataset = Dataset::new(&campaign.assembled[1].recording);
+    let compute = |model: &Model| predict(&Plant::new(model, &dataset.setup), &dataset).into_diagnostic();
     let (ours, complete) = (compute(&assembled.paper.model)?, compute(&assembled.complete.model)?);
     let channels: Vec<(usize, usize)> = (0..STRUTS)
-        .filter_map(|s| Some((s, trace.channels.iter().position(|c| *c == Channel::StrutLower(s))?)))
+        .filter_map(|s| Some((s, dataset.channels.iter().position(|c| *c == Channel::StrutLower(s))?)))
         .collect();
     let mut rows = Vec::new();
     let mut add = |quantity: String, ours: [f64; 3], paper: Option<f64>| {
@@ -135,7 +135,7 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
         channels.iter().flat_map(|(_, c)| &all[*c]).copied().reduce(pick).unwrap_or(f64::NAN)
     };
     let [low, high] = paper::FIG_11_RANGE;
-    let everyone = [&ours, &complete, &trace.measured];
+    let everyone = [&ours, &complete, &dataset.measured];
     let lowest = everyone.map(|all| extreme(all, f64::min));
     let highest = everyone.map(|all| extreme(all, f64::max));
     add("lowest of all λ_P".into(), lowest, Some(low));
@@ -143,7 +143,7 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
     let mut worst = [0.0, 0.0];
     let mut stack = Vec::new();
     for &(s, c) in &channels {
-        let error = |all: &[Vec<f64>]| channel_rms(&[vec![difference(&trace.measured[c], &all[c])]])[0];
+        let error = |all: &[Vec<f64>]| channel_rms(&[vec![difference(&dataset.measured[c], &all[c])]])[0];
         let errors = [error(&ours), error(&complete)];
         worst = [f64::max(worst[0], errors[0]), f64::max(worst[1], errors[1])];
         add(format!("λ_P,{}: RMS error", s + 1), [errors[0], errors[1], f64::NAN], None);
@@ -151,11 +151,11 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
             title: format!("strut {}", s + 1),
             y_label: "force / N".into(),
             curves: vec![
-                Curve::new("in the twin", trace.t.clone(), trace.measured[c].clone())
+                Curve::new("in the twin", dataset.t.clone(), dataset.measured[c].clone())
                     .color(Color::MUTED)
                     .style(Style::Thin),
-                Curve::new("paper's model", trace.t.clone(), ours[c].clone()).color(Color::MODEL),
-                Curve::new("model with socket friction", trace.t.clone(), complete[c].clone()).color(Color::IMPROVED),
+                Curve::new("paper's model", dataset.t.clone(), ours[c].clone()).color(Color::MODEL),
+                Curve::new("model with socket friction", dataset.t.clone(), complete[c].clone()).color(Color::IMPROVED),
             ],
         });
     }

@@ -128,7 +128,7 @@ impl How {
             prior,
             prior_information: Some(self.regularisation),
             weights: &self.gamma,
-            held: &self.hold,
+            fixed: &self.hold,
             stop: None,
         }
     }
@@ -139,8 +139,8 @@ impl How {
         Ok(Some(Model { link_parameters: model.link_parameters, ..deltatwin_io::model::read(path)? }))
     }
 
-    /// Effects that are held.
-    pub fn held(&self) -> &[String] {
+    /// Effects that are fixed.
+    pub fn fixed(&self) -> &[String] {
         &self.hold
     }
 

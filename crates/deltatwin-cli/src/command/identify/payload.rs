@@ -15,12 +15,12 @@ use deltatwin_io::recording::setup;
 
 /// Identifies the payload and writes the setup that states it.
 pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {
-    let weights = vec![noise_floor.to_vec(); data.traces.len()];
+    let weights = vec![noise_floor.to_vec(); data.datasets.len()];
     let progress = spinner("fit");
-    let found = identify_payload(model, &data.traces, &weights, options);
+    let found = identify_payload(model, &data.datasets, &weights, options);
     progress.finish_and_clear();
     let found = found.map_err(refusal)?;
-    let setup = Setup { payload: found.payload, ..data.traces[0].setup };
+    let setup = Setup { payload: found.payload, ..data.datasets[0].setup };
     // What no setup may state is no payload: the recording was of an empty flange, or the robot is another one.
     let readable = setup::from_toml(&setup::to_toml(&setup), "the payload found");
     if args.json {
@@ -30,7 +30,7 @@ pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options
         say(format!("\n{}", setup::to_toml(&setup)))?;
     }
     readable.map_err(|e| {
-        let what = format!("{} as a setup states it: {e}", data.traces[0].name);
+        let what = format!("{} as a setup states it: {e}", data.datasets[0].name);
         miette!("{what}; is something at the flange, and is the empty robot identified?")
     })?;
     match &args.output {

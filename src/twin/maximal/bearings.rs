@@ -34,7 +34,7 @@ impl Bearings {
         Self { rows: Rows::new(), solution: Solution::NONE }
     }
 
-    /// Accelerations and multipliers, see [`Loose::solve`](super::Loose::solve).
+    /// Accelerations and multipliers, see [`MaximalCoordinates::solve`](super::MaximalCoordinates::solve).
     pub fn solve(
         &mut self,
         plant: &Plant,
@@ -51,7 +51,7 @@ impl Bearings {
         })
     }
 
-    /// Makes the rows hold, see [`Loose::project`](super::Loose::project).
+    /// Makes the rows hold, see [`MaximalCoordinates::project`](super::MaximalCoordinates::project).
     pub fn project(&mut self, plant: &Plant, bodies: &mut [BodyState; BODIES]) -> Result<(), SingularPose> {
         for _ in 0..MAX_PROJECTIONS {
             let motion = motions(bodies);

@@ -68,7 +68,7 @@ struct JointReactions {
     lower_hooke: Pair,
 }
 
-impl Loose {
+impl MaximalCoordinates {
     /// Forces and moments of all joints from the last solution.
     fn reactions(&self) -> JointReactions {
         JointReactions {
@@ -202,7 +202,7 @@ fn torques(tau: &[f64; 4]) -> [Pair; BODIES] {
 
 #[test]
 fn agrees_with_the_closed_form_elimination() {
-    let (mut loose, mut rng) = (Loose::new(), ChaCha8Rng::seed_from_u64(2));
+    let (mut maximal, mut rng) = (MaximalCoordinates::new(), ChaCha8Rng::seed_from_u64(2));
     for (n, plant) in plants().into_iter().enumerate() {
         let (mut worst, mut worst_force) = (0f64, 0f64);
         for _ in 0..100 {
@@ -218,7 +218,7 @@ fn agrees_with_the_closed_form_elimination() {
             let mut twin = Twin::new(plant.clone(), &motion).unwrap();
             let fast = twin.evaluate(&Torque::constant(tau)).unwrap();
             let (fast, forces) = (fast.motion, fast.reactions);
-            let solution = loose.solve(&plant, &fast.bodies, SocketSet::ALL, &wrenches, None).unwrap().clone();
+            let solution = maximal.solve(&plant, &fast.bodies, SocketSet::ALL, &wrenches, None).unwrap().clone();
             let mut size = [1f64; 2];
             for b in &fast.bodies {
                 size = [size[0].max(b.acceleration.norm()), size[1].max(b.angular_acceleration.norm())];
@@ -227,7 +227,7 @@ fn agrees_with_the_closed_form_elimination() {
                 worst = worst.max((a.0 - b.acceleration).norm() / size[0]);
                 worst = worst.max((a.1 - b.angular_acceleration).norm() / size[1]);
             }
-            let axial = loose.axial_forces(&fast.bodies);
+            let axial = maximal.axial_forces(&fast.bodies);
             let largest = forces.upper.iter().fold(1f64, |x, f| x.max(f.abs()));
             for s in 0..STRUTS {
                 worst_force = worst_force.max((axial.upper[s] - forces.upper[s]).abs() / largest);
@@ -261,13 +261,13 @@ fn demand(plant: &Plant, bodies: &[BodyMotion; BODIES], set: impl Iterator<Item 
 
 #[test]
 fn a_strut_without_sockets_flies_freely() {
-    let (plant, mut rng, mut loose) = (plant(), ChaCha8Rng::seed_from_u64(3), Loose::new());
+    let (plant, mut rng, mut maximal) = (plant(), ChaCha8Rng::seed_from_u64(3), MaximalCoordinates::new());
     let closed = without(&[2, 8]);
     for _ in 0..20 {
         let mut motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
         motion.bodies[STRUT + 2].angular_velocity = vector(&mut rng, 20.0);
         motion.bodies[STRUT + 2].velocity = vector(&mut rng, 5.0);
-        let solution = loose.solve(&plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap().clone();
+        let solution = maximal.solve(&plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap().clone();
         let strut = with_accelerations(&motion, &solution)[STRUT + 2];
         let centre = strut.rotation * plant.bodies[STRUT + 2].first_moment / plant.bodies[STRUT + 2].mass;
         let (omega, alpha) = (strut.angular_velocity, strut.angular_acceleration);
@@ -276,24 +276,24 @@ fn a_strut_without_sockets_flies_freely() {
         // Weight and inertia balance, so momentum and angular momentum change by the weight alone.
         let (force, moment) = inertial_wrench(&plant.bodies[STRUT + 2], &strut, &plant.gravity_vector());
         assert!(force.norm() < 1e-12 && moment.norm() < 1e-12, "{force} {moment}");
-        assert_eq!((loose.socket_forces()[2], loose.socket_forces()[8]), (Vector3::zeros(), Vector3::zeros()));
+        assert_eq!((maximal.socket_forces()[2], maximal.socket_forces()[8]), (Vector3::zeros(), Vector3::zeros()));
     }
 }
 
 #[test]
 fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
-    let (mut rng, mut loose) = (ChaCha8Rng::seed_from_u64(4), Loose::new());
+    let (mut rng, mut maximal) = (ChaCha8Rng::seed_from_u64(4), MaximalCoordinates::new());
     let closed = without(&[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
     let mut worst = 0f64;
     for plant in plants() {
         for _ in 0..20 {
             let mut state = State::new(&disturbed(&plant, &mut rng, 0.1));
-            loose.project(&plant, &mut state.bodies, closed).unwrap();
+            maximal.project(&plant, &mut state.bodies, closed).unwrap();
             let motion = state.motion(&plant);
             let tau = [3.0, -2.0, 1.0, 0.5];
-            let solution = loose.solve(&plant, &motion.bodies, closed, &torques(&tau), None).unwrap().clone();
+            let solution = maximal.solve(&plant, &motion.bodies, closed, &torques(&tau), None).unwrap().clone();
             let bodies = with_accelerations(&motion, &solution);
-            let joints = loose.reactions();
+            let joints = maximal.reactions();
             // Only the bearing of motor 4 and its drive act from outside.
             let (force, moment) = demand(&plant, &bodies, PLATFORM..BODIES);
             let at = bodies[ROTOR].position;
@@ -333,21 +333,21 @@ fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
 
 #[test]
 fn socket_forces_balance_each_strut_whatever_is_open() {
-    let (plant, mut rng, mut loose) = (plants()[3].clone(), ChaCha8Rng::seed_from_u64(5), Loose::new());
+    let (plant, mut rng, mut maximal) = (plants()[3].clone(), ChaCha8Rng::seed_from_u64(5), MaximalCoordinates::new());
     let mut worst = 0f64;
     for open in [&[][..], &[7], &[0, 6], &[0, 1, 8, 9], &[6, 7, 8, 9, 10], &[6, 7, 8, 9, 10, 11]] {
         let closed = without(open);
         for _ in 0..10 {
             let mut state = State::new(&disturbed(&plant, &mut rng, 0.01));
-            loose.project(&plant, &mut state.bodies, closed).unwrap();
+            maximal.project(&plant, &mut state.bodies, closed).unwrap();
             let motion = state.motion(&plant);
             let mut wrenches = [STILL; BODIES];
             for w in &mut wrenches {
                 *w = (vector(&mut rng, 5.0), vector(&mut rng, 0.02));
             }
-            let solution = loose.solve(&plant, &motion.bodies, closed, &wrenches, None).unwrap().clone();
+            let solution = maximal.solve(&plant, &motion.bodies, closed, &wrenches, None).unwrap().clone();
             let bodies = with_accelerations(&motion, &solution);
-            let forces = loose.socket_forces();
+            let forces = maximal.socket_forces();
             for s in 0..STRUTS {
                 let b = STRUT + s;
                 let (force, moment) = inertial_wrench(&plant.bodies[b], &bodies[b], &plant.gravity_vector());
@@ -362,14 +362,14 @@ fn socket_forces_balance_each_strut_whatever_is_open() {
 }
 
 /// Four-stage Runge–Kutta without loads; the rows are restored after every step.
-fn step(plant: &Plant, loose: &mut Loose, state: &mut State, closed: SocketSet, h: f64) {
+fn step(plant: &Plant, maximal: &mut MaximalCoordinates, state: &mut State, closed: SocketSet, h: f64) {
     let mut stages = [(0.5, 1.0), (0.5, 2.0), (1.0, 2.0), (0.0, 1.0)].into_iter();
     let start = state.bodies;
     let mut sum = start;
     let mut stage = state.clone();
     for (ahead, weight) in &mut stages {
         let motion = stage.motion(plant);
-        let a = loose.solve(plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap();
+        let a = maximal.solve(plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap();
         for b in 0..BODIES {
             let s = stage.bodies[b];
             let turn = s.orientation * Quaternion::from_imag(s.angular_velocity) * 0.5;
@@ -386,12 +386,12 @@ fn step(plant: &Plant, loose: &mut Loose, state: &mut State, closed: SocketSet, 
         }
     }
     state.bodies = sum;
-    loose.project(plant, &mut state.bodies, closed).unwrap();
+    maximal.project(plant, &mut state.bodies, closed).unwrap();
 }
 
 #[test]
 fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
-    let (mut plant, mut loose) = (plant(), Loose::new());
+    let (mut plant, mut maximal) = (plant(), MaximalCoordinates::new());
     for i in 0..ARMS {
         plant.bodies[ARM + i].tensor *= 1e12; // held
     }
@@ -402,13 +402,13 @@ fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
     // Strut frame x down and a little along world x.
     let hanging = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2 - angle);
     state.bodies[STRUT].orientation = *hanging;
-    loose.project(&plant, &mut state.bodies, closed).unwrap();
+    maximal.project(&plant, &mut state.bodies, closed).unwrap();
     let inertia = plant.bodies[STRUT];
     let frequency = (inertia.first_moment.x * plant.gravity / inertia.tensor[(1, 1)]).sqrt();
     let start = energy::total(&plant, &state.motion(&plant));
     let (mut worst, mut drift, mut gap, h) = (0f64, 0f64, 0f64, 1e-4);
     for k in 1..=10_000 {
-        step(&plant, &mut loose, &mut state, closed, h);
+        step(&plant, &mut maximal, &mut state, closed, h);
         let motion = state.motion(&plant);
         let swing = motion.strut_axis[0].x / angle;
         worst = worst.max((swing - (frequency * k as f64 * h).cos()).abs());
@@ -428,14 +428,14 @@ fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
 #[test]
 fn a_whole_fall_keeps_its_energy() {
     // The sockets of limb 1 are gone and the drives have tripped.
-    let (plant, mut loose) = (plant(), Loose::new());
+    let (plant, mut maximal) = (plant(), MaximalCoordinates::new());
     let closed = without(&[6, 7]);
     let joints = JointState { q: [0.2, 0.3, 0.1, 0.5], qd: [3.0, -2.0, 1.0, 5.0], qdd: [0.0; 4] };
     let mut state = State::new(&plant.motion(&joints).unwrap());
     let start = energy::total(&plant, &state.motion(&plant));
     let mut drift = 0f64;
     for _ in 0..2000 {
-        step(&plant, &mut loose, &mut state, closed, 1e-4);
+        step(&plant, &mut maximal, &mut state, closed, 1e-4);
         drift = drift.max((energy::total(&plant, &state.motion(&plant)) - start).abs());
     }
     let tilt = state.motion(&plant).bodies[PLATFORM].rotation[(2, 2)].acos();
@@ -445,21 +445,21 @@ fn a_whole_fall_keeps_its_energy() {
 
 #[test]
 fn projection_restores_poses_and_velocities() {
-    let (mut rng, mut loose) = (ChaCha8Rng::seed_from_u64(6), Loose::new());
+    let (mut rng, mut maximal) = (ChaCha8Rng::seed_from_u64(6), MaximalCoordinates::new());
     let mut worst = (0f64, 0f64);
     for plant in plants() {
         for open in [&[][..], &[3], &[0, 6, 9]] {
             let closed = without(open);
             for _ in 0..10 {
                 let mut state = State::new(&disturbed(&plant, &mut rng, 0.02));
-                loose.project(&plant, &mut state.bodies, closed).unwrap();
+                maximal.project(&plant, &mut state.bodies, closed).unwrap();
                 let motion = state.motion(&plant);
                 let mut all = Rows::new();
                 all.fill(&plant.geometry, &lengths(&plant), &motion.bodies, closed);
                 worst.0 = all.values.iter().fold(worst.0, |w, c| w.max(c.abs()));
                 worst.1 = times(&all, &velocities(&motion)).iter().fold(worst.1, |w, c| w.max(c.abs()));
                 let before = state.clone();
-                loose.project(&plant, &mut state.bodies, closed).unwrap();
+                maximal.project(&plant, &mut state.bodies, closed).unwrap();
                 for (a, b) in state.bodies.iter().zip(&before.bodies) {
                     assert!((a.position - b.position).norm() < 1e-12 && (a.velocity - b.velocity).norm() < 1e-10);
                 }
@@ -472,22 +472,22 @@ fn projection_restores_poses_and_velocities() {
     let mut short = plant();
     let mut state = State::new(&short.motion(&joints(&short, &mut rng)).unwrap());
     short.geometry.strut_length = [0.05, 1.9, 1.9];
-    assert_eq!(loose.project(&short, &mut state.bodies, SocketSet::ALL), Err(SingularPose));
+    assert_eq!(maximal.project(&short, &mut state.bodies, SocketSet::ALL), Err(SingularPose));
 }
 
 #[test]
 fn impulses_conserve_momentum() {
-    let (plant, mut rng, mut loose) = (plant(), ChaCha8Rng::seed_from_u64(7), Loose::new());
+    let (plant, mut rng, mut maximal) = (plant(), ChaCha8Rng::seed_from_u64(7), MaximalCoordinates::new());
     let closed = without(&[2, 8]);
     for _ in 0..10 {
         let motion = plant.motion(&joints(&plant, &mut rng)).unwrap();
         let impulses: [Pair; BODIES] = std::array::from_fn(|_| (vector(&mut rng, 2.0), vector(&mut rng, 0.01)));
-        let after = loose.impulse(&plant, &plant.bodies, &motion.bodies, closed, &impulses).unwrap().clone();
+        let after = maximal.impulse(&plant, &plant.bodies, &motion.bodies, closed, &impulses).unwrap().clone();
         let mut then = motion;
         for (b, x) in then.bodies.iter_mut().zip(&after.bodies) {
             (b.velocity, b.angular_velocity) = *x;
         }
-        let joints = loose.reactions();
+        let joints = maximal.reactions();
         let change = |b: usize| {
             let (was, is) =
                 (momentum(&plant.bodies[b], &motion.bodies[b]), momentum(&plant.bodies[b], &then.bodies[b]));
@@ -511,12 +511,12 @@ fn impulses_conserve_momentum() {
 
 #[test]
 fn picking_up_a_product_at_rest_loses_energy_as_a_plastic_shock() {
-    let (plant, mut loose) = (plant(), Loose::new());
+    let (plant, mut maximal) = (plant(), MaximalCoordinates::new());
     let joints = JointState { q: [0.3; 4], qd: [1.0, 1.0, 1.0, 0.0], qdd: [0.0; 4] };
     let motion = plant.motion(&joints).unwrap();
     let mut loaded = plant.clone();
     loaded.bodies[END_EFFECTOR] += Inertia::point(2.0, Vector3::new(0.0, 0.0, -0.05));
-    let after = loose.impulse(&loaded, &plant.bodies, &motion.bodies, SocketSet::ALL, &[STILL; BODIES]).unwrap();
+    let after = maximal.impulse(&loaded, &plant.bodies, &motion.bodies, SocketSet::ALL, &[STILL; BODIES]).unwrap();
     let mut then = motion;
     for (b, x) in then.bodies.iter_mut().zip(&after.bodies) {
         (b.velocity, b.angular_velocity) = *x;
@@ -531,7 +531,7 @@ fn picking_up_a_product_at_rest_loses_energy_as_a_plastic_shock() {
 
 #[test]
 fn damping_adds_to_the_inertia() {
-    let (plant, mut loose) = (plant(), Loose::new());
+    let (plant, mut maximal) = (plant(), MaximalCoordinates::new());
     let joints = JointState { q: [0.3, 0.2, 0.4, 0.1], qd: [2.0, -1.0, 1.0, 4.0], qdd: [0.0; 4] };
     let motion = plant.motion(&joints).unwrap();
     let mut damping = [Matrix3::zeros(); BODIES];
@@ -542,8 +542,8 @@ fn damping_adds_to_the_inertia() {
         let own = motion.bodies[b].rotation.tr_mul(&axis);
         heavier.bodies[b].tensor += own * own.transpose() * 0.4;
     }
-    let a = loose.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], Some(&damping)).unwrap().clone();
-    let b = loose.solve(&heavier, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap();
+    let a = maximal.solve(&plant, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], Some(&damping)).unwrap().clone();
+    let b = maximal.solve(&heavier, &motion.bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap();
     for (a, b) in a.bodies.iter().zip(&b.bodies) {
         assert!((a.0 - b.0).norm() < 1e-10 && (a.1 - b.1).norm() < 1e-9);
     }
@@ -552,7 +552,7 @@ fn damping_adds_to_the_inertia() {
 #[test]
 fn bodies_without_inertia_are_solved_exactly() {
     // A platform without a tensor and arms of two points each, against such with inertia that does not enter the motion.
-    let (mut full, mut rng, mut loose) = (plant(), ChaCha8Rng::seed_from_u64(8), Loose::new());
+    let (mut full, mut rng, mut maximal) = (plant(), ChaCha8Rng::seed_from_u64(8), MaximalCoordinates::new());
     full.bodies[PLATFORM] = Inertia::point(1.2, Vector3::zeros());
     for i in 0..ARMS {
         full.bodies[ARM + i] = Inertia::point(1.0, Vector3::new(0.1, 0.0, 0.02));
@@ -567,8 +567,8 @@ fn bodies_without_inertia_are_solved_exactly() {
     for _ in 0..50 {
         let motion = full.motion(&joints(&full, &mut rng)).unwrap();
         let wrenches = torques(&[50.0, -20.0, 30.0, 1.0]);
-        let a = loose.solve(&full, &motion.bodies, SocketSet::ALL, &wrenches, None).unwrap().clone();
-        let b = loose.solve(&bare, &motion.bodies, SocketSet::ALL, &wrenches, None).unwrap();
+        let a = maximal.solve(&full, &motion.bodies, SocketSet::ALL, &wrenches, None).unwrap().clone();
+        let b = maximal.solve(&bare, &motion.bodies, SocketSet::ALL, &wrenches, None).unwrap();
         for (a, b) in a.bodies.iter().zip(&b.bodies) {
             size = size.max(a.0.norm()).max(a.1.norm());
             worst = worst.max((a.0 - b.0).norm()).max((a.1 - b.1).norm());
@@ -608,16 +608,16 @@ fn hanging() -> (Plant, [BodyMotion; BODIES]) {
 #[test]
 fn redundant_rows_do_not_stop_a_run() {
     let (plant, mut bodies) = hanging();
-    let mut loose = Loose::new();
-    let solution = loose.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap().clone();
-    assert!(loose.violation() < 1e-15 && loose.0.regularised);
+    let mut maximal = MaximalCoordinates::new();
+    let solution = maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap().clone();
+    assert!(maximal.violation() < 1e-15 && maximal.0.regularised);
     for (b, a) in solution.bodies.iter().enumerate().skip(PLATFORM) {
         assert!(a.0.norm() < 1e-9 && a.1.norm() < 1e-9, "body {b}: {a:?}");
     }
     let weight: f64 = [PLATFORM, TELESCOPE_LOWER].iter().map(|&b| plant.bodies[b].mass * plant.gravity).sum();
-    let carried: f64 = loose.socket_forces()[6..].iter().map(|f| -f.z).sum();
+    let carried: f64 = maximal.socket_forces()[6..].iter().map(|f| -f.z).sum();
     assert!((carried - weight).abs() < 1e-9, "{carried} of {weight}");
     // A platform that is no body.
     bodies[PLATFORM].rotation[(0, 1)] = f64::NAN;
-    assert_eq!(loose.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap_err(), SingularPose);
+    assert_eq!(maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap_err(), SingularPose);
 }

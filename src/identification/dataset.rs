@@ -1,4 +1,4 @@
-//! [`Trace`]: a recording prepared for the dynamics.
+//! [`Dataset`]: a recording prepared for the dynamics.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -13,7 +13,7 @@ use crate::recording::{Recording, Signals};
 
 /// Smoothed joint motion with the measured channels at the same samples.
 #[derive(Clone, Debug)]
-pub struct Trace {
+pub struct Dataset {
     /// Name of the recording.
     pub name: String,
     /// What is known about the run.
@@ -52,7 +52,7 @@ impl EncoderReadings {
     }
 }
 
-impl Trace {
+impl Dataset {
     /// Differentiates the joint angles of a recording by the best method; a few samples at the ends of a stretch are lost.
     pub fn new(recording: &Recording) -> Self {
         Self::with(recording, Method::Reversals)
@@ -64,7 +64,7 @@ impl Trace {
         let (dt, stretches) = (signals.sample_time(), signals.stretches());
         let angles = Angles::new(&signals.q, &stretches, dt);
         let channels = measured_channels(signals, recording.setup.configuration);
-        let mut trace = Self {
+        let mut dataset = Self {
             name: recording.name.clone(),
             setup: recording.setup,
             t: Vec::new(),
@@ -77,20 +77,20 @@ impl Trace {
             half_width: angles.half_widths(),
         };
         for (kept, joints) in angles.differentiate(method) {
-            let first = trace.t.len();
-            trace.t.extend(&signals.t[kept.clone()]);
-            trace.readings.angles.extend(&signals.q[kept.clone()]);
+            let first = dataset.t.len();
+            dataset.t.extend(&signals.t[kept.clone()]);
+            dataset.readings.angles.extend(&signals.q[kept.clone()]);
             if first == 0 {
-                trace.joints = joints;
+                dataset.joints = joints;
             } else {
-                trace.joints.extend(joints);
+                dataset.joints.extend(joints);
             }
-            for (series, &channel) in trace.measured.iter_mut().zip(&trace.channels) {
+            for (series, &channel) in dataset.measured.iter_mut().zip(&dataset.channels) {
                 series.extend(kept.clone().map(|k| measured_value(signals, channel, k)));
             }
-            trace.segments.push(first..trace.t.len());
+            dataset.segments.push(first..dataset.t.len());
         }
-        trace
+        dataset
     }
 
     /// Joint motion with what elastic gears let ring after reversals; [`Self::joints`] where the motion is exact.
@@ -154,7 +154,7 @@ impl Trace {
         whole.flat_map(move |s| (s.start..=s.end - block).step_by(block)).map(move |k| k..k + block)
     }
 
-    /// Means of a series of the trace's length over blocks of `block` samples.
+    /// Means of a series of the dataset's length over blocks of `block` samples.
     pub fn means(&self, series: &[f64], block: usize) -> Vec<f64> {
         self.blocks(block).map(|b| series[b].iter().sum::<f64>() / block as f64).collect()
     }
@@ -183,7 +183,7 @@ impl Trace {
         }
     }
 
-    /// Keeps only `channels`, in their order; those the trace does not have stay missing.
+    /// Keeps only `channels`, in their order; those the dataset does not have stay missing.
     pub fn restrict(&mut self, channels: &[Channel]) {
         let place = |c: &Channel| self.channels.iter().position(|own| own == c);
         let kept: Vec<usize> = channels.iter().filter_map(place).collect();
@@ -205,9 +205,9 @@ impl Trace {
     }
 }
 
-/// Noise of each channel, the mean over the traces.
-pub fn noise_floor(model: &Model, traces: &[Trace]) -> Vec<f64> {
-    let all: Vec<Vec<f64>> = traces.iter().map(|t| t.noise(model)).collect();
+/// Noise of each channel, the mean over the datasets.
+pub fn noise_floor(model: &Model, datasets: &[Dataset]) -> Vec<f64> {
+    let all: Vec<Vec<f64>> = datasets.iter().map(|t| t.noise(model)).collect();
     (0..all[0].len()).map(|c| all.iter().map(|n| n[c]).sum::<f64>() / all.len() as f64).collect()
 }
 

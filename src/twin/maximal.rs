@@ -51,7 +51,7 @@ pub struct Solution {
     pub bodies: [Pair; BODIES],
     /// λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets. Joints act with −Gᵀ·λ.
     pub multipliers: [f64; ROWS],
-    /// ë of elastic struts, m/s², or changes of what [`Loose::solve`] does not ask for; zero of rigid ones.
+    /// ë of elastic struts, m/s², or changes of what [`MaximalCoordinates::solve`] does not ask for; zero of rigid ones.
     pub(super) stretches: [f64; STRUTS],
 }
 
@@ -62,8 +62,8 @@ impl Solution {
     };
 }
 
-/// Workspace of the solver; nothing is allocated after [`Loose::new`].
-pub struct Loose(Box<Workspace>);
+/// Workspace of the solver; nothing is allocated after [`MaximalCoordinates::new`].
+pub struct MaximalCoordinates(Box<Workspace>);
 
 struct Workspace {
     rows: Rows,
@@ -121,13 +121,13 @@ const MAX_REFINEMENTS: usize = 8;
 const CLOSED: f64 = 1e-13;
 const MAX_PROJECTIONS: usize = 12;
 
-impl Default for Loose {
+impl Default for MaximalCoordinates {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Loose {
+impl MaximalCoordinates {
     /// An empty workspace.
     pub fn new() -> Self {
         Self(Box::new(Workspace {
