@@ -10,7 +10,7 @@ mod common;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor};
+use deltatwin::dynamics::{Channel, Output, Plant, Sample, inverse_dynamics, regressor};
 use deltatwin::effects::ActiveEffect;
 use deltatwin::identification::{Dataset, Method};
 use deltatwin::kinematics::{JointState, Motion, SocketSet};
@@ -63,7 +63,7 @@ fn dynamics(c: &mut Criterion) {
         c.bench_function(&format!("regressor, four torque rows ({name})"), |b| {
             b.iter(|| {
                 let motion = black_box(cycle.next().unwrap());
-                regressor(&plant, &effects, 0.0, motion, &none, &states, &Channel::TORQUES)
+                regressor(&plant, &effects, &Sample { t: 0.0, motion, loads: &none }, &states, &Channel::TORQUES)
             })
         });
     }

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use common::{payload, random_joints};
 use deltatwin::diagnosis::{DiagnosisError, add};
-use deltatwin::dynamics::{Channel, Plant, inverse_dynamics, regressor};
+use deltatwin::dynamics::{Channel, Plant, Sample, inverse_dynamics, regressor};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::identification::{Dataset, fit};
 use deltatwin::kinematics::JointState;
@@ -210,7 +210,7 @@ fn the_twin_and_inverse_dynamics_agree_with_the_regressor() {
         let out = inverse_dynamics(&plant, t, &motion, &states, true).unwrap();
         let without = inverse_dynamics(&bare, t, &motion, &states[1..], true).unwrap();
         let channels: Vec<Channel> = Channel::TORQUES.into_iter().chain((0..6).map(Channel::StrutUpper)).collect();
-        let rows = regressor(&plant, &[own], t, &motion, &out, &[&[]], &channels).unwrap();
+        let rows = regressor(&plant, &[own], &Sample { t, motion: &motion, loads: &out }, &[&[]], &channels).unwrap();
         let product = rows * nalgebra::DVector::from_column_slice(&own.values);
         for c in 0..4 {
             let want = out.tau[c] - without.tau[c];

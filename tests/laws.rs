@@ -12,7 +12,7 @@ mod machine {
 }
 
 use common::{model, nominal_plant, random_joints};
-use deltatwin::dynamics::{Channel, Output, Plant, inverse_dynamics, regressor, set_parameters};
+use deltatwin::dynamics::{Channel, Output, Plant, Sample, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, Effect, Instant, Kind, REGISTRY, Role, Wrenches, find};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, KinematicsError, Motion, PlatformState, Reactions, SocketSet};
@@ -325,7 +325,9 @@ fn regressor_gap(model: &Model, setup: &Setup) -> (f64, [f64; 2]) {
         let motion = plant.motion(&random_joints(&plant, &mut rng)).unwrap();
         let out = inverse(&plant, &motion);
         let offset = values_of(&inverse(&bare, &motion));
-        let rows = regressor(&plant, &effects, 0.0, &motion, &out, &slices(&states), &channels).unwrap();
+        let rows =
+            regressor(&plant, &effects, &Sample { t: 0.0, motion: &motion, loads: &out }, &slices(&states), &channels)
+                .unwrap();
         let product = rows * &theta;
         for (c, want) in values_of(&out).into_iter().enumerate() {
             gap[c] = gap[c].max((offset[c] + product[c] - want).abs());

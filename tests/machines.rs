@@ -4,7 +4,7 @@ mod common;
 
 use common::model;
 use deltatwin::diagnosis::{DiagnosisError, Verdict, add, diagnose};
-use deltatwin::dynamics::{Plant, in_configuration, inverse_dynamics, regressor, set_parameters};
+use deltatwin::dynamics::{Plant, Sample, in_configuration, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};
 use deltatwin::identification::{Dataset, Estimate, Fit, fit};
 use deltatwin::kinematics::JointState;
@@ -247,7 +247,9 @@ fn regressor_times_parameters_is_inverse_dynamics_with_every_effect_on() {
             let motion = plant.motion(&drawn).unwrap();
             let whole = inverse_dynamics(&plant, 0.0, &motion, &states[1..], true).unwrap();
             let rest = inverse_dynamics(&bare, 0.0, &motion, &[], false).unwrap();
-            let rows = regressor(&plant, &effects, 0.0, &motion, &whole, &states, &channels).unwrap();
+            let rows =
+                regressor(&plant, &effects, &Sample { t: 0.0, motion: &motion, loads: &whole }, &states, &channels)
+                    .unwrap();
             let product = rows * &theta;
             for i in 0..channels.len() {
                 let (sum, wanted) = (product[i] + rest.tau[i], whole.tau[i]);

@@ -128,27 +128,37 @@ fn instant<'a>(
 /// Enough for a contraction factor of a third to reach rounding.
 pub(crate) const MAX_REACTION_ITERATIONS: usize = 30;
 
-/// Rows of the regressor for `channels` at one motion, one column per parameter of `effects`
-/// (columns of nonlinear parameters stay zero).
+/// A given motion at one time.
+#[derive(Clone, Copy)]
+pub struct Sample<'a> {
+    /// Time, s.
+    pub t: f64,
+    /// Motion of all bodies, with accelerations.
+    pub motion: &'a Motion,
+    /// Torques and strut forces of the whole plant, for the laws that read them.
+    pub loads: &'a Output,
+}
+
+/// Rows of the regressor for `channels` at one motion, one column per parameter of `effects`.
 ///
-/// `loads` are the torques and strut forces of the whole plant, for the laws that read them; `states` as in
-/// [`inverse_dynamics`], one slice per entry of `effects`.
+/// Columns of nonlinear parameters stay zero; `states` are as in [`inverse_dynamics`], one slice per entry of `effects`.
+///
+/// # Errors
+/// If a law gives no finite number, or a channel is not determined at the pose.
 pub fn regressor(
     plant: &Plant,
     effects: &[&ActiveEffect],
-    t: f64,
-    motion: &Motion,
-    loads: &Output,
+    at: &Sample,
     states: &[&[f64]],
     channels: &[Channel],
 ) -> Result<DMatrix<f64>, KinematicsError> {
-    let map = ChannelMap::new(&plant.geometry, motion, plant.assembled, channels)?;
+    let map = ChannelMap::new(&plant.geometry, at.motion, plant.assembled, channels)?;
     let columns = effects.iter().map(|a| a.values.len()).sum();
     let mut rows = DMatrix::zeros(channels.len(), columns);
     let mut rest = rows.as_mut_slice();
     for (active, state) in effects.iter().zip(states) {
         let (own, others) = rest.split_at_mut(active.values.len() * channels.len());
-        add_regressor(plant, active, t, motion, loads, state, &map, own)?;
+        add_regressor(plant, active, at, state, &map, own)?;
         rest = others;
     }
     Ok(rows)
@@ -161,13 +171,12 @@ pub fn regressor(
 pub(crate) fn add_regressor(
     plant: &Plant,
     active: &ActiveEffect,
-    t: f64,
-    motion: &Motion,
-    loads: &Output,
+    at: &Sample,
     state: &[f64],
     map: &ChannelMap,
     rows: &mut [f64],
 ) -> Result<(), KinematicsError> {
+    let Sample { t, motion, loads } = *at;
     let channels = map.channels.len();
     let mut add = |k: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>, sign: f64| {
         for (c, row) in rows[k * channels..(k + 1) * channels].iter_mut().enumerate() {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::limits::{LIMITS, Limits};
 use super::series::{Basis, INPUTS, moved};
-use crate::dynamics::{Channel, Plant, PlantParameter, inverse_dynamics, regressor};
+use crate::dynamics::{Channel, Plant, PlantParameter, Sample as MotionSample, inverse_dynamics, regressor};
 use crate::effects::{ActiveEffect, Entry, Role};
 use crate::identification::filtering::MIN_HALF_WIDTH;
 use crate::identification::fit::nominal_size;
@@ -153,7 +153,13 @@ impl Machine {
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let loads = inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], true)?;
         let effects: Vec<&ActiveEffect> = self.effects.iter().collect();
-        let all = regressor(&self.plant, &effects, 0.0, &motion, &loads, &states, &Channel::TORQUES)?;
+        let all = regressor(
+            &self.plant,
+            &effects,
+            &MotionSample { t: 0.0, motion: &motion, loads: &loads },
+            &states,
+            &Channel::TORQUES,
+        )?;
         let extra = self.candidate_columns(&joints)?;
         let own = self.columns.len();
         let rows = DMatrix::from_fn(AXES, own + extra.len(), |i, j| match j.checked_sub(own) {

@@ -13,7 +13,7 @@ use super::constraints::ROWS;
 use super::context::{Answer, Context};
 use super::forces::spin_restraint;
 use super::integrator::{Stage, System};
-use super::maximal::{Bearings, MaximalCoordinates, Solution as Constrained, Stretch, Stretches};
+use super::maximal::{Bearings, Extra, MaximalCoordinates, Solution as Constrained, Stretch, Stretches};
 use super::rod::{self, Rod};
 use super::state::BodyState;
 use super::wrench::Twist;
@@ -93,8 +93,7 @@ impl Joints {
         motion: &Motion,
         closed: SocketSet,
         wrenches: &[Twist; BODIES],
-        damping: Option<&[Matrix3<f64>; BODIES]>,
-        stretches: Option<&Stretches>,
+        extra: Extra,
     ) -> Result<Solution, SingularPose> {
         let bodies = &motion.bodies;
         let solution = |found: &Constrained| Solution {
@@ -106,10 +105,10 @@ impl Joints {
         };
         match &mut self.solver {
             Solver::Loops(maximal) => {
-                let out = solution(maximal.solve_elastic(plant, bodies, closed, wrenches, damping, stretches)?);
+                let out = solution(maximal.solve_with(plant, bodies, closed, wrenches, extra)?);
                 Ok(Solution { reactions: maximal.axial_forces(bodies), socket_force: maximal.socket_forces(), ..out })
             }
-            Solver::Bearings(bearings) => Ok(solution(bearings.solve(plant, bodies, wrenches, damping)?)),
+            Solver::Bearings(bearings) => Ok(solution(bearings.solve(plant, bodies, wrenches, extra.damping)?)),
         }
     }
 
@@ -152,7 +151,9 @@ impl Joints {
             store_stretches(&mut y, plant, motion);
         }
         let stretches = self.stretches(&y);
-        Ok(self.solve(plant, motion, closed, wrenches, None, stretches.as_ref())?.multipliers)
+        Ok(self
+            .solve(plant, motion, closed, wrenches, Extra { damping: None, stretches: stretches.as_ref() })?
+            .multipliers)
     }
 }
 
@@ -366,7 +367,13 @@ impl Absolute<'_> {
             for (wrench, moment) in all.iter_mut().zip(&moments) {
                 wrench.1 += moment;
             }
-            let solution = joints.solve(plant, motion, closed, &all, damping.as_ref(), stretches.as_ref())?;
+            let solution = joints.solve(
+                plant,
+                motion,
+                closed,
+                &all,
+                Extra { damping: damping.as_ref(), stretches: stretches.as_ref() },
+            )?;
             let drives = std::array::from_fn(|axis| {
                 let (body, direction) = Motion::drive(axis);
                 solution.bodies[body].1.dot(&direction)

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 
 use super::SingularPose;
-use super::forces::{Damping, Forces, Motors, Scene, spin_restraint};
+use super::forces::{Damping, Evaluation, Forces, Motors, Scene, Sums, spin_restraint};
 use super::integrator::Stage;
 use super::layout::{Layout, WORK_CONTACT, WORK_EFFECTS, WORK_RESTRAINTS, WORK_STOPS, WORK_STRUTS};
 use super::stops::{self, Hit, STOPS};
@@ -108,9 +108,9 @@ impl Context {
         let (wrenches, powers) = (&mut scratch.wrenches, &mut scratch.powers);
         let reactions = &scratch.answer.reactions;
         scratch.resting = [0.0; ARMS];
-        self.forces.add(&self.plant, &scene, motion, reactions, false, wrenches, &mut scratch.resting, powers);
-        scratch.fault =
-            scratch.fault.take().or_else(|| self.forces.fault(&self.plant, &scene, motion, reactions, powers));
+        let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
+        self.forces.add(&at, false, Sums { wrenches, motors: &mut scratch.resting, powers });
+        scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
         scratch.motors.torque = scratch.resting;
         scratch.restraint_power = self.forces.add_brakes(motion, wrenches);
         scratch.hits = stops::hits(&self.plant, motion);
@@ -156,9 +156,9 @@ impl Context {
                 let motion = moving.as_ref().unwrap_or(motion);
                 let (reactions, motors) = (&answer.reactions, &mut scratch.motors.torque);
                 *motors = scratch.resting;
-                self.forces.add(&self.plant, &scene, motion, reactions, true, total, motors, powers);
-                let fault = || self.forces.fault(&self.plant, &scene, motion, reactions, powers);
-                scratch.fault = scratch.fault.take().or_else(fault);
+                let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
+                self.forces.add(&at, true, Sums { wrenches: total, motors, powers });
+                scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
             }
             let (solution, answer) = equations(&self.plant, &scratch.total)?;
             let change = change(&answer, &scratch.answer);
@@ -200,12 +200,13 @@ impl Context {
             let (rates, slopes) = (&mut k[own.clone()], &mut scratch.fresh_slopes);
             let motors = &scratch.motors;
             let reactions = &scratch.answer.reactions;
-            self.forces.state_rates(&self.plant, &scene, motion, reactions, &motors.torque, rates, slopes);
+            let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
+            self.forces.state_rates(&at, &motors.torque, rates, slopes);
             if first {
                 scratch.slopes.copy_from_slice(&scratch.fresh_slopes);
             }
             if g > 0.0 {
-                self.forces.gear_rates(motors, &motion.qdd, scene.own, &sum[own.clone()], g, rates);
+                self.forces.gear_rates(motors, &motion.qdd, (scene.own, &sum[own.clone()]), g, rates);
                 for (slope, i) in scratch.slopes.iter().zip(own) {
                     k[i] = (k[i] + slope * sum[i]) / (1.0 - g * slope);
                 }

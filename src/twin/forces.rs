@@ -19,6 +19,25 @@ pub(super) struct Scene<'a> {
     pub closed: SocketSet,
 }
 
+/// Where laws are evaluated.
+#[derive(Clone, Copy)]
+pub(super) struct Evaluation<'a> {
+    pub plant: &'a Plant,
+    pub scene: &'a Scene<'a>,
+    pub motion: &'a Motion,
+    pub reactions: &'a Reactions,
+}
+
+/// Where what acts is added up.
+pub(super) struct Sums<'a> {
+    /// On the bodies, N and N·m.
+    pub wrenches: &'a mut [Twist; BODIES],
+    /// On the rotors of elastic gears, N·m.
+    pub motors: &'a mut [f64; ARMS],
+    /// Power of each effect on the bodies, W.
+    pub powers: &'a mut [f64],
+}
+
 /// The plant's effects and where their own states stand.
 pub(super) struct Forces {
     starts: Vec<usize>,
@@ -145,7 +164,16 @@ impl Forces {
     }
 
     /// Stage derivatives of steep gears' states from their rates `k`; `drives` are the accelerations of the arms.
-    pub fn gear_rates(&self, motors: &Motors, drives: &[f64; AXES], own: &[f64], sum: &[f64], g: f64, k: &mut [f64]) {
+    ///
+    /// `own` are the states, `sum` the stage's sum of theirs.
+    pub fn gear_rates(
+        &self,
+        motors: &Motors,
+        drives: &[f64; AXES],
+        (own, sum): (&[f64], &[f64]),
+        g: f64,
+        k: &mut [f64],
+    ) {
         let Some((start, gears)) = &self.gears else { return };
         for (i, gear) in gears.iter().enumerate().filter(|(i, gear)| is_steep(gear, motors.damping[*i], g)) {
             let (deflection, rate) = (start + i, start + ARMS + i);
@@ -167,14 +195,8 @@ impl Forces {
         self.accelerations
     }
 
-    fn instant<'a>(
-        &self,
-        plant: &'a Plant,
-        k: usize,
-        scene: &Scene<'a>,
-        motion: &'a Motion,
-        reactions: &'a Reactions,
-    ) -> Instant<'a> {
+    fn instant<'a>(&self, k: usize, at: &Evaluation<'a>) -> Instant<'a> {
+        let Evaluation { plant, scene, motion, reactions } = *at;
         Instant {
             t: scene.t,
             motion,
@@ -189,17 +211,9 @@ impl Forces {
 
     /// Adds the wrenches of the effects that read the equations' answer (`reading`) or of those that do not, and stores their
     /// powers on the bodies, W. What acts on the rotors of elastic gears goes to `motors`, N·m, and does no work on a body.
-    pub fn add(
-        &self,
-        plant: &Plant,
-        scene: &Scene,
-        motion: &Motion,
-        reactions: &Reactions,
-        reading: bool,
-        wrenches: &mut [Twist; BODIES],
-        motors: &mut [f64; ARMS],
-        powers: &mut [f64],
-    ) {
+    pub fn add(&self, at: &Evaluation, reading: bool, sums: Sums) {
+        let Evaluation { plant, scene, motion, .. } = *at;
+        let Sums { wrenches, motors, powers } = sums;
         let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, motors));
         for (k, active) in plant.effects.iter().enumerate() {
             if self.reads[k] != reading {
@@ -208,7 +222,7 @@ impl Forces {
             if let (true, Some(moved)) = (self.at_motors[k], &moved) {
                 let mut own = [STILL; BODIES];
                 let mut out = Wrenches::sum(&active.values, motion, &mut own);
-                let instant = self.instant(plant, k, scene, moved, reactions);
+                let instant = self.instant(k, &Evaluation { motion: moved, ..*at });
                 active.effect.wrenches(&active.values(), &instant, &mut out);
                 powers[k] = out.power();
                 for (i, ..) in self.elastic(scene.own) {
@@ -224,7 +238,7 @@ impl Forces {
                 }
                 continue;
             }
-            let instant = self.instant(plant, k, scene, motion, reactions);
+            let instant = self.instant(k, at);
             let mut out = Wrenches::sum(&active.values, motion, wrenches);
             active.effect.wrenches(&active.values(), &instant, &mut out);
             powers[k] = out.power();
@@ -246,41 +260,27 @@ impl Forces {
     }
 
     /// The law that gave no number at the last [`Forces::add`], by its powers.
-    pub fn fault(
-        &self,
-        plant: &Plant,
-        scene: &Scene,
-        motion: &Motion,
-        reactions: &Reactions,
-        powers: &[f64],
-    ) -> Option<KinematicsError> {
+    pub fn fault(&self, at: &Evaluation, powers: &[f64]) -> Option<KinematicsError> {
+        let Evaluation { plant, motion, .. } = *at;
         let k = powers.iter().position(|p| !p.is_finite())?;
         // Of a motion that is no number itself no law is at fault.
         let speed: f64 = motion.bodies.iter().map(|b| b.velocity.sum() + b.angular_velocity.sum()).sum();
         if !(speed + motion.q.iter().sum::<f64>()).is_finite() {
             return None;
         }
-        plant.effects[k].fault(&self.instant(plant, k, scene, motion, reactions), false)
+        plant.effects[k].fault(&self.instant(k, at), false)
     }
 
     /// Rates of all own states and their slopes; `motion` holds the accelerations of this instant, `motors` what acts on the
     /// rotors of elastic gears, N·m.
-    pub fn state_rates(
-        &self,
-        plant: &Plant,
-        scene: &Scene,
-        motion: &Motion,
-        reactions: &Reactions,
-        motors: &[f64; ARMS],
-        rates: &mut [f64],
-        slopes: &mut [f64],
-    ) {
+    pub fn state_rates(&self, at: &Evaluation, motors: &[f64; ARMS], rates: &mut [f64], slopes: &mut [f64]) {
+        let Evaluation { plant, scene, motion, .. } = *at;
         let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, motors));
         for (k, active) in plant.effects.iter().enumerate() {
             let own = self.starts[k]..self.starts[k + 1];
             if !own.is_empty() {
                 let motion = moved.as_ref().filter(|_| self.at_motors[k]).unwrap_or(motion);
-                let mut instant = self.instant(plant, k, scene, motion, reactions);
+                let mut instant = self.instant(k, &Evaluation { motion, ..*at });
                 if self.gears.as_ref().is_some_and(|(start, _)| *start == own.start) {
                     instant.torque.iter_mut().zip(motors).for_each(|(torque, f)| *torque += f);
                 }
@@ -362,10 +362,8 @@ impl Forces {
     /// Wrenches of `effects`, and with a freedom's rates a little higher. `motion` is as before when it returns.
     fn probe(
         &self,
-        plant: &Plant,
-        scene: &Scene,
+        (plant, scene, reactions): (&Plant, &Scene, &Reactions),
         motion: &mut Motion,
-        reactions: &Reactions,
         freedom: Freedom,
         effects: &[usize],
     ) -> [[Twist; BODIES]; 2] {
@@ -384,7 +382,7 @@ impl Forces {
             let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, &[0.0; ARMS]));
             for &e in effects {
                 let motion = moved.as_ref().filter(|_| self.at_motors[e]).unwrap_or(motion);
-                let instant = self.instant(plant, e, scene, motion, reactions);
+                let instant = self.instant(e, &Evaluation { plant, scene, motion, reactions });
                 let active = &plant.effects[e];
                 let mut sum = Wrenches::sum(&active.values, motion, &mut out);
                 active.effect.wrenches(&active.values(), &instant, &mut sum);
@@ -412,7 +410,7 @@ impl Forces {
         [Freedom::Drives, Freedom::Spins].map(|freedom| {
             (0..plant.effects.len())
                 .filter(|&k| {
-                    let [base, moved] = self.probe(plant, &scene, &mut motion, &reactions, freedom, &[k]);
+                    let [base, moved] = self.probe((plant, &scene, &reactions), &mut motion, freedom, &[k]);
                     base != moved
                 })
                 .collect()
@@ -436,7 +434,7 @@ impl Forces {
             if effects.is_empty() {
                 continue;
             }
-            let probe = self.probe(plant, scene, motion, reactions, Freedom::Drives, effects);
+            let probe = self.probe((plant, scene, reactions), motion, Freedom::Drives, effects);
             for a in 0..AXES {
                 let (body, axis) = Motion::drive(a);
                 let slope = slope(&probe, body, &axis);
@@ -458,7 +456,7 @@ impl Forces {
         damping.spins = std::array::from_fn(|s| spin_restraint(plant, scene.closed, s));
         if !self.damps[Freedom::Spins as usize].is_empty() {
             let spins = &self.damps[Freedom::Spins as usize];
-            let probe = self.probe(plant, scene, motion, reactions, Freedom::Spins, spins);
+            let probe = self.probe((plant, scene, reactions), motion, Freedom::Spins, spins);
             let mut worst = 0f64;
             for s in 0..STRUTS {
                 let slope = slope(&probe, STRUT + s, &motion.strut_axis[s]);

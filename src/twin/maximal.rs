@@ -127,6 +127,15 @@ impl Default for MaximalCoordinates {
     }
 }
 
+/// What is in the equations besides rigid bodies.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Extra<'a> {
+    /// Added to the rotational blocks of the mass matrix, kg·m².
+    pub damping: Option<&'a [Matrix3<f64>; BODIES]>,
+    /// Struts that give way; rigid without.
+    pub stretches: Option<&'a Stretches>,
+}
+
 impl MaximalCoordinates {
     /// An empty workspace.
     pub fn new() -> Self {
@@ -159,18 +168,17 @@ impl MaximalCoordinates {
         wrenches: &[Pair; BODIES],
         damping: Option<&[Matrix3<f64>; BODIES]>,
     ) -> Result<&Solution, SingularPose> {
-        self.solve_elastic(plant, bodies, closed, wrenches, damping, None)
+        self.solve_with(plant, bodies, closed, wrenches, Extra { damping, stretches: None })
     }
 
-    /// The same with struts that give way, rigid without `stretches`.
-    pub(super) fn solve_elastic(
+    /// The same with struts that give way.
+    pub(super) fn solve_with(
         &mut self,
         plant: &Plant,
         bodies: &[BodyMotion; BODIES],
         closed: SocketSet,
         wrenches: &[Pair; BODIES],
-        damping: Option<&[Matrix3<f64>; BODIES]>,
-        stretches: Option<&Stretches>,
+        Extra { damping, stretches }: Extra,
     ) -> Result<&Solution, SingularPose> {
         let gravity = plant.gravity_vector();
         self.0.prepare(plant, bodies, closed, damping, stretches)?;

@@ -252,10 +252,10 @@ impl Hull {
         }
         // Of two solids a sphere has one ball that says it all.
         if !(other.sphere && !self.sphere && self.solid.is_some()) {
-            self.corners_on(at, other, there, false, 1.0, out);
+            self.corners_on(at, (other, there), (false, 1.0), out);
         }
         if !self.sphere {
-            other.corners_on(there, self, at, true, -1.0, out);
+            other.corners_on(there, (self, at), (true, -1.0), out);
         }
         for a in &self.edges {
             let own = a.segment(at);
@@ -279,7 +279,13 @@ impl Hull {
 
     /// Balls of this hull on the other; `sign` turns the normal. On a chain of edges each ball has one contact, and with
     /// `fade` none at an edge's end, which is a ball of the other.
-    fn corners_on(&self, at: &Placement, other: &Self, there: &Placement, fade: bool, sign: f64, out: &mut Vec<Point>) {
+    fn corners_on(
+        &self,
+        at: &Placement,
+        (other, there): (&Self, &Placement),
+        (fade, sign): (bool, f64),
+        out: &mut Vec<Point>,
+    ) {
         // Only a mesh has so many balls that it pays to ask which are near.
         let region = if self.trees.is_some() { other.region(there, at) } else { Aabb::new_invalid() };
         self.near(1, &region, |i| {

@@ -12,7 +12,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::{Channels, InternalStates, Joints, gear_springs, gears, ideal, joints, observe, predict, predict_along};
-use crate::dynamics::{ChannelMap, Output, Plant, add_regressor, inverse_dynamics};
+use crate::dynamics::{ChannelMap, Output, Plant, Sample, add_regressor, inverse_dynamics};
 use crate::effects::{ActiveEffect, Entry, Kind, Role};
 use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
@@ -20,7 +20,7 @@ use crate::kinematics::KinematicsError;
 /// Blocks handled together.
 const CHUNK: usize = 64;
 
-/// Effects whose columns at every sample are fixed at a time.
+/// Effects whose columns at every sample are kept in memory at a time.
 const GROUP: usize = 8;
 
 /// An effect whose columns are wanted.
@@ -340,8 +340,8 @@ fn linear(
             for (i, (active, width)) in effects.iter().zip(&widths).enumerate() {
                 let state = states.of(k, i);
                 let rows = &mut out[at * channels..(at + width) * channels];
-                add_regressor(plant, active, dataset.t[k], &motion, &loads, state, &map, rows)
-                    .map_err(|e| e.at_sample(k))?;
+                let sample = Sample { t: dataset.t[k], motion: &motion, loads: &loads };
+                add_regressor(plant, active, &sample, state, &map, rows).map_err(|e| e.at_sample(k))?;
                 at += width;
             }
         }

@@ -51,8 +51,7 @@ pub fn points(run: &Run) -> Vec<Point> {
         }
     }
     finish(now, &mut stretch);
-    held
-        .into_iter()
+    held.into_iter()
         .map(|(speed, torques)| {
             let n = torques.len() as f64;
             let mean = torques.iter().sum::<f64>() / n;
