@@ -311,9 +311,8 @@ impl Absolute<'_> {
                 vector(&sum[BODY * body + OMEGA..]).dot(&direction)
             });
         }
-        let Context { plant, forces, layout, torque, closed, scratch, .. } = &*self.context;
+        let Context { plant, torque, closed, .. } = &*self.context;
         let (torque, closed) = (torque.at(t), *closed);
-        // Drives, and a Rosenbrock stage's implicit terms: moments and what they add to the inertia.
         let mut moments = [Vector3::zeros(); BODIES];
         for (axis, torque) in torque.into_iter().enumerate() {
             let (body, direction) = Motion::drive(axis);
@@ -323,33 +322,7 @@ impl Absolute<'_> {
         let mut damping = None;
         match implicit {
             Some((sum, g)) if g > 0.0 => {
-                let blocks = damping.insert([Matrix3::zeros(); BODIES]);
-                let damped = &scratch.damping;
-                let mut restrain = |body: usize, axis: Vector3<f64>, d: f64| {
-                    let rate = vector(&sum[BODY * body + OMEGA..]).dot(&axis);
-                    moments[body] -= axis * (d * rate);
-                    blocks[body] += axis * axis.transpose() * (g * d);
-                };
-                for axis in 0..AXES {
-                    let (body, direction) = Motion::drive(axis);
-                    restrain(body, direction, damped.drives[axis]);
-                }
-                for s in 0..STRUTS {
-                    restrain(STRUT + s, motion.strut_axis[s], damped.spins[s]);
-                }
-                let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
-                for (arm, inertia, torque) in forces.gear_terms(&torque, &scratch.motors, own, moved, g) {
-                    let (body, direction) = Motion::drive(arm);
-                    moments[body] += direction * torque;
-                    blocks[body] += direction * direction.transpose() * inertia;
-                }
-                for (s, stretch) in stretches.iter_mut().flatten().enumerate() {
-                    let spring = &self.joints.springs.unwrap_or_default()[s];
-                    let (moved, changed) = (sum[STRETCH + s], sum[STRETCH_RATE + s]);
-                    stretch.force -=
-                        spring.damping * changed + spring.stiffness * (moved + g * (stretch.rate + changed));
-                    stretch.added = g * spring.damping + g * g * spring.stiffness;
-                }
+                damping = Some(self.implicit_terms((t, y, motion), (sum, g), &mut moments, stretches.as_mut()));
             }
             Some(_) => {
                 // Nothing turns the struts where the method is explicit, and their restraint would be steep: they rest.
@@ -381,6 +354,46 @@ impl Absolute<'_> {
             let answer = Answer { reactions: solution.reactions, drives, platform: solution.bodies[PLATFORM].0 };
             Ok((solution, answer))
         })
+    }
+
+    /// The implicit terms of a Rosenbrock stage: adds moments and the springs' forces ahead; returns what damping adds to the
+    /// rotational blocks of the mass matrix, kg·m².
+    fn implicit_terms(
+        &self,
+        (t, y, motion): (f64, &[f64], &Motion),
+        (sum, g): (&[f64], f64),
+        moments: &mut [Vector3<f64>; BODIES],
+        stretches: Option<&mut Stretches>,
+    ) -> [Matrix3<f64>; BODIES] {
+        let Context { forces, layout, torque, scratch, .. } = &*self.context;
+        let drives = torque.at(t);
+        let mut blocks = [Matrix3::zeros(); BODIES];
+        let damped = &scratch.damping;
+        let mut restrain = |body: usize, axis: Vector3<f64>, d: f64| {
+            let rate = vector(&sum[BODY * body + OMEGA..]).dot(&axis);
+            moments[body] -= axis * (d * rate);
+            blocks[body] += axis * axis.transpose() * (g * d);
+        };
+        for axis in 0..AXES {
+            let (body, direction) = Motion::drive(axis);
+            restrain(body, direction, damped.drives[axis]);
+        }
+        for s in 0..STRUTS {
+            restrain(STRUT + s, motion.strut_axis[s], damped.spins[s]);
+        }
+        let (own, moved) = (&y[layout.own()], &sum[layout.own()]);
+        for (arm, inertia, torque) in forces.gear_terms(&drives, &scratch.motors, own, moved, g) {
+            let (body, direction) = Motion::drive(arm);
+            moments[body] += direction * torque;
+            blocks[body] += direction * direction.transpose() * inertia;
+        }
+        for (s, stretch) in stretches.into_iter().flatten().enumerate() {
+            let spring = &self.joints.springs.unwrap_or_default()[s];
+            let (moved, changed) = (sum[STRETCH + s], sum[STRETCH_RATE + s]);
+            stretch.force -= spring.damping * changed + spring.stiffness * (moved + g * (stretch.rate + changed));
+            stretch.added = g * spring.damping + g * g * spring.stiffness;
+        }
+        blocks
     }
 
     /// Accelerations and forces at a state.

@@ -138,22 +138,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let plant = Plant::new(&job.machine, &job.scenario.setup);
         args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
     });
-    let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
-    let progress = bar("simulate", (total * 1e3) as u64);
-    let done = AtomicU64::new(0);
-    let outcomes: Vec<Result<Outcome, SimulationError>> = jobs
-        .par_iter()
-        .map(|job| {
-            let mut last = 0;
-            execute(job, args.step_error, &mut |t| {
-                let now = (t * 1e3) as u64;
-                progress.set_position(done.fetch_add(now - last, Ordering::Relaxed) + now - last);
-                last = now;
-                !interrupted()
-            })
-        })
-        .collect();
-    progress.finish_and_clear();
+    let outcomes = execute_all(&jobs, args.step_error);
     #[cfg(feature = "viewer")]
     if let Some(problem) = stream.and_then(deltatwin_rerun::stream::Stream::finish) {
         eprintln!("warning: {problem}");
@@ -197,6 +182,25 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
     }
     Ok(if interrupted() { INTERRUPTED } else { status })
+}
+
+/// Runs all jobs on all cores, with a progress bar over their simulated time.
+fn execute_all(jobs: &[Job], step_error: bool) -> Vec<Result<Outcome, SimulationError>> {
+    let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
+    let progress = bar("simulate", (total * 1e3) as u64);
+    let done = AtomicU64::new(0);
+    let one = |job: &Job| {
+        let mut last = 0;
+        execute(job, step_error, &mut |t| {
+            let now = (t * 1e3) as u64;
+            progress.set_position(done.fetch_add(now - last, Ordering::Relaxed) + now - last);
+            last = now;
+            !interrupted()
+        })
+    };
+    let outcomes = jobs.par_iter().map(one).collect();
+    progress.finish_and_clear();
+    outcomes
 }
 
 /// Refuses scenarios whose recordings would have the same name.

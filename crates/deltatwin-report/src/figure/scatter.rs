@@ -6,6 +6,47 @@ use super::curve::{Curve, usable};
 use super::legend::{Swatch, colours, head, legend};
 use super::{Figure, MAX_DOTS, RIGHT, WIDTH};
 
+/// Abscissa, mean and standard deviation of the points in a bin.
+type Bin = (f64, f64, f64);
+
+/// The bins of a curve over a range; none where fewer than three points are.
+fn binned(curve: &Curve, (lo, hi): (f64, f64), bins: usize) -> Vec<Option<Bin>> {
+    let width = (hi - lo) / bins as f64;
+    // Count, mean and sum of squared deviations of every bin.
+    let mut sums = vec![(0.0, 0.0, 0.0); bins];
+    for (x, y) in usable(std::slice::from_ref(curve)) {
+        let k = if width > 0.0 { ((x - lo) / width) as usize } else { 0 };
+        let s = &mut sums[k.min(bins - 1)];
+        s.0 += 1.0;
+        let d = y - s.1;
+        s.1 += d / s.0;
+        s.2 += d * (y - s.1);
+    }
+    let bin = |(k, s): (usize, &(f64, f64, f64))| {
+        let x = lo + (k as f64 + 0.5) * width;
+        (s.0 >= 3.0).then(|| (x, s.1, (s.2 / (s.0 - 1.0)).max(0.0).sqrt()))
+    };
+    sums.iter().enumerate().map(bin).collect()
+}
+
+/// Runs of bins without a gap.
+fn runs(row: &[Option<Bin>]) -> Vec<Vec<Bin>> {
+    let run = |run: &[Option<Bin>]| run.iter().flatten().copied().collect::<Vec<_>>();
+    row.split(Option::is_none).map(run).filter(|run| !run.is_empty()).collect()
+}
+
+/// At most `most` points of a curve; regular thinning would follow a periodic motion: the step is not a whole number.
+fn thinned(curve: &Curve, most: usize) -> Vec<(f64, f64)> {
+    let some: Vec<_> = usable(std::slice::from_ref(curve)).collect();
+    let want = most.max(1).min(some.len());
+    let point = |k: usize| {
+        let jitter = (k as f64 * 0.618_033_988_75).fract();
+        let index = ((k as f64 + jitter) * some.len() as f64 / want as f64) as usize;
+        some[index.min(some.len() - 1)]
+    };
+    (0..want).map(point).collect()
+}
+
 /// A quantity against another: a thinned cloud of samples, and in each of `bins` equal bins the
 /// mean and a band of one standard deviation on both sides.
 ///
@@ -19,27 +60,10 @@ pub fn scatter_binned(title: &str, x_label: &str, y_label: &str, curves: &[Curve
         entry.0.push_str(" (mean ± 1 s.d.)");
     }
     let x_range = range(usable(curves).map(|p| p.0));
-    let mut means: Vec<Vec<Option<(f64, f64, f64)>>> = Vec::new();
+    let mut means: Vec<Vec<Option<Bin>>> = Vec::new();
     let mut extent = None;
-    if let Some((lo, hi)) = x_range {
-        let width = (hi - lo) / bins as f64;
-        for curve in curves {
-            // Count, mean and sum of squared deviations of every bin.
-            let mut sums = vec![(0.0, 0.0, 0.0); bins];
-            for (x, y) in usable(std::slice::from_ref(curve)) {
-                let k = if width > 0.0 { ((x - lo) / width) as usize } else { 0 };
-                let s = &mut sums[k.min(bins - 1)];
-                s.0 += 1.0;
-                let d = y - s.1;
-                s.1 += d / s.0;
-                s.2 += d * (y - s.1);
-            }
-            let row = sums.iter().enumerate().map(|(k, s)| {
-                let x = lo + (k as f64 + 0.5) * width;
-                (s.0 >= 3.0).then(|| (x, s.1, (s.2 / (s.0 - 1.0)).max(0.0).sqrt()))
-            });
-            means.push(row.collect());
-        }
+    if let Some(x_range) = x_range {
+        means = curves.iter().map(|curve| binned(curve, x_range, bins)).collect();
         let mut ys: Vec<f64> = usable(curves).map(|p| p.1).collect();
         ys.sort_by(f64::total_cmp);
         let cut = if ys.len() > 100 { ys.len() / 100 } else { 0 };
@@ -59,24 +83,12 @@ pub fn scatter_binned(title: &str, x_label: &str, y_label: &str, curves: &[Curve
         let (Some(x), Some(y)) = (x, y) else { return no_data(c, r) };
         let at = |vx: f64, vy: f64| Some((r.x(&x, vx)?, r.y(&y, vy)?)).filter(|p| r.has(*p));
         for (curve, color) in curves.iter().zip(&colors) {
-            let some: Vec<_> = usable(std::slice::from_ref(curve)).collect();
-            // Regular thinning would follow a periodic motion: the step is not a whole number.
-            let want = (MAX_DOTS / curves.len().max(1)).max(1).min(some.len());
-            for k in 0..want {
-                let jitter = (k as f64 * 0.618_033_988_75).fract();
-                let index = ((k as f64 + jitter) * some.len() as f64 / want as f64) as usize;
-                let (vx, vy) = some[index.min(some.len() - 1)];
+            for (vx, vy) in thinned(curve, MAX_DOTS / curves.len().max(1)) {
                 if let Some(p) = at(vx, vy) {
                     c.dot(p, 1.0, *color, 0.3);
                 }
             }
         }
-        let runs = |row: &[Option<(f64, f64, f64)>]| -> Vec<Vec<(f64, f64, f64)>> {
-            row.split(Option::is_none)
-                .map(|run| run.iter().flatten().copied().collect::<Vec<_>>())
-                .filter(|run| !run.is_empty())
-                .collect()
-        };
         for (row, color) in means.iter().zip(&colors) {
             for run in runs(row) {
                 let upper = run.iter().filter_map(|m| at(m.0, m.1 + m.2));

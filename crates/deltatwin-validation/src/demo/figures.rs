@@ -2,6 +2,7 @@
 
 use super::{Findings, describe};
 use crate::exam::Campaign;
+use deltatwin::diagnosis::Diagnosis;
 use deltatwin::diagnosis::candidates::Standing;
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::fit::residuals;
@@ -27,6 +28,27 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
         if names.is_empty() { String::new() } else { format!("({})", names.join(", ")) }
     );
     report.callout(if findings.right { Callout::Good } else { Callout::Bad }, &verdict);
+    falling(&mut report, findings);
+    report.heading("Where the model fails");
+    for finding in findings.comparison.findings.iter().take(6) {
+        report.paragraph(&finding.sentence);
+    }
+    if let Some((torques, phase, spectra)) = residual_figures(campaign, findings) {
+        report.figure(&torques, "Held-out motion: measured torque, identified model and what it leaves.");
+        report.figure(&phase, "Residual of the arms before and after, against joint speed.");
+        report.figure(&spectra, "Spectrum of the residuals of axis 1.");
+    }
+    candidates(&mut report, d, &names);
+    budget(&mut report, d);
+    if let Some(next) = &d.next_experiment {
+        report.callout(Callout::Note, &format!("Next experiment, {}.", next.what));
+    }
+    report
+}
+
+/// Adds the RMS errors as delivered, identified and with the effect.
+fn falling(report: &mut Report, findings: &Findings) {
+    let d = &findings.diagnosis;
     report.heading("The error falls");
     let stages = stage_rms(findings);
     let groups: Vec<ErrorGroup> = (0..AXES)
@@ -57,15 +79,10 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
         })
         .collect();
     report.table(&["RMS, held out", "as delivered", "identified", "effect added", "noise floor"], &rows);
-    report.heading("Where the model fails");
-    for finding in findings.comparison.findings.iter().take(6) {
-        report.paragraph(&finding.sentence);
-    }
-    if let Some((torques, phase, spectra)) = residual_figures(campaign, findings) {
-        report.figure(&torques, "Held-out motion: measured torque, identified model and what it leaves.");
-        report.figure(&phase, "Residual of the arms before and after, against joint speed.");
-        report.figure(&spectra, "Spectrum of the residuals of axis 1.");
-    }
+}
+
+/// Adds the ranking of the candidates and the parameters of the effects named.
+fn candidates(report: &mut Report, d: &Diagnosis, names: &[&str]) {
     report.heading("Which effect is missing");
     let rows: Vec<RankRow> = d
         .candidates
@@ -97,6 +114,10 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
             .collect();
         report.table(&["parameter", "estimate", "standard error", "unit"], &rows);
     }
+}
+
+/// Adds the error budget and the parameters that moved.
+fn budget(report: &mut Report, d: &Diagnosis) {
     if !d.budget.effects.is_empty() {
         report.heading("Error budget");
         report.figure(
@@ -114,10 +135,6 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
             report.table(&["parameter", "before", "std", "after", "std", "unit"], &rows);
         }
     }
-    if let Some(next) = &d.next_experiment {
-        report.callout(Callout::Note, &format!("Next experiment, {}.", next.what));
-    }
-    report
 }
 
 /// RMS on the held-out motion: model as delivered, identified, with the effect.
