@@ -11,7 +11,7 @@ use crate::machine::ARMS;
 /// τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with the effect's own state ẋ = −x/T, x(0) = 1; w(q̇) = q̇ at the arms
 /// and v_s·tanh(q̇/v_s) at the telescope's drive, whose viscous friction saturates (Gnad et al. eq. 48).
 ///
-/// The parameters are the surplus of the cold drives over the friction in the model, which is that of warm ones; c_C in
+/// The parameters are the surplus of the cold drives over the friction in the model, which is that of warm ones and never more; c_C in
 /// N·m, c_v in N·m·s/rad, T in s, v_s in rad/s (that of the telescope's friction in the model; linear without one).
 /// Dissipates x·(c_C·q̇·tanh(k·q̇) + c_v·q̇·w).
 ///
@@ -36,7 +36,7 @@ const PARAMETERS: &[Parameter] = &[
         count: Count::AllDrives,
         role: Role::Linear,
         default: 0.4,
-        range: (-50.0, 50.0),
+        range: (0.0, 50.0),
     },
     Parameter {
         name: Cow::Borrowed("viscous"),
@@ -44,7 +44,7 @@ const PARAMETERS: &[Parameter] = &[
         count: Count::AllDrives,
         role: Role::Linear,
         default: 0.4,
-        range: (-50.0, 50.0),
+        range: (0.0, 50.0),
     },
     Parameter {
         name: Cow::Borrowed("time_constant"),

@@ -74,8 +74,8 @@ pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> 
 /// problem linearised at better parameters; its candidates must be the same, in the same order. Once `stop` says so,
 /// nothing more is added or exchanged, and every effect is judged given those added before it.
 ///
-/// Where `apart` gives a problem for some effects, a further one is judged beside them in that problem: at parameters that are
-/// the best without it, where these have less freedom than with it.
+/// An effect that fails beside the others is judged once more in the problem that `apart` gives for these, if it gives one: at
+/// parameters that are the best without it, where these have less freedom than with it.
 pub fn select_with<F>(
     problem: &Problem,
     settings: &Settings,
@@ -147,6 +147,23 @@ struct Context<'a> {
     apart: Apart<'a>,
 }
 
+/// An effect judged with the `others` in the base; where it fails, once more in the problem that `apart` has for these.
+fn judged(
+    chosen: Chosen,
+    others: &[Chosen],
+    problem: &Problem,
+    settings: &Settings,
+    apart: Apart,
+) -> Result<Finding, Error> {
+    let ranking = evaluate(problem, others, settings)?;
+    if !ranking.of(chosen.candidate).is_some_and(|a| a.passes(settings))
+        && let Some(own) = apart(others)
+    {
+        return Ok(Finding { chosen, ranking: evaluate(&own, others, settings)?, problem: Some(own) });
+    }
+    Ok(Finding { chosen, ranking, problem: None })
+}
+
 /// Judge every chosen effect given the others: remove those that explain nothing more, exchange those that another
 /// candidate replaces with more evidence.
 fn prune(
@@ -164,9 +181,7 @@ fn prune(
         let mut findings = Vec::new();
         for (i, &c) in chosen.iter().enumerate() {
             let others: Vec<Chosen> = chosen.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, c)| *c).collect();
-            let own = (context.apart)(&others);
-            let ranking = evaluate(own.as_deref().unwrap_or(problem), &others, settings)?;
-            findings.push(Finding { chosen: c, ranking, problem: own });
+            findings.push(judged(c, &others, problem, settings, context.apart)?);
         }
         let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
             Some(a) if a.passes(settings) => a.p_adjusted,

@@ -60,5 +60,5 @@ fn solids_come_from_files() {
     // A reader of dimensions alone names the place, too.
     let solid = "\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nshape = \"hull\"\nfile = \"part.stl\"\n";
     let e = deltatwin_io::scenario::parse(&scenario(solid), Path::new("test.toml")).unwrap_err().to_string();
-    assert!(e.starts_with("test.toml:11:8: `objects.file` is \"part.stl\": nothing here reads meshes"), "{e}");
+    assert!(e.starts_with("test.toml:12:8: `objects.file` is \"part.stl\": nothing here reads meshes"), "{e}");
 }

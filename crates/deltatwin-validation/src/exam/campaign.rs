@@ -213,7 +213,7 @@ pub fn prepare(model: &Model, case: &Case, beyond: &[Arc<dyn Effect>]) -> Result
         for effect in wanted {
             hidden.push(sizer.draw(effect, case.size, &mut rng)?);
         }
-        unspanned = case.outside.map(|law| sizer.unspanned(law)).transpose()?;
+        unspanned = case.outside.map(|law| sizer.unspanned(law)).transpose()?.flatten();
     }
     robot.effects.extend(hidden.iter().map(|h| h.active.clone()));
     Ok(Prepared { case: case.clone(), hidden, robot, motions, unspanned })

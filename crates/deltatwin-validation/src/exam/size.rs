@@ -314,11 +314,11 @@ impl<'a> Sizer<'a> {
         only(shown[rng.random_range(0..shown.len())])
     }
 
-    /// Share of a law outside the library that no sum of the search's laws makes, see [`span`].
+    /// Share of a law outside the library that no sum of the search's laws makes, see [`span::unspanned`].
     ///
     /// # Errors
     /// If the machine cannot follow the motion.
-    pub fn unspanned(&self, law: Outside) -> Result<f64, FitError> {
+    pub fn unspanned(&self, law: Outside) -> Result<Option<f64>, FitError> {
         let terms = &law.effect().terms;
         span::unspanned(self.robot, &self.dataset, &self.noise, terms[0].at, &terms[0].law)
     }
