@@ -6,7 +6,8 @@
 //! refined in turn. What the fit leaves of the law's energy decides. All columns of the search at once would leave nothing of
 //! any smooth law and say nothing: there are thousands of them.
 //!
-//! The pursuit is greedy. A law that a luckier choice would make is called outside; the share says how far.
+//! The pursuit is greedy, and what it takes first need not be in an exact sum: it is begun anew with each of a few laws without
+//! an inner number. A law that a luckier choice would make is called outside all the same; the share says how far.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -18,13 +19,16 @@ use deltatwin::identification::fit::FitError;
 use deltatwin::model::Model;
 
 /// Share of a law's energy that may be left of a law in the span.
-pub const WITHIN: f64 = 1e-5;
+pub const WITHIN: f64 = 1e-6;
 /// Instants of the fit.
 const INSTANTS: usize = 1000;
 /// Laws of the search refined per step, those that take most first.
 const TRIED: usize = 8;
 /// Golden sections of an inner number.
 const SECTIONS: usize = 40;
+/// Laws without an inner number with which the pursuit is begun anew, those that take most first, and how many laws it takes then.
+const BEGINNINGS: usize = 6;
+const FEW: usize = 3;
 /// Passes over the inner numbers after each law.
 const PASSES: usize = 2;
 /// A column that loses more than this share of itself to others is made of them.
@@ -78,6 +82,15 @@ struct Ground<'a> {
     own: Vec<DVector<f64>>,
     /// Inner products of the own columns with a unit force at each instant, `[place]`: instants × columns.
     own_at: Vec<DMatrix<f64>>,
+}
+
+/// The laws of the search along the motion.
+struct Searched<'a> {
+    atoms: &'a [Atom],
+    /// Their values at the instants, with the inner numbers of the grid.
+    forces: Vec<Vec<DVector<f64>>>,
+    /// Inner products of their columns beyond the own parameters.
+    grams: Vec<DMatrix<f64>>,
 }
 
 /// A law that was taken.
@@ -153,23 +166,39 @@ impl<'a> Ground<'a> {
             .map(|atom| laws(atom, atom.number.map(|n| n.value)).iter().map(|law| self.values(law)).collect())
             .collect();
         let grams: Vec<DMatrix<f64>> = atoms.iter().zip(&forces).map(|(a, f)| self.gram(a.place, f)).collect();
+        let searched = Searched { atoms, forces, grams };
+        let mut best = self.pursue(&searched, &target, None, MOST);
+        let first = self.ranked(&searched, &target);
+        let beginnings = first.into_iter().filter(|i| atoms[*i].number.is_none()).take(BEGINNINGS);
+        for beginning in beginnings {
+            if best >= WITHIN {
+                best = best.min(self.pursue(&searched, &target, Some(beginning), FEW));
+            }
+        }
+        Some(best.min(1.0))
+    }
+
+    /// Energy of `target` that is left after at most `most` laws, of which the first may be given.
+    fn pursue(&self, searched: &Searched, target: &DVector<f64>, first: Option<usize>, most: usize) -> f64 {
         let mut taken: Vec<Taken> = Vec::new();
         let mut left = target.clone();
-        while taken.len() < MOST && left.norm_squared() > WITHIN {
+        while taken.len() < most && left.norm_squared() > WITHIN {
             let others: Vec<DVector<f64>> = basis(&taken, None);
-            let mut order: Vec<(f64, usize)> = self.gains(atoms, &forces, &grams, &left);
-            order.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let refined = order.iter().take(TRIED).map(|&(_, i)| self.refined(&atoms[i], &others, &left));
+            let tried = match first.filter(|_| taken.is_empty()) {
+                Some(first) => vec![first],
+                None => self.ranked(searched, &left).into_iter().take(TRIED).collect(),
+            };
+            let refined = tried.into_iter().map(|i| self.refined(&searched.atoms[i], &others, &left));
             let Some((_, best)) = refined.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
             taken.push(best);
             let count = taken.len();
             for i in (0..PASSES).flat_map(|_| 0..count) {
                 let others = basis(&taken, Some(i));
-                taken[i] = self.refined(taken[i].atom, &others, &outside(&others, &target)).1;
+                taken[i] = self.refined(taken[i].atom, &others, &outside(&others, target)).1;
             }
-            left = outside(&basis(&taken, None), &target);
+            left = outside(&basis(&taken, None), target);
         }
-        Some(left.norm_squared().min(1.0))
+        left.norm_squared()
     }
 
     /// Inner products of a law's columns beyond the own parameters.
@@ -184,14 +213,8 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Energy of `left` that each law of the search takes alone, with its number. `left` lies beyond the own parameters.
-    fn gains(
-        &self,
-        atoms: &[Atom],
-        forces: &[Vec<DVector<f64>>],
-        grams: &[DMatrix<f64>],
-        left: &DVector<f64>,
-    ) -> Vec<(f64, usize)> {
+    /// The laws of the search, that which takes most of `left` alone first. `left` lies beyond the own parameters.
+    fn ranked(&self, searched: &Searched, left: &DVector<f64>) -> Vec<usize> {
         let n = self.instants.len();
         let at_place = |response: &Vec<Vec<f64>>| {
             let sum = |k: usize| response.iter().enumerate().map(|(c, r)| r[self.instants[k]] * left[c * n + k]).sum();
@@ -199,11 +222,15 @@ impl<'a> Ground<'a> {
         };
         let products: Vec<DVector<f64>> = self.sight.responses.iter().map(at_place).collect();
         let gain = |i: usize| {
-            let b = DVector::from_iterator(forces[i].len(), forces[i].iter().map(|f| f.dot(&products[atoms[i].place])));
-            let solved = grams[i].clone().cholesky().map(|c| c.solve(&b));
+            let (forces, place) = (&searched.forces[i], searched.atoms[i].place);
+            let b = DVector::from_iterator(forces.len(), forces.iter().map(|f| f.dot(&products[place])));
+            let solved = searched.grams[i].clone().cholesky().map(|c| c.solve(&b));
             solved.map_or(0.0, |x| b.dot(&x)).max(0.0)
         };
-        (0..atoms.len()).map(|i| (gain(i), i)).filter(|(gain, _)| gain.is_finite()).collect()
+        let all = (0..searched.atoms.len()).map(|i| (gain(i), i));
+        let mut order: Vec<(f64, usize)> = all.filter(|(gain, _)| gain.is_finite()).collect();
+        order.sort_by(|a, b| b.0.total_cmp(&a.0));
+        order.into_iter().map(|(_, i)| i).collect()
     }
 
     /// A law of the search with the inner number that takes most of `left` beside `others`, and what it takes.
