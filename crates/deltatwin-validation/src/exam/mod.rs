@@ -1,7 +1,7 @@
 //! How far the diagnosis can be trusted: campaigns with a known truth, drawn from seeds, simulated, judged and counted.
 //!
 //! A [`Case`] says what to hide, at what size, under what noise; [`campaign()`] simulates it; [`folder`] keeps recordings,
-//! truth and answer beside each other; [`judge`] asks the diagnosis and grades its answer.
+//! truth and answer beside each other; [`mod@judge`] asks the diagnosis and grades its answer.
 
 pub mod campaign;
 pub mod figures;
