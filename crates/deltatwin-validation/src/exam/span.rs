@@ -2,8 +2,8 @@
 //!
 //! A formula of that search is a sum of at most [`MOST`] of its laws, each with an inner number between neighbours of a grid.
 //! A law is fitted by such sums, least squares over the instants of a motion on what the model's own parameters cannot
-//! imitate: laws are taken one at a time, the best first (orthogonal matching pursuit), and after each the inner numbers are
-//! refined in turn. What the fit leaves of the law's energy decides. All columns of the search at once would leave nothing of
+//! imitate: laws are taken one at a time, the best beside those taken first (orthogonal least squares), and after each the inner
+//! numbers are refined in turn. What the fit leaves of the law's energy decides. All columns of the search at once would leave nothing of
 //! any smooth law and say nothing: there are thousands of them.
 //!
 //! The pursuit is greedy, and what it takes first need not be in an exact sum: it is begun anew with each of a few laws without
@@ -168,7 +168,7 @@ impl<'a> Ground<'a> {
         let grams: Vec<DMatrix<f64>> = atoms.iter().zip(&forces).map(|(a, f)| self.gram(a.place, f)).collect();
         let searched = Searched { atoms, forces, grams };
         let mut best = self.pursue(&searched, &target, None, MOST);
-        let first = self.ranked(&searched, &target);
+        let first = self.ranked(&searched, &[], &target);
         let beginnings = first.into_iter().filter(|i| atoms[*i].number.is_none()).take(BEGINNINGS);
         for beginning in beginnings {
             if best >= WITHIN {
@@ -186,7 +186,7 @@ impl<'a> Ground<'a> {
             let others: Vec<DVector<f64>> = basis(&taken, None);
             let tried = match first.filter(|_| taken.is_empty()) {
                 Some(first) => vec![first],
-                None => self.ranked(searched, &left).into_iter().take(TRIED).collect(),
+                None => self.ranked(searched, &others, &left).into_iter().take(TRIED).collect(),
             };
             let refined = tried.into_iter().map(|i| self.refined(&searched.atoms[i], &others, &left));
             let Some((_, best)) = refined.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
@@ -201,6 +201,17 @@ impl<'a> Ground<'a> {
         left.norm_squared()
     }
 
+    /// Inner products of `column` with a unit force at each instant, by place.
+    fn products(&self, column: &DVector<f64>) -> Vec<DVector<f64>> {
+        let n = self.instants.len();
+        let at_place = |response: &Vec<Vec<f64>>| {
+            let sum =
+                |k: usize| response.iter().enumerate().map(|(c, r)| r[self.instants[k]] * column[c * n + k]).sum();
+            DVector::from_iterator(n, (0..n).map(sum))
+        };
+        self.sight.responses.iter().map(at_place).collect()
+    }
+
     /// Inner products of a law's columns beyond the own parameters.
     fn gram(&self, place: usize, forces: &[DVector<f64>]) -> DMatrix<f64> {
         let response = &self.sight.responses[place];
@@ -213,19 +224,23 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// The laws of the search, that which takes most of `left` alone first. `left` lies beyond the own parameters.
-    fn ranked(&self, searched: &Searched, left: &DVector<f64>) -> Vec<usize> {
-        let n = self.instants.len();
-        let at_place = |response: &Vec<Vec<f64>>| {
-            let sum = |k: usize| response.iter().enumerate().map(|(c, r)| r[self.instants[k]] * left[c * n + k]).sum();
-            DVector::from_iterator(n, (0..n).map(sum))
-        };
-        let products: Vec<DVector<f64>> = self.sight.responses.iter().map(at_place).collect();
+    /// The laws of the search, that which takes most of `left` beside the orthonormal columns `others` first. `left` lies beyond
+    /// these and the own parameters.
+    fn ranked(&self, searched: &Searched, others: &[DVector<f64>], left: &DVector<f64>) -> Vec<usize> {
+        let products = self.products(left);
+        let with_others: Vec<Vec<DVector<f64>>> = others.iter().map(|other| self.products(other)).collect();
         let gain = |i: usize| {
             let (forces, place) = (&searched.forces[i], searched.atoms[i].place);
-            let b = DVector::from_iterator(forces.len(), forces.iter().map(|f| f.dot(&products[place])));
-            let solved = searched.grams[i].clone().cholesky().map(|c| c.solve(&b));
-            solved.map_or(0.0, |x| b.dot(&x)).max(0.0)
+            let along = |products: &[DVector<f64>]| {
+                DVector::from_iterator(forces.len(), forces.iter().map(|f| f.dot(&products[place])))
+            };
+            let b = along(&products);
+            let whole = &searched.grams[i];
+            let gram = with_others.iter().map(|o| along(o)).fold(whole.clone(), |gram, c| gram - &c * c.transpose());
+            if (0..gram.nrows()).any(|k| gram[(k, k)] <= COLLINEAR * whole[(k, k)]) {
+                return 0.0;
+            }
+            gram.cholesky().map_or(0.0, |c| b.dot(&c.solve(&b))).max(0.0)
         };
         let all = (0..searched.atoms.len()).map(|i| (gain(i), i));
         let mut order: Vec<(f64, usize)> = all.filter(|(gain, _)| gain.is_finite()).collect();
