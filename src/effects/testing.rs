@@ -6,27 +6,10 @@ use super::interface::default_values;
 use super::{Effect, Host, Instant, Layout, Values, Wrenches};
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
 use crate::machine::bodies::BODIES;
-use crate::machine::{Bodies, Geometry, Inertia, STRUTS};
+use crate::machine::{Bodies, Inertia, STRUTS};
 
 /// A wrench a law wrote: parameter, body, force, moment.
 pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
-
-/// The shipped robot's geometry.
-pub(crate) fn geometry() -> Geometry {
-    Geometry {
-        base_radius: 0.2,
-        arm_length: 0.5,
-        strut_length: [1.106; 3],
-        platform_radius: 0.048,
-        pair_distance: 0.1,
-        mounting_height: 0.275,
-        upper_hooke_height: 0.075,
-        lower_hooke_height: 0.038,
-        flange_height: -0.0625,
-        arm_limits: [-0.703, 1.745],
-        telescope_limits: [0.812, 1.372],
-    }
-}
 
 /// All bodies at rest in the origin, struts and telescope along z.
 pub(crate) fn still() -> Motion {

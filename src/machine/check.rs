@@ -124,26 +124,11 @@ pub fn inconsistency(inertia: &Inertia) -> Option<(Culprit, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn irb360() -> Geometry {
-        Geometry {
-            base_radius: 0.2,
-            arm_length: 0.5,
-            strut_length: [1.106; 3],
-            platform_radius: 0.048,
-            pair_distance: 0.1,
-            mounting_height: 0.275,
-            upper_hooke_height: 0.075,
-            lower_hooke_height: 0.038,
-            flange_height: -0.0625,
-            arm_limits: [-0.703, 1.745],
-            telescope_limits: [0.812, 1.372],
-        }
-    }
+    use crate::machine::testing::geometry;
 
     #[test]
     fn home_pose_is_where_the_cad_has_it() {
-        let g = irb360();
+        let g = geometry();
         let home = home(&g).unwrap();
         approx::assert_abs_diff_eq!(home.telescope, 0.9304, epsilon = 5e-5);
         approx::assert_abs_diff_eq!(home.flange - g.mounting_height, -1.2309, epsilon = 5e-5);
@@ -152,7 +137,7 @@ mod tests {
 
     #[test]
     fn platform_keeps_the_strut_lengths() {
-        let mut g = irb360();
+        let mut g = geometry();
         g.strut_length = [1.106, 1.11, 1.1];
         let q = [0.3, -0.2, 0.9];
         let p = platform_at(&g, q).unwrap();

@@ -6,6 +6,8 @@ mod geometry;
 mod mechanism;
 mod payload;
 mod setup;
+#[cfg(test)]
+pub(crate) mod testing;
 pub mod unit;
 
 pub use bodies::{Bodies, Inertia};

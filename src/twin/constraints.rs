@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn closed_form_motion_fulfils_all_rows() {
-        let geometry = crate::effects::testing::geometry();
+        let geometry = crate::machine::testing::geometry();
         let joints = JointState { q: [0.3, -0.2, 0.6, 2.0], qd: [1.0, -2.0, 3.0, 10.0], qdd: [0.0; 4] };
         let motion = Motion::assembled(&geometry, &joints).unwrap();
         for (i, (value, rate)) in rows(&geometry, &motion).into_iter().enumerate() {

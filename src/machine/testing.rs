@@ -1,0 +1,20 @@
+//! What unit tests need of the shipped robot.
+
+use super::Geometry;
+
+/// The shipped robot's geometry.
+pub(crate) fn geometry() -> Geometry {
+    Geometry {
+        base_radius: 0.2,
+        arm_length: 0.5,
+        strut_length: [1.106; 3],
+        platform_radius: 0.048,
+        pair_distance: 0.1,
+        mounting_height: 0.275,
+        upper_hooke_height: 0.075,
+        lower_hooke_height: 0.038,
+        flange_height: -0.0625,
+        arm_limits: [-0.703, 1.745],
+        telescope_limits: [0.812, 1.372],
+    }
+}
