@@ -142,7 +142,5 @@ fn known_physics_in_another_shape_is_no_unknown_law() {
             doubted.push(*name);
         }
     }
-    // Known gap: a spring that stiffens away from the axis is answered `unknown`, at the platform, where edges of the possible hold
-    // the links along each kind of body.
-    assert!(doubted.iter().all(|name| *name == "hose_spring"), "{doubted:?}");
+    assert!(doubted.is_empty(), "{doubted:?}");
 }

@@ -54,7 +54,7 @@ pub fn add(
     let fitting = Fitting::new(model, datasets, &options);
     let judge = Judge::new(&fitting, model, held_out);
     let before = judge.fit(model)?;
-    let problem = fitting.problem(&before.fit, &candidates)?;
+    let problem = fitting.problem(&before.fit, &candidates, problem::Edges::Together)?;
     let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
     let with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));

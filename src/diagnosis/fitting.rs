@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::problem;
+use super::problem::{self, Edges};
 use crate::effects::ActiveEffect;
 use crate::evidence::Problem;
 use crate::identification::Dataset;
@@ -88,10 +88,10 @@ impl<'a> Fitting<'a> {
     }
 
     /// The linearised problem of a fit, without the parameters that are fixed or held by physical consistency.
-    pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>]) -> Result<Problem, FitError> {
+    pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.datasets, &self.noise, candidates)?;
         problem.base.retain(|c| !self.is_fixed(&c.name));
-        problem::along_edges(&mut problem.base, fit);
+        problem::along_edges(&mut problem.base, fit, edges);
         Ok(problem)
     }
 

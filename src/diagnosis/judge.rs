@@ -2,7 +2,7 @@
 
 use super::budget::Budget;
 use super::fitting::Fitting;
-use super::problem;
+use super::problem::{self, Edges};
 use crate::evidence::Problem;
 use crate::evidence::drift::Noise;
 use crate::identification::Dataset;
@@ -118,7 +118,8 @@ impl Fitting<'_> {
         if !noise.wanders() {
             return Ok(noise.energy(&before) - noise.energy(&left));
         }
-        let (problem, least) = (self.problem(without, &[])?, self.problem(with, &[])?);
+        let (problem, least) =
+            (self.problem(without, &[], Edges::Together)?, self.problem(with, &[], Edges::Together)?);
         let refitted = |problem: &Problem, noise: &Noise| {
             let columns: Vec<&[f64]> = problem.base.iter().map(|c| &*c.values).collect();
             noise.least_squares(&problem.y, &columns)

@@ -186,22 +186,39 @@ fn linearised(
     Ok((owned, columns))
 }
 
-/// Leaves parameters the freedom to move along the edges of the possible on which a fit stands, not across them.
+/// How much freedom the edges of the possible on which a fit stands take from its parameters.
 ///
-/// With n the pull across an edge, a step d along it has n·d = 0: the parameter that is pulled most follows the others,
+/// With what is missing in the model parameters leave some of these edges, and no test of a candidate beside them knows which.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Edges {
+    /// One direction: across all of them at once.
+    Together,
+    /// One direction each.
+    Apart,
+}
+
+/// Leaves parameters the freedom to move along the edges of the possible on which a fit stands, not across them.
+pub fn along_edges(base: &mut Vec<Column>, fit: &Fit, edges: Edges) {
+    match edges {
+        Edges::Together => along_edge(base, &fit.edges.concat()),
+        Edges::Apart => fit.edges.iter().for_each(|edge| along_edge(base, edge)),
+    }
+}
+
+/// The same of one edge, given as the pull across it by parameter.
+///
+/// With n the pull, a step d along the edge has n·d = 0: the parameter that is pulled most follows the others,
 /// d_k = −Σ n_j/n_k·d_j, and its column goes into theirs.
-pub fn along_edges(base: &mut Vec<Column>, fit: &Fit) {
-    for edge in &fit.edges {
-        let pull = |c: &Column| edge.iter().find(|(name, _)| *name == c.name).map_or(0.0, |(_, n)| *n);
-        let weight = |c: &Column| (pull(c) * c.magnitude).abs();
-        let most = (0..base.len()).max_by(|&a, &b| weight(&base[a]).total_cmp(&weight(&base[b])));
-        let Some(k) = most.filter(|&k| weight(&base[k]) > 0.0) else { continue };
-        let fixed = base.remove(k);
-        for c in base.iter_mut() {
-            let share = pull(c) / pull(&fixed);
-            if share != 0.0 {
-                c.values.iter_mut().zip(&fixed.values).for_each(|(x, h)| *x -= share * h);
-            }
+fn along_edge(base: &mut Vec<Column>, edge: &[(String, f64)]) {
+    let pull = |c: &Column| edge.iter().find(|(name, _)| *name == c.name).map_or(0.0, |(_, n)| *n);
+    let weight = |c: &Column| (pull(c) * c.magnitude).abs();
+    let most = (0..base.len()).max_by(|&a, &b| weight(&base[a]).total_cmp(&weight(&base[b])));
+    let Some(k) = most.filter(|&k| weight(&base[k]) > 0.0) else { return };
+    let fixed = base.remove(k);
+    for c in base.iter_mut() {
+        let share = pull(c) / pull(&fixed);
+        if share != 0.0 {
+            c.values.iter_mut().zip(&fixed.values).for_each(|(x, h)| *x -= share * h);
         }
     }
 }

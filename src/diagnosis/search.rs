@@ -5,10 +5,10 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
-use std::sync::Arc;
 
 use super::fitting::Fitting;
-use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant};
+use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant, relative_energy};
+use super::problem::Edges;
 use super::{DiagnosisError, problem};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
@@ -41,6 +41,14 @@ pub(super) struct Found {
     pub sampling_lag: Option<f64>,
     /// Effects that the data ask for and that the time did not allow to try.
     pub not_tried: Vec<String>,
+}
+
+impl Found {
+    /// Whether every effect found is the only one that explains what it explains, and no more than noise is left.
+    fn is_clear(&self, judge: &Judge) -> bool {
+        let single = self.outcome.findings.iter().all(|f| f.ranking.confidence_set().len() < 2);
+        single && !judge.is_more_than_noise(&self.end.rms)
+    }
 }
 
 /// Candidates and variants that a fit has.
@@ -107,14 +115,35 @@ enum Lag {
 }
 
 /// Selects effects until all that were found stand.
+///
+/// Where several edges of the possible hold the start and the answer is not clear, the search is made once more with every edge
+/// by itself, and the outcome that leaves less counts.
 pub(super) fn find(
     start: Fit,
     judge: &Judge,
     candidates: &[Vec<ActiveEffect>],
     progress: &mut dyn FnMut(&str),
 ) -> Result<Found, DiagnosisError> {
+    let is_held = start.edges.len() > 1;
+    let first = find_along(Edges::Together, start.clone(), judge, candidates, progress)?;
+    if !is_held || first.is_clear(judge) || judge.fitting.is_late() {
+        return Ok(first);
+    }
+    progress("every edge of the possible by itself");
+    let second = find_along(Edges::Apart, start, judge, candidates, progress)?;
+    let left = |found: &Found| relative_energy(&found.end.rms, &judge.floor);
+    Ok(if left(&second) < left(&first) { second } else { first })
+}
+
+fn find_along(
+    edges: Edges,
+    start: Fit,
+    judge: &Judge,
+    candidates: &[Vec<ActiveEffect>],
+    progress: &mut dyn FnMut(&str),
+) -> Result<Found, DiagnosisError> {
     progress("columns of the candidates");
-    let mut search = Search::new(start, judge, candidates)?;
+    let mut search = Search::new(edges, start, judge, candidates)?;
     loop {
         progress("evidence");
         let (outcome, end) = match search.select(progress)? {
@@ -154,6 +183,7 @@ struct Standing {
 
 /// Forward selection, again and again, from one refitted model.
 struct Search<'a> {
+    edges: Edges,
     judge: &'a Judge<'a>,
     candidates: &'a [Vec<ActiveEffect>],
     settings: Settings,
@@ -183,16 +213,22 @@ fn delay(model: &Model) -> Option<&ActiveEffect> {
 }
 
 impl<'a> Search<'a> {
-    fn new(start: Fit, judge: &'a Judge<'a>, candidates: &'a [Vec<ActiveEffect>]) -> Result<Self, DiagnosisError> {
+    fn new(
+        edges: Edges,
+        start: Fit,
+        judge: &'a Judge<'a>,
+        candidates: &'a [Vec<ActiveEffect>],
+    ) -> Result<Self, DiagnosisError> {
         let mut settings =
             Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
-        let problem = judge.fitting.problem(&start, candidates)?;
+        let problem = judge.fitting.problem(&start, candidates, edges)?;
         let start = judge.of(start)?;
         // There is nothing to explain where no channel lies above its noise.
         if start.rms.iter().zip(&judge.floor).all(|(r, f)| r <= f) {
             settings.max_steps = 0;
         }
         Ok(Self {
+            edges,
             judge,
             candidates,
             settings,
@@ -214,7 +250,7 @@ impl<'a> Search<'a> {
         self.start = self.judge.fit(&model)?;
         self.fits = Fits::default();
         if !self.judge.fitting.is_late() {
-            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates)?;
+            self.problem = self.judge.fitting.problem(&self.start.fit, self.candidates, self.edges)?;
         }
         Ok(())
     }
@@ -233,6 +269,11 @@ impl<'a> Search<'a> {
             // After so many refusals no name is worth trusting.
             false => self.settings.max_steps = 0,
         }
+    }
+
+    /// Whether edges hold the start, each by itself.
+    fn is_held(&self) -> bool {
+        self.edges == Edges::Apart && !self.start.fit.edges.is_empty()
     }
 
     /// The recorder's delay in a fit, s.
@@ -300,8 +341,8 @@ impl<'a> Search<'a> {
                 String::new()
             })
         };
-        let apart = |others: &[Chosen]| self.apart(others, &stated);
-        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, &apart);
+        let is_held = self.is_held();
+        let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, is_held);
         self.all = all;
         if let Some(stopped) = stopped {
             return Ok(stopped);
@@ -323,8 +364,7 @@ impl<'a> Search<'a> {
         let names = self.names(chosen);
         let is_lag = self.lag == Lag::Possible && names.last().is_some_and(|name| name == DELAY);
         let model = with_effects(&self.start.fit.model, self.candidates, chosen, None);
-        let is_held = !self.start.fit.edges.is_empty();
-        if !is_lag && !is_held && !is_nonlinear(&model) {
+        if !is_lag && !self.is_held() && !is_nonlinear(&model) {
             fitting.tried();
             return Ok(Refit::Same);
         }
@@ -448,21 +488,6 @@ impl<'a> Search<'a> {
         (late.values[0].abs() < self.half_sample()).then(|| late.clone())
     }
 
-    /// The problem at the parameters fitted with `others` alone, where an edge of the possible holds these.
-    ///
-    /// With the effect that is missing parameters leave that edge; beside them there, possible or not, the effect would explain
-    /// nothing: a payload's height is the platform's.
-    fn apart(&self, others: &[Chosen], stated: &Problem) -> Option<Arc<Problem>> {
-        if self.start.fit.edges.is_empty() {
-            return None;
-        }
-        if others.is_empty() {
-            return Some(Arc::new(stated.clone()));
-        }
-        let fitted = self.refit(others, None).ok().filter(|f| !f.fit.edges.is_empty())?;
-        self.relinearised(&fitted.fit, stated, others).ok().map(Arc::new)
-    }
-
     /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
     fn relinearised(&self, fitted: &Fit, stated: &Problem, chosen: &[Chosen]) -> Result<Problem, FitError> {
         let (fitting, names) = (self.judge.fitting, self.names(chosen));
@@ -489,7 +514,7 @@ impl<'a> Search<'a> {
             }
             next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
         }
-        problem::along_edges(&mut next.base, fitted);
+        problem::along_edges(&mut next.base, fitted, self.edges);
         Ok(next)
     }
 }

@@ -50,5 +50,5 @@ pub use evaluate::evaluate;
 pub(crate) use gram::dot;
 pub use problem::{Candidate, Channel, Chosen, Column, Problem, Settings, Variant};
 pub use ranking::{Absorption, Assessment, Estimate, Ranking, Visibility};
-pub use select::{Apart, Finding, Outcome, Refit, Step, select, select_with};
+pub use select::{Finding, Outcome, Refit, Step, select, select_with};
 pub use stop::{NEVER, Stop};

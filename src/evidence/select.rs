@@ -1,7 +1,5 @@
 //! One effect at a time: forward selection and backward removal.
 
-use std::sync::Arc;
-
 use super::Error;
 use super::evaluate::evaluate;
 use super::problem::{Chosen, Problem, Settings};
@@ -24,8 +22,8 @@ pub struct Finding {
     pub chosen: Chosen,
     /// Assessment of it and of all others; its confidence set are the effects it cannot be told from.
     pub ranking: Ranking,
-    /// The problem it was judged in, if that is not the last one.
-    pub problem: Option<Arc<Problem>>,
+    /// Whether it was judged in the problem as stated, and not in the last one.
+    pub as_stated: bool,
 }
 
 /// What becomes of the problem when an effect was added.
@@ -37,9 +35,6 @@ pub enum Refit {
     /// The effect does not stand, and there is no time to look for another.
     Withdraw,
 }
-
-/// The problem at the parameters that are best with the effects given, where it is another one than the last.
-pub type Apart<'a> = &'a dyn Fn(&[Chosen]) -> Option<Arc<Problem>>;
 
 /// Result of the whole procedure.
 #[derive(Clone, Debug)]
@@ -67,21 +62,21 @@ impl Outcome {
 
 /// The whole procedure on a problem that stays as it is.
 pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> {
-    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), &|_| None)
+    select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false)
 }
 
 /// The whole procedure. After every addition `refit` gets the effects in the base and the last ranking and may return the
 /// problem linearised at better parameters; its candidates must be the same, in the same order. Once `stop` says so,
 /// nothing more is added or exchanged, and every effect is judged given those added before it.
 ///
-/// An effect that fails beside the others is judged once more in the problem that `apart` gives for these, if it gives one: at
-/// parameters that are the best without it, where these have less freedom than with it.
+/// A single effect that fails in the refitted problem is judged as stated where `is_held`: parameters are on an edge there that
+/// they leave with the effect, and beside them, free, it would explain nothing.
 pub fn select_with<F>(
     problem: &Problem,
     settings: &Settings,
     stop: Stop,
     mut refit: F,
-    apart: Apart,
+    is_held: bool,
 ) -> Result<Outcome, Error>
 where
     F: FnMut(&[Chosen], &Ranking) -> Result<Refit, String>,
@@ -121,8 +116,11 @@ where
     let last = refitted.as_ref().unwrap_or(problem);
     let first = steps.first().filter(|_| refitted.is_none());
     let (findings, removed) = match stop() {
-        true => (as_added(&steps, apart), Vec::new()),
-        false => prune(last, &mut chosen, first, settings, &Context { stop, apart })?,
+        true => (as_added(&steps, is_held), Vec::new()),
+        false => {
+            let stated = Some(problem).filter(|_| is_held && refitted.is_some());
+            prune((last, stated), &mut chosen, first, settings, stop)?
+        }
     };
     if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
         remaining = evaluate(last, &chosen, settings)?;
@@ -130,58 +128,50 @@ where
     Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short })
 }
 
-/// The findings of the steps, each with only the effects added before it in the base.
-fn as_added(steps: &[Step], apart: Apart) -> Vec<Finding> {
-    let before = |i: usize| steps[..i].iter().map(|s| s.added).collect::<Vec<Chosen>>();
+/// The findings of the steps, each with only the effects added before it in the base, the first one as stated where `is_held`.
+fn as_added(steps: &[Step], is_held: bool) -> Vec<Finding> {
     let one = |(i, step): (usize, &Step)| Finding {
         chosen: step.added,
         ranking: step.ranking.clone(),
-        problem: apart(&before(i)),
+        as_stated: is_held && i == 0,
     };
     steps.iter().enumerate().map(one).collect()
 }
 
-/// What removal depends on beside the problem.
-struct Context<'a> {
-    stop: Stop<'a>,
-    apart: Apart<'a>,
-}
-
-/// An effect judged with the `others` in the base; where it fails, once more in the problem that `apart` has for these.
+/// An effect judged with the `others` in the base; alone, where it fails, as `stated`.
 fn judged(
     chosen: Chosen,
     others: &[Chosen],
     problem: &Problem,
+    stated: Option<&Problem>,
     settings: &Settings,
-    apart: Apart,
 ) -> Result<Finding, Error> {
     let ranking = evaluate(problem, others, settings)?;
-    if !ranking.of(chosen.candidate).is_some_and(|a| a.passes(settings))
-        && let Some(own) = apart(others)
-    {
-        return Ok(Finding { chosen, ranking: evaluate(&own, others, settings)?, problem: Some(own) });
+    let passes = ranking.of(chosen.candidate).is_some_and(|a| a.passes(settings));
+    match stated.filter(|_| others.is_empty() && !passes) {
+        Some(stated) => Ok(Finding { chosen, ranking: evaluate(stated, others, settings)?, as_stated: true }),
+        None => Ok(Finding { chosen, ranking, as_stated: false }),
     }
-    Ok(Finding { chosen, ranking, problem: None })
 }
 
 /// Judge every chosen effect given the others: remove those that explain nothing more, exchange those that another
 /// candidate replaces with more evidence.
 fn prune(
-    problem: &Problem,
+    (problem, stated): (&Problem, Option<&Problem>),
     chosen: &mut Vec<Chosen>,
     first: Option<&Step>,
     settings: &Settings,
-    context: &Context,
+    stop: Stop,
 ) -> Result<(Vec<Finding>, Vec<Chosen>), Error> {
     let mut removed = Vec::new();
     if let ([one], Some(step)) = (chosen.as_slice(), first) {
-        return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), problem: None }], removed));
+        return Ok((vec![Finding { chosen: *one, ranking: step.ranking.clone(), as_stated: false }], removed));
     }
     for round in 0.. {
         let mut findings = Vec::new();
         for (i, &c) in chosen.iter().enumerate() {
             let others: Vec<Chosen> = chosen.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, c)| *c).collect();
-            findings.push(judged(c, &others, problem, settings, context.apart)?);
+            findings.push(judged(c, &others, problem, stated, settings)?);
         }
         let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
             Some(a) if a.passes(settings) => a.p_adjusted,
@@ -197,7 +187,7 @@ fn prune(
             let best = Chosen { candidate: winner.candidate, variant: winner.variant };
             (best.candidate != f.chosen.candidate).then_some((i, best))
         });
-        match better.filter(|_| round < settings.max_steps && !(context.stop)()) {
+        match better.filter(|_| round < settings.max_steps && !stop()) {
             Some((i, best)) => removed.push(std::mem::replace(&mut chosen[i], best)),
             None => return Ok((findings, removed)),
         }

@@ -178,7 +178,11 @@ impl<'a> Sizer<'a> {
     ) -> Result<Hidden, FitError> {
         let active = self.shaped(&effect, rng);
         let columns = self.columns(&active)?;
-        let mut direction = self.departing(&columns, direction(&active, rng), rng);
+        // The terms of a formula are one law.
+        let mut direction = match active.effect.formula() {
+            Some(_) => direction(&active, rng),
+            None => self.departing(&columns, direction(&active, rng), rng),
+        };
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
         if active.has_gears() {
             // Gears that leave so little would be ten times as stiff as any: medium is their usual compliance.
