@@ -1,4 +1,4 @@
-//! The base model fitted to the data, with the noise model and the blocks that belong to it.
+//! Fit of the base model: parameters, residual, noise model and blocks of time.
 
 use std::ops::Range;
 
@@ -19,10 +19,10 @@ const MIN_BLOCKS: usize = 16;
 /// Fewest samples of a block.
 const MIN_BLOCK: usize = 8;
 
-/// A channel's noise is taken to be at least this share of its RMS: below is rounding.
+/// Lower bound of a channel's noise, as a share of the RMS of its measurement; smaller values are rounding errors.
 const ROUNDING: f64 = 1e-9;
 
-/// The base fitted to the data.
+/// Base model fitted to the data: parameters θ, residual, whitening filters and blocks.
 pub struct BaseFit<'a> {
     pub columns: Vec<&'a Column>,
     pub residual: Vec<f64>,
@@ -55,7 +55,8 @@ impl<'a> BaseFit<'a> {
             correlation_time: 1.0,
             blocks_too_short: false,
         };
-        // Two rounds: scaled least squares gives a residual for the noise model, that one a better residual.
+        // Two rounds: scaled least squares gives the residual for the noise model, which then gives a better
+        // residual.
         for _ in 0..2 {
             fit.cut(problem, settings, 1.0)?;
             let grams = fit.pass(&[], Vec::new()).run(&fit.filters, n, &fit.blocks);
@@ -106,7 +107,7 @@ impl<'a> BaseFit<'a> {
         self.blocks = cut(&problem.segments, self.skip(), wanted.max(MIN_BLOCKS));
         self.correlation_time = time;
         self.blocks_too_short = wanted < MIN_BLOCKS;
-        // A block is at most one and a half times as long as intended, so enough samples give enough blocks.
+        // A block is at most 1.5 times as long as intended, so this many samples give the required number of blocks.
         let needed = MIN_BLOCKS * MIN_BLOCK;
         if rows < needed {
             return Err(Error::TooShort { rows, skip: self.skip(), needed });
@@ -124,7 +125,7 @@ impl<'a> BaseFit<'a> {
         self.theta += change;
     }
 
-    /// Base columns and residual on the left, then the columns of the variants.
+    /// Pass over the whitened columns: base columns and residual on the left, then the columns of the variants.
     pub fn pass<'b>(&'b self, variants: &[&'b Variant], groups: Vec<Range<usize>>) -> Pass<'b> {
         let mut columns: Vec<&[f64]> = self.columns.iter().map(|c| c.values.as_slice()).collect();
         columns.push(&self.residual);

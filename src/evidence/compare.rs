@@ -1,4 +1,5 @@
-//! Which candidates the data cannot tell from the best one: pairwise tests of block losses (Hansen, Lunde & Nason; Vuong).
+//! Pairwise comparison of candidates with the best one by their block losses [Hansen, Lunde & Nason 2011; Vuong
+//! 1989].
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,10 +11,10 @@ use super::ranking::Assessment;
 use super::score::Scores;
 use super::special::t_quantile;
 
-/// Effects that overlap more than this cannot be told apart by any noise-free look at these motions either.
+/// Overlap above which two effects are indistinguishable on these motions even without noise.
 pub const SAME: f64 = 0.999;
 
-/// Level of the pairwise tests.
+/// One-sided confidence level of the pairwise tests.
 pub const LEVEL: f64 = 0.95;
 
 /// Block losses of adding a candidate, relative to adding nothing: `−2 cᵀ g_b + cᵀ S_b c`.
@@ -25,12 +26,13 @@ pub fn losses(scores: &Scores, grams: &[DMatrix<f64>]) -> DVector<f64> {
     )
 }
 
-/// Expected fall of a whitened fit's loss, against that of new data, by each parameter that is fitted [Akaike 1974]. The
-/// logarithm of the number of rows in its place would shut the right effect out of its set wherever it has more parameters
-/// than another that does nearly as well.
+/// Penalty per fitted parameter: expected optimism of a whitened fit's loss relative to new data [Akaike 1974]. A BIC
+/// penalty (logarithm of the number of rows) would exclude the right effect from its confidence set wherever it has
+/// more parameters than a rival that fits nearly as well.
 const OPTIMISM: f64 = 2.0;
 
-/// t statistic of `rival − best` block losses, each corrected for what fitting `extra` more parameters pretends.
+/// t statistic of the block losses `rival − best`, corrected for the optimism of `extra` more parameters of the
+/// rival.
 pub fn t_statistic(best: &DVector<f64>, rival: &DVector<f64>, extra: f64) -> f64 {
     let b = best.len() as f64;
     let d = (rival - best).add_scalar(extra * OPTIMISM / b);
@@ -43,13 +45,13 @@ pub fn t_statistic(best: &DVector<f64>, rival: &DVector<f64>, extra: f64) -> f64
     }
 }
 
-/// Largest t at which a rival stays in the confidence set.
+/// Largest t at which a rival stays in the confidence set, for the given number of blocks.
 pub fn critical(blocks: usize) -> f64 {
     t_quantile(LEVEL, blocks.saturating_sub(1).max(1) as f64)
 }
 
 impl BaseFit<'_> {
-    /// Mark the candidates that the data cannot tell from candidate `w`.
+    /// Sets overlap, t statistic and the indistinguishable flag of all candidates relative to candidate `w`.
     pub fn compare(
         &self,
         problem: &Problem,

@@ -1,9 +1,9 @@
-//! How far a name can be trusted: what the procedure says when the truth is known.
+//! Confusion matrix of the ranking: the effect ranked first, given the true effect.
 //!
-//! Each rival in turn is made the truth, at the size the data give it, in noise resampled from the data (common sign flips
-//! of the blocks of what the best candidate leaves), and ranked like the data. With equal prior weights,
-//! `P(truth = j | said i) ∝ P(said i | truth = j)`. The base parameters are fitted anew in every draw; shapes stay at
-//! their best grid value.
+//! The winner, each of its rivals and the null are taken as the truth in turn, at the estimated size and in noise
+//! resampled from the data (common sign flips of the blocks of the winner's residual), and ranked like the data. With
+//! equal prior weights, `P(truth = j | ranked first i) ∝ P(ranked first i | truth = j)`. The base parameters are
+//! fitted anew in every draw; shape parameters stay at their best grid value.
 
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -21,25 +21,26 @@ use super::score::{Scores, block_grams, obvious};
 use super::special::ln_chi2_tail;
 use super::{Error, sign_flips};
 
-/// Most candidates taken for the truth.
+/// Largest number of rivals taken as the truth.
 const RIVALS: usize = 8;
 
-/// Weight of a count that was never drawn: Jeffreys' prior of a share.
+/// Count added to each of the two outcomes of a truth: Jeffreys' prior of a proportion.
 const UNSEEN: f64 = 0.5;
 
-/// What was named first, by what was true.
+/// Counts of the effect ranked first, per true effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Confusion {
-    /// The truths: indices into [`Problem::candidates`], the best one first; `None` is nothing.
+    /// The truths: indices into [`Problem::candidates`], the winner first; `None` is the null.
     pub truths: Vec<Option<usize>>,
-    /// `counts[k][j]`: draws with truth k in which truth j was named first; the last entry counts everything else.
+    /// `counts[k][j]`: draws with truth k in which truth j was ranked first; the last entry counts all other
+    /// outcomes.
     pub counts: Vec<Vec<usize>>,
     /// Draws per truth.
     pub runs: usize,
 }
 
 impl Confusion {
-    /// Probability of each truth given that the first was named.
+    /// Posterior probability of each truth, given that truth 0 was ranked first, with equal prior weights.
     pub fn probabilities(&self) -> Vec<f64> {
         let share = |counts: &Vec<usize>| (counts[0] as f64 + UNSEEN) / (self.runs as f64 + 2.0 * UNSEEN);
         let shares: Vec<f64> = self.counts.iter().map(share).collect();
@@ -48,8 +49,11 @@ impl Confusion {
     }
 }
 
-/// Draws `runs` campaigns for the winner of a ranking of `problem`, for each of its rivals and for nothing; `None` if the
-/// ranking has no winner.
+/// Confusion matrix from `runs` draws each for the winner of a ranking of `problem`, its rivals and the null; `None`
+/// if the ranking has no winner.
+///
+/// # Errors
+/// If the problem is inconsistent, too short for the tests, or not finite.
 pub fn confusion(
     problem: &Problem,
     ranking: &Ranking,
@@ -66,7 +70,7 @@ pub fn confusion(
     let mut rivals: Vec<usize> = ranked.iter().filter(rival).copied().collect();
     rivals.sort_by_key(|&i| !ranking.candidates[i].indistinguishable);
     rivals.truncate(RIVALS);
-    // The winner and its rivals first: their place among the assessed is their number as a truth.
+    // The winner and its rivals first: their position among the assessed is their number as a truth.
     let first: Vec<usize> = std::iter::once(winner).chain(rivals).collect();
     let others = ranked.iter().copied().filter(|i| !first.contains(i));
     let assessed: Vec<&Assessment> = first.iter().copied().chain(others).map(|i| &ranking.candidates[i]).collect();
@@ -86,12 +90,12 @@ pub fn confusion(
     Ok(Some(Confusion { truths, counts, runs }))
 }
 
-/// Block scores of noise and of every truth in the coordinates of every candidate.
+/// Block scores of the noise and of every truth in the orthonormal coordinates of every candidate.
 struct Drawn<'a> {
     settings: &'a Settings,
     entries: Vec<Entry<'a>>,
     grams: Vec<Vec<DMatrix<f64>>>,
-    /// Largest relevance of each candidate per unit of its scores' length.
+    /// Largest relevance of each candidate per unit norm of its scores.
     relevance: Vec<f64>,
     freedom: Vec<f64>,
     /// `[candidate]`, rank × blocks.
@@ -99,7 +103,7 @@ struct Drawn<'a> {
     /// `[truth][candidate]`, rank × blocks.
     effects: Vec<Vec<DMatrix<f64>>>,
     noise_energy: f64,
-    /// `[truth]`: product of noise and effect per block, energy of the effect.
+    /// `[truth]`: inner product of noise and effect per block, energy of the effect.
     energies: Vec<(DVector<f64>, f64)>,
     /// Residual degrees of freedom of the base.
     rows: f64,
@@ -182,7 +186,7 @@ impl<'a> Drawn<'a> {
         })
     }
 
-    /// The candidate named first, by its place among the assessed, when `truth` is true (nothing beyond the last).
+    /// Position among the assessed of the candidate ranked first when `truth` holds; the last truth is the null.
     fn said(&self, truth: usize, seed: u64) -> Option<usize> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let signs = DVector::from_fn(self.blocks, |_, _| if rng.random::<bool>() { 1.0 } else { -1.0 });

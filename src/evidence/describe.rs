@@ -1,4 +1,4 @@
-//! What is said about one candidate.
+//! Assessment of one candidate.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -24,7 +24,7 @@ pub struct Entry<'a> {
     pub scores: Scores,
 }
 
-/// One degree of freedom for a shape parameter that was searched.
+/// Additional degree of freedom for a shape parameter that was searched over a grid: one or zero.
 pub fn searched(problem: &Problem, candidate: usize) -> f64 {
     f64::from(u8::from(problem.candidates[candidate].variants.len() > 1))
 }
@@ -71,7 +71,7 @@ pub fn base_estimates(fit: &BaseFit<'_>, inverse: &DMatrix<f64>, rest: &Remainde
     fit.columns.iter().enumerate().map(one).collect()
 }
 
-/// How likely a candidate is by chance, over its variants.
+/// Score statistic and p values of a candidate over its variants.
 pub struct Chance {
     /// Score statistic of the variant with the smallest p.
     pub score: f64,
@@ -79,14 +79,14 @@ pub struct Chance {
     pub p_adjusted: f64,
 }
 
-/// What a candidate's fit does to the residual of each channel.
+/// Change of each channel's residual by the fit of a candidate.
 pub struct Gain {
     pub sum_of_squares: Vec<f64>,
     pub relevance: Vec<f64>,
     pub explained_share: Option<f64>,
 }
 
-/// The assessment of a candidate by its best variant, before it is compared with the winner.
+/// Assessment of a candidate by its best variant, before the comparison with the winner.
 pub fn describe(
     entry: &Entry<'_>,
     problem: &Problem,

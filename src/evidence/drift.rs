@@ -1,10 +1,12 @@
-//! Noise that wanders: a bias which walks at random, slower than anything the robot does.
+//! Noise with random-walk drift: a bias that varies more slowly than any motion of the robot.
 //!
-//! An autoregression of a few lags does not see it, and blocks of time are not independent under it: a constant that is
-//! none is found in every channel that drifts. In a segment of n samples with the orthonormal cosines φ_k, k = 0, 1, …, a
-//! random walk has coefficients of variance λ/k² beside noise of variance one, and λ·π²/3 at k = 0 if it began at zero.
-//! λ is found from the slowest cosines of what is left with the effect in the model (an effect that is there leaves none),
-//! the noise beside it from the cosines that follow. What an effect gains is then what generalised least squares gain by
+//! A low-order autoregression does not describe it, and blocks of time are not independent under it, so that a
+//! spurious constant is found in every drifting channel. In a segment of n samples with the orthonormal cosines φ_k,
+//! k = 0, 1, …, a random walk has coefficients of variance λ/k² relative to noise of variance one, and λ·π²/3 at k =
+//! 0 if it began at zero. λ is estimated by maximum likelihood from the slowest cosines of the residual with the
+//! effect in the model; the faster cosines give the noise level. The gain of an effect is then its gain in
+//! generalised least squares with all other parameters refitted: ordinary least squares would fit the drift and bias
+//! channels without drift through the shared parameters.
 //! it, with all other parameters estimated anew: ordinary least squares follow the walk, and spoil what does not walk with
 //! parameters that do.
 
@@ -18,30 +20,31 @@ use super::dot;
 use super::noise::NORMAL_QUARTILE;
 use super::project::pseudo_inverse;
 
-/// Cosines, without the constant, that λ is found from; at 0.13 Hz and 20 s they are hardly faster than motions.
+/// Number of cosines, without the constant, from which λ is estimated: up to 0.13 Hz in 20 s, hardly faster than
+/// motions.
 const COSINES: usize = 5;
-/// A few coefficients may understate λ: it is taken so many times as large.
+/// Factor on the estimated λ, because a few coefficients may underestimate it.
 const CAUTION: f64 = 2.0;
-/// Share of the noise below which a walk is forgotten, and cosines after which it is anyway.
+/// Share of the noise below which the drift is neglected, and the largest number of cosines.
 const LITTLE: f64 = 0.1;
 const MOST: usize = 100;
 /// Grid of λ.
 const LAMBDA: [f64; 2] = [1e-2, 1e8];
 
-/// Noise of stacked channels, segment by segment: what an autoregression describes, on a bias that walks.
+/// Noise of stacked channels per segment: random-walk drift in addition to stationary noise.
 pub struct Noise<'a> {
     segments: &'a [Range<usize>],
     samples: usize,
     channels: Vec<Walk>,
-    /// Cosines of each segment that is long enough to tell a walk from motion.
+    /// Orthonormal cosines of each segment; empty for a segment too short to separate drift from motion.
     cosines: Vec<Vec<Vec<f64>>>,
 }
 
 /// Noise of one channel.
 struct Walk {
-    /// Standard deviation of all.
+    /// Standard deviation of the residual over all segments, in the channel's unit.
     sigma: f64,
-    /// In units of what is as slow and does not walk.
+    /// Drift intensity relative to the stationary noise at low frequency.
     lambda: f64,
 }
 
@@ -52,7 +55,7 @@ impl Walk {
         let mut slow = Vec::new();
         let mut others = Vec::new();
         for (segment, cosines) in segments.iter().zip(cosines) {
-            // Not the constant, which a fit may have taken.
+            // Without the constant, which a fit may have removed.
             for (k, cosine) in cosines.iter().enumerate().skip(1) {
                 let square = dot(cosine, &left[segment.clone()]).powi(2);
                 if k <= COSINES { slow.push([share(k), square]) } else { others.push(square) }
@@ -64,15 +67,16 @@ impl Walk {
         Self { sigma: (squares / n.max(1) as f64).sqrt(), lambda }
     }
 
-    /// Cosines that walk with more than a little of the noise.
+    /// Number of cosines whose drift exceeds the share [`LITTLE`] of the noise.
     fn last(&self) -> usize {
         ((self.lambda / LITTLE).sqrt() as usize).min(MOST)
     }
 }
 
 impl<'a> Noise<'a> {
-    /// Of what is left of all channels, each of `samples`. The first `alike` of them walk at least as far as the middle one
-    /// of them does: a law that follows one walk hides it there only.
+    /// Noise model estimated from the residual of all channels, each of `samples`. The first `alike` channels get at
+    /// least their median drift intensity, because a candidate that fits one channel's drift removes it from that
+    /// channel only.
     pub fn of(left: &[f64], samples: usize, segments: &'a [Range<usize>], alike: usize) -> Self {
         let all = |s: &Range<usize>| -> Vec<Vec<f64>> {
             let last = if s.len() > 4 * COSINES { MOST.min(s.len() / 4) + 1 } else { 0 };
@@ -90,13 +94,13 @@ impl<'a> Noise<'a> {
         Self { segments, samples, channels, cosines }
     }
 
-    /// Whether the slowest cosine walks at all.
+    /// Whether any channel has drift in at least its slowest cosine.
     pub fn wanders(&self) -> bool {
         self.channels.iter().any(|c| c.last() > 0)
     }
 
-    /// Makes a series with this noise one of unit variance that does not walk; what is autocorrelated stays so. A channel
-    /// without noise says nothing.
+    /// Series divided by the channel's noise, with the drift whitened; autocorrelation of the stationary noise
+    /// remains. A channel without noise gives zeros.
     pub fn whiten(&self, series: &[f64]) -> Vec<f64> {
         let mut out = series.to_vec();
         for (x, walk) in out.chunks_mut(self.samples.max(1)).zip(&self.channels) {
@@ -113,13 +117,13 @@ impl<'a> Noise<'a> {
         out
     }
 
-    /// Energy of a series in units of this noise.
+    /// Sum of squares of the whitened series.
     pub fn energy(&self, series: &[f64]) -> f64 {
         let white = self.whiten(series);
         dot(&white, &white)
     }
 
-    /// What generalised least squares leave of a series.
+    /// Residual of a series after generalised least squares on `columns` with this noise.
     pub fn least_squares(&self, series: &[f64], columns: &[&[f64]]) -> Vec<f64> {
         let white: Vec<Vec<f64>> = columns.par_iter().map(|c| self.whiten(c)).collect();
         let target = self.whiten(series);
@@ -136,7 +140,7 @@ impl<'a> Noise<'a> {
     }
 }
 
-/// Share of λ in the variance of the k-th coefficient.
+/// Variance of the k-th cosine coefficient of a random walk, in units of λ.
 fn share(k: usize) -> f64 {
     if k == 0 { std::f64::consts::PI.powi(2) / 3.0 } else { 1.0 / (k * k) as f64 }
 }
@@ -148,7 +152,7 @@ fn cosine(n: usize, k: usize) -> Vec<f64> {
     (0..n).map(|t| scale * (step * (t as f64 + 0.5)).cos()).collect()
 }
 
-/// Most likely λ for coefficients of unit noise, given as shares of λ and squares.
+/// Maximum-likelihood λ on the grid, given (share of λ, square) of coefficients relative to unit noise.
 fn likeliest(coefficients: &[[f64; 2]]) -> f64 {
     let cost = |lambda: f64| -> f64 {
         let one = |[share, square]: &[f64; 2]| {
@@ -176,7 +180,7 @@ mod tests {
         (0..N).map(|_| StandardNormal.sample(&mut rng)).collect()
     }
 
-    /// A walk of `size` noise standard deviations over the series, and the noise.
+    /// A random walk whose final standard deviation is `size` noise standard deviations, plus the noise.
     fn walking(size: f64, seed: u64) -> Vec<f64> {
         let mut at = 0.0;
         let steps = white(1000 + seed);
@@ -205,7 +209,7 @@ mod tests {
         assert!(found > 50.0, "{found} of 100");
     }
 
-    /// What would be gained from slow cosines alone, and is lost elsewhere, is no gain.
+    /// A gain from slow cosines that is lost at other frequencies is no gain.
     #[test]
     fn what_imitates_a_walk_gains_nothing() {
         let series = walking(0.7, 11);
@@ -232,7 +236,7 @@ mod tests {
         assert_eq!(Noise::of(&vec![0.0; N], N, &segments, 1).energy(&before), 0.0);
     }
 
-    /// A straight line takes a walk that happened to be one; two further channels that walk tell it from a law.
+    /// A straight line fits the drift of one channel; two further drifting channels reveal it as drift.
     #[test]
     fn channels_alike_walk_alike() {
         let segments = [0..N];
@@ -246,7 +250,8 @@ mod tests {
         assert!(gain(0) > 200.0 && gain(3) < 50.0, "{} {}", gain(0), gain(3));
     }
 
-    /// Noise with a memory of 50 ms at 2 ms per sample is as large at all slow cosines, and walks nowhere.
+    /// Noise with a correlation time of 50 ms at 2 ms per sample has equal variance at all slow cosines: no drift is
+    /// found.
     #[test]
     fn a_memory_is_no_walk() {
         let a = (-2.0f64 / 50.0).exp();
@@ -266,7 +271,7 @@ mod tests {
         assert!(walks <= 5, "{walks} of 50");
     }
 
-    /// Two channels share a parameter, the first one walks: ordinary least squares spoil the second by it.
+    /// Two channels share a parameter and the first drifts: ordinary least squares bias the second.
     #[test]
     fn what_does_not_walk_decides() {
         let segments = [0..N];
@@ -280,7 +285,7 @@ mod tests {
         let ordinary = Noise::of(&[white(1), white(2)].concat(), N, &segments, 1);
         let general = Noise::of(&series, N, &segments, 1);
         let (ordinary, general) = (coefficient(&ordinary), coefficient(&general));
-        // Standard deviation by the second channel alone: √(2/N).
+        // Standard deviation from the second channel alone: √(2/N).
         assert!((ordinary - 0.3).abs() > 0.1, "{ordinary}");
         assert!((general - 0.3).abs() < 3.0 * (2.0 / N as f64).sqrt(), "{general}");
     }

@@ -1,9 +1,9 @@
-//! What can make a problem unanswerable.
+//! Errors of the evidence procedure.
 
-/// Why a diagnosis cannot be made.
+/// Reason why a problem cannot be evaluated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A series has another length than the others.
+    /// A series differs in length from the stacked system.
     #[error("column {name:?} has {found} values, expected {expected}")]
     Length {
         /// Column or series.

@@ -1,4 +1,4 @@
-//! One step: whiten, project, score and rank every candidate.
+//! One step: whitening, projection, scores and ranking of all candidates.
 
 use nalgebra::DMatrix;
 
@@ -12,10 +12,10 @@ use super::ranking::{Assessment, Ranking};
 use super::score::{Remainder, Scores, block_grams, obvious};
 use super::{Error, sign_flips};
 
-/// Assesses every candidate that is not among `chosen`, whose columns join the base.
+/// Assessment of every candidate that is not among `chosen`; the columns of the chosen effects join the base.
 ///
 /// # Errors
-/// If the problem is not consistent, too short for the tests, or not finite.
+/// If the problem is inconsistent, too short for the tests, or not finite.
 pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Result<Ranking, Error> {
     problem.check()?;
     let is_open = |i: &usize| chosen.iter().all(|c| c.candidate != *i);
@@ -26,11 +26,12 @@ pub fn evaluate(problem: &Problem, chosen: &[Chosen], settings: &Settings) -> Re
     base.rank(problem, &tested, entries, chosen, settings)
 }
 
-/// How many times as much of the explainable error a candidate must explain to lead before a likelier one.
+/// Ratio of explained shares from which a candidate precedes one with a smaller tail probability.
 const PLAINLY_MORE: f64 = 2.0;
 
-/// The candidate that goes first: the likeliest, unless it leaves most of the error to another. Whitening weighs by
-/// rarity; where an error dwarfs the noise, a law of the wrong kind that mends its fast part would lead.
+/// First candidate: the one with the smallest tail probability, unless another explains more than half of the error
+/// and more than [`PLAINLY_MORE`] times as much. Whitening weights frequencies by their inverse noise: where the
+/// error exceeds the noise by far, a wrong effect that fits only its fast part would otherwise lead.
 fn leader(order: &[usize], candidates: &[Assessment], settings: &Settings) -> Option<usize> {
     let passing = || order.iter().copied().filter(|&i| candidates[i].passes(settings));
     let share = |i: usize| candidates[i].explained_share.unwrap_or(0.0);
@@ -39,7 +40,7 @@ fn leader(order: &[usize], candidates: &[Assessment], settings: &Settings) -> Op
     Some(if share(most) > 0.5 && share(most) > PLAINLY_MORE * share(likeliest) { most } else { likeliest })
 }
 
-/// All variants with the quantities they share.
+/// All variants with the quantities that they share.
 pub struct Entries<'a> {
     pub list: Vec<Entry<'a>>,
     pub grams: Vec<BlockGram>,
@@ -48,7 +49,7 @@ pub struct Entries<'a> {
 }
 
 impl<'a> BaseFit<'a> {
-    /// What all statistics of the given (candidate, variant) are made of.
+    /// Projections, scores and Gram matrices of the given (candidate, variant) pairs.
     pub fn assess(&self, problem: &'a Problem, chosen: Vec<(usize, usize)>) -> Result<Entries<'a>, Error> {
         let p = self.columns.len();
         let mut places = Vec::new();
@@ -139,7 +140,7 @@ impl<'a> BaseFit<'a> {
         })
     }
 
-    /// What the fit of each candidate does to the residual.
+    /// Change of the residual per channel by the fit of each candidate.
     fn gains(&self, problem: &Problem, present: &[&Entry<'_>], levels: &Levels, rest: &Remainder) -> Vec<Gain> {
         let channels = problem.channels.len();
         let contributions: Vec<Contribution<'_>> = present.iter().map(|e| contribution(e)).collect();
@@ -182,9 +183,9 @@ impl Entries<'_> {
 struct Levels {
     /// Sum of squares of the residual.
     before: Vec<f64>,
-    /// Samples that it covers.
+    /// Number of samples summed.
     samples: usize,
-    /// Noise that sizes are relative to: the given one, else the residual's RMS.
+    /// Noise that relevance refers to: the given one, else the residual's RMS.
     noise: Vec<f64>,
     /// Whether the noise of every channel was given.
     floor_known: bool,
@@ -208,7 +209,8 @@ impl Levels {
         energy.iter().zip(&self.noise).map(|(e, n)| if *n > 0.0 { rms(*e) / n } else { 0.0 }).collect()
     }
 
-    /// Share of the variance above the noise, summed over channels in its units, that goes when `after` is left.
+    /// Share of the residual variance above the noise, summed over channels in units of the noise, removed when
+    /// `after` remains.
     fn explained(&self, after: &[f64]) -> Option<f64> {
         let samples = self.samples.max(1) as f64;
         let excess = |squares: &[f64]| -> f64 {

@@ -1,4 +1,4 @@
-//! Cross-products of whitened columns by blocks of time, in one pass over the data without a whitened copy of it.
+//! Cross-products of whitened columns per block of time, computed in one pass without a whitened copy of the data.
 
 use std::ops::Range;
 
@@ -7,10 +7,10 @@ use rayon::prelude::*;
 
 use super::whiten::ArFilter;
 
-/// Rows whitened and multiplied at a time; a tile of a hundred columns stays in the second-level cache.
+/// Rows per tile; a tile of a hundred columns fits the second-level cache.
 const TILE: usize = 256;
 
-/// Stretches of time of each block.
+/// Intervals of samples that make up each block.
 pub type Blocks = Vec<Vec<Range<usize>>>;
 
 /// Cross-products over one block.
@@ -22,7 +22,7 @@ pub struct BlockGram {
     pub own: Vec<DMatrix<f64>>,
 }
 
-/// What a pass multiplies.
+/// Columns of a pass over the data, and the products to form.
 pub struct Pass<'a> {
     /// All columns; the left ones come first.
     pub columns: Vec<&'a [f64]>,
@@ -32,13 +32,13 @@ pub struct Pass<'a> {
     pub groups: Vec<Range<usize>>,
 }
 
-/// Samples per channel that remain when each segment loses its first `skip`.
+/// Samples per channel that remain when each segment loses its first `skip` samples.
 pub fn usable(segments: &[Range<usize>], skip: usize) -> usize {
     segments.iter().map(|s| s.len().saturating_sub(skip)).sum()
 }
 
-/// About `target` blocks of equal length. Blocks do not cross segments, unless there are more segments than blocks: then
-/// neighbouring segments share one.
+/// About `target` blocks of equal length. A block does not cross segments, unless there are more segments than
+/// blocks; neighbouring segments then share one.
 pub fn cut(segments: &[Range<usize>], skip: usize, target: usize) -> Blocks {
     let total = usable(segments, skip);
     let length = total as f64 / target.max(1) as f64;
@@ -48,7 +48,7 @@ pub fn cut(segments: &[Range<usize>], skip: usize, target: usize) -> Blocks {
         let (start, n) = (s.start + skip, s.len() - skip);
         let parts = (n as f64 / length).round() as usize;
         if parts <= 1 {
-            // A stretch shorter than a block and a half joins its predecessor while that one has room.
+            // An interval shorter than 1.5 blocks joins the previous block while that has room.
             match blocks.last_mut() {
                 Some(last) if open > 0.0 && open + 0.5 * n as f64 <= length => {
                     last.push(start..s.end);
@@ -68,8 +68,8 @@ pub fn cut(segments: &[Range<usize>], skip: usize, target: usize) -> Blocks {
 }
 
 impl Pass<'_> {
-    /// Cross-products of every block, in order. Each block is summed by one thread in a fixed order, so the result does
-    /// not depend on the number of threads.
+    /// Cross-products of every block, in order. One thread sums each block in a fixed order, so the result does not
+    /// depend on the number of threads.
     pub fn run(&self, filters: &[ArFilter], samples: usize, blocks: &Blocks) -> Vec<BlockGram> {
         blocks.par_iter().map(|b| self.block(filters, samples, b)).collect()
     }
@@ -109,7 +109,7 @@ impl Pass<'_> {
     }
 }
 
-/// Add the products of the tile's columns to the lower triangle.
+/// Adds the products of the tile's columns to the lower triangle.
 fn add_gram(columns: &[f64], own: &mut DMatrix<f64>) {
     for (j, b) in columns.chunks_exact(TILE).enumerate() {
         for (i, a) in columns.chunks_exact(TILE).enumerate().skip(j) {

@@ -1,25 +1,25 @@
-//! Noise without a model: at rest, from differences; correlation time.
+//! Nonparametric noise estimates: from differences, from intervals at rest, and the autocorrelation time.
 
 use std::ops::Range;
 
 use nalgebra::DMatrix;
 
-/// Differences over which noise is taken to be as large.
+/// Number of differences over which the noise level is taken as constant.
 const STRETCH: usize = 500;
 
-/// Φ⁻¹(3/4): the median of the modulus of a standard normal variable.
+/// Φ⁻¹(3/4): median absolute value of a standard normal variable.
 pub const NORMAL_QUARTILE: f64 = 0.674_489_750_196_081_7;
 
 /// Standard deviation of white measurement noise on a smooth signal, from the median absolute difference of the given
-/// order; `None` when no segment is longer than the order. It is the RMS over short stretches, as noise may grow with
-/// speed: the median of all would tell the noise of slow motion.
+/// order; `None` when no segment is longer than the order. It is the RMS over short intervals, because noise may grow
+/// with speed and the median over all samples would reflect slow motion only.
 ///
-/// A difference of order d passes frequency f with gain `(2 sin(π f T))^d / √C(2d, d)`: order 6 at 2.5 kHz lets 2e-6 of an
-/// 80 Hz component through. Jumps, as of Coulomb friction, are few and the median ignores them.
+/// A difference of order d passes frequency f with gain `(2 sin(π f T))^d / √C(2d, d)`: order 6 at 2.5 kHz passes
+/// 2e-6 of an 80 Hz component. Jumps, as of Coulomb friction, are few, and the median is robust against them.
 ///
-/// What it measures is the noise near half the sampling frequency, as if it were white. Noise with autocorrelation ρ has
-/// the estimate `σ·√(Σ_k (−1)^k·C(2d, d + k)·ρ_k / C(2d, d))`: of AR(1) noise with coefficient a about
-/// `σ·√((1 − a)/(1 + a))`, 0.92 of it at a = 0.1 and 0.61 at a = 0.5 for order 4. [`covariance`] at rest has no such bias.
+/// The estimate refers to the noise near half the sampling frequency. For noise with autocorrelation ρ it is `σ·√(Σ_k
+/// (−1)^k·C(2d, d + k)·ρ_k / C(2d, d))`: for AR(1) noise with coefficient a about `σ·√((1 − a)/(1 + a))`, 0.92 σ at a
+/// = 0.1 and 0.61 σ at a = 0.5 for order 4. [`covariance`] at rest has no such bias.
 pub fn difference_sigma(series: &[f64], segments: &[Range<usize>], order: usize) -> Option<f64> {
     let mut differences = Vec::new();
     for s in segments {
@@ -44,12 +44,12 @@ pub fn difference_sigma(series: &[f64], segments: &[Range<usize>], order: usize)
         stretch.len() as f64 * (median / (norm * NORMAL_QUARTILE)).powi(2)
     });
     let squares: f64 = squares.sum();
-    // A signal that rests most of the time, or a coarse quantiser, has median zero; its RMS is an upper bound.
+    // A signal mostly at rest, or a coarse quantiser, has median zero; its RMS is an upper bound.
     Some(if squares > 0.0 { (squares / differences.len() as f64).sqrt() } else { rms })
 }
 
-/// Covariance of white noise on smooth series, robust like [`difference_sigma`]: of x and y in units of their standard
-/// deviations, (var(x + y) − var(x − y))/4 [Gnanadesikan & Kettenring, 1972].
+/// Covariance of white noise on smooth series, robust like [`difference_sigma`]: for x and y in units of their
+/// standard deviations, the correlation is (var(x + y) − var(x − y))/4 [Gnanadesikan & Kettenring 1972].
 pub fn difference_covariance(series: &[Vec<f64>], segments: &[Range<usize>], order: usize) -> Option<DMatrix<f64>> {
     let sigma: Vec<f64> = series.iter().map(|x| difference_sigma(x, segments, order)).collect::<Option<Vec<f64>>>()?;
     let mut out = DMatrix::zeros(series.len(), series.len());
@@ -69,7 +69,8 @@ pub fn difference_covariance(series: &[Vec<f64>], segments: &[Range<usize>], ord
     Some(out)
 }
 
-/// Stretches of at least `shortest` samples in which no series leaves a band of its `tolerance`.
+/// Intervals of at least `shortest` samples in which every series stays within a band of the width of its
+/// `tolerance`.
 pub fn rests(series: &[Vec<f64>], segments: &[Range<usize>], tolerance: &[f64], shortest: usize) -> Vec<Range<usize>> {
     let mut out = Vec::new();
     for segment in segments {
@@ -92,7 +93,7 @@ pub fn rests(series: &[Vec<f64>], segments: &[Range<usize>], tolerance: &[f64], 
     out
 }
 
-/// Covariance of series about their means in each stretch, over all stretches: Σ (x − x̄)(x − x̄)ᵀ/(samples − stretches).
+/// Pooled covariance of series about their mean in each interval: Σ (x − x̄)(x − x̄)ᵀ/(samples − intervals).
 pub fn covariance(series: &[Vec<f64>], stretches: &[Range<usize>]) -> Option<DMatrix<f64>> {
     let mut sum = DMatrix::zeros(series.len(), series.len());
     let samples: usize = stretches.iter().map(Range::len).sum();
@@ -147,8 +148,8 @@ mod tests {
         (0..n).map(|_| StandardNormal.sample(&mut rng)).collect()
     }
 
-    /// Torque-like: 3 and 60 Hz with jumps. The median's relative standard error with 50 000 order-6 differences, whose
-    /// correlations cost a factor of about 1.6, is 0.83 %: 3 % is over three of them.
+    /// Torque-like signal: 3 and 60 Hz with jumps. The relative standard error of the median of 50 000 differences of
+    /// order 6, whose correlations contribute a factor of about 1.6, is 0.83 %; 3 % is over three standard errors.
     #[test]
     fn difference_sigma_within_three_percent() {
         for seed in 0..10 {
@@ -167,8 +168,6 @@ mod tests {
         assert_eq!(difference_sigma(&[1.0; 40], &[0..40], 6), Some(0.0));
     }
 
-    /// Correlated noise at rest, a smooth motion between the rests. Relative standard errors: 1/√(2·8000) = 0.8 % at rest,
-    /// some 1 % from differences; correlations 0.011 and 0.02.
     /// σ = 2·|sin|, of RMS √2.
     #[test]
     fn noise_that_grows_with_speed_counts_in_full() {
@@ -178,6 +177,8 @@ mod tests {
         assert!((sigma / 2f64.sqrt() - 1.0).abs() < 0.02, "{sigma}");
     }
 
+    /// Correlated noise at rest and a smooth motion between the rests. Relative standard errors: 1/√(2·8000) = 0.8 % at
+    /// rest, about 1 % from differences; correlations 0.011 and 0.02.
     #[test]
     fn covariance_at_rest_and_from_differences_agree() {
         let n = 16_000;

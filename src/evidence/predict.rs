@@ -1,4 +1,4 @@
-//! What a fitted candidate does to the unwhitened residual, channel by channel.
+//! Change of the unwhitened residual by a fitted candidate, per channel.
 
 use std::ops::Range;
 
@@ -7,16 +7,16 @@ use rayon::prelude::*;
 
 use super::gram::{Blocks, dot};
 
-/// Rows handled at a time.
+/// Rows per tile.
 const TILE: usize = 1024;
 
-/// A candidate's columns, its coefficients, and the base coefficients that imitate it.
+/// A candidate's columns, their coefficients, and the base coefficients that imitate their contribution.
 pub struct Contribution<'a> {
-    /// Columns.
+    /// Columns, stacked over channels.
     pub columns: Vec<&'a [f64]>,
     /// Coefficient of each column.
     pub coefficients: Vec<f64>,
-    /// Part taken over by the base.
+    /// Base coefficients that reproduce the contribution's projection onto the base.
     pub imitation: Vec<f64>,
 }
 

@@ -4,14 +4,15 @@ use std::ops::Range;
 
 use super::Error;
 
-/// Stacked linear system `y = Y θ + Σ_j Z_j c_j + ε`; every series is channel-major: channel 0's samples, then channel 1's…
+/// Stacked linear system `y = Y θ + Σ_j Z_j c_j + ε`; every series is channel-major: the samples of channel 0, then
+/// of channel 1, ….
 #[derive(Clone, Debug, Default)]
 pub struct Problem {
     /// Measured channels, in stacking order.
     pub channels: Vec<Channel>,
     /// Samples per channel.
     pub samples: usize,
-    /// Contiguous stretches of time, in order; filters and blocks do not cross them. Samples outside are not used.
+    /// Contiguous intervals of samples, in order; filters and blocks do not cross them. Samples outside are not used.
     pub segments: Vec<Range<usize>>,
     /// Measurement, or measurement minus a prediction.
     pub y: Vec<f64>,
@@ -26,7 +27,7 @@ pub struct Problem {
 pub struct Channel {
     /// Name for reports.
     pub name: String,
-    /// Standard deviation of the measurement noise, where known: the floor no model can beat.
+    /// Standard deviation of the measurement noise, where known; no model can have a smaller residual.
     pub noise_sigma: Option<f64>,
 }
 
@@ -37,8 +38,8 @@ pub struct Column {
     pub name: String,
     /// Series of length channels × samples.
     pub values: Vec<f64>,
-    /// Base columns: present parameter value, to express changes in percent. Candidate columns: the smallest coefficient
-    /// worth caring about. Zero or NaN: unknown.
+    /// Base columns: present parameter value, to express changes in percent. Candidate columns: the smallest
+    /// coefficient of practical interest. Zero or NaN: unknown.
     pub magnitude: f64,
 }
 
@@ -47,14 +48,14 @@ pub struct Column {
 pub struct Candidate {
     /// Name for reports.
     pub name: String,
-    /// Grid over a nonlinear shape parameter; one entry if there is none.
+    /// Grid over a nonlinear shape parameter; a single entry if there is none.
     pub variants: Vec<Variant>,
 }
 
 /// A candidate at one value of its shape parameter.
 #[derive(Clone, Debug, Default)]
 pub struct Variant {
-    /// Shape parameter in words; empty if there is none.
+    /// Description of the shape parameter's value; empty if there is none.
     pub label: String,
     /// Its regressors.
     pub columns: Vec<Column>,
@@ -74,15 +75,15 @@ pub struct Chosen {
 pub struct Settings {
     /// Family-wise false-alarm rate.
     pub alpha: f64,
-    /// Sign flips.
+    /// Number of sign flips.
     pub flips: usize,
-    /// Blocks of time aimed at.
+    /// Target number of blocks of time.
     pub blocks: usize,
     /// Largest order of the whitening filter.
     pub max_order: usize,
-    /// Smallest explained RMS worth reporting, in units of the channel's noise.
+    /// Smallest explained RMS to be reported, in units of the channel's noise.
     pub min_relevance: f64,
-    /// Most effects added.
+    /// Largest number of effects added.
     pub max_steps: usize,
     /// Seed of the sign flips.
     pub seed: u64,
@@ -100,7 +101,11 @@ impl Problem {
         self.channels.len() * self.samples
     }
 
-    /// Whether lengths and segments fit together.
+    /// Checks that lengths and segments are consistent.
+    ///
+    /// # Errors
+    /// If there are no channels, samples or segments, a segment is empty, out of order or outside the samples, or a
+    /// series has the wrong length.
     pub fn check(&self) -> Result<(), Error> {
         let expected = self.rows();
         if expected == 0 || self.segments.is_empty() {
@@ -122,7 +127,10 @@ impl Problem {
         Ok(())
     }
 
-    /// The variant a choice points at.
+    /// The variant that a choice refers to.
+    ///
+    /// # Errors
+    /// If the problem has no such candidate or variant.
     pub fn variant(&self, chosen: Chosen) -> Result<&Variant, Error> {
         let variant = self.candidates.get(chosen.candidate).and_then(|c| c.variants.get(chosen.variant));
         variant.ok_or(Error::Chosen(chosen.candidate))
@@ -137,7 +145,7 @@ impl Problem {
         Ok(left)
     }
 
-    /// The first column with a value that is not finite.
+    /// Name of the first series with a value that is not finite.
     pub(super) fn not_finite(&self) -> Option<&str> {
         let bad = |v: &[f64]| v.iter().any(|x| !x.is_finite());
         if bad(&self.y) {

@@ -2,14 +2,14 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// Directions of the base with less than this share of the energy of a unit column count as collinear.
+/// Relative eigenvalue of the scaled base Gram matrix below which a direction counts as collinear.
 const BASE_TOLERANCE: f64 = 1e-9;
 
-/// Candidate directions with less than this share of their energy outside the base count as inside its span. It is above
-/// the rounding error the base tolerance lets through (ε / 1e-9 = 2e-7).
+/// Share of a candidate direction's energy outside the base below which it counts as inside the span of the base. It
+/// exceeds the rounding error that the base tolerance permits (ε / 1e-9 = 2e-7).
 pub const SPAN_TOLERANCE: f64 = 1e-6;
 
-/// Pseudo-inverse of a Gram matrix; columns are scaled to unit length first, so units do not matter.
+/// Pseudo-inverse and rank of a Gram matrix; columns are scaled to unit length first, so the units do not matter.
 pub fn pseudo_inverse(gram: &DMatrix<f64>) -> (DMatrix<f64>, usize) {
     let p = gram.nrows();
     let scale = unit_scale(gram);
@@ -31,28 +31,28 @@ pub fn pseudo_inverse(gram: &DMatrix<f64>) -> (DMatrix<f64>, usize) {
     (&factor * factor.transpose(), kept.len())
 }
 
-/// Reciprocal column lengths; zero for columns without energy.
+/// Reciprocal column norms; zero for zero columns.
 fn unit_scale(gram: &DMatrix<f64>) -> Vec<f64> {
     gram.diagonal().iter().map(|&d| if d > 0.0 { d.sqrt().recip() } else { 0.0 }).collect()
 }
 
-/// A variant's columns after the base has been projected out.
+/// A variant's columns after projection of the base.
 #[derive(Clone, Debug)]
 pub struct Projected {
     /// Base coefficients that imitate each column (p × m).
     pub imitation: DMatrix<f64>,
-    /// Gram matrix of what is left of the columns (m × m).
+    /// Gram matrix of the projected columns (m × m).
     pub gram: DMatrix<f64>,
     /// Column combinations that are orthonormal after projection (m × rank), strongest first.
     pub basis: DMatrix<f64>,
     /// Mean over the columns of the share of energy that no base parameter can imitate.
     pub tolerance: f64,
-    /// Whether the columns hold anything at all.
+    /// Whether all columns are zero.
     pub empty: bool,
 }
 
 impl Projected {
-    /// Project columns with Gram matrix `own` and products `cross` (p × m) with the base.
+    /// Projects columns with Gram matrix `own` and products `cross` (p × m) with the base.
     pub fn new(inverse: &DMatrix<f64>, cross: &DMatrix<f64>, own: &DMatrix<f64>) -> Self {
         let m = own.nrows();
         let imitation = inverse * cross;

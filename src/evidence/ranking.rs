@@ -1,4 +1,4 @@
-//! What one step of the procedure reports.
+//! Result of one step of the procedure.
 
 use super::Settings;
 use super::problem::Chosen;
@@ -11,7 +11,7 @@ pub struct Estimate {
     pub name: String,
     /// Generalised-least-squares estimate.
     pub value: f64,
-    /// Standard error from block scores, valid under autocorrelated and uneven noise.
+    /// Standard error from block scores, valid under autocorrelation and heteroscedasticity.
     pub standard_error: f64,
 }
 
@@ -20,18 +20,18 @@ pub struct Estimate {
 pub struct Absorption {
     /// Base parameter, including those of effects already added.
     pub parameter: String,
-    /// Its change when the candidate has its smallest coefficients worth caring about (unit ones if unknown).
+    /// Its change when the candidate has the smallest coefficients of practical interest (unit ones if unknown).
     pub change: f64,
     /// The change in percent of the parameter's value, where that is known.
     pub percent: Option<f64>,
 }
 
-/// Whether the data could show a candidate.
+/// Whether the data can reveal a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Visibility {
-    /// An effect of the smallest size worth caring about would be found with 95 % power, or that size is unknown.
+    /// An effect of the smallest size of practical interest would be found with 95 % power, or that size is unknown.
     Visible,
-    /// An effect of that size would be missed.
+    /// An effect of that size would be found with less than 95 % power.
     TooWeak,
     /// The base parameters imitate the candidate entirely.
     InBaseSpan,
@@ -50,20 +50,20 @@ pub struct Assessment {
     pub variant: usize,
     /// That variant's label.
     pub label: String,
-    /// Whether the data could show it.
+    /// Whether the data can reveal it.
     pub visibility: Visibility,
-    /// Mean share of the columns' whitened energy that no base parameter can imitate: κ = 1 / VIF.
+    /// Mean share of the columns' whitened energy outside the span of the base: κ = 1 / VIF.
     pub tolerance: f64,
-    /// Non-centrality of the smallest effect worth caring about, where that is known.
+    /// Non-centrality of the smallest effect of practical interest, where that is known.
     pub noncentrality: Option<f64>,
     /// Base parameters that imitate it, most affected first; at most five.
     pub absorbed_by: Vec<Absorption>,
     /// Directions outside the base.
     pub rank: usize,
-    /// F statistic of the whitened fit; infinite for a perfect one.
+    /// F statistic of the whitened fit; infinite for an exact one.
     pub f_statistic: f64,
-    /// Natural logarithm of the χ² tail of rank × F, with one degree of freedom added for a searched shape. Candidates of
-    /// different sizes are ordered by it.
+    /// Natural logarithm of the χ² tail of rank × F, with one degree of freedom added for a searched shape parameter.
+    /// Candidates with different numbers of columns are ordered by it.
     pub ln_p: f64,
     /// Score statistic T of the variant with the smallest p.
     pub score: f64,
@@ -71,7 +71,7 @@ pub struct Assessment {
     pub p_marginal: f64,
     /// Family-wise p over all candidates and variants.
     pub p_adjusted: f64,
-    /// Part of the fit that no base parameter can imitate: its RMS per channel in units of the channel's noise.
+    /// RMS of the part of the fit outside the span of the base, per channel in units of the channel's noise.
     pub relevance: Vec<f64>,
     /// Share of the explainable error that the candidate explains; see [`Ranking::floor_known`].
     pub explained_share: Option<f64>,
@@ -81,11 +81,11 @@ pub struct Assessment {
     pub base_change: Vec<f64>,
     /// Residual sum of squares per channel with the candidate added.
     pub sum_of_squares: Vec<f64>,
-    /// t of the block losses against the best candidate; positive: this one fits worse.
+    /// t statistic of the block losses against the best candidate; positive: this one fits worse.
     pub t_against_best: f64,
-    /// Share of the best candidate's visible effect that this candidate's columns can imitate.
+    /// Share of the best candidate's projected effect that this candidate's columns can imitate.
     pub overlap: f64,
-    /// Whether the data cannot tell it from the best candidate (true for that one too).
+    /// Whether the data cannot distinguish it from the best candidate (true for that one too).
     pub indistinguishable: bool,
 }
 
@@ -95,16 +95,16 @@ impl Assessment {
         self.relevance.iter().fold(0.0, |a, &b| a.max(b))
     }
 
-    /// Whether the candidate is both significant and large enough to report.
+    /// Whether the candidate is both significant and large enough to be reported.
     pub fn passes(&self, settings: &Settings) -> bool {
         self.p_adjusted < settings.alpha && self.max_relevance() >= settings.min_relevance
     }
 }
 
-/// Outcome of one step.
+/// Result of one step.
 #[derive(Clone, Debug)]
 pub struct Ranking {
-    /// Effects that belonged to the base.
+    /// Effects that were part of the base.
     pub chosen: Vec<Chosen>,
     /// Candidates in the order of the problem, without the chosen ones.
     pub candidates: Vec<Assessment>,
@@ -114,28 +114,28 @@ pub struct Ranking {
     pub best: Option<usize>,
     /// Base parameters, then those of the chosen effects.
     pub base: Vec<Estimate>,
-    /// Number of parameters of the base that the data can tell apart.
+    /// Number of identifiable base parameters.
     pub base_rank: usize,
     /// Whitening filter of each channel.
     pub filters: Vec<ArFilter>,
     /// Noise per channel that relevance refers to: the given one, else the residual's RMS.
     pub noise: Vec<f64>,
-    /// Whether the noise of every channel was given. Then `explained_share` refers to the residual variance above it, summed
-    /// over channels in units of the noise; otherwise to the whitened residual energy.
+    /// Whether the noise of every channel was given. `explained_share` then refers to the residual variance above it,
+    /// summed over channels in units of the noise; otherwise to the whitened residual energy.
     pub floor_known: bool,
-    /// Residual `y − Yθ` of the base fit, stacked as the problem.
+    /// Residual `y − Yθ` of the base fit, stacked like the problem.
     pub residual: Vec<f64>,
     /// Sum of squares of the residual per channel.
     pub sum_of_squares: Vec<f64>,
     /// Whitened rows over all channels.
     pub rows: usize,
-    /// Samples of each channel that the sums over channels cover.
+    /// Samples of each channel that sums of squares cover.
     pub samples: usize,
     /// Blocks of time.
     pub blocks: usize,
     /// Integrated autocorrelation time of the whitened residual, samples.
     pub correlation_time: f64,
-    /// Whether the record is too short for blocks of five correlation times; p values are optimistic then.
+    /// Whether the record is too short for blocks of five correlation times; p values are then too small.
     pub blocks_too_short: bool,
 }
 
@@ -150,7 +150,7 @@ impl Ranking {
         self.best.map(|i| &self.candidates[i])
     }
 
-    /// Candidates the data cannot tell from the best one, best first; empty without a best one.
+    /// Candidates that cannot be distinguished from the best one, best first; empty without a best one.
     pub fn confidence_set(&self) -> Vec<&Assessment> {
         let all = self.order.iter().map(|&i| &self.candidates[i]);
         all.filter(|a| self.best.is_some() && a.indistinguishable).collect()

@@ -1,4 +1,4 @@
-//! Block scores of a variant and the statistics made of them.
+//! Block scores of a variant and their statistics.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
@@ -21,7 +21,7 @@ pub struct Remainder {
 }
 
 impl Remainder {
-    /// Fit the base to the series that is the last left column.
+    /// Fits the base to the series in the last left column of the pass.
     pub fn new(grams: &[BlockGram], inverse: &DMatrix<f64>, rank: usize, rows: usize) -> Self {
         let p = inverse.nrows();
         let total = grams.iter().fold(DVector::zeros(p), |s, g| s + g.cross.view((0, p), (p, 1)));
@@ -34,7 +34,7 @@ impl Remainder {
         Self { base, base_scores, energy: energy.max(0.0), rank, rows }
     }
 
-    /// Degrees of freedom left.
+    /// Residual degrees of freedom.
     pub fn freedom(&self) -> f64 {
         self.rows.saturating_sub(self.rank) as f64
     }
@@ -73,7 +73,7 @@ impl Scores {
     pub fn of(blocks: DMatrix<f64>) -> Self {
         let count = blocks.ncols();
         let sum = blocks.column_sum();
-        // With many columns per block T tends to B whatever the data: only the strongest directions are tested then.
+        // With many columns per block, T tends to B whatever the data: only the strongest directions are tested then.
         let tested = blocks.nrows().min(count / 4);
         let standard = standardise(blocks.rows(0, tested).into_owned());
         let statistic = standard.column_sum().norm_squared().min(count as f64);
@@ -114,19 +114,19 @@ pub fn block_grams(grams: &[BlockGram], group: usize, at: usize, projected: &Pro
     grams.iter().map(one).collect()
 }
 
-/// Wald p, times the number of variants tried, below which an effect is beyond doubt.
+/// Wald p, times the number of variants tried, below which an effect counts as certain.
 const OBVIOUS: f64 = 1e-6;
 
-/// Whether an effect is beyond doubt, among `tried` variants.
+/// Whether the Wald test of an effect is certain, with a Bonferroni factor for `tried` variants.
 pub fn obvious(scores: &Scores, grams: &[DMatrix<f64>], tried: usize) -> bool {
     wald(scores, grams) * (tried as f64) < OBVIOUS
 }
 
 /// Marginal p of the Wald statistic of the full fit, with the covariance of [`sandwich`].
 ///
-/// The score statistic cannot exceed the number of blocks: an effect that dwarfs the noise spreads its own block scores
-/// and hides behind them. The full fit's residual does not hold the effect, so its Wald statistic keeps growing. It is
-/// too liberal near the usual levels and only trusted far beyond them.
+/// The score statistic cannot exceed the number of blocks: an effect far above the noise also dominates the spread of
+/// its own block scores. The residual of the full fit does not contain the effect, so its Wald statistic keeps
+/// growing. The Wald test is too liberal near the usual levels and is only used far beyond them.
 fn wald(scores: &Scores, grams: &[DMatrix<f64>]) -> f64 {
     let (m, count) = scores.blocks.shape();
     if m == 0 || m > count / 4 {
@@ -138,8 +138,8 @@ fn wald(scores: &Scores, grams: &[DMatrix<f64>]) -> f64 {
     if statistic.is_finite() { f_tail((b - m) / (b * m) * statistic, m, b - m) } else { 1.0 }
 }
 
-/// Covariance of the coefficients that holds under autocorrelation within blocks and uneven noise: `Σ s_b s_bᵀ` of the
-/// scores of the full fit, as the columns are orthonormal.
+/// Covariance of the coefficients, robust against autocorrelation within blocks and heteroscedasticity: `Σ s_b s_bᵀ`
+/// over the scores of the full fit, as the columns are orthonormal.
 pub fn sandwich(scores: &Scores, grams: &[DMatrix<f64>]) -> DMatrix<f64> {
     let (m, count) = scores.blocks.shape();
     let mut sum = DMatrix::zeros(m, m);

@@ -1,4 +1,4 @@
-//! One effect at a time: forward selection and backward removal.
+//! Forward selection of effects with backward elimination.
 
 use super::Error;
 use super::evaluate::evaluate;
@@ -15,41 +15,42 @@ pub struct Step {
     pub ranking: Ranking,
 }
 
-/// An effect that stays, judged with the other found effects in the base.
+/// A retained effect, assessed with the other found effects in the base.
 #[derive(Clone, Debug)]
 pub struct Finding {
     /// The effect.
     pub chosen: Chosen,
-    /// Assessment of it and of all others; its confidence set are the effects it cannot be told from.
+    /// Assessment of it and of all others; its confidence set contains the effects that it cannot be distinguished
+    /// from.
     pub ranking: Ranking,
-    /// Whether it was judged in the problem as stated, and not in the last one.
+    /// Whether it was assessed in the problem as stated instead of the last refitted one.
     pub as_stated: bool,
 }
 
-/// What becomes of the problem when an effect was added.
+/// Answer of the caller after an effect was added.
 pub enum Refit {
-    /// It stays as it is.
+    /// The problem stays as it is.
     Same,
-    /// It is linearised at better parameters.
+    /// The problem is linearised at better parameters.
     New(Box<Problem>),
-    /// The effect does not stand, and there is no time to look for another.
+    /// The effect is withdrawn, and there is no time to look for another.
     Withdraw,
 }
 
-/// Result of the whole procedure.
+/// Result of the selection.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// Effects in the order they were added.
     pub steps: Vec<Step>,
-    /// Effects that stay, in the order they were added.
+    /// Retained effects, in the order they were added.
     pub findings: Vec<Finding>,
-    /// Effects removed because others explain the same.
+    /// Effects removed because others explain the same part of the error.
     pub removed: Vec<Chosen>,
     /// Assessment with all found effects in the base.
     pub remaining: Ranking,
-    /// The problem as last refitted; `None` if it never was.
+    /// The problem as last refitted; `None` without a refit.
     pub refitted: Option<Problem>,
-    /// Whether it was stopped while some candidate still passed.
+    /// Whether the selection was stopped while a candidate still passed.
     pub cut_short: bool,
 }
 
@@ -60,17 +61,24 @@ impl Outcome {
     }
 }
 
-/// The whole procedure on a problem that stays as it is.
+/// Selection on a problem that is not refitted.
+///
+/// # Errors
+/// As [`evaluate()`].
 pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> {
     select_with(problem, settings, NEVER, |_, _| Ok(Refit::Same), false)
 }
 
-/// The whole procedure. After every addition `refit` gets the effects in the base and the last ranking and may return the
-/// problem linearised at better parameters; its candidates must be the same, in the same order. Once `stop` says so,
-/// nothing more is added or exchanged, and every effect is judged given those added before it.
+/// Selection with a refit. After every addition `refit` receives the effects in the base and the last ranking, and
+/// may return the problem linearised at better parameters, with the same candidates in the same order. Once `stop`
+/// returns true, no effect is added or exchanged, and every effect is assessed given those added before it.
 ///
-/// A single effect that fails in the refitted problem is judged as stated where `is_held`: parameters are on an edge there that
-/// they leave with the effect, and beside them, free, it would explain nothing.
+/// A single effect that fails in the refitted problem is assessed as stated where `is_held`: there the base holds
+/// parameters at a bound that they leave with the effect, and with these parameters free the effect would explain
+/// nothing.
+///
+/// # Errors
+/// As [`evaluate()`]; also if the refit fails or returns other candidates.
 pub fn select_with<F>(
     problem: &Problem,
     settings: &Settings,
@@ -128,7 +136,8 @@ where
     Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short })
 }
 
-/// The findings of the steps, each with only the effects added before it in the base, the first one as stated where `is_held`.
+/// The findings of the steps, each with only the effects added before it in the base, the first one as stated where
+/// `is_held`.
 fn as_added(steps: &[Step], is_held: bool) -> Vec<Finding> {
     let one = |(i, step): (usize, &Step)| Finding {
         chosen: step.added,
@@ -138,7 +147,7 @@ fn as_added(steps: &[Step], is_held: bool) -> Vec<Finding> {
     steps.iter().enumerate().map(one).collect()
 }
 
-/// An effect judged with the `others` in the base; alone, where it fails, as `stated`.
+/// Finding of an effect with the `others` in the base; a single effect that fails is assessed in `stated`.
 fn judged(
     chosen: Chosen,
     others: &[Chosen],
@@ -154,8 +163,8 @@ fn judged(
     }
 }
 
-/// Judge every chosen effect given the others: remove those that explain nothing more, exchange those that another
-/// candidate replaces with more evidence.
+/// Assesses every chosen effect given the others: removes those that explain nothing more, and exchanges those for
+/// which another candidate has more evidence.
 fn prune(
     (problem, stated): (&Problem, Option<&Problem>),
     chosen: &mut Vec<Chosen>,

@@ -1,8 +1,9 @@
-//! How well data, taken or only planned, tell two effects apart.
+//! Separability of two effects by measured or planned data.
 //!
-//! T-optimality with the nuisance parameters profiled out [Atkinson & Fedorov 1975]. With Z̃ c the whitened contribution
-//! of effect a at its size c, and R̃ all that may imitate it (the parameters of the model and of its rival k),
-//! δ²_{a|k} = cᵀ Z̃ᵀ (I − P_R̃) Z̃ c. It only needs inner products of columns, which add up over recordings.
+//! T-optimality with the nuisance parameters profiled out [Atkinson & Fedorov 1975]. With Z̃ c the whitened
+//! contribution of effect a at its size c, and R̃ the columns that may imitate it (the parameters of the model and of
+//! its rival k), δ²_{a|k} = cᵀ Z̃ᵀ (I − P_R̃) Z̃ c. Only inner products of columns are needed, which add up over
+//! recordings.
 
 use std::ops::Range;
 
@@ -14,11 +15,11 @@ use super::project::{Projected, SPAN_TOLERANCE, pseudo_inverse};
 use super::special::{f_quantile, noncentral_f_tail, t_quantile};
 use super::whiten::ArFilter;
 
-/// Pieces of the data that are summed by different threads.
+/// Number of blocks that are summed in parallel.
 const PIECES: usize = 8;
 
-/// Inner products of whitened columns, each stacked over the channels of `filters`; segments lose the samples that their
-/// filter reaches back.
+/// Inner products of whitened columns, each stacked over the channels of `filters`; each segment loses as many
+/// samples at its start as the filters' largest order.
 pub fn information(
     columns: &[&[f64]],
     samples: usize,
@@ -32,13 +33,13 @@ pub fn information(
     grams.iter().fold(DMatrix::zeros(width, width), |sum, g| sum + &g.cross)
 }
 
-/// δ² of the contribution Σ cᵢ·column `own[i]` against everything that the columns `imitators` can do.
+/// Non-centrality δ² of the contribution Σ cᵢ·column `own[i]` outside the span of the columns `imitators`.
 pub fn noncentrality(information: &DMatrix<f64>, own: &[usize], c: &DVector<f64>, imitators: &[usize]) -> f64 {
     what_is_left(information, own, c, imitators).0
 }
 
-/// The same, with the combination w of all columns that is left of the contribution: δ² = wᵀ·information·w. As w makes
-/// δ² least, w wᵀ is the derivative of δ² by the information.
+/// δ² as [`noncentrality`], with the combination w of all columns that remains of the contribution: δ² =
+/// wᵀ·information·w. As w minimises δ², w wᵀ is the derivative of δ² with respect to the information.
 pub fn what_is_left(
     information: &DMatrix<f64>,
     own: &[usize],
@@ -55,15 +56,15 @@ pub fn what_is_left(
     let mut w = DVector::zeros(information.nrows());
     imitators.iter().zip(&imitation).for_each(|(&i, x)| w[i] = -x);
     own.iter().zip(c).for_each(|(&i, c)| w[i] = *c);
-    // Below is rounding.
+    // Smaller values are rounding errors.
     (if left > SPAN_TOLERANCE * whole { left } else { 0.0 }, w)
 }
 
-/// Chance that the confidence set loses the wrong one of two effects, with the right one's δ² against it.
+/// Probability that the confidence set excludes the wrong one of two effects, given the right one's δ² against it.
 ///
 /// The difference of the two fits' losses has the mean δ² and the standard deviation 2δ, so its t is about δ/2:
-/// P(F'(1, B − 1; δ²/4) > F_crit) on B blocks at the level of the confidence set. Effects that are alike to rounding
-/// (δ² = 0) are never told apart.
+/// P(F'(1, B − 1; δ²/4) > F_crit) with B blocks at the level of the confidence set. Zero for effects that agree to
+/// rounding (δ² = 0).
 pub fn chance(noncentrality: f64, blocks: usize) -> f64 {
     if noncentrality <= 0.0 {
         return 0.0;
@@ -72,8 +73,8 @@ pub fn chance(noncentrality: f64, blocks: usize) -> f64 {
     noncentral_f_tail(t_quantile(LEVEL, freedom).powi(2), 1, freedom, 0.25 * noncentrality)
 }
 
-/// Chance that an effect of m parameters with this δ² against the base shows at the level `alpha`:
-/// P(F'(m, B − m; δ²) > F_crit).
+/// Power of the test of an effect with m parameters and this δ² against the base at the level `alpha`: P(F'(m, B − m;
+/// δ²) > F_crit).
 pub fn chance_to_see(noncentrality: f64, m: usize, blocks: usize, alpha: f64) -> f64 {
     let (m, freedom) = (m.max(1), blocks.saturating_sub(m).max(1) as f64);
     match noncentrality > 0.0 {
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
     use approx::assert_relative_eq;
 
-    /// Columns with known angles: what is left of a is the part at right angles to base and rival.
+    /// Columns with known angles: δ² belongs to the part of a orthogonal to base and rival.
     #[test]
     fn noncentrality_is_what_nothing_imitates() {
         let n = 400;
@@ -104,7 +105,7 @@ mod tests {
         assert_eq!(noncentrality(&g, &[2], &c, &[0, 1, 2]), 0.0);
     }
 
-    /// By chance alone the set loses the right one in one of twenty cases on the one side, and as often on the other.
+    /// Under the null the one-sided test rejects in one of twenty cases per side.
     #[test]
     fn chance_begins_at_its_level_and_grows_to_one() {
         assert_eq!(chance(0.0, 50), 0.0);

@@ -1,4 +1,4 @@
-//! Family-wise p by common sign flips of the block scores (Kline & Santos; Westfall & Young).
+//! Family-wise p values by common sign flips of the block scores [Kline & Santos 2012; Westfall & Young 1993].
 
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
@@ -8,11 +8,12 @@ use rayon::prelude::*;
 use super::problem::Settings;
 use super::score::tail;
 
-/// Draws handled at a time.
+/// Draws per batch.
 const BATCH: usize = 128;
 
-/// `p_adj = (1 + #{min_i p_i* ≤ p}) / (flips + 1)` for every marginal p. The matrices hold the standardised block scores
-/// (rank × B) of all variants of all candidates; candidates keep their correlation because they share the signs.
+/// Family-wise p of every marginal p: `p_adj = (1 + #{min_i p_i* ≤ p}) / (flips + 1)`. The matrices hold the
+/// standardised block scores (rank × B) of all variants of all candidates; common signs preserve the correlation of
+/// the candidates.
 pub fn family_wise(scores: &[&DMatrix<f64>], marginal: &[f64], blocks: usize, flips: usize, seed: u64) -> Vec<f64> {
     let smallest = smallest_p(scores, blocks, flips, seed);
     let adjust = |p: &f64| {
@@ -23,7 +24,7 @@ pub fn family_wise(scores: &[&DMatrix<f64>], marginal: &[f64], blocks: usize, fl
     marginal.iter().map(adjust).collect()
 }
 
-/// Marginal p below which the family-wise p is below `alpha`.
+/// Largest marginal p whose family-wise p is below `alpha`.
 pub fn critical(scores: &[&DMatrix<f64>], blocks: usize, settings: &Settings) -> f64 {
     let mut smallest = smallest_p(scores, blocks, settings.flips, settings.seed);
     smallest.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Tail probabilities.
+//! Tail probabilities and quantiles.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT};
 use statrs::function::beta::beta_reg;
@@ -94,7 +94,7 @@ mod tests {
         }
     }
 
-    /// Without centre it is the F tail; with many degrees of freedom the non-central χ² of the table above.
+    /// With zero non-centrality it is the F tail; with many degrees of freedom the non-central χ² of the table above.
     #[test]
     fn noncentral_f_has_the_right_limits() {
         assert_relative_eq!(noncentral_f_tail(2.5, 3, 40.0, 0.0), f_tail(2.5, 3.0, 40.0), epsilon = 1e-12);

@@ -1,7 +1,7 @@
-//! When a long computation is to end with what it has.
+//! Stopping condition of a long computation.
 
-/// Asked between the steps of a long computation: whether it is to end with what it has found.
+/// Stopping condition, evaluated between the steps of a long computation; true ends it with the results so far.
 pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
-/// A computation that takes the time it needs.
+/// Stopping condition that is never true.
 pub const NEVER: Stop<'static> = &|| false;

@@ -1,9 +1,10 @@
-//! Whitening: an autoregression per channel, order by BIC, fitted with Burg's recursion over all segments at once.
+//! Whitening with one autoregression per channel, order by BIC, fitted with Burg's recursion over all segments at
+//! once.
 
 use std::ops::Range;
 
-/// Smallest innovation variance relative to the variance of the series. A residual that is almost free of noise is the
-/// missing effect itself; a filter that predicts it would whiten away what is looked for.
+/// Smallest innovation variance relative to the variance of the series. An almost noise-free residual is the missing
+/// effect itself, which a filter that predicts it would remove.
 const LEAST_INNOVATION: f64 = 1e-3;
 
 /// `e(t) = Σ_k a_k e(t−k) + σ w(t)` with white w.
@@ -16,12 +17,12 @@ pub struct ArFilter {
 }
 
 impl ArFilter {
-    /// A filter that only scales.
+    /// Filter of order zero, which divides by `sigma`.
     pub fn scale(sigma: f64) -> Self {
         Self { coefficients: Vec::new(), sigma }
     }
 
-    /// Number of past samples the filter reaches back.
+    /// Order of the autoregression.
     pub fn order(&self) -> usize {
         self.coefficients.len()
     }
@@ -45,15 +46,17 @@ impl ArFilter {
         }
     }
 
-    /// Fit by Burg's recursion to the series less its mean; the order up to `max_order` has the smallest BIC. Segments too short to carry the
-    /// largest order are left out, and the order shrinks when all are.
+    /// Fit by Burg's recursion to the series minus its mean; the order up to `max_order` has the smallest BIC.
+    /// Segments too short for the largest order are left out; the order is limited to an eighth of the longest
+    /// segment.
     pub fn fit(series: &[f64], segments: &[Range<usize>], max_order: usize) -> Self {
         let longest = segments.iter().map(ExactSizeIterator::len).max().unwrap_or(0);
         let max_order = max_order.min(longest / 8);
         let kept: Vec<&[f64]> =
             segments.iter().filter(|s| s.len() > 2 * max_order).map(|s| &series[s.start..s.end]).collect();
         let n: usize = kept.iter().map(|s| s.len()).sum();
-        // A constant is what a bias leaves, not noise: as a root at one it would whiten the bias away.
+        // A constant belongs to a bias, not to the noise: included, it would give a root near one, which whitens the
+        // bias away.
         let mean = kept.iter().flat_map(|s| s.iter()).sum::<f64>() / n.max(1) as f64;
         let mut variance =
             kept.iter().flat_map(|s| s.iter()).map(|x| (x - mean).powi(2)).sum::<f64>() / n.max(1) as f64;
@@ -76,7 +79,7 @@ impl ArFilter {
             if power.is_nan() || power <= 0.0 {
                 break;
             }
-            // Never whiten beyond the least innovation: the last reflection is shortened to reach just that.
+            // Limit the last reflection to the least innovation.
             let room = (1.0 - least / variance).max(0.0).sqrt();
             let reflection = (2.0 * cross / power).clamp(-room, room);
             let next: Vec<f64> = (0..a.len()).map(|i| a[i] - reflection * a[a.len() - 1 - i]).collect();

@@ -1,11 +1,12 @@
-//! Whether a claimed probability comes true.
+//! Calibration of the posterior probabilities of named effects.
 
 use rayon::prelude::*;
 
 use super::*;
 
-/// Effects of 0.06 to 0.2 of the noise among candidates of which three pairs are nearly collinear: about one name in five is
-/// wrong. Reliability: in every class of claims as many names are right as were claimed.
+/// Effects of 0.06 to 0.2 of the noise among candidates with three nearly collinear pairs, where about one name in
+/// five is wrong. The claimed probabilities are reliable: in every class of claims, the share of right names equals
+/// the claimed probability.
 #[test]
 fn claimed_probabilities_come_true() {
     let one = |seed: u64| -> Option<(f64, bool)> {

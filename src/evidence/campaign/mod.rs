@@ -26,7 +26,7 @@ fn smooth(rng: &mut ChaCha8Rng, channels: usize, n: usize) -> Vec<f64> {
         let start = out.len();
         out.resize(start + n, 0.0);
         for w in waves {
-            // sin by the recurrence s(t+1) = 2 cos ω s(t) − s(t−1): six hundred campaigns need it quick.
+            // sin by the recurrence s(t+1) = 2 cos ω s(t) − s(t−1), for speed.
             let (mut old, mut new) = (w[2] * (w[1] - w[0]).sin(), w[2] * w[1].sin());
             for x in &mut out[start..] {
                 *x += new;
@@ -41,7 +41,7 @@ fn column(name: &str, values: Vec<f64>) -> Column {
     Column { name: name.into(), values, magnitude: 0.0 }
 }
 
-/// AR(1) noise, correlated over channels; `uneven` lets its size swing by a factor of five.
+/// AR(1) noise, correlated over channels; with `uneven`, its standard deviation varies by a factor of five.
 fn noise(rng: &mut ChaCha8Rng, n: usize, uneven: bool) -> Vec<f64> {
     let mut out = vec![0.0; C * n];
     let mut state = [0.0; C];
@@ -69,7 +69,7 @@ fn null_problem(seed: u64, uneven: bool) -> Problem {
             columns: (0..columns).map(|i| column(&format!("{name}.{i}"), smooth(&mut rng, C, N))).collect(),
         }];
         if k < 3 {
-            // Friction-like: jumps with the sign of a smooth series.
+            // Friction-like: the sign of a smooth series.
             variants[0].columns[0].values.iter_mut().for_each(|x| *x = x.signum());
         }
         if k == 10 {
@@ -90,7 +90,8 @@ fn null_problem(seed: u64, uneven: bool) -> Problem {
     Problem { channels, samples: N, segments: vec![0..500, 500..1000, 1000..N], y, base, candidates }
 }
 
-/// Add a candidate's effect with the given RMS of the first column relative to channel 0's noise of about 1.6.
+/// Adds a candidate's effect with the given RMS of the first column relative to the noise of channel 0, which is
+/// about 1.6.
 fn plant(problem: &mut Problem, candidate: usize, variant: usize, size: f64) {
     let columns = problem.candidates[candidate].variants[variant].columns.clone();
     for z in columns {
@@ -103,12 +104,12 @@ fn quick() -> Settings {
     Settings { flips: 199, ..Settings::default() }
 }
 
-/// `a` turned towards an independent `b`: correlation about `r` with `a`.
+/// Unit combination of `a` and an independent `b` with correlation of about `r` with `a`.
 fn mix(a: &[f64], b: &[f64], r: f64) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| r * a + (1.0 - r * r).sqrt() * b).collect()
 }
 
-/// A null problem in which 3 is nearly a column of 8, 5 nearly 6, and 7 nearly the sum of the columns of 9.
+/// A null problem in which candidate 3 is nearly a column of 8, 5 nearly 6, and 7 nearly the sum of the columns of 9.
 fn collinear_problem(seed: u64, uneven: bool) -> Problem {
     let mut p = null_problem(seed, uneven);
     let first = |p: &Problem, k: usize| p.candidates[k].variants[0].columns[0].values.clone();

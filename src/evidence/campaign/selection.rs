@@ -1,11 +1,11 @@
-//! What is found, named and told apart.
+//! Power, ranking and confidence sets of planted effects.
 
 use rayon::prelude::*;
 
 use super::*;
 
-/// Effects of a quarter of the noise. Measured over 880 campaigns: found 99.8 %, named first 95 %, in the set 98 %,
-/// exactly the true one 90 %. With 88 campaigns two standard errors are 1, 5, 3 and 6 points.
+/// Effects of a quarter of the noise. Measured over 880 campaigns: found 99.8 %, ranked first 95 %, in the confidence
+/// set 98 %, and no other effect found 90 %. With 88 campaigns, two standard errors are 1, 5, 3 and 6 points.
 #[test]
 fn planted_effect_is_found_named_and_in_the_set() {
     let one = |seed: u64| {
@@ -26,7 +26,7 @@ fn planted_effect_is_found_named_and_in_the_set() {
     assert!(counts.iter().zip(least).all(|(c, l)| *c >= l), "{counts:?}");
 }
 
-/// Correlation 0.9995: no data of this size tells them apart, whichever is named.
+/// Correlation 0.9995: data of this size cannot distinguish the two, whichever is ranked first.
 #[test]
 fn near_collinear_pair_is_indistinguishable() {
     for seed in 0..5 {
@@ -54,8 +54,8 @@ fn two_planted_effects_are_both_found() {
     }
 }
 
-/// Two effects of equal size in noise 1e-9 of them: the residual is the missing effects themselves, and a filter that predicts
-/// it must not whiten them away.
+/// Two effects of equal size in noise of 1e-9 of them: the residual consists of the missing effects, which the
+/// whitening filter must not remove.
 #[test]
 fn effects_without_noise_are_found() {
     for seed in 0..5 {
@@ -71,7 +71,7 @@ fn effects_without_noise_are_found() {
     }
 }
 
-/// Significance is not enough: a tiny effect in nearly noise-free data is below a given noise floor.
+/// A significant effect below the given noise floor is not reported.
 #[test]
 fn irrelevant_effect_is_not_reported_and_share_refers_to_the_floor() {
     let mut p = null_problem(31, false);
@@ -88,13 +88,13 @@ fn irrelevant_effect_is_not_reported_and_share_refers_to_the_floor() {
     }
     let r = select(&p, &quick()).unwrap().findings.remove(0).ranking;
     assert!(r.floor_known && r.winner().unwrap().candidate == 4);
-    // The effect adds 3.4 to the sum of the channels' variances over noise, whose sampling error is about 0.15 (four
-    // correlated channels, √(2·2.9/1500) each): three of them are 13 %.
+    // The effect adds 3.4 to the sum of the channels' variances relative to the noise. The sampling error of that sum
+    // is about 0.15 (four correlated channels, √(2·2.9/1500) each); three standard errors are 13 %.
     let share = r.winner().unwrap().explained_share;
     assert!(share.is_some_and(|s| (s - 1.0).abs() < 0.13), "{share:?}");
 }
 
-/// The refit gets what was found, and must return the same candidates.
+/// The refit receives the selected effects and must return the same candidates.
 #[test]
 fn refit_is_called_and_checked() {
     let mut p = null_problem(51, false);
@@ -115,7 +115,7 @@ fn refit_is_called_and_checked() {
     assert_eq!(failed.err(), Some(Error::Refit("no".into())));
 }
 
-/// An effect that stands when the time is up stays; what else passes is left untried.
+/// A confirmed effect stays when the time is up; other significant candidates remain untested.
 #[test]
 fn what_was_added_before_the_time_is_up_stays() {
     let mut p = null_problem(51, false);
@@ -132,7 +132,7 @@ fn what_was_added_before_the_time_is_up_stays() {
     assert!(!select(&p, &quick()).unwrap().cut_short);
 }
 
-/// Without time for another, an effect that does not stand is none.
+/// Without time for another candidate, an effect withdrawn by the refit is not reported.
 #[test]
 fn an_effect_that_is_withdrawn_is_not_found() {
     let mut p = null_problem(51, false);

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::*;
 
-/// Nominal 5 %, 300 campaigns: the standard error is 1.26 points, so 2…9 % is the nominal value less 2.4 and plus 3.2 of them.
-/// The relevance gate is not used here: it could only lower the count.
+/// Nominal level 5 %, 300 campaigns: the standard error is 1.26 points, so 2…9 % is the nominal value minus 2.4 and
+/// plus 3.2 standard errors. The relevance threshold is not applied here: it could only lower the count.
 #[test]
 fn null_campaigns_hold_the_family_wise_level() {
     for uneven in [false, true] {
@@ -18,8 +18,8 @@ fn null_campaigns_hold_the_family_wise_level() {
     }
 }
 
-/// Units, the order of the candidates and the number of threads change no number beyond rounding: sums of 6000 products
-/// are good to 1e-12, divided by the tolerance of the weakest column.
+/// Units, the order of the candidates and the number of threads do not change the results beyond rounding: sums of
+/// 6000 products are accurate to 1e-12, divided by the tolerance of the weakest column.
 #[test]
 fn scores_do_not_depend_on_scale_order_or_threads() {
     let mut p = collinear_problem(42, true);
@@ -86,8 +86,8 @@ fn what_the_base_imitates_is_unseen() {
     assert!(of(5).noncentrality.unwrap() > 13.0);
 }
 
-/// (estimate − truth)/(standard error) over 160 campaigns: the standard error of its standard deviation is 5.6 %, and 50 blocks
-/// underestimate by a few percent; 0.85…1.2 is three of them.
+/// (estimate − truth)/(standard error) over 160 campaigns: the standard error of its standard deviation is 5.6 %, and
+/// 50 blocks underestimate it by a few percent; 0.85…1.2 is about three standard errors.
 #[test]
 fn standard_errors_hold_under_autocorrelation_and_uneven_noise() {
     let z = |seed: u64| {
