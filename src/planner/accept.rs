@@ -1,4 +1,4 @@
-//! What the check of a motion has to say: by how much the limits are tightened in the next search, and whether the motion is a plan.
+//! Evaluation of a motion's check: slack reduction for the next search, and acceptance of the motion.
 
 use std::collections::BTreeMap;
 
@@ -9,14 +9,14 @@ use super::rows::Slack;
 use super::verify::{self, Use};
 use crate::machine::AXES;
 
-/// Use at which a limit is held tighter in the next round.
+/// Use above which a limit is tightened for the next round.
 const TIGHTENED_USE: f64 = 1.0003;
 
-/// Whether a limit is exceeded; its slack is reduced by the excess at both ends of the interval where that is so.
+/// Whether a limit is exceeded; where it is, the slack at both ends of the interval is divided by the excess.
 pub(super) fn tighten(uses: &[Use], slack: &mut Slack) -> bool {
     const JERK: usize = AXES + QUANTITIES;
     let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();
-    // At rest at the ends rows of their own hold.
+    // At rest at the ends of the path, separate rows apply.
     let still = |u: &Use, k: usize| u.value[..AXES].iter().all(|v| *v == 0.0) && (2 * AXES..JERK).contains(&k);
     for u in uses {
         for (k, ratio) in u.ratio.iter().enumerate().filter(|(k, r)| **r > TIGHTENED_USE && !still(u, *k)) {
@@ -36,11 +36,11 @@ pub(super) fn tighten(uses: &[Use], slack: &mut Slack) -> bool {
     !worst.is_empty()
 }
 
-/// The uses themselves if none is beyond what is allowed.
+/// The uses, if none exceeds [`ALLOWED_USE`].
 ///
 /// # Errors
 ///
-/// [`PlanError::Violated`] names the limit that is exceeded most.
+/// [`PlanError::Violated`] with the limit that is exceeded most.
 pub(super) fn accept(uses: Vec<Use>) -> Result<Vec<Use>, PlanError> {
     let all = uses.iter().flat_map(|u| u.ratio.iter().enumerate().map(move |(k, r)| (k, u.s, *r)));
     match all.max_by(|a, b| a.2.total_cmp(&b.2)) {

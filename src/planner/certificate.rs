@@ -1,11 +1,12 @@
-//! A lower bound on the time of any motion within the limits, jerk limits left aside.
+//! Lower bound on the time of any motion within the limits, without jerk limits.
 //!
-//! Over an interval of length h, a row of a feasible motion is on average ⟨a s̈⟩ + ⟨b z⟩ + ⟨c⟩ ≤ 1. With the means of a, b
-//! and c, with ⟨s̈⟩ = Δz/2h exactly and z̄ that of the straight line between the ends, it reads a s̈ + b z̄ + c ≤ 1 + ε,
-//! ε = ¼|Δa| U + ½(|b| + |Δb|) h U and the bends of a, b, c: Δ is the change over the interval, U bounds |s̈|, and h U is the
-//! most by which z departs from the straight line. So the samples of every feasible motion satisfy the rows with the
-//! right side 1 + ε, and the passes with these rows find a z(s) above all of them. Force laws are linearised at the plan; means and bends
-//! are Simpson's from ends and middle.
+//! Over an interval of length h, a row of a feasible motion satisfies on average ⟨a s̈⟩ + ⟨b z⟩ + ⟨c⟩ ≤ 1. With the
+//! means of a, b and c, the exact ⟨s̈⟩ = Δz/2h, and z̄ of the straight line between the ends, it reads a s̈ + b z̄ +
+//! c ≤ 1 + ε with ε = ¼|Δa| U + ½(|b| + |Δb|) h U plus terms of the second differences of a, b and c. Δ is the change
+//! over the interval, U bounds |s̈|, and h U bounds the deviation of z from the straight line. The samples of every
+//! feasible motion therefore satisfy the rows with the right-hand side 1 + ε, and the passes with these rows give a
+//! z(s) above all of them. Force laws are linearised at the plan; means and second differences are taken from the
+//! ends and the middle of each interval (Simpson's rule).
 
 use super::coefficients::{Machine, Reference};
 use super::grid::graded;
@@ -14,16 +15,16 @@ use super::pass::relaxed;
 use super::rows::Grid;
 use super::{Curve, PlanError, Profile};
 
-/// Intervals of the relaxation.
+/// Number of intervals of the relaxation.
 const INTERVALS: usize = 16_000;
 
-/// An upper bound on z(s) of every feasible motion, jerk limits left aside.
+/// Upper bound on z(s) of every feasible motion, without jerk limits.
 pub struct UpperBound {
     s: Vec<f64>,
-    /// z at the ends of the intervals and by how much it may be larger in between.
+    /// z at the ends of the intervals, and the largest possible excess of z between them, 1/s².
     z: Vec<f64>,
     margin: Vec<f64>,
-    /// Time over the path at this z, s: a lower bound on that of every motion.
+    /// Time over the path at this z, s: a lower bound on the time of every motion.
     pub time: f64,
 }
 
@@ -36,14 +37,14 @@ impl UpperBound {
     }
 }
 
-/// Upper bound on z(s), jerk limits left aside; force laws are linearised along `plan`.
+/// Upper bound on z(s), without jerk limits; force laws are linearised along `plan`.
 ///
 /// # Errors
 ///
 /// [`PlanError::Place`] where the robot cannot follow the path.
 pub fn upper_bound(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Profile) -> Result<UpperBound, PlanError> {
     let s = graded(plan, curve, INTERVALS);
-    // Ends and middles of all intervals in turn.
+    // Alternating ends and middles of all intervals.
     let middles = s.windows(2).map(|w| 0.5 * (w[0] + w[1]));
     let mut all: Vec<f64> = s.iter().copied().zip(middles).flat_map(|(end, middle)| [end, middle]).collect();
     all.push(curve.end());
@@ -51,7 +52,7 @@ pub fn upper_bound(machine: &Machine, curve: &Curve, limits: &Limits, plan: &Pro
     let references: Vec<Reference> = all
         .iter()
         .map(|s| {
-            // At rest the law is linearised at the speed next to the end of the path.
+            // At rest the law is linearised at the speed of the neighbouring place.
             let pace = plan.pace(s.clamp(all[1], all[all.len() - 2]));
             Reference { speed: pace.z.sqrt().max(1e-6), acceleration: pace.acceleration }
         })

@@ -1,8 +1,9 @@
-//! Torques and constraint forces along a path as A s̈ + B ṡ² + C + D ṡ, (41) and (42).
+//! Torques and constraint forces along a path as A s̈ + B ṡ² + C + D ṡ, (41) and (42) of the paper.
 //!
-//! Inertia gives A, inertia and velocity products B, weight C, exactly. Friction and all other force laws are written as
-//! C + D ṡ at a reference speed: exact there for any law, exact everywhere for viscous friction, and the tangent of the
-//! rest (Coulomb, saturating, quadratic, …). Laws that read torques or strut forces take those of the reference motion.
+//! Inertia gives A, inertia and velocity products give B, weight gives C, all exactly. Friction and all other force
+//! laws are written as C + D ṡ at a reference speed: exact there for any law, exact everywhere for viscous friction,
+//! and a tangent otherwise (Coulomb, saturating, quadratic, …). Laws that depend on torques or strut forces use those
+//! of the reference motion.
 
 use super::PathPoint;
 use super::limits::{LOADS, forces};
@@ -13,7 +14,7 @@ use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::AXES;
 use crate::machine::bodies::BODIES;
 
-/// Coefficients of the four torques, λ_E, λ_P and λ_S at a point of a path.
+/// Coefficients of the four torques (N·m), λ_E (N·m, N), λ_P and λ_S (N) at a point of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients {
     /// Per s̈.
@@ -29,51 +30,52 @@ pub struct Coefficients {
 /// Motion at which force laws are linearised.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reference {
-    /// ṡ, positive.
+    /// ṡ, positive, 1/s.
     pub speed: f64,
-    /// s̈.
+    /// s̈, 1/s².
     pub acceleration: f64,
 }
 
-/// The dynamics that the planner evaluates: a plant, the same without gravity, and the detail of its constraint forces.
+/// Dynamics as used by the planner: a plant, the same plant without gravity, and the detail of the constraint forces.
 pub struct Machine<'a> {
     plant: &'a Plant,
-    /// The same without gravity.
+    /// The plant without gravity.
     weightless: Plant,
     initial_states: Vec<Vec<f64>>,
     detail: Detail,
 }
 
-/// Step of the speed in the difference quotient of a force law, over the speed.
+/// Relative step of the speed in the difference quotient of a force law.
 const SPEED_STEP: f64 = 0.01;
-/// Fixed-point iterations of laws that read loads.
+/// Fixed-point iterations for laws that depend on loads.
 const LOAD_ITERATIONS: usize = 4;
 
 impl<'a> Machine<'a> {
-    /// The machine `plant`, whose constraint forces are taken in `detail`.
+    /// The dynamics of `plant` with constraint forces in `detail`.
     pub fn new(plant: &'a Plant, detail: Detail) -> Self {
         let weightless = Plant { gravity: 0.0, ..plant.clone() };
         let initial_states = plant.effects.iter().map(ActiveEffect::initial_state).collect();
         Self { plant, weightless, initial_states, detail }
     }
 
-    /// Its plant.
+    /// The plant.
     pub fn plant(&self) -> &Plant {
         self.plant
     }
 
-    /// Internal states of the effects at the start.
+    /// Initial internal states of the effects.
     pub(super) fn states(&self) -> Vec<&[f64]> {
         self.initial_states.iter().map(Vec::as_slice).collect()
     }
 
     /// Coefficients of torques and constraint forces at a point of the path.
     ///
-    /// Force laws are linearised in the speed at `reference`; those that read loads take the loads of the reference motion.
+    /// Force laws are linearised in the speed at `reference`; laws that depend on loads use those of the reference
+    /// motion.
     ///
     /// # Errors
     ///
-    /// The error of the kinematics where the constraint forces are not determined.
+    /// The error of the kinematics where the constraint forces are indeterminate.
     pub fn coefficients(&self, point: &PathPoint, reference: Reference) -> Result<Coefficients, KinematicsError> {
         let geometry = &self.plant.geometry;
         let unit = point.unit_acceleration(geometry);
@@ -120,11 +122,11 @@ impl<'a> Machine<'a> {
         Ok(Coefficients { a, b, c, d })
     }
 
-    /// Torques (N·m), λ_E (N·m, N), λ_P and λ_S (N) of a motion by the full model.
+    /// Torques (N·m), λ_E (N·m, N), λ_P and λ_S (N) of a motion by the full nonlinear model.
     ///
     /// # Errors
     ///
-    /// The error of the kinematics where the constraint forces are not determined.
+    /// The error of the kinematics where the constraint forces are indeterminate.
     pub fn loads(&self, motion: &Motion) -> Result<[f64; LOADS], KinematicsError> {
         use crate::constraint_forces::constraint_forces;
         let states = self.states();
@@ -143,7 +145,7 @@ fn join(torques: &Multipliers, limited: &Multipliers) -> [f64; LOADS] {
     out
 }
 
-/// Torques always come from the complete loads, constraint forces from those of the detail asked for.
+/// Equilibrium equations: torques always from the complete loads, constraint forces from the requested detail.
 struct Solver {
     complete: Statics,
     reduced: Option<Statics>,
@@ -163,7 +165,7 @@ impl Solver {
         }
     }
 
-    /// Torques and constraint forces of inertia and weight alone.
+    /// Torques and constraint forces due to inertia and weight alone.
     fn rigid(&self, plant: &Plant, motion: &Motion) -> [f64; LOADS] {
         let wrenches = rigid_loads(plant, motion, Detail::Complete);
         let complete = self.complete.solve(&Loads::new(motion, &wrenches, Detail::Complete));

@@ -2,12 +2,12 @@
 
 use nalgebra::Vector4;
 
-/// Number of coefficients of a piece: degree seven.
+/// Number of coefficients of a piece of degree seven.
 const TERMS: usize = 8;
-/// Halvings that find a parameter to rounding.
+/// Bisection steps that determine a parameter to rounding.
 const BISECTIONS: usize = 60;
 
-/// A path over s from 0 to [`Curve::end`], m and rad.
+/// Path r(s) over s from 0 to [`Curve::end`], m and rad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     starts: Vec<f64>,
@@ -17,7 +17,7 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// Pieces with their lengths in s; coefficients are of powers of s from the start of the piece.
+    /// Curve of pieces with their lengths in s; coefficients belong to powers of s from the start of the piece.
     pub(super) fn new(pieces: impl IntoIterator<Item = (f64, Vec<Vector4<f64>>)>) -> Self {
         let mut out = Self { starts: Vec::new(), pieces: Vec::new(), end: 0.0, eased: false };
         for (length, terms) in pieces {
@@ -46,7 +46,7 @@ impl Curve {
         self
     }
 
-    /// The coordinates multiplied by `factors`.
+    /// The path with the coordinates multiplied by `factors`.
     #[must_use]
     pub(super) fn scaled(mut self, factors: &Vector4<f64>) -> Self {
         self.pieces.iter_mut().flatten().for_each(|term| term.component_mul_assign(factors));
@@ -58,22 +58,24 @@ impl Curve {
         self.end
     }
 
-    /// The same path over a parameter x with s = g(x), x from 0 to the same end, whose ds/dx vanishes at the ends of the path.
+    /// The path over a parameter x with s = g(x), x from 0 to the same end, whose ds/dx vanishes at the ends of the
+    /// path.
     ///
-    /// g = E (10u³ − 15u⁴ + 6u⁵), u = x/E: from rest to rest with s ∝ t³ at both ends is ẋ > 0 throughout, and what is smooth
-    /// over time is smooth over x. So intervals of x resolve a departure under jerk limits, however short it is.
+    /// g = E (10u³ − 15u⁴ + 6u⁵), u = x/E: a motion from rest to rest with s ∝ t³ at both ends has ẋ > 0 throughout,
+    /// and smooth functions of time are smooth functions of x. Intervals of x therefore resolve a jerk-limited
+    /// departure of any duration.
     #[must_use]
     pub fn eased(mut self) -> Self {
         self.eased = true;
         self
     }
 
-    /// Whether its parameter is x rather than s.
+    /// Whether the parameter is x instead of s.
     pub fn is_eased(&self) -> bool {
         self.eased
     }
 
-    /// s at parameter `x`, and its first three derivatives by the parameter.
+    /// s at parameter `x`, and its first three derivatives with respect to the parameter.
     pub fn way(&self, x: f64) -> [f64; 4] {
         if !self.eased {
             return [x, 1.0, 0.0, 0.0];
@@ -88,7 +90,7 @@ impl Curve {
         ]
     }
 
-    /// Parameter at `s`.
+    /// Parameter x at `s`.
     fn parameter(&self, s: f64) -> f64 {
         if !self.eased {
             return s;
@@ -101,14 +103,14 @@ impl Curve {
         0.5 * (low + high)
     }
 
-    /// Value and three derivatives by the parameter.
+    /// r at parameter `x` and its first three derivatives with respect to the parameter; m, rad.
     pub fn at(&self, x: f64) -> [Vector4<f64>; 4] {
         let [s, g1, g2, g3] = self.way(x);
         let [r, r1, r2, r3] = self.by_s(s);
         [r, r1 * g1, r2 * (g1 * g1) + r1 * g2, r3 * g1.powi(3) + r2 * (3.0 * g1 * g2) + r1 * g3]
     }
 
-    /// Value and three derivatives by s.
+    /// r at `s` and its first three derivatives with respect to s; m, rad.
     fn by_s(&self, s: f64) -> [Vector4<f64>; 4] {
         let i = self.starts.partition_point(|&start| start <= s).saturating_sub(1);
         let Some(c) = self.pieces.get(i) else { return [Vector4::zeros(); 4] };

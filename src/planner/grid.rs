@@ -1,11 +1,11 @@
-//! Where grid points lie along a path.
+//! Grids of path parameters.
 
 use super::{Curve, Profile};
 
-/// Intervals over a piece of the path at least.
+/// Least number of intervals over a piece of the path.
 const MIN_PER_PIECE: usize = 6;
 
-/// Places of a grid of about `n` intervals evenly spread over the path, at least [`MIN_PER_PIECE`] over every piece of it.
+/// Grid of about `n` equal intervals over the path, at least [`MIN_PER_PIECE`] over each of its pieces.
 pub(super) fn even(curve: &Curve, n: usize) -> Vec<f64> {
     let knots: Vec<f64> = curve.knots().collect();
     let mut grid = vec![0.0];
@@ -17,7 +17,7 @@ pub(super) fn even(curve: &Curve, n: usize) -> Vec<f64> {
     grid
 }
 
-/// Places of a grid of `n` intervals, evenly spaced in the mean of time, path and number of its pieces.
+/// Grid of `n` intervals, equally spaced in the mean of time, path parameter and piece number.
 pub(super) fn graded(profile: &Profile, curve: &Curve, n: usize) -> Vec<f64> {
     let m = profile.pieces.len();
     let (time, length) = (profile.time(), curve.end());

@@ -1,17 +1,17 @@
-//! Limits on a motion along a path, (35)–(37).
+//! Limits on a motion along a path, (35)–(37) of the paper.
 
 use crate::constraint_forces::{Detail, Multipliers};
 use crate::machine::{AXES, STRUTS};
 use crate::model::Model;
 
-/// Quantities with a limit that are affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
+/// Number of limited quantities affine in s̈: accelerations, torques, λ_E, λ_P, λ_S.
 pub const QUANTITIES: usize = 2 * AXES + FORCES;
-/// Those from the dynamics.
+/// Number of those from the dynamics: torques, λ_E, λ_P, λ_S.
 pub const LOADS: usize = AXES + FORCES;
-/// λ_E, λ_P and λ_S.
+/// Number of components of λ_E, λ_P and λ_S.
 const FORCES: usize = 5 + 2 * STRUTS;
 
-/// Limits on the motion; infinite where there is none. Symmetric: |value| ≤ limit.
+/// Limits on the motion, symmetric: |value| ≤ limit; infinite where there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Drive speeds, rad/s.
@@ -22,15 +22,15 @@ pub struct Limits {
     pub jerk: [f64; AXES],
     /// Drive torques, N·m.
     pub torque: [f64; AXES],
-    /// λ_E: each of the two moments, N·m.
+    /// Each of the two moments of λ_E, N·m.
     pub bearing_moment: f64,
-    /// λ_E: each of the three forces, N.
+    /// Each of the three forces of λ_E, N.
     pub bearing_force: f64,
-    /// λ_P, N.
+    /// Each λ_P, N.
     pub strut_lower: f64,
-    /// λ_S, N.
+    /// Each λ_S, N.
     pub strut_upper: f64,
-    /// Share of torques and constraint forces that is left unused.
+    /// Share of torque and constraint-force limits that is left unused.
     pub margin: f64,
     /// Which constraint forces are limited.
     pub detail: Detail,
@@ -67,7 +67,7 @@ impl Limits {
         self.jerk.iter().any(|j| j.is_finite())
     }
 
-    /// What may be used of each quantity.
+    /// Usable limit of each quantity affine in s̈.
     pub(super) fn usable(&self) -> [f64; QUANTITIES] {
         let share = 1.0 - self.margin;
         std::array::from_fn(|k| match Limit::affine(k) {
@@ -80,7 +80,7 @@ impl Limits {
     }
 }
 
-/// One limit, counted from 0.
+/// One limit; drives and components are counted from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Limit {
     /// Speed of a drive.
@@ -100,7 +100,7 @@ pub enum Limit {
 }
 
 impl Limit {
-    /// Quantity `k` of those affine in s̈.
+    /// Limit of the affine quantity `k`.
     pub fn affine(k: usize) -> Self {
         const E: usize = 2 * AXES;
         match k {

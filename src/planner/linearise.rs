@@ -1,13 +1,13 @@
-//! Where the force laws are linearised for a motion, and motions carried over from one grid to another.
+//! Reference motions at which force laws are linearised, and transfer of motions between grids.
 
 use super::coefficients::Reference;
 use super::jerk::GridProfile;
 use super::pass::Passes;
 use super::{Curve, Profile};
 
-/// z for which force laws are linearised at an end of the path, over z next to it.
+/// Ratio of the z at which force laws are linearised at an end of the path to z at the neighbouring grid point.
 const DEPARTURE_SHARE: f64 = 0.25;
-/// Least speed at which force laws are linearised, 1/s.
+/// Least ṡ at which force laws are linearised, 1/s.
 const LEAST_SPEED: f64 = 1e-6;
 
 fn reference(z: &[f64], i: usize, acceleration: f64) -> Reference {
@@ -20,7 +20,7 @@ fn reference(z: &[f64], i: usize, acceleration: f64) -> Reference {
     Reference { speed: z.sqrt().max(LEAST_SPEED), acceleration }
 }
 
-/// Speed and mean s̈ of the neighbouring intervals at every grid point.
+/// Speed and mean s̈ of the adjacent intervals at every grid point.
 pub(super) fn references_of_passes(passes: &Passes) -> Vec<Reference> {
     let n = passes.z.len() - 1;
     let mean = |i: usize| 0.5 * (passes.acceleration[i.saturating_sub(1)] + passes.acceleration[i.min(n - 1)]);
@@ -38,7 +38,7 @@ pub(super) fn resampled(profile: &Profile, places: &[f64]) -> GridProfile {
     GridProfile { z: paces.iter().map(|p| p.z).collect(), acceleration: paces.iter().map(|p| p.acceleration).collect() }
 }
 
-/// z and acceleration of the parameter of `curve` at `places`, for a `profile` over s; z is infinite at rest.
+/// z and acceleration of the parameter of `curve` at `places`, for a `profile` over s; z is infinite where ds/dx = 0.
 pub(super) fn reparametrised(profile: &Profile, curve: &Curve, places: &[f64]) -> GridProfile {
     let at = |x: &f64| {
         let [s, g1, g2, _] = curve.way(*x);

@@ -1,9 +1,9 @@
-//! Time-optimal motion along a path within limits on drives and constraint forces (paper section 5).
+//! Time-optimal motion along a path within limits on drives and constraint forces (section 5 of the paper).
 //!
-//! A [`Curve`] r(s) becomes [`PathPoint`]s in joint space; torques and constraint forces along it are A s̈ + B ṡ² + C + D ṡ
-//! ([`Coefficients`]), so every limit is a row in z = ṡ² and s̈ ([`rows`]). Without jerk limits two passes find the
-//! optimal z(s) ([`pass`]), with them a sequence of linear programmes does ([`jerk`]). The result is a [`Profile`]; it is
-//! checked against the full model on a finer grid and refused if a limit is exceeded ([`plan()`]).
+//! A [`Curve`] r(s) becomes [`PathPoint`]s in joint space; torques and constraint forces along it are A s̈ + B ṡ² + C
+//! + D ṡ ([`Coefficients`]), so every limit is a row in z = ṡ² and s̈ ([`rows`]). Without jerk limits two passes
+//! compute the optimal z(s) ([`pass`]), with jerk limits a sequence of linear programmes ([`jerk`]). The result, a
+//! [`Profile`], is checked against the full model on a finer grid and rejected if a limit is exceeded ([`plan()`]).
 
 mod accept;
 pub mod certificate;
@@ -40,10 +40,10 @@ use thiserror::Error;
 
 use crate::machine::Setup;
 
-/// What a path file asks for.
+/// Contents of a path file.
 #[derive(Clone, Debug)]
 pub struct Task {
-    /// Name for reports, the file's stem.
+    /// Name for reports: the stem of the file name.
     pub name: String,
     /// The path.
     pub shape: Shape,
@@ -51,11 +51,11 @@ pub struct Task {
     pub setup: Setup,
     /// Limits.
     pub limits: Limits,
-    /// How to plan.
+    /// Options of the search.
     pub options: Options,
 }
 
-/// The objective with jerk limits; without them both have the same optimum.
+/// Objective with jerk limits; without jerk limits both have the same optimum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Objective {
     /// The time ∫ ds/√z itself.
@@ -65,17 +65,17 @@ pub enum Objective {
     Speed,
 }
 
-/// Why there is no plan.
+/// Reason why there is no plan.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlanError {
-    /// The path leads where the robot cannot go.
+    /// The robot cannot follow the path.
     #[error("the path cannot be followed at s = {s:.4}, (x, y, z) = ({:.4}, {:.4}, {:.4}) m: {source}", .at[0], .at[1], .at[2])]
     Place {
         /// Path parameter.
         s: f64,
         /// (x, y, z, ψ), m and rad.
         at: [f64; 4],
-        /// What is wrong.
+        /// Cause.
         source: PlaceError,
     },
     /// A limit is exceeded even at rest.
@@ -90,16 +90,16 @@ pub enum PlanError {
         s: f64,
         /// Value at rest.
         value: f64,
-        /// What may be used.
+        /// Usable value.
         usable: f64,
     },
-    /// The limits leave no motion through a place.
+    /// The limits permit no motion through a place.
     #[error("the limits leave no motion through s = {s:.4}")]
     Stuck {
         /// Path parameter.
         s: f64,
     },
-    /// The paper's objective is no objective here.
+    /// The optimum of the paper's objective comes to rest on this path.
     #[error(
         "∫ ṡ² ds, the objective \"speed\", grows towards a motion that rests at s = {s:.4}, because it does not count the time \
          spent there; expected the objective \"time\" for this path"
@@ -108,23 +108,23 @@ pub enum PlanError {
         /// Path parameter.
         s: f64,
     },
-    /// The solver of the jerk-limited programme gave up.
+    /// The solver of the jerk-limited programme did not converge.
     #[error("no motion within the jerk limits was found; fewer or more intervals may help")]
     Unsolved,
-    /// What was found does not keep a limit.
+    /// The motion found exceeds a limit.
     #[error("{limit} cannot be kept: {:.2} % above what may be used at s = {s:.4}; more intervals may help", 1e2 * (.ratio - 1.0))]
     Violated {
         /// The limit.
         limit: Limit,
         /// Path parameter.
         s: f64,
-        /// Value over what may be used.
+        /// Ratio of the value to the usable limit.
         ratio: f64,
     },
 }
 
 impl PlanError {
-    /// The same error with the parameter of `curve` replaced by s.
+    /// The error with the parameter of `curve` replaced by s.
     fn along(mut self, curve: &Curve) -> Self {
         match &mut self {
             Self::Place { s, .. }

@@ -1,12 +1,13 @@
-//! Time-optimal z(s) without jerk limits: one pass backward along the path, one forward.
+//! Time-optimal z(s) without jerk limits by a backward and a forward pass along the path.
 //!
-//! s̈ is constant over an interval, so z = ṡ² is linear in s. Rows hold at both ends of every interval with its s̈. For a
-//! given z they leave s̈ ∈ [L(z), U(z)], each bound one row's c − b z − d √z over a. In the backward pass the
-//! largest controllable z at a grid point, from which the next one can be reached, is the largest with L ≤ U: where L > U, the
-//! two rows are a quadratic in √z that is negative, so nothing down to its next root is feasible, and the search goes on at that
-//! root (`Strips::largest`; without d it is Newton's method from the right). The forward pass takes the largest s̈ within the
-//! controllable z, as in TOPP-RA [Pham & Pham, 2018]. √z at the end of an interval is replaced by its tangent in the backward
-//! pass, renewed at the z reached until both agree; it is exact in the forward pass, where z is given.
+//! s̈ is constant over an interval, so z = ṡ² is linear in s. Rows hold at both ends of every interval with its s̈.
+//! For a given z they restrict s̈ to [L(z), U(z)]; each bound is (±1 − b z − c − d √z)/a of one row. In the backward
+//! pass the largest controllable z at a grid point, from which the next one can be reached, is the largest with L ≤
+//! U: where L > U, the difference of the two rows is a negative quadratic in √z, so no smaller z is feasible down to
+//! its next root, and the search continues at that root (`Strips::largest`; without d this is Newton's method from
+//! the right). The forward pass takes the largest s̈ within the controllable z, as in TOPP-RA [Pham & Pham 2018]. In
+//! the backward pass √z at the end of an interval is replaced by its tangent, which is updated at the z reached until
+//! both agree; in the forward pass z is known and √z exact.
 
 use super::rows::{Grid, Row, Slack};
 
@@ -17,18 +18,18 @@ pub struct Passes {
     pub z: Vec<f64>,
     /// s̈ in each interval.
     pub acceleration: Vec<f64>,
-    /// Maximum velocity curve: largest z at each grid point alone.
+    /// Maximum velocity curve: largest z at each grid point on its own, 1/s².
     pub mvc: Vec<f64>,
 }
 
-/// The error that the limits leave no z at a grid point.
+/// Error: the limits permit no z at a grid point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stuck {
     /// Grid point.
     pub grid_point: usize,
 }
 
-/// α + β z + δ √z.
+/// Function α + β z + δ √z.
 #[derive(Clone, Copy)]
 struct Curved {
     constant: f64,
@@ -41,21 +42,22 @@ impl Curved {
         self.constant + self.slope * z + self.bend * root
     }
 
-    /// The largest √z below `root`, where this is negative, at which it is not; negative if that is below zero.
+    /// Largest √z below `root`, where the function is negative, at which it is zero; negative if that root lies below
+    /// zero.
     fn root_below(&self, root: f64) -> Option<f64> {
         let Self { constant, slope, bend } = *self;
         let square = bend * bend - 4.0 * slope * constant;
         if square < 0.0 {
             return None;
         }
-        // Of the two roots the one at which it falls.
+        // Of the two roots, the one at which the function decreases with √z.
         let found =
             if bend < 0.0 { 2.0 * constant / (square.sqrt() - bend) } else { -0.5 * (bend + square.sqrt()) / slope };
         (found <= root * (1.0 + 1e-9)).then_some(found)
     }
 }
 
-/// s̈ ∈ [low, high] + slope·z + bend·√z.
+/// Bounds on s̈: [low, high] + slope·z + bend·√z.
 #[derive(Clone, Copy)]
 struct Strip {
     slope: f64,
@@ -68,7 +70,7 @@ struct Strip {
 #[derive(Default)]
 struct Strips {
     list: Vec<Strip>,
-    /// Each at least zero.
+    /// Functions of z that must be non-negative.
     bare: Vec<Curved>,
     cap: f64,
 }
@@ -80,7 +82,7 @@ impl Strips {
         self.cap = cap;
     }
 
-    /// Removes the rows after the first `strips` and `bare` ones.
+    /// Keeps the first `strips` and `bare` rows only.
     fn truncate(&mut self, [strips, bare]: [usize; 2]) {
         self.list.truncate(strips);
         self.bare.truncate(bare);
@@ -99,7 +101,7 @@ impl Strips {
         }
     }
 
-    /// The upper and the lower bound on s̈ at z, each with the strip that it comes from.
+    /// Upper and lower bound on s̈ at z, each with the strip that determines it.
     fn range(&self, z: f64, root: f64) -> [(f64, Option<&Strip>); 2] {
         let (mut upper, mut lower) = ((f64::INFINITY, None), (f64::NEG_INFINITY, None));
         for s in &self.list {
@@ -114,7 +116,7 @@ impl Strips {
         [upper, lower]
     }
 
-    /// The condition on z that is violated by more than `rounding`, if there is one.
+    /// A condition on z that is violated by more than `rounding`, if there is one.
     fn broken(&self, z: f64, rounding: f64) -> Option<Curved> {
         let root = z.sqrt();
         if let Some(bare) = self.bare.iter().find(|bare| bare.at(z, root) < -rounding) {
@@ -133,7 +135,7 @@ impl Strips {
         self.broken(z, 1e-9).is_none()
     }
 
-    /// Largest z up to the cap for which L ≤ U.
+    /// Largest z up to the cap with L ≤ U.
     fn largest(&self) -> Option<f64> {
         let mut z = self.cap;
         for _ in 0..100 {
@@ -151,7 +153,7 @@ impl Strips {
         Some(z)
     }
 
-    /// Adds the rows at grid point `i` in its own z.
+    /// Adds the rows at grid point `i` in z of that point.
     fn here(&mut self, grid: &Grid, slack: &Slack, i: usize) {
         let grid_point = &grid.points[i];
         for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
@@ -162,7 +164,8 @@ impl Strips {
         }
     }
 
-    /// Adds the rows at grid point `i` + 1 in z of grid point `i`, z₊ = z + 2hs̈; √z₊ is replaced by its tangent at `z`.
+    /// Adds the rows at grid point `i` + 1 in z of grid point `i`, z₊ = z + 2hs̈; √z₊ is replaced by its tangent at
+    /// `z`.
     fn ahead(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
         let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
         let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
@@ -172,7 +175,7 @@ impl Strips {
         }
     }
 
-    /// Adds the rows at grid point `i` + 1 as bounds on its own z, where z of grid point `i` is given.
+    /// Adds the rows at grid point `i` + 1 as bounds on its own z for a given z of grid point `i`.
     fn arriving(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
         let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
         let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
@@ -203,16 +206,16 @@ impl Strips {
     }
 }
 
-/// Change of z, relative, at which tangents to its root are settled: they are off by an eighth of its square.
+/// Relative change of z at which the tangents to √z have converged; their error is an eighth of its square.
 const SETTLED: f64 = 1e-4;
-/// Tangents for one interval at most.
+/// Largest number of tangents for one interval.
 const MAX_TANGENTS: usize = 10;
 
-/// The largest z at every grid point, from rest to rest, within the rows and their `slack`.
+/// Largest z at every grid point from rest to rest, within the rows and their `slack`.
 ///
 /// # Errors
 ///
-/// [`Stuck`] names the grid point at which the limits leave no z.
+/// [`Stuck`] with the grid point at which the limits permit no z.
 pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
     let mvc = maximum_velocity_curve(grid, slack)?;
     let controllable = backward(grid, slack, &mvc)?;
@@ -220,7 +223,7 @@ pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
     Ok(Passes { z, acceleration, mvc })
 }
 
-/// The largest z at each grid point alone.
+/// Largest z at each grid point on its own.
 fn maximum_velocity_curve(grid: &Grid, slack: &Slack) -> Result<Vec<f64>, Stuck> {
     let mut strips = Strips::default();
     let largest = |i: usize| {
@@ -231,7 +234,7 @@ fn maximum_velocity_curve(grid: &Grid, slack: &Slack) -> Result<Vec<f64>, Stuck>
     (0..grid.points.len()).map(largest).collect()
 }
 
-/// The largest controllable z at each grid point: rest at the end of the path can be reached from it.
+/// Largest controllable z at each grid point, from which rest at the end of the path can be reached.
 fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> {
     let n = grid.intervals();
     let viscous = |i: usize| grid.points[i].rows.iter().any(|row| row.d != 0.0);
@@ -249,7 +252,7 @@ fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> 
             strips.truncate(own);
             strips.ahead(grid, slack, i, tangent);
             let Some(z) = strips.largest() else {
-                // A tangent far above lies too high.
+                // A tangent at a much larger z overestimates √z.
                 tangent *= 0.25;
                 continue;
             };
@@ -265,7 +268,7 @@ fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> 
     Ok(controllable)
 }
 
-/// z at each grid point and s̈ in each interval of the motion that takes the largest s̈ within the controllable z.
+/// z at each grid point and s̈ in each interval of the motion with the largest s̈ within the controllable z.
 fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Stuck> {
     let n = grid.intervals();
     let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
@@ -286,7 +289,7 @@ fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Res
         z[i + 1] = match next {
             Some(next) => next,
             None => {
-                // Next to the largest z steep rows turn rounding of z into much of s̈.
+                // Close to the largest z, steep rows amplify rounding of z in s̈.
                 strips.cap = z[i];
                 strips.ahead(grid, slack, i, limit);
                 match strips.largest() {
@@ -301,8 +304,9 @@ fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Res
     Ok((z, acceleration))
 }
 
-/// Upper bound on z of every feasible motion, see [`super::certificate`]; the grid points are ends and middles of the intervals in
-/// turn. Returns z at the ends and by how much z may depart from a straight line over each interval.
+/// Upper bound on z of every feasible motion, see [`super::certificate`]: z at the ends of the intervals, and the
+/// largest deviation of z from a straight line over each interval, 1/s². The grid points alternate between ends and
+/// middles of the intervals.
 pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
     let n = grid.intervals() / 2;
     let slack = Slack::full(grid.points.len());
@@ -315,7 +319,7 @@ pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
         })
         .collect();
     let mut margin = vec![0.0; n];
-    // What z cannot exceed bounds s̈, which bounds ε, which bounds z.
+    // Each round: the bound on z bounds s̈, which bounds ε, which bounds z.
     for _ in 0..BOUND_ROUNDS {
         let mut means: Vec<MeanRows> = (0..n).map(|i| MeanRows::new(grid, i, above[i].max(above[i + 1]))).collect();
         let mut largest = vec![0.0; n + 1];
@@ -336,16 +340,16 @@ pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
     (above, margin)
 }
 
-/// Rounds in which the bounds on z, s̈ and ε are taken from each other.
+/// Number of rounds in which the bounds on z, s̈ and ε update each other.
 const BOUND_ROUNDS: usize = 4;
 
-/// Rows averaged over an interval between two ends, see [`super::certificate`].
+/// Rows averaged over an interval, see [`super::certificate`].
 struct MeanRows {
-    /// The averaged rows, right sides 1 + ε.
+    /// The averaged rows with right sides 1 + ε.
     strips: Strips,
     /// Length of the interval in s.
     length: f64,
-    /// Bound on how far z departs from a straight line, 1/s².
+    /// Bound on the deviation of z from a straight line, 1/s².
     margin: f64,
 }
 
@@ -356,7 +360,7 @@ impl MeanRows {
         let h = right.point.s - left.point.s;
         let rows = || (0..here.rows.len()).map(|r| [left, here, right].map(|s| s.rows[r].tangent(s.reference)));
         let least = |(a, b, c): (f64, f64, f64), top: f64| (1.0 + b.abs() * top + c.abs()) / a.abs();
-        // z between the ends may be above both by as much as s̈ allows.
+        // Within the interval z may exceed both ends, by an amount limited by s̈.
         let bound = |top: f64| {
             rows().map(|row| row.map(|r| least(r, top)).into_iter().fold(0.0, f64::max)).fold(f64::INFINITY, f64::min)
         };

@@ -1,4 +1,4 @@
-//! From a path and limits to a checked motion.
+//! Planning: from a path and limits to a checked motion.
 
 use std::collections::BTreeMap;
 
@@ -12,21 +12,22 @@ use super::{Curve, Objective, PlanError, Profile};
 /// Options of the search.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Intervals of the path.
+    /// Number of intervals of the path.
     pub intervals: usize,
-    /// What is optimised.
+    /// Objective of the optimisation.
     pub objective: Objective,
-    /// Whether bounds on the time are computed; they cost more than the plan.
+    /// Whether bounds on the time are computed; they take longer than the plan.
     pub certify: bool,
-    /// Whether the bound with jerk limits is tightened until its gap is [`TIGHTENED_GAP`] or no longer shrinks, which takes seconds.
+    /// Whether the bound with jerk limits is tightened until its gap is [`TIGHTENED_GAP`] or stops shrinking, which
+    /// takes seconds.
     pub tighten: bool,
     /// Whether intervals are split where no limit is reached, see [`refine`](super::refine).
     pub refine: bool,
-    /// Seconds since some fixed instant, from which [`Plan::solve_s`] and [`Plan::verify_s`] come; they are zero by default.
+    /// Seconds since a fixed instant, for [`Plan::solve_s`] and [`Plan::verify_s`]; constant zero by default.
     pub clock: fn() -> f64,
 }
 
-/// Gap of the bound with jerk limits at which it is no further tightened.
+/// Relative gap of the bound with jerk limits at which tightening stops.
 pub const TIGHTENED_GAP: f64 = 5e-3;
 
 impl Default for Options {
@@ -42,57 +43,59 @@ impl Default for Options {
     }
 }
 
-/// A motion along a path that keeps its limits.
+/// Motion along a path within its limits.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The path over the parameter of `profile`: s, or with jerk limits x, see [`Curve::eased`].
     pub curve: Curve,
-    /// z over the parameter.
+    /// z over the parameter, 1/s².
     pub profile: Profile,
     /// Time over the path, s.
     pub time: f64,
-    /// No motion along the path is faster, jerk limits left aside, s; zero if not asked for.
+    /// Lower bound on the time of every motion along the path, without jerk limits, s; zero if not requested.
     pub bound: f64,
-    /// With jerk limits: no motion whose ẍ is linear over the plan's intervals is faster, s.
+    /// With jerk limits: lower bound on the time of every motion with ẍ linear over the plan's intervals, s.
     pub outer_bound: Option<f64>,
-    /// With jerk limits: no motion that the last programme allows is faster, s. Jerk limits are their tangents at the plan
-    /// there, so a small gap shows that the search has converged, not that its optimum is global.
+    /// With jerk limits: lower bound on the time of every motion within the last programme, s. The programme replaces
+    /// the jerk limits by their tangents at the plan, so a small gap shows convergence of the search, not global
+    /// optimality.
     pub search_bound: Option<f64>,
-    /// With jerk limits: time on an ever finer grid, s, extrapolated: what is left to gain is about what the last split gained.
+    /// With jerk limits: extrapolated time on an infinitely fine grid, s; the remaining gain is about that of the
+    /// last split.
     pub estimate: Option<f64>,
     /// Time without jerk limits, s.
     pub time_without_jerk: f64,
     /// Maximum velocity curve without jerk limits: s and largest z.
     pub mvc: Vec<[f64; 2]>,
-    /// Use of the limits on a grid ten times finer or more.
+    /// Use of the limits on a grid at least ten times finer.
     pub uses: Vec<Use>,
     /// Time of the search, s.
     pub solve_s: f64,
     /// Time of the check, s.
     pub verify_s: f64,
-    /// Passes or programmes solved.
+    /// Number of passes or programmes solved.
     pub iterations: usize,
 }
 
-/// Largest use of a limit by a plan.
+/// Largest use of a limit that a plan may have.
 pub const ALLOWED_USE: f64 = 1.001;
-/// Path speed at which loads count as those of rest, in lengths of the path per second.
+/// Path speed at which loads count as those at rest, in lengths of the path per second.
 const CREEPING_SPEED: f64 = 0.05;
-/// Intervals over those asked for, up to which they are doubled where a limit cannot be kept.
+/// Largest factor on the requested number of intervals, which is doubled where a limit cannot be satisfied.
 const MAX_REFINEMENT: usize = 4;
 /// Use from which a limit counts as active.
 const ACTIVE_USE: f64 = 0.998;
 
-/// The fastest motion along `curve` from rest to rest within `limits`, checked against the full model.
+/// Fastest motion along `curve` from rest to rest within `limits`, checked against the full model.
 ///
 /// # Errors
 ///
-/// [`PlanError`] says where the path or the limits leave no motion, or that none was found.
+/// [`PlanError`] states where the path or the limits permit no motion, or that none was found.
 pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options) -> Result<Plan, PlanError> {
     let mut search = Search::new(machine, curve, limits, options);
     search.at_rest(&[0.0, curve.end()], 0.0, ALLOWED_USE)?;
     match finer(&mut search, curve, options) {
-        // Of a hundred paths one has a motion that the programmes do not find over the eased parameter.
+        // For about one path in a hundred the programmes find no motion over the eased parameter.
         Err(error) if limits.has_jerk() && is_of_the_search(&error) => {
             finer(&mut Search::over_length(machine, curve, limits, options), curve, options).map_err(|_| error)
         }
@@ -100,7 +103,7 @@ pub fn plan(machine: &Machine, curve: &Curve, limits: &Limits, options: &Options
     }
 }
 
-/// The plan on the first of finer and finer grids that has a motion.
+/// Plan on the coarsest grid, of repeatedly doubled size, on which a motion is found.
 fn finer(search: &mut Search, curve: &Curve, options: &Options) -> Result<Plan, PlanError> {
     let mut intervals = options.intervals;
     loop {
@@ -117,16 +120,17 @@ fn finer(search: &mut Search, curve: &Curve, options: &Options) -> Result<Plan, 
     }
 }
 
-/// Whether another grid may have a motion.
+/// Whether another grid may permit a motion.
 fn is_of_the_search(error: &PlanError) -> bool {
     matches!(error, PlanError::Violated { .. } | PlanError::Unsolved | PlanError::Stuck { .. })
 }
 
 impl Plan {
-    /// By how much the plan is slower than what may be possible along the path, relative to its time.
+    /// Excess of the plan's time over its lower bound or estimate, relative to the plan's time.
     ///
-    /// Without jerk limits that is [`Plan::bound`]. With them it is an estimate: the lower one of [`Plan::outer_bound`], which
-    /// holds on the plan's intervals, and [`Plan::estimate`], what finer ones would give.
+    /// Without jerk limits the bound is [`Plan::bound`]. With jerk limits the gap is an estimate: it refers to the
+    /// smaller of [`Plan::outer_bound`], which is valid on the plan's intervals, and [`Plan::estimate`], the
+    /// extrapolation to finer ones.
     pub fn optimality_gap(&self) -> f64 {
         let possible = match (self.outer_bound, self.estimate) {
             (None, None) => self.bound,
@@ -135,7 +139,7 @@ impl Plan {
         1.0 - possible / self.time
     }
 
-    /// s and z = ṡ² at a place of the check.
+    /// s and z = ṡ² (1/s²) at a place of the check.
     pub fn speed(&self, at: &Use) -> [f64; 2] {
         let [s, g1, ..] = self.curve.way(at.s);
         let x = at.s - self.profile.s[at.interval];
@@ -154,7 +158,7 @@ impl Plan {
         worst
     }
 
-    /// Limits that are reached and where, in stretches of s.
+    /// Active limits and the ranges of s in which they are reached.
     pub fn active(&self) -> Vec<(Limit, [f64; 2])> {
         let mut out: Vec<(Limit, [f64; 2])> = Vec::new();
         for k in 0..CHECKED {

@@ -7,44 +7,44 @@ use super::Curve;
 use crate::kinematics::{JointState, KinematicsError, Motion, PlatformState};
 use crate::machine::{ARMS, AXES, Geometry};
 
-/// Joint angles along a path and their derivatives by s.
+/// Joint positions along a path and their derivatives with respect to s.
 #[derive(Clone, Copy, Debug)]
 pub struct PathPoint {
     /// Path parameter.
     pub s: f64,
     /// q, q′, q″, q‴; rad.
     pub q: [[f64; AXES]; 4],
-    /// r and its derivatives (x, y, z, ψ); m, rad.
+    /// r and its derivatives with respect to s (x, y, z, ψ); m, rad.
     pub r: [Vector4<f64>; 4],
 }
 
-/// Least sine of the angle between strut and arm seen along the motor axis.
+/// Least sine of the angle between strut and arm, seen along the motor axis.
 const MIN_ARM_SINE: f64 = 0.1;
-/// Least volume spanned by the three unit vectors along the struts.
+/// Least volume spanned by the unit vectors along the three struts.
 const MIN_STRUT_VOLUME: f64 = 0.05;
 
-/// A place on the path where the robot cannot go.
+/// Reason why the robot cannot take a place on the path.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlaceError {
     /// The pose is impossible or outside the limits of joints and telescope.
     #[error("{0}")]
     Pose(KinematicsError),
-    /// An arm and its struts are almost in line.
+    /// An arm and its struts are almost collinear.
     #[error("arm {} and its struts are almost in line: sine of their angle {sine:.3}, at least {least}", .arm + 1)]
     Stretched {
         /// Arm, from 0.
         arm: usize,
         /// Sine of the angle.
         sine: f64,
-        /// Least allowed.
+        /// Least permitted sine.
         least: f64,
     },
-    /// The struts lie almost in a plane.
+    /// The struts are almost coplanar.
     #[error("the struts lie almost in a plane: their unit vectors span {volume:.3}, at least {least}")]
     Flat {
         /// Spanned volume.
         volume: f64,
-        /// Least allowed.
+        /// Least permitted volume.
         least: f64,
     },
 }
@@ -64,11 +64,11 @@ impl PathPoint {
         Ok(Self { s, q, r })
     }
 
-    /// Nothing if the robot may be at this point.
+    /// Checks that the robot can take this point.
     ///
     /// # Errors
     ///
-    /// [`PlaceError`] says which limit of joints or telescope is exceeded, or which singularity is near.
+    /// [`PlaceError`] with the exceeded limit of joints or telescope, or the singularity that is too close.
     pub fn check(&self, geometry: &Geometry) -> Result<(), PlaceError> {
         let position = self.r[0].xyz();
         geometry.check_limits(&self.q[0], &position).map_err(PlaceError::Pose)?;
@@ -90,7 +90,7 @@ impl PathPoint {
         Ok(())
     }
 
-    /// Joint motion at path speed ṡ and path acceleration s̈ (38), (39).
+    /// Joint motion at path speed ṡ (1/s) and path acceleration s̈ (1/s²), (38) and (39).
     pub fn joints(&self, speed: f64, acceleration: f64) -> JointState {
         let [q, q1, q2, _] = &self.q;
         JointState {
@@ -100,13 +100,13 @@ impl PathPoint {
         }
     }
 
-    /// Platform motion at path speed ṡ and path acceleration s̈.
+    /// Platform motion at path speed ṡ (1/s) and path acceleration s̈ (1/s²).
     pub fn platform(&self, speed: f64, acceleration: f64) -> PlatformState {
         let [r, r1, r2, _] = &self.r;
         platform(r, &(r1 * speed), &(r2 * (speed * speed) + r1 * acceleration))
     }
 
-    /// Motion of all bodies at path speed ṡ and path acceleration s̈.
+    /// Motion of all bodies at path speed ṡ (1/s) and path acceleration s̈ (1/s²).
     pub fn motion(&self, geometry: &Geometry, speed: f64, acceleration: f64) -> Motion {
         Motion::with_platform(geometry, &self.joints(speed, acceleration), &self.platform(speed, acceleration))
     }

@@ -1,8 +1,8 @@
-//! The found z(s) = ṡ² between the grid points, and the time along it (45).
+//! Profile z(s) = ṡ² between the grid points, and the time along it (45).
 
 use nalgebra::Vector3;
 
-/// z over one interval of s; σ counts from its start, h is its length.
+/// z over one interval of s; σ is measured from its start, h is its length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Piece {
     /// z = z₀ + 2bσ + cσ²: s̈ = b + cσ.
@@ -29,31 +29,32 @@ pub enum Piece {
 /// z, s̈ and s⃛ at a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
-    /// ṡ².
+    /// ṡ², 1/s².
     pub z: f64,
-    /// s̈.
+    /// s̈, 1/s².
     pub acceleration: f64,
-    /// s⃛.
+    /// s⃛, 1/s³.
     pub jerk: f64,
 }
 
-/// z along a whole path.
+/// z along an entire path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// Path parameter of the grid points, increasing.
+    /// Path parameter of the grid points, ascending.
     pub s: Vec<f64>,
-    /// Interval by interval.
+    /// One piece per interval.
     pub pieces: Vec<Piece>,
 }
 
 impl Profile {
-    /// z linear between the grid points.
+    /// Profile with z linear between the grid points.
     pub fn linear(s: &[f64], z: &[f64]) -> Self {
         let piece = |i: usize| Piece::Quadratic { z: z[i], b: 0.5 * (z[i + 1] - z[i]) / (s[i + 1] - s[i]), c: 0.0 };
         Self { s: s.to_vec(), pieces: (0..s.len() - 1).map(piece).collect() }
     }
 
-    /// s̈ linear between the grid points, with constant jerk of s at both ends of the path; `acceleration` at the grid points.
+    /// Profile with s̈ linear between the grid points and constant s⃛ at both ends of the path; `acceleration` at the
+    /// grid points.
     pub fn quadratic(s: &[f64], z: &[f64], acceleration: &[f64]) -> Self {
         let n = s.len() - 1;
         let piece = |i: usize| match i {
@@ -68,7 +69,7 @@ impl Profile {
         Self { s: s.to_vec(), pieces: (0..n).map(piece).collect() }
     }
 
-    /// s̈ linear between the grid points, ends included; `acceleration` at the grid points.
+    /// Profile with s̈ linear between the grid points, ends included; `acceleration` at the grid points.
     pub fn smooth(s: &[f64], z: &[f64], acceleration: &[f64]) -> Self {
         let slope = |i: usize| (acceleration[i + 1] - acceleration[i]) / (s[i + 1] - s[i]);
         let piece = |i: usize| Piece::Quadratic { z: z[i], b: acceleration[i], c: slope(i) };
@@ -79,7 +80,7 @@ impl Profile {
         self.s[i + 1] - self.s[i]
     }
 
-    /// At σ from the start of interval `i`.
+    /// z, s̈ and s⃛ at σ from the start of interval `i`.
     pub fn at(&self, i: usize, sigma: f64) -> Pace {
         let h = self.length(i);
         // z = z₁ x^(4/3), s̈ = (2/3) z₁/h x^(1/3), s⃛ = (2/9) z₁^(3/2)/h².
@@ -98,7 +99,7 @@ impl Profile {
         }
     }
 
-    /// Pace at `s`.
+    /// z, s̈ and s⃛ at `s`.
     pub fn pace(&self, s: f64) -> Pace {
         let i = self.s.partition_point(|&x| x <= s).saturating_sub(1).min(self.pieces.len() - 1);
         self.at(i, s - self.s[i])
@@ -147,7 +148,7 @@ impl Profile {
         (0..self.pieces.len()).map(|i| self.duration(i)).sum()
     }
 
-    /// s, ṡ, s̈ at times in order, s; at rest before and after.
+    /// s, ṡ and s̈ at ascending times in s; at rest before and after the motion.
     pub fn sample(&self, times: impl IntoIterator<Item = f64>) -> Vec<[f64; 3]> {
         let durations: Vec<f64> = (0..self.pieces.len()).map(|i| self.duration(i)).collect();
         let (mut i, mut start) = (0, 0.0);
@@ -161,7 +162,7 @@ impl Profile {
                 None => [self.s[self.s.len() - 1], 0.0, 0.0],
                 Some(piece) => {
                     let (t, h) = ((t - start).max(0.0), self.length(i));
-                    // Constant jerk of s, j = (2/9) z^(3/2)/h², from the end at rest.
+                    // Constant s⃛ = (2/9) z^(3/2)/h² from the end at rest.
                     let ramp = |z: f64, t: f64| {
                         let j = 2.0 / 9.0 * z.powf(1.5) / (h * h);
                         Vector3::new(j * t.powi(3) / 6.0, 0.5 * j * t * t, j * t)
@@ -189,7 +190,7 @@ impl Profile {
 
 /// σ, σ̇ and σ̈ at time `t` for σ̈ = b + cσ, σ(0) = 0, σ̇(0) = `speed`.
 fn travel(speed: f64, b: f64, c: f64, t: f64) -> Vector3<f64> {
-    // S = sinh(kt)/k and C = (cosh(kt) − 1)/k², k² = c; sine and cosine for c < 0, power series where c t² is small.
+    // S = sinh(kt)/k and C = (cosh(kt) − 1)/k², k² = c; sine and cosine for c < 0, power series for small c t².
     let x = c * t * t;
     let (s, half) = if x.abs() < 1e-3 {
         let s = t * (1.0 + x / 6.0 * (1.0 + x / 20.0 * (1.0 + x / 42.0)));

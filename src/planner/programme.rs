@@ -1,11 +1,11 @@
-//! A conic programme row by row, and its solution by Clarabel.
+//! A conic programme assembled row by row, solved by Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolution, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
 
-/// Iterations of the interior-point solver at most.
+/// Largest number of iterations of the interior-point solver.
 const MAX_ITERATIONS: u32 = 100;
 
 /// Rows b − A x ∈ K: equalities first, then inequalities, then second-order cones of dimension three.
@@ -55,7 +55,7 @@ impl Programme {
         self.row(&[], 2.0);
     }
 
-    /// The minimiser of `cost`ᵀx and the dual bound on its value; `None` if the solver finds none.
+    /// Minimiser of `cost`ᵀx and the dual bound on its value; `None` if the solver finds none.
     ///
     /// The first `equalities` rows are equalities, those up to `bounded` inequalities, the rest cones.
     pub(super) fn solve(self, cost: &[f64], equalities: usize, bounded: usize) -> Option<DefaultSolution<f64>> {
@@ -73,7 +73,7 @@ impl Programme {
     }
 }
 
-/// The factor that brings the absolute sum of `cost` to one; `cost` is multiplied by it.
+/// Factor that scales the absolute sum of `cost` to one; `cost` is multiplied by it.
 pub(super) fn normalise(cost: &mut [f64]) -> f64 {
     let scale = 1.0 / cost.iter().map(|c| c.abs()).sum::<f64>();
     cost.iter_mut().for_each(|c| *c *= scale);

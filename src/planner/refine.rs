@@ -1,19 +1,19 @@
-//! Where a grid is too coarse for the motion found on it.
+//! Grid refinement where the grid is too coarse for the motion found on it.
 //!
-//! Along a fastest motion some limit is reached almost everywhere: with z and s̈ as states and s⃛ as input, time-optimal inputs
-//! lie on the border of what is allowed. So the *idle time* ∫ |1 − u| dt, u the largest use of a limit at a place by the
-//! full model, tends to zero with the length of the intervals. It is largest in intervals that are too long: at the ends of
-//! the path, where s⃛ is constant over an interval, where the active limit changes, and where a limit is exceeded between two
-//! grid points, which reduces the slack at both. Those intervals are split.
+//! A time-optimal motion reaches some limit almost everywhere: with z and s̈ as states and s⃛ as input, time-optimal
+//! inputs lie on the boundary of the feasible set. The *idle time* ∫ |1 − u| dt, with u the largest use of a limit by
+//! the full model at a place, therefore tends to zero with the interval length. It is largest in intervals that are
+//! too long: at the ends of the path, where s⃛ is constant over an interval; where the active limit changes; and
+//! where a limit is exceeded between two grid points, which reduces the slack at both. Those intervals are split.
 
 use super::Profile;
 use super::verify::Use;
 
-/// Change of the time by the last split, relative, at which the grid is fine enough.
+/// Relative change of the time by the last split at which the grid is fine enough.
 pub const SETTLED: f64 = 2.5e-3;
-/// Share of the idle time in the intervals that are split.
+/// Share of the idle time in the intervals to be split.
 const SPLIT_SHARE: f64 = 0.7;
-/// An interval is split into this many parts at most.
+/// Largest number of parts of a split interval.
 const MAX_PARTS: f64 = 6.0;
 
 /// Idle time in every interval, s.
@@ -31,9 +31,9 @@ pub fn idle(profile: &Profile, uses: &[Use]) -> Vec<f64> {
     out
 }
 
-/// Places of the grid of `profile` with new ones in the intervals that have most of the `idle` time.
+/// Grid points of `profile` with additional ones in the intervals that contain most of the `idle` time.
 ///
-/// The new grid has no more than `largest` intervals, unless the old one has.
+/// The new grid has at most `largest` intervals, or the number of the old one if that is larger.
 pub fn split(profile: &Profile, idle: &[f64], largest: usize) -> Vec<f64> {
     let n = idle.len();
     let mut order: Vec<usize> = (0..n).collect();
@@ -44,7 +44,7 @@ pub fn split(profile: &Profile, idle: &[f64], largest: usize) -> Vec<f64> {
         rest >= 0.0
     };
     let marked = n - order.iter().rev().take_while(few).count();
-    // What an interval may keep: the mean of those that are not split.
+    // Idle time permitted per interval: the mean of the intervals that are not split.
     let kept = &order[marked.min(n - 1)..];
     let keep = kept.iter().map(|&i| idle[i]).sum::<f64>() / kept.len() as f64;
     let mut parts = vec![1; n];

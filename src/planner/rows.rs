@@ -1,4 +1,4 @@
-//! The grid along a path, and the limits at its points as rows in z = ṡ² and s̈.
+//! Grid along a path, with the limits at its points as rows in z = ṡ² and s̈.
 
 use rayon::prelude::*;
 
@@ -7,12 +7,12 @@ use super::limits::{LOADS, Limits, QUANTITIES};
 use super::{Curve, PathPoint, PlanError};
 use crate::machine::AXES;
 
-/// ṡ at which force laws are linearised for rest: there is no friction yet.
+/// ṡ at which force laws are linearised for rest, where friction vanishes, 1/s.
 const REST_SPEED: f64 = 1e-9;
-/// Least time over a path, s: bounds ṡ where the joints stand still.
+/// Least time over a path, s: bounds ṡ where the joint speeds vanish.
 const LEAST_TIME: f64 = 1e-3;
 
-/// A limit |a s̈ + b z + c + d √z| ≤ 1, in units of what may be used of the quantity.
+/// Limit |a s̈ + b z + c + d √z| ≤ 1, in units of the usable value of the quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Row {
     /// Per s̈.
@@ -31,7 +31,7 @@ impl Row {
         self.a * acceleration + self.b * z + self.c + self.d * z.sqrt()
     }
 
-    /// (a, b, c) of the row in s̈ and z alone, with √z replaced by its tangent at `speed`.
+    /// (a, b, c) of the row in s̈ and z alone, with √z replaced by its tangent at ṡ = `speed`.
     pub fn tangent(&self, speed: f64) -> (f64, f64, f64) {
         (self.a, self.b + 0.5 * self.d / speed, self.c + 0.5 * self.d * speed)
     }
@@ -40,28 +40,28 @@ impl Row {
 /// All limits at one grid point.
 #[derive(Clone, Debug)]
 pub struct GridPoint {
-    /// The path there, in joint space.
+    /// Path point in joint space.
     pub point: PathPoint,
-    /// Largest z by the drive speeds.
+    /// Largest z permitted by the drive speeds, 1/s².
     pub cap: f64,
     /// Rows of the limited quantities, see [`Grid::quantities`].
     pub rows: Vec<Row>,
-    /// At the ends of the path: the rows of torques and constraint forces once more, at rest, where there is no friction.
+    /// At the ends of the path: the rows of torques and constraint forces again, at rest and without friction.
     pub rest: Vec<Row>,
-    /// (ds/dx)³ = ṡ² ds / ẋ² dx.
+    /// Weight of the objective ∫ z ds over the parameter: (ds/dx)³ = ṡ² ds / ẋ² dx.
     pub weight: f64,
-    /// Speed at which the rows' force laws are linearised.
+    /// ṡ at which the rows' force laws are linearised, 1/s.
     pub reference: f64,
 }
 
 /// Grid points along a path.
 #[derive(Clone, Debug)]
 pub struct Grid {
-    /// In order of s, first and last at the ends of the path.
+    /// Grid points in ascending s; the first and the last are the ends of the path.
     pub points: Vec<GridPoint>,
-    /// The limited quantities that the rows stand for, in order.
+    /// Indices of the limited quantities of the rows, in order.
     pub quantities: Vec<usize>,
-    /// Whether the path is eased at its ends: the robot rests there while the parameter has a speed.
+    /// Whether the path is eased: the robot rests at its ends at a non-zero rate of the parameter.
     pub eased: bool,
 }
 
@@ -100,11 +100,12 @@ impl Grid {
         })
     }
 
-    /// Replaces the rows of torques and constraint forces by those with force laws linearised at `references`, one per point.
+    /// Replaces the rows of torques and constraint forces by rows with force laws linearised at `references`, one per
+    /// point.
     ///
     /// # Errors
     ///
-    /// [`PlanError::Place`] where the constraint forces are not determined.
+    /// [`PlanError::Place`] where the constraint forces are indeterminate.
     pub fn load(&mut self, machine: &Machine, limits: &Limits, references: &[Reference]) -> Result<(), PlanError> {
         let usable = limits.usable();
         let loads: Vec<usize> = (0..LOADS).filter(|&k| usable[AXES + k].is_finite()).collect();
@@ -151,12 +152,12 @@ impl Grid {
         self.points[i].point.s
     }
 
-    /// Grid points at which the parameter moves.
+    /// Range of the moving grid points, at which the rate of the parameter is positive.
     pub fn moving(&self) -> std::ops::Range<usize> {
         if self.eased { 0..self.points.len() } else { 1..self.intervals() }
     }
 
-    /// Intervals between two of these.
+    /// Range of the intervals between two moving grid points.
     pub fn inner(&self) -> std::ops::Range<usize> {
         if self.eased { 0..self.intervals() } else { 1..self.intervals() - 1 }
     }
@@ -166,7 +167,7 @@ impl Grid {
         self.s(i + 1) - self.s(i)
     }
 
-    /// The first and the last interval of a path that is not eased.
+    /// First and last interval of a path that is not eased; empty for an eased one.
     pub(super) fn ramps(&self) -> Vec<Ramp> {
         if self.eased {
             return Vec::new();
@@ -193,17 +194,17 @@ pub(super) struct Ramp {
     pub sign: f64,
 }
 
-/// Share of each limit that may be used at each grid point: one, less where the check on a finer grid found an excess.
+/// Usable share of each limit at each grid point: one, or less where the check on a finer grid found an excess.
 #[derive(Clone, Debug)]
 pub struct Slack {
-    /// Per grid point: of each affine quantity, and at the end of the cap on z.
+    /// Per grid point: share of each affine quantity, and as last entry of the cap on z.
     pub share: Vec<[f64; QUANTITIES + 1]>,
-    /// Per grid point: of each drive's jerk limit.
+    /// Per grid point: share of each drive's jerk limit.
     pub jerk: Vec<[f64; AXES]>,
 }
 
 impl Slack {
-    /// All of every limit at `points` grid points.
+    /// Share one of every limit at `points` grid points.
     pub fn full(points: usize) -> Self {
         Self { share: vec![[1.0; QUANTITIES + 1]; points], jerk: vec![[1.0; AXES]; points] }
     }

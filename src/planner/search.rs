@@ -1,5 +1,5 @@
-//! The search for the fastest motion: without jerk limits, then with them on finer and finer grids, each result checked against
-//! the full model.
+//! Search for the fastest motion: first without jerk limits, then with them on successively finer grids; each result
+//! is checked against the full model.
 
 use super::accept::{accept, tighten};
 use super::certificate::UpperBound;
@@ -15,26 +15,27 @@ use super::verify::{self, Use};
 use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, refine, relaxation};
 use crate::machine::AXES;
 
-/// Checked places per interval, and of the last check over the whole path, at least.
+/// Least number of checked places per interval, and over the whole path in the last check.
 const PLACES_PER_INTERVAL: usize = 10;
 const PLACES_IN_ALL: usize = 4000;
-/// Rounds of tightening the limits that the check finds exceeded, at most.
+/// Largest number of rounds of tightening exceeded limits.
 const MAX_TIGHTENINGS: usize = 12;
-/// z over that of the fastest motion below which a motion counts as resting.
+/// Ratio of z to that of the fastest motion below which a motion counts as at rest.
 const REST_SHARE: f64 = 1e-3;
-/// Rounds of splitting intervals, and intervals after them, at most.
+/// Largest number of rounds of splitting, and largest number of intervals after them.
 const MAX_SPLITS: usize = 6;
 const MAX_INTERVALS: usize = 1000;
-/// Change of the time, relative, at which programmes on a coarse grid have settled.
+/// Relative gap between time and lower bound at which programmes on a coarse grid have converged.
 const COARSE_SETTLED: f64 = 2e-3;
-/// Intervals of the coarsest programme with jerk limits, and how much finer each next one is.
+/// Number of intervals of the coarsest programme with jerk limits, and refinement factor from one grid to the next.
 const COARSEST: usize = 50;
 const REFINEMENT: usize = 4;
-/// Solutions for one set of limits, force laws linearised at the last one, at most.
+/// Largest number of solutions for one set of limits, each with force laws linearised at the previous one.
 const MAX_LINEARISATIONS: usize = 30;
-/// Change of z, relative, at which linearisations without jerk limits have settled.
+/// Relative change of z at which linearisations without jerk limits have converged.
 const SETTLED: f64 = 1e-6;
-/// Speeds of the reference over those of the last motion: the factor after a failure, and the value that is not reduced again.
+/// Reference speeds relative to those of the last motion: factor after a failure, and share below which it is not
+/// applied.
 const SLOWDOWN: f64 = 0.25;
 const LEAST_SPEED_SHARE: f64 = 1e-4;
 
@@ -53,7 +54,7 @@ trait Solver {
 
     fn slack(&mut self) -> &mut Slack;
 
-    /// Solves again; the last motion stays on an error.
+    /// Solves again; the last motion is kept on an error.
     fn solve(&mut self, search: &mut Search) -> Result<(), PlanError>;
 }
 
@@ -99,11 +100,11 @@ impl Solver for Sequence {
     }
 }
 
-/// One path within one set of limits.
+/// Search along one path within one set of limits.
 pub(super) struct Search<'a> {
     machine: &'a Machine<'a>,
     curve: &'a Curve,
-    /// The same path over the parameter in which jerk-limited motions are sought.
+    /// The path over the parameter of the jerk-limited search.
     eased: Curve,
     limits: &'a Limits,
     options: &'a Options,
@@ -113,13 +114,13 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// A search that seeks jerk-limited motions over the eased parameter of the path.
+    /// Search for jerk-limited motions over the eased parameter of the path.
     pub(super) fn new(machine: &'a Machine<'a>, curve: &'a Curve, limits: &'a Limits, options: &'a Options) -> Self {
         let eased = curve.clone().eased();
         Self { machine, curve, eased, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 }
     }
 
-    /// A search that seeks jerk-limited motions over the length of the path.
+    /// Search for jerk-limited motions over the length of the path.
     pub(super) fn over_length(
         machine: &'a Machine<'a>,
         curve: &'a Curve,
@@ -129,11 +130,11 @@ impl<'a> Search<'a> {
         Self { eased: curve.clone(), ..Self::new(machine, curve, limits, options) }
     }
 
-    /// A plan on about as many intervals, or more where they are split.
+    /// Plan on about as many intervals, or more where they are split.
     ///
     /// # Errors
     ///
-    /// What makes the path impossible, or that no motion was found on this grid.
+    /// Reason why the path is impossible, or that no motion was found on this grid.
     pub(super) fn run(&mut self, intervals: usize) -> Result<Plan, PlanError> {
         let mut unlimited = self.unlimited(even(self.curve, intervals))?;
         let has_jerk = self.limits.has_jerk();
@@ -174,7 +175,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// The fastest motion with jerk limits, begun at the one without them.
+    /// Fastest motion with jerk limits, started at the one without them.
     fn with_jerk(
         &mut self,
         unlimited: &Profile,
@@ -199,7 +200,7 @@ impl<'a> Search<'a> {
 
     /// Uses of the limits by the motion of `solver`, which is solved with less slack until no limit is exceeded.
     ///
-    /// The last check is finer; where there is no motion with less slack the last one is accepted or refused.
+    /// The last check is finer; where there is no motion with less slack, the last one is accepted or rejected.
     fn verified(&mut self, curve: &Curve, solver: &mut impl Solver) -> Result<Vec<Use>, PlanError> {
         let (mut round, mut fine) = (0, false);
         loop {
@@ -218,7 +219,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The fastest motion on a grid of `intervals`, found on a coarse one first and then on finer ones.
+    /// Fastest motion on a grid of `intervals`, found on successively finer grids.
     fn coarse_to_fine(&mut self, unlimited: &Profile, intervals: usize) -> Result<Sequence, PlanError> {
         let mut sizes = vec![intervals];
         while sizes[0] >= COARSEST * REFINEMENT {
@@ -233,7 +234,7 @@ impl<'a> Search<'a> {
         Ok(sequence)
     }
 
-    /// The fastest motion on a grid that is fine enough, and by how much the last split changed its time, relative.
+    /// Fastest motion on a sufficiently fine grid, and the relative change of its time by the last split.
     fn refined(&mut self, mut sequence: Sequence, intervals: usize) -> Result<(Sequence, Option<f64>), PlanError> {
         let mut change = None;
         for _ in 0..if self.options.refine { MAX_SPLITS } else { 0 } {
@@ -252,7 +253,7 @@ impl<'a> Search<'a> {
         Ok((sequence, change))
     }
 
-    /// Maximises ∫ ṡ² ds from the fastest motion on.
+    /// Maximises ∫ ṡ² ds, started at the fastest motion.
     fn maximise_speed(&mut self, sequence: &mut Sequence) -> Result<(), PlanError> {
         let fastest = sequence.at.z.clone();
         self.timed(|search| search.settle(sequence, Objective::Speed, jerk::SETTLED))?;
@@ -263,7 +264,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Programmes at `places` until they settle, begun below `unlimited`, a motion over s without jerk limits.
+    /// Programmes at `places` until convergence, started below `unlimited`, a motion over s without jerk limits.
     fn first_sequence(&mut self, unlimited: &Profile, places: &[f64], settled: f64) -> Result<Sequence, PlanError> {
         self.timed(|search| {
             let near = reparametrised(unlimited, &search.eased, places);
@@ -275,7 +276,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Programmes at `places` until they settle, begun at the motion `profile` with jerk limits.
+    /// Programmes at `places` until convergence, started at the motion `profile` with jerk limits.
     fn next_sequence(&mut self, profile: &Profile, places: &[f64], settled: f64) -> Result<Sequence, PlanError> {
         self.timed(|search| {
             let near = resampled(profile, places);
@@ -287,7 +288,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Programmes until the time stays the same, force laws linearised at the result of each.
+    /// Programmes until convergence, with force laws linearised at the result of each.
     fn settle(&mut self, sequence: &mut Sequence, objective: Objective, settled: f64) -> Result<(), PlanError> {
         let (machine, limits) = (self.machine, self.limits);
         self.iterations +=
@@ -295,9 +296,10 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Passes until the force laws are linearised at their result; viscous friction is linear anywhere.
+    /// Passes until the force laws are linearised at their result; viscous friction is linear everywhere.
     ///
-    /// Tangents of other laws at speed may leave no motion at rest, so references slow down until the first passes succeed.
+    /// Tangents of other laws at speed may permit no motion at rest, so the reference speeds are reduced until the
+    /// first passes succeed.
     fn passes(&mut self, grid: &mut Grid, slack: &Slack, from: Option<&Passes>) -> Result<Passes, PlanError> {
         let mut found = match from {
             Some(found) => found.clone(),
@@ -330,7 +332,7 @@ impl<'a> Search<'a> {
         Ok(found)
     }
 
-    /// Upper bound on z without jerk limits, if bounds are asked for.
+    /// Upper bound on z without jerk limits, if bounds are requested.
     fn upper_bound(&self, profile: &Profile) -> Result<Option<UpperBound>, PlanError> {
         match self.options.certify {
             true => certificate::upper_bound(self.machine, self.curve, self.limits, profile).map(Some),
@@ -338,7 +340,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Lower bound on the time of all that the rows of the last programme allow, s.
+    /// Lower bound on the time of all motions within the rows of the last programme, s.
     fn search_bound(&self, sequence: &Sequence) -> Option<f64> {
         if self.options.objective == Objective::Time {
             return Some(sequence.bound);
@@ -360,7 +362,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Uses of the limits on a grid ten times finer, or where `fine` at [`PLACES_IN_ALL`] places at least.
+    /// Uses of the limits on a grid ten times finer, or with `fine` at about [`PLACES_IN_ALL`] places if that is
+    /// more.
     fn check(&mut self, curve: &Curve, profile: &Profile, fine: bool) -> Result<Vec<Use>, PlanError> {
         if profile.stalls() {
             return Err(PlanError::Unsolved);
@@ -372,11 +375,11 @@ impl<'a> Search<'a> {
         Ok(uses)
     }
 
-    /// The largest excess of a load at rest, or at the speed `creeping` along the path, as an error.
+    /// Error of the largest excess of a load at rest, or at the speed `creeping` along the path.
     ///
     /// # Errors
     ///
-    /// [`PlanError::AtRest`] if a load at one of the `places` is beyond `allowed` of what may be used.
+    /// [`PlanError::AtRest`] if a load at one of the `places` exceeds `allowed` times the usable value.
     pub(super) fn at_rest(&self, places: &[f64], creeping: f64, allowed: f64) -> Result<(), PlanError> {
         let usable = self.limits.usable();
         let geometry = &self.machine.plant().geometry;
@@ -399,7 +402,7 @@ impl<'a> Search<'a> {
         worst.map_or(Ok(()), |w| Err(w.1))
     }
 
-    /// What `solve` returns; the time it takes counts as that of the search.
+    /// Result of `solve`, whose duration is added to that of the search.
     fn timed<T>(&mut self, solve: impl FnOnce(&mut Self) -> T) -> T {
         let start = (self.options.clock)();
         let solved = solve(self);

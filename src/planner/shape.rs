@@ -5,17 +5,17 @@ use nalgebra::Vector4;
 use super::Curve;
 use crate::scenario::motion::table::Table;
 
-/// What a path file asks for; waypoints (x, y, z, ψ) in m and rad.
+/// Shape of a path as given in a path file; waypoints (x, y, z, ψ) in m and rad.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// Straight lines between waypoints, each corner rounded from the distance `blend` (m) before it to the same after it.
-    /// Where the path turns back on itself, it does so at the waypoint itself.
+    /// Straight lines between waypoints, each corner rounded between the distance `blend` (m) before and after it.
+    /// Where the path reverses, it does so at the waypoint itself.
     Lines {
-        /// Corners with both ends; neighbours apart.
+        /// Both ends and the corners between them; neighbours differ.
         points: Vec<[f64; 4]>,
         /// Distance from a corner at which its blend begins, m; at most half of a line is used. Zero without corners.
         blend: f64,
-        /// Length that a turn of ψ by 1 rad counts, m.
+        /// Length equivalent to a rotation of ψ by 1 rad, m.
         turn_radius: f64,
     },
     /// Quintic B-spline with clamped ends.
@@ -27,22 +27,23 @@ pub enum Shape {
     },
     /// Quintic spline through waypoints.
     Through {
-        /// Waypoints, neighbours apart.
+        /// Waypoints; neighbours differ.
         points: Vec<[f64; 4]>,
-        /// Length that a turn of ψ by 1 rad counts, m.
+        /// Length equivalent to a rotation of ψ by 1 rad, m.
         turn_radius: f64,
     },
 }
 
 impl Shape {
-    /// Up by `height`, across and down again, as lines: the U-turn of the paper, pick and place, ABB's cycle.
+    /// Arch of lines: up by `height`, across and down again, as in the U-turn of the paper, pick and place, and ABB's
+    /// cycle.
     pub fn arch(from: [f64; 4], to: [f64; 4], height: f64, blend: f64, turn_radius: f64) -> Self {
         let top = from[2].max(to[2]) + height;
         let points = vec![from, [from[0], from[1], top, from[3]], [to[0], to[1], top, to[3]], to];
         Self::Lines { points, blend, turn_radius }
     }
 
-    /// What was not taken as it was asked for, one sentence each.
+    /// Deviations of the path from the request, one sentence each.
     pub fn notes(&self) -> Vec<String> {
         let Self::Lines { points, blend, turn_radius } = self else { return Vec::new() };
         let legs = Legs::new(points, *turn_radius);
@@ -73,7 +74,7 @@ fn scales(turn_radius: f64) -> (Vector4<f64>, Vector4<f64>) {
     (Vector4::new(1.0, 1.0, 1.0, turn_radius), Vector4::new(1.0, 1.0, 1.0, 1.0 / turn_radius))
 }
 
-/// Lines between waypoints, (x, y, z, ψ times the turn radius) in m.
+/// Lines between waypoints, with (x, y, z, ψ times the turn radius) in m.
 struct Legs {
     points: Vec<Vector4<f64>>,
     directions: Vec<Vector4<f64>>,
@@ -93,7 +94,7 @@ impl Legs {
         Self { points, directions, lengths }
     }
 
-    /// Whether the path turns back at waypoint `i`.
+    /// Whether the path reverses at waypoint `i`.
     fn reverses(&self, i: usize) -> bool {
         (self.directions[i - 1] + self.directions[i]).norm() < OPPOSITE_TOLERANCE
     }
@@ -114,18 +115,20 @@ impl Legs {
     }
 }
 
-/// First waypoint, from 0, at which the lines between `points` neither end, go straight on nor turn back.
+/// First waypoint, from 0, that is neither an end, collinear with its neighbours, nor a reversal.
 pub fn first_corner(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
     let legs = Legs::new(points, turn_radius);
     let straight = |i: usize| (legs.directions[i - 1] - legs.directions[i]).norm() < OPPOSITE_TOLERANCE;
     (1..legs.lengths.len()).find(|&i| !straight(i) && !legs.reverses(i))
 }
 
-/// Corner P between directions d₀ and d₁: r(u) = P − b d₀ + 2b [(u − W) d₀ + W d₁], W = u⁶ − 3u⁵ + 5u⁴/2, u = s/2b.
+/// Curve of lines and corners. A corner P between directions d₀ and d₁ is r(u) = P − b d₀ + 2b [(u − W) d₀ + W d₁], W
+/// = u⁶ − 3u⁵ + 5u⁴/2, u = s/2b.
 ///
-/// W′ is the smooth step of degree five, so value and three derivatives join those of the lines; |r′| ≤ 1. Where d₁ = −d₀,
-/// the same polynomial reaches P if it begins at b = 11w/16: r = P − w g(1 − s/w) d₀ up to P and r = P + w g(s/w) d₁ from it,
-/// g(x) = (15x² − 5x⁴ + x⁶)/16, s counted from the start of each. There r′ vanishes with s̈ and ṡ free: the robot stands at P.
+/// W′ is the smooth step of degree five, so value and three derivatives join those of the lines; |r′| ≤ 1. Where d₁ =
+/// −d₀, the same polynomial reaches P if it begins at b = 11w/16: r = P − w g(1 − s/w) d₀ up to P and r = P + w
+/// g(s/w) d₁ from it, g(x) = (15x² − 5x⁴ + x⁶)/16, with s from the start of each. There r′ vanishes with s̈ and ṡ
+/// free: the robot is at rest at P.
 fn lines(points: &[[f64; 4]], blend: f64, turn_radius: f64) -> Curve {
     let legs = Legs::new(points, turn_radius);
     let none = Vector4::zeros();
@@ -152,7 +155,7 @@ fn lines(points: &[[f64; 4]], blend: f64, turn_radius: f64) -> Curve {
     Curve::new(pieces).scaled(&scales(turn_radius).1)
 }
 
-/// Spline through the points over centripetal chord lengths.
+/// Spline through the points with centripetal parametrisation (square roots of the chord lengths).
 fn through(points: &[[f64; 4]], turn_radius: f64) -> Curve {
     let (to, _) = scales(turn_radius);
     let mut t = vec![0.0];
@@ -164,7 +167,7 @@ fn through(points: &[[f64; 4]], turn_radius: f64) -> Curve {
     Curve::new(table.course().pieces().map(|(length, terms)| (length, terms.to_vec())))
 }
 
-/// Each knot span as a Taylor polynomial about its start, whose derivatives are B-splines of differences.
+/// B-spline as one Taylor polynomial per knot span; its derivatives are B-splines of differences.
 fn b_spline(points: &[[f64; 4]], degree: usize) -> Curve {
     let spans = points.len() - degree;
     let knot = |k: usize| (k.clamp(degree, points.len()) - degree) as f64 / spans as f64;
@@ -185,7 +188,8 @@ fn b_spline(points: &[[f64; 4]], degree: usize) -> Curve {
             if order > 0 {
                 factorial *= order as f64;
             }
-            // De Boor's scheme for a spline of degree p whose knots are those of the curve without `order` at each end.
+            // De Boor's algorithm for a spline of degree p whose knots are those of the curve without `order` at each
+            // end.
             let p = degree - order;
             let mut d: Vec<Vector4<f64>> = controls[order][span..=span + p].to_vec();
             let t = |k: usize| knot(k + order);

@@ -1,13 +1,14 @@
-//! A planned motion as a look-up table at the control period (paper section 5.2).
+//! A planned motion as a look-up table at the control period (section 5.2 of the paper).
 
 use super::{Machine, PathPoint, Plan, PlanError};
 use crate::constraint_forces::{Detail, constraint_forces};
 use crate::machine::{STRUTS, Setup};
 use crate::recording::{Recording, Signals};
 
-/// A recording with a row every `period` s: q, q̇, q̈, torques, strut forces and the platform's position, all of the same place, ṡ and s̈.
+/// Recording of the plan with a row every `period` s: q, q̇, q̈, torques, strut forces, platform position, ṡ and s̈,
+/// all at the same place of the path.
 ///
-/// The motion is slowed down by less than one period in all, so that its end falls on a row.
+/// The motion is slowed down by less than one period in total, so that it ends on a row.
 ///
 /// # Errors
 ///

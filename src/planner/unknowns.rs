@@ -4,16 +4,16 @@ use super::jerk::GridProfile;
 use super::programme::Programme;
 use super::rows::Grid;
 
-/// Unit of s̈ over the largest z per length of the path.
+/// Unit of s̈ relative to the largest z per length of the path.
 const ACCELERATION_SCALE: f64 = 4.0;
 
-/// Columns and units of z and s̈ at the grid points that move: z is in units of its value at the iterate, s̈ in units of the
-/// largest value that this z allows, 1/s².
+/// Columns and units of z and s̈ at the moving grid points: z in units of its value at the iterate, s̈ in the common
+/// unit [`Unknowns::acceleration_unit`].
 pub(super) struct Unknowns<'a> {
     grid: &'a Grid,
     at: &'a GridProfile,
     first: usize,
-    /// Number of grid points that move.
+    /// Number of moving grid points.
     pub(super) count: usize,
     /// Unit of s̈, 1/s².
     pub(super) acceleration_unit: f64,
@@ -48,7 +48,7 @@ impl<'a> Unknowns<'a> {
         self.at.z[i]
     }
 
-    /// Adds z₊ − z = h (s̈ + s̈₊) over every interval between points that move.
+    /// Adds z₊ − z = h (s̈ + s̈₊) over every interval between moving points.
     pub(super) fn continuity(&self, programme: &mut Programme) {
         for i in self.grid.inner() {
             let (h, scale) = (self.grid.length(i), 1.0 / self.z_unit(i).max(self.z_unit(i + 1)));
@@ -65,8 +65,8 @@ impl<'a> Unknowns<'a> {
 
     /// Adds the equalities at both ends of the path.
     ///
-    /// Along an eased path nothing determines s̈ at rest: it is that of the neighbour. Otherwise s ∝ t³ over the first and the
-    /// last interval, which makes s̈ = ± 2z/3h at their moving ends.
+    /// At the ends of an eased path s̈ is indeterminate and set to that of the neighbour. Otherwise s ∝ t³ over the
+    /// first and the last interval, which implies s̈ = ± 2z/3h at their moving ends.
     pub(super) fn ends(&self, programme: &mut Programme) {
         let n = self.grid.intervals();
         if self.grid.eased {
@@ -80,7 +80,7 @@ impl<'a> Unknowns<'a> {
         }
     }
 
-    /// z and s̈ at all grid points from a solution `x`; zero at rest.
+    /// z and s̈ at all grid points from a solution `x`; zero at the points at rest.
     pub(super) fn read(&self, x: &[f64]) -> GridProfile {
         let n = self.grid.intervals();
         let mut found = GridProfile { z: vec![0.0; n + 1], acceleration: vec![0.0; n + 1] };

@@ -1,4 +1,5 @@
-//! The planned motion executed by the twin: planned against executed torques, strut forces, acceleration (paper Fig. 16, 17).
+//! Execution of the planned motion by the twin: planned and executed torques, strut forces, acceleration (Figs. 16,
+//! 17 of the paper).
 
 use crate::dynamics::Plant;
 use crate::machine::{AXES, STRUTS};
@@ -8,30 +9,31 @@ use crate::scenario::motion::table::Table;
 use crate::scenario::{DesiredMotion, Sensors};
 use crate::twin::{Clamps, Event, NewContacts, Options, SimulationError, simulate};
 
-/// The executed motion, and how far it departs from the planned one.
+/// Executed motion and its deviations from the plan.
 pub struct Execution {
-    /// Its signals, without noise.
+    /// Signals of the execution, without noise.
     pub recording: Recording,
-    /// RMS and largest difference of each drive torque, N·m.
+    /// RMS and largest deviation of each drive torque, N·m.
     pub torque: [[f64; 2]; AXES],
-    /// RMS and largest difference of the upper strut forces, N.
+    /// RMS and largest deviation of the upper strut forces, N.
     pub strut: [[f64; 2]; STRUTS],
-    /// RMS and largest difference of the end effector's acceleration, m/s².
+    /// RMS and largest deviation of the end effector's acceleration, m/s².
     pub acceleration: [f64; 2],
     /// Largest magnitude of an upper strut force, N.
     pub peak_strut: f64,
-    /// Least margin of a socket, N.
+    /// Least margin of a socket against dislocation, N.
     pub margin: f64,
     /// Events of the simulation.
     pub events: Vec<Event>,
 }
 
-/// Time of the simulation after the planned end, s.
+/// Simulated time after the planned end, s.
 const SETTLING_TIME: f64 = 0.02;
 
-/// The simulated execution of the `planned` table by `machine`, with the feed-forward of `planning` and feedback.
+/// Simulated execution of the `planned` table by `machine`, with the feed-forward of `planning` and feedback.
 ///
-/// Sockets leave their balls at the dislocation force of the machine; what comes off meets the rest where `contacts` are solved.
+/// Sockets dislocate at the dislocation force of the machine; detached parts collide with the rest where `contacts`
+/// are solved.
 ///
 /// # Errors
 ///
@@ -84,7 +86,8 @@ pub fn execute(
     Ok(Execution { torque, strut, acceleration, peak_strut, margin, events: report.events, recording })
 }
 
-/// Acceleration of the platform by central differences of its position at all inner samples, m/s².
+/// Acceleration of the platform by central differences of its position at all inner samples, m/s²; empty without a
+/// position.
 pub fn acceleration(signals: &Signals) -> Vec<[f64; 3]> {
     let step = signals.sample_time();
     let Some(ee) = &signals.ee else { return Vec::new() };

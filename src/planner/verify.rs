@@ -1,4 +1,4 @@
-//! The check of a found motion against the full nonlinear model, on a grid finer than that of the plan.
+//! Check of a motion against the full nonlinear model on a grid finer than that of the plan.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -7,7 +7,7 @@ use super::limits::{Limit, Limits, QUANTITIES};
 use super::{Curve, Machine, PathPoint, PlaceError, PlanError, Profile};
 use crate::machine::AXES;
 
-/// All limited quantities at a place, in units of what may be used (drive speeds, then as in [`Limit::affine`], then jerks).
+/// Number of checked quantities: drive speeds, then as in [`Limit::affine`], then drive jerks.
 pub const CHECKED: usize = AXES + QUANTITIES + AXES;
 
 /// The limit of checked quantity `k`.
@@ -27,31 +27,31 @@ pub struct Use {
     pub interval: usize,
     /// Path parameter.
     pub s: f64,
-    /// |value| over what may be used, per checked quantity.
+    /// |value| relative to the usable limit, per checked quantity.
     pub ratio: [f64; CHECKED],
-    /// Values themselves.
+    /// Values in the units of [`Limit::unit`].
     pub value: [f64; CHECKED],
 }
 
 impl Use {
-    /// Every limit with the share of it that is used.
+    /// Every limit with its use.
     pub fn limits(&self) -> impl Iterator<Item = (Limit, f64)> + '_ {
         self.ratio.iter().enumerate().map(|(k, ratio)| (checked(k), *ratio))
     }
 }
 
-/// Distances of the checked places from a reversal of a drive or the telescope, in units of the distance over which Coulomb
-/// friction changes sign there, δs = ε/(|q″| ṡ).
+/// Distances of the checked places from a reversal of a drive or the telescope, in units of the distance δs = ε/(|q″|
+/// ṡ) over which Coulomb friction changes sign.
 const REVERSAL_OFFSETS: [f64; 13] = [-4.0, -2.5, -1.8, -1.3, -0.9, -0.5, 0.0, 0.5, 0.9, 1.3, 1.8, 2.5, 4.0];
-/// Rate ε over which it changes sign, rad/s or m/s.
+/// Rate ε over which Coulomb friction changes sign, rad/s or m/s.
 const REVERSAL_RATE: f64 = 0.02;
 
-/// Places in interval `i`: `points` + 1 evenly spaced ones with both ends, and more next to the ends of the path and where a drive
-/// or the telescope reverses.
+/// Places in interval `i`: `points` + 1 equally spaced ones including both ends, and additional ones at the ends of
+/// the path and at reversals of a drive or the telescope.
 fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points: usize) -> Vec<f64> {
     let h = profile.s[i + 1] - profile.s[i];
     let mut out: Vec<f64> = (0..=points).map(|k| h * k as f64 / points as f64).collect();
-    // Evenly spaced in time where the motion departs or arrives with constant jerk.
+    // Equally spaced in time where the motion departs or arrives with constant s⃛.
     let cubes = (1..points).map(|k| h * (k as f64 / points as f64).powi(3));
     match i {
         0 => out.extend(cubes),
@@ -59,7 +59,7 @@ fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points:
         _ => {}
     }
     let geometry = &machine.plant().geometry;
-    // Rates of the drives and of the telescope by s.
+    // Rates of the drives and of the telescope with respect to s.
     let rates = |sigma: f64| -> Option<[f64; AXES + 1]> {
         let point = PathPoint::new(geometry, curve, profile.s[i] + sigma).ok()?;
         let [a, b, c, d] = point.q[1];
@@ -84,7 +84,8 @@ fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points:
     out
 }
 
-/// Uses of the limits by `profile` at `points` + 1 evenly spaced places of every interval, both ends included, and about reversals.
+/// Uses of the limits by `profile` at `points` + 1 equally spaced places of every interval, both ends included, and
+/// at reversals.
 ///
 /// Torques and constraint forces are those of the full nonlinear model.
 ///

@@ -1,25 +1,25 @@
-//! Which rows are in the programmes: those that a motion comes near. The others are checked after each programme.
+//! Active set of the programmes: the rows close to their limits. All other rows are checked after each programme.
 
 use super::constraint::{Constraints, JerkPlace};
 use super::{Grid, GridProfile};
 use crate::machine::AXES;
 
-/// Use of a row from which its side enters the programmes.
+/// Use of a row from which its side enters the active set.
 const ENTERING_USE: f64 = 0.8;
-/// Use of a row outside the programmes up to which it counts as kept.
+/// Largest use at which a row outside the active set counts as satisfied.
 const FEASIBLE_USE: f64 = 1.0 + 1e-6;
-/// Intervals to either side of a broken jerk row over which the row enters as well.
+/// Number of intervals on either side of a violated jerk row over which the row enters as well.
 const NEIGHBOURS: usize = 3;
-/// Least use of a jerk limit, over the largest of the drives, at which both sides stay in the programmes.
+/// Least use of a jerk limit, relative to the largest of the drives, at which both sides stay in the active set.
 const KEPT_SHARE: f64 = 0.6;
 
-/// Sides of the rows (≤ slack, ≥ −slack) that are in the programmes.
+/// Sides of the rows (≤ slack, ≥ −slack) that are part of the programmes.
 pub struct ActiveSet {
     /// Per grid point and row of loads.
     loads: Vec<Vec<Sides>>,
-    /// Per interval: each drive at its start and at its end.
+    /// Per interval: each drive at the interval's start and end.
     jerks: Vec<[[Sides; AXES]; 2]>,
-    /// Intervals in which z must not vanish, though it does at neither end.
+    /// Intervals in which z must stay positive although it is positive at both ends.
     dips: Vec<bool>,
 }
 
@@ -30,7 +30,7 @@ struct Sides([bool; 2]);
 impl Sides {
     const BOTH: Self = Self([true; 2]);
 
-    /// The use (signed) of a side that was outside, else zero; a side enters where nearly all of it is used.
+    /// Use of a side that was outside, else zero; a side enters at a use above [`ENTERING_USE`].
     fn update(&mut self, used: f64) -> f64 {
         let side = usize::from(used < 0.0);
         let outside = if self.0[side] { 0.0 } else { used.abs() };
@@ -38,14 +38,14 @@ impl Sides {
         outside
     }
 
-    /// Signs of the sides in the programme.
+    /// Signs of the sides in the active set.
     fn signs(self) -> impl Iterator<Item = f64> {
         [1.0, -1.0].into_iter().zip(self.0).filter_map(|(sign, inside)| inside.then_some(sign))
     }
 }
 
 impl ActiveSet {
-    /// Rows that `near` comes near; of the jerk limits those at the start of every interval.
+    /// Active set of the rows close to `near`; of the jerk limits, those at the start of every interval.
     pub(super) fn new(constraints: Constraints, near: &GridProfile) -> Self {
         let grid = constraints.grid;
         let mut active = Self {
@@ -57,24 +57,24 @@ impl ActiveSet {
         active
     }
 
-    /// Signs of the sides of row `row` at grid point `i` that are in the programmes.
+    /// Signs of the active sides of row `row` at grid point `i`.
     pub(in crate::planner) fn load_signs(&self, i: usize, row: usize) -> impl Iterator<Item = f64> {
         self.loads[i][row].signs()
     }
 
-    /// Signs of the sides of a jerk limit that are in the programmes; `side` is 0 at the start of the interval, 1 at its end.
+    /// Signs of the active sides of a jerk limit; `side` is 0 at the start of the interval, 1 at its end.
     pub(super) fn jerk_signs(&self, interval: usize, side: usize, axis: usize) -> impl Iterator<Item = f64> {
         self.jerks[interval][side][axis].signs()
     }
 
-    /// Takes in what `profile` comes near; whether a row outside the programmes was broken.
+    /// Whether a row outside the active set was violated; the rows close to `profile` enter.
     pub(super) fn update(&mut self, constraints: Constraints, profile: &GridProfile) -> bool {
         let loads = self.update_loads(constraints, profile);
         let jerks = self.update_jerks(constraints, profile);
         loads > FEASIBLE_USE || jerks > FEASIBLE_USE
     }
 
-    /// Largest use of a load row that was outside; rows that are nearly used enter.
+    /// Largest use of a load row outside the active set; rows close to their limit enter.
     fn update_loads(&mut self, constraints: Constraints, profile: &GridProfile) -> f64 {
         let Constraints { grid, slack, .. } = constraints;
         let mut worst = 0.0f64;
@@ -87,7 +87,8 @@ impl ActiveSet {
         worst
     }
 
-    /// The same for jerk limits; a side that is broken enters over the neighbouring intervals as well.
+    /// Largest use of a jerk limit outside the active set; a violated side also enters over the neighbouring
+    /// intervals.
     fn update_jerks(&mut self, constraints: Constraints, profile: &GridProfile) -> f64 {
         let mut worst = 0.0f64;
         let inner = constraints.grid.inner();
@@ -109,14 +110,15 @@ impl ActiveSet {
         worst
     }
 
-    /// Whether z must not vanish within an interval.
+    /// Whether z must stay positive within an interval.
     pub(super) fn must_not_vanish(&self, interval: usize) -> bool {
         self.dips[interval]
     }
 
-    /// Takes in the intervals within which z of `profile` vanishes; whether one was outside.
+    /// Whether z of `profile` vanishes within an interval outside the set; such intervals enter.
     ///
-    /// The time of an interval, 2h/(√zᵢ + √zᵢ₊₁), is that of its ends alone: a programme may let the motion stand still in between.
+    /// The time of an interval, 2h/(√zᵢ + √zᵢ₊₁), depends on its ends only, so a programme may let z vanish in
+    /// between.
     pub(super) fn update_dips(&mut self, grid: &Grid, profile: &GridProfile) -> bool {
         let mut outside = false;
         for interval in grid.inner() {
@@ -128,7 +130,8 @@ impl ActiveSet {
         outside
     }
 
-    /// Removes the jerk rows that `profile` is far from; the drives nearest to their limit keep both sides.
+    /// Removes the jerk rows far from `profile`; the drives closest to their limit keep both sides at the interval's
+    /// start.
     pub(super) fn prune(&mut self, constraints: Constraints, profile: &GridProfile) {
         for interval in constraints.grid.inner() {
             let at = |axis| JerkPlace { interval, grid_point: interval, axis };

@@ -5,30 +5,30 @@ use crate::machine::AXES;
 use crate::planner::limits::Limits;
 use crate::planner::rows::{Grid, GridPoint, Ramp, Slack};
 
-/// The constraints of a jerk-limited search: rows at the grid points, jerk limits, and what of both may be used.
+/// Constraints of a jerk-limited search: rows at the grid points, jerk limits, and the usable share of both.
 #[derive(Clone, Copy)]
 pub struct Constraints<'a> {
-    /// Rows of loads, speeds and accelerations.
+    /// Rows of loads and accelerations, and caps on z by the speeds.
     pub grid: &'a Grid,
-    /// Limits on the drives' jerks, rad/s³.
+    /// Limits, of which the drives' jerks in rad/s³ are used.
     pub limits: &'a Limits,
-    /// Share of every limit that may be used.
+    /// Usable share of every limit.
     pub slack: &'a Slack,
 }
 
-/// One end of an interval and one drive.
+/// A drive at one end of an interval.
 #[derive(Clone, Copy)]
 pub(super) struct JerkPlace {
     /// Interval.
     pub(super) interval: usize,
-    /// Grid point: the start or the end of the interval.
+    /// Grid point at the start or the end of the interval.
     pub(super) grid_point: usize,
     /// Drive.
     pub(super) axis: usize,
 }
 
 impl Constraints<'_> {
-    /// Signed share of the jerk limit of a drive that `profile` uses at one end of an interval.
+    /// Signed use of the jerk limit of a drive by `profile` at one end of an interval.
     pub(super) fn jerk_use(&self, profile: &GridProfile, place: JerkPlace) -> f64 {
         let JerkPlace { interval, grid_point, axis } = place;
         let slope = (profile.acceleration[interval + 1] - profile.acceleration[interval]) / self.grid.length(interval);
@@ -38,19 +38,19 @@ impl Constraints<'_> {
     }
 }
 
-/// (q‴, 3 q″, q′) of a drive in units of its jerk limit.
+/// (q‴, 3 q″, q′) of a drive in units of its jerk limit, s³.
 pub(in crate::planner) fn jerk_row(grid_point: &GridPoint, limits: &Limits, axis: usize) -> [f64; 3] {
     let [_, q1, q2, q3] = grid_point.point.q.map(|q| q[axis]);
     [q3, 3.0 * q2, q1].map(|v| v / limits.jerk[axis])
 }
 
-/// Largest z at an end of an eased path, 1/s²: q′ = q″ = 0 there, a drive's jerk is q‴ z^(3/2), and z = (J/q‴)^(2/3).
+/// Largest z at an end of an eased path, 1/s²: with q′ = q″ = 0 a drive's jerk is q‴ z^(3/2), so z = (J/q‴)^(2/3).
 pub(in crate::planner) fn cap_at_rest(grid_point: &GridPoint, limits: &Limits) -> f64 {
     let third = (0..AXES).map(|axis| jerk_row(grid_point, limits, axis)[0].abs()).fold(0.0, f64::max);
     third.powf(-2.0 / 3.0)
 }
 
-/// Largest z at the moving end of each ramp of `grid`, 1/s², where a drive may use a share `slack` of its jerk limit.
+/// Largest z at the moving end of each ramp of `grid`, 1/s², for the usable shares `slack` of the jerk limits.
 pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, slack: &[[f64; AXES]]) -> Vec<f64> {
     let cap = |ramp: Ramp| {
         let at = |axis: usize| (slack[ramp.neighbour][axis] / ramp_use(grid, limits, ramp, axis)).powf(2.0 / 3.0);
@@ -69,9 +69,10 @@ fn ramp_use(grid: &Grid, limits: &Limits, ramp: Ramp, axis: usize) -> f64 {
     moving.max((jerk_row(&grid.points[rest], limits, axis)[2] * 2.0 / (9.0 * h * h)).abs())
 }
 
-/// The first iterate: z without jerk limits, less near the ends, and s̈ = 0.
+/// First iterate: z without jerk limits, reduced near the ends, and s̈ = 0.
 ///
-/// Constant s⃛ at the jerk limit gives z = (9/2)^(2/3) s⃛^(2/3) s^(4/3) from rest; an eased path has z = (J/q‴)^(2/3) there.
+/// Constant s⃛ at the jerk limit gives z = (9/2)^(2/3) s⃛^(2/3) s^(4/3) from rest; an eased path has z = (J/q‴)^(2/3)
+/// there.
 pub(super) fn first_iterate(grid: &Grid, limits: &Limits, unlimited: &[f64]) -> GridProfile {
     let n = grid.intervals();
     let acceleration = vec![0.0; n + 1];

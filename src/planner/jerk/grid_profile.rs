@@ -3,7 +3,7 @@
 use crate::planner::Profile;
 use crate::planner::rows::Grid;
 
-/// Steps of a line search, each to two thirds of the interval.
+/// Steps of the line search, each of which reduces the interval to two thirds.
 const LINE_SEARCH_STEPS: usize = 12;
 
 /// z and s̈ at every grid point; both vanish at the ends.
@@ -16,9 +16,9 @@ pub struct GridProfile {
 }
 
 impl GridProfile {
-    /// The profile of least time between this one and `other`, at most the latter.
+    /// Profile of least time between this one and `other`; its time is at most that of `other`.
     ///
-    /// The time is convex in z, and what lies between two feasible profiles of one programme is feasible.
+    /// The time is convex in z, and convex combinations of feasible profiles of one programme are feasible.
     pub fn towards(&self, other: &Self, grid: &Grid) -> Self {
         let mix = |share: f64| {
             let blend = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + share * (b - a)).collect();
@@ -35,14 +35,14 @@ impl GridProfile {
         mix(0.5 * (low + high))
     }
 
-    /// z(s) between the grid points.
+    /// Piecewise z(s) between the grid points.
     pub fn interpolated(&self, grid: &Grid) -> Profile {
         let s: Vec<f64> = grid.points.iter().map(|x| x.point.s).collect();
         let of = if grid.eased { Profile::smooth } else { Profile::quadratic };
         of(&s, &self.z, &self.acceleration)
     }
 
-    /// Time over the path, s: T = Σ 2h/(√z + √z₊), and 3h/√z over an interval at rest at one end.
+    /// Time over the path, s: T = Σ 2h/(√z + √z₊), with 3h/√z over an interval with one end at rest.
     pub fn time(&self, grid: &Grid) -> f64 {
         let n = grid.intervals();
         let part = |i: usize| {
@@ -63,7 +63,7 @@ impl GridProfile {
         c > 0.0 && b < 0.0 && -b < c * h && self.z[i] * c <= b * b
     }
 
-    /// ∂T/∂z at the grid points that move, s³.
+    /// ∂T/∂z at the moving grid points, s³.
     pub(super) fn gradient(&self, grid: &Grid) -> Vec<f64> {
         let n = grid.intervals();
         let side = |i: usize, interval: usize, other: usize| {

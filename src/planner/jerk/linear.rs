@@ -1,4 +1,4 @@
-//! One linear programme of the sequence: the limits and the time linearised at an iterate.
+//! One linear programme of the sequence: limits and time linearised at an iterate.
 
 use super::active_set::ActiveSet;
 use super::constraint::{Constraints, jerk_row, ramp_caps};
@@ -7,24 +7,24 @@ use crate::machine::AXES;
 use crate::planner::programme::{Programme, normalise};
 use crate::planner::unknowns::Unknowns;
 
-/// Least z after a step over z before it with [`Objective::Speed`].
+/// Least ratio of z after a step to z before it with [`Objective::Speed`].
 ///
-/// ∫ z ds does not count the time that a motion stands still, so it may slow down from step to step only.
+/// ∫ z ds does not penalise time at rest, so the reduction of the speed per step is bounded.
 const SPEED_STEP: f64 = 0.5;
-/// √(z₀/z) in x = z/z₀ at x = 1: 1.5 − 0.5 x.
+/// Coefficients of the tangent 1.5 − 0.5 x to √(z₀/z), with x = z/z₀, at x = 1.
 const ROOT_TANGENT: [f64; 2] = [1.5, -0.5];
 
-/// The optimum of a linear programme.
+/// Optimum of a linear programme.
 pub struct Step {
-    /// z and s̈ at its optimum.
+    /// z and s̈ at the optimum.
     pub profile: GridProfile,
     /// Lower bound on the time within its rows, s; −∞ with [`Objective::Speed`].
     pub bound: f64,
 }
 
-/// The optimum of the programme about the iterate `at`; `None` if the solver finds none.
+/// Optimum of the programme about the iterate `at`; `None` if the solver finds none.
 ///
-/// Of the rows of loads and jerk limits those in `active` enter.
+/// Only the rows of loads and jerk limits in `active` are included.
 pub fn step(constraints: Constraints, active: &ActiveSet, at: &GridProfile, objective: Objective) -> Option<Step> {
     let linear = Linear { constraints, active, at, unknowns: Unknowns::new(constraints.grid, at) };
     let mut programme = Programme::default();
@@ -59,7 +59,7 @@ struct Linear<'a> {
 }
 
 impl Linear<'_> {
-    /// Adds the bounds on z and the rows of speeds, accelerations and loads, point by point.
+    /// Adds the bounds on z and the rows of accelerations and loads, point by point.
     fn load_rows(&self, programme: &mut Programme, objective: Objective) {
         let Constraints { grid, limits, slack } = self.constraints;
         let ramps = grid.ramps();
@@ -87,7 +87,8 @@ impl Linear<'_> {
         }
     }
 
-    /// Adds |q‴ z + 3 q″ s̈ + q′ c| ≤ J/√z at both ends of the intervals, the right side by its tangent at z₀, in units of J/√z₀.
+    /// Adds |q‴ z + 3 q″ s̈ + q′ c| ≤ J/√z at both ends of the intervals, with the tangent at z₀ as right side, in
+    /// units of J/√z₀.
     fn jerk_rows(&self, programme: &mut Programme) {
         let Constraints { grid, limits, slack } = self.constraints;
         let (unknowns, unit) = (&self.unknowns, self.unknowns.acceleration_unit);
@@ -113,7 +114,8 @@ impl Linear<'_> {
         }
     }
 
-    /// Adds zᵢ + h s̈ᵢ ≥ 0, the middle Bernstein coefficient of z over an interval: with it none is negative, nor is z.
+    /// Adds zᵢ + h s̈ᵢ ≥ 0, the middle Bernstein coefficient of z over an interval; z ≥ 0 if all three are
+    /// non-negative.
     fn dip_rows(&self, programme: &mut Programme) {
         let (grid, unknowns) = (self.constraints.grid, &self.unknowns);
         for i in grid.inner().filter(|&i| self.active.must_not_vanish(i)) {
@@ -123,7 +125,7 @@ impl Linear<'_> {
         }
     }
 
-    /// ∇T·z, or −∫ z ds by the trapezoidal rule.
+    /// Cost vector: ∇T·z, or −∫ z ds by the trapezoidal rule.
     fn cost(&self, objective: Objective, gradient: &[f64]) -> Vec<f64> {
         let grid = self.constraints.grid;
         let n = grid.intervals();
@@ -139,7 +141,7 @@ impl Linear<'_> {
         cost
     }
 
-    /// T(z) + ∇T·(z* − z) with the `dual` bound on ∇T·z*, s.
+    /// Lower bound T(z) + ∇T·(z* − z) on the time, s, with the `dual` bound on ∇T·z*.
     fn time_bound(&self, gradient: &[f64], dual: f64) -> f64 {
         let grid = self.constraints.grid;
         let present: f64 = grid.moving().map(|i| gradient[self.unknowns.position(i)] * self.at.z[i]).sum();

@@ -1,13 +1,13 @@
 //! Time-optimal z(s) with jerk limits: a sequence of linear programmes, each an inner approximation.
 //!
 //! s̈ is linear in s over an interval, s̈ = b + cσ, so z = ṡ² is quadratic and s⃛ = c √z. A drive's jerk (40) is then
-//! √z (q‴ z + 3 q″ s̈ + q′ c), and its limit J reads |q‴ z + 3 q″ s̈ + q′ c| ≤ J/√z. The right side is convex in z: its tangent
-//! at the last iterate lies below it everywhere, so the optimum of the programme is feasible, and the last iterate is feasible
-//! in the programme: the time cannot grow. At both ends of the path s⃛ is constant over the first interval, s ∝ t³, which
-//! makes z₁ and s̈₁ proportional.
+//! √z (q‴ z + 3 q″ s̈ + q′ c), and its limit J reads |q‴ z + 3 q″ s̈ + q′ c| ≤ J/√z. The right side is convex in z
+//! and its tangent at the last iterate lies below it, so the optimum of the programme is feasible. The last iterate
+//! is feasible in the programme, so the time cannot increase. At both ends of the path s⃛ is constant over the
+//! interval, s ∝ t³, which makes z₁ and s̈₁ proportional.
 //!
-//! T = Σ 2h/(√zᵢ + √zᵢ₊₁) is convex in z. Its linearisation at the last iterate is the objective, so the optimum of a
-//! programme bounds the time of everything its rows allow from below: T ≥ T(z) + ∇T·(z* − z).
+//! T = Σ 2h/(√zᵢ + √zᵢ₊₁) is convex in z. The objective is its linearisation at the last iterate, so the optimum of a
+//! programme gives the lower bound T ≥ T(z) + ∇T·(z* − z) on the time of all profiles that satisfy its rows.
 
 mod active_set;
 mod constraint;
@@ -24,35 +24,35 @@ use super::limits::Limits;
 use super::rows::{Grid, Slack};
 use super::{Objective, PlanError, Profile};
 
-/// Change of the time, relative, at which programmes have settled.
+/// Relative gap between time and lower bound at which the programmes have converged.
 pub const SETTLED: f64 = 1e-4;
-/// Programmes at most.
+/// Largest number of programmes.
 const MAX_PROGRAMMES: usize = 40;
-/// Programmes without a solution, each followed by one about a slower iterate, at most.
+/// Largest number of programmes without a solution; each is followed by one about a slower iterate.
 const MAX_SLOWDOWNS: usize = 5;
-/// z and s̈ of the slower iterate over those before.
+/// Factor on z and s̈ of the slower iterate.
 const SLOWDOWN: f64 = 0.25;
-/// Programmes about one iterate, each with the rows that its predecessor broke, at most.
+/// Largest number of programmes about one iterate, each with the rows that its predecessor violated.
 const MAX_REPEATS: usize = 6;
 
-/// Linear programmes on one grid, each about the optimum of the last one.
+/// Linear programmes on one grid, each about the optimum of the previous one.
 pub struct Sequence {
     /// Rows at the grid points.
     pub grid: Grid,
-    /// Share of every limit that may be used.
+    /// Usable share of every limit.
     pub slack: Slack,
-    /// Rows that are in the programmes.
+    /// Rows that are part of the programmes.
     pub active: ActiveSet,
     /// The iterate: the optimum of the last programme.
     pub at: GridProfile,
-    /// Lower bound on the time within the last programme's rows, s.
+    /// Lower bound on the time within the rows of the last programme, s.
     pub bound: f64,
-    /// Whether `at` is near a motion that keeps all rows.
+    /// Whether `at` is close to a motion that satisfies all rows.
     near_feasible: bool,
 }
 
 impl Sequence {
-    /// A sequence that starts at `unlimited`, z without jerk limits, made slower near the ends of the path.
+    /// Sequence started at `unlimited`, z without jerk limits, reduced near the ends of the path.
     pub fn begin(grid: Grid, limits: &Limits, unlimited: &[f64]) -> Self {
         let slack = Slack::full(grid.points.len());
         let near = GridProfile { z: unlimited.to_vec(), acceleration: vec![0.0; unlimited.len()] };
@@ -61,7 +61,7 @@ impl Sequence {
         Self { grid, slack, active, at, bound: f64::NEG_INFINITY, near_feasible: false }
     }
 
-    /// A sequence that starts at `at`, which is near the optimum.
+    /// Sequence started at `at`, a profile close to the optimum.
     pub fn near(grid: Grid, limits: &Limits, at: GridProfile) -> Self {
         let slack = Slack::full(grid.points.len());
         let constraints = Constraints { grid: &grid, limits, slack: &slack };
@@ -80,13 +80,15 @@ impl Sequence {
         Constraints { grid: &self.grid, limits, slack: &self.slack }
     }
 
-    /// The number of programmes solved until the time changed by no more than `settled`, relative.
+    /// Number of programmes solved until convergence: the gap between time and lower bound, or with
+    /// [`Objective::Speed`] the change of the time, is below `settled` relative to the time.
     ///
-    /// `reload` linearises the force laws in the rows at the iterate before each programme.
+    /// Before each programme `reload` linearises the force laws in the rows at the iterate.
     ///
     /// # Errors
     ///
-    /// [`PlanError::Unsolved`] if programmes about slower and slower iterates have no solution, and what `reload` returns.
+    /// [`PlanError::Unsolved`] if programmes about slower and slower iterates have no solution, and the errors of
+    /// `reload`.
     pub fn settle(
         &mut self,
         limits: &Limits,
@@ -129,7 +131,7 @@ impl Sequence {
                 if !self.active.update_dips(&self.grid, &self.at) {
                     return Ok(programme + 1);
                 }
-                // What was found is no motion, and nothing lies between it and one.
+                // The profile found is no motion, so a convex combination with it is not feasible.
                 feasible = false;
             }
             if programme == 0 && !self.near_feasible {
@@ -139,7 +141,7 @@ impl Sequence {
         Ok(MAX_PROGRAMMES)
     }
 
-    /// Makes the iterate slower: about a slower motion the tangents of the jerk limits are less tight.
+    /// Reduces the speed of the iterate: about a slower motion the tangents of the jerk limits are less restrictive.
     fn slow_down(&mut self) {
         self.at.z.iter_mut().for_each(|z| *z *= SLOWDOWN);
         self.at.acceleration.iter_mut().for_each(|a| *a *= SLOWDOWN);

@@ -1,14 +1,14 @@
-//! The unknowns of the relaxation and their units.
+//! Unknowns of the relaxation and their units.
 
 use crate::planner::jerk::GridProfile;
 use crate::planner::rows::{Grid, Ramp};
 use crate::planner::unknowns::Unknowns;
 
-/// Parts of an interval, each with a time of its own.
+/// Number of parts of an interval, each with its own time.
 pub(super) const PARTS: usize = 2;
 
-/// Columns in order: z, s̈, roots ω of z at the grid points that move; times τ of the parts of the inner intervals, roots μ of
-/// the mean z over them; times of the ramps. Units are the values of the iterate.
+/// Columns in order: z, s̈ and roots ω of z at the moving grid points; times τ of the parts of the inner intervals,
+/// roots μ of the mean z over them; times of the ramps. Units are the values of the iterate.
 pub(super) struct Columns<'a> {
     grid: &'a Grid,
     /// z and s̈.
@@ -82,7 +82,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Of the mean of z − z₀ = 2 b₀ σ + (b₁ − b₀) σ²/h over a part of interval `i`: the factors of b₀ and of b₁ − b₀.
+    /// Factors of b₀ and b₁ − b₀ in the mean of z − z₀ = 2 b₀ σ + (b₁ − b₀) σ²/h over a part of interval `i`.
     pub(super) fn mean(&self, i: usize, part: usize) -> [f64; 2] {
         let h = self.grid.length(i);
         let [from, to] = [part, part + 1].map(|k| k as f64 / PARTS as f64);

@@ -1,16 +1,18 @@
-//! A lower bound on the time of every motion along a grid with jerk limits, by a convex relaxation.
+//! Lower bound on the time of every jerk-limited motion on a grid, by a convex relaxation.
 //!
-//! A drive's acceleration changes over an interval by no more than its jerk limit times the time τ spent there,
-//! |q̈ᵢ₊₁ − q̈ᵢ| ≤ J τᵢ, and q̈ = q″ z + q′ s̈ is linear in z and s̈. By Jensen's inequality τ ≥ h z̄^(−1/2), where z̄ is the mean of z,
-//! linear in z and s̈ as well. With τ as a variable of its own both are convex, and so is Σ τ: the relaxation is that τ may be
-//! larger than the time that z takes, which permits more jerk and costs the full τ; where that does not reduce Σ τ the
-//! relaxation is exact. No least speed is assumed anywhere.
+//! A drive's acceleration changes over an interval by at most its jerk limit times the time τ spent there, |q̈ᵢ₊₁ −
+//! q̈ᵢ| ≤ J τᵢ, and q̈ = q″ z + q′ s̈ is linear in z and s̈. By Jensen's inequality τ ≥ h z̄^(−1/2), with z̄ the mean
+//! of z, also linear in z and s̈. With τ as a separate variable both constraints and the objective Σ τ are convex.
+//! The relaxation permits τ above the time implied by z, which permits more jerk at the cost of the full τ; where
+//! this does not reduce Σ τ, the relaxation is exact. No least speed is assumed.
 //!
-//! Friction D √z takes a variable ω for the root, z/√u ≤ ω ≤ √z with z ≤ u; rows of loads, speeds and accelerations hold at the
-//! grid points. The motions are those whose s̈ is linear in s over every interval, with s ∝ t³ at both ends of the path.
+//! Friction D √z uses a variable ω for the root, z/√u ≤ ω ≤ √z with z ≤ u; rows of loads, speeds and accelerations
+//! hold at the grid points. The bound covers motions with s̈ linear in s over every interval, with s ∝ t³ at both
+//! ends of the path.
 //!
-//! Where time is traded for jerk, the bound can be tightened ([`tightened`]): minimising and maximising z within the relaxation finds
-//! the range of z of all motions that take no longer than the plan; over it h z^(−1/2) lies below its chord, and so must τ.
+//! Where τ exceeds the time implied by z, the bound can be tightened ([`tightened`]): minimising and maximising z
+//! within the relaxation gives the range of z of all motions at least as fast as the plan; over this range h z^(−1/2)
+//! lies below its chord, which bounds τ from above.
 
 mod columns;
 mod rows;
@@ -22,24 +24,26 @@ use super::limits::Limits;
 use super::programme::{Programme, normalise};
 use columns::{Columns, PARTS};
 
-/// Rounds of tightening at most.
+/// Largest number of rounds of tightening.
 const MAX_ROUNDS: usize = 8;
-/// Time in an interval over the time that z takes there, from which the range of z is tightened.
+/// Ratio of τ to the time implied by z in an interval, from which the range of z is tightened.
 const TRADED_TIME: f64 = 1.001;
-/// Least gain of a round, relative to the time, after which there is another one.
+/// Least gain of a round, relative to the time, for another round to follow.
 const LEAST_GAIN: f64 = 2e-4;
-/// Tolerance of the solver, by which ranges of z are widened, in units of z.
+/// Tolerance of the solver in units of z, by which ranges of z are widened.
 const SOLVER_TOLERANCE: f64 = 1e-6;
 
-/// Lower bound on the time of all motions on the grid of `sequence` within its limits, s; `None` if the solver finds none.
+/// Lower bound on the time of all motions on the grid of `sequence` within its limits, s; `None` if the solver finds
+/// none.
 ///
-/// Variables are scaled by the iterate of the sequence, and of the loads its active rows enter; `above` is an upper bound on z
-/// at every grid point, 1/s².
+/// Variables are scaled by the iterate of the sequence, and of the load rows only the active ones are included;
+/// `above` is an upper bound on z at every grid point, 1/s².
 pub fn bound(sequence: &Sequence, limits: &Limits, above: &[f64]) -> Option<f64> {
     Relaxation::new(sequence, limits, above).solve(Goal::Time, f64::INFINITY).map(|found| found.bound)
 }
 
-/// The same bound, tightened by ranges of z until its gap to the time of the iterate is below `gap`, relative, or a round gains less than 2e-4 of the time.
+/// Lower bound as [`bound`], tightened by ranges of z until its relative gap to the time of the iterate is at most
+/// `gap` or a round gains less than [`LEAST_GAIN`] of the time.
 pub fn tightened(sequence: &Sequence, limits: &Limits, above: &[f64], gap: f64) -> Option<f64> {
     let mut relaxation = Relaxation::new(sequence, limits, above);
     let time = sequence.profile().time();
@@ -59,20 +63,20 @@ pub fn tightened(sequence: &Sequence, limits: &Limits, above: &[f64], gap: f64) 
     Some(found.bound)
 }
 
-/// The objective, which is minimised.
+/// Objective to be minimised.
 #[derive(Clone, Copy)]
 enum Goal {
     /// The time.
     Time,
-    /// A control point of the parabola z over an interval, times the sign.
+    /// A control point of the parabola z over an interval, multiplied by the sign.
     Point { interval: usize, point: usize, sign: f64 },
 }
 
-/// An optimum of the relaxation.
+/// Optimum of the relaxation.
 struct Optimum {
     /// Lower bound on its value by the dual, s, or in units of z at the interval's start.
     bound: f64,
-    /// Time over the time that z takes, per interval; zero for both ramps.
+    /// Ratio of τ to the time implied by z, per interval; zero for both ramps.
     traded: Vec<f64>,
 }
 
@@ -84,7 +88,7 @@ struct Relaxation<'a> {
     limits: &'a Limits,
     above: &'a [f64],
     columns: Columns<'a>,
-    /// Per interval.
+    /// One range per interval.
     ranges: Vec<Range>,
 }
 
@@ -94,7 +98,8 @@ impl<'a> Relaxation<'a> {
         Self { sequence, limits, above, columns: Columns::new(&sequence.grid, &sequence.at), ranges }
     }
 
-    /// Tightens the ranges of z, for motions that take no longer than `time`, where `found` trades time for jerk.
+    /// Tightens the ranges of z for motions of at most `time`, in the intervals where `found` has τ above the time
+    /// implied by z.
     fn confine(&mut self, found: &Optimum, time: f64) {
         let inner = self.sequence.grid.inner();
         let traded: Vec<usize> = inner.filter(|&i| found.traded[i] > TRADED_TIME).collect();
@@ -104,7 +109,7 @@ impl<'a> Relaxation<'a> {
         }
     }
 
-    /// Ranges of the control points over interval `i` for motions that take no longer than `time`.
+    /// Ranges of the control points over interval `i` for motions of at most `time`, s.
     fn range(&self, i: usize, time: f64) -> Range {
         let unit = self.sequence.at.z[i];
         std::array::from_fn(|point| {
@@ -118,7 +123,7 @@ impl<'a> Relaxation<'a> {
         })
     }
 
-    /// The optimum among the motions that take no longer than `longest`, s.
+    /// Optimum among the motions of at most `longest`, s.
     fn solve(&self, goal: Goal, longest: f64) -> Option<Optimum> {
         let mut programme = Programme::default();
         self.columns.states.continuity(&mut programme);
@@ -136,7 +141,7 @@ impl<'a> Relaxation<'a> {
         Some(Optimum { bound: solution.obj_val_dual / scale, traded: self.traded(&solution.x) })
     }
 
-    /// Coefficients of the objective.
+    /// Cost vector of the objective.
     fn cost(&self, goal: Goal) -> Vec<f64> {
         let columns = &self.columns;
         let mut cost = vec![0.0; columns.count()];
@@ -151,7 +156,7 @@ impl<'a> Relaxation<'a> {
         cost
     }
 
-    /// Time over the time that z takes, per interval, of a solution `x`.
+    /// Ratio of τ to the time implied by z, per interval, for a solution `x`.
     fn traded(&self, x: &[f64]) -> Vec<f64> {
         let (grid, columns) = (&self.sequence.grid, &self.columns);
         let states = &columns.states;

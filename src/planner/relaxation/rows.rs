@@ -1,4 +1,4 @@
-//! The inequalities and cones of the relaxation.
+//! Inequalities and cones of the relaxation.
 
 use super::{PARTS, Range, Relaxation};
 use crate::machine::AXES;
@@ -30,7 +30,7 @@ impl Relaxation<'_> {
         }
     }
 
-    /// Upper bounds u on z at the grid points that move, 1/s².
+    /// Upper bounds u on z at the moving grid points, 1/s².
     fn caps(&self) -> Vec<f64> {
         let (grid, limits) = (&self.sequence.grid, self.limits);
         let n = grid.intervals();
@@ -46,7 +46,8 @@ impl Relaxation<'_> {
         grid.moving().map(cap).collect()
     }
 
-    /// Adds |q̈₊ − q̈| ≤ J τ over every interval, with q̈ = 0 at rest; the drives' accelerations are over their jerk limits.
+    /// Adds |q̈₊ − q̈| ≤ J τ over every interval, with q̈ = 0 at rest; accelerations are divided by the drives' jerk
+    /// limits.
     pub(super) fn jerk_rows(&self, programme: &mut Programme) {
         let (grid, limits, columns) = (&self.sequence.grid, self.limits, &self.columns);
         let states = &columns.states;
@@ -75,7 +76,7 @@ impl Relaxation<'_> {
         }
     }
 
-    /// Adds the ranges of z, and the chords above the times, interval by interval.
+    /// Adds the ranges of z and the chords above the times, interval by interval.
     pub(super) fn range_rows(&self, programme: &mut Programme) {
         let columns = &self.columns;
         for i in self.sequence.grid.inner() {
@@ -92,7 +93,8 @@ impl Relaxation<'_> {
         }
     }
 
-    /// Adds Σ τ ≤ h (chord of z^(−1/2) over the range) at the mean z̄ = z₀ + (2 b₀ + b₁) h/3, if the range is bounded.
+    /// Adds Σ τ ≤ h (chord of z^(−1/2) over the range) at the mean z̄ = z₀ + (2 b₀ + b₁) h/3, if the range is
+    /// bounded.
     fn chord(&self, programme: &mut Programme, i: usize, range: &Range) {
         let (columns, states) = (&self.columns, &self.columns.states);
         let low = range.iter().fold(f64::INFINITY, |m, r| m.min(r[0]));
