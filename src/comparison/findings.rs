@@ -1,5 +1,5 @@
-//! What stands out in one channel's residual: the mean first, then one cause at a time, each judged on what those before it
-//! leave.
+//! Search for patterns in the residual of one channel: the mean first, then one cause at a time, each tested on the
+//! residual of the previous ones.
 
 use super::Finding;
 use super::place::{Partition, reversal};
@@ -7,20 +7,20 @@ use super::spectrum::spectrum;
 use crate::dynamics::Channel;
 use crate::identification::Dataset;
 
-/// Share of the mean square from which a place is worth a sentence.
+/// Share of the mean square from which a pattern is reported.
 const MIN_SHARE: f64 = 0.05;
-/// A mean is worth a sentence from this many standard deviations of the noise.
+/// Mean from which it is reported, in standard deviations of the noise.
 const MIN_MEAN: f64 = 0.1;
-/// How much more the place in the workspace must explain than a joint alone.
+/// Ratio by which the place in the workspace must explain more than any single quantity.
 const WORKSPACE: f64 = 1.5;
-/// Share of the mean square that is not white, from which it is worth a sentence where nothing else is.
+/// Coloured share of the mean square from which it is reported if nothing else is.
 const COLOURED: f64 = 0.2;
-/// RMS near reversals over that elsewhere from which it is worth a sentence.
+/// Ratio of the RMS near reversals to that elsewhere from which it is reported.
 const LARGER: f64 = 1.3;
-/// Terms of a drift in time.
+/// Number of terms of a drift in time.
 const TREND: usize = 2;
 
-/// A quantity that a residual may follow.
+/// Quantity on which a residual may depend.
 struct Quantity {
     name: &'static str,
     symbol: &'static str,
@@ -34,13 +34,13 @@ const JOINT: [Quantity; 3] = [
     Quantity { name: "joint acceleration", symbol: "q̈", unit: "rad/s²", of: |t, k, i| t.joints[k].qdd[i] },
 ];
 
-/// A cause that may come next, with what is left once it is taken away.
+/// Candidate cause with the residual after its removal.
 struct Cause {
     finding: Finding,
     rest: Vec<f64>,
 }
 
-/// Findings about one channel, `platform` in the order of the samples or empty.
+/// Findings about one channel; `platform` holds one position (m) per sample or is empty.
 pub fn of_channel(
     channel: Channel,
     datasets: &[Dataset],
@@ -53,7 +53,7 @@ pub fn of_channel(
     let mut found = Vec::new();
     found.extend(search.mean(noise));
     while let Some(cause) = search.strongest() {
-        // A quantity whose means are taken away has no share left: the search ends.
+        // A quantity whose means are removed explains nothing more, so the search ends.
         search.rest = cause.rest;
         found.push(cause.finding);
     }
@@ -73,7 +73,7 @@ struct Search<'a> {
     channel: Channel,
     datasets: &'a [Dataset],
     platform: &'a [[f64; 3]],
-    /// What the findings so far leave.
+    /// Residual after the findings so far.
     rest: Vec<f64>,
     /// Sum of squares before any finding.
     whole: f64,
@@ -85,7 +85,7 @@ impl Search<'_> {
         Finding { channel: self.channel, place: place.into(), share, sentence }
     }
 
-    /// Share of what there was at first, of a share of what is left.
+    /// Conversion of a share of the present residual into a share of the original one.
     fn of_whole(&self, share: f64) -> f64 {
         share * square(&self.rest) / self.whole.max(f64::MIN_POSITIVE)
     }
@@ -94,7 +94,7 @@ impl Search<'_> {
         self.datasets.iter().flat_map(|t| (0..t.len()).map(move |k| of(t, k))).collect()
     }
 
-    /// A constant, taken away.
+    /// Finding about a constant, which is removed.
     fn mean(&mut self, noise: f64) -> Option<Finding> {
         let n = self.rest.len().max(1) as f64;
         let mean = self.rest.iter().sum::<f64>() / n;
@@ -107,7 +107,7 @@ impl Search<'_> {
         Some(self.finding("mean", share, what))
     }
 
-    /// The cause that explains most of what is left; none above the smallest share.
+    /// Cause that explains most of the present residual; `None` below the smallest share.
     fn strongest(&self) -> Option<Cause> {
         let joints = JOINT.iter().map(|q| self.along(q));
         let simple = joints.chain([self.drift()]).max_by(|a, b| a.finding.share.total_cmp(&b.finding.share))?;
@@ -139,7 +139,7 @@ impl Search<'_> {
         Cause { rest: self.without(&partition, &explained.means), finding }
     }
 
-    /// A drift over the recordings: a parabola in time.
+    /// Drift over the recordings: a parabola in time.
     fn drift(&self) -> Cause {
         let t = self.values(&|dataset, k| dataset.t[k] - dataset.t[0]);
         let end = t.iter().copied().fold(0.0, f64::max).max(f64::MIN_POSITIVE);
@@ -159,7 +159,7 @@ impl Search<'_> {
         Cause { finding: self.finding("time", self.of_whole(share), what), rest }
     }
 
-    /// Means by cell of the workspace.
+    /// Means per cell of the workspace.
     fn workspace(&self) -> Option<Cause> {
         if self.platform.len() != self.rest.len() {
             return None;
@@ -186,7 +186,7 @@ impl Search<'_> {
         Some(Cause { rest: self.without(&partition, &explained.means), finding })
     }
 
-    /// More residual near the axis' reversals than elsewhere.
+    /// Finding about a larger residual near the axis' reversals than elsewhere.
     fn reversal(&self) -> Option<Finding> {
         let axis = self.channel.limb();
         let rate = self.values(&|t, k| t.joints[k].qd[axis]);
@@ -204,21 +204,21 @@ impl Search<'_> {
         (share >= MIN_SHARE && larger).then(|| self.finding("reversal", share, what))
     }
 
-    /// A tone in what is left.
+    /// Finding about a single frequency in the present residual.
     fn tone(&self) -> Option<Finding> {
         let (frequency, share) = self.spectrum()?.peak;
         let share = self.of_whole(share);
         (share >= MIN_SHARE).then(|| self.finding("frequency", share, format!("lies at {frequency:.1} Hz")))
     }
 
-    /// What is not white, where nothing else is said.
+    /// Finding about a coloured residual, if there is no other.
     fn coloured(&self) -> Option<Finding> {
         let (frequency, share) = self.spectrum()?.coloured;
         (share >= COLOURED)
             .then(|| self.finding("frequency", share, format!("is no noise and lies below {frequency:.1} Hz")))
     }
 
-    /// Spectrum of what is left of the longest dataset.
+    /// Spectrum of the present residual of the longest dataset.
     fn spectrum(&self) -> Option<super::spectrum::Spectrum> {
         let mut start = 0;
         let mut longest: Option<(&Dataset, usize)> = None;

@@ -1,4 +1,4 @@
-//! How far model and measurement are apart, and where.
+//! Comparison of model and measurement, with the patterns of the residual.
 
 mod findings;
 mod place;
@@ -10,22 +10,22 @@ use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{FitError, channel_rms, kinematics, residuals};
 use crate::model::Model;
 
-/// Residuals of a model as it stands, without refitting.
+/// Residuals of a model without refitting.
 #[derive(Clone, Debug)]
 pub struct Comparison {
-    /// Channels of the following arrays.
+    /// Channels, in the order of the following arrays.
     pub channels: Vec<Channel>,
-    /// RMS residual.
+    /// RMS residual, N·m or N.
     pub rms: Vec<f64>,
-    /// Standard deviation of the sensor noise.
+    /// Standard deviation of the sensor noise, N·m or N.
     pub noise_floor: Vec<f64>,
-    /// RMS residual on held-out data.
+    /// RMS residual on held-out data, N·m or N; `None` without such data.
     pub held_out_rms: Option<Vec<f64>>,
-    /// What stands out, largest share first.
+    /// Patterns of the residual, largest share first.
     pub findings: Vec<Finding>,
 }
 
-/// A place where the residual concentrates.
+/// Place or quantity at which the residual concentrates.
 #[derive(Clone, Debug)]
 pub struct Finding {
     /// Channel.
@@ -33,15 +33,15 @@ pub struct Finding {
     /// Kind of place: `mean`, `joint speed`, `joint angle`, `joint acceleration`, `time`, `reversal`, `workspace` or
     /// `frequency`.
     pub place: String,
-    /// Share of the channel's mean square residual that the place explains beyond chance and beyond what the findings
-    /// before it explain.
+    /// Share of the channel's mean square residual explained by the place, beyond chance and beyond the preceding
+    /// findings.
     pub share: f64,
     /// One sentence.
     pub sentence: String,
 }
 
 impl Comparison {
-    /// Largest RMS residual over the noise, of fitted and held-out data, with its channel; none without noise.
+    /// Largest ratio of RMS residual to noise, over fitted and held-out data, with its channel; `None` without noise.
     pub fn worst(&self) -> Option<(Channel, f64)> {
         let ratios = |rms: &[f64]| {
             let of = |((c, r), n): ((&Channel, &f64), &f64)| (*c, r / n);
@@ -53,13 +53,13 @@ impl Comparison {
     }
 }
 
-/// RMS over the noise from which a channel is looked at: nothing sits anywhere in pure noise.
+/// Ratio of RMS to noise from which a channel is examined: pure noise has no pattern.
 const MORE_THAN_NOISE: f64 = 1.02;
 
-/// Compares a model with recordings.
+/// Comparison of a model with recordings.
 ///
 /// # Errors
-/// Poses that the model's geometry cannot take.
+/// If the model's geometry cannot reach a pose.
 pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Result<Comparison, FitError> {
     let all = residuals(model, datasets)?;
     let rms = channel_rms(&all);
@@ -77,7 +77,7 @@ pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Res
     Ok(Comparison { channels, rms, noise_floor, held_out_rms, findings: found })
 }
 
-/// Centre of the platform at every sample of all datasets, m; nothing where there is no platform.
+/// Centre of the platform at every sample of all datasets, m; empty without a platform.
 fn platform(model: &Model, datasets: &[Dataset]) -> Result<Vec<[f64; 3]>, FitError> {
     let mut points = Vec::new();
     for dataset in datasets {

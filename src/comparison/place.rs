@@ -1,12 +1,12 @@
-//! Where a residual sits: along what it has a mean of its own, judged on halves of the data that know nothing of each other.
+//! Dependence of a residual on a quantity, by means per bin that are validated between two halves of the data.
 
-/// Bins along one quantity.
+/// Number of bins along one quantity.
 const BINS: usize = 24;
-/// Blocks of time that are dealt to two halves in turn: a pattern must show in both.
+/// Number of blocks of time assigned alternately to two halves; a pattern must occur in both.
 const BLOCKS: usize = 32;
-/// Samples of each half below which a bin says nothing.
+/// Least number of samples of each half in a bin that is used.
 const FEWEST: usize = 8;
-/// Share of the largest rate below which an axis is near a reversal.
+/// Ratio to the largest rate below which an axis is near a reversal.
 const NEAR: f64 = 0.05;
 
 /// A partition of the samples.
@@ -18,12 +18,12 @@ pub struct Partition {
 }
 
 impl Partition {
-    /// Bins of equal count along `x`.
+    /// Partition into bins of equal count along `x`.
     pub fn along(x: &[f64]) -> Self {
         Self { bin: quantiles(x, BINS), bins: BINS }
     }
 
-    /// Cells of equal count along each coordinate of points: 4 × 4 × 3.
+    /// Partition into 4 × 4 × 3 cells of equal count along each coordinate.
     pub fn cells(points: &[[f64; 3]]) -> Self {
         const CELLS: [usize; 3] = [4, 4, 3];
         let along = |k: usize| quantiles(&points.iter().map(|p| p[k]).collect::<Vec<_>>(), CELLS[k]);
@@ -37,7 +37,7 @@ impl Partition {
         self.bin.iter().enumerate().filter(move |(_, b)| **b == bin).map(|(i, _)| i)
     }
 
-    /// What the bins' means explain of `r`.
+    /// Part of `r` explained by the means of the bins.
     pub fn explain(&self, r: &[f64]) -> Explained {
         let n = r.len();
         let mut sums = vec![[0.0; 2]; self.bins];
@@ -55,7 +55,7 @@ impl Partition {
             if c.iter().any(|&c| c < FEWEST) {
                 continue;
             }
-            // The product of two independent estimates of a mean of zero is zero on average.
+            // The product of two independent estimates of a mean of zero has expectation zero.
             let [first, second] = [0, 1].map(|h| s[h] / c[h] as f64);
             common += (c[0] + c[1]) as f64 * first * second;
             means[b] = (s[0] + s[1]) / (c[0] + c[1]) as f64;
@@ -68,11 +68,11 @@ impl Partition {
     }
 }
 
-/// What the means of a partition's bins explain.
+/// Part explained by the means of a partition's bins.
 pub struct Explained {
-    /// Share of the mean square that both halves agree on.
+    /// Share of the mean square that occurs in both halves.
     pub share: f64,
-    /// Bin of the largest mean.
+    /// Bin of the largest absolute mean.
     pub bin: usize,
     /// Its mean.
     pub mean: f64,
@@ -80,7 +80,7 @@ pub struct Explained {
     pub means: Vec<f64>,
 }
 
-/// Index of the quantile of each value, of `count`; equal values share one.
+/// Index of the quantile, of `count`, of each value; equal values share one.
 fn quantiles(x: &[f64], count: usize) -> Vec<usize> {
     let mut sorted = x.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -88,9 +88,9 @@ fn quantiles(x: &[f64], count: usize) -> Vec<usize> {
     x.iter().map(|v| edges.partition_point(|e| e <= v)).collect()
 }
 
-/// How much larger a residual is near an axis' reversals than elsewhere.
+/// Excess of a residual near an axis' reversals over elsewhere.
 pub struct Reversal {
-    /// Share of the mean square that lies above what is usual elsewhere.
+    /// Share of the mean square in excess of the level elsewhere.
     pub share: f64,
     /// Rate below which the axis is near a reversal, in the unit of `rate`.
     pub near: f64,
@@ -98,7 +98,7 @@ pub struct Reversal {
     pub rms: [f64; 2],
 }
 
-/// The excess of `r` where |`rate`| is small; none if the axis never or always reverses.
+/// Excess of `r` where |`rate`| is small; `None` if the axis never or mostly reverses.
 pub fn reversal(rate: &[f64], r: &[f64]) -> Option<Reversal> {
     let near = NEAR * rate.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
     let (mut squares, mut counts) = ([0.0; 2], [0usize; 2]);
@@ -151,7 +151,7 @@ mod tests {
     fn a_pattern_has_the_share_it_was_given() {
         let n = 20_000;
         let x: Vec<f64> = (0..n).map(|k| (k as f64 * 6.283e-3).sin()).collect();
-        // x² has the variance 1/2, the noise 1/4: two thirds.
+        // x² has the mean 1/2, the noise 1/4: two thirds.
         let r: Vec<f64> = noise(n, 3).iter().zip(&x).map(|(e, x)| e + x).collect();
         let found = Partition::along(&x).explain(&r);
         assert!((found.share - 2.0 / 3.0).abs() < 0.03, "{}", found.share);
@@ -167,7 +167,7 @@ mod tests {
         assert!(even.share.abs() < 0.02 && even.near <= 0.11, "{} {}", even.share, even.near);
         let loud: Vec<f64> = quiet.iter().zip(&rate).map(|(e, v)| if v.abs() < 0.1 { 5.0 * e } else { *e }).collect();
         assert!(reversal(&rate, &loud).unwrap().share > 0.3);
-        // What grows with speed is not near.
+        // A residual that grows with speed has no excess near reversals.
         let fast: Vec<f64> = quiet.iter().zip(&rate).map(|(e, v)| e * (1.0 + v.abs())).collect();
         assert!(reversal(&rate, &fast).unwrap().share < 0.0);
     }

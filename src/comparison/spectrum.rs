@@ -1,21 +1,22 @@
-//! Frequencies at which a residual has more than noise.
+//! Spectrum of a residual: frequencies above the white noise level.
 
 use std::ops::Range;
 
-/// Samples below which no spectrum is looked at.
+/// Least number of samples for a spectrum.
 const FEWEST: usize = 1000;
-/// Spectral lines on either side that belong to a peak.
+/// Number of spectral lines on either side that belong to a peak.
 const WIDTH: usize = 2;
 
-/// What a spectrum says.
+/// Features of a spectrum.
 pub struct Spectrum {
-    /// Frequency of the highest line, Hz, and the share of the variance in it and its neighbours, beyond noise.
+    /// Frequency of the highest line, Hz, and the share of the variance in it and its neighbours above the white
+    /// level.
     pub peak: (f64, f64),
-    /// Frequency below which nine tenths of what is not white lies, Hz, and the share that is not white.
+    /// Frequency below which nine tenths of the coloured part lies, Hz, and the share of the coloured part.
     pub coloured: (f64, f64),
 }
 
-/// The spectrum of the longest of `segments`, without its mean; none if that is short.
+/// Spectrum of the longest of `segments` without its mean; `None` if it is too short.
 pub fn spectrum(series: &[f64], segments: &[Range<usize>], dt: f64) -> Option<Spectrum> {
     let segment = segments.iter().max_by_key(|s| s.len())?;
     let mut x = series.get(segment.clone())?.to_vec();
@@ -57,7 +58,7 @@ mod tests {
     #[test]
     fn a_tone_is_found_at_its_frequency() {
         let tone = |k: usize| (2.0 * std::f64::consts::PI * 37.0 * k as f64 * 1e-3).sin();
-        // Even within ±0.5: variance 1/12 beside the tone's 1/2, which leaves the tone 6/7 of the variance.
+        // Uniform within ±0.5: variance 1/12 in addition to the tone's 1/2, so the tone has 6/7 of the variance.
         let hash = |k: usize| ((k as f64 * 12.9898).sin() * 43758.5453).rem_euclid(1.0) - 0.5;
         let series: Vec<f64> = (0..8000).map(|k| tone(k) + hash(k) + 3.0).collect();
         let found = spectrum(&series, std::slice::from_ref(&(0..8000)), 1e-3).unwrap();

@@ -1,4 +1,4 @@
-//! From wrenches on the 14 bodies to loads on the reduced velocities.
+//! Transformation of wrenches on the 14 bodies into loads on the reduced velocities.
 
 use nalgebra::Vector3;
 
@@ -8,26 +8,27 @@ use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{Geometry, STRUTS};
 
-/// Which loads enter.
+/// Detail of the loads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Detail {
-    /// The paper's reduced model: struts only along their axes, no telescope but the mass of its lower part on the platform.
-    /// λ_TB is what turns the end effector alone.
+    /// Reduced model of the paper: struts loaded along their axes only, no telescope except the mass of its lower
+    /// part at the platform. λ_TB is the torque on the end effector only.
     Reduced,
-    /// All of them. What acts across a strut goes to its two ends by the lever rule, what acts on rotor and telescope to
-    /// the end effector through the lower Hooke joint. λ_A and λ_TB are then the drive torques of the inverse dynamics, and
-    /// all multipliers those of the full multibody system, every effect included.
+    /// All loads. Transverse loads on a strut are distributed to its two ends by the lever rule, loads on rotor and
+    /// telescope are transmitted to the end effector through the lower Hooke joint. λ_A and λ_TB are then the drive
+    /// torques of the inverse dynamics, and the multipliers those of the full multibody system including every
+    /// effect.
     #[default]
     Complete,
 }
 
-/// Telescope and Hooke joints as a transmission between rotor and end effector at a pose.
+/// Telescope and Hooke joints at a pose, as a transmission between rotor and end effector.
 struct Telescope {
     axis: Vector3<f64>,
     length: f64,
     /// Normals of the crosses of the upper and lower Hooke joint.
     normals: [Vector3<f64>; 2],
-    /// Lower Hooke joint from the flange centre.
+    /// Position of the lower Hooke joint relative to the flange centre, m.
     hooke: Vector3<f64>,
 }
 
@@ -42,8 +43,8 @@ impl Telescope {
         }
     }
 
-    /// Wrench on the end effector about the flange centre that does the work of `force` on the lower Hooke joint, `moment` on
-    /// both telescope parts and `torque` on the rotor, for any twist of the end effector.
+    /// Wrench on the end effector about the flange centre that is equivalent in power, for any twist of the end
+    /// effector, to `force` on the lower Hooke joint, `moment` on both telescope parts and `torque` on the rotor.
     fn hand_on(&self, force: &Vector3<f64>, moment: &Vector3<f64>, torque: f64) -> Twist {
         let [upper, lower] = &self.normals;
         // Rotor rate: ω_R z·n = ω_T·n at the upper joint; telescope spin: (ω_T − ω_E)·n = 0 at the lower one.
@@ -55,7 +56,10 @@ impl Telescope {
 }
 
 impl Statics {
-    /// The system for loads of the given detail.
+    /// Equilibrium equations for loads of the given detail.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the struts do not determine the platform's pose.
     pub fn of(motion: &Motion, detail: Detail) -> Result<Self, KinematicsError> {
         Self::new(
             motion,
@@ -70,7 +74,7 @@ impl Statics {
 impl Loads {
     /// Loads of `wrenches` on the bodies (applied minus inertial, about their origins, inertial axes).
     ///
-    /// In the reduced detail the wrenches on rotor and telescope do not enter.
+    /// In the reduced detail the wrenches on rotor and telescope are omitted.
     pub fn new(motion: &Motion, wrenches: &[Twist; BODIES], detail: Detail) -> Self {
         let mut loads = Self {
             end_effector: wrenches[END_EFFECTOR],
@@ -101,7 +105,7 @@ impl Loads {
     }
 }
 
-/// Adds the lower telescope part to the platform's mass, as the reduced model does.
+/// Adds the weight and inertia of the lower telescope part to the platform, as in the reduced model.
 fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; BODIES]) {
     let platform = &plant.bodies[PLATFORM];
     let centre = if platform.mass > 0.0 { platform.first_moment / platform.mass } else { Vector3::zeros() };
@@ -110,7 +114,7 @@ fn telescope_on_platform(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; 
     wrenches[PLATFORM].1 += (motion.bodies[PLATFORM].rotation * centre).cross(&force);
 }
 
-/// Weight minus inertial wrench of every body, as the given detail counts them.
+/// Weight minus inertial wrench of every body in the given detail.
 pub(crate) fn rigid_loads(plant: &Plant, motion: &Motion, detail: Detail) -> [Twist; BODIES] {
     let mut wrenches = rigid_wrenches(plant, motion);
     if detail == Detail::Reduced {
@@ -119,9 +123,12 @@ pub(crate) fn rigid_loads(plant: &Plant, motion: &Motion, detail: Detail) -> [Tw
     wrenches
 }
 
-/// Multipliers of an assembled robot for a motion, every effect included as far as `detail` says.
+/// Multipliers of an assembled robot for a motion, including all effects in the given detail.
 ///
-/// `states` holds one slice of own states per active effect (empty where the effect has none).
+/// `states` holds one slice of internal states per active effect (empty where the effect has none).
+///
+/// # Errors
+/// [`KinematicsError::Singular`] if the struts do not determine the platform's pose, or the error of a force law.
 pub fn constraint_forces(
     plant: &Plant,
     t: f64,
@@ -135,7 +142,7 @@ pub fn constraint_forces(
     let solve = |wrenches: &[Twist; BODIES]| statics.solve(&Loads::new(motion, wrenches, detail));
     let mut forces = solve(&fixed);
     if plant.effects.iter().any(reads_loads) {
-        // Friction moments are small against the loads they follow: the iteration contracts fast.
+        // Friction moments are small relative to the loads they depend on, so the iteration converges fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut wrenches = fixed;
             add_effects(plant, t, motion, states, Some(&forces.output()), &mut wrenches)?;

@@ -1,8 +1,8 @@
-//! Constraint forces of the robot's joints and its drive torques for a given motion (paper section 4).
+//! Constraint forces of the robot's joints and its drive torques for a given motion (section 4 of the paper).
 //!
-//! The motion of all bodies is known, so the Newton–Euler equations M V̇ + C M V + Gᵀλ = W (31) of the reduced velocities
-//! V = (V_E, V_P, v_S, ω_A) ∈ R²¹ are linear in the 21 multipliers λ. [`Statics`] is that system at a pose; two sets of
-//! loads go in, see [`Detail`].
+//! The motion of all bodies is known, so the Newton–Euler equations M V̇ + C M V + Gᵀλ = W (31) of the reduced
+//! velocities V = (V_E, V_P, v_S, ω_A) ∈ R²¹ are linear in the 21 multipliers λ. [`Statics`] is this system at a
+//! pose; it takes one of two sets of loads, see [`Detail`].
 
 mod loads;
 mod statics;
@@ -23,8 +23,8 @@ pub const MULTIPLIERS: usize = 21;
 /// Multipliers λ of the reduced constraints (32), named as in the paper.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Multipliers {
-    /// λ_E: what the end effector hands to the platform in the bearing between them: two moments about x and y (N·m, about the
-    /// flange centre) and the force along x, y, z (N), in the axes of the end effector.
+    /// λ_E: load of the end effector on the platform in the bearing between them: two moments about x and y (N·m,
+    /// about the flange centre) and the force along x, y, z (N), in the axes of the end effector.
     pub lambda_e: [f64; 5],
     /// λ_TB: torque on the end effector about its axis, N·m; positive torque drives a positive rate.
     pub lambda_tb: f64,
@@ -37,7 +37,7 @@ pub struct Multipliers {
 }
 
 impl Multipliers {
-    /// All 21 in the order of (32): λ_E, λ_TB, λ_P, λ_S, λ_A.
+    /// All 21 multipliers in the order of (32): λ_E, λ_TB, λ_P, λ_S, λ_A.
     pub fn to_array(&self) -> [f64; MULTIPLIERS] {
         let mut all = [0.0; MULTIPLIERS];
         all[..5].copy_from_slice(&self.lambda_e);
@@ -59,12 +59,12 @@ impl Multipliers {
         })
     }
 
-    /// Unit of each, in the order of [`Multipliers::to_array`].
+    /// Unit of multiplier `k`, in the order of [`Multipliers::to_array`].
     pub fn unit(k: usize) -> &'static str {
         if k < 2 || k == 5 || k >= 18 { "N·m" } else { "N" }
     }
 
-    /// The drive torques and strut forces among them.
+    /// Drive torques and strut forces.
     pub fn output(&self) -> Output {
         let [a, b, c] = self.lambda_a;
         Output { tau: [a, b, c, self.lambda_tb], reactions: Reactions { upper: self.lambda_s, lower: self.lambda_p } }

@@ -1,8 +1,8 @@
-//! The system Gᵀλ = w at a pose: the reduced constraint Jacobian G (32) and its solution by block elimination.
+//! Linear system Gᵀλ = w at a pose: the reduced constraint Jacobian G (32) and its solution by block elimination.
 //!
-//! Rows are written "end effector on platform", "platform on strut", "strut on arm", so that multipliers come out as in
-//! [`Multipliers`]. Velocities: V_E = (v, ω) of the flange centre in the end effector's axes, V_P = (v, ω) of the platform's
-//! ball centre in the inertial axes, v_S along each strut, ω_A about each motor axis.
+//! The sign convention is "end effector on platform", "platform on strut", "strut on arm", as in [`Multipliers`].
+//! Velocities: V_E = (v, ω) of the flange centre in the end effector's axes, V_P = (v, ω) of the platform's ball
+//! centre in inertial axes, v_S along each strut, ω_A about each motor axis.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -25,32 +25,35 @@ pub struct Loads {
     pub arms: [f64; ARMS],
 }
 
-/// Levers of the reduced constraints at a pose.
+/// Geometry of the reduced constraints at a pose.
 #[derive(Clone, Debug)]
 pub struct Statics {
     /// Axes of the end effector.
     rotation: Matrix3<f64>,
-    /// Flange centre from the ball centre.
+    /// Flange centre relative to the ball centre, m.
     flange: Vector3<f64>,
     /// Wrench on the end effector per unit of drive 4's torque, about the flange centre.
     pub(super) drive: Twist,
     /// Unit vector along both struts of each limb, elbow to platform.
     axis: [Vector3<f64>; ARMS],
-    /// Middle of each pair of balls from the ball centre.
+    /// Middle of each pair of balls relative to the ball centre, m.
     pair: [Vector3<f64>; ARMS],
-    /// Half of the way between the balls of a pair.
+    /// Half the vector between the balls of a pair, m.
     half: [Vector3<f64>; ARMS],
     /// Torque about the motor axis per unit of force along a strut at the elbow, m.
     lever: [f64; ARMS],
-    /// From the platform's force to the sum of each pair.
+    /// Inverse that maps the platform's force to the sum of the forces of each pair.
     sums: Matrix3<f64>,
-    /// From the platform's moment to the difference of each pair.
+    /// Inverse that maps the platform's moment to the difference of the forces of each pair.
     differences: Matrix3<f64>,
 }
 
 impl Statics {
-    /// At the pose of `motion`. `drive` is the wrench on the end effector per unit of drive 4's torque, about the flange
-    /// centre, inertial axes.
+    /// System at the pose of `motion`. `drive` is the wrench on the end effector per unit torque of drive 4, about
+    /// the flange centre, in inertial axes.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the struts do not determine the platform's pose.
     pub fn new(motion: &Motion, drive: Twist) -> Result<Self, KinematicsError> {
         let platform = &motion.bodies[PLATFORM];
         let end_effector = &motion.bodies[END_EFFECTOR];
@@ -77,10 +80,10 @@ impl Statics {
         })
     }
 
-    /// Solves Gᵀλ = w from the end effector to the arms.
+    /// Solution of Gᵀλ = w by block elimination from the end effector to the arms.
     pub fn solve(&self, loads: &Loads) -> Multipliers {
         let mut out = Multipliers::default();
-        // End effector: its axis carries no moment but that of drive 4.
+        // The bearing transmits no moment about the end effector's axis except that of drive 4.
         let (force, moment) = loads.end_effector;
         let pivot = self.rotation.column(2);
         out.lambda_tb = -moment.dot(&pivot) / self.drive.1.dot(&pivot);
@@ -88,7 +91,7 @@ impl Statics {
         let moment = moment + self.drive.1 * out.lambda_tb;
         let (f, m) = (self.rotation.tr_mul(&force), self.rotation.tr_mul(&moment));
         out.lambda_e = [m.x, m.y, f.x, f.y, f.z];
-        // Platform: sums of the pairs carry the force, differences the rest of the moment.
+        // Platform: the sums of the pairs balance the force, the differences the remaining moment.
         let moment = loads.platform.1 + moment + self.flange.cross(&force);
         let sums = self.sums * (loads.platform.0 + force);
         let carried: Vector3<f64> = (0..ARMS).map(|i| self.pair[i].cross(&self.axis[i]) * sums[i]).sum();
@@ -105,7 +108,7 @@ impl Statics {
         out
     }
 
-    /// The Jacobian G itself; rows as the multipliers, columns as V.
+    /// The Jacobian G; rows in the order of the multipliers, columns in the order of V.
     pub fn jacobian(&self) -> SMatrix<f64, MULTIPLIERS, MULTIPLIERS> {
         let mut g = SMatrix::<f64, MULTIPLIERS, MULTIPLIERS>::zeros();
         let ee = self.rotation;
@@ -143,7 +146,7 @@ impl Statics {
 }
 
 impl Loads {
-    /// The loads in the order of V, those of the end effector in its axes at the pose of `statics`.
+    /// Loads in the order of V, those of the end effector in its axes at the pose of `statics`.
     pub fn to_vector(&self, statics: &Statics) -> SVector<f64, MULTIPLIERS> {
         let ee = statics.rotation;
         let mut w = SVector::<f64, MULTIPLIERS>::zeros();

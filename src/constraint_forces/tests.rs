@@ -106,7 +106,8 @@ fn the_bearing_of_the_end_effector_carries_what_the_twin_says() {
 
 #[test]
 fn a_payload_off_the_axis_tilts_the_platform() {
-    // At rest in the middle the payload's moment about the flange is m·g·(c × −z) and struts share weight and moment.
+    // At rest in the middle the payload's moment about the flange is m·g·(c × −z), and the struts share weight and
+    // moment.
     let plant = plant("irb360-6-1600");
     let joints = JointState { q: [0.3, 0.3, 0.3, 0.7], ..JointState::default() };
     let motion = plant.motion(&joints).unwrap();
@@ -121,8 +122,9 @@ fn a_payload_off_the_axis_tilts_the_platform() {
     assert!(spread > 5.0, "{spread}");
 }
 
-/// What the reduced model leaves out, over the workspace at up to 8 rad/s and 80 rad/s²: inertia and weight across struts and
-/// telescope, and the couple of the Hooke joints that carry the torque of drive 4. The figures stand in `docs/planner.md`.
+/// Difference between reduced and complete model over the workspace at up to 8 rad/s and 80 rad/s²: inertia and
+/// weight across struts and telescope, and the couple of the Hooke joints that transmits the torque of drive 4.
+/// `docs/planner.md` lists the figures.
 #[test]
 fn the_reduced_model_differs_by_what_it_neglects() {
     let plant = plant("irb360-6-1600");
@@ -139,8 +141,8 @@ fn the_reduced_model_differs_by_what_it_neglects() {
             force += complete.lambda_s[s].powi(2);
             worst = worst.max(d.abs());
         }
-        // With struts that are points at the elbows, a telescope that is a point on the platform and no torque of drive 4
-        // nothing is left out.
+        // With struts that are point masses at the elbows, a telescope that is a point mass at the platform and no
+        // torque of drive 4, both agree.
         let mut light = rigid.clone();
         for s in 0..6 {
             let strut = &mut light.bodies[crate::machine::bodies::STRUT + s];

@@ -1,8 +1,8 @@
-//! The motion that tells two effects apart best: T-optimal, with the model's parameters profiled out.
+//! Experiments that discriminate between two effects: T-optimal, with the model's parameters profiled out.
 //!
-//! Beside the catalogue of [`super::experiments`] a Fourier series is designed for the purpose: the search of the
-//! excitation, with δ² in place of the volume of the confidence ellipsoid. Where an effect depends on more than the instant
-//! (delay, elastic gears, own states) the best of several random series stands for it.
+//! In addition to the catalogue of [`super::experiments`] a Fourier series is designed with the search of the
+//! excitation, with δ² in place of the volume of the confidence ellipsoid. Where an effect depends on more than the
+//! current instant (delay, elastic gears, internal states), the best of several random series is used instead.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -22,27 +22,27 @@ use crate::machine::Setup;
 use crate::model::Model;
 use crate::scenario::Course;
 
-/// Why two effects cannot be told apart by a plan.
+/// Reason why no experiment for two effects is planned.
 #[derive(Debug, Error)]
 pub enum DiscriminationError {
     /// There is no such effect.
     #[error("unknown effect `{0}`; `deltatwin effects` lists them")]
     Unknown(String),
-    /// Nothing to tell.
+    /// The same effect is given twice.
     #[error("`{0}` is given twice; expected two effects")]
     Same(String),
-    /// The machine lacks what the effect acts on.
+    /// The machine lacks the part that the effect acts on.
     #[error("`{effect}` acts on {part}, which this machine does not have")]
     Missing {
         /// Name of the effect.
         effect: String,
-        /// What it acts on.
+        /// Part that it acts on.
         part: &'static str,
     },
-    /// The effect is in the twin only, or in every model.
+    /// The effect exists in the twin only, or in every model.
     #[error("`{0}` cannot be told from another effect: no parameter of it shows along a measured motion")]
     TwinOnly(String),
-    /// No planned motion is possible.
+    /// The machine can perform none of the planned motions.
     #[error("the machine can make none of the planned motions within its limits")]
     NoMotion,
     /// A column cannot be computed.
@@ -50,26 +50,31 @@ pub enum DiscriminationError {
     Kinematics(#[from] KinematicsError),
 }
 
-/// Plans for telling two effects apart.
+/// Planned experiments that discriminate between two effects.
 pub struct Discrimination {
-    /// The two effects with the sizes that are assumed.
+    /// The two effects with their assumed sizes.
     pub effects: [ActiveEffect; 2],
     /// All plans, best first.
     pub plans: Vec<(Experiment, Prospect)>,
-    /// Whether a Fourier series was searched for, or only drawn.
+    /// Whether a Fourier series was optimised; otherwise random ones were drawn.
     pub searched: bool,
 }
 
-/// Sampling period of the plans, s: physics lives below 80 Hz.
+/// Sampling period of the plans, s, for dynamics below 80 Hz.
 const PERIOD: f64 = 2e-3;
-/// Blocks of time of the test that is planned for, as in the diagnosis.
+/// Number of blocks of the planned test, as in the diagnosis.
 const BLOCKS: usize = 50;
 /// Exponent of the smooth minimum of the two δ².
 const POWER: f64 = 4.0;
-/// Random series drawn for their own sake.
+/// Number of random series that are candidates themselves.
 const DRAWN: u64 = 6;
 
-/// Plans experiments that tell `names` apart on `model`; their sizes are those in the model, else the usual ones.
+/// Experiments that discriminate between the effects `names` on `model`, best first; their sizes are those in the
+/// model, else the usual ones. `go_on` is evaluated before every step of a search.
+///
+/// # Errors
+/// [`DiscriminationError`], if an effect is unknown, the same as the other, has no part to act on or no identifiable
+/// parameter, if no planned motion is possible, or a column cannot be computed.
 pub fn discriminate(
     model: &Model,
     names: [&str; 2],
@@ -104,7 +109,7 @@ pub fn discriminate(
     });
     let promises: Vec<(Experiment, Prospect)> = promises.collect::<Result<_, KinematicsError>>()?;
     let mut plans = ranked(promises.into_iter());
-    // Of several of a kind the best.
+    // Only the best plan of each kind and description.
     let mut seen: Vec<(Kind, String)> = Vec::new();
     plans.retain(|(e, _)| {
         let new = !seen.contains(&(e.kind, e.what.clone()));
@@ -123,7 +128,7 @@ fn random(options: &Options, k: u64) -> Course {
     Course::RandomFourier { seed: options.seed.wrapping_mul(1000).wrapping_add(k), frequency, harmonics, share }
 }
 
-/// The effect with the size it has in the model, or its usual one.
+/// The effect with its size in the model, or else its usual one.
 fn assumed(model: &Model, name: &str) -> Result<ActiveEffect, DiscriminationError> {
     let effect = effects::find(name).ok_or_else(|| DiscriminationError::Unknown(name.into()))?;
     if name == effects::rigid_bodies::NAME || !effect.spec().identifiable {
@@ -144,7 +149,7 @@ fn assumed(model: &Model, name: &str) -> Result<ActiveEffect, DiscriminationErro
     Ok(active)
 }
 
-/// The Fourier series of largest δ²; none if the effects' columns are no matter of an instant, or nothing is found.
+/// Fourier series of largest δ²; `None` if the effects' columns depend on more than the instant, or nothing is found.
 fn searched(
     base: &Model,
     pair: &[ActiveEffect; 2],
@@ -175,9 +180,9 @@ fn searched(
     worst(&samples).iter().all(|w| *w <= 1.0).then_some(Course::Fourier(motion))
 }
 
-/// −log of the smaller δ² of two effects, smoothly: (1/p)·log(δ₁⁻²ᵖ + δ₂⁻²ᵖ).
+/// Objective: −log of the smooth minimum of the δ² of two effects, (1/p)·log(δ₁⁻²ᵖ + δ₂⁻²ᵖ).
 struct Difference {
-    /// Columns of each effect and its sizes in their units.
+    /// Columns of each effect and their sizes in units of the columns.
     own: [(Vec<usize>, DVector<f64>); 2],
     base: Vec<usize>,
 }
@@ -218,7 +223,7 @@ mod tests {
     use crate::excitation::machine::information;
     use crate::model::testing::shipped;
 
-    /// The slope of −log δ² by the information is that of differences.
+    /// The derivative of −log δ² with respect to the information equals that of finite differences.
     #[test]
     fn difference_has_the_slope_of_its_value() {
         let model = shipped("irb360-6-1600");

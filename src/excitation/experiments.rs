@@ -1,8 +1,8 @@
-//! The catalogue of experiments: what one can do with a machine to learn which effect it has.
+//! Catalogue of experiments from which the effect of a machine can be determined.
 //!
-//! Kinds matter more than tuning one of them: effects that look alike along one kind of motion differ along another.
-//! Every entry is a planned motion within the machine's limits, sampled where the columns are to be computed: as a whole if
-//! it is short, in evenly spread windows otherwise.
+//! The kind of motion matters more than the tuning of one kind: effects that are indistinguishable along one kind of
+//! motion differ along another. Every entry is a planned motion within the machine's limits, sampled where the
+//! columns are computed: entirely if it is short, in equally spaced windows otherwise.
 
 use nalgebra::Vector3;
 
@@ -24,27 +24,27 @@ use crate::scenario::motion::static_poses::StaticPoses;
 pub enum Kind {
     /// A random periodic motion.
     Excitation,
-    /// The same motion, slower.
+    /// The motion of the data at half speed.
     HalfSpeed,
-    /// The same motion, faster.
+    /// The motion of the data at double speed.
     DoubleSpeed,
-    /// Slow travel at constant speed, up and down.
+    /// Slow motion at constant speed in both directions.
     SlowSweep,
-    /// Poses held, each reached from both sides.
+    /// Static poses, each approached from both sides.
     StaticPoses,
     /// Fast reversals of one axis.
     Reversals,
-    /// With a known payload.
+    /// Motion with a known payload.
     Payload,
-    /// Without the payload.
+    /// Motion without the payload.
     NoPayload,
-    /// With force sensors in a strut.
+    /// Motion with force sensors in a strut.
     StrutSensor,
-    /// Arms and motor 4 alone.
+    /// Motion of the arms and motor 4 of the disassembled robot.
     Disassembled,
-    /// Until the drives are warm.
+    /// Long run until the drives are warm.
     WarmUp,
-    /// A motion designed for the purpose.
+    /// A motion designed for the given purpose.
     Designed,
 }
 
@@ -67,7 +67,7 @@ impl Kind {
         }
     }
 
-    /// Time to prepare it, s, beside the handling of any experiment; estimates that only order what promises alike.
+    /// Preparation time, s, in addition to the handling of any experiment; an estimate, used only for ordering.
     pub fn preparation(self) -> f64 {
         match self {
             Self::Payload | Self::NoPayload => 300.0,
@@ -83,52 +83,52 @@ impl Kind {
 pub struct Experiment {
     /// Kind.
     pub kind: Kind,
-    /// What to do, in words.
+    /// Description for the user.
     pub what: String,
-    /// The motion; none where it is that of a recording.
+    /// The motion; `None` where it is that of a recording.
     pub course: Option<Course>,
-    /// Samples of the planned motion; nothing is measured yet.
+    /// Samples of the planned motion without measurements.
     pub dataset: Dataset,
-    /// Length of the whole, s.
+    /// Duration of the whole experiment, s.
     pub length: f64,
-    /// Length of the whole over what the samples cover.
+    /// Ratio of the whole duration to the sampled one.
     pub weight: f64,
-    /// Whether its data cannot be used together with those that are there.
+    /// Whether its data cannot be combined with the existing data.
     pub alone: bool,
 }
 
-/// Largest number of samples per experiment, and of those in a window.
+/// Largest number of samples per experiment, and number of samples in a window.
 const SAMPLES: usize = 1000;
 const WINDOW: usize = 100;
-/// Share of the drives' limits on acceleration and torque, and of the force that dislocates a socket, that may be used.
+/// Usable share of the drives' limits on acceleration and torque, and of the sockets' dislocation force.
 const SHARE: f64 = 0.9;
-/// Share of them that a random motion may use.
+/// Share of the limits that a random motion may use.
 const RANDOM_SHARE: f64 = 0.45;
-/// Base frequency, Hz, and harmonics of a random motion.
+/// Base frequency, Hz, and number of harmonics of a random motion.
 const FOURIER: (f64, usize) = (0.1, 10);
-/// Length of a warm-up run, s: several time constants of what warms in a test, or the beginning of what warms in an hour.
+/// Duration of a warm-up run, s: several thermal time constants of minutes, or the beginning of an hour-long one.
 const WARM_UP: f64 = 1200.0;
-/// A payload to mount: a weighed plate beside the axis.
+/// Payload to be mounted: mass (kg), centre of mass (m) and inertia about z (kg·m²) of a plate beside the axis.
 const KNOWN: (f64, [f64; 3], f64) = (2.5, [0.04, 0.02, -0.05], 0.01);
 
-/// What is planned for: the machine, and what was measured on it so far.
+/// Planning context: the machine and the data measured on it.
 pub struct Bench<'a> {
-    /// The machine as far as it is known.
+    /// Current model of the machine.
     pub model: &'a Model,
     /// State of the machine in the data.
     pub setup: Setup,
     /// Channels that are measured.
     pub channels: Vec<Channel>,
-    /// Noise; its sampling period is that of the plans.
+    /// Noise per channel; its sampling period is that of the plans.
     pub noise: &'a Noise,
-    /// The data, whose motions may be repeated.
+    /// Existing data, whose motions may be repeated.
     pub datasets: &'a [Dataset],
     /// Seed of the random motions.
     pub seed: u64,
 }
 
 impl Bench<'_> {
-    /// All experiments that the machine can make.
+    /// All experiments that the machine can perform.
     pub fn catalogue(&self) -> Vec<Experiment> {
         let plant = Plant::new(self.model, &self.setup);
         let random = self.random();
@@ -161,7 +161,8 @@ impl Bench<'_> {
         all
     }
 
-    /// The motion of the data, or a random one, on another machine: with a payload or none, with strut sensors, taken apart.
+    /// The motion of the data, or a random one, with another setup: with or without payload, with strut sensors,
+    /// disassembled.
     fn with_other_setups(&self, random: &Course) -> Vec<Experiment> {
         let mut all = Vec::new();
         let mut same = |kind, what: &str, setup: Setup, channels: &[Channel], alone| {
@@ -198,7 +199,7 @@ impl Bench<'_> {
         Course::RandomFourier { seed: self.seed, frequency, harmonics, share: RANDOM_SHARE }
     }
 
-    /// The experiment of a course; none if the machine cannot make it.
+    /// Experiment with the motion of a course; `None` if the machine cannot perform it.
     pub fn plan(&self, kind: Kind, what: String, course: &Course) -> Option<Experiment> {
         let plant = Plant::new(self.model, &self.setup);
         let motion = course.on(self.model, &self.setup).ok()?;
@@ -229,7 +230,7 @@ impl Bench<'_> {
         })
     }
 
-    /// The longest stretch of the data at `speed` times its speed.
+    /// Experiment that repeats the longest segment of the data at `speed` times its speed.
     fn again(&self, kind: Kind, speed: f64, what: &str, setup: Setup, channels: &[Channel]) -> Option<Experiment> {
         let stretches = self.datasets.iter().flat_map(|t| t.segments.iter().map(move |s| (t, s.clone())));
         let (dataset, segment) = stretches.max_by_key(|(_, s)| s.len()).filter(|(_, s)| s.len() > 1)?;
@@ -254,7 +255,7 @@ impl Bench<'_> {
         Some(Experiment { kind, what: what.into(), course: None, dataset, length, weight, alone: false })
     }
 
-    /// Slow travel of the platform, or of each axis alone.
+    /// Slow motions of the platform, or of each axis of a disassembled robot.
     fn sweeps(&self, plant: &Plant) -> Vec<Course> {
         if !plant.assembled {
             let speeds = |axis: usize| [0.01, 0.05].map(|share| share * self.model.drives[axis].max_speed).to_vec();
@@ -293,7 +294,7 @@ impl Bench<'_> {
         [0.05, 0.2].map(|speed| Course::Path(path(speed))).to_vec()
     }
 
-    /// Poses over the workspace, between each a small step beyond and back.
+    /// Poses over the workspace, each approached by a small step from both sides.
     fn poses(&self, plant: &Plant) -> Option<StaticPoses> {
         const STEP: f64 = 0.03;
         let mut poses = Vec::new();
@@ -327,14 +328,14 @@ impl Bench<'_> {
         Some(StaticPoses { poses, hold: 0.4, travel: 0.4 })
     }
 
-    /// One axis to and fro, fast: from the widest to the narrowest that may be in reach.
+    /// Fast motions of one axis in both directions, from the largest to the smallest amplitude.
     fn reversals(&self, plant: &Plant, axis: usize) -> Vec<Course> {
         let drive = self.model.drives[axis];
         let span = if axis < ARMS { 1.0 } else { 3.0 };
         let runs = |size: f64| {
             let amplitude = size * span;
             let acceleration = 0.6 * drive.max_acceleration;
-            // A ramp takes 1.5 v²/a of the way; two of them must fit.
+            // A ramp takes 1.5 v²/a of the distance; two of them must fit.
             let fastest = (amplitude * acceleration / 3.0).sqrt().min(0.6 * drive.max_speed);
             let speeds = [0.4, 0.7, 0.95].map(|share| share * fastest).to_vec();
             Course::ConstantSpeed(self.to_and_fro(plant, axis, size, speeds, 0.6))
@@ -360,7 +361,7 @@ impl Bench<'_> {
         }
     }
 
-    /// The motion's samples, and the length over what they cover; none where the machine cannot follow.
+    /// Samples of the motion, and the ratio of its duration to the sampled one; `None` where a pose is unreachable.
     fn sampled(&self, at: &dyn Fn(f64) -> Option<JointState>, length: f64) -> Option<(Dataset, f64)> {
         let dt = self.noise.dt;
         let whole = (length / dt) as usize;
@@ -399,7 +400,7 @@ impl Bench<'_> {
         self.possible(&dataset).then_some((dataset, length / covered.max(dt)))
     }
 
-    /// Whether drives and sockets bear a motion.
+    /// Whether a motion respects the limits of drives and sockets.
     fn possible(&self, dataset: &Dataset) -> bool {
         let plant = Plant::new(self.model, &dataset.setup);
         let drives = &self.model.drives[..self.model.mechanism.axes()];

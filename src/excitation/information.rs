@@ -1,12 +1,13 @@
-//! How much a motion tells: measures of the information matrix of the base parameters.
+//! Measures of the information matrix of the base parameters along a motion.
 
 use nalgebra::{DMatrix, DVector};
 
-/// What the design makes small. Both are smooth functions of the eigenvalues λ of the information matrix S·Yᵀ·Σ⁻¹·Y·S per
+/// Objective to be minimised: a smooth function of the eigenvalues λ of the information matrix S·Yᵀ·Σ⁻¹·Y·S per
 /// sample, whose columns are in units of the parameters' own sizes (S) and of the torque noise (Σ).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Objective {
-    /// −log det of the information: the volume of the confidence ellipsoid, whatever the units of the parameters.
+    /// −log det of the information: the volume of the confidence ellipsoid, independent of the units of the
+    /// parameters.
     #[default]
     Logdet,
     /// Condition number of the weighted regressor with columns in units of the parameters' own sizes.
@@ -15,13 +16,13 @@ pub enum Objective {
 
 /// Exponent p of the smooth largest and smallest eigenvalue, (Σλᵖ)^(1/p) and (Σλ⁻ᵖ)^(−1/p).
 const POWER: f64 = 4.0;
-/// Eigenvalues are not let below this share of the largest.
+/// Lower bound of the eigenvalues relative to the largest.
 const FLOOR: f64 = 1e-15;
 
 impl Objective {
-    /// Value and derivative by the information matrix.
+    /// Value and derivative with respect to the information matrix; `None` if it is empty or not finite.
     ///
-    /// The condition number enters as the logarithm of its smooth bound, ½·log of the ratio of the extreme λ.
+    /// The condition number is represented by the logarithm of its smooth bound, ½·log of the ratio of the extreme λ.
     pub fn value(self, information: &DMatrix<f64>) -> Option<(f64, DMatrix<f64>)> {
         if information.iter().any(|x| !x.is_finite()) || information.is_empty() {
             return None;
@@ -46,24 +47,24 @@ impl Objective {
     }
 }
 
-/// What a motion tells about the base parameters.
+/// Information of a motion about the base parameters.
 #[derive(Clone, Debug)]
 pub struct Merit {
-    /// Ratio of the largest to the smallest singular value of the weighted regressor Σ^(−1/2)·Y·S, columns in units of the
-    /// parameters' own sizes.
+    /// Ratio of the largest to the smallest singular value of the weighted regressor Σ^(−1/2)·Y·S, columns in units
+    /// of the parameters' own sizes.
     pub condition: f64,
-    /// The same of Σ^(−1/2)·Y with columns in SI units.
+    /// Condition number of Σ^(−1/2)·Y with columns in SI units.
     pub condition_si: f64,
-    /// The same with every column scaled to length one.
+    /// Condition number with every column scaled to unit length.
     pub condition_unit: f64,
     /// log det of the information per sample, columns in units of the parameters' own sizes.
     pub log_det: f64,
-    /// Standard errors of the base parameters, in units of their own sizes, by white torque noise in one sample.
+    /// Standard errors of the base parameters from white torque noise in one sample, in units of their own sizes.
     pub std: Vec<f64>,
 }
 
 impl Merit {
-    /// Measures of the information per sample, with `size` the own sizes its columns are in units of.
+    /// Measures of the information per sample, whose columns are in units of the parameters' own sizes `size`.
     pub fn of(information: &DMatrix<f64>, size: &[f64]) -> Self {
         let n = information.nrows();
         let rescaled =

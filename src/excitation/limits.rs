@@ -1,4 +1,4 @@
-//! What bounds the motion: joints, telescope, singularities, drives, sockets and, if wished, a hemisphere.
+//! Limits on the motion: joints, telescope, singularities, drives, sockets and optionally a hemisphere.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -7,16 +7,16 @@ use crate::kinematics::{JointState, PlatformState};
 use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 use crate::model::Model;
 
-/// Lower half of a ball that the platform may not leave (paper Fig. 5), m.
+/// Lower half of a ball to which the platform is confined (Fig. 5 of the paper), m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hemisphere {
-    /// Centre of the flat top.
+    /// Centre of the flat top, m.
     pub centre: Vector3<f64>,
-    /// Radius.
+    /// Radius, m.
     pub radius: f64,
 }
 
-/// Limits per sample.
+/// Number of limits per sample.
 pub const LIMITS: usize = 31;
 
 const ARM_HIGH: usize = 0;
@@ -30,7 +30,7 @@ const TORQUE: usize = 20;
 const STRUT_FORCE: usize = 24;
 const HEMISPHERE: usize = 30;
 
-/// Kinds of limits, by name, with the rows of each.
+/// Kinds of limits by name, with the index range of each.
 pub const KINDS: [(&str, std::ops::Range<usize>); 9] = [
     ("arm_angle", ARM_HIGH..TELESCOPE),
     ("telescope_length", TELESCOPE..SERIAL),
@@ -43,19 +43,19 @@ pub const KINDS: [(&str, std::ops::Range<usize>); 9] = [
     ("hemisphere", HEMISPHERE..LIMITS),
 ];
 
-/// Least sine of the angle between strut and arm seen along the motor axis.
+/// Least sine of the angle between strut and arm, seen along the motor axis.
 const MIN_SERIAL: f64 = 0.15;
-/// Least volume spanned by the three unit vectors along the struts.
+/// Least volume spanned by the unit vectors along the three struts.
 const MIN_PARALLEL: f64 = 0.05;
-/// Share of the range of arm angle and telescope length left at either end for the tracking error.
+/// Share of the range of arm angle and telescope length kept free at either end for the tracking error.
 const ROOM: f64 = 0.01;
 
 /// Limits of a machine.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Share of speed, acceleration, torque and of the force that dislocates a socket that may be used.
+    /// Usable share of speed, acceleration, torque and dislocation force of the sockets.
     pub share: f64,
-    /// Workspace beside the true one.
+    /// Additional restriction of the workspace.
     pub hemisphere: Option<Hemisphere>,
     speed: [f64; AXES],
     acceleration: [f64; AXES],
@@ -65,7 +65,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of `model`, of whose drives and sockets `share` may be used.
+    /// Limits of `model`, of whose drives and sockets the share `share` may be used.
     pub fn of(model: &Model, share: f64, hemisphere: Option<Hemisphere>) -> Self {
         Self {
             share,
@@ -81,9 +81,11 @@ impl Limits {
         }
     }
 
-    /// The limits at one instant, each as a number that must not exceed 1.
+    /// Normalised limits at one instant, none of which may exceed 1.
     ///
-    /// Speed, acceleration, torque and strut force (`loads`) count in units of the permitted share. Angles and telescope count from
+    /// Speed, acceleration, torque and strut force (`loads`) are in units of the usable share. Angles and telescope
+    /// length are measured from the middle of their range, in units of the distance to the limit minus a margin for
+    /// the tracking error.
     /// the middle of their range to the limit less a margin for the tracking error.
     pub fn values(
         &self,

@@ -1,4 +1,5 @@
-//! One instant of a motion: the regressor, the limits, and how both change with position, velocity and acceleration.
+//! Regressor and limits at one instant of a motion, and their derivatives with respect to position, velocity and
+//! acceleration.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -14,57 +15,57 @@ use crate::kinematics::{JointState, KinematicsError, PlatformState};
 use crate::machine::{AXES, Setup};
 use crate::model::Model;
 
-/// Steps of the local differences by position (m, rad), velocity and acceleration.
+/// Steps of the finite differences by position (m, rad), velocity and acceleration.
 ///
-/// Small against the width of friction laws (10 mrad/s); the regressor is affine in accelerations.
+/// They are small relative to the width of friction laws (10 mrad/s); the regressor is affine in accelerations.
 const STEPS: [f64; 3] = [1e-5, 1e-5, 1e-3];
-/// Friction laws are this much softer in the search: their steps at reversals would fall between the samples.
+/// Factor on the steepness of friction laws in the search: their steps at reversals would fall between the samples.
 const SOFTER: f64 = 0.1;
-/// Key of a friction law's steepness.
+/// Name of a friction law's steepness parameter.
 const STEEPNESS: &str = "steepness";
 
-/// A machine whose parameters a motion is to tell.
+/// Machine whose parameters are to be identified.
 pub struct Machine {
     plant: Plant,
     effects: Vec<ActiveEffect>,
     limits: Limits,
     /// Standard deviations of the torque samples, N·m.
     noise: [f64; AXES],
-    /// The base columns, as indices of the flat parameters, and their sizes.
+    /// Base columns as indices of the flat parameters, and the parameters' own sizes.
     columns: Vec<usize>,
     sizes: Vec<f64>,
-    /// Effects that are not in the machine, whose columns come after those.
+    /// Effects that are not in the machine; their columns follow the base columns.
     candidates: Vec<Candidate>,
 }
 
-/// An effect that the machine may have.
+/// Effect that the machine may have.
 struct Candidate {
     active: ActiveEffect,
     /// Its linear parameters with their own sizes.
     linear: Vec<(usize, f64)>,
 }
 
-/// One instant.
+/// Regressor and limits at one instant.
 pub struct Sample {
     /// Base columns of the regressor in units of noise and parameter sizes.
     pub rows: DMatrix<f64>,
-    /// Limits; none above 1 is allowed.
+    /// Normalised limits; none may exceed 1.
     pub limits: [f64; LIMITS],
 }
 
-/// Derivatives of one instant by its twelve inputs.
+/// Derivatives at one instant with respect to its twelve inputs.
 pub struct Slopes {
-    /// Of the objective.
+    /// Derivative of the objective.
     pub objective: [f64; INPUTS],
-    /// Of each limit.
+    /// Derivative of each limit.
     pub limits: [[f64; INPUTS]; LIMITS],
 }
 
 impl Machine {
-    /// The machine of `model` without payload; `soft` friction for the search.
+    /// The machine of `model` without payload; with `soft`, friction laws are softened for the search.
     ///
-    /// Its columns are all parameters that enter linearly through forces and inertia; choose among them with
-    /// [`Machine::with_columns`].
+    /// Its columns are all parameters that enter forces and inertia linearly; [`Machine::with_columns`] selects among
+    /// them.
     pub fn new(model: &Model, limits: Limits, soft: bool) -> Self {
         let mut plant = Plant::new(model, &Setup::default());
         if soft {
@@ -107,7 +108,7 @@ impl Machine {
         self
     }
 
-    /// Columns and sizes of each candidate: `(column, present value in units of the column)`.
+    /// Columns and sizes of each candidate: (column, present value in units of the column).
     pub fn candidates(&self) -> Vec<Vec<(usize, f64)>> {
         let mut column = self.columns.len();
         let mut next = |active: &ActiveEffect, (k, size): &(usize, f64)| {
@@ -117,14 +118,14 @@ impl Machine {
         self.candidates.iter().map(|c| c.linear.iter().map(|l| next(&c.active, l)).collect()).collect()
     }
 
-    /// Keeps only the columns `kept`, indices among the present ones.
+    /// Keeps the columns `kept` only, indices among the present ones.
     pub fn with_columns(mut self, kept: &[usize]) -> Self {
         self.columns = kept.iter().map(|&k| self.columns[k]).collect();
         self.sizes = kept.iter().map(|&k| self.sizes[k]).collect();
         self
     }
 
-    /// The machine in computations.
+    /// The plant used in computations.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
@@ -134,7 +135,7 @@ impl Machine {
         &self.limits
     }
 
-    /// Own sizes of the columns, in their units.
+    /// Own sizes of the parameters of the columns, in their units.
     pub fn sizes(&self) -> &[f64] {
         &self.sizes
     }
@@ -146,6 +147,9 @@ impl Machine {
     }
 
     /// Regressor and limits at a platform state.
+    ///
+    /// # Errors
+    /// The error of the kinematics if the pose is unreachable, or of a force law that gives no finite value.
     pub fn sample(&self, platform: &PlatformState) -> Result<Sample, KinematicsError> {
         let joints = self.plant.geometry.inverse_motion(platform)?;
         let motion = self.plant.motion(&joints)?;
@@ -199,16 +203,17 @@ impl Machine {
         Ok(out)
     }
 
-    /// All instants of the motion `x`; none if one of them cannot be reached.
+    /// Samples at all instants of the motion `x`; `None` if a pose is unreachable.
     pub fn samples(&self, basis: &Basis, x: &[f64]) -> Option<Vec<Sample>> {
         (0..basis.len()).into_par_iter().map(|k| self.sample(&basis.state(k, x)).ok()).collect()
     }
 
-    /// Slopes at every instant of the motion `x`, with `weights[k]` the derivative of the objective by the rows of
-    /// sample k.
+    /// Derivatives at every instant of the motion `x`, with `weights[k]` the derivative of the objective with respect
+    /// to the rows of sample k.
     ///
-    /// Position and velocity: central differences of the instant's regressor; acceleration: a forward difference, exact
-    /// as everything is affine in it. The chain to the decision variables is exact, see [`Basis::pull_back`].
+    /// Position and velocity: central differences of the instant's regressor; acceleration: a forward difference,
+    /// which is exact because everything is affine in it. The chain to the decision variables is exact, see
+    /// [`Basis::pull_back`].
     pub fn slopes(
         &self,
         basis: &Basis,

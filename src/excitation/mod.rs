@@ -1,12 +1,13 @@
-//! Design of persistently exciting motions: which periodic motion tells most about the parameters (paper section 3.2).
+//! Design of persistently exciting motions: the periodic motion with the most information about the parameters
+//! (section 3.2 of the paper).
 //!
-//! The end effector's x, y, z and ψ are Fourier series ([`series`]). Every instant of one period gives rows of the base
-//! regressor and the use of every limit ([`machine`], [`limits`]); the information of all rows is judged by −log det or by
-//! its condition number ([`mod@information`]). Sequential quadratic programming ([`search`]) improves several random motions
-//! at once; the best is checked on a grid ten times finer, with all friction laws as they are, and its swing is reduced
-//! by as much as it needs to respect every limit there.
+//! The end effector's x, y, z and ψ are Fourier series ([`series`]). Every instant of one period gives rows of the
+//! base regressor and the use of every limit ([`machine`], [`limits`]); the objective is −log det of the information
+//! of all rows or its condition number ([`mod@information`]). Sequential quadratic programming ([`search`]) improves
+//! several random motions in parallel. The best one is checked on a grid ten times finer with the exact friction
+//! laws, and its amplitude is reduced until it respects every limit there.
 //!
-//! The motion is periodic and does not begin at rest: the machine has to be brought into it.
+//! The motion is periodic and does not start at rest: the machine has to be brought into it.
 
 pub mod discriminate;
 pub mod experiments;
@@ -35,24 +36,24 @@ use machine::{Machine, Sample, information, worst};
 use search::{End, Search};
 use series::{Basis, scaled};
 
-/// What to design.
+/// Options of the design.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// What is made small.
+    /// Objective to be minimised.
     pub objective: Objective,
     /// Base frequency, Hz.
     pub frequency: f64,
     /// Number of harmonics.
     pub harmonics: usize,
-    /// Periods of the run; only the standard errors depend on it.
+    /// Number of periods of the run; only the standard errors depend on it.
     pub periods: usize,
-    /// Share of speed, acceleration, torque and of the force that dislocates a socket that may be used.
+    /// Usable share of speed, acceleration, torque and dislocation force of the sockets.
     pub share: f64,
-    /// Workspace beside the true one.
+    /// Additional restriction of the workspace.
     pub hemisphere: Option<Hemisphere>,
     /// Seed of the random motions.
     pub seed: u64,
-    /// Random motions to compare with, among which the search starts.
+    /// Number of random motions for comparison, from which the starts of the searches are taken.
     pub randoms: usize,
     /// Number of searches.
     pub starts: usize,
@@ -77,15 +78,15 @@ impl Default for Options {
     }
 }
 
-/// Why there is no design.
+/// Reason why there is no design.
 #[derive(Debug, Error)]
 pub enum ExcitationError {
-    /// No random motion fits.
+    /// No random motion is possible within the limits.
     #[error(
         "no motion fits into the limits; does the hemisphere lie in the workspace, and are the limits large enough?"
     )]
     NoMotion,
-    /// No parameter enters linearly, or none shows.
+    /// No parameter enters linearly, or none is identifiable.
     #[error("no parameter of the model shows in a motion within the limits")]
     NothingToTell,
 }
@@ -95,42 +96,45 @@ pub enum ExcitationError {
 pub struct Design {
     /// The motion.
     pub motion: FourierMotion,
-    /// What it tells.
+    /// Its information.
     pub merit: Merit,
-    /// Leading parameters of the base parameters, in the order of [`Merit::std`].
+    /// Leading parameter of each base parameter, in the order of [`Merit::std`].
     pub parameters: Vec<PlantParameter>,
     /// Own size of each, in its unit.
     pub sizes: Vec<f64>,
-    /// Parameters that depend on those or that torque noise hides even in a rich motion.
+    /// Parameters that depend linearly on those, or that torque noise hides even in a rich motion.
     pub dependent: Vec<String>,
-    /// Measures of the random motions, in the order of their draw.
+    /// Information of the random motions, in the order of their draw.
     pub random: Vec<Merit>,
-    /// Use of each kind of limit at its worst instant; 1 is the permitted share, or the margin of a singularity.
+    /// Largest use of each kind of limit; 1 is the usable share, or the margin to a singularity.
     pub worst: Vec<(&'static str, f64)>,
-    /// Steps of all searches.
+    /// Number of steps of all searches.
     pub iterations: usize,
-    /// Whether the time ran out or the user stopped a search.
+    /// Whether `go_on` ended a search.
     pub stopped: bool,
-    /// Factor on the swing that the check on the fine grid asked for.
+    /// Factor on the amplitude required by the check on the fine grid.
     pub reduction: f64,
 }
 
-/// Instants per harmonic in the search, and how many times more in the final check.
+/// Number of instants per harmonic in the search, least number of instants, and refinement factor of the final check.
 const PER_HARMONIC: usize = 60;
 const FEWEST_INSTANTS: usize = 180;
 const FINER: usize = 10;
-/// Rich random motions that choose the base parameters: number, base frequency in Hz, harmonics.
+/// Rich random motions that determine the base parameters: number, base frequency in Hz, number of harmonics.
 const RICH: (u64, f64, usize) = (3, 0.3, 10);
-/// Information (1/variance in units of the own size) of the whole run below which a column is silent.
+/// Information of the whole run (1/variance in units of the own size) below which a column is dropped.
 const MIN_INFORMATION: f64 = 1e-2;
-/// Factors by which a motion shrinks until it fits: a random one, and the designed one.
+/// Reduction factors per trial of the amplitude of a random and of the designed motion, and largest number of trials.
 const SHRINK: f64 = 0.95;
 const TRIM: f64 = 0.998;
 const MOST_TRIALS: i32 = 200;
 
-/// Designs a motion for `model`; `go_on` is asked before every step of a search, from several threads.
+/// Designs a motion for `model`; `go_on` is evaluated before every step of a search, from several threads.
 ///
 /// The result depends on the options only, not on the number of threads, unless `go_on` ends a search.
+///
+/// # Errors
+/// [`ExcitationError`], if no motion is possible within the limits or no parameter is identifiable.
 pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync)) -> Result<Design, ExcitationError> {
     let limits = Limits::of(model, options.share, options.hemisphere);
     let run = options.periods as f64 / options.frequency / model.sample_time;
@@ -148,7 +152,7 @@ pub fn design(model: &Model, options: &Options, go_on: &(dyn Fn() -> bool + Sync
         .into_par_iter()
         .map(|k| {
             let motion = draw(model, &exact, &limits, options, k);
-            // Drawn within all limits but for a hemisphere.
+            // The draw respects all limits except a hemisphere.
             let own = if limits.hemisphere.is_some() { shrunk(&exact, &basis, &motion, SHRINK)?.0 } else { motion };
             let merit = merit(&exact.samples(&fine, &basis.vector(&own))?);
             let start = shrunk(&exact, &basis, &own, SHRINK)?.0;
@@ -196,14 +200,14 @@ struct Drawn {
 }
 
 impl Merit {
-    /// The same with the standard errors of a run of `samples` instants.
+    /// The merit with the standard errors of a run of `samples` instants.
     fn over(mut self, samples: f64) -> Self {
         self.std.iter_mut().for_each(|s| *s /= samples.sqrt());
         self
     }
 }
 
-/// Number `k` of the random motions of a seed.
+/// Random motion number `k` of a seed.
 fn draw(model: &Model, machine: &Machine, limits: &Limits, options: &Options, k: u64) -> FourierMotion {
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     rng.set_stream(k + 1);
@@ -217,7 +221,8 @@ fn draw(model: &Model, machine: &Machine, limits: &Limits, options: &Options, k:
     motion
 }
 
-/// The motion with its swing reduced until it fits on the grid of `basis`, with its samples and the reduction.
+/// The motion with its amplitude reduced until it respects the limits on the grid of `basis`, its samples and the
+/// factor.
 fn shrunk(
     machine: &Machine,
     basis: &Basis,
@@ -232,7 +237,7 @@ fn shrunk(
     })
 }
 
-/// Base columns, chosen on rich random motions.
+/// Base columns, selected on rich random motions.
 fn base_columns(model: &Model, limits: Limits, options: &Options, run: f64) -> Result<Vec<usize>, ExcitationError> {
     let machine = Machine::new(model, limits, false);
     let (number, frequency, harmonics) = RICH;
@@ -253,8 +258,8 @@ fn base_columns(model: &Model, limits: Limits, options: &Options, run: f64) -> R
     if columns.is_empty() { Err(ExcitationError::NothingToTell) } else { Ok(columns) }
 }
 
-/// Usual size of each decision variable: a fifth of a metre or a quarter of the permitted speed of axis 4, less for
-/// higher harmonics.
+/// Usual size of each decision variable: 0.2 m or a quarter of the permitted speed of axis 4, less for higher
+/// harmonics.
 fn scale(model: &Model, options: &Options) -> Vec<f64> {
     let mut scale = Vec::new();
     for i in 0..series::COORDINATES {
@@ -264,7 +269,7 @@ fn scale(model: &Model, options: &Options) -> Vec<f64> {
             let size = match i {
                 0..3 => (0.2 / (h as f64).sqrt()).min(2.0 / omega),
                 _ if model.mechanism.has_telescope() => 0.25 * options.share * model.drives[3].max_speed / omega,
-                // Nothing turns: ψ stays where it is.
+                // Without an axis 4, ψ is constant.
                 _ => 1.0,
             };
             scale.extend([size, size]);
@@ -279,7 +284,7 @@ fn usage(worst: &[f64; LIMITS], limits: &Limits) -> Vec<(&'static str, f64)> {
     kinds.map(|(name, rows)| (*name, worst[rows.clone()].iter().copied().fold(0.0, f64::max))).collect()
 }
 
-/// Median, NaN of nothing.
+/// Median; NaN of no values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);

@@ -1,9 +1,9 @@
-//! What an experiment would tell about effects, before it is made.
+//! Expected outcome of an experiment that has not been performed.
 //!
 //! The columns of all parameters and of the effects in question along the planned motion give inner products
-//! ([`Information`]); those of data that are there already add up with them, parameter by parameter. From them follow the
-//! non-centrality by which the effects differ ([`crate::evidence::separation`]), the chance to tell them apart, and, as
-//! information grows with time, the time it takes.
+//! ([`Information`]); those of existing data are added parameter by parameter. They determine the non-centrality of
+//! the comparison of effects ([`crate::evidence::separation`]), its power, and, as information grows with time, the
+//! time needed.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,16 +17,16 @@ use crate::identification::{Dataset, averaged_columns, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
 
-/// Chance that counts as certain.
+/// Power that counts as certain.
 pub const SURE: f64 = 0.95;
-/// Level at which an effect is said to be there.
+/// Level of the test for the presence of an effect.
 const ALPHA: f64 = 0.05;
-/// Times an experiment may last longer than planned, or be cut shorter.
+/// Range of the ratio of an experiment's duration to the planned one.
 const STRETCH: [f64; 2] = [1e-2, 1e3];
 /// Relative accuracy of the time needed.
 const RESOLUTION: f64 = 0.05;
 
-/// Noise of each channel, as the filter that whitens its samples.
+/// Whitening filter of each channel.
 #[derive(Clone, Debug)]
 pub struct Noise {
     /// Channels whose noise is known.
@@ -36,7 +36,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// White noise of a model's sensors, averaged from its sampling period to `dt`.
+    /// White noise of a model's sensors, averaged from the model's sampling period to `dt` (s).
     pub fn of(model: &Model, channels: &[Channel], dt: f64) -> Self {
         let filters = channels.iter().map(|&c| (c, white(model, c, dt))).collect();
         Self { filters, dt }
@@ -61,8 +61,12 @@ pub struct Information {
 }
 
 impl Information {
-    /// Of the parameters of `model` but for those of effects that are `fixed`, and of `effects`, which are not in it, along a
-    /// dataset. An effect that does not act in the dataset's configuration has no columns.
+    /// Inner products along a dataset of the columns of the parameters of `model`, except those of `fixed` effects,
+    /// and of `effects`, which are not in it. An effect that does not act in the dataset's configuration has no
+    /// columns.
+    ///
+    /// # Errors
+    /// The error of the kinematics for a pose outside the workspace, or of a force law that gives no finite value.
     pub fn along(
         model: &Model,
         fixed: &[String],
@@ -89,7 +93,7 @@ impl Information {
         }
         for (active, own) in mounted.iter().zip(own) {
             let entries = active.entries();
-            // What the shape of the law can do belongs to what is fitted.
+            // Shape parameters are fitted as well, so their columns are needed.
             let shaped = entries.iter().any(|e| e.parameter.role == Role::Shape);
             let own = if shaped { columns(&plant, dataset, Some(active))? } else { own };
             for (entry, column) in entries.iter().zip(&own).filter(|(e, _)| e.parameter.role != Role::Fixed) {
@@ -122,7 +126,7 @@ impl Information {
         }
     }
 
-    /// Columns of `effect` with its sizes: those of linear parameters, zero for what is fitted along.
+    /// Columns of `effect` with its sizes: the values of linear parameters, zero for others that are fitted as well.
     fn own(&self, active: &ActiveEffect) -> (Vec<usize>, DVector<f64>) {
         let (mut place, mut sizes) = (Vec::new(), Vec::new());
         for (entry, value) in active.entries().iter().zip(&active.values) {
@@ -135,7 +139,7 @@ impl Information {
         (place, DVector::from_vec(sizes))
     }
 
-    /// δ² of effect `a` against the model alone or, with a rival in `effects`, against model and rival.
+    /// δ² of effect `a` relative to the model alone, or with a rival in `effects` relative to model and rival.
     fn noncentrality(&self, effects: &[ActiveEffect], a: usize, rival: Option<usize>) -> f64 {
         let all: Vec<Vec<usize>> = effects.iter().map(|e| self.own(e).0).collect();
         let (own, sizes) = self.own(&effects[a]);
@@ -145,31 +149,31 @@ impl Information {
     }
 }
 
-/// An effect and what it must not be taken for: a rival, or the model without both.
+/// An effect and its alternative: a rival, or with `None` the model without both.
 pub type Comparison = (usize, Option<usize>);
 
-/// The comparisons that tell the first of `effects` from every other one, both ways.
+/// Comparisons of the first of `effects` with every other one, in both directions.
 pub fn which(effects: usize) -> Vec<Comparison> {
     (1..effects).flat_map(|k| [(0, Some(k)), (k, Some(0))]).collect()
 }
 
-/// What an experiment promises.
+/// Expected outcome of an experiment.
 #[derive(Clone, Debug)]
 pub struct Prospect {
-    /// The comparison it is worst at.
+    /// The comparison with the least power.
     pub worst: Comparison,
-    /// Its δ², of the whole experiment as planned.
+    /// Its δ² for the whole experiment as planned.
     pub noncentrality: f64,
-    /// Its chance to be decided by the experiment as planned.
+    /// Its power for the experiment as planned.
     pub chance: f64,
-    /// Time after which the chance is [`SURE`], s; none if that would take for ever.
+    /// Duration for a power of [`SURE`], s; `None` if no duration suffices.
     pub seconds: Option<f64>,
 }
 
-/// What an experiment with the information `new`, in addition to what is `present`, decides on `blocks` blocks.
+/// Expected outcome of an experiment with the information `new` in addition to `present`, with `blocks` blocks.
 ///
 /// # Panics
-/// Without comparisons.
+/// If `comparisons` is empty.
 pub fn prospect(
     comparisons: &[Comparison],
     effects: &[ActiveEffect],
@@ -204,11 +208,11 @@ pub fn prospect(
     Prospect { seconds, ..after(1.0) }
 }
 
-/// Time that the handling of any experiment makes unimportant, s.
+/// Duration below which the handling of an experiment dominates, s.
 const SHORT: f64 = 60.0;
 
-/// Cheapest first, by preparation and time needed, where short ones count alike; then by δ², per second where no time is
-/// enough.
+/// Experiments by ascending cost (preparation and time needed, at least [`SHORT`]); equal cost by descending δ², per
+/// second where no duration suffices.
 pub fn ranked(all: impl Iterator<Item = (Experiment, Prospect)>) -> Vec<(Experiment, Prospect)> {
     let mut all: Vec<(Experiment, Prospect)> = all.collect();
     let cost = |(e, p): &(Experiment, Prospect)| {
@@ -219,7 +223,7 @@ pub fn ranked(all: impl Iterator<Item = (Experiment, Prospect)>) -> Vec<(Experim
     all
 }
 
-/// An experiment and its promise, for a sentence.
+/// Description of an experiment with its expected outcome, for a sentence.
 pub fn in_words(experiment: &Experiment, promise: &Prospect) -> String {
     let needed = match promise.seconds {
         Some(s) if s < 1.0 => "less than 1 s for 95 %".into(),
@@ -229,7 +233,7 @@ pub fn in_words(experiment: &Experiment, promise: &Prospect) -> String {
     format!("{} ({}: chance {:.2}; {needed})", experiment.what, duration(experiment.length), promise.chance)
 }
 
-/// A length of time for people.
+/// Duration as text.
 pub fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 10.0 => format!("{s:.1} s"),

@@ -1,8 +1,9 @@
 //! Sequential quadratic programming with a trust region over the Fourier coefficients.
 //!
-//! Each step solves min gᵀd + ½dᵀBd + µ·Σⱼ sⱼ with limit rows c(x) + ∇c·d ≤ 1 − margin + sⱼ (one slack per limit), |d| ≤ Δ, with
-//! Clarabel; B is the damped BFGS approximation of the Lagrangian's Hessian. Rows that no step within the trust region
-//! can reach are left out. Steps are judged by f + µ·Σⱼ max(0, worst violation of limit j).
+//! Each step solves min gᵀd + ½dᵀBd + µ·Σⱼ sⱼ subject to the limit rows c(x) + ∇c·d ≤ 1 − margin + sⱼ (one slack
+//! variable per limit) and |d| ≤ Δ with Clarabel; B is the damped BFGS approximation of the Hessian of the
+//! Lagrangian. Rows that cannot become active within the trust region are omitted. The merit function is f + µ·Σⱼ
+//! max(0, worst violation of limit j).
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
@@ -12,55 +13,55 @@ use super::limits::LIMITS;
 use super::machine::{Machine, Sample, Slopes, information, worst};
 use super::series::Basis;
 
-/// Distance kept from every limit on the grid of the search, for what happens between its instants.
+/// Margin to every limit on the grid of the search, for the motion between its instants.
 pub const MARGIN: f64 = 0.005;
-/// Violation beyond the margin that still counts as feasible: a small part of the margin.
+/// Violation of the margin that still counts as feasible.
 const TOLERANCE: f64 = 1e-3;
 const FIRST_RADIUS: f64 = 0.1;
 const LARGEST_RADIUS: f64 = 0.5;
 const LEAST_RADIUS: f64 = 2e-4;
-/// Predicted gain below which the search has converged.
+/// Predicted decrease below which the search has converged.
 const LEAST_GAIN: f64 = 1e-3;
 
-/// Value and derivative by the information matrix.
+/// Objective: value and derivative with respect to the information matrix.
 pub type Target<'a> = dyn Fn(&DMatrix<f64>) -> Option<(f64, DMatrix<f64>)> + Sync + 'a;
 
-/// A search.
+/// Optimisation problem of one search.
 pub struct Search<'a> {
     /// Machine with softened friction.
     pub machine: &'a Machine,
     /// Instants over one period.
     pub basis: &'a Basis,
-    /// What is made small.
+    /// Objective to be minimised.
     pub objective: &'a Target<'a>,
     /// Usual size of each decision variable.
     pub scale: &'a [f64],
 }
 
-/// Why a search ended.
+/// Reason why a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// No step promises more.
+    /// The predicted decrease is negligible or the trust region too small.
     Converged,
-    /// All iterations are spent.
+    /// The largest number of iterations was reached.
     Iterations,
-    /// It was told to stop.
+    /// The caller stopped it.
     Stopped,
 }
 
 /// Result of a search.
 pub struct Found {
-    /// Best feasible decision variables, if there are any.
+    /// Best feasible decision variables; `None` if there are none.
     pub x: Option<Vec<f64>>,
-    /// Objective there.
+    /// Objective at `x`.
     pub value: f64,
-    /// Iterations made.
+    /// Number of iterations.
     pub iterations: usize,
-    /// Why it ended.
+    /// Reason why it ended.
     pub end: End,
 }
 
-/// All that is known at a point.
+/// Iterate with its objective, samples and limits.
 struct Point {
     x: Vec<f64>,
     value: f64,
@@ -70,7 +71,7 @@ struct Point {
 }
 
 impl Point {
-    /// Violation of each limit.
+    /// Violation of each limit including the margin.
     fn violations(&self) -> impl Iterator<Item = f64> + '_ {
         self.worst.iter().map(|w| (w - 1.0 + MARGIN).max(0.0))
     }
@@ -84,7 +85,7 @@ impl Point {
     }
 }
 
-/// One linearised limit: sample, limit.
+/// One linearised limit: index of the sample, index of the limit.
 type Row = (usize, usize);
 
 impl Search<'_> {
@@ -101,14 +102,14 @@ impl Search<'_> {
         self.machine.slopes(self.basis, &point.x, &point.samples, &weights)
     }
 
-    /// Objective and its gradient by the decision variables.
+    /// Objective and its gradient with respect to the decision variables.
     pub fn gradient(&self, x: &[f64]) -> Option<(f64, Vec<f64>)> {
         let point = self.point(x.to_vec())?;
         let slopes = self.slopes(&point)?;
         Some((point.value, self.pulled_back(&slopes, &[])))
     }
 
-    /// Gradient of the objective plus multipliers times limits by the decision variables.
+    /// Gradient of the objective plus multipliers times limits with respect to the decision variables.
     fn pulled_back(&self, slopes: &[Slopes], multipliers: &[(Row, f64)]) -> Vec<f64> {
         let mut gradient = vec![0.0; self.basis.variables()];
         for (k, s) in slopes.iter().enumerate() {
@@ -125,19 +126,19 @@ impl Search<'_> {
         DVector::from_vec(gradient)
     }
 
-    /// Gradient of the Lagrangian by the scaled variables.
+    /// Gradient of the Lagrangian with respect to the scaled variables.
     fn lagrangian(&self, slopes: &[Slopes], multipliers: &[(Row, f64)]) -> DVector<f64> {
         self.scaled(self.pulled_back(slopes, multipliers))
     }
 
-    /// Gradient of one limit by the scaled variables.
+    /// Gradient of one limit with respect to the scaled variables.
     fn limit_gradient(&self, slopes: &[Slopes], (k, limit): Row) -> DVector<f64> {
         let mut gradient = vec![0.0; self.basis.variables()];
         self.basis.pull_back(k, &slopes[k].limits[limit], 1.0, &mut gradient);
         self.scaled(gradient)
     }
 
-    /// Improves `start` for at most `iterations` steps, as long as `go_on` agrees.
+    /// Improves `start` by at most `iterations` steps, while `go_on` returns true.
     pub fn run(&self, start: &[f64], iterations: usize, go_on: &dyn Fn() -> bool) -> Found {
         let mut found = Found { x: None, value: f64::INFINITY, iterations: 0, end: End::Iterations };
         let Some(mut point) = self.point(start.to_vec()) else { return found };
@@ -201,7 +202,7 @@ impl Search<'_> {
                 }
                 _ => radius = 0.3 * moved.min(radius),
             }
-            // The multipliers of an exact penalty stay below it.
+            // The multipliers of an exact penalty are smaller than the penalty parameter.
             let mut load = [0.0; LIMITS];
             multipliers.iter().for_each(|((_, limit), z)| load[*limit] += z);
             if load.iter().any(|l| *l > 0.9 * penalty) && point.violation() > TOLERANCE {
@@ -215,7 +216,7 @@ impl Search<'_> {
         found
     }
 
-    /// The step of the quadratic programme in scaled variables.
+    /// Step of the quadratic programme in scaled variables.
     fn step(
         &self,
         point: &Point,
@@ -291,12 +292,12 @@ impl Search<'_> {
 
 struct Step {
     d: DVector<f64>,
-    /// Sum of the violations that are left to first order.
+    /// Sum of the violations that remain to first order.
     slack: f64,
     multipliers: Vec<(Row, f64)>,
 }
 
-/// BFGS with Powell's damping: stays positive definite.
+/// BFGS update with Powell's damping, which keeps the matrix positive definite.
 fn update(hessian: &mut DMatrix<f64>, d: &DVector<f64>, change: &DVector<f64>) {
     let bent = &*hessian * d;
     let curvature = d.dot(&bent);

@@ -1,4 +1,4 @@
-//! The decision variables: a Fourier series as a vector, and its basis on a grid over one period.
+//! Decision variables: a Fourier series as a vector, and its basis on a grid over one period.
 
 use nalgebra::Vector3;
 
@@ -7,15 +7,15 @@ use crate::scenario::FourierMotion;
 
 /// Coordinates of the end effector: x, y, z (m) and ψ (rad).
 pub const COORDINATES: usize = 4;
-/// Numbers a sample depends on: position, velocity and acceleration of each coordinate.
+/// Number of inputs of a sample: position, velocity and acceleration of each coordinate.
 pub const INPUTS: usize = 3 * COORDINATES;
-/// Decimals of the written coefficients: a micrometre, a microradian.
+/// Reciprocal of the resolution of written coefficients: a micrometre, a microradian.
 const DECIMALS: f64 = 1e6;
 
-/// Values and time derivatives of 1, sin(kωt), cos(kωt) at evenly spaced instants of one period.
+/// Values and time derivatives of 1, sin(kωt), cos(kωt) at equally spaced instants of one period.
 ///
-/// A coordinate is the product of a row with its coefficients, so ∂(position, velocity, acceleration)/∂coefficients is
-/// the row itself.
+/// A coordinate is the product of a row with its coefficients, so the row is the derivative of position, velocity or
+/// acceleration with respect to the coefficients.
 pub struct Basis {
     frequency: f64,
     harmonics: usize,
@@ -51,7 +51,7 @@ impl Basis {
         self.rows.is_empty()
     }
 
-    /// Coefficients per coordinate.
+    /// Number of coefficients per coordinate.
     pub fn functions(&self) -> usize {
         1 + 2 * self.harmonics
     }
@@ -77,7 +77,8 @@ impl Basis {
         }
     }
 
-    /// Adds `factor` times the gradient by the decision variables of what has the gradient `inputs` by the state.
+    /// Adds `factor` times the gradient with respect to the decision variables, given the gradient `inputs` with
+    /// respect to the state.
     pub fn pull_back(&self, instant: usize, inputs: &[f64; INPUTS], factor: f64, gradient: &mut [f64]) {
         let n = self.functions();
         for coordinate in 0..COORDINATES {
@@ -106,7 +107,7 @@ impl Basis {
         x
     }
 
-    /// The series of a vector of decision variables.
+    /// Fourier series with the decision variables `x`.
     pub fn motion(&self, x: &[f64]) -> FourierMotion {
         let n = self.functions();
         let all = |offset: usize| {
@@ -121,7 +122,7 @@ impl Basis {
     }
 }
 
-/// `motion` with its swing about the centre scaled by `factor` and all numbers rounded for the file.
+/// `motion` with its amplitude about the centre scaled by `factor` and all numbers rounded for the file.
 pub fn scaled(motion: &FourierMotion, factor: f64) -> FourierMotion {
     let round = |v: f64| (v * DECIMALS).round() / DECIMALS;
     let rows = |rows: &[[f64; 4]]| rows.iter().map(|r| r.map(|v| round(factor * v))).collect();
@@ -133,7 +134,7 @@ pub fn scaled(motion: &FourierMotion, factor: f64) -> FourierMotion {
     }
 }
 
-/// State with input `i` (3·coordinate + derivative) moved by `step`.
+/// State with input `i` (3·coordinate + derivative) changed by `step`.
 pub fn moved(state: &PlatformState, i: usize, step: f64) -> PlatformState {
     let mut state = *state;
     let (coordinate, derivative) = (i / 3, i % 3);

@@ -15,7 +15,7 @@ fn go_on() -> bool {
     true
 }
 
-/// The machine of a search without dependent columns, and a motion within all limits.
+/// Machine of a search without dependent columns, and a motion within all limits.
 fn searching(options: &Options) -> (Machine, Basis, FourierMotion) {
     let model = model();
     let limits = Limits::of(&model, options.share, options.hemisphere);
@@ -74,7 +74,7 @@ fn limits_have_the_slopes_of_finite_differences() {
             let slope: f64 = gradient.iter().zip(&direction).map(|(g, d)| g * d).sum();
             let difference = (ahead[k].limits[limit] - behind[k].limits[limit]) / (2.0 * h);
             let error = (slope - difference).abs();
-            // Magnitudes have a kink at zero, far from where they limit.
+            // Magnitudes have a kink at zero, where they are far from their limit.
             if samples[k].limits[limit].abs() > 0.05 {
                 assert!(error < 1e-4 + 1e-3 * difference.abs(), "{limit} at {k}: {slope} {difference}");
             }
@@ -89,7 +89,7 @@ fn designed_motion_keeps_all_limits_between_the_instants_of_the_search() {
     let plant = crate::dynamics::Plant::new(&model, &Default::default());
     let states: Vec<&[f64]> = vec![&[]; plant.effects.len()];
     let limits = MotionLimits::of(&model, 0.8);
-    // Ten times as many instants as the search, at others than those of the check.
+    // Ten times as many instants as the search, at other times than the check.
     for k in 0..10 * FEWEST_INSTANTS {
         let platform = design.motion.at((k as f64 + 0.37) / (10 * FEWEST_INSTANTS) as f64 * 10.0);
         let joints = plant.geometry.inverse_motion(&platform).unwrap();
@@ -116,7 +116,7 @@ fn designed_motion_beats_random_ones() {
         let typical = median(design.random.iter().map(of));
         assert!(5.0 * of(&design.merit) < typical, "{} {typical}", of(&design.merit));
     }
-    // A single parameter may be told a little worse, the worst told one is told much better.
+    // A single standard error may be slightly larger, the largest one is much smaller.
     let typical = |i: usize| median(design.random.iter().map(|m| m.std[i]));
     for (i, p) in design.parameters.iter().enumerate() {
         assert!(design.merit.std[i] < 2.0 * typical(i), "{}: {} {}", p.name, design.merit.std[i], typical(i));

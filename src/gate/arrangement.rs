@@ -1,7 +1,7 @@
-//! [`Arrangement`]: how the columns of a recording may stand to the axes of the model: order, sense of rotation, zero.
+//! [`Arrangement`]: assignment of the columns of a recording to the axes of the model: order, sense of rotation, zero.
 //!
-//! Each arrangement is judged by how well multiples of the torques that the model predicts for it explain the measured ones,
-//! so a wrong factor or sign of a torque costs little and is read off afterwards.
+//! Each arrangement is assessed by how well multiples of the torques that the model predicts for it explain the
+//! measured ones. A wrong factor or sign of a torque therefore costs little and is determined afterwards.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -11,40 +11,40 @@ use crate::dynamics::Plant;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Mechanism};
 
-/// Which column each axis is, and how its angle counts: q = sign · column + zero.
+/// Column of each axis and the conversion of its angle: q = sign · column + zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrangement {
     /// Column of each axis' angle.
     pub angle: [usize; AXES],
     /// Column of each axis' torque.
     pub torque: [usize; AXES],
-    /// +1, or −1 for an angle that counts the other way.
+    /// +1, or −1 for an angle with the opposite sense.
     pub sign: [f64; AXES],
-    /// rad.
+    /// Zero of each angle, rad.
     pub zero: [f64; AXES],
 }
 
-/// Spacing of the zeros that are tried, rad.
+/// Spacing of the zeros on the grid, rad.
 const ZERO_STEP: f64 = FRAC_PI_2 / 6.0;
-/// Share of poses that must be possible.
+/// Share of poses that must be reachable.
 const POSSIBLE: f64 = 0.98;
-/// Unexplained share below which noise would decide.
+/// Lower bound of the unexplained share, below which noise would decide.
 const FLOOR: f64 = 1e-3;
-/// Every so many instants are enough to choose by.
+/// Stride of the instants by which arrangements are selected.
 const THINNED: usize = 4;
-/// Distance from a quarter turn within which a zero is one: what the model lacks moves the best one by up to 7°, and what is
-/// left is for the diagnosis, a joint zero offset.
+/// Distance from a quarter turn within which a zero is set to it: effects missing in the model shift the best zero by
+/// up to 7°, and the remainder is diagnosed as a joint zero offset.
 const NEAR_QUARTER: f64 = 0.5 * ZERO_STEP;
-/// What a torque of the wrong sign, or of the wrong size by a factor e, costs.
+/// Cost of a torque of the wrong sign, or of the wrong size by a factor e.
 const WRONG: f64 = 0.3;
-/// What each departure from the file's own arrangement costs.
+/// Cost of each deviation from the file's own arrangement.
 const CHANGE: f64 = 0.02;
 
 impl Arrangement {
-    /// As the file has it.
+    /// The file's own arrangement.
     pub const PLAIN: Self = Self { angle: [0, 1, 2, 3], torque: [0, 1, 2, 3], sign: [1.0; AXES], zero: [0.0; AXES] };
 
-    /// The motion of the axes.
+    /// Motion of the axes, from the motion in the columns.
     pub fn joints(&self, j: &JointState) -> JointState {
         let of = |v: &[f64; AXES], i: usize| self.sign[i] * v[self.angle[i]];
         JointState {
@@ -54,7 +54,7 @@ impl Arrangement {
         }
     }
 
-    /// Every arrangement worth trying on a machine.
+    /// All arrangements tried on a machine.
     pub fn candidates(machine: Mechanism) -> Vec<Self> {
         let (axes, arms) = (machine.axes(), machine.arms());
         let mut all = Vec::new();
@@ -84,7 +84,7 @@ impl Arrangement {
         all
     }
 
-    /// Departures from the file's own arrangement, those alike on all arms as one.
+    /// Number of deviations from the file's own arrangement.
     fn changes(&self) -> usize {
         let count = |differs: &dyn Fn(usize) -> bool| (0..AXES).filter(|&i| differs(i)).count();
         count(&|i| self.angle[i] != i)
@@ -94,7 +94,7 @@ impl Arrangement {
     }
 }
 
-/// Orders of `axes` axes but the natural one.
+/// Orders of `axes` axes except the natural one.
 fn orders(axes: usize) -> Vec<[usize; AXES]> {
     let mut all = vec![Vec::new()];
     for _ in 0..axes {
@@ -108,17 +108,17 @@ fn orders(axes: usize) -> Vec<[usize; AXES]> {
     all.into_iter().map(whole).filter(|order: &[usize; AXES]| *order != Arrangement::PLAIN.torque).collect()
 }
 
-/// How well the recording agrees with an arrangement.
+/// Agreement of the recording with an arrangement.
 pub struct Judgement {
     /// The arrangement.
     pub arrangement: Arrangement,
-    /// Line of each channel's measured values over the predicted ones; none where nothing varies.
+    /// Line of each channel's measured values over the predicted ones; `None` where either does not vary.
     pub lines: Vec<Option<Line>>,
-    /// Sum over the channels of ln(unexplained share), and what speaks against it; lower is better.
+    /// Sum over the channels of ln(unexplained share) plus penalties; smaller is better.
     pub cost: f64,
 }
 
-/// Judges an arrangement; none if the machine cannot take the poses.
+/// Assessment of an arrangement; `None` if the machine cannot reach the poses.
 pub fn judge(plant: &Plant, instants: &Instants, arrangement: Arrangement) -> Option<Judgement> {
     let dataset = instants.dataset;
     let joints = instants.joints(|j| arrangement.joints(j));
@@ -138,7 +138,7 @@ pub fn judge(plant: &Plant, instants: &Instants, arrangement: Arrangement) -> Op
     Some(Judgement { arrangement, lines, cost })
 }
 
-/// The best of all arrangements.
+/// The arrangement of least cost.
 pub fn best(plant: &Plant, instants: &Instants) -> Option<Judgement> {
     let some = instants.thinned(THINNED);
     let few = some.thinned(some.at.len().div_ceil(20));
@@ -149,7 +149,7 @@ pub fn best(plant: &Plant, instants: &Instants) -> Option<Judgement> {
     judge(plant, instants, refined(plant, &some, best).arrangement)
 }
 
-/// The zeros of an arrangement brought to the best ones nearby; those next to a quarter turn stay there.
+/// The arrangement with its zeros refined locally; those near a quarter turn are set to it.
 fn refined(plant: &Plant, instants: &Instants, best: Judgement) -> Judgement {
     let found = best.arrangement;
     let moved = |by: f64| {

@@ -1,4 +1,4 @@
-//! Instants of a recording and what the model predicts there.
+//! Instants of a recording and the model's predictions there.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,21 +12,21 @@ use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
 
-/// Longest lag that is looked for, s.
+/// Largest lag considered, s.
 pub const LONGEST_LAG: f64 = 0.025;
 
-/// Samples of a dataset spread over its length, far enough from the ends of stretches that lags stay within.
+/// Samples of a dataset spread over its duration, at least the largest lag away from the ends of segments.
 pub struct Instants<'a> {
     /// The recording.
     pub dataset: &'a Dataset,
-    /// Indices of the samples.
+    /// Indices of the samples in the dataset.
     pub at: Vec<usize>,
     /// Largest lag, samples.
     pub reach: usize,
 }
 
 impl<'a> Instants<'a> {
-    /// At most `count` instants.
+    /// At most `count` equally spaced instants.
     pub fn of(dataset: &'a Dataset, count: usize) -> Self {
         let reach = if dataset.dt > 0.0 { (LONGEST_LAG / dataset.dt).round() as usize } else { 0 };
         let shortest = dataset.segments.iter().map(|s| s.len()).max().unwrap_or(0);
@@ -38,32 +38,32 @@ impl<'a> Instants<'a> {
         Self { dataset, at: inner.into_iter().step_by(stride).collect(), reach }
     }
 
-    /// Every `stride`-th of them.
+    /// Every `stride`-th instant.
     pub fn thinned(&self, stride: usize) -> Self {
         Self { dataset: self.dataset, at: self.at.iter().step_by(stride.max(1)).copied().collect(), reach: self.reach }
     }
 
-    /// Joint motion, changed by `change`.
+    /// Joint motion at the instants, transformed by `change`.
     pub fn joints(&self, change: impl Fn(&JointState) -> JointState) -> Vec<JointState> {
         self.at.iter().map(|&k| change(&self.dataset.joints[k])).collect()
     }
 
-    /// A measured channel, `lag` samples later.
+    /// Measured values of a channel, `lag` samples later.
     pub fn measured(&self, channel: usize, lag: isize) -> Vec<f64> {
         let series = &self.dataset.measured[channel];
         self.at.iter().map(|&k| series[k.saturating_add_signed(lag).min(series.len() - 1)]).collect()
     }
 }
 
-/// What the gate computes with: rigid bodies, payload and force laws without own states. What lies between encoder and
-/// joint, sensors and internal states change predictions by less than what the gate looks for.
+/// Plant of the gate: rigid bodies, payload and force laws without internal states. Encoder effects, sensor effects
+/// and internal states change the predictions by less than what the gate detects.
 pub fn plain(model: &Model, dataset: &Dataset) -> Plant {
     let mut plant = Plant::new(model, &dataset.setup);
     plant.effects.retain(|a| a.states() == 0 && !matches!(a.effect.kind(), Kind::Sensor | Kind::Encoder));
     plant
 }
 
-/// The same with another kilogram of payload, at the place that the setup states.
+/// The plant with an additional kilogram of payload at the payload's centre of mass.
 pub fn heavier(plant: &Plant) -> Plant {
     let mut heavier = plant.clone();
     let (carrier, kilogram) = heavier.carrier(END_EFFECTOR, Inertia::point(1.0, plant.payload.com));
@@ -71,18 +71,18 @@ pub fn heavier(plant: &Plant) -> Plant {
     heavier
 }
 
-/// Predictions at some instants: one series per channel of the dataset, and the share of instants whose pose is possible.
+/// Predictions at a set of instants: one series per channel of the dataset, and which poses are reachable.
 pub struct Predicted {
-    /// Series by channel, over the possible instants.
+    /// Series by channel over the reachable instants.
     pub series: Vec<Vec<f64>>,
-    /// Which instants are possible.
+    /// Whether the pose of each instant is reachable.
     pub possible: Vec<bool>,
-    /// Whether a law gives no number at some instant whose pose is possible.
+    /// Whether a force law gives no finite value at an instant with a reachable pose.
     pub lawless: bool,
 }
 
 impl Predicted {
-    /// Predicts the channels for joint motions.
+    /// Predictions of the channels for joint motions.
     pub fn new(plant: &Plant, channels: &[Channel], t: f64, joints: &[JointState]) -> Self {
         let struts = channels.iter().any(|c| c.drive().is_none());
         let states: Vec<&[f64]> = plant.effects.iter().map(|_| &[][..]).collect();
@@ -109,12 +109,12 @@ impl Predicted {
         }
     }
 
-    /// Share of the instants whose pose the machine can take.
+    /// Share of the instants with a reachable pose.
     pub fn share(&self) -> f64 {
         self.possible.iter().filter(|p| **p).count() as f64 / self.possible.len().max(1) as f64
     }
 
-    /// The values at possible instants.
+    /// The values at the reachable instants.
     pub fn of(&self, values: Vec<f64>) -> Vec<f64> {
         values.into_iter().zip(&self.possible).filter(|(_, p)| **p).map(|(v, _)| v).collect()
     }

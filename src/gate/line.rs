@@ -1,8 +1,8 @@
-//! Least squares with a handful of features.
+//! Least squares with few features.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Eigenvalue of the scaled normal equations, relative to the largest, below which features are alike.
+/// Eigenvalue of the scaled normal equations, relative to the largest, below which features are collinear.
 const ALIKE: f64 = 1e-9;
 
 /// y ≈ Σ β·features.
@@ -16,7 +16,8 @@ pub struct LeastSquares {
     pub mean_square: f64,
 }
 
-/// Fits `y` by `features`, each of its length; none with fewer samples than twice the features, or without variation.
+/// Fit of `y` by `features` of the same length; `None` with fewer samples than twice the features, or without
+/// variation.
 pub fn least_squares(features: &[&[f64]], y: &[f64]) -> Option<LeastSquares> {
     let (n, k) = (y.len(), features.len());
     if n < 2 * k.max(1) {
@@ -42,23 +43,23 @@ pub fn least_squares(features: &[&[f64]], y: &[f64]) -> Option<LeastSquares> {
     Some(LeastSquares { beta, std, mean_square: squares / n as f64 })
 }
 
-/// How a measured series follows a predicted one: measured ≈ offset + slope · predicted.
+/// Linear regression of a measured on a predicted series: measured ≈ offset + slope · predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
-    /// Slope and its standard error for independent residuals.
+    /// Slope.
     pub slope: f64,
     /// Standard error of the slope.
     pub slope_std: f64,
-    /// In the unit of the series.
+    /// Offset in the unit of the series.
     pub offset: f64,
     /// Correlation coefficient.
     pub correlation: f64,
-    /// Share of the measured mean square that no multiple of the predicted series explains, constants included.
+    /// Share of the measured mean square that no multiple of the predicted series explains, both with their means.
     pub unexplained: f64,
 }
 
 impl Line {
-    /// The line of `y` over `x`; none where either does not vary.
+    /// Regression line of `y` on `x`; `None` where either does not vary.
     pub fn of(x: &[f64], y: &[f64]) -> Option<Self> {
         let ones = vec![1.0; x.len()];
         let fit = least_squares(&[&ones, x], y)?;

@@ -1,6 +1,7 @@
-//! Whether torques that come late were low-passed or only shifted.
+//! Test whether delayed torques were low-pass filtered or only shifted in time.
 //!
-//! A shift leaves the steps of friction steep, a first-order low-pass 1/(1 + T·s) rounds them; both delay slow torques by T.
+//! A shift keeps the steps of friction steep, a first-order low-pass 1/(1 + T·s) smooths them; both delay slow
+//! torques by T.
 
 use super::instants::Predicted;
 use super::line::least_squares;
@@ -9,29 +10,29 @@ use crate::dynamics::Plant;
 use crate::identification::Dataset;
 use crate::kinematics::JointState;
 
-/// Spacing of the instants at which both are compared, s.
+/// Spacing of the instants of the comparison, s.
 const STEP: f64 = 2e-3;
-/// Ratios between time constants that are tried, and how many to either side of the lag.
+/// Ratio between the time constants on the grid, and their number on either side of the lag.
 const GRID: (f64, i32) = (1.08, 14);
-/// Samples about the lag at which shifts are tried.
+/// Number of samples around the lag at which shifts are tried.
 const AROUND: isize = 4;
-/// Mean fall of ln(unexplained) per axis from the best shift to the best low-pass that makes it one.
+/// Mean decrease of ln(unexplained) per axis from the best shift to the best low-pass required for a low-pass.
 const GAIN: f64 = 0.3;
-/// Time constants after the start of a stretch until what was before is forgotten.
+/// Time constants after the start of a segment until the initial state is negligible.
 const FORGOTTEN: f64 = 6.0;
-/// Fewest instants per axis.
+/// Least number of instants.
 const FEWEST: usize = 200;
 
-/// A low-pass of first order.
+/// First-order low-pass.
 pub struct LowPass {
     /// Time constant, s.
     pub time_constant: f64,
-    /// Its standard deviation by the spacing of those that were tried, s.
+    /// Its standard deviation due to the spacing of the grid, s.
     pub std: f64,
 }
 
-/// The low-pass that torques went through which follow the model best `lag` samples late; none if a shift explains them as
-/// well, or if some pose is impossible.
+/// Low-pass of torques that follow the model best `lag` samples late; `None` if a shift explains them as well, or if
+/// a pose is unreachable.
 pub fn low_pass(plant: &Plant, dataset: &Dataset, lag: isize) -> Option<LowPass> {
     let late = lag as f64 * dataset.dt;
     let series =
@@ -47,21 +48,21 @@ pub fn low_pass(plant: &Plant, dataset: &Dataset, lag: isize) -> Option<LowPass>
     clear.then_some(LowPass { time_constant, std })
 }
 
-/// What torques are made of at evenly spaced instants.
+/// Features of the torques at equally spaced instants.
 struct Series<'a> {
     dataset: &'a Dataset,
-    /// Samples of the instants, by stretch.
+    /// Samples of the instants, by segment.
     at: Vec<Vec<usize>>,
-    /// s
+    /// Spacing of the instants, s.
     step: f64,
-    /// Instants at the start of each stretch that are only remembered.
+    /// Instants at the start of each segment that only initialise the filter.
     skip: usize,
-    /// By axis: predicted torque, rate and its smooth sign, over all stretches one after another.
+    /// By axis: predicted torque, rate and its smooth sign, over the concatenated segments.
     features: Vec<[Vec<f64>; 3]>,
 }
 
 impl<'a> Series<'a> {
-    /// Stretches that are longer than `memory`, without `margin` samples at either end.
+    /// Features over the segments that are longer than `memory` (s), without `margin` samples at either end.
     fn new(plant: &Plant, dataset: &'a Dataset, memory: f64, margin: usize) -> Option<Self> {
         if dataset.dt <= 0.0 {
             return None;
@@ -88,7 +89,7 @@ impl<'a> Series<'a> {
         all.then(|| Self { dataset, step, skip, features: (0..drives).map(axis).collect(), at })
     }
 
-    /// The features behind a low-pass, each stretch from rest at its first value.
+    /// The low-pass filtered features; the filter starts each segment at its first value.
     fn filtered(&self, time_constant: f64) -> Vec<[Vec<f64>; 3]> {
         // Exact for an input that is linear between instants: y' = (u − y)/T.
         let decay = (-self.step / time_constant).exp();
@@ -110,7 +111,8 @@ impl<'a> Series<'a> {
         self.features.iter().map(|axis| axis.each_ref().map(one)).collect()
     }
 
-    /// Sum over the axes of ln(mean square) that multiples of the features and a constant leave of torques `lag` samples later.
+    /// Sum over the axes of ln(mean square) of the residual of torques `lag` samples later on the features and a
+    /// constant.
     fn cost(&self, features: &[[Vec<f64>; 3]], lag: isize) -> f64 {
         let kept = |values: &[f64]| -> Vec<f64> {
             let mut out = Vec::with_capacity(values.len());
@@ -138,7 +140,7 @@ impl<'a> Series<'a> {
 mod tests {
     use super::*;
 
-    /// Of u = t from rest a first-order low-pass makes t − T + T·e^(−t/T).
+    /// A first-order low-pass maps u = t from rest to t − T + T·e^(−t/T).
     #[test]
     fn a_ramp_comes_late_by_the_time_constant() {
         let (step, t) = (2e-3, 8e-3);

@@ -1,4 +1,4 @@
-//! What a fit can live with but its reader should know: lag, a load that is not stated, constant torques.
+//! Findings that do not prevent a fit: lag, an unstated load, constant torques.
 
 use super::instants::{Instants, Predicted, heavier};
 use super::line::{LeastSquares, least_squares, rms};
@@ -10,23 +10,23 @@ use crate::model::Model;
 
 /// Steepness of the friction feature, s/rad (eq. 48).
 pub(super) const STEEPNESS: f64 = 100.0;
-/// Mean fall of ln(unexplained) per axis that a lag must bring.
+/// Mean decrease of ln(unexplained) per axis required for a lag.
 const LAG_GAIN: f64 = 0.4;
-/// Smallest payload worth a word, kg.
+/// Smallest payload that is reported, kg.
 const PAYLOAD: f64 = 0.25;
-/// Share of the residual's variance that a payload must explain, and spread of its estimates by arm.
+/// Share of the residual's variance that a payload must explain, and largest relative spread of its estimates by arm.
 const PAYLOAD_SHARE: (f64, f64) = (0.6, 0.25);
-/// What a payload may leave of the residual.
+/// Largest ratio of the residual with to that without the payload.
 const CARRIED: f64 = 0.7;
-/// Noise that a constant must exceed, and share of the residual's mean square that it must take away.
+/// Ratio to the noise that a constant must exceed, and share of the residual's mean square that it must explain.
 const OFFSET: (f64, f64) = (2.0, 0.5);
 
-/// Findings about lag, payload and constants, on a recording without anything severe.
+/// Findings about lag, payload and constants on a recording without severe findings.
 pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     let Some(mut context) = Context::new(model, plant, instants) else { return Vec::new() };
     let lag = context.lag();
     if lag.is_some() {
-        // Payload and constants would be read off what the lag leaves.
+        // The residual of a lag would bias payload and constants.
         return lag.into_iter().collect();
     }
     let load = context.load();
@@ -43,22 +43,22 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     load.and_then(|load| context.payload(&load)).into_iter().chain(constants).collect()
 }
 
-/// The load that a recording shows and its setup does not state; none if there is no clear one.
+/// Load that a recording shows and its setup does not state; `None` if there is no clear one.
 pub fn load(model: &Model, plant: &Plant, instants: &Instants) -> Option<Load> {
     Context::new(model, plant, instants)?.load()
 }
 
-/// A mass at the flange beyond what the setup states.
+/// Mass at the flange in addition to the stated payload.
 pub struct Load {
-    /// kg.
+    /// Mass, kg.
     pub mass: f64,
     /// Its standard error for independent residuals, kg.
     pub std: f64,
     /// Torques of one kilogram by channel, N·m.
     torques: Vec<Vec<f64>>,
-    /// RMS residual of the arms without and with the load, N·m.
+    /// RMS residual of the arms without the load, N·m.
     pub before: f64,
-    /// The same with the load.
+    /// RMS residual of the arms with the load, N·m.
     pub after: f64,
     /// RMS torque of the arms, N·m.
     pub measured: f64,
@@ -76,7 +76,7 @@ struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
-    /// None where a pose is impossible.
+    /// Context of the tests; `None` where a pose is unreachable.
     fn new(model: &Model, plant: &'a Plant, instants: &'a Instants<'a>) -> Option<Self> {
         let dataset = instants.dataset;
         let joints = instants.joints(|j| *j);
@@ -98,14 +98,14 @@ impl<'a> Context<'a> {
         measured.iter().zip(&self.predicted.series[axis]).map(|(m, p)| m - p).collect()
     }
 
-    /// Measured on predicted torque, constant and friction.
+    /// Regression of the measured torque on predicted torque, constant and friction.
     fn fit(&self, axis: usize, lag: isize) -> Option<LeastSquares> {
         let [rate, sign] = &self.friction[axis];
         let features = [&self.ones[..], &self.predicted.series[axis], rate, sign];
         least_squares(&features, &self.instants.measured(axis, lag))
     }
 
-    /// The lag, common to all torques, at which they follow the angles best, and the low-pass that it comes from, if it does.
+    /// Lag, common to all torques, at which they follow the angles best, and the low-pass that causes it, if any.
     fn lag(&self) -> Option<Finding> {
         let (dt, reach) = (self.instants.dataset.dt, self.instants.reach as isize);
         let drives = self.friction.len();
@@ -161,7 +161,7 @@ impl<'a> Context<'a> {
         })
     }
 
-    /// Torques of one kilogram more at the flange, by channel.
+    /// Torques of an additional kilogram at the flange, by channel; `None` where a pose is unreachable.
     fn kilogram(&self) -> Option<Vec<Vec<f64>>> {
         let channels = &self.instants.dataset.channels;
         let [heavy, plain] = [&heavier(self.plant), self.plant].map(|p| Predicted::new(p, channels, 0.0, &self.joints));
@@ -170,7 +170,7 @@ impl<'a> Context<'a> {
         possible.then(|| heavy.series.iter().zip(&plain.series).map(difference).collect())
     }
 
-    /// What constants and friction leave of a series of one axis.
+    /// Residual of a series of one axis after regression on constant and friction.
     fn beyond_friction(&self, axis: usize, y: &[f64]) -> Option<Vec<f64>> {
         let [rate, sign] = &self.friction[axis];
         let features = [&self.ones[..], rate, sign];
@@ -178,7 +178,7 @@ impl<'a> Context<'a> {
         Some((0..y.len()).map(|k| y[k] - (0..3).map(|a| fit.beta[a] * features[a][k]).sum::<f64>()).collect())
     }
 
-    /// The mass at the flange that all arms agree on beyond what the setup states.
+    /// Additional mass at the flange on which all arms agree; `None` if there is none.
     fn load(&self) -> Option<Load> {
         if !self.plant.assembled {
             return None;
@@ -212,7 +212,8 @@ impl<'a> Context<'a> {
         clear.then_some(Load { mass, std, torques, before, after, measured })
     }
 
-    /// A load and constants of one sign on all arms: arms of another weight, as no load and no sensor makes them.
+    /// A load and constants of one sign on all arms: arms of another weight, as neither a load nor a sensor causes
+    /// them.
     fn another_machine(&self, load: &Load, constants: &[Finding]) -> Option<Finding> {
         let arms = self.plant.mechanism.arms();
         let values = |f: &Finding| f.axis.filter(|i| *i < arms).and(f.evidence.value).map(|v| v.0);

@@ -1,7 +1,8 @@
-//! Whether a recording can belong to a model at all, asked before anything is fitted.
+//! Plausibility check of a recording against a model before anything is fitted.
 //!
-//! One regression per axis of the measured on the predicted torque of the model as it is: sign, factor, order, zero, lag,
-//! offset and payload of the recording. What the model merely lacks leaves slope and correlation near one and passes.
+//! One regression per axis of the measured on the predicted torque of the unfitted model: sign, factor, order, zero,
+//! lag, offset and payload of the recording. Effects missing in the model leave slope and correlation near one and
+//! are not reported.
 
 mod arrangement;
 mod instants;
@@ -19,30 +20,30 @@ use self::instants::{Instants, Predicted, plain};
 use crate::identification::Dataset;
 use crate::model::Model;
 
-/// What is wrong with a recording.
+/// Kind of a finding about a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Problem {
-    /// A torque counts the other way.
+    /// A torque has the opposite sign.
     TorqueSign,
-    /// Angle and torque of an axis count the other way.
+    /// Angle and torque of an axis have the opposite sign.
     AxisSign,
-    /// An angle counts the other way.
+    /// An angle has the opposite sign.
     PositionSign,
-    /// A torque is the right one times a factor.
+    /// A torque is scaled by a factor.
     Factor,
-    /// A torque is that of the motor's side of the gear.
+    /// A torque refers to the motor side of the gear.
     MotorSide,
     /// The column belongs to another axis.
     Order,
-    /// An angle counts from elsewhere.
+    /// An angle has another zero.
     Zero,
-    /// Another machine's model: poses that it cannot take, or weight and inertia of another ratio.
+    /// Another machine's model: unreachable poses, or weight and inertia in another ratio.
     AnotherMachine,
-    /// The torque does not follow the model's, for no reason that is known here.
+    /// The torque does not follow the model's for an unknown reason.
     Unrelated,
-    /// Torques late or early against the angles.
+    /// Torques are delayed or advanced relative to the angles.
     Lag,
-    /// Torques low-passed, angles not.
+    /// Torques are low-pass filtered, angles are not.
     LowPass,
     /// A load at the flange that the setup does not state.
     Payload,
@@ -70,46 +71,46 @@ impl fmt::Display for Problem {
     }
 }
 
-/// Numbers behind a finding; what does not apply is missing.
+/// Numbers of a finding; those that do not apply are `None`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {
-    /// Line of measured over predicted torque, as the file has it.
+    /// Line of measured over predicted torque in the file's own arrangement.
     pub line: Option<Line>,
-    /// What is estimated (lag in s, cut-off in Hz, payload in kg, offset in N·m, zero in rad) and its standard error.
+    /// Estimate (lag in s, cut-off in Hz, payload in kg, offset in N·m, zero in rad) and its standard error.
     pub value: Option<(f64, f64)>,
-    /// RMS of measured − predicted as the file has it, N·m.
+    /// RMS of measured − predicted in the file's own arrangement, N·m.
     pub rms_before: Option<f64>,
-    /// The same with the remedy, N·m.
+    /// RMS of measured − predicted with the remedy, N·m.
     pub rms_after: Option<f64>,
 }
 
-/// Something wrong with a recording, and what mends it.
+/// An error of a recording and its remedy.
 #[derive(Clone, Debug)]
 pub struct Finding {
     /// Name of the recording.
     pub recording: String,
-    /// Axis, from 0; none of what concerns all.
+    /// Axis, from 0; `None` if the finding concerns all.
     pub axis: Option<usize>,
-    /// What is wrong.
+    /// Kind of the error.
     pub problem: Problem,
-    /// Whether a fit would be worthless.
+    /// Whether a fit would be meaningless.
     pub severe: bool,
     /// Numbers.
     pub evidence: Evidence,
-    /// In words, without the numbers of the regression.
+    /// Description without the numbers of the regression.
     pub sentence: String,
-    /// What mends it.
+    /// Remedy.
     pub remedy: Remedy,
 }
 
-/// What mends a finding.
+/// Remedy of a finding.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Remedy {
     /// Assignments for `--map`.
     Map(Vec<String>),
     /// Kilograms for `--payload-mass`.
     PayloadMass(f64),
-    /// Something else, in words.
+    /// Any other remedy, as text.
     Words(&'static str),
 }
 
@@ -123,16 +124,16 @@ impl fmt::Display for Remedy {
     }
 }
 
-/// Instants that are looked at.
+/// Largest number of instants examined.
 const INSTANTS: usize = 1200;
 
-/// What is wrong with a recording of a machine like `model`; nothing if it may be fitted.
+/// Findings about a recording of a machine like `model`; empty if it may be fitted.
 ///
-/// What would make a fit worthless comes alone; the rest is looked for only where there is nothing of that kind.
+/// Findings of lesser severity are searched only if no finding makes a fit meaningless.
 pub fn examine(model: &Model, dataset: &Dataset) -> Vec<Finding> {
     let plant = plain(model, dataset);
     let instants = Instants::of(dataset, INSTANTS);
-    // A law that gives no number is no fault of the recording; whoever predicts with it names it.
+    // A law without a finite value is no error of the recording; the prediction reports it.
     let lawless = || Predicted::new(&plant, &dataset.channels, 0.0, &instants.joints(|j| *j)).lawless;
     if instants.at.is_empty() || lawless() {
         return Vec::new();
@@ -143,7 +144,7 @@ pub fn examine(model: &Model, dataset: &Dataset) -> Vec<Finding> {
     severe.into_iter().chain(mild).collect()
 }
 
-/// The assignments of all findings about one recording as one `--map`; none if nothing is mended by one.
+/// Assignments of all findings about one recording as a single `--map`; `None` without assignments.
 pub fn combined(findings: &[Finding]) -> Option<Remedy> {
     let map = |f: &Finding| match &f.remedy {
         Remedy::Map(assignments) => assignments.clone(),
@@ -153,7 +154,7 @@ pub fn combined(findings: &[Finding]) -> Option<Remedy> {
     (!all.is_empty()).then_some(Remedy::Map(all))
 }
 
-/// A number to so many significant digits, in its shortest form.
+/// A number rounded to `digits` significant digits.
 fn rounded(x: f64, digits: i32) -> f64 {
     if x == 0.0 || !x.is_finite() {
         return x;

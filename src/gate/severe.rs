@@ -1,4 +1,4 @@
-//! What makes a fit worthless: signs, factors, order and zeros of columns, another machine.
+//! Findings that make a fit meaningless: signs, factors, order and zeros of columns, another machine.
 
 use super::arrangement::{Arrangement, Judgement, best, judge};
 use super::instants::{Instants, Predicted};
@@ -10,31 +10,31 @@ use crate::kinematics::JointState;
 use crate::machine::{AXES, Mechanism};
 use crate::model::Model;
 
-/// Slopes of measured over predicted torque that a missing effect may leave.
+/// Range of slopes of measured over predicted torque that a missing effect may cause.
 const SLOPE: (f64, f64) = (0.45, 2.2);
-/// Correlation below which a torque hardly follows.
+/// Correlation below which a torque counts as not following the model.
 const CORRELATED: f64 = 0.8;
-/// Unexplained share of an arm's torque, and of the telescope's, which friction governs, from which other arrangements are
-/// tried.
+/// Unexplained share of an arm's torque, and of the telescope's, which friction dominates, from which other
+/// arrangements are tried.
 const ODD: (f64, f64) = (0.03, 0.2);
-/// What a payload may leave of the residual, and of the torque itself, so that nothing else is looked for: near a singular
-/// pose any load explains most of the residual.
+/// Largest ratio of the residual with a payload to the residual without it, and to the torque, at which no other
+/// arrangement is tried: near a singular pose any load explains most of the residual.
 const CARRIED: f64 = 0.3;
-/// Correlation of an axis from which its slope is read as a factor: friction that a model lacks may double a torque, but it
-/// does not follow the rest.
+/// Correlation of an axis from which its slope is read as a factor: friction missing in the model may double a
+/// torque, but lowers the correlation.
 const CERTAIN: f64 = 0.95;
-/// Correlation that is enough for slopes that no effect makes.
+/// Correlation sufficient for slopes outside the range that effects cause, and that range.
 const FAR: (f64, std::ops::Range<f64>) = (0.8, 0.2..5.0);
-/// Correlation from which a negative one is a sign.
+/// Absolute correlation from which a negative slope is a sign error.
 const SIGN: f64 = 0.6;
-/// Fall of the cost that makes another arrangement believable, and correlation of every arm in it.
+/// Decrease of the cost required for another arrangement, and correlation required of every arm in it.
 const BETTER: (f64, f64) = (4.0, 0.9);
-/// Ratio of the slopes over weight and over inertia that no factor explains.
+/// Ratio of the slopes over weight and over inertia from which no common factor explains them.
 const UNLIKE: f64 = 1.3;
-/// RMS of measured − predicted, relative to that of the measured torque, beyond which a model says nothing.
+/// Ratio of the RMS of measured − predicted to that of the measured torque, above which the model predicts nothing.
 const WORTHLESS: f64 = 2.0;
 
-/// Findings about signs, factors, order and zeros; the machine as a whole where nothing else explains them.
+/// Findings about signs, factors, order and zeros; about the machine as a whole where nothing else explains them.
 pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     let plain = judge(plant, instants, Arrangement::PLAIN);
     let drives = |p: &Judgement| p.lines.iter().copied().take(plant.mechanism.axes()).collect::<Vec<_>>();
@@ -71,7 +71,7 @@ fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant) -> bo
     correlated && plain.is_none_or(|p| other.cost < p.cost - BETTER.0)
 }
 
-/// No pose, or few, of the recording is one of the machine.
+/// Finding: too few poses of the recording are reachable for the machine.
 fn impossible(plant: &Plant, instants: &Instants) -> Finding {
     let joints = instants.joints(|j| *j);
     let share = Predicted::new(plant, &instants.dataset.channels, 0.0, &joints).share();
@@ -102,7 +102,7 @@ impl Context<'_> {
         self.plant.mechanism.axes()
     }
 
-    /// What brings each torque to the size and sign of the predicted one.
+    /// Factor that scales a torque to the size and sign of the predicted one.
     fn scale(&self, axis: usize) -> f64 {
         let Some(line) = &self.judged.lines[axis] else { return 1.0 };
         let sign = if line.slope < 0.0 && line.correlation < -SIGN { -1.0 } else { 1.0 };
@@ -114,7 +114,7 @@ impl Context<'_> {
         sign * self.gear(axis, size).unwrap_or_else(|| nice(1.0 / size))
     }
 
-    /// The gear ratio, or one over it, if that is the factor.
+    /// The gear ratio or its reciprocal, if the slope matches it.
     fn gear(&self, axis: usize, slope: f64) -> Option<f64> {
         let gear = self.model.drives[axis].gear_ratio;
         let near = |x: f64| (SLOPE.0..SLOPE.1).contains(&x);
@@ -156,7 +156,7 @@ impl Context<'_> {
             recording: self.instants.dataset.name.clone(),
             axis: Some(axis),
             problem,
-            // On a bench the mass is what is to be found.
+            // On a single-axis bench the mass is the unknown, so a factor is not severe.
             severe: problem != Problem::Factor || !matches!(self.plant.mechanism, Mechanism::Axis(_)),
             evidence: Evidence {
                 line,
@@ -214,7 +214,7 @@ impl Context<'_> {
         assignments
     }
 
-    /// RMS of measured − predicted as the file has it and with the remedy.
+    /// RMS of measured − predicted in the file's own arrangement and with the remedy, N·m.
     fn rms(&self, axis: usize, scale: f64) -> (Option<f64>, f64) {
         let difference = |a: &Arrangement, scale: f64| {
             let joints = self.instants.joints(|j| a.joints(j));
@@ -227,7 +227,7 @@ impl Context<'_> {
         (before, difference(&self.judged.arrangement, scale))
     }
 
-    /// Torques of all arms too large or small alike, but weight and inertia not by the same factor.
+    /// Finding: the torques of all arms are scaled alike, but weight and inertia by different factors.
     fn another_machine(&self) -> Option<Finding> {
         let arms = self.plant.mechanism.arms();
         if !matches!(self.plant.mechanism, Mechanism::Delta { .. }) {
@@ -262,7 +262,7 @@ impl Context<'_> {
         })
     }
 
-    /// Slopes of a measured torque over what weight and what inertia make of the predicted one.
+    /// Slopes of a measured torque over the parts of the predicted one due to weight and to inertia.
     fn weight_and_inertia(&self, axis: usize) -> Option<[f64; 2]> {
         let a = &self.judged.arrangement;
         let channels = &self.instants.dataset.channels;
@@ -280,7 +280,7 @@ impl Context<'_> {
         Some([fit.beta[1], fit.beta[2]])
     }
 
-    /// Arms whose torque follows the model's in no arrangement.
+    /// Findings about arms whose torque follows the model's in no arrangement.
     fn unrelated(&self) -> Vec<Finding> {
         let arms = self.plant.mechanism.arms();
         let finding = |axis: usize| {
@@ -302,7 +302,7 @@ impl Context<'_> {
     }
 }
 
-/// A factor as a person would write it: a power of ten where it is near one, else three digits.
+/// Factor rounded for a user: a power of ten where it is near one, else three digits.
 fn nice(factor: f64) -> f64 {
     let power = 10f64.powi(factor.log10().round() as i32);
     if (SLOPE.0..SLOPE.1).contains(&(factor / power)) && !(0.1..10.0).contains(&factor) {
