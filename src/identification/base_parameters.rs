@@ -1,23 +1,23 @@
-//! Base parameters: the combinations of parameters the data determine [Gautier & Khalil 1990].
+//! Base parameters: the combinations of parameters that the data determine [Gautier & Khalil 1990].
 //!
-//! A QR factorisation of the weighted regressor with column pivoting reveals its rank; singular values confirm it. Independent
-//! columns I carry the dependent ones D: Y_D = Y_I·K with R₁₁·K = R₁₂, so β = p_I + K·p_D.
+//! A QR factorisation of the weighted regressor with column pivoting reveals its rank; singular values confirm it.
+//! Dependent columns D are combinations of the independent ones I: Y_D = Y_I·K with R₁₁·K = R₁₂, so β = p_I + K·p_D.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::dynamics::PlantParameter;
 use crate::machine::Unit;
 
-/// One identifiable combination.
+/// One identifiable combination of parameters.
 #[derive(Clone, Debug)]
 pub struct BaseParameter {
     /// Name of the leading parameter.
     pub name: String,
     /// Unit of the leading parameter.
     pub unit: Unit,
-    /// Value of the combination.
+    /// Value of the combination, in its unit.
     pub value: f64,
-    /// Standard error.
+    /// Standard error, in its unit.
     pub std: f64,
     /// Factors of the other parameters in the combination.
     pub others: Vec<(String, f64)>,
@@ -35,30 +35,32 @@ impl BaseParameter {
     }
 }
 
-/// What a regressor tells about its parameters.
+/// Rank structure of a regressor.
 #[derive(Clone, Debug)]
 pub struct Structure {
     /// Independent columns.
     pub independent: Vec<usize>,
     /// Dependent columns.
     pub dependent: Vec<usize>,
-    /// Y_D = Y_I·K, parameters in units of their own sizes.
+    /// K in Y_D = Y_I·K, parameters in units of their own sizes.
     pub carried: DMatrix<f64>,
-    /// Singular values of the weighted regressor over all samples, parameters in units of their own sizes, largest first.
+    /// Singular values of the weighted regressor over all samples, parameters in units of their own sizes, in
+    /// descending order.
     pub singular_values: DVector<f64>,
-    /// Number of columns that are independent but for rounding.
+    /// Number of linearly independent columns up to rounding.
     pub rank: usize,
 }
 
-/// Singular values below this share of the largest are rounding.
+/// Ratio to the largest singular value below which a singular value counts as zero.
 const ROUNDING: f64 = 1e-10;
-/// Factors below this share of the leading parameter's size are left out of the printed combination.
+/// Ratio to the leading parameter's size below which a factor is omitted from the printed combination.
 const NEGLIGIBLE: f64 = 1e-6;
 
 impl Structure {
-    /// Structure of the regressor whose weighted `rows`, one of `stride` each, are given; columns in units of `size`.
+    /// Structure of a regressor given its weighted `rows` at every `stride`-th sample; columns are in units of
+    /// `size`.
     ///
-    /// Columns whose part of their own carries less than `least` information (1/variance) count as dependent.
+    /// Columns whose independent part has less than `least` information (1/variance) count as dependent.
     pub fn new(rows: &[Vec<f64>], stride: usize, size: &DVector<f64>, least: f64) -> Self {
         let n = size.len();
         let root = (stride as f64).sqrt();
@@ -90,7 +92,7 @@ impl Structure {
         }
     }
 
-    /// Ratio of the largest to the smallest singular value that is not rounding: the condition number of Y_B.
+    /// Ratio of the largest to the smallest non-zero singular value: the condition number of Y_B.
     pub fn condition(&self) -> f64 {
         match self.rank {
             0 => f64::INFINITY,
@@ -127,8 +129,8 @@ impl Structure {
     }
 }
 
-/// Columns that carry information of their own, in the order of their parameters: a Cholesky factorisation with pivoting
-/// that stops at pivots of `least`, or of 10⁻¹² of the largest.
+/// Independent columns in the order of their parameters, by a pivoted Cholesky factorisation that stops at pivots of
+/// `least`, or of 10⁻¹² of the largest.
 pub fn independent(information: &DMatrix<f64>, least: f64) -> Vec<usize> {
     let mut schur = information.clone();
     let mut left: Vec<usize> = (0..schur.nrows()).collect();

@@ -16,28 +16,28 @@ use crate::recording::{Recording, Signals};
 pub struct Dataset {
     /// Name of the recording.
     pub name: String,
-    /// What is known about the run.
+    /// Setup of the run.
     pub setup: Setup,
     /// Time of each sample, s.
     pub t: Vec<f64>,
-    /// Joint motion at each sample.
+    /// Joint motion at each sample; rad (m for a linear axis), s.
     pub joints: Vec<JointState>,
-    /// What the encoders read, from which [`Self::ringing`] comes; nothing for a motion that is exact.
+    /// Encoder angles, from which [`Self::ringing`] is computed; empty for an exact motion.
     pub readings: EncoderReadings,
     /// Measured channels.
     pub channels: Vec<Channel>,
-    /// Their values, one series per channel.
+    /// Measured values, one series per channel.
     pub measured: Vec<Vec<f64>>,
-    /// Stretches without gaps.
+    /// Ranges of samples without gaps.
     pub segments: Vec<Range<usize>>,
     /// Sampling period, s.
     pub dt: f64,
-    /// Half width per axis of local polynomials whose second derivative carries tolerable encoder noise, samples; the
-    /// smallest, [`super::filtering::MIN_HALF_WIDTH`], where there is none.
+    /// Half width per axis, in samples, of local polynomials whose second derivative has acceptable encoder noise;
+    /// the smallest, [`super::filtering::MIN_HALF_WIDTH`], without encoder noise.
     pub half_width: [usize; AXES],
 }
 
-/// Angles as encoders read them, and the motion with all that rings in them once it was asked for.
+/// Encoder angles, and the motion including the ringing of elastic gears once it was requested.
 #[derive(Clone, Debug, Default)]
 pub struct EncoderReadings {
     angles: Vec<[f64; AXES]>,
@@ -53,7 +53,8 @@ impl EncoderReadings {
 }
 
 impl Dataset {
-    /// Differentiates the joint angles of a recording by the best method; a few samples at the ends of a stretch are lost.
+    /// Differentiates the joint angles of a recording by the default method; a few samples at the ends of each
+    /// segment are lost.
     pub fn new(recording: &Recording) -> Self {
         Self::with(recording, Method::Reversals)
     }
@@ -93,7 +94,7 @@ impl Dataset {
         dataset
     }
 
-    /// Joint motion with what elastic gears let ring after reversals; [`Self::joints`] where the motion is exact.
+    /// Joint motion including the ringing of elastic gears after reversals; [`Self::joints`] for an exact motion.
     pub fn ringing(&self) -> &[JointState] {
         let EncoderReadings { angles, ringing } = &self.readings;
         if angles.is_empty() {
@@ -107,12 +108,12 @@ impl Dataset {
         self.t.len()
     }
 
-    /// Whether nothing is left after filtering.
+    /// Whether no samples are left after filtering.
     pub fn is_empty(&self) -> bool {
         self.t.is_empty()
     }
 
-    /// Everything but the samples.
+    /// The dataset without samples.
     pub fn empty(&self) -> Self {
         Self {
             name: self.name.clone(),
@@ -128,7 +129,7 @@ impl Dataset {
         }
     }
 
-    /// The samples of `range` alone.
+    /// The samples of `range` only.
     pub fn window(&self, range: Range<usize>) -> Self {
         let clip = |s: &Range<usize>| {
             let (start, end) = (s.start.max(range.start), s.end.min(range.end));
@@ -148,18 +149,19 @@ impl Dataset {
         }
     }
 
-    /// Consecutive blocks of `block` samples; what is left of a segment at its end is in none.
+    /// Consecutive blocks of `block` samples; a shorter rest at the end of a segment is dropped.
     pub fn blocks(&self, block: usize) -> impl Iterator<Item = Range<usize>> {
         let whole = self.segments.iter().filter(move |s| s.len() >= block);
         whole.flat_map(move |s| (s.start..=s.end - block).step_by(block)).map(move |k| k..k + block)
     }
 
-    /// Means of a series of the dataset's length over blocks of `block` samples.
+    /// Means over blocks of `block` samples of a series of the dataset's length.
     pub fn means(&self, series: &[f64], block: usize) -> Vec<f64> {
         self.blocks(block).map(|b| series[b].iter().sum::<f64>() / block as f64).collect()
     }
 
-    /// The joint motion at the middle of blocks of `block` samples, the channels averaged over them.
+    /// The joint motion at the middle samples of blocks of `block` samples, with the channels averaged over the
+    /// blocks.
     pub fn averaged(&self, block: usize) -> Self {
         let blocks: Vec<Range<usize>> = self.blocks(block).collect();
         let middle = |b: &Range<usize>| b.start + block / 2;
@@ -183,7 +185,7 @@ impl Dataset {
         }
     }
 
-    /// Keeps only `channels`, in their order; those the dataset does not have stay missing.
+    /// Keeps only `channels`, in their order; channels that the dataset lacks are ignored.
     pub fn restrict(&mut self, channels: &[Channel]) {
         let place = |c: &Channel| self.channels.iter().position(|own| own == c);
         let kept: Vec<usize> = channels.iter().filter_map(place).collect();
@@ -191,8 +193,8 @@ impl Dataset {
         self.channels = kept.iter().map(|&i| self.channels[i]).collect();
     }
 
-    /// Noise standard deviation of each channel: stated in the setup, else estimated from the channel's differences,
-    /// else that of the model.
+    /// Noise standard deviation of each channel: from the setup, else estimated from the channel's differences, else
+    /// from the model.
     pub fn noise(&self, model: &Model) -> Vec<f64> {
         let sigma = |c: usize| {
             let drive = self.channels[c].drive();
@@ -205,7 +207,10 @@ impl Dataset {
     }
 }
 
-/// Noise of each channel, the mean over the datasets.
+/// Noise standard deviation of each channel, averaged over the datasets.
+///
+/// # Panics
+/// If `datasets` is empty.
 pub fn noise_floor(model: &Model, datasets: &[Dataset]) -> Vec<f64> {
     let all: Vec<Vec<f64>> = datasets.iter().map(|t| t.noise(model)).collect();
     (0..all[0].len()).map(|c| all.iter().map(|n| n[c]).sum::<f64>() / all.len() as f64).collect()

@@ -1,8 +1,8 @@
 //! Joint rates and accelerations from encoder angles.
 //!
-//! The default is a smoother ([`super::smoother`]) whose process noise is found by maximum likelihood, axis by axis. Dry
-//! friction changes sign when an axis turns around, and the accelerations of all axes change steeply with it: there, and
-//! only there, the smoother lets q̈ jump, by as much as the data ask for.
+//! The default is a smoother ([`super::smoother`]) whose process noise is estimated by maximum likelihood per axis.
+//! Dry friction changes sign when an axis reverses, and the accelerations of all axes change steeply with it. Only
+//! there the smoother permits jumps of q̈, with an intensity estimated from the data.
 
 use std::ops::Range;
 
@@ -13,45 +13,46 @@ use super::smoother::{Likelihood, smooth, width};
 use crate::kinematics::JointState;
 use crate::machine::AXES;
 
-/// How angles are differentiated.
+/// Method of differentiation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Gnad et al., section 6.1: forward difference for q̇; for q̈ a differentiating filter run forward and backward, here
-    /// the first difference, so that (q₊ − 2q + q₋)/T² comes out.
+    /// Gnad et al., section 6.1: forward difference for q̇; for q̈ a differentiating filter applied forward and
+    /// backward, here the first difference, which gives (q₊ − 2q + q₋)/T².
     Paper,
-    /// Local polynomials [Savitzky & Golay, 1964], just wide enough to keep the encoder noise tolerable.
+    /// Local polynomials [Savitzky & Golay 1964] of the smallest width with acceptable encoder noise.
     Polynomial,
-    /// Smoother, everywhere as smooth.
+    /// Smoother with constant smoothness.
     Smoother,
-    /// Smoother whose acceleration may jump at reversals.
+    /// Smoother with jumps of the acceleration at reversals.
     Reversals,
 }
 
-/// Acceptable standard deviation of accelerations from encoder noise, rad/s²: torques below a tenth of sensor noise.
+/// Acceptable standard deviation of accelerations due to encoder noise, rad/s²: torques below a tenth of the sensor
+/// noise.
 const ACCELERATION_NOISE: [f64; AXES] = [0.05, 0.05, 0.05, 0.5];
-/// An axis turns around while it is slower than this, rad/s; one that is never faster nearby rests.
+/// Speed below which an axis may reverse, rad/s; an axis that stays below it nearby is at rest.
 const TURNING: f64 = 0.05;
-/// Where "nearby" ends, s.
+/// Time that counts as nearby, s.
 const NEARBY: f64 = 0.02;
 /// Shortest and longest time before and after the reversal in which q̈ may jump, s.
 const JUMPING: [f64; 2] = [1e-3, 1e-2];
-/// Elastic gears ring for so long after a reversal, s, at this frequency at most, Hz.
+/// Duration, s, and largest frequency, Hz, of the ringing of elastic gears after a reversal.
 const RINGING: f64 = 0.08;
 const FASTEST_RINGING: f64 = 250.0;
-/// Samples left out at the ends of a stretch, in widths of the smoother: inside, standard errors are at most 1.7 times
-/// those far from the ends.
+/// Samples discarded at the ends of a segment, in widths of the smoother: inside, standard errors are at most 1.7
+/// times those far from the ends.
 const MARGIN: f64 = 2.0;
 
-/// Where and how fast q̈ may change.
+/// Time and intensity of the permitted jumps of q̈.
 #[derive(Clone, Copy)]
 struct Jumps {
-    /// For at least so long after a reversal, s.
+    /// Shortest time after a reversal in which q̈ may jump, s.
     ringing: f64,
     /// Logarithm of the largest intensity of the noise in q⃛.
     most: f64,
 }
 
-/// Angles at uniform times.
+/// Angles at equally spaced times.
 pub struct Angles<'a> {
     q: &'a [[f64; AXES]],
     stretches: &'a [Range<usize>],
@@ -60,15 +61,15 @@ pub struct Angles<'a> {
     sigma: [f64; AXES],
 }
 
-/// Angle and its first two derivatives by sample number, of one stretch.
+/// Angle and its first two derivatives with respect to the sample number, of one segment.
 struct Smoothed {
     values: Vec<[f64; 3]>,
-    /// Samples at either end that are not good enough.
+    /// Number of samples at either end that are not accurate enough.
     margin: usize,
 }
 
 impl<'a> Angles<'a> {
-    /// Angles `q` of every sample, rad, in stretches without gaps, every `dt` seconds.
+    /// Angles `q` of every sample, rad, in segments without gaps, every `dt` seconds.
     pub fn new(q: &'a [[f64; AXES]], stretches: &'a [Range<usize>], dt: f64) -> Self {
         let mut out = Self { q, stretches, dt, sigma: [0.0; AXES] };
         out.sigma =
@@ -76,12 +77,12 @@ impl<'a> Angles<'a> {
         out
     }
 
-    /// Half width of the polynomials per axis, samples; [`MIN_HALF_WIDTH`] where the angles have no noise to speak of.
+    /// Half width of the polynomials per axis, samples; [`MIN_HALF_WIDTH`] for angles without noise.
     pub fn half_widths(&self) -> [usize; AXES] {
         std::array::from_fn(|i| half_width(self.sigma[i], self.dt, ACCELERATION_NOISE[i]))
     }
 
-    /// Joint states of the samples kept of each stretch.
+    /// Joint states of the samples kept of each segment.
     pub fn differentiate(&self, method: Method) -> Vec<(Range<usize>, Vec<JointState>)> {
         let half_widths = self.half_widths();
         let axes: Vec<Vec<Smoothed>> = match method {
@@ -117,7 +118,7 @@ impl<'a> Angles<'a> {
         self.stretches.iter().map(|s| f(&self.angles(axis, s))).collect()
     }
 
-    /// Joint states of all samples of the stretches, with what rings for some time after each reversal.
+    /// Joint states of all samples of the segments, including the ringing after each reversal.
     pub fn ringing(&self) -> Vec<JointState> {
         // Noise in q⃛ of intensity w is smoothed over about w^(−1/6) samples.
         let fastest = 6.0 * (std::f64::consts::TAU * FASTEST_RINGING * self.dt).ln();
@@ -157,7 +158,7 @@ impl<'a> Angles<'a> {
     }
 }
 
-/// Derivatives as in the paper.
+/// Derivatives by the method of the paper.
 fn paper(x: &[f64]) -> Smoothed {
     let inside = |k: usize| [x[k], x[k + 1] - x[k], x[k + 1] - 2.0 * x[k] + x[k - 1]];
     let last = x.len().saturating_sub(1);
@@ -178,8 +179,8 @@ fn polynomial(x: &[f64], m: usize) -> Smoothed {
     Smoothed { values, margin: m }
 }
 
-/// Whether q̈ may jump in each step of a stretch: an axis turns around, by the rates of all axes, rad/s, or did so less than
-/// `ringing` seconds ago.
+/// Whether q̈ may jump in each step of a segment: an axis reverses, given the rates of all axes in rad/s, or did so
+/// less than `ringing` seconds ago.
 fn turns(rates: &[Vec<f64>; AXES], dt: f64, ringing: f64) -> Vec<bool> {
     let mut turns = no_turns(rates[0].len());
     let steps = turns.len();
@@ -204,7 +205,7 @@ fn no_turns(samples: usize) -> Vec<bool> {
     vec![false; samples.saturating_sub(1)]
 }
 
-/// Readings of one axis, less the first of each stretch, in units of their standard deviation.
+/// Angles of one axis minus the first of each segment, in units of their standard deviation.
 struct Readings {
     stretches: Vec<Vec<f64>>,
     origins: Vec<f64>,
@@ -212,22 +213,22 @@ struct Readings {
     dt: f64,
 }
 
-/// A part of a stretch: which one, and where.
+/// A part of a segment: the segment's index and the range of samples.
 type Piece = (usize, Range<usize>);
 
-/// Likelihoods are summed over so many pieces of so many samples, spread over the recording …
+/// Number and length in samples of the pieces, spread over the recording, over which likelihoods are summed …
 const PIECES: usize = 24;
 const PIECE: usize = 256;
-/// … and over so many reversals, with so many samples before and after each.
+/// … and number of reversals, with the number of samples before and after each.
 const REVERSALS: usize = 120;
 const BESIDE: usize = 40;
-/// A piece whose readings vary by less, in standard deviations (three encoder steps), tells nothing.
+/// Range of the readings of a piece, in standard deviations (three encoder steps), below which it is not used.
 const RESTING: f64 = 10.0;
-/// Logarithm of the largest intensity of the noise in q⁗: readings and motion are unrelated.
+/// Logarithm of the largest intensity of the noise in q⁗, at which readings and motion are unrelated.
 const ROUGHEST: f64 = 30.0;
 /// Logarithms of the least and largest intensity of the noise in q⃛ at reversals.
 const JUMP: [f64; 2] = [-30.0, 30.0];
-/// Intensity so large that what comes before and after a step is unrelated.
+/// Intensity at which the motions before and after a step are unrelated.
 const UNRELATED: f64 = 1e4;
 /// Longest time scale of the smoother, s: that of an axis at rest.
 const LONGEST: f64 = 0.01;
@@ -243,8 +244,8 @@ impl Readings {
         Self { stretches, origins, sigma, dt: angles.dt }
     }
 
-    /// Smooths with the most likely intensities: of the noise in q⁗ apart from `apart`, and of that in q⃛, with the largest
-    /// logarithm `most`, in `turns`.
+    /// Smooths with the maximum-likelihood intensities: of the noise in q⁗, estimated apart from `apart`, and of the
+    /// noise in q⃛ in `turns`, with a logarithm of at most `most`.
     fn smoothed(&self, apart: &[Vec<bool>], turns: &[Vec<bool>], most: f64) -> Vec<Smoothed> {
         let (snap, variance) = self.snap(apart);
         let jump = self.jump(snap, variance, turns, most);
@@ -260,7 +261,7 @@ impl Readings {
         (0..self.stretches.len()).map(stretch).collect()
     }
 
-    /// Most likely intensity of the noise in q⁗, apart from reversals, and variance of the readings.
+    /// Maximum-likelihood intensity of the noise in q⁗, apart from reversals, and variance of the readings.
     fn snap(&self, turns: &[Vec<bool>]) -> (f64, f64) {
         let pieces = self.spread();
         let smoothest = 8.0 * (self.dt / LONGEST).ln();
@@ -273,7 +274,7 @@ impl Readings {
         (ln.exp(), of(ln).variance())
     }
 
-    /// Most likely intensity of the noise in q⃛ at reversals.
+    /// Maximum-likelihood intensity of the noise in q⃛ at reversals.
     fn jump(&self, snap: f64, variance: f64, turns: &[Vec<bool>], most: f64) -> f64 {
         let pieces = reversals(turns);
         if pieces.is_empty() {
@@ -324,13 +325,13 @@ fn reversals(turns: &[Vec<bool>]) -> Vec<Piece> {
     thinned(pieces, REVERSALS)
 }
 
-/// At most `most` of the pieces, evenly chosen.
+/// At most `most` of the pieces, equally spaced.
 fn thinned(pieces: Vec<Piece>, most: usize) -> Vec<Piece> {
     let n = pieces.len();
     if n <= most { pieces } else { (0..most).map(|k| pieces[k * n / most].clone()).collect() }
 }
 
-/// Where a function with one peak in an interval is highest, to 0.2.
+/// Maximiser of a unimodal function in an interval, to within 0.2.
 fn highest([mut low, mut high]: [f64; 2], f: impl Fn(f64) -> f64) -> f64 {
     const RATIO: f64 = 0.618_033_988_749_895;
     let (mut a, mut b) = (high - RATIO * (high - low), low + RATIO * (high - low));

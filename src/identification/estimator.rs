@@ -1,20 +1,22 @@
-//! What normal equations say about the parameters: step, covariance, and which directions they determine.
+//! Estimates from normal equations: Gauss–Newton step and robust covariance.
 //!
-//! All matrices here are in units of the parameters' own sizes, so that numbers of kg and of N·m compare.
+//! All matrices are in units of the parameters' own sizes, so that values in kg and in N·m are comparable.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::normal_equations::{Block, NormalEquations};
 
-/// Information (1/variance, parameters in units of their own size) that everyday knowledge has: the weight that keeps
-/// parameters near their prior where data are silent. A parameter the data determine to 10 % feels it by 1e-4 of its error.
+/// Default prior information (1/variance, parameters in units of their own size), which fixes parameters that the
+/// data do not determine. An estimate with a standard error of 10 % of its size is shifted by 1e-4 of its distance
+/// from the prior.
 pub const PRIOR_INFORMATION: f64 = 1e-2;
 
-/// Stretches of a recording: as many as leave each long against the memory of noise.
+/// Number of intervals per recording for the scatter of the scores; each is long relative to the correlation time of
+/// the noise.
 const STRETCHES: usize = 30;
 
-/// Normal equations in units of the parameters' own sizes, with the prior.
+/// Normal equations with the prior, in units of the parameters' own sizes.
 pub struct Estimator {
     size: DVector<f64>,
     /// YᵀWY.
@@ -25,7 +27,8 @@ pub struct Estimator {
 }
 
 impl Estimator {
-    /// Estimator with a prior of information `prior`, per own size squared, of each parameter; `None` if the numbers ran away.
+    /// Estimator with the prior information `prior` of each parameter, per own size squared; `None` if a matrix is
+    /// not positive definite or not finite.
     pub fn new(normal: &NormalEquations, size: &DVector<f64>, prior: &DVector<f64>) -> Option<Self> {
         let n = size.len();
         let data = DMatrix::from_fn(n, n, |i, j| normal.information[(i, j)] * size[i] * size[j]);
@@ -34,12 +37,12 @@ impl Estimator {
         finite.then(|| Self { size: size.clone(), data, prior: prior.clone(), inverse })
     }
 
-    /// Gauss–Newton step from parameters that lie `offset` from their prior; those in `fixed` do not move.
+    /// Gauss–Newton step from parameters with the distance `offset` from their prior; those in `fixed` do not move.
     pub fn step(&self, normal: &NormalEquations, offset: &DVector<f64>, fixed: &[usize]) -> DVector<f64> {
         let pull = offset.component_div(&self.size).component_mul(&self.prior);
         let gradient = normal.score.component_mul(&self.size) - pull;
         let mut step = &self.inverse * gradient;
-        // The step of least cost among those that leave the fixed ones where they are: s − P_h·P_hh⁻¹·s_h, P the inverse.
+        // Step of least cost that leaves the fixed parameters unchanged: s − P_h·P_hh⁻¹·s_h, with P the inverse.
         let own = DMatrix::from_fn(fixed.len(), fixed.len(), |i, j| self.inverse[(fixed[i], fixed[j])]);
         let back = DVector::from_fn(fixed.len(), |i, _| step[fixed[i]]);
         if let Some(factor) = own.cholesky() {
@@ -59,24 +62,25 @@ impl Estimator {
         })
     }
 
-    /// Covariance of the estimate from the scatter of the scores over stretches of time, which stays right when residuals are
-    /// autocorrelated, correlated across channels or of uneven size: H⁻¹ (Σ s̃ s̃ᵀ) H⁻¹. Stretches overlap and are a thirtieth
-    /// of a recording, long against the memory of noise; every score is freed of its stretch's own pull on the estimate,
-    /// s̃ = (1 − H_s H⁻¹)^(−1/2) s [CR2; Bell & McCaffrey 2002].
+    /// Cluster-robust covariance of the estimate, H⁻¹ (Σ s̃ s̃ᵀ) H⁻¹, from the scatter of the scores over intervals
+    /// of time. It is valid for residuals that are autocorrelated, correlated across channels or heteroscedastic. The
+    /// intervals overlap and are a thirtieth of a recording, long relative to the correlation time of the noise.
+    /// Every score is corrected for the leverage of its interval, s̃ = (1 − H_s H⁻¹)^(−1/2) s (CR2 [Bell & McCaffrey
+    /// 2002]).
     ///
-    /// The prior's own uncertainty is part of it. With `white`, no variance is smaller than independent residuals of the
-    /// stated size would give.
+    /// The uncertainty of the prior is included. With `white`, no variance is smaller than for independent residuals
+    /// of the stated noise.
     pub fn covariance(&self, normal: &NormalEquations, white: bool) -> DMatrix<f64> {
         let n = self.size.len();
         let Some(root) = self.inverse.clone().cholesky() else { return DMatrix::zeros(n, n) };
-        // H⁻¹ = L·Lᵀ: in the coordinates Lᵀ(…)L the curvature is the unit matrix.
+        // H⁻¹ = L·Lᵀ: in the coordinates Lᵀ(…)L the curvature is the identity.
         let l = root.l();
         let runs: Vec<Vec<(DMatrix<f64>, DVector<f64>)>> =
             normal.blocks.iter().map(|run| run.iter().map(|b| self.whitened(b, &l)).collect()).collect();
         let mut meat = l.tr_mul(&(DMatrix::from_diagonal(&self.prior) * &l));
         for run in &runs {
             let length = run.len().div_ceil(STRETCHES);
-            // Every block counts as often as every other, also at the ends.
+            // Intervals wrap around at the ends, so every block occurs equally often.
             for start in 0..run.len() {
                 let members = (start..start + length).map(|b| &run[b % run.len()]);
                 let (mut h, mut s) = (DMatrix::zeros(n, n), DVector::zeros(n));
@@ -88,7 +92,7 @@ impl Estimator {
                 meat.ger(1.0 / length as f64, &s, &s, 1.0);
             }
         }
-        // Few stretches make the scatter itself uncertain: wider by Student's t, so that ±1.96 is a 95 % interval.
+        // With few intervals the scatter is uncertain: scaled by Student's t, so that ±1.96 is a 95 % interval.
         let stretches = runs.iter().map(|run| run.len().div_ceil(run.len().div_ceil(STRETCHES).max(1))).sum::<usize>();
         let robust = &l * meat * l.transpose() * widening(stretches).powi(2);
         DMatrix::from_fn(n, n, |i, j| {
@@ -107,7 +111,8 @@ impl Estimator {
     }
 }
 
-/// Ratio of the 95 % quantiles of Student's t, for a scatter over so many stretches, and of the normal distribution.
+/// Ratio of the 97.5 % quantiles of Student's t, for a scatter over this number of intervals, and the normal
+/// distribution.
 fn widening(stretches: usize) -> f64 {
     let freedom = stretches.saturating_sub(1).max(2) as f64;
     let t = StudentsT::new(0.0, 1.0, freedom).expect("positive degrees of freedom").inverse_cdf(0.975);
@@ -116,7 +121,7 @@ fn widening(stretches: usize) -> f64 {
 
 /// (1 − M)^(−1/2)·s for symmetric M with eigenvalues from 0 to 1.
 fn freed(m: DMatrix<f64>, s: &DVector<f64>) -> DVector<f64> {
-    /// A block that alone determines a direction has no scatter there.
+    /// Largest leverage: an interval that alone determines a direction has no scatter there.
     const LARGEST: f64 = 0.99;
     let eigen = SymmetricEigen::new(m);
     let mut along = eigen.eigenvectors.tr_mul(s);

@@ -1,8 +1,8 @@
-//! Zero-phase local polynomials [Savitzky & Golay, 1964], and the noise of a series.
+//! Zero-phase local polynomials [Savitzky & Golay 1964], and the noise of a series.
 //!
 //! A polynomial of degree 4 is fitted to the samples −m…m around each sample; its value and derivatives in the middle
-//! have no phase. The half width m is the smallest for which the encoder noise in the acceleration stays tolerable. At
-//! the smallest width, m = 3, the polynomial of degree 6 passes through the samples: central differences of order 6.
+//! have zero phase. The half width m is the smallest one with acceptable encoder noise in the acceleration. At the
+//! smallest width, m = 3, a polynomial of degree 6 interpolates the samples: central differences of order 6.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,13 +15,13 @@ pub struct Kernel {
 
 /// Degree of the fitted polynomial.
 const DEGREE: usize = 4;
-/// Narrowest kernel.
+/// Smallest half width, samples.
 pub const MIN_HALF_WIDTH: usize = 3;
-/// Widest kernel.
+/// Largest half width, samples.
 pub const MAX_HALF_WIDTH: usize = 60;
 
 impl Kernel {
-    /// Polynomial over 2m + 1 samples.
+    /// Kernel over 2m + 1 samples with m = `half_width`, but at least [`MIN_HALF_WIDTH`].
     pub fn new(half_width: usize) -> Self {
         let m = half_width.max(MIN_HALF_WIDTH);
         let n = 2 * m + 1;
@@ -41,7 +41,7 @@ impl Kernel {
     /// `derivative`-th derivative with respect to the sample number, at samples m…len−m.
     pub fn apply(&self, derivative: usize, x: &[f64]) -> Vec<f64> {
         let w = self.weights[derivative].as_slice();
-        // Differences to the first sample keep large angles exact.
+        // Differences from the middle sample avoid rounding of large angles.
         x.windows(w.len())
             .map(|v| {
                 let origin = v[self.half_width];
@@ -52,9 +52,9 @@ impl Kernel {
     }
 }
 
-/// Standard deviation of white noise on smooth series from their sixth differences (robust, by the median).
+/// Standard deviation of white noise on smooth series, from the median of their sixth differences.
 ///
-/// Where the readings stand still, they show no noise of an encoder: differences of zero do not count.
+/// Differences of zero are ignored, because an encoder at rest shows no noise.
 pub fn noise_level(series: &[Vec<f64>]) -> f64 {
     const ORDER: usize = 6;
     /// Binomial coefficient C(2n, n): variance gain of n-th differences.
@@ -71,11 +71,12 @@ pub fn noise_level(series: &[Vec<f64>]) -> f64 {
         return 0.0;
     }
     let m = magnitude.len() / 2;
-    // Median of |N(0,1)| is 0.6745.
+    // The median of |N(0,1)| is 0.6745.
     *magnitude.select_nth_unstable_by(m, f64::total_cmp).1 / 0.6745 / GAIN.sqrt()
 }
 
-/// Half width whose acceleration noise stays below `tolerance`, rad/s², for angle noise `sigma`, rad, and step `dt`, s.
+/// Smallest half width with an acceleration noise of at most `tolerance`, rad/s², for the angle noise `sigma`, rad,
+/// and the step `dt`, s.
 pub fn half_width(sigma: f64, dt: f64, tolerance: f64) -> usize {
     (MIN_HALF_WIDTH..=MAX_HALF_WIDTH)
         .find(|&m| Kernel::new(m).noise_gain(2) * sigma / (dt * dt) <= tolerance)
@@ -101,7 +102,7 @@ mod tests {
 
     #[test]
     fn quantisation_is_measured_within_a_factor_of_two() {
-        // Rounding to a step s has standard deviation s/√12, but is not quite white.
+        // Rounding to a step s has the standard deviation s/√12, but is not exactly white.
         let step = 5.8e-6;
         let x: Vec<f64> = (0..5000).map(|k| ((f64::from(k) * 4e-4 * 2.0).sin() * 0.7 / step).round() * step).collect();
         let sigma = noise_level(&[x]);

@@ -1,8 +1,9 @@
-//! Weighted least squares with everyday knowledge (eq. 9–11), iterated where parameters enter nonlinearly.
+//! Weighted least squares with a prior (eqs. 9–11), iterated where parameters enter nonlinearly.
 //!
-//! The cost is Σ r²/σ² over all samples plus γ·((p − p_reg)/size)² for every parameter. γ is small: it holds what the data
-//! leave open and is not felt by what they determine. If a body of the estimate cannot exist, or an effect has a value its law
-//! does not allow, the possible parameters of least cost take its place.
+//! The cost is Σ r²/σ² over all samples plus γ·((p − p_reg)/size)² for every parameter. γ is a weak ridge prior: it
+//! fixes unidentifiable directions, and shifts an estimate with a standard error of 10 % of its size by 1e-4 of its
+//! distance from the prior. If a body of the estimate is physically inconsistent, or an effect's parameter is outside
+//! the range of its law, the consistent parameters of least cost are taken instead.
 
 use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
@@ -23,7 +24,7 @@ use crate::machine::Unit;
 use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
 
-/// Why a fit cannot be made.
+/// Reason why a fit is not possible.
 #[derive(Debug, Error)]
 pub enum FitError {
     /// A measured pose is impossible for the model's geometry.
@@ -31,10 +32,10 @@ pub enum FitError {
     Kinematics {
         /// Name of the recording.
         recording: String,
-        /// What is wrong.
+        /// Cause.
         source: KinematicsError,
     },
-    /// The robot was taken apart between recordings: no set of parameters fits both.
+    /// The recordings are of an assembled and of a disassembled robot, whose parameters differ.
     #[error(
         "recordings {first} and {second} are of an assembled and of a disassembled robot, which have different parameters; \
          expected one configuration"
@@ -50,15 +51,15 @@ pub enum FitError {
     TooShort {
         /// Name of the recording.
         recording: String,
-        /// Samples left.
+        /// Number of samples left.
         samples: usize,
-        /// Samples needed.
+        /// Number of samples needed.
         needed: usize,
     },
     /// Every parameter is fixed.
     #[error("every parameter of the model is held; expected at least one to estimate")]
     NothingToEstimate,
-    /// There is nothing a payload could hang at.
+    /// The machine has no flange for a payload.
     #[error(
         "recording {recording} is of a machine without a flange (a lone axis, or a robot that is taken apart), which carries no \
          payload; expected an assembled delta robot"
@@ -67,22 +68,22 @@ pub enum FitError {
         /// Name of the recording.
         recording: String,
     },
-    /// A weight γ of something that is not there.
+    /// A weight γ refers to a group without parameters.
     #[error(
         "no parameter to estimate belongs to {group:?}; expected torque, bodies, friction, a kind of body or an effect: {known}"
     )]
     NoSuchGroup {
-        /// What was asked for.
+        /// The requested group.
         group: String,
-        /// What there is.
+        /// The existing groups.
         known: String,
     },
-    /// The numbers ran away.
+    /// The normal equations are not finite or not positive definite.
     #[error("the least-squares problem has no finite solution")]
     NotFinite,
 }
 
-/// A parameter with what the data say about it.
+/// A parameter with its estimate.
 #[derive(Clone, Debug)]
 pub struct Estimate {
     /// Printed name.
@@ -91,32 +92,32 @@ pub struct Estimate {
     pub unit: Unit,
     /// Value.
     pub value: f64,
-    /// Standard error; infinite where the data cannot tell the parameter alone.
+    /// Standard error; infinite if the data do not determine the parameter individually.
     pub std: f64,
 }
 
 impl Estimate {
-    /// Whether the data determine the parameter alone. If not, its value is what it was before.
+    /// Whether the data determine the parameter individually. If not, its value is the one before the fit.
     pub fn identified(&self) -> bool {
         self.std.is_finite()
     }
 }
 
-/// A parameter the data do not determine.
+/// A parameter that the data do not determine.
 #[derive(Clone, Debug)]
 pub struct Unidentified {
     /// Printed name.
     pub name: String,
-    /// Why.
+    /// Reason.
     pub reason: Reason,
 }
 
-/// Why data do not determine a parameter.
+/// Reason why the data do not determine a parameter.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
-    /// It has no part in any measured channel.
+    /// It has no influence on any measured channel.
     NotExcited,
-    /// It shows only in combination with others.
+    /// It is determined only in combination with others.
     OnlyTogether(Vec<String>),
     /// Its standard error, as a share of its own size, is too large.
     Uncertain(f64),
@@ -132,44 +133,44 @@ impl std::fmt::Display for Reason {
     }
 }
 
-/// What the rows of the regression are weighed with.
+/// Weights of the rows of the regression.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Weighing {
     /// Noise of the channels: W = Σ⁻¹.
     #[default]
     Noise,
-    /// Largest measured value of the channels: W = diag(max |τ|)⁻².
+    /// Largest measured magnitude of the channels: W = diag(max |τ|)⁻².
     Maximum,
 }
 
-/// How the possible parameters of least cost are found.
+/// Method for the consistent parameters of least cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Consistency {
-    /// Convex programme with second-order cones, and log-Cholesky where its solver proves none.
+    /// Second-order cone programme, or log-Cholesky where its solver gives no certificate.
     #[default]
     Cones,
-    /// Log-Cholesky variables, in which every value is possible.
+    /// Log-Cholesky variables, in which every value is consistent.
     LogCholesky,
 }
 
-/// How a fit is made.
+/// Options of a fit.
 #[derive(Clone, Copy, Default)]
 pub struct Options<'a> {
     /// Weights of the rows.
     pub weighing: Weighing,
-    /// Whether outliers count less (Huber).
+    /// Whether outliers are downweighted (Huber).
     pub robust: bool,
-    /// Way to possible parameters.
+    /// Method for consistent parameters.
     pub consistency: Consistency,
-    /// Regularisation values p_reg (eq. 10–11); the model itself if none are given.
+    /// Regularisation values p_reg (eqs. 10–11); `None`: those of the model itself.
     pub prior: Option<&'a Model>,
-    /// γ: information of the prior, per own size of a parameter squared; see [`PRIOR_INFORMATION`] for none given.
+    /// γ: prior information, per own size of a parameter squared; `None`: [`PRIOR_INFORMATION`].
     pub prior_information: Option<f64>,
-    /// Weights γ of eq. 10 that depart from `prior_information`.
+    /// Weights γ of eq. 10 that differ from `prior_information`.
     pub weights: &'a [GroupWeight],
-    /// Effects whose parameters stay as they are.
+    /// Effects whose parameters are held.
     pub fixed: &'a [String],
-    /// When to end with the best parameters so far; one step is always made.
+    /// Condition that ends the fit with the best parameters so far; at least one step is made.
     pub stop: Option<Stop<'a>>,
 }
 
@@ -178,81 +179,97 @@ pub struct Options<'a> {
 pub struct Fit {
     /// The model with estimated parameters.
     pub model: Model,
-    /// All estimated parameters, in the order of [`Plant::parameters`] without fixed ones.
+    /// Estimated parameters, in the order of [`Plant::parameters`] without fixed ones.
     pub parameters: Vec<Estimate>,
-    /// The combinations the data determine.
+    /// Base parameters: the combinations that the data determine.
     pub base: Vec<BaseParameter>,
     /// Rank and singular values of the weighted regressor.
     pub structure: Structure,
-    /// What the data do not determine, and why.
+    /// Parameters that the data do not determine, and why.
     pub unidentified: Vec<Unidentified>,
-    /// Parameters whose unconstrained estimate lies more than three standard errors outside the allowed range, and by more
-    /// than a fifth of the effect's largest: the law is not what the data show.
+    /// Parameters whose unconstrained estimate lies outside the permitted range by more than three standard errors
+    /// and by more than a fifth of the effect's largest parameter: the law contradicts the data.
     pub impossible: Vec<Param>,
-    /// How the estimate became possible; `None` if it was.
+    /// Correction that made the estimate consistent; `None` if it was.
     pub correction: Option<Correction>,
-    /// Identified parameters that this moved by more than their standard error.
+    /// Identified parameters that the correction moved by more than their standard error.
     pub moved: Vec<Moved>,
-    /// The pull of the data out of the possible, H·(p − p_free) by parameter, where it is more than noise: one vector for each
-    /// kind of body and each end of a range that holds the estimate. Each is normal to its edge, so no sum of parameters
-    /// along all of them can take up what else is missing.
+    /// Constraint forces H·(p − p_free) by parameter, where they exceed noise: one vector for each kind of body and
+    /// each range end that is active. Each is normal to its constraint, so no combination of parameters along all
+    /// active constraints can absorb a missing effect.
     pub edges: Vec<Vec<(String, f64)>>,
-    /// Residual (measured − predicted) per recording and channel.
+    /// Residual (measured − predicted) per recording and channel, N·m or N.
     pub residuals: Vec<Channels>,
-    /// Root mean square residual per channel, over all recordings.
+    /// Root mean square residual per channel over all recordings, N·m or N.
     pub rms: Vec<f64>,
 }
 
-/// A parameter that had to leave its unconstrained estimate.
+/// A parameter that was moved from its unconstrained estimate.
 #[derive(Clone, Debug)]
 pub struct Moved {
     /// Printed name.
     pub name: String,
     /// Unit.
     pub unit: Unit,
-    /// Estimate that no possible machine has.
+    /// Unconstrained estimate.
     pub free: f64,
-    /// Value it has now.
+    /// Corrected value.
     pub value: f64,
-    /// Standard error of the estimate.
+    /// Standard error of the unconstrained estimate.
     pub std: f64,
 }
 
-/// The price of possible parameters.
+/// Cost of consistency.
 #[derive(Clone, Copy, Debug)]
 pub struct Correction {
-    /// Rise of the cost ½Σr²/σ² over the impossible estimate.
+    /// Increase of the cost ½Σr²/σ² over the unconstrained estimate.
     pub cost: f64,
-    /// Gap between it and the lower bound that the convex programme proves, relative to `cost`; `None` for log-Cholesky.
+    /// Gap between the cost and the lower bound of the convex programme, relative to `cost`; `None` for log-Cholesky.
     pub gap: Option<f64>,
 }
 
-/// Share of an effect's largest parameter that one of its others may lie outside its range.
+/// Share of an effect's largest parameter by which another one may lie outside its range.
 const NEARLY_NOTHING: f64 = 0.2;
 const MIN_SAMPLES: usize = 200;
-/// Cost of becoming possible beyond which it is no chance: five standard errors of one parameter.
+/// Cost of consistency above which it is not due to noise: five standard errors of one parameter.
 const NOTABLE: f64 = 12.5;
-/// Gap, relative to the cost, up to which the convex programme's answer is taken.
+/// Largest relative gap at which the result of the convex programme is accepted.
 const CERTIFIED: f64 = 1e-5;
 const MAX_ITERATIONS: usize = 8;
-/// Fall of the cost that still counts as progress, in units of the mean cost of a residual if that is above the noise's:
-/// a parameter moved by its own standard error changes the cost by about one of them.
+/// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's:
+/// moving a parameter by its standard error changes the cost by about one such unit.
 const PROGRESS: f64 = 0.01;
-/// Rounds of reweighting.
+/// Number of rounds of reweighting.
 const ROUNDS: usize = 4;
-/// Information on a mass that does not enter the torques, per own size squared: weighed to 20 %.
+/// Prior information on a mass without influence on the torques, per own size squared: known to 20 %.
 const SILENT_MASS: f64 = 25.0;
-/// Residuals beyond this many scatters count less [Huber 1964: 95 % efficient for normal noise].
+/// Residual, in robust standard deviations, above which it is downweighted: 95 % efficiency for normal noise [Huber
+/// 1964].
 const HUBER: f64 = 1.345;
-/// Residuals beyond this many scatters do not count.
+/// Residual, in robust standard deviations, above which it is rejected.
 const TRIM: f64 = 3.0;
 
-/// Fits all parameters of `model` to the datasets; `noise[dataset][channel]` weighs the channels.
+/// Fit of all parameters of `model` to the datasets with default options; `noise[dataset][channel]` are the standard
+/// deviations of the channels.
+///
+/// # Errors
+/// As [`fit_with`].
+///
+/// # Panics
+/// If `datasets` is empty.
 pub fn fit(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>]) -> Result<Fit, FitError> {
     fit_with(model, datasets, noise, &Options::default())
 }
 
-/// Fits the parameters of `model` to the datasets; `noise[dataset][channel]` are the channels' standard deviations.
+/// Fit of the parameters of `model` to the datasets; `noise[dataset][channel]` are the standard deviations of the
+/// channels.
+///
+/// # Errors
+/// [`FitError`], if a recording is too short or has an impossible pose, configurations are mixed, no parameter or an
+/// unknown group of parameters is to be estimated, or the normal equations are not finite.
+///
+/// # Panics
+/// If `datasets` is empty.
 pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: &Options) -> Result<Fit, FitError> {
     for dataset in datasets {
         if dataset.len() < MIN_SAMPLES {
@@ -271,7 +288,7 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     let mut model = in_configuration(model, &datasets[0].setup);
     let problem = Regression::new(&model, datasets, noise, options)?;
     let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE)?;
-    // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
+    // Without encoder noise the remaining outliers are the few samples around reversals that the derivatives smooth.
     let clean = datasets.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
     if options.robust || clean {
         for _ in 0..ROUNDS {
@@ -290,11 +307,11 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     Ok(fit)
 }
 
-/// A regression with everything that stays the same while parameters move.
+/// Regression problem with all quantities that do not depend on the parameters' present values.
 struct Regression<'a> {
     datasets: &'a [Dataset],
     sigma: Vec<Vec<f64>>,
-    /// Whether `sigma` is the noise itself.
+    /// Whether `sigma` is the noise.
     white: bool,
     /// Indices of the estimated parameters.
     free: Vec<usize>,
@@ -302,7 +319,7 @@ struct Regression<'a> {
     size: DVector<f64>,
     /// Regularisation values of the estimated parameters.
     prior: DVector<f64>,
-    /// The machine before the fit, a possible one.
+    /// The consistent machine before the fit.
     before: Plant,
     /// Its estimated parameters, in the order of `free`.
     parameters: Vec<PlantParameter>,
@@ -332,7 +349,7 @@ impl<'a> Regression<'a> {
         let information = options.prior_information.unwrap_or(PRIOR_INFORMATION);
         let samples = datasets.iter().map(Dataset::len).sum();
         let weights = regularisation::weights(&own, information, options.weights, samples)?;
-        // The prior may be another model: its parameters are the same by name.
+        // The prior may be another model; parameters are matched by name.
         let known = |k: usize| regularised.named(&parameters[k].name).map_or(&parameters[k], |i| &regularised[i]);
         let sigma = match options.weighing {
             Weighing::Noise => noise.to_vec(),
@@ -367,7 +384,7 @@ impl<'a> Regression<'a> {
         set_parameters(model, &all);
     }
 
-    /// Cost at the present parameters.
+    /// Cost of `residuals` with the given weights plus that of the prior at `values`.
     fn cost(&self, residuals: &[Channels], values: &DVector<f64>, weight: Weight) -> f64 {
         let series =
             |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
@@ -378,13 +395,13 @@ impl<'a> Regression<'a> {
         0.5 * data + self.prior_cost(values)
     }
 
-    /// The prior's part of the cost.
+    /// Part of the cost due to the prior.
     fn prior_cost(&self, values: &DVector<f64>) -> f64 {
         let apart = (values - &self.prior).component_div(&self.size);
         0.5 * apart.component_mul(&apart).dot(&self.weights)
     }
 
-    /// Gauss–Newton from the present parameters of `model` to those of least cost.
+    /// Gauss–Newton iteration from the present parameters of `model` to those of least cost.
     fn least_squares(&self, model: &mut Model, weight: Weight) -> Result<(NormalEquations, Estimator), FitError> {
         let pass = |model: &Model| NormalEquations::new(model, self.datasets, &self.sigma, &self.free, weight);
         let solve =
@@ -418,7 +435,7 @@ impl<'a> Regression<'a> {
                 let mut next = model.clone();
                 let trial = self.moved(&values, &step, damping);
                 self.set(&mut next, &trial);
-                // Trials need no columns. Where the machine cannot be assembled, the step was too long.
+                // Trials need no columns. A step to a machine that cannot be assembled is too long.
                 let there = residuals(&next, self.datasets).ok();
                 let trial_cost = there.as_ref().map_or(f64::INFINITY, |there| self.cost(there, &trial, weight));
                 if let Some(there) = there.filter(|_| trial_cost <= cost) {
@@ -442,12 +459,12 @@ impl<'a> Regression<'a> {
             let Some((step, promised)) = taken else { break };
             let change = before - cost;
             if (change - promised).abs() < progress {
-                // The columns are as good as at the new place.
+                // The columns at the previous iterate are accurate enough.
                 normal.advance(&step);
                 break;
             }
             if (self.stop)() {
-                // The columns are a little old; only the standard errors feel it.
+                // The columns are those of the previous iterate, which only affects the standard errors.
                 normal.advance(&step);
                 break;
             }
@@ -460,7 +477,7 @@ impl<'a> Regression<'a> {
         Ok((normal, estimator))
     }
 
-    /// Mean cost of a residual over that of one of the stated noise; one if it is less.
+    /// Ratio of the mean cost of a residual to that of the stated noise, at least one.
     fn scale(&self, cost: f64) -> f64 {
         let residuals: usize = self.datasets.iter().map(|t| t.len() * t.channels.len()).sum();
         (2.0 * cost / residuals.max(1) as f64).max(1.0)
@@ -476,8 +493,8 @@ impl<'a> Regression<'a> {
         (0..values.len()).filter(crosses).collect()
     }
 
-    /// Values after a damped step; shape parameters move by half their value at most, those that may be zero by half their
-    /// usual size if that is more, and stay in range.
+    /// Values after a damped step; shape parameters change by at most half their value, those that may be zero by at
+    /// most half their usual size if that is larger, and stay within their range.
     fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
         DVector::from_fn(values.len(), |i, _| {
             let p = &self.parameters[i];
@@ -492,7 +509,7 @@ impl<'a> Regression<'a> {
         })
     }
 
-    /// Robust standard deviation of each channel in units of its sigma, over all datasets.
+    /// Robust standard deviation of each channel over all datasets, in units of its sigma.
     fn scatter(&self, residuals: &[Channels]) -> Vec<f64> {
         let channels = self.sigma.iter().map(Vec::len).min().unwrap_or(0);
         let one = |c: usize| {
@@ -504,14 +521,14 @@ impl<'a> Regression<'a> {
         (0..channels).map(one).collect()
     }
 
-    /// Turns the estimate into possible parameters with their standard errors.
+    /// Fit result: consistent parameters with their standard errors.
     fn finish(&self, mut model: Model, normal: &NormalEquations, estimator: &Estimator) -> Result<Fit, FitError> {
         let plant = Plant::new(&model, &self.datasets[0].setup);
         let all = plant.parameters();
         let estimated: Vec<&PlantParameter> = self.free.iter().map(|&k| &all[k]).collect();
         let covariance = estimator.covariance(normal, self.white);
         let structure = Structure::new(&normal.rows, normal.stride, &self.size, self.information);
-        // Largest linear parameter of the effect: one of several that is nearly nothing has either sign.
+        // Largest linear parameter of the effect; the sign of one that is nearly zero is arbitrary.
         let largest = |own: &PlantParameter| {
             let same =
                 |p: &&&PlantParameter| p.param.effect == own.param.effect && p.unit == own.unit && p.role == own.role;
@@ -532,7 +549,7 @@ impl<'a> Regression<'a> {
         };
         let corrected = correction.is_some();
         self.set(&mut model, &values.rows(0, self.free.len()).into_owned());
-        // The payload is no part of the machine.
+        // The payload is not part of the machine.
         let links: Vec<_> = classes.into_iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).collect();
         consistency::complete(&links, &values, &mut model.bodies);
         let residuals = if corrected { residuals(&model, self.datasets)? } else { normal.residuals.clone() };
@@ -570,10 +587,11 @@ impl<'a> Regression<'a> {
         })
     }
 
-    /// Parameters that edges of the possible hold, with the pull on them.
+    /// Parameters at active constraints with the forces of these constraints.
     ///
-    /// At the least cost H·(p − p_free) = Σ λ·n over the active constraints (Karush, Kuhn & Tucker), and no two of them share
-    /// a parameter: that of a kind of body has its parameters only, that of a range its own.
+    /// At the least cost H·(p − p_free) = Σ λ·n over the active constraints (Karush–Kuhn–Tucker conditions). No two
+    /// of them share a parameter: the constraint of a kind of body involves its parameters only, that of a range a
+    /// single one.
     fn edges(
         &self,
         free: &[&PlantParameter],
@@ -581,7 +599,7 @@ impl<'a> Regression<'a> {
         curvature: &DMatrix<f64>,
         classes: &[consistency::BodyClass],
     ) -> Vec<Vec<(String, f64)>> {
-        /// Pull, relative to the largest, that is the end of an iteration.
+        /// Constraint force, relative to the largest, below which it is a residue of the iteration.
         const RESIDUE: f64 = 1e-3;
         let pull = curvature * DVector::from_fn(free.len(), |i, _| values[i] - free[i].value);
         let scaled = |i: usize| (pull[i] * self.size[i]).abs();
@@ -620,7 +638,7 @@ impl<'a> Regression<'a> {
         if with.is_empty() { Reason::Uncertain(std / self.size[i]) } else { Reason::OnlyTogether(with) }
     }
 
-    /// Possible values nearest to the present ones: the estimated parameters, then masses that no parameter holds.
+    /// Consistent values nearest to the present ones: the estimated parameters, then the masses without a parameter.
     fn possible(
         &self,
         estimated: &[&PlantParameter],
@@ -635,7 +653,8 @@ impl<'a> Regression<'a> {
             }
             first += active.values.len();
         }
-        // The links as the model file has them, without what effects and a stated payload add; of the payload, its own.
+        // The links as in the model file, without contributions of effects and a stated payload; for the payload, its
+        // own inertia.
         let mut bodies = self.before.links.clone();
         bodies[END_EFFECTOR] = self.before.bodies[END_EFFECTOR];
         let (classes, masses) = consistency::classes(&bodies, &owners, &self.free);
@@ -669,7 +688,7 @@ impl<'a> Regression<'a> {
     }
 }
 
-/// Largest measured magnitude of every channel, in the proportion that leaves the mean weight of a row.
+/// Largest measured magnitude of every channel, scaled such that the mean weight of a row is that of the noise.
 fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let one = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
         let peak = |m: &Vec<f64>| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
@@ -680,7 +699,7 @@ fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
     datasets.iter().zip(noise).map(one).collect()
 }
 
-/// Whether some parameter enters the prediction nonlinearly.
+/// Whether any parameter enters the prediction nonlinearly.
 pub fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
         a.effect.spec().reads.reactions
@@ -690,7 +709,10 @@ pub fn is_nonlinear(model: &Model) -> bool {
     })
 }
 
-/// Measured minus predicted for every dataset.
+/// Residuals (measured − predicted) of every dataset and channel, N·m or N.
+///
+/// # Errors
+/// [`FitError::Kinematics`] if a pose is impossible for the model's geometry or a law gives no finite value.
 pub fn residuals(model: &Model, datasets: &[Dataset]) -> Result<Vec<Channels>, FitError> {
     datasets
         .iter()
@@ -702,7 +724,7 @@ pub fn residuals(model: &Model, datasets: &[Dataset]) -> Result<Vec<Channels>, F
         .collect()
 }
 
-/// Attaches the recording's name to a kinematic error.
+/// Conversion of a kinematic error into a [`FitError`] with the recording's name.
 pub fn kinematics(dataset: &Dataset) -> impl Fn(KinematicsError) -> FitError + '_ {
     |source| FitError::Kinematics { recording: dataset.name.clone(), source }
 }
@@ -719,7 +741,7 @@ pub fn channel_rms(residuals: &[Channels]) -> Vec<f64> {
         .collect()
 }
 
-/// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
+/// Own size of a parameter for scaling: the magnitude of its value, or its usual magnitude where that is larger.
 pub fn nominal_size(p: &PlantParameter) -> f64 {
     p.value.abs().max(p.usual).max(1e-9)
 }

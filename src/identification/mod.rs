@@ -1,7 +1,8 @@
-//! Which parameters explain a recording.
+//! Identification of the model's parameters from recordings.
 //!
-//! A [`Dataset`] holds the smoothed joint motion of a recording; [`predict`] and [`columns`] turn a plant and a dataset into
-//! predicted channels and their derivatives by parameter; [`mod@fit`] is weighted least squares on what the data can tell.
+//! A [`Dataset`] contains the smoothed joint motion of a recording; [`predict`] and [`columns`] give the predicted
+//! channels of a plant along a dataset and their derivatives with respect to the parameters; [`mod@fit`] is weighted
+//! least squares with a prior.
 
 pub mod base_parameters;
 pub mod consistency;

@@ -1,7 +1,7 @@
-//! Normal equations of a model along recordings, streamed.
+//! Normal equations of a model along recordings, accumulated in one pass.
 //!
-//! A recording passes through in windows; what stays are its residuals and, for every block of time, YᵀWY and YᵀWr. Their
-//! total gives the Gauss–Newton step, their scatter over blocks the standard errors.
+//! A recording is processed in windows, of which only the residuals and, for every block of time, YᵀWY and YᵀWr are
+//! kept. Their total gives the Gauss–Newton step, their scatter over blocks the standard errors.
 
 use std::ops::Range;
 
@@ -14,20 +14,20 @@ use super::prediction::{Channels, is_local, prediction_and_columns, surroundings
 use crate::dynamics::Plant;
 use crate::model::Model;
 
-/// Blocks of time per recording: enough for the scatter of more parameters than any model has.
+/// Blocks of time per recording: sufficient for the scatter of more parameters than any model has.
 const BLOCKS: usize = 100;
-/// Fewest samples of a block.
+/// Least number of samples of a block.
 const MIN_BLOCK: usize = 20;
-/// Samples of a window: its columns stay in the cache of a core.
+/// Number of samples of a window, whose columns fit the cache of a core.
 const WINDOW: usize = 1024;
 
-/// Samples of which the rows are kept.
+/// Number of samples whose rows are kept.
 const ROWS: usize = 2000;
 
-/// Weight of a sample: channel and residual in units of the channel's noise.
+/// Weight of a sample, given its channel and its residual in units of the channel's noise.
 pub type Weight<'a> = &'a (dyn Fn(usize, f64) -> f64 + Sync);
 
-/// Every sample counts alike.
+/// Unit weights.
 pub const ALIKE: Weight<'static> = &|_, _| 1.0;
 
 /// Sums over one block of time.
@@ -48,16 +48,19 @@ pub struct NormalEquations {
     pub information: DMatrix<f64>,
     /// YᵀWr over all blocks.
     pub score: DVector<f64>,
-    /// Measured − predicted, per recording and channel.
+    /// Measured − predicted, per recording and channel, N·m or N.
     pub residuals: Vec<Channels>,
-    /// Weighted rows of Y at every so many samples, for what products of Y with itself are too coarse to show.
+    /// Weighted rows of Y at every `stride`-th sample, for ranks that the squared condition number of YᵀWY hides.
     pub rows: Vec<Vec<f64>>,
-    /// Samples per row of `rows` and channel.
+    /// Number of samples per kept row of each channel.
     pub stride: usize,
 }
 
 impl NormalEquations {
     /// Sums over all datasets for the parameters `free` of the plant; `sigma[dataset][channel]` scales the rows.
+    ///
+    /// # Errors
+    /// [`FitError::Kinematics`] if a pose is impossible for the model's geometry or a law gives no finite value.
     pub fn new(
         model: &Model,
         datasets: &[Dataset],
@@ -117,7 +120,7 @@ impl NormalEquations {
         Ok(())
     }
 
-    /// Moves linear parameters by `step` without another pass; the residuals stay those before.
+    /// Updates the scores for a `step` of the parameters to first order; residuals are not changed.
     pub fn advance(&mut self, step: &DVector<f64>) {
         for b in self.blocks.iter_mut().flatten() {
             b.score -= &b.information * step;
@@ -126,23 +129,23 @@ impl NormalEquations {
     }
 }
 
-/// What one window gives.
+/// Result of one window.
 struct Part {
     blocks: Vec<Block>,
     residual: Channels,
     rows: Vec<Vec<f64>>,
 }
 
-/// How the rows of a dataset are weighed and gathered.
+/// Weights and selection of the rows of a dataset.
 #[derive(Clone, Copy)]
 struct Rows<'a> {
     /// Samples of a block.
     length: usize,
-    /// Every how many samples rows are kept.
+    /// Stride of the samples whose rows are kept.
     stride: usize,
     /// Standard deviation of the noise per channel.
     sigma: &'a [f64],
-    /// Parameters of the columns.
+    /// Indices of the parameters of the columns.
     free: &'a [usize],
     weight: Weight<'a>,
 }

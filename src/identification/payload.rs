@@ -1,8 +1,9 @@
-//! Identification of the payload with a known robot (paper section 2.3.1, End-effector).
+//! Identification of the payload with a known robot (section 2.3.1 of the paper, End-effector).
 //!
-//! Everything but the payload stays as the model has it, so an error of the model is an error of the payload: identify the empty
-//! robot first. All ten parameters of the payload are estimated. Everyday knowledge of it, the stated setup, speaks of its centre of
-//! mass and of its tensor about that; what the data do not show is taken from there, at the mass and the centre that they do show.
+//! All parameters except those of the payload are held, so an error of the model becomes an error of the payload: the
+//! empty robot should be identified first. All ten parameters of the payload are estimated. The prior is the stated
+//! setup with its centre of mass and its tensor about the centre of mass; values that the data do not determine are
+//! taken from it, at the estimated mass and centre.
 
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -14,18 +15,19 @@ use crate::effects::{ActiveEffect, Part, payload};
 use crate::machine::{Inertia, Payload, Setup};
 use crate::model::Model;
 
-/// A payload with standard errors.
+/// Payload with standard errors.
 #[derive(Clone)]
 pub struct PayloadFit {
-    /// What was found, as a setup states it; what the data do not determine is as in the recording's setup.
+    /// Estimated payload in the form of a setup; values that the data do not determine are those of the recording's
+    /// setup.
     pub payload: Payload,
     /// Mass, first moments and tensor about the flange centre.
     pub parameters: Vec<Estimate>,
-    /// The fit they come from.
+    /// Underlying fit.
     pub fit: Fit,
 }
 
-/// Places of the parameters.
+/// Indices of the parameters.
 const MASS: usize = 0;
 const FIRST: usize = 1;
 const TENSOR: usize = 4;
@@ -34,10 +36,13 @@ const ZZ: usize = TENSOR + 2;
 const XZ: usize = TENSOR + 4;
 const YZ: usize = TENSOR + 5;
 
-/// Finds the payload all `datasets` were recorded with; their stated payload is the regularisation value.
+/// Payload with which all `datasets` were recorded; their stated payload is the regularisation value.
 ///
 /// # Errors
 /// If a machine has no flange, and as [`fit_with`].
+///
+/// # Panics
+/// If `datasets` is empty.
 pub fn identify_payload(
     model: &Model,
     datasets: &[Dataset],
@@ -62,7 +67,7 @@ pub fn identify_payload(
     Ok(PayloadFit { payload: found(&fit.parameters), parameters: fit.parameters.clone(), fit })
 }
 
-/// The model with a payload as one of its effects.
+/// The model with a payload as an additional effect.
 fn loaded(model: &Model, load: &Payload) -> Model {
     let inertia = load.inertia();
     let moments = Payload { tensor: inertia.tensor, ..Payload::default() }.moments();
@@ -72,7 +77,7 @@ fn loaded(model: &Model, load: &Payload) -> Model {
     with
 }
 
-/// What is known of a payload after a first estimate: centre of mass and tensor as stated where the data do not show them.
+/// Payload after a first estimate, with centre of mass and tensor as stated where the data do not determine them.
 fn completed(stated: &Payload, estimates: &[Estimate]) -> Payload {
     let seen = |i: usize| estimates[i].identified();
     let first = found(estimates);
@@ -82,7 +87,7 @@ fn completed(stated: &Payload, estimates: &[Estimate]) -> Payload {
     let com = Vector3::from_fn(|k, _| if seen(FIRST + k) { first.com[k] } else { stated.com[k] });
     let own = found_at(estimates, com);
     let zz = if seen(ZZ) { own.inertia_zz().max(0.0) } else { stated.inertia_zz() };
-    // A tensor of which only the vertical moment was stated grows as a whole.
+    // If only the vertical moment was stated, the tensor is scaled as a whole.
     let only_zz = *stated == Payload::new(stated.mass, stated.com, stated.inertia_zz());
     let mut completed = Payload { mass: first.mass, com, ..if only_zz { Payload::new(0.0, com, zz) } else { *stated } };
     completed.tensor[(2, 2)] = zz;
@@ -94,13 +99,13 @@ fn completed(stated: &Payload, estimates: &[Estimate]) -> Payload {
     completed
 }
 
-/// The payload that the parameters describe.
+/// Payload with the estimated parameters.
 fn found(estimates: &[Estimate]) -> Payload {
     let com = |k: usize| estimates[FIRST + k].value / estimates[MASS].value;
     found_at(estimates, Vector3::new(com(0), com(1), com(2)))
 }
 
-/// Their payload with the centre of mass elsewhere.
+/// Payload with the estimated parameters and the given centre of mass.
 fn found_at(estimates: &[Estimate], com: Vector3<f64>) -> Payload {
     let mass = estimates[MASS].value;
     let about_flange = Payload::with_tensor(0.0, [0.0; 3], std::array::from_fn(|k| estimates[XX + k].value)).tensor;

@@ -1,10 +1,11 @@
-//! What a plant predicts for a dataset, and how that changes with each parameter.
+//! Prediction of a plant for a dataset, and its derivatives with respect to the parameters.
 //!
-//! A dataset holds what the encoders read. What lies between encoder and joint ([`Kind::Encoder`]) is taken off first:
-//! constant offsets, then the deflection of elastic gears (`gears`). With θ the encoder angle less its offset, q the
-//! joint's, J the rotor's inertia and ID the inverse dynamics with the rotor on the arm, τ = ID(q, q̇, q̈) + J·(θ̈ − q̈).
+//! A dataset contains encoder readings. Effects between encoder and joint ([`Kind::Encoder`]) are removed first:
+//! constant offsets, then the deflection of elastic gears (`gears`). With θ the encoder angle minus its offset, q
+//! that of the joint, J the rotor's inertia and ID the inverse dynamics with the rotor attached to the arm, τ = ID(q,
+//! q̇, q̈) + J·(θ̈ − q̈).
 //!
-//! Own states of force laws are integrated along the measured motion.
+//! Internal states of force laws are integrated along the measured motion.
 
 mod columns;
 mod gears;
@@ -25,15 +26,15 @@ use crate::recording::Signals;
 
 pub use columns::{averaged_columns, columns, prediction_and_columns};
 
-/// Series of every channel, in the order of the dataset's channels.
+/// One series per channel, in the order of the dataset's channels.
 pub type Channels = Vec<Vec<f64>>;
 
-/// Joint motion of the mechanism at every sample. The motion of all bodies takes kilobytes: it is computed where it is
-/// needed.
+/// Joint motion of the mechanism at every sample. The motion of all bodies takes kilobytes per sample and is computed
+/// on demand.
 struct Joints<'a> {
     plant: &'a Plant,
     states: Cow<'a, [JointState]>,
-    /// What the encoders read, less constant offsets; another motion where a gear gives way.
+    /// Encoder readings minus constant offsets; different from `states` behind an elastic gear.
     encoders: Cow<'a, [JointState]>,
 }
 
@@ -43,29 +44,32 @@ impl Joints<'_> {
         self.plant.motion(&self.states[k])
     }
 
-    /// As if the encoders sat on the joints.
+    /// The motion with the encoders at the joints.
     fn of_encoders(&self) -> Joints<'_> {
         let encoders = || Cow::Borrowed(self.encoders.as_ref());
         Joints { plant: self.plant, states: encoders(), encoders: encoders() }
     }
 }
 
-/// Whether a prediction at one sample needs only samples around it (see `reach`); own states and elastic gears need
-/// all before.
+/// Whether a prediction at one sample depends only on nearby samples (see `reach`); internal states and elastic gears
+/// depend on all previous ones.
 pub fn is_local(plant: &Plant) -> bool {
     let at_rest = |a: &ActiveEffect| a.states() == 0 || a.effect.kind() == Kind::Encoder;
     plant.effects.iter().all(at_rest) && gear_springs(plant).is_none()
 }
 
-/// Samples on either side that a local prediction needs: sensors shift by less.
+/// Number of samples on either side that a local prediction needs; the shift of sensors is smaller.
 fn reach(plant: &Plant) -> usize {
     if plant.observes() { 256 } else { 0 }
 }
 
-/// Samples predicted together.
+/// Number of samples predicted together.
 const CHUNK: usize = 1024;
 
 /// Predicted channels of a plant along a dataset.
+///
+/// # Errors
+/// [`KinematicsError`] if a pose is impossible for the plant's geometry or a law gives no finite value.
 pub fn predict(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
     if !is_local(plant) || dataset.len() <= CHUNK {
         return predict_along(plant, dataset, &joints(plant, dataset)?);
@@ -88,11 +92,11 @@ pub fn predict(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsE
     Ok((0..dataset.channels.len()).map(whole).collect())
 }
 
-/// The samples that a local prediction in `range` needs, and where `range` starts in them.
+/// The samples that a local prediction in `range` needs, and the start of `range` in them.
 pub fn surroundings(plant: &Plant, dataset: &Dataset, range: &Range<usize>) -> (Dataset, usize) {
     let reach = reach(plant);
     if gear_springs(plant).is_some() {
-        // Once for all windows.
+        // Computed once for all windows.
         dataset.ringing();
     }
     let outer = range.start.saturating_sub(reach)..(range.end + reach).min(dataset.len());
@@ -100,7 +104,7 @@ pub fn surroundings(plant: &Plant, dataset: &Dataset, range: &Range<usize>) -> (
     (dataset.window(outer), shift)
 }
 
-/// Motion of the mechanism: that of the encoders less what lies between them and the joints.
+/// Motion of the joints: that of the encoders minus offsets and deflections.
 fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, KinematicsError> {
     let mut offset = [0.0; AXES];
     for active in &plant.effects {
@@ -128,7 +132,7 @@ fn predict_along(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Ch
     Ok(series)
 }
 
-/// Predicted channels before the sensors change them.
+/// Predicted channels before the effects of sensors.
 fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, KinematicsError> {
     let gears = gear_springs(plant).unwrap_or_default();
     let behind = gears::behind(plant, &gears);
@@ -146,7 +150,7 @@ fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, 
             }
             Ok(out)
         })
-        // The first sample that fails is named, whichever thread meets one first.
+        // The error of the first failing sample, independent of the threads.
         .collect::<Vec<Result<_, KinematicsError>>>()
         .into_iter()
         .collect::<Result<_, _>>()?;
@@ -160,7 +164,7 @@ fn ideal(plant: &Plant, dataset: &Dataset, joints: &Joints) -> Result<Channels, 
     Ok(series)
 }
 
-/// Torques of what acts on the motors' side at every sample: the difference that it makes at the encoders' motion.
+/// Torques of the effects on the motor side at every sample: their contribution at the encoders' motion.
 fn at_motors(
     plant: &Plant,
     behind: &Plant,
@@ -188,7 +192,7 @@ fn channel_value(channel: Channel, output: &Output) -> f64 {
     }
 }
 
-/// Passes the torque channels through the plant's sensor effects.
+/// Applies the plant's sensor effects to the torque channels.
 fn observe(plant: &Plant, dataset: &Dataset, series: &mut Channels) {
     if !plant.observes() {
         return;

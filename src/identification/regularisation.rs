@@ -1,36 +1,37 @@
 //! Weights γ of the regularisation (eq. 10), one per group of parameters.
 //!
-//! J = γ_τ/n_s·‖τ − Yp‖²_W + Σ γ_reg,j·d(p_j, p_reg,j) + γ_reg,f·‖p_f − p_reg,f‖². The estimate depends on the ratios alone, so the rows
-//! keep their weight W and every γ_reg stands for γ_reg·n_s/γ_τ; without γ_τ the sum over the rows is not divided, γ_τ = n_s.
-//! Distances are those of eq. 11, relative to a parameter's own size, for friction too.
+//! J = γ_τ/n_s·‖τ − Yp‖²_W + Σ γ_reg,j·d(p_j, p_reg,j) + γ_reg,f·‖p_f − p_reg,f‖². The estimate depends on ratios of
+//! the weights only, so the rows keep their weight W and every γ_reg is replaced by γ_reg·n_s/γ_τ; without γ_τ the
+//! sum over the rows is not divided, γ_τ = n_s. Distances are those of eq. 11, relative to a parameter's own size,
+//! also for friction.
 
 use super::fit::FitError;
 use crate::dynamics::PlantParameter;
 use crate::effects::rigid_bodies;
 
-/// A weight γ.
+/// A weight γ of a group of parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupWeight {
-    /// What it weighs: [`TORQUE`], [`BODIES`], [`FRICTION`], a kind of body (`arm`) or an effect.
+    /// Group: [`TORQUE`], [`BODIES`], [`FRICTION`], a kind of body (`arm`) or an effect.
     pub group: String,
-    /// γ, above zero.
+    /// γ, positive.
     pub weight: f64,
 }
 
-/// The rows of the regression.
+/// Group of the rows of the regression.
 pub const TORQUE: &str = "torque";
-/// The inertia of all links.
+/// Group of the inertia parameters of all links.
 pub const BODIES: &str = "bodies";
-/// Everything but the inertia of the links.
+/// Group of all other parameters.
 pub const FRICTION: &str = "friction";
 
-/// Kinds of bodies, as parameters of the links begin.
+/// Kinds of bodies: prefixes of the parameters of the links.
 const KINDS: [&str; 6] = ["arm", "strut", "platform", "telescope_upper", "telescope_lower", "rotor"];
 
-/// γ·n_s/γ_τ of every parameter: the last weight of a group it belongs to, or `information`.
+/// γ·n_s/γ_τ of every parameter: the last given weight of a group that it belongs to, else `information`.
 ///
 /// # Errors
-/// If a weight is of a group without a parameter.
+/// If a weight refers to a group without parameters.
 pub fn weights(
     parameters: &[PlantParameter],
     information: f64,
@@ -56,7 +57,7 @@ fn belongs(p: &PlantParameter, group: &str) -> bool {
         || (link && KINDS.contains(&group) && kind() == Some('_'))
 }
 
-/// Groups that have a parameter.
+/// Groups with at least one parameter.
 fn groups(parameters: &[PlantParameter]) -> Vec<&str> {
     let mut all: Vec<&str> = KINDS.into_iter().filter(|kind| parameters.iter().any(|p| belongs(p, kind))).collect();
     for p in parameters {

@@ -1,39 +1,40 @@
-//! Fixed-interval smoother of one joint angle: the angle's fourth derivative is white noise.
+//! Fixed-interval smoother of one joint angle whose fourth derivative is white noise.
 //!
-//! State x = (q, q̇, q̈, q⃛) in sample times, reading z = q + noise. Between samples x moves by the Taylor series and is
-//! driven by white noise in q⁗ of intensity `snap`, and in q⃛ of an intensity `jerk` of its own for every step, where q̈
-//! may jump. Everything is in units of the reading's standard deviation. With jerk = 0 the estimate is the smoothing
-//! spline of degree 7 [Wahba, 1978]; the intensities are found by maximum likelihood. Forward Kalman filter, then the
-//! backward recursion of Bryson and Frazier, which inverts nothing; O(n), and as good at the ends as data allow.
+//! State x = (q, q̇, q̈, q⃛) in sample times, reading z = q + noise. Between samples x follows the Taylor series,
+//! driven by white noise in q⁗ of intensity `snap` and by white noise in q⃛ of an intensity `jerk` per step, where q̈
+//! may jump. All quantities are in units of the reading's standard deviation. With jerk = 0 the estimate is the
+//! smoothing spline of degree 7 [Wahba 1978]; the intensities are estimated by maximum likelihood. A forward Kalman
+//! filter is followed by the backward recursion of Bryson and Frazier, which needs no matrix inverse and O(n)
+//! operations.
 
 type Vector = [f64; STATES];
 type Matrix = [Vector; STATES];
 
 const STATES: usize = 4;
 
-/// Variance of one step per unit of intensity, 1/((3−i)!·(3−j)!·(7−i−j)).
+/// Covariance of one step per unit intensity of the noise in q⁗, 1/((3−i)!·(3−j)!·(7−i−j)).
 const SNAP: Matrix = [
     [1.0 / 252.0, 1.0 / 72.0, 1.0 / 30.0, 1.0 / 24.0],
     [1.0 / 72.0, 1.0 / 20.0, 1.0 / 8.0, 1.0 / 6.0],
     [1.0 / 30.0, 1.0 / 8.0, 1.0 / 3.0, 1.0 / 2.0],
     [1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0, 1.0],
 ];
-/// The same for noise in q⃛, which leaves the fourth state alone.
+/// Covariance of one step per unit intensity of the noise in q⃛; the fourth state is unaffected.
 const JERK: Matrix = [
     [1.0 / 20.0, 1.0 / 8.0, 1.0 / 6.0, 0.0],
     [1.0 / 8.0, 1.0 / 3.0, 1.0 / 2.0, 0.0],
     [1.0 / 6.0, 1.0 / 2.0, 1.0, 0.0],
     [0.0; STATES],
 ];
-/// Variance of the first state over the smoother's own in the middle of a series, which is about width⁻²ⁱ: so wide that
-/// the first state is free, not so wide that rounding matters.
+/// Variance of the initial state relative to the smoother's own in the middle of a series, which is about width⁻²ⁱ:
+/// large enough for a diffuse prior, small enough to avoid rounding errors.
 const FREE: f64 = 1e12;
-/// Readings that only find the start; they do not count in the likelihood.
+/// Number of initial readings that are not part of the likelihood.
 const SETTLING: usize = 8;
-/// Samples smoothed at a time.
+/// Number of samples smoothed at a time.
 const BLOCK: usize = 8192;
 
-/// What is known of the state before a reading.
+/// Mean and covariance of the state before a reading.
 #[derive(Clone, Copy)]
 struct Belief {
     mean: Vector,
@@ -47,7 +48,7 @@ impl Belief {
         Self { mean: [z, 0.0, 0.0, 0.0], covariance }
     }
 
-    /// Takes in a reading; returns its innovation and the innovation's variance.
+    /// Kalman update with a reading; returns its innovation and the innovation's variance.
     fn update(&mut self, z: f64) -> (f64, f64) {
         let p = &mut self.covariance;
         let (innovation, variance) = (z - self.mean[0], p[0][0] + 1.0);
@@ -63,7 +64,7 @@ impl Belief {
         (innovation, variance)
     }
 
-    /// Moves on by one sample.
+    /// Prediction of the state by one sample.
     fn step(&mut self, snap: f64, jerk: f64) {
         taylor(&mut self.mean);
         let p = &mut self.covariance;
@@ -95,19 +96,19 @@ fn taylor_transposed(x: &mut Vector) {
     x[1] += x[0];
 }
 
-/// What the innovations of some readings say about the intensities.
+/// Sufficient statistics of the innovations for the likelihood.
 #[derive(Clone, Copy, Default)]
 pub struct Likelihood {
     /// Number of innovations.
     pub count: f64,
-    /// Sum of their squares over their variances.
+    /// Sum of the squares over their variances.
     pub squares: f64,
     /// Sum of the logarithms of their variances.
     pub log: f64,
 }
 
 impl Likelihood {
-    /// Of readings `z`; `jerk` holds one intensity per step, `z.len() − 1`.
+    /// Likelihood of the readings `z`; `jerk` contains one intensity per step, `z.len() − 1`.
     pub fn of(z: &[f64], snap: f64, jerk: &[f64]) -> Self {
         let mut out = Self::default();
         let Some(&first) = z.first() else { return out };
@@ -133,12 +134,12 @@ impl Likelihood {
         out
     }
 
-    /// Logarithm of the likelihood if the readings have `variance`, up to a constant.
+    /// Log-likelihood of the readings for their `variance`, up to a constant.
     pub fn ln(&self, variance: f64) -> f64 {
         -0.5 * (self.squares / variance + self.count * variance.ln() + self.log)
     }
 
-    /// Most likely variance of the readings; the intensities are in units of it.
+    /// Maximum-likelihood variance of the readings, in units of which the intensities are given.
     pub fn variance(&self) -> f64 {
         self.squares / self.count
     }
@@ -152,19 +153,21 @@ impl std::iter::Sum for Likelihood {
     }
 }
 
-/// Samples after which the smoother has forgotten: its weights fall by e every (4/snap)^⅛ or so.
+/// Number of samples after which the influence of a reading is negligible: weights decay by e about every (4/snap)^⅛
+/// samples.
 fn memory(snap: f64) -> usize {
     (40.0 * width(snap)) as usize + 100
 }
 
-/// Time scale of the smoother, samples: beyond its inverse, in radians per sample, frequencies are damped.
+/// Time scale of the smoother, samples: frequencies above its inverse (radians per sample) are damped.
 pub fn width(snap: f64) -> f64 {
     snap.powf(-1.0 / 8.0)
 }
 
-/// Smoothed value and first two derivatives by sample number; `jerk` holds one intensity per step.
+/// Smoothed value and first two derivatives with respect to the sample number; `jerk` contains one intensity per
+/// step.
 ///
-/// Long series are smoothed in blocks that look beyond their ends as far as the smoother remembers.
+/// Long series are smoothed in blocks that overlap by the smoother's memory.
 pub fn smooth(z: &[f64], snap: f64, jerk: &[f64]) -> Vec<[f64; 3]> {
     let reach = memory(snap);
     let mut out = Vec::with_capacity(z.len());
@@ -180,7 +183,7 @@ pub fn smooth(z: &[f64], snap: f64, jerk: &[f64]) -> Vec<[f64; 3]> {
     out
 }
 
-/// Smooths one block; writes what follows the first `skipped` samples.
+/// Smooths one block and writes the samples after the first `skipped` ones.
 fn block(
     z: &[f64],
     snap: f64,
@@ -227,7 +230,7 @@ mod tests {
         (0..n).map(|_| StandardNormal.sample(&mut rng)).collect()
     }
 
-    /// A motion drawn from the model itself: q⁗ white of intensity `snap` at 16 instants per sample.
+    /// A motion drawn from the model: q⁗ is white noise of intensity `snap` at 16 instants per sample.
     fn drawn(n: usize, snap: f64, seed: u64) -> (Vec<[f64; 3]>, Vec<f64>) {
         let noise = white(17 * n, seed);
         let mut x = [0.0; 4];
@@ -302,8 +305,8 @@ mod tests {
         }
     }
 
-    /// The likelihood is largest near the intensity the motion was drawn with; its curvature says how near: the relative
-    /// standard error of an intensity is about √(2·8·width/n), here a quarter.
+    /// The likelihood is largest near the true intensity; by its curvature the relative standard error of an
+    /// intensity is about √(2·8·width/n), here a quarter.
     #[test]
     fn likelihood_finds_the_intensity() {
         for snap in [1e-7, 1e-4] {
@@ -329,8 +332,8 @@ mod tests {
         };
         let best = error(snap);
         assert!(best < error(10.0 * snap) && best < error(0.1 * snap));
-        // Spectrum of q: snap/ω⁸; of the readings' noise: 1. The best estimate leaves 1/(1 + ω⁸/snap) of q̈'s noise ω⁴:
-        // var q̈ = snap^(5/8)·∫ w⁴/(1 + w⁸) dw/π.
+        // Spectrum of q: snap/ω⁸; of the readings' noise: 1. The optimal estimate leaves 1/(1 + ω⁸/snap) of the noise
+        // ω⁴ of q̈: var q̈ = snap^(5/8)·∫ w⁴/(1 + w⁸) dw/π.
         let integral: f64 =
             (0..4000).map(|k| f64::from(k) * 5e-3 + 2.5e-3).map(|w| w.powi(4) / (1.0 + w.powi(8))).sum();
         let promised = (snap.powf(5.0 / 8.0) * integral * 5e-3 / std::f64::consts::PI).sqrt();

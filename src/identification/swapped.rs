@@ -1,28 +1,28 @@
-//! Whether torques stand under the axes that moved.
+//! Detection of torques that are assigned to the wrong axes.
 //!
-//! A drive's torque follows its own axis more than any other: friction acts on that axis alone, and its inertia and weight
-//! are the largest part. τ_i is regressed on 1, cos q_j, sin q_j, q̇_j, q̈_j and tanh(k·q̇_j) for every pair of axes; the
-//! share of its variance that j leaves unexplained is smallest for j = i, unless columns were exchanged.
+//! The torque of a drive depends on its own axis more than on any other, because friction acts on that axis alone,
+//! and its inertia and weight dominate. τ_i is regressed on 1, cos q_j, sin q_j, q̇_j, q̈_j and tanh(k·q̇_j) for
+//! every pair of axes; the unexplained share of its variance is smallest for j = i, unless columns are swapped.
 
 use nalgebra::{SMatrix, SVector};
 
 use super::Dataset;
 
-/// Numbers that describe the motion of one axis.
+/// Number of features of the motion of one axis.
 const FEATURES: usize = 6;
 /// Steepness of the friction feature, s/rad (eq. 48).
 const STEEPNESS: f64 = 100.0;
-/// Unexplained share, relative to the axis' own, at which another axis explains a torque decidedly better.
+/// Ratio of the unexplained share to the axis' own from which another axis explains a torque significantly better.
 const DECIDED: f64 = 1.0 / 3.0;
-/// Samples that are enough.
+/// Number of samples that suffices.
 const SAMPLES: usize = 20_000;
-/// Eigenvalue of the scaled normal equations, relative to the largest, below which features are alike.
+/// Eigenvalue of the scaled normal equations, relative to the largest, below which features are collinear.
 const ALIKE: f64 = 1e-10;
 
 type Features = SVector<f64, FEATURES>;
 
-/// The axes, in order, that the torques of axes 1, 2, … seem to belong to, in words; none if every torque is where it
-/// should be or the motion does not tell.
+/// Description of the axes, in order, that the torques of axes 1, 2, … seem to belong to; `None` if every torque is
+/// assigned correctly or the motion is not informative.
 pub fn swapped(dataset: &Dataset) -> Option<String> {
     let axes = dataset.channels.iter().take_while(|c| c.drive().is_some()).count();
     let own: Vec<usize> = (0..axes).collect();
@@ -58,7 +58,7 @@ pub fn swapped(dataset: &Dataset) -> Option<String> {
     Some(format!("{}: are the axes swapped?", sentences.join(", ")))
 }
 
-/// Share of the variance of the torque of axis `i` that the motion of axis `j` leaves.
+/// Share of the variance of the torque of axis `i` that the motion of axis `j` does not explain.
 fn unexplained(dataset: &Dataset, i: usize, j: usize) -> f64 {
     let stride = dataset.len().div_ceil(SAMPLES);
     let rows = (0..dataset.len()).step_by(stride).map(|k| {

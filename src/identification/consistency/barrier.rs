@@ -1,8 +1,9 @@
-//! The possible bodies of least cost with deviation moments: a convex programme over J(x) ⪰ 0, by a barrier.
+//! Physically consistent bodies of least cost with deviation moments: a convex programme over J(x) ⪰ 0, by a barrier
+//! method.
 //!
-//! Newton's method on cost/t − Σ ln det J(x) − Σ ln(distance to a range's ends). At its minimum the cost is within ν·t of the
-//! least one, ν the number of rows of all J plus that of all ends [Boyd & Vandenberghe 2004, section 11.2.2]: a certificate that
-//! knows nothing of log-Cholesky variables.
+//! Newton's method on cost/t − Σ ln det J(x) − Σ ln(distance to the ends of a range). At its minimum the cost exceeds
+//! the least one by at most ν·t, where ν is the number of rows of all J plus that of all ends [Boyd & Vandenberghe
+//! 2004, section 11.2.2]: a certificate independent of log-Cholesky variables.
 
 use nalgebra::{DMatrix, DVector, Matrix4};
 
@@ -10,7 +11,7 @@ use super::cones::Certified;
 use super::log_cholesky::possible;
 use super::{BodyClass, Cost};
 
-/// Parameters of least cost among the possible ones; `None` if Newton's method fails.
+/// Physically consistent parameters of least cost; `None` if Newton's method fails.
 pub fn minimise(cost: &Cost) -> Option<Certified> {
     let pencils: Vec<Pencil> = cost.classes.iter().map(|c| Pencil::new(c, cost.centre.len())).collect();
     let ends: Vec<(usize, f64, f64)> = cost
@@ -35,10 +36,10 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
     Some(Certified { x, gap })
 }
 
-/// Gap, relative to the cost, at which the search ends.
+/// Relative gap of the cost at which the search ends.
 const ACCURACY: f64 = 1e-8;
 const REDUCTION: f64 = 0.1;
-/// Weight of the barrier below which the cost itself is nothing.
+/// Weight of the barrier below which the cost counts as zero.
 const SMALLEST: f64 = 1e-12;
 const MAX_STEPS: usize = 100;
 
@@ -55,7 +56,7 @@ impl Barrier<'_> {
         (4 * self.pencils.len() + self.ends.len()) as f64
     }
 
-    /// The same point, off the ends of the ranges.
+    /// The point, moved off the ends of the ranges.
     fn inside(&self, mut x: DVector<f64>) -> DVector<f64> {
         for &(i, sign, end) in &self.ends {
             let least = end + 1e-6 * self.cost.size[i];
@@ -64,7 +65,7 @@ impl Barrier<'_> {
         x
     }
 
-    /// Value of the barrier; infinite outside.
+    /// Value of the barrier; infinite outside its domain.
     fn value(&self, x: &DVector<f64>) -> f64 {
         let bodies: f64 = self.pencils.iter().map(|p| p.log_det(x).map_or(f64::INFINITY, |d| -d)).sum();
         let ends = self.ends.iter().map(|&(i, sign, end)| {
@@ -74,7 +75,7 @@ impl Barrier<'_> {
         bodies + ends.sum::<f64>()
     }
 
-    /// Least cost/t + barrier, from `x`.
+    /// Minimiser of cost/t + barrier, started at `x`.
     fn centred(&self, mut x: DVector<f64>, t: f64) -> Option<DVector<f64>> {
         for _ in 0..MAX_STEPS {
             let mut gradient = &self.cost.curvature * (&x - &self.cost.centre) / t;
@@ -103,7 +104,7 @@ impl Barrier<'_> {
                 }
                 length *= 0.5;
                 if length < 1e-12 {
-                    // Rounding: as well centred as numbers allow.
+                    // Centred up to rounding.
                     return Some(x);
                 }
             }
@@ -112,7 +113,7 @@ impl Barrier<'_> {
     }
 }
 
-/// H⁻¹·g, every variable in units of its own curvature; damped where rounding leaves H indefinite.
+/// H⁻¹·g with the variables scaled by their own curvature; damped if rounding makes H indefinite.
 fn newton(hessian: &DMatrix<f64>, gradient: &DVector<f64>) -> Option<DVector<f64>> {
     let scale = hessian.diagonal().map(|h| 1.0 / h.sqrt());
     let n = scale.len();
@@ -154,7 +155,7 @@ impl Pencil {
         own.is_finite().then_some(own)
     }
 
-    /// Adds gradient and Hessian of −ln det J.
+    /// Adds the gradient and Hessian of −ln det J.
     fn add(&self, x: &DVector<f64>, gradient: &mut DVector<f64>, hessian: &mut DMatrix<f64>) {
         let Some(factor) = self.at(x).cholesky() else { return };
         let turned: Vec<Matrix4<f64>> = self.terms.iter().map(|(_, own)| factor.solve(own)).collect();

@@ -1,4 +1,4 @@
-//! How parameters make bodies: the entries of the pseudo-inertia of every kind of body.
+//! Mapping from parameters to bodies: the entries of the pseudo-inertia of every kind of body.
 
 use nalgebra::{DVector, Matrix3};
 
@@ -9,63 +9,63 @@ use crate::machine::{Bodies, Payload};
 use super::MARGIN;
 use super::full::Full;
 
-/// Bodies with the same parameters.
+/// Bodies that share the same parameters.
 #[derive(Clone, Debug)]
 pub struct BodyClass {
     /// The bodies.
     pub bodies: Vec<usize>,
-    /// Entries of the shipped body, the measure of the margin.
+    /// Magnitudes of the shipped body, the reference of the margin.
     pub reference: Reference,
-    /// How the parameters fill the pseudo-inertia.
+    /// Mapping from the parameters to the pseudo-inertia.
     pub shape: Shape,
 }
 
-/// What a body may be.
+/// Structure of a body's pseudo-inertia.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// Without deviation moments of its own.
+    /// No deviation moments are variables.
     Arrow(Arrow),
     /// All ten parameters are variables.
     Full(Full),
 }
 
-/// How parameters fill D, h and m of a body without deviation moments.
+/// Mapping from parameters to D, h and m of a body without deviation moments.
 ///
-/// Entries without a parameter of their own follow those that have one, so that they never stand in the way: a body that only
-/// turns about one axis keeps the split of its moment, one that only translates its shape.
+/// Entries without a parameter of their own follow those that have one, so that they never restrict them: a body that
+/// only rotates about one axis keeps the split of its moment, one that only translates its shape.
 #[derive(Clone, Debug)]
 pub struct Arrow {
-    /// Where the positive sizes come from: Σ factor·variable.
+    /// Positive sizes as combinations of variables: Σ factor·variable.
     pub sizes: Vec<Vec<(usize, f64)>>,
-    /// The other way round, variables from sizes: Σ factor·size.
+    /// The inverse, variables as combinations of sizes: Σ factor·size.
     pub moments: Vec<(usize, Vec<f64>)>,
-    /// D: share of a size or of the mass.
+    /// D: factor on a size or on the mass.
     pub second: [(Source, f64); 3],
-    /// h.
+    /// First moment h.
     pub first: [First; 3],
-    /// Variable that holds the mass.
+    /// Variable of the mass.
     pub mass: usize,
 }
 
-/// What an entry of D is proportional to.
+/// Quantity that an entry of D is proportional to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// Size number.
+    /// The size with this index.
     Size(usize),
     /// The mass.
     Mass,
-    /// One: it stays as it is.
+    /// Unity: the entry is constant.
     Constant,
 }
 
-/// What an entry of h is.
+/// Source of an entry of h.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum First {
-    /// A variable.
+    /// The variable with this index.
     Own(usize),
-    /// So many metres times the mass.
+    /// This factor (m) times the mass.
     Mass(f64),
-    /// It stays as it is.
+    /// A constant, kg·m.
     Constant(f64),
 }
 
@@ -90,17 +90,17 @@ impl BodyClass {
         all
     }
 
-    /// Smallest size that counts as possible.
+    /// Least size of a consistent body, kg·m².
     pub fn least_size(&self) -> f64 {
         MARGIN * self.reference.second
     }
 
-    /// Smallest rest m − Σ hₖ²/Dₖ that counts as possible.
+    /// Least value of m − Σ hₖ²/Dₖ of a consistent body, kg.
     pub fn least_rest(&self) -> f64 {
         MARGIN * self.reference.mass
     }
 
-    /// How far inside the possible the body lies, in units of the margin: 1 on its edge.
+    /// Distance of the body from the boundary of consistency, in units of the margin: 1 at the margin.
     pub fn slack(&self, x: &DVector<f64>) -> f64 {
         let least = (self.least_size(), self.least_rest());
         match &self.shape {
@@ -109,7 +109,7 @@ impl BodyClass {
         }
     }
 
-    /// The body that `x` describes.
+    /// The body with the variables `x`.
     pub fn inertia(&self, x: &DVector<f64>) -> Inertia {
         match &self.shape {
             Shape::Arrow(arrow) => {
@@ -127,12 +127,12 @@ impl Arrow {
         self.sizes.iter().flatten().map(|(i, _)| *i).chain(own).chain(std::iter::once(self.mass)).collect()
     }
 
-    /// Value of size `g`.
+    /// Value of size `g`, kg·m².
     pub fn size(&self, g: usize, x: &DVector<f64>) -> f64 {
         self.sizes[g].iter().map(|(i, factor)| factor * x[*i]).sum()
     }
 
-    /// Diagonal of D.
+    /// Diagonal of D, kg·m².
     pub fn second(&self, x: &DVector<f64>) -> [f64; 3] {
         self.second.map(|(source, share)| match source {
             Source::Size(g) => share * self.size(g, x),
@@ -141,7 +141,7 @@ impl Arrow {
         })
     }
 
-    /// First moment.
+    /// First moment, kg·m.
     pub fn first(&self, x: &DVector<f64>) -> [f64; 3] {
         self.first.map(|f| match f {
             First::Own(i) => x[i],
@@ -161,8 +161,8 @@ impl Arrow {
     }
 }
 
-/// Writes the bodies that `x` describes. What tells bodies of one class apart, and deviation moments, stay as far as they leave a
-/// body possible.
+/// Writes the bodies with the variables `x`. Differences between bodies of one class and deviation moments are kept
+/// as far as they leave a body consistent.
 pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
     for class in classes {
         let found = class.inertia(x);
@@ -182,8 +182,9 @@ pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
 
 /// Classes of the bodies whose parameters are among `free` (indices of the plant's parameters).
 ///
-/// `owners` are the effects whose parameters are inertia, each with the number of its first parameter. Variables are the places in
-/// `free`; masses that no parameter holds get variables of their own from `free.len()` on, whose present values are returned.
+/// `owners` are the effects whose parameters are inertia, each with the index of its first parameter. Variables are
+/// the positions in `free`; masses without a parameter get variables of their own from `free.len()` on, whose present
+/// values are returned.
 pub fn classes(bodies: &Bodies, owners: &[(usize, &ActiveEffect)], free: &[usize]) -> (Vec<BodyClass>, Vec<f64>) {
     let mut units: Vec<Vec<(usize, Inertia)>> = vec![Vec::new(); bodies.0.len()];
     for (offset, active) in owners {
@@ -218,7 +219,7 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
     let pseudo = now.pseudo_inertia();
     let d = [pseudo[(0, 0)], pseudo[(1, 1)], pseudo[(2, 2)]];
     if let Some(full) = Full::of(units) {
-        // A payload of which nothing is stated yet has the measures of a small one.
+        // A payload without stated values gets the magnitudes of a small one.
         let least = if *now == Inertia::ZERO { SMALL } else { Reference { second: 1e-9, mass: 1e-3 } };
         let second = d.iter().fold(least.second, |a: f64, b| a.max(*b));
         let reference = Reference { second, mass: now.mass.max(least.mass) };
@@ -259,7 +260,7 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
             std::array::from_fn(|k| (Source::Size(usize::from(!axes[k])), 1.0)),
         ),
         (Some((about, axes)), None) => {
-            // Θ_axis = D_b + D_c, split as now.
+            // Θ_axis = D_b + D_c, with the present split.
             let across: f64 = (0..3).filter(|&k| !axes[k]).map(|k| d[k].max(0.0)).sum();
             let split = |k: usize| if across > 0.0 { (d[k] / across).clamp(0.05, 0.95) } else { 0.5 };
             let second = std::array::from_fn(|k| if axes[k] { by_mass(k) } else { (Source::Size(0), split(k)) });
@@ -277,7 +278,7 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
     BodyClass { bodies: vec![body], reference, shape }
 }
 
-/// Second moment, per kilogram, of a body that has none yet, m².
+/// Second moment per kilogram of a body without one, m².
 const SHAPELESS: f64 = 1e-2;
-/// Measures of a small payload.
+/// Magnitudes of a small payload.
 const SMALL: Reference = Reference { second: 1e-4, mass: 0.1 };

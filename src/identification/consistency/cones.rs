@@ -1,7 +1,8 @@
-//! The possible bodies of least cost as a convex programme.
+//! Physically consistent bodies of least cost as a second-order cone programme.
 //!
 //! An arrow matrix is positive semidefinite exactly if D ≥ 0 and there are t with tₖDₖ ≥ hₖ² and Σtₖ ≤ m: rotated
-//! second-order cones, no semidefinite one. Bodies with deviation moments have none of that: `barrier` finds those.
+//! second-order cones instead of a semidefinite one. Bodies with deviation moments have no such form and are left to
+//! `barrier`.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
@@ -12,16 +13,16 @@ use super::barrier;
 use super::class::{Arrow, BodyClass, First, Shape, Source};
 use super::log_cholesky::possible;
 
-/// Solution with its certificate.
+/// Solution with its optimality certificate.
 #[derive(Clone, Debug)]
 pub struct Certified {
     /// Parameters of least cost.
     pub x: DVector<f64>,
-    /// Cost of `x` minus the lower bound that the dual solution proves, in units of the cost.
+    /// Difference of the cost of `x` and the lower bound of the dual solution, in units of the cost.
     pub gap: f64,
 }
 
-/// Parameters of least cost among the possible ones; `None` if the solver finds no solution.
+/// Physically consistent parameters of least cost; `None` if the solver finds no solution.
 pub fn minimise(cost: &Cost) -> Option<Certified> {
     if cost.classes.iter().any(|c| matches!(c.shape, Shape::Full(_))) {
         return barrier::minimise(cost);
@@ -37,7 +38,7 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
         problem.within(i, cost.size[i], cost.range[i]);
     }
     let total = problem.variables;
-    // Variables are parameters in units of their own size, then the tₖ.
+    // Variables are the parameters in units of their own size, followed by the tₖ.
     let scaled = DMatrix::from_fn(n, n, |i, j| cost.curvature[(i, j)] * cost.size[i] * cost.size[j]);
     let unit = scaled.diagonal().amax();
     let centre = cost.centre.component_div(&cost.size);
@@ -67,7 +68,7 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
     let usable =
         matches!(s.status, SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress);
     let gap = unit * (s.obj_val - s.obj_val_dual).abs();
-    // The solver stays on either side of a bound by its tolerance.
+    // The solver may violate a bound by its tolerance.
     usable.then(|| Certified { x: possible(cost, &DVector::from_fn(n, |i, _| s.x[i] * cost.size[i])), gap })
 }
 
@@ -101,7 +102,7 @@ impl Affine {
     }
 }
 
-/// Expressions that must be nonnegative or lie in a second-order cone.
+/// Expressions that must be non-negative or lie in a second-order cone.
 struct Cones {
     variables: usize,
     linear: Vec<Affine>,
@@ -109,13 +110,13 @@ struct Cones {
 }
 
 impl Cones {
-    /// Keeps variable `i`, in units of `size`, within a range.
+    /// Restricts variable `i`, in units of `size`, to a range.
     fn within(&mut self, i: usize, size: f64, (low, high): (f64, f64)) {
         self.linear.push(Affine { constant: -low / size, terms: vec![(i, 1.0)] });
         self.linear.push(Affine { constant: high / size, terms: vec![(i, -1.0)] });
     }
 
-    /// Keeps a body possible, all entries in units of its reference.
+    /// Restricts a body to consistent ones, with all entries in units of its reference.
     fn body(&mut self, class: &BodyClass, arrow: &Arrow, size: &DVector<f64>) {
         let (second, mass) = (class.reference.second, class.reference.mass);
         let first = (second * mass).sqrt();

@@ -1,7 +1,7 @@
-//! Bodies all ten parameters of which are variables, in log-Cholesky coordinates [Rucker & Wensing 2022].
+//! Bodies with all ten parameters as variables, in log-Cholesky coordinates [Rucker & Wensing 2022].
 //!
-//! The pseudo-inertia is J = L·Lᵀ with L lower triangular and L_kk = e^{d_k}: every (d, L) is a possible body, and every possible
-//! body has one. The coordinates are d₀…d₃, then L₁₀, L₂₀, L₂₁, L₃₀, L₃₁, L₃₂.
+//! The pseudo-inertia is J = L·Lᵀ with L lower triangular and L_kk = e^{d_k}: every (d, L) is a consistent body, and
+//! every consistent body has exactly one. The coordinates are d₀…d₃, then L₁₀, L₂₀, L₂₁, L₃₀, L₃₁, L₃₂.
 
 use nalgebra::{DMatrix, DVector, Matrix4};
 
@@ -13,12 +13,12 @@ pub const TEN: usize = 10;
 /// Row and column of every coordinate in L.
 const PLACES: [(usize, usize); TEN] = [(0, 0), (1, 1), (2, 2), (3, 3), (1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2)];
 
-/// The variables that hold m, h_x, h_y, h_z, Θ_xx, Θ_yy, Θ_zz, Θ_xy, Θ_xz and Θ_yz.
+/// Variables of m, h_x, h_y, h_z, Θ_xx, Θ_yy, Θ_zz, Θ_xy, Θ_xz and Θ_yz.
 #[derive(Clone, Debug)]
 pub struct Full(pub [usize; TEN]);
 
 impl Full {
-    /// The body if each of its ten parameters is one of the variables with the unit inertia given.
+    /// The body, if each of its ten parameters is one of the variables with the given unit inertias.
     pub fn of(units: &[(usize, Inertia)]) -> Option<Self> {
         let mut own = [0; TEN];
         for (k, own) in own.iter_mut().enumerate() {
@@ -27,7 +27,7 @@ impl Full {
         Some(Self(own))
     }
 
-    /// The body that `x` describes.
+    /// The body with the variables `x`.
     pub fn inertia(&self, x: &DVector<f64>) -> Inertia {
         (0..TEN).fold(Inertia::ZERO, |mut sum, k| {
             sum += unit(k) * x[self.0[k]];
@@ -35,7 +35,8 @@ impl Full {
         })
     }
 
-    /// Smallest pivot of J in units of the least one of second moments and of the mass; the first that is not positive.
+    /// Smallest pivot of J relative to the least permitted one of second moments or mass; the first pivot that is not
+    /// positive.
     pub fn slack(&self, x: &DVector<f64>, least: (f64, f64)) -> f64 {
         let pseudo = self.inertia(x).pseudo_inertia();
         let mut l = Matrix4::zeros();
@@ -50,7 +51,7 @@ impl Full {
         slack
     }
 
-    /// Coordinates of `x`, moved to the nearest pivots that are possible where need be.
+    /// Coordinates of `x`, with pivots raised to the least permitted ones where necessary.
     pub fn coordinates(&self, x: &DVector<f64>, least: (f64, f64)) -> [f64; TEN] {
         let pseudo = self.inertia(x).pseudo_inertia();
         let mut l = Matrix4::zeros();
@@ -60,7 +61,7 @@ impl Full {
         PLACES.map(|(i, j)| if i == j { l[(i, i)].ln() } else { l[(i, j)] })
     }
 
-    /// Parameters of the coordinates from `start` on, into `x`, and their derivatives, into `slope`.
+    /// Writes the parameters of the coordinates from `start` on into `x`, and their derivatives into `slope`.
     pub fn parameters(&self, pi: &DVector<f64>, start: usize, x: &mut DVector<f64>, slope: &mut DMatrix<f64>) {
         let l = triangle(pi, start);
         for (k, &v) in self.0.iter().enumerate() {
@@ -81,7 +82,7 @@ impl Full {
             total += weight(k) * g[v];
         }
         let gradient = 2.0 * total * l;
-        // dL/dπ is L on the diagonal, 1 beside it.
+        // dL/dπ is L on the diagonal and 1 off the diagonal.
         let chain = |(i, j): (usize, usize)| if i == j { l[(i, i)] } else { 1.0 };
         for (p, a) in PLACES.into_iter().enumerate() {
             for (q, b) in PLACES.into_iter().enumerate() {
@@ -126,7 +127,7 @@ fn weight(k: usize) -> Matrix4<f64> {
     g
 }
 
-/// Column `k` of the Cholesky factor, its pivot raised to `least`; returns the pivot as it was.
+/// Computes column `k` of the Cholesky factor with its pivot raised to `least`; returns the original pivot.
 fn column(pseudo: &Matrix4<f64>, l: &mut Matrix4<f64>, k: usize, least: f64) -> f64 {
     let rest = |l: &Matrix4<f64>, i: usize| pseudo[(i, k)] - (0..k).map(|j| l[(i, j)] * l[(k, j)]).sum::<f64>();
     let pivot = rest(l, k);

@@ -1,8 +1,9 @@
-//! Possible bodies by construction: the log-Cholesky parametrisation [Rucker & Wensing 2022], for arrow matrices.
+//! Log-Cholesky parametrisation of physically consistent bodies [Rucker & Wensing 2022], for arrow matrices.
 //!
-//! With D = diag(e^{2d}), h = l·√D and m = Σ l² + e^{2μ} every (d, l, μ) is a possible body, and every possible body has
-//! one; bodies with deviation moments have full matrices. The paper's 18 variables for the links of the robot: four for the arm, the strut and either part of the telescope, one for
-//! the platform and the rotor. Newton's method on the quadratic cost, with dx/dπ and d²x/dπ² in closed form.
+//! With D = diag(e^{2d}), h = l·√D and m = Σ l² + e^{2μ} every (d, l, μ) is a consistent body, and every consistent
+//! body has exactly one; bodies with deviation moments have full matrices. The 18 variables of the paper for the
+//! links of the robot are four each for the arm, the strut and both parts of the telescope, one each for the platform
+//! and the rotor. The quadratic cost is minimised by Newton's method with dx/dπ and d²x/dπ² in closed form.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,16 +12,16 @@ use super::class::{Arrow, First, Shape, Source};
 use super::full::TEN;
 
 const MAX_ITERATIONS: usize = 1000;
-/// Relative fall of the cost that no longer counts, and how often in a row.
+/// Relative decrease of the cost that counts as none, and number of such steps in a row that ends the search.
 const PROGRESS: f64 = 1e-13;
 const PATIENCE: usize = 4;
 
-/// Variables of a cost: those of every class, then the parameters no class owns.
+/// Variables of a cost: those of every class, then the parameters that no class owns.
 struct Chart<'a> {
     cost: &'a Cost,
     /// First variable of each class.
     starts: Vec<usize>,
-    /// Parameters no class owns.
+    /// Parameters that no class owns.
     others: Vec<usize>,
     /// Smallest and largest value of each variable.
     bounds: Vec<(f64, f64)>,
@@ -56,7 +57,7 @@ impl<'a> Chart<'a> {
         DVector::from_fn(pi.len(), |i, _| pi[i].clamp(self.bounds[i].0, self.bounds[i].1))
     }
 
-    /// Variables of parameters, moved to the nearest possible ones where need be.
+    /// Variables of parameters, moved to the nearest consistent ones where necessary.
     fn variables(&self, x: &DVector<f64>) -> DVector<f64> {
         let mut pi = DVector::zeros(self.bounds.len());
         for (class, &start) in self.cost.classes.iter().zip(&self.starts) {
@@ -95,7 +96,7 @@ impl<'a> Chart<'a> {
         self.clamped(&pi)
     }
 
-    /// Σ gₖ·d²xₖ/dπ², the part of the curvature that dx/dπ does not show.
+    /// Σ gₖ·d²xₖ/dπ²: the second-order part of the curvature.
     fn bend(&self, pi: &DVector<f64>, g: &DVector<f64>) -> DMatrix<f64> {
         let mut bend = DMatrix::zeros(pi.len(), pi.len());
         for (class, &start) in self.cost.classes.iter().zip(&self.starts) {
@@ -211,7 +212,7 @@ fn second(class: &Arrow, pi: &DVector<f64>, start: usize, mass: f64) -> [f64; 3]
     })
 }
 
-/// Share of the mass that moments proportional to the mass use up: Σ r²/(D/m).
+/// Share Σ r²/(D/m) of the mass required by first moments proportional to the mass.
 fn tied(class: &Arrow) -> f64 {
     (0..3)
         .filter_map(|k| match (class.first[k], class.second[k]) {
@@ -222,19 +223,19 @@ fn tied(class: &Arrow) -> f64 {
         .min(1.0 - super::MARGIN)
 }
 
-/// The parameters as possible ones: unchanged where they are, on the edge where not.
+/// Consistent parameters: unchanged where `x` is consistent, else on the boundary.
 pub fn possible(cost: &Cost, x: &DVector<f64>) -> DVector<f64> {
     let chart = Chart::new(cost);
     chart.parameters(&chart.variables(x)).0
 }
 
-/// Weights of the barrier relative to the cost at the start, and what each is divided by to get the next.
+/// Weight of the barrier relative to the cost at the start, its reduction factor, and the number of weights.
 const BARRIERS: (f64, f64, usize) = (0.1, 10.0, 12);
 
-/// Parameters of least cost among the possible ones; possible for any cost whatever.
+/// Physically consistent parameters of least cost; consistent for any cost.
 ///
-/// Close to the boundary of the possible dx/dπ vanishes, so a plain descent would stall there. The barrier
-/// −t·ln(Π sizes · Π rests), linear in π, keeps away from it while t falls to nothing.
+/// Close to the boundary of consistency dx/dπ vanishes, so a plain descent would stall there. The barrier −t·ln(Π
+/// sizes · Π rests), linear in π, keeps the iterates away from it while t decreases to zero.
 pub fn minimise(cost: &Cost) -> DVector<f64> {
     let chart = Chart::new(cost);
     let mut pi = chart.variables(&cost.start);
@@ -247,10 +248,11 @@ pub fn minimise(cost: &Cost) -> DVector<f64> {
     chart.parameters(&descend(&chart, pi, 0.0)).0
 }
 
-/// Newton's method, damped where it must be, on the cost with a barrier of weight `t`.
+/// Damped Newton's method on the cost with a barrier of weight `t`.
 fn descend(chart: &Chart, mut pi: DVector<f64>, t: f64) -> DVector<f64> {
     let cost = chart.cost;
-    // Sizes and rests have a lower bound on their half logarithm, moments have none, the other parameters no barrier.
+    // Sizes and rests have a lower bound on half their logarithm, first moments have none, other parameters have no
+    // barrier.
     let bodies = pi.len() - chart.others.len();
     let logarithm = |i: usize| i < bodies && chart.bounds[i].0.is_finite();
     let total = |x: &DVector<f64>, pi: &DVector<f64>| {
@@ -266,7 +268,7 @@ fn descend(chart: &Chart, mut pi: DVector<f64>, t: f64) -> DVector<f64> {
         (0..bodies).filter(|&i| logarithm(i)).for_each(|i| gradient[i] -= 2.0 * t);
         let normal = slope.tr_mul(&(&cost.curvature * &slope));
         let curvature = &normal + chart.bend(&pi, &by_parameter);
-        // Variables that push against their bound stay there.
+        // Variables whose descent direction violates their bound stay at it.
         let fixed: Vec<bool> = (0..pi.len())
             .map(|i| {
                 let (low, high) = chart.bounds[i];
@@ -299,7 +301,7 @@ fn descend(chart: &Chart, mut pi: DVector<f64>, t: f64) -> DVector<f64> {
     pi
 }
 
-/// Damped step of the variables that are not fixed, (A + λ·|diag A|)⁻¹·g; `None` if that is not positive definite.
+/// Damped step (A + λ·|diag A|)⁻¹·g of the free variables; `None` if the matrix is not positive definite.
 fn step(curvature: &DMatrix<f64>, gradient: &DVector<f64>, fixed: &[bool], damping: f64) -> Option<DVector<f64>> {
     let free: Vec<usize> = (0..fixed.len()).filter(|&i| !fixed[i]).collect();
     let m = DMatrix::from_fn(free.len(), free.len(), |a, b| {

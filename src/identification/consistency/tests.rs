@@ -5,7 +5,7 @@ use crate::dynamics::Plant;
 use crate::machine::Setup;
 use crate::model::Model;
 
-/// Classes of the shipped robot, its parameters and the masses that no parameter holds.
+/// Classes of the shipped robot, its parameters and the masses without a parameter.
 fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
     let model = crate::model::testing::shipped("irb360-6-1600");
     let rigid = Plant::new(&model, &Setup::default()).rigid_bodies();
@@ -19,14 +19,15 @@ fn shipped() -> (Model, Vec<BodyClass>, DVector<f64>) {
 fn the_papers_variables_describe_the_links_and_the_rotor() {
     let (model, classes, x) = shipped();
     let own = |c: &BodyClass| c.variables().len();
-    // Arm, strut, platform, rotor, telescope upper and lower part. The paper's 18, and two beside them: the height of the platform's
-    // centre of mass, which strut forces show, and the mass of the rotor, which nothing shows.
+    // Arm, strut, platform, rotor, telescope upper and lower part: the 18 of the paper and two more, the height of
+    // the platform's centre of mass, which strut forces determine, and the mass of the rotor, which nothing
+    // determines.
     assert_eq!(classes.iter().map(own).collect::<Vec<_>>(), [4, 4, 2, 2, 4, 4]);
     let mut bodies = model.bodies.clone();
     complete(&classes, &x, &mut bodies);
     for (b, (now, before)) in bodies.0.iter().zip(&model.bodies.0).enumerate() {
         let same = (now.pseudo_inertia() - before.pseudo_inertia()).norm();
-        // The rotor's two moments across its axis are one half of the whole about it.
+        // The rotor's two moments across its axis are half of the moment about it.
         assert!(same < 1e-12 || b == crate::machine::bodies::ROTOR, "body {b}: {same:e}");
     }
 }
@@ -45,7 +46,7 @@ fn slack_is_positive_exactly_for_possible_bodies() {
     }
 }
 
-/// Costs whose least value lies far outside the possible.
+/// Costs with unconstrained minimisers far outside consistency.
 fn wild_cost(seed: usize) -> Cost {
     let (_, classes, x) = shipped();
     let n = x.len();
@@ -70,9 +71,9 @@ fn log_cholesky_and_cones_find_the_same_parameters() {
         let smooth = log_cholesky::minimise(&cost);
         let convex = cones::minimise(&cost).expect("a solution");
         let (a, b) = (cost.of(&smooth), cost.of(&convex.x));
-        // The convex solver stops at gaps of 1e-12 to 4e-7 of the cost.
+        // The gaps of the convex solver are between 1e-12 and 4e-7 of the cost.
         assert!((a - b).abs() < convex.gap + 1e-7 * b && convex.gap < 1e-6 * b, "{seed}: {a} {b} {:e}", convex.gap);
-        // A convex cost that is near its least value is near its least point: ½‖Δx‖²_H ≤ Δcost.
+        // For a convex cost the distance from the minimiser is bounded: ½‖Δx‖²_H ≤ Δcost.
         let apart = &smooth - &convex.x;
         let apart = 0.5 * apart.dot(&(&cost.curvature * &apart));
         assert!(apart < 2.0 * (convex.gap + 1e-7 * b), "{seed}: {apart:e}");

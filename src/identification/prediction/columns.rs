@@ -1,10 +1,11 @@
-//! Derivatives of the predicted channels by parameters, for many effects in one pass over the motion, at every sample or
-//! averaged over short blocks.
+//! Derivatives of the predicted channels with respect to parameters, for many effects in one pass over the motion, at
+//! every sample or averaged over short blocks.
 //!
-//! Force laws and inertia are evaluated at every sample, as friction jumps within a block; by their nonlinear parameters
-//! they are differenced. What acts through a whole prediction is differenced as a whole: at the blocks' middle samples
-//! where the difference is smooth (lengths, offsets), at every sample where it follows the jumps of friction (sensors,
-//! deflections of gears). Behind elastic gears all columns depend on all samples before: see [`gears`].
+//! Force laws and inertia are evaluated at every sample, because friction jumps within a block; their nonlinear
+//! parameters use finite differences of the law. Effects that act through the entire prediction use finite
+//! differences of the prediction: at the blocks' middle samples where the difference is smooth (lengths, offsets), at
+//! every sample where it follows the jumps of friction (sensors, deflections of gears). Behind elastic gears all
+//! columns depend on all previous samples: see [`gears`].
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -17,24 +18,24 @@ use crate::effects::{ActiveEffect, Entry, Kind, Role};
 use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
 
-/// Blocks handled together.
+/// Number of blocks processed together.
 const CHUNK: usize = 64;
 
-/// Effects whose columns at every sample are kept in memory at a time.
+/// Number of effects whose columns at every sample are kept in memory at a time.
 const GROUP: usize = 8;
 
-/// An effect whose columns are wanted.
+/// An effect whose columns are requested.
 #[derive(Clone, Copy)]
 struct Wanted<'a> {
     active: &'a ActiveEffect,
-    /// Whether it is as if it stood in the plant, with the values it has.
+    /// Whether it is a candidate, treated as if it were in the plant with the values it has.
     is_candidate: bool,
-    /// Whether the columns of nonlinear parameters are wanted, too; they are zero otherwise.
+    /// Whether the columns of nonlinear parameters are requested as well; they are zero otherwise.
     shapes: bool,
 }
 
 impl<'a> Wanted<'a> {
-    /// All that a plant has; `rigid` are its rigid bodies.
+    /// All effects of a plant; `rigid` are its rigid bodies.
     fn own(plant: &'a Plant, rigid: &'a ActiveEffect) -> Vec<Self> {
         let own = std::iter::once(rigid).chain(&plant.effects);
         own.map(|active| Self { active, is_candidate: false, shapes: true }).collect()
@@ -49,11 +50,14 @@ impl<'a> Wanted<'a> {
     }
 }
 
-/// Derivatives of the predicted channels by parameter: `[parameter][channel][sample]`.
+/// Derivatives of the predicted channels with respect to parameters: `[parameter][channel][sample]`.
 ///
-/// With `candidate` None: all parameters of the plant, in the order of [`Plant::parameters`] (zero series for fixed
-/// ones). With a candidate effect: its parameters, as if it stood in the plant with the values it has; of a sensor that has
-/// values, secants from none of it to them.
+/// Without `candidate`: all parameters of the plant, in the order of [`Plant::parameters`] (zero series for fixed
+/// ones). With a candidate effect: its parameters, as if it were in the plant with the values it has; for a sensor
+/// with non-zero values, secants from zero to these values.
+///
+/// # Errors
+/// [`KinematicsError`] if a pose is impossible for the plant's geometry or a law gives no finite value.
 pub fn columns(
     plant: &Plant,
     dataset: &Dataset,
@@ -67,7 +71,10 @@ pub fn columns(
     Ok(along(dataset, &joints(plant, dataset)?, &wanted, 1)?.concat())
 }
 
-/// Predicted channels of a plant along a dataset, and their derivatives by all its parameters.
+/// Predicted channels of a plant along a dataset, and their derivatives with respect to all its parameters.
+///
+/// # Errors
+/// As [`columns`].
 pub fn prediction_and_columns(plant: &Plant, dataset: &Dataset) -> Result<(Channels, Vec<Channels>), KinematicsError> {
     let joints = joints(plant, dataset)?;
     let rigid = plant.rigid_bodies();
@@ -75,8 +82,12 @@ pub fn prediction_and_columns(plant: &Plant, dataset: &Dataset) -> Result<(Chann
     Ok((predict_along(plant, dataset, &joints)?, columns))
 }
 
-/// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over `block`
-/// samples. The plant's effects come first, `rigid_bodies` before all; shape parameters of candidates have zero columns.
+/// Columns of all parameters of a plant and of candidates, `[effect][parameter][channel][block]`, averaged over
+/// `block` samples. The plant's effects come first, starting with `rigid_bodies`; shape parameters of candidates have
+/// zero columns.
+///
+/// # Errors
+/// As [`columns`].
 pub fn averaged_columns(
     plant: &Plant,
     dataset: &Dataset,
@@ -110,7 +121,7 @@ fn along(
     Ok(all)
 }
 
-/// Columns at the given motion of the joints, but those of what acts through a whole prediction: they are exact.
+/// Columns at the given motion of the joints; those of effects that act through the entire prediction are exact.
 fn at_joints(
     dataset: &Dataset,
     joints: &Joints,
@@ -150,7 +161,7 @@ fn at_joints(
     Ok(columns)
 }
 
-/// Quotients of the difference of two predictions and the step between them.
+/// Difference quotient of two predictions.
 fn slope(there: &Channels, here: &Channels, step: f64) -> Channels {
     let one = |(t, h): (&Vec<f64>, &Vec<f64>)| t.iter().zip(h).map(|(t, h)| (t - h) / step).collect();
     there.iter().zip(here).map(one).collect()
@@ -160,12 +171,12 @@ fn means(dataset: &Dataset, column: Channels, block: usize) -> Channels {
     if block == 1 { column } else { column.iter().map(|x| dataset.means(x, block)).collect() }
 }
 
-/// The middle samples of blocks.
+/// The dataset at the middle samples of blocks.
 fn middle(dataset: &Dataset, block: usize) -> Cow<'_, Dataset> {
     if block == 1 { Cow::Borrowed(dataset) } else { Cow::Owned(dataset.averaged(block)) }
 }
 
-/// Columns of what acts through a whole prediction.
+/// Columns of effects that act through the entire prediction.
 struct Differences<'a> {
     plant: &'a Plant,
     dataset: &'a Dataset,
@@ -188,11 +199,11 @@ impl<'a> Differences<'a> {
         Ok(Self { plant, dataset, block, middle, plain, unobserved, observed })
     }
 
-    /// Columns of all parameters of an effect; those not wanted are as in `none`.
+    /// Columns of all parameters of an effect; those not requested are as in `none`.
     fn columns(&self, wanted: &Wanted, none: &[Channels]) -> Result<Vec<Channels>, KinematicsError> {
         let active = wanted.active;
         if active.has_gears() {
-            // Of those the plant has, the passage through them makes the columns.
+            // For gears of the plant, the columns come from [`gears::Passage`].
             return if wanted.is_candidate { self.of_gears(active) } else { Ok(none.to_vec()) };
         }
         let is_sensor = active.effect.kind() == Kind::Sensor;
@@ -201,13 +212,13 @@ impl<'a> Differences<'a> {
             if !is_sensor {
                 return predict(&moved, &self.middle);
             }
-            // Sensors act on what the mechanism does anyway.
+            // Sensors act on the unchanged motion of the mechanism.
             let mut seen = self.unobserved.clone();
             observe(&moved, self.dataset, &mut seen);
             Ok(seen)
         };
         let unmoved = match (wanted.is_candidate, is_sensor) {
-            // From none of it to what it has: the sensor may respond nonlinearly.
+            // Secant from zero to the present values, because the sensor may respond nonlinearly.
             (true, true) => Cow::Borrowed(&self.observed),
             (true, false) => Cow::Owned(predicted(None)?),
             (false, true) => Cow::Borrowed(&self.observed),
@@ -228,9 +239,8 @@ impl<'a> Differences<'a> {
 
     /// Columns of elastic gears that the plant does not have yet.
     ///
-    /// Gears that ring leave nothing of what infinitesimally elastic ones would do: the columns are secants, from rigid
-    /// gears to those of `active` (of usual size if they are rigid, too). The change of a channel is put down to the gear
-    /// of its own limb.
+    /// The columns are secants from rigid gears to those of `active` (of usual size if those are rigid, too), because
+    /// infinitesimally elastic gears do not ring. The change of a channel is attributed to the gear of its own limb.
     fn of_gears(&self, active: &ActiveEffect) -> Result<Vec<Channels>, KinematicsError> {
         let is_rigid = active.gear_springs().is_none();
         let there = if is_rigid { active.at_nominal_size() } else { active.clone() };
@@ -246,12 +256,12 @@ impl<'a> Differences<'a> {
     }
 }
 
-/// Step of a parameter for differences of predictions.
+/// Step of a parameter for finite differences of predictions.
 fn difference(entry: &Entry) -> f64 {
     1e-4 * entry.parameter.default.abs().max(1e-6)
 }
 
-/// Copies of a force law, each with one shape parameter moved by a step.
+/// Copies of a force law, each with one shape parameter changed by a step.
 fn shaped(active: &ActiveEffect) -> Vec<ActiveEffect> {
     if active.effect.kind().acts_on_the_whole() {
         return Vec::new();
@@ -280,7 +290,7 @@ fn weighted(columns: &[Channels], values: &[f64]) -> Channels {
     sum
 }
 
-/// The plant with a candidate in place, or with one of its own effects changed by a step.
+/// The plant with a candidate added, or with one of its own effects changed by a step.
 fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_candidate: bool) -> Plant {
     let mut changed = active.clone();
     if let Some((k, step)) = step {
@@ -289,7 +299,7 @@ fn with(plant: &Plant, active: &ActiveEffect, step: Option<(usize, f64)>, is_can
     let mut plant = plant.clone();
     if active.effect.kind() == Kind::Geometry {
         if !is_candidate {
-            // The plant's geometry already holds the present values: apply the difference only.
+            // The plant's geometry already contains the present values: apply the difference only.
             for (new, old) in changed.values.iter_mut().zip(&active.values) {
                 *new -= old;
             }
@@ -396,7 +406,7 @@ mod tests {
     const DT: f64 = 4e-4;
     const BLOCK: usize = 5;
 
-    /// 0.8 s of all axes below 3 Hz, in two segments with odd ends.
+    /// 0.8 s of all axes below 3 Hz, in two segments whose lengths are no multiples of the block.
     fn dataset() -> Dataset {
         let at = |k: usize| {
             let t = k as f64 * DT;
@@ -431,8 +441,8 @@ mod tests {
         assert_eq!(middle.half_width, [3; 4]);
     }
 
-    /// Force laws to rounding; differences at the middle differ from the mean over a block by c̈·(5·dt)²/24, and by
-    /// friction that jumps in between.
+    /// Force laws agree to rounding; differences at the middle deviate from the mean over a block by c̈·(5·dt)²/24,
+    /// and by jumps of friction within it.
     #[test]
     fn averages_of_the_columns() {
         let model = shipped("irb360-6-1600");

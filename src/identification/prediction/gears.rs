@@ -1,19 +1,19 @@
 //! Joint motion behind elastic gears.
 //!
-//! The encoder angle θ drives the arm through spring and damper. With the deflection δ = θ − q, ID the inverse dynamics
-//! with the rotor on the arm, J the rotor's inertia and c the compliance,
+//! The encoder angle θ drives the arm through spring and damper. With the deflection δ = θ − q, ID the inverse
+//! dynamics with the rotor attached to the arm, J the rotor's inertia and c the compliance,
 //!
 //! ID(q, q̇, q̈) − J·q̈ = δ/c + d·δ̇.
 //!
-//! The three arms together are integrated along the measured θ. What rings with the gears is in θ, too, at frequencies
-//! which the smoothing of rigid joints takes off ([`Dataset::ringing`]).
+//! The three arms are integrated together along the measured θ. θ includes the ringing of the gears, at frequencies
+//! that the smoothing for rigid joints removes ([`Dataset::ringing`]).
 //!
-//! What acts on the drives, F(q, q̇), is part of ID, or with [`GearSpring::friction_at_motor`] of the rotor's balance as
-//! F(θ, θ̇); ID is then that of the plant without it ([`behind`]).
+//! Effects on the drives, F(q, q̇), are part of ID, or with [`GearSpring::friction_at_motor`] of the rotor's balance
+//! as F(θ, θ̇); ID is then that of the plant without them ([`behind`]).
 //!
-//! A parameter p that adds Y to the torques of a given joint motion moves that motion, too: with the sensitivity
-//! s = ∂δ/∂p and M, C the derivatives of ID by q̈ and q̇ (those by q are nothing beside 1/c),
-//! Y − M·s̈ − C·ṡ + J·s̈ = s/c + d·ṡ.
+//! A parameter p that adds Y to the torques of a given joint motion also changes that motion: with the sensitivity s
+//! = ∂δ/∂p and M, C the derivatives of ID with respect to q̈ and q̇ (those with respect to q are negligible relative
+//! to 1/c), Y − M·s̈ − C·ṡ + J·s̈ = s/c + d·ṡ.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -29,19 +29,19 @@ use crate::identification::Dataset;
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::{ARMS, AXES, Part};
 
-/// Newmark's γ and β: the trapezoidal rule but for a little damping of what is faster than the sampling.
+/// Newmark's γ and β: the trapezoidal rule with slight damping of frequencies above the sampling rate.
 const GAMMA: f64 = 0.55;
 const BETA: f64 = 0.25 * (0.5 + GAMMA) * (0.5 + GAMMA);
-/// Quasi-Newton steps per sample at most, and those after which the Jacobian is taken anew.
+/// Largest number of quasi-Newton steps per sample, and number of steps after which the Jacobian is recomputed.
 const MOST_STEPS: usize = 12;
 const OLD_JACOBIAN: usize = 3;
-/// Deflection that no gear survives, rad.
+/// Deflection above which the solution counts as diverged, rad.
 const RUN_AWAY: f64 = 0.1;
-/// Change of a deflection at which the steps end, and that for a column of the Jacobian, rad.
+/// Change of a deflection at which the iteration has converged, and step for a column of the Jacobian, rad.
 const CONVERGED: f64 = 1e-9;
 const STEP: f64 = 1e-8;
 
-/// The plant behind its gears: without what acts on the motors' side.
+/// The plant behind its gears: without effects on the motor side.
 pub(super) fn behind<'a>(plant: &'a Plant, gears: &[GearSpring; AXES]) -> Cow<'a, Plant> {
     if !plant.effects.iter().any(|a| acts_on_motors(a, gears)) {
         return Cow::Borrowed(plant);
@@ -51,13 +51,13 @@ pub(super) fn behind<'a>(plant: &'a Plant, gears: &[GearSpring; AXES]) -> Cow<'a
     Cow::Owned(behind)
 }
 
-/// Whether an effect acts on the rotors: what acts on the drives does if friction does.
+/// Whether an effect acts on the rotors: force laws of the drives do if friction does.
 pub(super) fn acts_on_motors(active: &ActiveEffect, gears: &[GearSpring; AXES]) -> bool {
     let at_motor = gears.iter().any(|g| g.friction_at_motor);
     at_motor && active.effect.acts_on() == Part::Drives && active.effect.kind() == Kind::Force
 }
 
-/// Joint motion behind the gears of encoders whose motion would be `rigid` without them.
+/// Joint motion behind the gears; `rigid` is the motion with rigid gears.
 pub(super) fn deflected<'a>(
     dataset: &Dataset,
     rigid: &Joints<'a>,
@@ -75,7 +75,7 @@ pub(super) fn deflected<'a>(
     Ok(Joints { plant: rigid.plant, states: states.into(), encoders: encoders.into() })
 }
 
-/// Motion of the encoders, less their offsets: of the arms with what rings.
+/// Motion of the encoders minus their offsets, of the arms including the ringing.
 fn encoders(dataset: &Dataset, rigid: &Joints) -> Vec<JointState> {
     let mut out = rigid.states.to_vec();
     for ((joint, ringing), smooth) in out.iter_mut().zip(dataset.ringing()).zip(&dataset.joints) {
@@ -97,7 +97,7 @@ struct Deflection {
 }
 
 impl Deflection {
-    /// The deflection `h` later, when its acceleration will be `acceleration`.
+    /// The deflection after the step `h` (s) with the given new acceleration.
     fn after(&self, h: f64, acceleration: Vector3<f64>) -> Self {
         let mean = (1.0 - 2.0 * BETA) * self.acceleration + 2.0 * BETA * acceleration;
         Self {
@@ -107,7 +107,7 @@ impl Deflection {
         }
     }
 
-    /// The joint behind an encoder.
+    /// Joint state behind an encoder.
     fn behind(&self, encoder: &JointState) -> JointState {
         let mut joint = *encoder;
         for i in 0..ARMS {
@@ -128,9 +128,9 @@ struct Arms<'a> {
 }
 
 impl Arms<'_> {
-    /// Joint motion along one segment, which begins with steady gears.
+    /// Joint motion along one segment, started from the steady deflection.
     ///
-    /// With bodies that cannot be, which a fit may try, the arms run away: they begin anew then.
+    /// A fit may try inconsistent bodies, with which the deflection diverges: it is then reset to the steady one.
     fn along(&self, segment: Range<usize>, joints: &mut [JointState]) -> Result<(), KinematicsError> {
         let mut now = self.steady(segment.start)?;
         let mut inverse = None;
@@ -144,14 +144,14 @@ impl Arms<'_> {
         Ok(())
     }
 
-    /// Deflection that does not change.
+    /// Steady deflection at sample `k`.
     fn steady(&self, k: usize) -> Result<Deflection, KinematicsError> {
         let none = Vector3::zeros();
         let rigid = Deflection { angle: none, rate: none, acceleration: none };
         Ok(Deflection { angle: self.excess(k, &rigid)?, ..rigid })
     }
 
-    /// Deflection at sample `k` from that before; `inverse` is that of the Jacobian.
+    /// Deflection at sample `k` from the previous one; `inverse` is the inverse of the Jacobian.
     fn next(
         &self,
         k: usize,
@@ -186,7 +186,7 @@ impl Arms<'_> {
         Ok(before.after(h, acceleration))
     }
 
-    /// By how much the transmitted torques would deflect the gears further, rad: zero in balance.
+    /// Deflection due to the transmitted torques minus the present deflection, rad: zero in equilibrium.
     fn excess(&self, k: usize, at: &Deflection) -> Result<Vector3<f64>, KinematicsError> {
         let joint = at.behind(&self.encoders[k]);
         let motion = self.plant.motion(&joint)?;
@@ -199,36 +199,37 @@ impl Arms<'_> {
     }
 }
 
-/// Broyden's update of the inverse of a Jacobian: what the change `y` of the function over the step `s` says of it.
+/// Broyden's update of the inverse of a Jacobian for the change `y` of the function over the step `s`.
 fn broyden(inverse: &Matrix3<f64>, s: &Vector3<f64>, y: &Vector3<f64>) -> Matrix3<f64> {
     let expected = inverse * y;
     let along = s.dot(&expected);
-    // A step that is all rounding says nothing.
+    // A step dominated by rounding is ignored.
     if along.abs() <= 0.1 * s.norm_squared() {
         return *inverse;
     }
     inverse + (s - expected) * (s.transpose() * inverse) / along
 }
 
-/// Steps of accelerations, rad/s², and rates, rad/s, for derivatives by them: of a rate so small that friction which
-/// jumps is seen to.
+/// Steps of accelerations, rad/s², and of rates, rad/s, for derivatives; the step of a rate is small relative to the
+/// width of friction jumps.
 const STEPS: [f64; 2] = [1.0, 1e-6];
 
-/// Arms whose torques are among the channels, with these.
+/// Arms with a measured torque, and its channel.
 fn measured(drives: &[Option<usize>; ARMS]) -> impl Iterator<Item = (usize, usize)> + '_ {
     drives.iter().enumerate().filter_map(|(i, c)| c.map(|c| (i, c)))
 }
 
-/// What elastic gears make of a torque, linearised along a motion.
+/// Response of elastic gears to additional torques, linearised along a motion.
 pub(super) struct Passage<'a> {
     dataset: &'a Dataset,
     joints: &'a Joints<'a>,
     gears: &'a [GearSpring; AXES],
-    /// Channels of the arms' torques; a gear whose torque was not measured counts as rigid.
+    /// Channel of each arm's torque; a gear without a measured torque counts as rigid.
     drives: [Option<usize>; ARMS],
-    /// Derivatives of the channels by the arms' accelerations and rates, M and C, channel by channel for each sample.
+    /// Derivatives M and C of the channels with respect to the arms' accelerations and rates, channel by channel for
+    /// each sample.
     slopes: Vec<[Vector3<f64>; 2]>,
-    /// Acceleration of s per unit by which the gears of still joints would deflect, for each sample.
+    /// Acceleration of s per unit deflection of the gears at fixed joints, for each sample.
     inverse: Vec<Matrix3<f64>>,
 }
 
@@ -279,14 +280,14 @@ impl<'a> Passage<'a> {
         Ok(Self { dataset, joints, gears, drives, slopes: slopes.concat(), inverse })
     }
 
-    /// Makes of an effect's columns, the derivatives of the channels at the given motion of the joints, those at the given
-    /// motion of the encoders. The compliances' own columns come from nothing.
+    /// Converts an effect's columns from derivatives of the channels at a given motion of the joints into derivatives
+    /// at a given motion of the encoders. The compliances' own columns are computed from zero.
     pub fn pass(&self, active: &ActiveEffect, columns: &mut [Channels]) {
         let gears = active.has_gears();
         if acts_on_motors(active, self.gears) || (active.effect.kind().acts_on_the_whole() && !gears) {
             return;
         }
-        // The compliances come first.
+        // The compliances are the first parameters.
         let count = if gears { self.joints.plant.mechanism.arms() } else { columns.len() };
         columns.par_iter_mut().take(count).enumerate().for_each(|(i, column)| {
             for segment in &self.dataset.segments {
@@ -295,13 +296,13 @@ impl<'a> Passage<'a> {
         });
     }
 
-    /// Turns a column in one segment; `own` has its compliance as parameter, if any.
+    /// Converts a column in one segment; `own` is the arm whose compliance is the parameter, if any.
     fn turn(&self, segment: Range<usize>, column: &mut Channels, own: Option<usize>) {
         let (h, none) = (self.dataset.dt, Vector3::zeros());
         let mut s = Deflection { angle: self.source(column, segment.start, own), rate: none, acceleration: none };
         for k in segment {
             let slopes = &self.slopes[k * column.len()..(k + 1) * column.len()];
-            // Linear in the new acceleration: what is there without it, and what it adds.
+            // The equation is linear in the new acceleration: the part without it, and its coefficient.
             let free = s.after(h, none);
             let mut right = self.source(column, k, own) - free.angle;
             for (i, c) in measured(&self.drives) {
@@ -319,8 +320,8 @@ impl<'a> Passage<'a> {
         }
     }
 
-    /// By how much the parameter would deflect the gears of joints that stay where they are:
-    /// ∂/∂p of c·(ID − J·q̈ − d·δ̇).
+    /// Derivative of the gears' deflection with respect to the parameter at fixed joints: ∂/∂p of c·(ID − J·q̈ −
+    /// d·δ̇).
     fn source(&self, column: &Channels, k: usize, own: Option<usize>) -> Vector3<f64> {
         Vector3::from_fn(|i, _| {
             let compliance = self.gears[i].compliance;

@@ -1,4 +1,4 @@
-//! Own states of effects, integrated along a measured motion.
+//! Internal states of effects, integrated along a measured motion.
 
 use super::Joints;
 use crate::dynamics::Plant;
@@ -6,16 +6,16 @@ use crate::effects::{ActiveEffect, Instant, Kind};
 use crate::identification::Dataset;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
 
-/// Own states of some effects at each sample.
+/// Internal states of several effects at each sample.
 pub(super) struct InternalStates {
-    /// Where each effect's states begin among those of a sample, and where the last ones end.
+    /// Start of each effect's states among those of a sample, followed by the end of the last.
     starts: Vec<usize>,
-    /// Sample by sample; empty where no effect has states.
+    /// Values sample by sample; empty if no effect has states.
     values: Vec<f64>,
 }
 
 impl InternalStates {
-    /// Integrates the effects' own states along a motion; those of [`Kind::Encoder`] rest.
+    /// Integrates the effects' internal states along a motion; those of [`Kind::Encoder`] stay constant.
     pub(super) fn along(
         plant: &Plant,
         effects: &[&ActiveEffect],
@@ -79,11 +79,11 @@ impl InternalStates {
     }
 }
 
-/// One step of ẋ = f(t, x): exact for f linear in x with constant slope λ, second order otherwise, stable for λ·h → −∞;
-/// Heun's method for λ = 0.
+/// One step of the exponential Heun method for ẋ = f(t, x): exact for f linear in x with constant slope λ, otherwise
+/// of second order, and stable for λ·h → −∞; Heun's method for λ = 0.
 ///
-/// `rate(end, x)` gives f and λ = ∂f_i/∂x_i at the start or the end of the step. λ is the mean of both, so that a slope that
-/// varies with the motion enters by its integral.
+/// `rate(end, x)` gives f and λ = ∂f_i/∂x_i at the start or the end of the step. λ is the mean of both, so that a
+/// slope that varies with the motion enters by its integral.
 pub(super) fn exponential_heun(x: &[f64], h: f64, rate: impl Fn(bool, &[f64]) -> (Vec<f64>, Vec<f64>)) -> Vec<f64> {
     let (first, slope) = rate(false, x);
     let ahead: Vec<f64> = (0..x.len()).map(|i| x[i] + h * phi(h * slope[i]).0 * first[i]).collect();

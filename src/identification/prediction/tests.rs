@@ -22,7 +22,7 @@ fn dataset(joints: Vec<JointState>, setup: Setup) -> Dataset {
     }
 }
 
-/// The shipped robot without friction, its arms and rotor alone.
+/// Arms and rotor of the shipped robot, disassembled and without friction.
 fn arms(name: &str, blocks: &[&[f64]]) -> (Plant, Setup) {
     let mut model = shipped("irb360-6-1600");
     model.effects = vec![ActiveEffect::new(find(name).unwrap(), blocks)].into();
@@ -38,7 +38,8 @@ fn rms(x: impl Iterator<Item = f64>) -> f64 {
 #[test]
 fn steep_hysteresis_follows_the_closed_form_at_every_angle() {
     // q = ½(1 − cos 20t): 10 rad/s, so λ·h reaches −10·4e-4/4.4e-4 = −9, where Heun's method diverges.
-    // A reversal between two samples is known to q̈·h²/4 = 8e-6 rad only, which is an error of z of 8e-6/δ at most.
+    // A reversal between two samples is known to q̈·h²/4 = 8e-6 rad only, which causes an error of z of at most
+    // 8e-6/δ.
     for angle in [4.4e-5, 4.4e-4, 0.02] {
         let at = |t: f64| JointState {
             q: [0.5 * (1.0 - (20.0 * t).cos()); 4],
@@ -77,7 +78,7 @@ fn steps_are_exact_for_linear_laws_and_of_second_order_else() {
     // ẋ = −500·(x − 2): one step of 0.1 s from 0 gives 2·(1 − e⁻⁵⁰).
     let x = exponential_heun(&[0.0], 0.1, |_, x| (vec![-500.0 * (x[0] - 2.0)], vec![-500.0]));
     approx::assert_relative_eq!(x[0], 2.0, epsilon = 1e-14);
-    // ẋ = −x², x(0) = 1: x(1) = ½. Halving the step quarters the error, also with half the true slope stated.
+    // ẋ = −x², x(0) = 1: x(1) = ½. Halving the step quarters the error, even with half the true slope.
     let error = |steps: u32, share: f64| {
         let h = 1.0 / f64::from(steps);
         let law = |_: bool, x: &[f64]| (vec![-x[0] * x[0]], vec![-2.0 * share * x[0]]);
@@ -105,7 +106,7 @@ fn encoder_offset_is_taken_off_the_recorded_angles() {
     }
 }
 
-/// One arm behind an elastic gear, driven by a controller on the motor side: what the encoder reads, and the torque.
+/// Encoder angle and torque of one arm behind an elastic gear, driven by a controller on the motor side.
 ///
 /// `friction` acts on the rotor.
 fn elastic_arm(
@@ -123,7 +124,7 @@ fn elastic_arm(
     let inertia = rigid(0.0, 1.0) - rigid(0.0, 0.0) - rotor;
     let wanted = |t: f64| {
         let waves = [(0.20, 9.0), (0.05, 21.0), (0.02, 33.0)];
-        // Faded in over half a second, so that nothing rings.
+        // The motion is faded in over half a second to avoid ringing.
         let fade = 1.0 - (-(t / 0.25).powi(4)).exp();
         0.5 + fade * waves.iter().map(|(a, w)| a * (w * t).sin()).sum::<f64>()
     };
@@ -190,7 +191,7 @@ fn elastic_drive_is_seen_through_the_encoder_and_its_compliance_comes_back() {
     assert!((estimate / COMPLIANCE - 1.0).abs() < 0.02, "{estimate:e}");
 }
 
-/// Friction on the rotor, whose sign changes make gear and arm ring, in the torque of the drive.
+/// Friction on the rotor, whose sign changes excite ringing of gear and arm, in the torque of the drive.
 #[test]
 fn friction_on_the_motors_side_is_seen_through_the_gear() {
     const COMPLIANCE: f64 = 4e-5;
@@ -214,7 +215,7 @@ fn friction_on_the_motors_side_is_seen_through_the_gear() {
     assert!(right < 0.05 && right < 0.05 * wrong && right < 0.05 * rigid, "{right} {wrong} {rigid}");
 }
 
-/// Derivatives of what elastic gears pass on against differences of predictions.
+/// Derivatives through elastic gears against finite differences of predictions.
 #[test]
 fn columns_pass_through_the_gears() {
     for at_motor in [0.0, 1.0] {
@@ -259,7 +260,8 @@ fn columns_pass_through_gears_with_friction(at_motor: f64) {
         let size = differences.iter().map(|d| rms(d.iter().copied())).fold(0.0, f64::max);
         for (c, (column, difference)) in analytic[k].iter().zip(&differences).enumerate() {
             let error = rms(column.iter().zip(difference).map(|(x, y)| x - y));
-            // Derivatives by q are left out: most of a compliance's column on another limb's strut, 1.2 %.
+            // Derivatives with respect to q are neglected: most of the error, 1.2 % for a compliance on another
+            // limb's strut.
             assert!(error <= 2e-2 * size + 1e-12, "{} on {c}: {error:e} of {size:e}", p.name);
         }
     }
