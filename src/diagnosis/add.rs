@@ -1,4 +1,4 @@
-//! An effect added to a model by hand: what it explains, and what it does to the other parameters.
+//! Addition of an effect requested by the user: its share of the error and its influence on the other parameters.
 
 use super::budget::{self, Budget, Change};
 use super::fitting::{Fitting, Options};
@@ -17,17 +17,21 @@ use crate::model::Model;
 pub struct Addition {
     /// Its name.
     pub effect: String,
-    /// What it explains; on held-out data where given.
+    /// Error budget of the effect; on held-out data where given.
     pub budget: Budget,
-    /// Parameters that it moved.
+    /// Parameters that it changed significantly.
     pub changes: Vec<Change>,
-    /// All parameters before.
+    /// All parameters before the addition.
     pub parameters_before: Vec<Estimate>,
-    /// The fit with it, which the history of its model tells of.
+    /// The fit with the effect; its model's history records the addition.
     pub fit: Fit,
 }
 
 /// Adds an effect to a model and refits all parameters.
+///
+/// # Errors
+/// [`DiagnosisError`], if there are no data, recordings measure different channels, the effect is present, unknown,
+/// not identifiable or without a part to act on, or the model cannot be fitted.
 pub fn add(
     model: &Model,
     effect: &str,

@@ -1,4 +1,4 @@
-//! What a diagnosis answers.
+//! Result of a diagnosis.
 
 use super::budget::{Budget, Change};
 use super::candidates::CandidateReport;
@@ -14,15 +14,15 @@ use crate::model::Model;
 /// Conclusion of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Nothing is missing.
+    /// No effect is missing.
     None,
     /// One effect is missing.
     Effect,
-    /// More than one effect is missing.
+    /// Several effects are missing.
     Several,
-    /// Something is missing, and the data do not tell which of several effects.
+    /// At least one effect is missing, and the data do not determine which of several.
     Ambiguous,
-    /// Something is missing that no known effect explains.
+    /// An effect is missing that the library does not contain.
     Unknown,
 }
 
@@ -38,49 +38,51 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// What is missing.
+/// Result of a diagnosis.
 #[derive(Clone)]
 pub struct Diagnosis {
     /// Conclusion.
     pub verdict: Verdict,
-    /// Channels of the following arrays.
+    /// Channels, in the order of the following arrays.
     pub channels: Vec<Channel>,
-    /// Standard deviation of the sensor noise.
+    /// Standard deviation of the sensor noise, N·m or N.
     pub noise_floor: Vec<f64>,
-    /// RMS residual of the refitted model without new effects; on held-out data where given.
+    /// RMS residual of the refitted model without new effects, N·m or N; on held-out data where given.
     pub rms_before: Vec<f64>,
-    /// The same with the found effects.
+    /// RMS residual with the found effects, N·m or N; on held-out data where given.
     pub rms_after: Vec<f64>,
-    /// Effects that are missing, in the order found.
+    /// Missing effects, in the order found.
     pub effects: Vec<Named>,
     /// All candidates, best first.
     pub candidates: Vec<CandidateReport>,
-    /// Sets of effects the data cannot tell apart.
+    /// Sets of effects that the data cannot distinguish.
     pub indistinguishable: Vec<Vec<String>>,
-    /// Effects the data could not show at their usual size.
+    /// Effects that the data could not reveal at their usual size.
     pub unseen: Vec<String>,
-    /// Parameters of the other candidates that no channel shows at all, such as the height of a payload without strut forces.
+    /// Parameters of the other candidates without influence on any channel, such as the height of a payload without
+    /// strut forces.
     pub unseen_parameters: Vec<String>,
-    /// Those of them that act in the twin only.
+    /// Effects of `unseen` that exist in the twin only.
     pub twin_only: Vec<String>,
-    /// What to measure to tell the members of a set apart, or to see what these data cannot show.
+    /// Experiment that would distinguish the members of a set, or reveal effects that these data cannot.
     pub next_experiment: Option<NextExperiment>,
-    /// What each found effect explains.
+    /// Error budget of the found effects.
     pub budget: Budget,
-    /// Parameters that the found effects moved.
+    /// Parameters that the found effects changed significantly.
     pub changes: Vec<Change>,
     /// All parameters before and after.
     pub parameters: [Vec<Estimate>; 2],
-    /// What is left with everything that was found, and whether something unknown acts beside the effects named.
+    /// Residual with everything found, and whether an unknown effect acts in addition to the named ones.
     pub left: Left,
-    /// Names of what the time did not allow to try.
+    /// Names of effects and steps that were not tried for lack of time.
     pub not_tried: Vec<String>,
-    /// What no known effect explains: for [`Verdict::Unknown`], with the formula in the model; beside named effects that
-    /// stand, with the formula as a proposal.
+    /// Error that no known effect explains: for [`Verdict::Unknown`] with the formula in the model, in addition to
+    /// confirmed effects with the formula as a proposal.
     pub unexplained: Option<Unexplained>,
-    /// By how much the torques come late, s, if it is less than half a sample: no effect, but part of the model.
+    /// Delay of the torques, s, if it is less than half a sample: part of the model instead of an effect.
     pub sampling_lag: Option<f64>,
-    /// The refitted model with the found effects, which its history tells of, and with a formula for what they do not explain.
+    /// The refitted model with the found effects, recorded in its history, and with a formula for the error that they
+    /// do not explain.
     pub model: Model,
 }
 
@@ -89,27 +91,27 @@ pub struct Diagnosis {
 pub struct Named {
     /// Its name.
     pub name: String,
-    /// What would have been said, had something else been true.
+    /// Posterior probabilities of the effect and its alternatives.
     pub confidence: Confidence,
-    /// Share of the explainable error it explains.
+    /// Share of the explainable error that it explains.
     pub explained: f64,
     /// Its parameters.
     pub parameters: Vec<Estimate>,
 }
 
 impl Diagnosis {
-    /// Share of the explainable error, on the data judged by, that goes with everything that was found.
+    /// Share of the explainable error that all found effects explain, on the data used for validation.
     pub fn explained(&self) -> f64 {
         explained(&self.rms_before, &self.rms_before, &self.rms_after, &self.noise_floor)
     }
 
-    /// The same with a formula that no effect of the library is, where there is one.
+    /// Share of the explainable error that all found effects and the empirical formula, if any, explain.
     pub fn explained_with_formula(&self) -> f64 {
         let after = self.unexplained.as_ref().map_or(&self.rms_after, |u| &u.rms);
         explained(&self.rms_before, &self.rms_before, after, &self.noise_floor)
     }
 
-    /// Whether something unknown acts beside the effects that are named.
+    /// Whether an unknown effect acts in addition to the named ones.
     pub fn unknown_beside(&self) -> bool {
         self.left.beside
     }

@@ -1,33 +1,33 @@
-//! The error budget: what noise leaves, what each added effect explains, what nothing explains yet.
+//! Error budget: the shares of noise, of each added effect, and of the unexplained rest.
 
 use crate::dynamics::Channel;
 use crate::identification::{Estimate, Fit};
 use crate::model::history::{Added, rounded};
 
-/// The chain of effects that were added, each with the residuals before and after.
+/// Sequence of added effects with the residuals before and after each.
 #[derive(Clone, Debug)]
 pub struct Budget {
     /// Channels of the arrays.
     pub channels: Vec<Channel>,
-    /// RMS residual without any of the effects.
+    /// RMS residual without any of the effects, N·m or N.
     pub rms_before: Vec<f64>,
-    /// Standard deviation of the sensor noise.
+    /// Standard deviation of the sensor noise, N·m or N.
     pub noise_floor: Vec<f64>,
-    /// The effects in the order they were added, with the RMS residual after each.
+    /// The effects in the order they were added, with the RMS residual (N·m or N) after each.
     pub effects: Vec<(String, Vec<f64>)>,
-    /// Whether the residuals are those of data that were not fitted.
+    /// Whether the residuals are those of held-out data.
     pub held_out: bool,
 }
 
-/// Shares of a channel's mean square residual before anything was added. They add up to one; a share is negative where
-/// adding an effect made the residual larger, or noise is more than is left.
+/// Shares of a channel's mean square residual before anything was added. They add up to one; a share is negative
+/// where adding an effect increased the residual, or the noise exceeds the residual.
 #[derive(Clone, Debug)]
 pub struct Shares {
-    /// Of the noise.
+    /// Share of the noise.
     pub noise: f64,
-    /// Of each effect.
+    /// Share of each effect.
     pub effects: Vec<f64>,
-    /// Of what is left.
+    /// Share of the unexplained rest.
     pub unexplained: f64,
 }
 
@@ -47,12 +47,12 @@ impl Budget {
         Shares { noise, unexplained: share(now.powi(2)) - noise, effects }
     }
 
-    /// RMS residual with all effects.
+    /// RMS residual with all effects, N·m or N.
     pub fn rms_after(&self) -> &[f64] {
         self.effects.last().map_or(&self.rms_before, |(_, after)| after)
     }
 
-    /// The chain as it is kept in a model file.
+    /// The sequence in the form of a model file's history.
     pub fn history(&self) -> Vec<Added> {
         let numbers = |rms: &[f64]| rms.iter().map(|x| rounded(*x)).collect::<Vec<f64>>();
         let mut before = &self.rms_before;
@@ -82,7 +82,8 @@ pub struct Change {
     pub after: Estimate,
 }
 
-/// Parameters that an addition moved by more than three standard errors, or by a tenth and more than one.
+/// Parameters changed by an addition by more than three standard errors, or by more than a tenth and one standard
+/// error.
 pub fn changes(before: &Fit, after: &Fit) -> Vec<Change> {
     let pairs = before.parameters.iter().filter_map(|b| {
         let a = after.parameters.iter().find(|a| a.name == b.name)?;

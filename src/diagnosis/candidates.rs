@@ -1,48 +1,48 @@
-//! What the data say about every candidate, found or not, by one ranking each: p and probability belong together.
+//! Evidence about every candidate, found or not, with p value and probability from the same ranking.
 
 use super::answer::Named;
 use super::search::{DELAY, Found};
 use crate::evidence::{Assessment, Visibility};
 
-/// What the data say about one candidate.
+/// Evidence about one candidate.
 #[derive(Clone, Debug)]
 pub struct CandidateReport {
     /// Its name.
     pub name: String,
-    /// Probability that it is missing: as claimed of a found effect, else the largest with which it is what was found.
+    /// Probability that it is missing: for a found effect its own, else the largest in place of a found effect.
     pub probability: f64,
-    /// Share of the explainable error of the recordings fitted to that it could take alone, were nothing else missing.
+    /// Share of the explainable error of the fitted recordings that it would explain as the only addition.
     pub explained: f64,
-    /// Family-wise p-value beside everything else that was found.
+    /// Family-wise p value with everything else found in the model.
     pub p_adjusted: f64,
-    /// Whether the data could show it at its usual size.
+    /// Whether the data could reveal it at its usual size.
     pub visible: bool,
     /// Parameters that imitate it, at most five.
     pub absorbed_by: Vec<String>,
-    /// Where it ends up.
+    /// Final status.
     pub standing: Standing,
-    /// Why these data cannot test it, if they cannot.
+    /// Reason why these data cannot test it; `None` if they can.
     pub untestable: Option<Untestable>,
 }
 
-/// Where a candidate ends up.
+/// Final status of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
     /// It is named.
     Found,
-    /// The data do not tell it from one that is named.
+    /// The data do not distinguish it from a named effect.
     Rival,
     /// It was found, but a formula explains more.
     Doubted,
-    /// The model has it, as the way in which the torques were recorded.
+    /// It is part of the model as the delay with which the torques were recorded.
     InModel,
-    /// It was found, but does not stand on the data judged by.
+    /// It was found, but not confirmed on the validation data.
     Refused,
-    /// It is significant, but too small to matter.
+    /// It is significant but too small to be reported.
     Trifle,
-    /// What else was found leaves nothing to it.
+    /// It is not significant with everything else found in the model.
     NotNeeded,
-    /// These data cannot show it.
+    /// These data cannot reveal it.
     Untestable,
 }
 
@@ -61,16 +61,16 @@ impl std::fmt::Display for Standing {
     }
 }
 
-/// Why data cannot test an effect.
+/// Reason why data cannot test an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Untestable {
-    /// Nothing in the motion brings it about.
+    /// The motion does not excite it.
     NotExcited,
     /// The model's own parameters imitate it.
     Imitated,
-    /// At its usual size it drowns in the noise.
+    /// At its usual size it is below the noise.
     TooWeak,
-    /// Inverse dynamics along a measured motion does not have it.
+    /// Inverse dynamics along a measured motion does not contain it.
     TwinOnly,
 }
 
@@ -90,7 +90,7 @@ impl std::fmt::Display for Untestable {
     }
 }
 
-/// Share of a candidate's energy that no parameter imitates, below which imitation is the reason that it is not seen.
+/// Share of a candidate's energy outside the span of the parameters below which imitation counts as the reason.
 const IMITATED: f64 = 0.2;
 
 fn untestable(a: &Assessment) -> Option<Untestable> {
@@ -103,7 +103,7 @@ fn untestable(a: &Assessment) -> Option<Untestable> {
     }
 }
 
-/// Reports of all candidates, those that are named first.
+/// Reports of all candidates, named ones first.
 pub(super) fn reports(found: &Found, effects: &[Named], sets: &[Vec<String>]) -> Vec<CandidateReport> {
     let Found { all, outcome, settings, .. } = found;
     let lag = found.sampling_lag.map(|_| DELAY);
@@ -140,7 +140,7 @@ pub(super) fn reports(found: &Found, effects: &[Named], sets: &[Vec<String>]) ->
     };
     let mut reports: Vec<CandidateReport> = all.order.iter().map(|&i| report(&all.candidates[i])).collect();
     let place = |r: &CandidateReport| effects.iter().position(|e| e.name == r.name).unwrap_or(effects.len());
-    // What could be found by its likelihood, what could not behind it.
+    // Testable candidates keep the order of their likelihood, untestable ones follow.
     reports.sort_by_key(|r| (place(r), r.standing != Standing::Rival, r.standing == Standing::Untestable));
     reports
 }

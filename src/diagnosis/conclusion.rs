@@ -1,5 +1,5 @@
-//! What the outcome of a search means: the effects named, their confidence, the sets that data cannot tell apart, and the
-//! verdict.
+//! Interpretation of the outcome of a search: named effects, their posterior probabilities, indistinguishable sets
+//! and the verdict.
 
 use super::DiagnosisError;
 use super::answer::{Diagnosis, Named, Verdict};
@@ -17,26 +17,26 @@ use crate::evidence::{Finding, Visibility};
 use crate::identification::fit::{Estimate, Fit, FitError};
 use crate::model::Model;
 
-/// Share of the explainable error that named effects may leave before something unknown is concluded.
+/// Share of the explainable error left by the named effects above which an unknown effect is concluded.
 const MAX_LEFT: f64 = 0.5;
 
-/// What is said of the model.
+/// Conclusion about the model.
 pub(super) struct Conclusion {
     pub verdict: Verdict,
-    /// Effects that are missing, in the order found.
+    /// Missing effects, in the order found.
     pub effects: Vec<Named>,
-    /// Sets of effects the data cannot tell apart, each led by the one that was found.
+    /// Sets of effects that the data cannot distinguish, each starting with the one that was found.
     pub indistinguishable: Vec<Vec<String>>,
-    /// The model with all that was found, with its residuals on the data to judge by.
+    /// The model with all found effects, and its residuals on the validation data.
     pub end: Judged,
-    /// What no known effect explains.
+    /// Error that no known effect explains.
     pub unexplained: Option<Unexplained>,
-    /// What the time did not allow.
+    /// Effects and steps not tried for lack of time.
     pub not_tried: Vec<String>,
 }
 
 impl Conclusion {
-    /// Names what was found.
+    /// Conclusion from the outcome of a search.
     pub fn new(found: &Found, judge: &Judge) -> Result<Self, DiagnosisError> {
         let effects = named(found, &judge.floor)?;
         let indistinguishable = indistinguishable(found);
@@ -47,11 +47,11 @@ impl Conclusion {
         Ok(Self { verdict, effects, indistinguishable, end, unexplained: None, not_tried })
     }
 
-    /// Gives way to a formula that explains more than the names, if it does.
+    /// Replaces or supplements the named effects by a formula that explains more, if there is one.
     pub fn revise(&mut self, unexplained: Option<Unexplained>) {
         self.unexplained = unexplained;
         let Some(formula) = self.unexplained.as_ref().filter(|u| u.replaces) else { return };
-        // Named effects stay only where they add to it.
+        // Named effects are kept only if they add to it.
         if !formula.beside_named {
             self.effects.clear();
             self.indistinguishable.clear();
@@ -60,11 +60,11 @@ impl Conclusion {
         self.verdict = Verdict::Unknown;
     }
 
-    /// Gives the named effects their parameters in the final model, and the confidence that the final verdict leaves them.
+    /// Sets the parameters of the named effects from the final model and their probabilities from the final verdict.
     pub fn settle(&mut self) {
         for named in &mut self.effects {
             if self.verdict == Verdict::Unknown {
-                // Where something else is the matter, a name is worth what it explains.
+                // With an unknown effect present, the probability of a name is limited by its explained share.
                 named.confidence.doubt(named.explained);
             }
             named.parameters = parameters_of(&self.end.fit, &named.name);
@@ -76,7 +76,7 @@ impl Conclusion {
         self.unexplained.as_ref().is_some_and(|u| u.replaces)
     }
 
-    /// Residuals with the effects added one after another, the formula last if the model has got one.
+    /// Error budget of the effects added one after another, followed by the formula if it is part of the model.
     fn budget(&self, start: &Judged, judge: &Judge) -> Result<Budget, FitError> {
         let mut added: Vec<&str> = self.effects.iter().map(|e| e.name.as_str()).collect();
         added.extend(self.has_formula().then_some(effects::formula::NAME));
@@ -92,7 +92,7 @@ impl Conclusion {
         Ok(judge.budget(start.rms.clone(), stages))
     }
 
-    /// The answer: the conclusion with what was found on the way.
+    /// Result of the diagnosis: the conclusion with intermediate results.
     pub fn answer(
         self,
         found: Found,
@@ -134,7 +134,7 @@ impl Conclusion {
     }
 }
 
-/// Names of the effects that the data could not show at their usual size, those of the twin alone last.
+/// Names of the effects that the data could not reveal at their usual size, those that exist in the twin only last.
 fn unseen(found: &Found, twin_only: &[String]) -> Vec<String> {
     let named = found.outcome.found();
     let hidden = found.all.candidates.iter().filter(|a| a.visibility != Visibility::Visible);
@@ -142,7 +142,7 @@ fn unseen(found: &Found, twin_only: &[String]) -> Vec<String> {
     unnamed.chain(twin_only.iter().cloned()).collect()
 }
 
-/// The effects found, each with the confidence in its name and the share of the explainable error that goes with it.
+/// The found effects, each with its posterior probabilities and its share of the explainable error.
 fn named(found: &Found, floor: &[f64]) -> Result<Vec<Named>, DiagnosisError> {
     let last = found.outcome.refitted.as_ref().unwrap_or(&found.problem);
     let one = |(finding, without): (&Finding, &Vec<f64>)| {
@@ -157,7 +157,7 @@ fn named(found: &Found, floor: &[f64]) -> Result<Vec<Named>, DiagnosisError> {
     found.outcome.findings.iter().zip(&found.without).map(one).collect()
 }
 
-/// Sets of more than one effect between which the data do not decide.
+/// Sets of more than one effect that the data cannot distinguish.
 fn indistinguishable(found: &Found) -> Vec<Vec<String>> {
     let set = |finding: &Finding| {
         let own = &found.problem.candidates[finding.chosen.candidate].name;
@@ -179,9 +179,10 @@ fn verdict(named: usize, [before, after, floor]: [&[f64]; 3], leaves_more: bool,
     }
 }
 
-/// Share of the explainable error that goes from `without` to `with`.
+/// Difference of the shares of the explainable error between `without` and `with`.
 ///
-/// All arguments are RMS residuals per channel on the same data; explainable is what `before` has above the noise `floor`.
+/// All arguments are RMS residuals per channel on the same data; the explainable error is that of `before` above the
+/// noise `floor`.
 pub(super) fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[f64]) -> f64 {
     let explainable = relative_energy(before, floor) - floor.len() as f64;
     if explainable <= 0.0 {
@@ -190,7 +191,7 @@ pub(super) fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[
     ((relative_energy(without, floor) - relative_energy(with, floor)) / explainable).clamp(0.0, 1.0)
 }
 
-/// Estimates of one effect, with its name left out of theirs.
+/// Estimates of one effect's parameters, without the effect's name as prefix.
 pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
     let prefix = format!("{effect}.");
     let own = |p: &Estimate| p.name.strip_prefix(&prefix).map(|name| Estimate { name: name.into(), ..p.clone() });

@@ -1,32 +1,36 @@
-//! How far a name can be trusted, in the robot's terms; the draws stand in [`crate::evidence::confusion`].
+//! Posterior probabilities of a named effect and its alternatives; the draws are those of
+//! [`crate::evidence::confusion`].
 
 use crate::evidence::{self, Finding, Problem, Settings};
 
-/// Draws per truth.
+/// Number of draws per truth.
 const DRAWS: usize = 200;
 
-/// What would have been said, had something else been true.
+/// Posterior probabilities of a named effect and its alternatives.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Confidence {
-    /// Draws per truth.
+    /// Number of draws per truth.
     pub draws: usize,
-    /// The truths tried, the named effect first.
+    /// The alternatives, the named effect first.
     pub truths: Vec<Truth>,
 }
 
-/// A truth that was tried, at the size the data give it.
+/// An alternative taken as the truth, at its estimated size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// Name of the effect; `none` if nothing is missing.
+    /// Name of the effect; `none` for the null.
     pub name: String,
-    /// Share of the draws in which the named effect is named.
+    /// Share of the draws in which the named effect is ranked first.
     pub said: f64,
-    /// Probability of this truth now that it was named, all truths being equally likely before.
+    /// Posterior probability of this truth given the ranking, with equal priors.
     pub probability: f64,
 }
 
 impl Confidence {
-    /// Of a finding of `problem`.
+    /// Posterior probabilities for a finding of `problem`; empty if its ranking has no winner.
+    ///
+    /// # Errors
+    /// If the problem is inconsistent, too short for the tests, or not finite.
     pub fn of(finding: &Finding, problem: &Problem, settings: &Settings) -> Result<Self, evidence::Error> {
         let Some(c) = evidence::confusion(problem, &finding.ranking, settings, DRAWS)? else {
             return Ok(Self::default());
@@ -41,17 +45,17 @@ impl Confidence {
         Ok(Self { draws: c.runs, truths })
     }
 
-    /// Leaves `share` of the probabilities to the truths that were tried, the rest to what nobody knows.
+    /// Scales all probabilities by `share`; the rest belongs to unknown effects.
     pub fn doubt(&mut self, share: f64) {
         self.truths.iter_mut().for_each(|truth| truth.probability *= share);
     }
 
-    /// Probability of the named effect.
+    /// Posterior probability of the named effect.
     pub fn probability(&self) -> f64 {
         self.truths.first().map_or(0.0, |t| t.probability)
     }
 
-    /// Probability of the effect called `name`.
+    /// Posterior probability of the effect `name`; zero if it is no alternative.
     pub fn probability_of(&self, name: &str) -> f64 {
         self.truths.iter().find(|t| t.name == name).map_or(0.0, |t| t.probability)
     }

@@ -1,4 +1,4 @@
-//! Why a diagnosis cannot be made.
+//! Errors of a diagnosis.
 
 use thiserror::Error;
 
@@ -7,7 +7,7 @@ use crate::evidence;
 use crate::identification::Dataset;
 use crate::identification::fit::FitError;
 
-/// Why a diagnosis cannot be made.
+/// Reason why a diagnosis is not possible.
 #[derive(Debug, Error)]
 pub enum DiagnosisError {
     /// The model cannot be fitted.
@@ -16,26 +16,26 @@ pub enum DiagnosisError {
     /// The statistics failed.
     #[error("diagnosis: {0}")]
     Evidence(#[from] evidence::Error),
-    /// Too little is left of the recordings for statistics.
+    /// The recordings are too short for the statistics.
     #[error(
         "diagnosis: {used:.3} s of {recorded:.3} s are usable ({rows} means of {block} samples; the noise model needs the first \
          {skip} of each of {stretches} stretches), expected at least {needed:.3} s ({means} means); record longer, or without gaps",
         block = problem::BLOCK
     )]
     TooShort {
-        /// Length of all stretches, s.
+        /// Duration of all segments, s.
         recorded: f64,
-        /// Stretches of evenly spaced samples.
+        /// Number of segments of equally spaced samples.
         stretches: usize,
-        /// Part of it that statistics can use, s.
+        /// Duration that the statistics can use, s.
         used: f64,
-        /// The same in means.
+        /// Number of means in that duration.
         rows: usize,
-        /// Means that the noise model needs of each stretch.
+        /// Number of means that the noise model needs of each segment.
         skip: usize,
-        /// Least length, s.
+        /// Least duration, s.
         needed: f64,
-        /// The same in means.
+        /// Number of means in the least duration.
         means: usize,
     },
     /// No recording was given.
@@ -57,27 +57,27 @@ pub enum DiagnosisError {
     Missing {
         /// Name of the effect.
         effect: String,
-        /// What it acts on.
+        /// Part that it acts on.
         part: &'static str,
     },
-    /// The effect is in the twin only.
+    /// The effect exists in the twin only.
     #[error(
         "`{0}` acts in the twin only: inverse dynamics along a measured motion does not show it, so no data determine its \
          parameters; put its table into the model file by hand"
     )]
     TwinOnly(String),
-    /// A formula has no law of its own.
+    /// A formula has no terms.
     #[error(
         "`formula` has no law until its terms stand in the model file; write [[effects.formula.terms]] there by hand"
     )]
     NoTerms,
-    /// The effect is in the model already.
+    /// The model contains the effect already.
     #[error("the model has `{0}` already")]
     Present(String),
 }
 
 impl DiagnosisError {
-    /// An error of the statistics on means of samples, in the seconds of the recordings.
+    /// Error of the statistics on means of samples, expressed in seconds of the recordings.
     pub(super) fn of_statistics(error: evidence::Error, datasets: &[Dataset]) -> Self {
         let evidence::Error::TooShort { rows, skip, needed: means } = error else { return error.into() };
         let mean = problem::BLOCK as f64 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);

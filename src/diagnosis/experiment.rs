@@ -1,5 +1,5 @@
-//! The experiment that would answer what the data leave open: which of several effects it is, or whether one is there at
-//! all.
+//! Experiment that resolves the open questions of a diagnosis: which of several effects is present, or whether one is
+//! present.
 
 use std::ops::Range;
 
@@ -21,55 +21,56 @@ use crate::model::Model;
 /// A proposed experiment.
 #[derive(Clone, Debug)]
 pub struct NextExperiment {
-    /// What to do and why, a sentence.
+    /// Description of the experiment and its purpose, one sentence.
     pub what: String,
     /// Name of its kind.
     pub kind: &'static str,
-    /// The two effects that are the hardest to tell apart, or the one effect that could be seen.
+    /// The two effects that are the hardest to distinguish, or the single effect to be revealed.
     pub pair: Vec<String>,
-    /// δ² of the pair, of the experiment as planned, with the present data where they can be used together.
+    /// δ² of the pair for the experiment as planned, combined with the present data where possible.
     pub noncentrality: f64,
-    /// Chance of the answer from the experiment as planned.
+    /// Power of the experiment as planned.
     pub chance: f64,
-    /// Length as planned, s.
+    /// Duration as planned, s.
     pub duration: f64,
-    /// Time for a chance of 95 %, s; none if that would take for ever.
+    /// Duration for a power of 95 %, s; `None` if no duration suffices.
     pub seconds: Option<f64>,
-    /// The experiment itself.
+    /// The planned experiment.
     pub experiment: Experiment,
-    /// The others, best first: kind, chance, time needed.
+    /// Alternatives, best first: kind, power, duration needed in s.
     pub others: Vec<(&'static str, f64, Option<f64>)>,
 }
 
-/// What the data leave open.
+/// Context of the open questions.
 pub struct Open<'a> {
-    /// The machine as far as it is known, without the effects in question.
+    /// Current model of the machine, without the effects in question.
     pub model: &'a Model,
     /// Effects whose parameters are known.
     pub fixed: &'a [String],
     /// The data.
     pub datasets: &'a [Dataset],
-    /// The noise left by the best model, as whitening filter of each channel.
+    /// Whitening filter of each channel for the noise left by the best model.
     pub filters: &'a [ArFilter],
-    /// Samples averaged into one before the filters apply.
+    /// Number of samples averaged before the filters apply.
     pub stride: usize,
-    /// Blocks of time of the tests.
+    /// Number of blocks of the tests.
     pub blocks: usize,
 }
 
-/// Time that any experiment takes beside its own, s.
+/// Handling time of any experiment in addition to its duration, s.
 const HANDLING: f64 = 600.0;
-/// Experiments worth mentioning beside the best.
+/// Number of alternatives that are reported.
 const MENTIONED: usize = 4;
-/// Samples of the present data used, in windows of a tenth of a second or so.
+/// Number of samples of the present data used, and of a window of about a tenth of a second.
 const SAMPLES: usize = 2000;
 const WINDOW: usize = 100;
 
 impl Open<'_> {
-    /// The experiment that tells the first of `rivals`, by their fitted sizes, from the others.
+    /// Experiment that distinguishes the first of `rivals` from the others at their fitted sizes; `None` if none can
+    /// be planned.
     pub fn tell(&self, rivals: &[ActiveEffect]) -> Option<NextExperiment> {
         let plans = self.plans(rivals);
-        // Rivals that no experiment could tell from the first, however long, set no standard.
+        // Rivals that no experiment of any duration distinguishes are ignored.
         let hopeless = |c: &Comparison| plans.iter().all(|p| p.of(&[*c], rivals).seconds.is_none());
         let pairs: Vec<Vec<Comparison>> = which(rivals.len()).chunks(2).map(<[_]>::to_vec).collect();
         let (alike, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|both| both.iter().any(hopeless));
@@ -91,7 +92,8 @@ impl Open<'_> {
         })
     }
 
-    /// The experiment that shows most of `unseen`, effects of their usual size.
+    /// Experiment that reveals `unseen` effects of their usual size at the least time per effect; `None` if none
+    /// does.
     pub fn see(&self, unseen: &[ActiveEffect]) -> Option<NextExperiment> {
         let plans = self.plans(unseen);
         let shown = |plan: &Plan| -> Vec<(usize, Prospect)> {
@@ -100,7 +102,7 @@ impl Open<'_> {
         };
         let mut all: Vec<(Experiment, Vec<(usize, Prospect)>)> =
             plans.par_iter().map(|p| (p.experiment.clone(), shown(p))).filter(|(_, s)| !s.is_empty()).collect();
-        // Time per effect that is shown.
+        // Time per effect revealed.
         let cost = |(e, shown): &(Experiment, Vec<(usize, Prospect)>)| {
             (HANDLING + e.kind.preparation() + e.length) / shown.len() as f64
         };
@@ -116,7 +118,7 @@ impl Open<'_> {
         })
     }
 
-    /// Every experiment of the catalogue with what its data will hold about `effects`.
+    /// Every experiment of the catalogue with the information of its data about `effects`.
     fn plans(&self, effects: &[ActiveEffect]) -> Vec<Plan> {
         let Some(first) = self.datasets.first() else { return Vec::new() };
         let channels = first.channels.clone();
@@ -138,7 +140,7 @@ impl Open<'_> {
         bench.catalogue().into_par_iter().filter_map(plan).collect()
     }
 
-    /// Evenly spread windows of a dataset, averaged, and the share of the whole that they stand for, inverted.
+    /// Equally spaced windows of an averaged dataset, and the ratio of the whole to the sampled part.
     fn coarse(&self, dataset: &Dataset) -> (Dataset, f64) {
         let averaged = dataset.averaged(self.stride);
         let windows: Vec<Range<usize>> = averaged.blocks(WINDOW.min(averaged.len())).collect();
@@ -156,7 +158,8 @@ impl Open<'_> {
     }
 }
 
-/// The experiment that tells the members of the first set apart; without a set, the one that shows what the data could not.
+/// Experiment that distinguishes the members of the first set; without a set, one that reveals what the data could
+/// not.
 pub(super) fn next(
     conclusion: &Conclusion,
     found: &Found,
@@ -191,8 +194,8 @@ pub(super) fn next(
     }
 }
 
-/// The effects that the data do not tell apart, the one that was added first: as fitted if it is in the model, else of the
-/// size that its test found.
+/// The effects that the data do not distinguish, starting with the one that was added: as fitted if it is in the
+/// model, else with the size estimated by its test.
 fn rivals(finding: &Finding, model: &Model, candidates: &[Vec<ActiveEffect>]) -> Vec<ActiveEffect> {
     let own = finding.chosen.candidate;
     let with_size = |a: &&Assessment| {
@@ -205,7 +208,7 @@ fn rivals(finding: &Finding, model: &Model, candidates: &[Vec<ActiveEffect>]) ->
     set.iter().map(with_size).collect()
 }
 
-/// Seed of the random motions that are proposed.
+/// Seed of the proposed random motions.
 const SEED: u64 = 17;
 
 struct Plan {
@@ -221,7 +224,7 @@ impl Plan {
     }
 }
 
-/// The least certain of several prospects.
+/// The prospect with the least power.
 fn hardest(all: &[(usize, Prospect)]) -> Prospect {
     let least = all.iter().min_by(|a, b| a.1.chance.total_cmp(&b.1.chance));
     least.map(|(_, p)| p.clone()).expect("at least one effect is shown")
@@ -242,7 +245,7 @@ fn proposal(experiment: &Experiment, promise: &Prospect, ranked: &[(Experiment, 
     }
 }
 
-/// `active` with the sizes that the evidence found for it, `(name, value)` with the effect's name before each.
+/// `active` with the sizes estimated by the evidence as `(name, value)`, each name with its effect as prefix.
 pub fn sized(active: &ActiveEffect, coefficients: impl Iterator<Item = (String, f64)>) -> ActiveEffect {
     let mut sized = active.clone();
     let entries = active.entries();

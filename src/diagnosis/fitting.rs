@@ -1,4 +1,4 @@
-//! How models are fitted to the recordings of a diagnosis, and how long it may take.
+//! Fits of models to the recordings of a diagnosis within a time limit.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,45 +10,45 @@ use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{Fit, FitError, Options as FitOptions, fit_with};
 use crate::model::Model;
 
-/// Returns the share of the time for a diagnosis that has passed; 1 and more once it is up.
+/// Function that returns the share of the permitted time that has passed; 1 or more when it is up.
 pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
-/// What is known before a diagnosis, and how long it may take.
+/// Prior knowledge and time limit of a diagnosis.
 #[derive(Clone, Copy)]
 pub struct Options<'a> {
-    /// Effects (or `rigid_bodies`) whose parameters are known: they are not fitted.
+    /// Effects (or `rigid_bodies`) whose parameters are known and not fitted.
     pub fixed: &'a [String],
-    /// Once it says that the time is up, the best answer so far is given, with what was not tried.
+    /// When the time is up, the best result so far is returned with the steps not tried.
     pub clock: Clock<'a>,
 }
 
 impl Default for Options<'_> {
-    /// Fits all parameters and takes the time it needs.
+    /// All parameters are fitted without a time limit.
     fn default() -> Self {
         Self { fixed: &[], clock: &|| 0.0 }
     }
 }
 
-/// Steps of a diagnosis that begin only while there is time.
+/// Steps of a diagnosis that start only if there is time.
 #[derive(Clone, Copy)]
 pub(super) enum Stage {
     /// The search for a law outside the library.
     UnknownLaw,
-    /// The choice of the next experiment, and the end of everything before it.
+    /// The planning of the next experiment, and the end of all previous steps.
     NextExperiment,
 }
 
-/// Share of the time after which no further effect is looked for.
+/// Share of the time after which no further effect is searched.
 const LAST_SEARCH: f64 = 0.6;
-/// The same for the first effect: on a slow computer it is tried all the same.
+/// Share of the time after which the first effect is not searched; a slow computer still tries it.
 const FIRST_SEARCH: f64 = 2.0;
 
-/// How a model is fitted to the recordings.
+/// Fits of models to the recordings.
 pub(super) struct Fitting<'a> {
     pub datasets: &'a [Dataset],
     /// Standard deviation of the noise of each channel.
     pub noise: Vec<f64>,
-    /// Effects that keep their parameters.
+    /// Effects whose parameters are held.
     pub fixed: &'a [String],
     clock: Clock<'a>,
     has_tried: AtomicBool,
@@ -68,12 +68,12 @@ impl<'a> Fitting<'a> {
         fit_with(model, self.datasets, &weights, &options)
     }
 
-    /// Whether it is too late to look for another effect.
+    /// Whether it is too late to search another effect.
     pub fn is_late(&self) -> bool {
         (self.clock)() >= if self.has_tried.load(Ordering::Relaxed) { LAST_SEARCH } else { FIRST_SEARCH }
     }
 
-    /// Whether a stage may still begin.
+    /// Whether a stage may still start.
     pub fn has_time_for(&self, stage: Stage) -> bool {
         (self.clock)()
             < match stage {
@@ -82,12 +82,13 @@ impl<'a> Fitting<'a> {
             }
     }
 
-    /// Says that an effect was tried: from now on the time is as long as it is.
+    /// Records that an effect was tried; from then on [`LAST_SEARCH`] limits the time.
     pub fn tried(&self) {
         self.has_tried.store(true, Ordering::Relaxed);
     }
 
-    /// The linearised problem of a fit, without the parameters that are fixed or held by physical consistency.
+    /// The linearised problem of a fit, without fixed parameters and without directions across active consistency
+    /// constraints.
     pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
         let mut problem = problem::problem(fit, self.datasets, &self.noise, candidates)?;
         problem.base.retain(|c| !self.is_fixed(&c.name));
@@ -95,7 +96,7 @@ impl<'a> Fitting<'a> {
         Ok(problem)
     }
 
-    /// Whether a parameter, with its effect before its name, keeps its value.
+    /// Whether a parameter, whose name has its effect as prefix, is fixed.
     pub fn is_fixed(&self, parameter: &str) -> bool {
         self.fixed.iter().any(|f| parameter.split('.').next() == Some(f))
     }

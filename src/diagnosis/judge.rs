@@ -1,4 +1,4 @@
-//! Whether an effect is worth its name, on data it was not found in.
+//! Validation of an effect on data it was not found in.
 
 use super::budget::Budget;
 use super::fitting::Fitting;
@@ -11,35 +11,35 @@ use crate::identification::fit::{Fit, FitError, channel_rms, residuals};
 use crate::identification::prediction::Channels;
 use crate::model::Model;
 
-/// Smallest share of the raw noise an effect must explain on some channel to be worth naming. In the data it is judged by
-/// it is a share of all that is left: what smoothing blurs at reversals is there in every recording, and beside a large error
-/// of the model a trifle is no explanation.
+/// Smallest relative RMS contribution of an effect on some channel, for it to be named. It is relative to the
+/// residual with the effect on the validation data, because the smoothing error at reversals is present in every
+/// recording, and an effect much smaller than a large model error explains nothing.
 pub(super) const MIN_RELEVANCE: f64 = 0.1;
 
-/// Share of what an effect takes from the residual it was found in that it must take from held-out data, too. A bias that
-/// walks takes nothing there.
+/// Share of an effect's gain on the fitted data that it must also gain on held-out data, where a drifting bias gains
+/// nothing.
 const HELD_OUT_SHARE: f64 = 0.3;
 
-/// Gain, in units of the noise, below which an effect takes no more than what wanders: seven standard deviations of one
-/// parameter, as how much wanders is known from a few slow cosines only.
+/// Gain, in units of the noise, below which drift may explain an effect: seven standard deviations of one parameter,
+/// because the drift intensity is estimated from a few slow cosines only.
 const NO_MORE: f64 = 50.0;
 
-/// Excess of the residual's RMS over the noise floor that no controller or filter explains.
+/// Ratio of the RMS residual to the noise floor above which it is not explained by controller or filter.
 pub(super) const UNEXPLAINED: f64 = 1.15;
 
-/// A fit with its RMS residuals on the data it is judged by.
+/// A fit with its RMS residuals on the validation data.
 #[derive(Clone)]
 pub(super) struct Judged {
     pub fit: Fit,
     pub rms: Vec<f64>,
 }
 
-/// The data to find effects in and those to judge them by.
+/// Data for the search of effects and data for their validation.
 pub(super) struct Judge<'a> {
     pub fitting: &'a Fitting<'a>,
-    /// Recordings that no fit sees; may be none.
+    /// Recordings that no fit uses; may be empty.
     pub held_out: &'a [Dataset],
-    /// Their noise floor.
+    /// Noise floor of the validation data.
     pub floor: Vec<f64>,
 }
 
@@ -50,17 +50,17 @@ impl<'a> Judge<'a> {
         judge
     }
 
-    /// The recordings to judge by: those held out; without any, those fitted to.
+    /// Validation data: the held-out recordings, or without any the fitted ones.
     pub fn data(&self) -> &'a [Dataset] {
         if self.held_out.is_empty() { self.fitting.datasets } else { self.held_out }
     }
 
-    /// Whether residuals on the data to judge by lie clearly above the noise of some channel.
+    /// Whether the residuals on the validation data clearly exceed the noise of some channel.
     pub fn is_more_than_noise(&self, rms: &[f64]) -> bool {
         rms.iter().zip(&self.floor).any(|(r, floor)| r / floor.max(f64::MIN_POSITIVE) > UNEXPLAINED)
     }
 
-    /// An error budget on the data judged by.
+    /// Error budget on the validation data.
     pub fn budget(&self, rms_before: Vec<f64>, effects: Vec<(String, Vec<f64>)>) -> Budget {
         Budget {
             channels: self.fitting.datasets[0].channels.clone(),
@@ -76,8 +76,8 @@ impl<'a> Judge<'a> {
         self.of(self.fitting.fit(model)?)
     }
 
-    /// Whether more than noise is left away from reversals, both of what was fitted and of what was held out: a bias that
-    /// drifts differs from one recording to the next, and parameters follow it.
+    /// Whether the residual away from reversals exceeds the noise on the fitted data and on the validation data: a
+    /// drifting bias differs between recordings, and parameters follow it.
     pub fn leaves_more(&self, judged: &Fit) -> Result<bool, FitError> {
         let above = |datasets: &[Dataset], residuals: &[Channels], floor: &[f64]| {
             let rms = rms_away_from_reversals(datasets, residuals);
@@ -87,12 +87,12 @@ impl<'a> Judge<'a> {
             && above(self.data(), &residuals(&judged.model, self.data())?, &self.floor))
     }
 
-    /// Judges a fit.
+    /// RMS residuals of a fit on the validation data.
     pub fn of(&self, fit: Fit) -> Result<Judged, FitError> {
         Ok(Judged { rms: channel_rms(&residuals(&fit.model, self.data())?), fit })
     }
 
-    /// Whether what `with` has and `without` has not is worth a name.
+    /// Whether the validation data confirm the effect that `with` contains and `without` does not.
     pub fn confirms(&self, without: &Judged, with: &Judged) -> Result<bool, FitError> {
         let gain = relative_energy(&without.fit.rms, &self.fitting.noise)
             - relative_energy(&with.fit.rms, &self.fitting.noise);
@@ -103,12 +103,12 @@ impl<'a> Judge<'a> {
 }
 
 impl Fitting<'_> {
-    /// Whether `with` takes no more from what it was fitted to than noise that drifts.
+    /// Whether drift explains the gain of `with` over `without` on the fitted data.
     pub fn wanders(&self, without: &Fit, with: &Fit) -> Result<bool, FitError> {
         Ok(self.gain(without, with)? < NO_MORE)
     }
 
-    /// Fall of the energy from one fit to the other, in units of the noise, as far as noise that drifts does not explain it.
+    /// Decrease of the energy from one fit to the other that drift does not explain, in units of the noise.
     fn gain(&self, without: &Fit, with: &Fit) -> Result<f64, FitError> {
         let datasets = self.datasets;
         let (segments, samples) = problem::segments(datasets);
@@ -124,15 +124,15 @@ impl Fitting<'_> {
             let columns: Vec<&[f64]> = problem.base.iter().map(|c| &*c.values).collect();
             noise.least_squares(&problem.y, &columns)
         };
-        // Ordinary least squares hide a part of the walk in the parameters.
+        // Ordinary least squares absorb part of the drift in the parameters, so the noise is estimated again.
         left = refitted(&least, &noise);
         noise = Noise::of(&left, samples, &segments, drives(datasets));
         Ok(noise.energy(&refitted(&problem, &noise)) - noise.energy(&refitted(&least, &noise)))
     }
 }
 
-/// RMS residuals away from the drives' reversals, channel by channel: within their half width the derivatives blur what
-/// friction does there. All counts where nothing else is left.
+/// RMS residuals per channel away from the drives' reversals, where the derivatives smooth the jump of friction over
+/// their half width. All samples count if none is away from reversals.
 fn rms_away_from_reversals(datasets: &[Dataset], residuals: &[Channels]) -> Vec<f64> {
     let kept: Vec<Vec<usize>> = datasets.iter().map(away_from_reversals).collect();
     if kept.iter().all(Vec::is_empty) {
@@ -144,7 +144,7 @@ fn rms_away_from_reversals(datasets: &[Dataset], residuals: &[Channels]) -> Vec<
     channel_rms(&residuals.iter().zip(&kept).map(of).collect::<Vec<_>>())
 }
 
-/// Samples of a dataset that lie farther from every reversal than the derivatives reach.
+/// Samples of a dataset whose distance from every reversal exceeds the half width of the derivatives.
 fn away_from_reversals(dataset: &Dataset) -> Vec<usize> {
     let mut is_away = vec![true; dataset.len()];
     for axis in 0..drives(std::slice::from_ref(dataset)) {
@@ -162,7 +162,8 @@ fn drives(datasets: &[Dataset]) -> usize {
     datasets[0].channels.iter().filter(|c| c.drive().is_some()).count()
 }
 
-/// Whether an effect takes no more from residuals it was not fitted to, `without` it and `with` it, than noise that drifts.
+/// Whether drift explains the difference of two residuals on data that were not fitted, `without` an effect and
+/// `with` it.
 pub(super) fn wanders_in(datasets: &[Dataset], without: &[Channels], with: &[Channels]) -> bool {
     let (segments, samples) = problem::segments(datasets);
     let left = problem::residual_series(datasets, with);
@@ -170,13 +171,13 @@ pub(super) fn wanders_in(datasets: &[Dataset], without: &[Channels], with: &[Cha
     noise.energy(&problem::residual_series(datasets, without)) - noise.energy(&left) < NO_MORE
 }
 
-/// Whether the variance of some channel falls by enough, in units of what is left.
+/// Whether the variance of some channel decreases enough, relative to the residual with the effect.
 pub(super) fn is_relevant(without: &[f64], with: &[f64]) -> bool {
     let gains = without.iter().zip(with).map(|(without, with)| (without / with).powi(2) - 1.0);
     gains.fold(0.0, f64::max) >= MIN_RELEVANCE.powi(2)
 }
 
-/// Σ over channels of the variance in units of the noise.
+/// Sum over the channels of the variance in units of the noise.
 pub(super) fn relative_energy(rms: &[f64], floor: &[f64]) -> f64 {
     rms.iter().zip(floor).map(|(r, f)| (r / f).powi(2)).sum()
 }

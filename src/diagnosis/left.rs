@@ -1,4 +1,4 @@
-//! What is left after everything that was found, in units of the noise.
+//! Residual after everything found, in units of the noise.
 
 use super::answer::Verdict;
 use super::conclusion::Conclusion;
@@ -9,30 +9,30 @@ use crate::dynamics::Channel;
 use crate::identification::fit::FitError;
 use crate::machine::Unit;
 
-/// Error that is left, in units of the noise.
+/// Residual in units of the noise.
 #[derive(Clone, Debug)]
 pub struct Left {
-    /// Held-out RMS residual of each channel over its noise floor, with everything that was found.
+    /// Ratio of each channel's RMS residual on the validation data to its noise floor, with everything found.
     pub ratios: Vec<f64>,
-    /// Whether something unknown acts beside the effects that are named.
+    /// Whether an unknown effect acts in addition to the named ones.
     pub beside: bool,
-    /// What it looks like, where there is more than noise and no formula was found for it.
+    /// Description of the residual where it exceeds the noise and has no formula.
     pub sight: Option<Rest>,
 }
 
-/// What a rest looks like that no formula explains.
+/// Description of a residual without a formula.
 #[derive(Clone, Debug)]
 pub struct Rest {
-    /// Where it was looked at.
+    /// Location, as text.
     pub location: String,
-    /// What acts there.
+    /// Force at the location.
     pub shape: Shape,
-    /// Unit of that.
+    /// Unit of the force.
     pub unit: Unit,
 }
 
 impl Left {
-    /// What a conclusion leaves, with a look at it where no formula was found for it.
+    /// Residual of a conclusion, with its description where it has no formula.
     pub(super) fn of(conclusion: &Conclusion, judge: &Judge) -> Result<Self, FitError> {
         let mut left = Self::new(&conclusion.end.rms, &judge.floor, !conclusion.effects.is_empty(), conclusion.verdict);
         if left.is_more_than_noise() && conclusion.unexplained.is_none() {
@@ -51,17 +51,17 @@ impl Left {
         Self { ratios, beside: named && (above || verdict == Verdict::Unknown), sight: None }
     }
 
-    /// Largest ratio; 1 is noise alone.
+    /// Largest ratio; 1 is pure noise.
     pub fn largest(&self) -> f64 {
         self.ratios.iter().copied().fold(0.0, f64::max)
     }
 
-    /// Whether some channel has clearly more than its noise.
+    /// Whether some channel clearly exceeds its noise.
     pub fn is_more_than_noise(&self) -> bool {
         self.largest() > UNEXPLAINED
     }
 
-    /// Channels with clearly more than their noise, the worst first, with the ratio.
+    /// Channels that clearly exceed their noise with the ratio, largest first.
     pub fn channels(&self, channels: &[Channel]) -> Vec<(Channel, f64)> {
         let all = channels.iter().copied().zip(self.ratios.iter().copied());
         let mut above: Vec<(Channel, f64)> = all.filter(|(_, ratio)| *ratio > UNEXPLAINED).collect();

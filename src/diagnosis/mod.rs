@@ -1,7 +1,7 @@
-//! Which physical effect is missing: refit the model, try every absent effect, add what the data demand.
+//! Diagnosis of missing effects: refits the model, tests every absent effect and adds those that the data require.
 //!
-//! The statistics stand in [`crate::evidence`]; this module states the hypotheses in the robot's terms and reads the
-//! outcome back into them.
+//! The statistics are in [`crate::evidence`]; this module formulates the hypotheses for the robot and interprets the
+//! outcome.
 
 mod add;
 mod answer;
@@ -35,9 +35,9 @@ use crate::dynamics::in_configuration;
 use crate::identification::Dataset;
 use crate::model::Model;
 
-/// Finds the effects that `model` lacks to explain `datasets`, judged on `held_out` where given.
+/// Diagnosis of the effects that `model` lacks to explain `datasets`, validated on `held_out` where given.
 ///
-/// All parameters are fitted, and it takes the time it needs; `progress` is told what is being done.
+/// All parameters are fitted without a time limit; `progress` is called with the name of each step.
 ///
 /// # Errors
 /// If there are no data, recordings measure different channels, or the model cannot be fitted to them.
@@ -50,7 +50,7 @@ pub fn diagnose(
     diagnose_with(model, datasets, held_out, &Options::default(), progress)
 }
 
-/// The same with known parameters and within a time.
+/// Diagnosis as [`diagnose`], with known parameters and a time limit.
 ///
 /// # Errors
 /// As [`diagnose`].

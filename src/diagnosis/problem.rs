@@ -1,5 +1,5 @@
-//! The statistical problem of a model and its recordings: residuals, columns of its parameters, columns of every effect
-//! it lacks.
+//! Statistical problem of a model and its recordings: residuals, columns of its parameters, and columns of every
+//! effect that it lacks.
 
 use std::sync::Arc;
 
@@ -11,18 +11,19 @@ use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, averaged_columns};
 use crate::model::Model;
 
-/// Samples averaged into one. Physics lives below 80 Hz, the samples come at kilohertz.
+/// Number of samples averaged into one: the dynamics is below 80 Hz, the sampling rate in the kilohertz range.
 pub const BLOCK: usize = 5;
 
-/// Share of its usual magnitude below which an effect is not worth caring about.
+/// Share of its usual magnitude below which an effect is not of practical interest.
 const WORTH_CARING: f64 = 0.3;
 
-/// Effects the model lacks on the parts of the machine that were mounted, one per way of setting their shape.
+/// Effects that the model lacks on the mounted parts of the machine, each with its initial shapes.
 pub fn absent(model: &Model) -> Vec<Vec<ActiveEffect>> {
     missing(model).filter(|e| e.spec().identifiable).map(|e| variants(model, e)).collect()
 }
 
-/// Effects the model lacks that only the twin has: no measured motion shows them to inverse dynamics.
+/// Effects that the model lacks and that exist in the twin only: inverse dynamics along a measured motion does not
+/// contain them.
 pub fn beyond(model: &Model) -> Vec<Arc<dyn effects::Effect>> {
     missing(model).filter(|e| !e.spec().identifiable).collect()
 }
@@ -36,7 +37,7 @@ fn missing(model: &Model) -> impl Iterator<Item = Arc<dyn effects::Effect>> {
         .cloned()
 }
 
-/// An absent effect with the model's constants and every starting shape.
+/// An absent effect with the model's constants, one variant per initial shape.
 fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect> {
     let mut base = ActiveEffect::absent_on(effect.clone(), model.host());
     let entries = base.entries();
@@ -50,7 +51,7 @@ fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect
     if !effect.spec().search.starts.is_empty() {
         return effect.spec().search.starts.iter().map(|start| begun_at(&base, start)).collect();
     }
-    // Sets of values that are scaled together. What gears do depends on how much they give from the outset.
+    // Sets of values that are scaled together. The response of gears depends on their compliance from the start.
     let gears = base.has_gears();
     let searched: Vec<Vec<usize>> = if gears {
         base = base.at_nominal_size();
@@ -85,7 +86,7 @@ fn variants(model: &Model, effect: Arc<dyn effects::Effect>) -> Vec<ActiveEffect
     variants
 }
 
-/// An effect with the values of a starting shape.
+/// An effect with the values of an initial shape.
 fn begun_at(active: &ActiveEffect, start: &Start) -> ActiveEffect {
     let mut begun = active.clone();
     for (block, values) in start.0.iter().flatten() {
@@ -129,7 +130,7 @@ fn label(active: &ActiveEffect) -> String {
     shape.map_or_else(String::new, |(e, v)| format!("{} = {v} {}", e.name, e.parameter.unit))
 }
 
-/// A column with the effect and role of its parameter.
+/// Column with the effect and role of its parameter.
 pub struct Owned {
     /// Effect of the parameter.
     pub effect: &'static str,
@@ -139,15 +140,15 @@ pub struct Owned {
     pub column: Column,
 }
 
-/// Columns of all estimated parameters of a model; what the motion does not excite at all is left out.
+/// Columns of all estimated parameters of a model except those that the motion does not excite.
 pub fn owned_columns(model: &Model, datasets: &[Dataset]) -> Result<Vec<Owned>, FitError> {
     Ok(linearised(model, datasets, &[])?.0)
 }
 
-/// Contribution of a parameter of usual size below which it is not excited, N·m or N.
+/// Contribution of a parameter of usual size below which it counts as not excited, N·m or N.
 const NOT_EXCITED: f64 = 1e-9;
 
-/// Columns of the parameters of a model, and of each candidate as if it stood in the model with the values it has.
+/// Columns of the parameters of a model, and of each candidate as if it were in the model with the values it has.
 fn linearised(
     model: &Model,
     datasets: &[Dataset],
@@ -186,18 +187,19 @@ fn linearised(
     Ok((owned, columns))
 }
 
-/// How much freedom the edges of the possible on which a fit stands take from its parameters.
+/// Restriction of the parameters by the active consistency constraints of a fit.
 ///
-/// With what is missing in the model parameters leave some of these edges, and no test of a candidate beside them knows which.
+/// With a missing effect in the model, parameters may leave some of these constraints; tests of a candidate cannot
+/// tell which.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Edges {
-    /// One direction: across all of them at once.
+    /// One restricted direction: the sum of all constraint normals.
     Together,
-    /// One direction each.
+    /// One restricted direction per constraint.
     Apart,
 }
 
-/// Leaves parameters the freedom to move along the edges of the possible on which a fit stands, not across them.
+/// Restricts the parameters to directions along the active consistency constraints of a fit.
 pub fn along_edges(base: &mut Vec<Column>, fit: &Fit, edges: Edges) {
     match edges {
         Edges::Together => along_edge(base, &fit.edges.concat()),
@@ -205,10 +207,10 @@ pub fn along_edges(base: &mut Vec<Column>, fit: &Fit, edges: Edges) {
     }
 }
 
-/// The same of one edge, given as the pull across it by parameter.
+/// Restricts the parameters to directions along one constraint, given by its normal force per parameter.
 ///
-/// With n the pull, a step d along the edge has n·d = 0: the parameter that is pulled most follows the others,
-/// d_k = −Σ n_j/n_k·d_j, and its column goes into theirs.
+/// With the normal force n, a step d along the constraint has n·d = 0: the parameter with the largest force depends
+/// on the others, d_k = −Σ n_j/n_k·d_j, and its column is added to theirs.
 fn along_edge(base: &mut Vec<Column>, edge: &[(String, f64)]) {
     let pull = |c: &Column| edge.iter().find(|(name, _)| *name == c.name).map_or(0.0, |(_, n)| *n);
     let weight = |c: &Column| (pull(c) * c.magnitude).abs();
@@ -223,7 +225,7 @@ fn along_edge(base: &mut Vec<Column>, edge: &[(String, f64)]) {
     }
 }
 
-/// Parameters that no channel shows, of candidates beside those of `unseen` effects.
+/// Parameters without influence on any channel, of candidates other than the `unseen` effects.
 pub fn not_excited(problem: &Problem, unseen: &[String]) -> Vec<String> {
     let silent = |c: &&Column| c.values.iter().all(|v| (v * c.magnitude).abs() <= NOT_EXCITED);
     let candidates = problem.candidates.iter().filter(|c| !unseen.contains(&c.name));
@@ -235,13 +237,13 @@ pub fn not_excited(problem: &Problem, unseen: &[String]) -> Vec<String> {
         .collect()
 }
 
-/// Channel by channel, dataset by dataset.
+/// One series, channel by channel, dataset by dataset.
 fn stack<'a>(datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
     let datasets: Vec<&Channels> = datasets.collect();
     (0..datasets[0].len()).flat_map(|c| datasets.iter().flat_map(move |t| &t[c])).copied().collect()
 }
 
-/// Averaged segments of all datasets one after another, and their total length.
+/// Averaged segments of all datasets in sequence, and their total length.
 pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
     let mut out = Vec::new();
     let mut from = 0;
@@ -255,7 +257,7 @@ pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
     (out, from)
 }
 
-/// Residuals of datasets, stacked: channel by channel, dataset by dataset.
+/// Residuals of datasets as one series: channel by channel, dataset by dataset.
 pub fn residual_series(datasets: &[Dataset], residuals: &[Channels]) -> Vec<f64> {
     let mut out = Vec::new();
     for c in 0..datasets[0].channels.len() {

@@ -1,7 +1,7 @@
-//! Forward selection of effects on the robot's own model, with names that do not stand refused.
+//! Forward selection of effects on the robot's own model, with validation of every selected effect.
 //!
-//! A fit with given effects is made once, however often the selection comes back to them. When the time is up, the
-//! effects that stand in the order in which they were added are the answer.
+//! A fit with a given set of effects is computed once and reused. When the time is up, the result is the longest
+//! sequence of effects, in the order of their addition, that the validation data confirm.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -15,53 +15,53 @@ use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
 use crate::model::Model;
 
-/// Most names that are refused; when a further one is wrong, too, nothing is named.
+/// Largest number of effects refused by the validation; one more refusal ends the search without a name.
 const MAX_REFUSED: usize = 5;
 
-/// The effect that sampling looks like.
+/// Name of the effect that is equivalent to a delay of the recorder.
 pub(super) const DELAY: &str = "signal_delay";
 
-/// What the search ends with.
+/// Outcome of the search.
 pub(super) struct Found {
-    /// The model without new effects, but with a lag of the recorder if there is one.
+    /// The model without new effects, but with the recorder's delay if there is one.
     pub start: Judged,
-    /// The model with all that was found.
+    /// The model with everything found.
     pub end: Judged,
-    /// RMS residuals without each found effect, on the data to judge by.
+    /// RMS residuals without each found effect, on the validation data.
     pub without: Vec<Vec<f64>>,
     /// The statistics of the last selection.
     pub outcome: Outcome,
-    /// All candidates before any was refused.
+    /// Ranking of all candidates before any was refused.
     pub all: Ranking,
-    /// The problem that was stated.
+    /// The original problem.
     pub problem: Problem,
-    /// How it was judged.
+    /// Settings of the selection.
     pub settings: Settings,
-    /// By how much the torques come late, s.
+    /// Delay of the torques, s.
     pub sampling_lag: Option<f64>,
-    /// Effects that the data ask for and that the time did not allow to try.
+    /// Effects that the data require but that were not tried for lack of time.
     pub not_tried: Vec<String>,
 }
 
 impl Found {
-    /// Whether every effect found is the only one that explains what it explains, and no more than noise is left.
+    /// Whether every found effect is distinguished from all rivals and the residual does not exceed the noise.
     fn is_clear(&self, judge: &Judge) -> bool {
         let single = self.outcome.findings.iter().all(|f| f.ranking.confidence_set().len() < 2);
         single && !judge.is_more_than_noise(&self.end.rms)
     }
 }
 
-/// Candidates and variants that a fit has.
+/// Candidates and variants in a fit.
 type Key = Vec<(usize, usize)>;
 
-/// Fits made so far from one start, by the effects that they have.
+/// Fits from one start, by their set of effects.
 #[derive(Default)]
 struct Fits {
     judged: RefCell<Vec<(Key, Judged)>>,
     columns: RefCell<Vec<(Key, Rc<Vec<problem::Owned>>)>>,
 }
 
-/// What a set of effects is known by, in whatever order they were added.
+/// Key of a set of effects, independent of the order of addition.
 fn key(chosen: &[Chosen]) -> Key {
     let mut key: Key = chosen.iter().map(|c| (c.candidate, c.variant)).collect();
     key.sort_unstable();
@@ -69,7 +69,7 @@ fn key(chosen: &[Chosen]) -> Key {
 }
 
 impl Fits {
-    /// The fit with `chosen`; `make` makes it if there is none yet.
+    /// The fit with `chosen`, computed by `make` at the first request.
     fn of<E>(&self, chosen: &[Chosen], make: impl FnOnce() -> Result<Judged, E>) -> Result<Judged, E> {
         let key = key(chosen);
         if let Some((_, known)) = self.judged.borrow().iter().find(|(k, _)| *k == key) {
@@ -92,32 +92,32 @@ impl Fits {
     }
 }
 
-/// How one selection ended.
+/// Result of one selection.
 enum Selection {
-    /// Regularly.
+    /// Regular end.
     Complete(Box<(Outcome, Judged)>),
-    /// The delay found is the recorder's.
+    /// The delay found is that of the recorder.
     Lag(ActiveEffect),
-    /// The effect of that name does not stand.
+    /// The effect of that name is not confirmed.
     Refused(String),
 }
 
-/// What is known of a delay of less than half a sample: a controller holds its torque from one sample to the next, so that
-/// it is a property of the recording and no effect.
+/// State of a delay of less than half a sample: a controller holds its torque from one sample to the next, so such a
+/// delay is a property of the recording and no effect.
 #[derive(Clone, Copy, PartialEq)]
 enum Lag {
     /// A delay that is found may be the recorder's.
     Possible,
     /// The recorder's delay is in the model.
     InModel,
-    /// Beside the other effects it was longer: a delay that is found is an effect.
+    /// Together with other effects the delay was longer: a delay that is found is an effect.
     Excluded,
 }
 
-/// Selects effects until all that were found stand.
+/// Selection of effects, repeated until all that were found are confirmed.
 ///
-/// Where several edges of the possible hold the start and the answer is not clear, the search is made once more with every edge
-/// by itself, and the outcome that leaves less counts.
+/// If the start has several active consistency constraints and the outcome is not clear, the search is repeated with
+/// each constraint separately, and the outcome with the smaller residual is returned.
 pub(super) fn find(
     start: Fit,
     judge: &Judge,
@@ -168,40 +168,40 @@ fn find_along(
     }
 }
 
-/// Effects that were added, with the fit that has them.
+/// Added effects with the fit that contains them.
 type Refitted = (Vec<Chosen>, Judged);
 
-/// Effects that stand on the data judged by.
+/// Effects confirmed by the validation data.
 struct Standing {
     outcome: Outcome,
     /// The fit with them.
     end: Judged,
-    /// RMS residuals without each of them.
+    /// RMS residuals without each of them, on the validation data.
     without: Vec<Vec<f64>>,
     not_tried: Vec<String>,
 }
 
-/// Forward selection, again and again, from one refitted model.
+/// Repeated forward selection from one refitted model.
 struct Search<'a> {
     edges: Edges,
     judge: &'a Judge<'a>,
     candidates: &'a [Vec<ActiveEffect>],
     settings: Settings,
-    /// The model that effects are added to.
+    /// The model to which effects are added.
     start: Judged,
     /// Its linearised problem.
     problem: Problem,
-    /// Both without a lag of the recorder.
+    /// Model and problem without the recorder's delay.
     without_lag: (Judged, Problem),
     lag: Lag,
-    /// Effects that did not stand.
+    /// Names of the effects that were not confirmed.
     refused: Vec<String>,
-    /// The assessment before anything was added or refused.
+    /// The ranking before anything was added or refused.
     all: Option<Ranking>,
     fits: Fits,
 }
 
-/// Names of what an outcome that was cut short leaves open: `unjudged` effects, and candidates that still pass.
+/// Names of effects left open by an outcome that was cut short: `unjudged` effects and significant candidates.
 fn untried(outcome: &Outcome, unjudged: Vec<String>, settings: &Settings) -> Vec<String> {
     let ranking = &outcome.remaining;
     let passing = ranking.order.iter().map(|&i| &ranking.candidates[i]).filter(|a| a.passes(settings));
@@ -223,7 +223,7 @@ impl<'a> Search<'a> {
             Settings { min_relevance: MIN_RELEVANCE * (problem::BLOCK as f64).sqrt(), ..Settings::default() };
         let problem = judge.fitting.problem(&start, candidates, edges)?;
         let start = judge.of(start)?;
-        // There is nothing to explain where no channel lies above its noise.
+        // No channel exceeds its noise, so nothing is to be explained.
         if start.rms.iter().zip(&judge.floor).all(|(r, f)| r <= f) {
             settings.max_steps = 0;
         }
@@ -242,7 +242,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Puts the recorder's delay into the model to start from.
+    /// Adds the recorder's delay to the starting model.
     fn accept_lag(&mut self, late: ActiveEffect) -> Result<(), DiagnosisError> {
         self.lag = Lag::InModel;
         let mut model = self.start.fit.model.clone();
@@ -255,7 +255,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Takes the recorder's delay out of the model again: beside what else was found it is an effect.
+    /// Removes the recorder's delay from the model: together with the other effects found it is an effect.
     fn exclude_lag(&mut self) {
         self.lag = Lag::Excluded;
         (self.start, self.problem) = self.without_lag.clone();
@@ -266,17 +266,17 @@ impl<'a> Search<'a> {
         progress(&format!("without {name}"));
         match self.refused.len() < MAX_REFUSED {
             true => self.refused.push(name),
-            // After so many refusals no name is worth trusting.
+            // After this number of refusals no name is reliable.
             false => self.settings.max_steps = 0,
         }
     }
 
-    /// Whether edges hold the start, each by itself.
+    /// Whether the start has active consistency constraints that are treated separately.
     fn is_held(&self) -> bool {
         self.edges == Edges::Apart && !self.start.fit.edges.is_empty()
     }
 
-    /// The recorder's delay in a fit, s.
+    /// The recorder's delay in a fit, s; `None` if it is not part of the model.
     fn sampling_lag(&self, end: &Judged) -> Option<f64> {
         delay(&end.fit.model).filter(|_| self.lag == Lag::InModel).map(|late| late.values[0])
     }
@@ -286,7 +286,7 @@ impl<'a> Search<'a> {
         0.5 * self.judge.fitting.datasets[0].dt
     }
 
-    /// The problem without the candidates that were refused.
+    /// The problem without the refused candidates.
     fn stated(&self) -> Problem {
         let mut stated = self.problem.clone();
         for c in &mut stated.candidates {
@@ -297,7 +297,7 @@ impl<'a> Search<'a> {
         stated
     }
 
-    /// Whether what a selection ended with stands on the data judged by; if not, the name that does not.
+    /// Confirmed outcome of a selection on the validation data, or the name of an effect that is not confirmed.
     fn confirm(&self, mut outcome: Outcome, end: Judged) -> Result<Result<Standing, String>, FitError> {
         let chosen: Vec<Chosen> = outcome.findings.iter().map(|f| f.chosen).collect();
         if !outcome.cut_short && !self.judge.fitting.is_late() {
@@ -327,8 +327,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Forward selection; the model is refitted after every addition if any parameter enters its prediction nonlinearly, or if
-    /// an edge of the possible holds some: the error of an old linearisation looks like further effects.
+    /// Forward selection; the model is refitted after every addition if any parameter enters its prediction
+    /// nonlinearly or a consistency constraint is active, because the error of an old linearisation resembles further
+    /// effects.
     fn select(&mut self, progress: &mut dyn FnMut(&str)) -> Result<Selection, DiagnosisError> {
         let (stated, fitting) = (self.stated(), self.judge.fitting);
         let mut stopped: Option<Selection> = None;
@@ -351,7 +352,7 @@ impl<'a> Search<'a> {
         self.complete(outcome, last, progress)
     }
 
-    /// What becomes of the problem when the last of `chosen` was added, or why the selection ends with it.
+    /// Change of the problem after the last of `chosen` was added, or the reason that ends the selection.
     fn added(
         &self,
         chosen: &[Chosen],
@@ -375,7 +376,7 @@ impl<'a> Search<'a> {
             Err(selection) => Ok(Err(selection)),
         });
         fitting.tried();
-        // Where the data lead to a machine that cannot be, the newest effect is not what they show.
+        // If the refit leads to an impossible machine, the newest effect is refused.
         match made.unwrap_or_else(|_| Err(self.refusal(chosen))) {
             Ok((next, fitted)) => {
                 *last = Some((chosen.to_vec(), fitted));
@@ -386,7 +387,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The fit with the effects chosen. Elastic gears take long to fit: they must promise enough before and keep it after.
+    /// The fit with the chosen effects. Elastic gears take long to fit: they must promise a sufficient gain before
+    /// and confirm it after the fit.
     fn refit_worth_it(
         &self,
         chosen: &[Chosen],
@@ -405,12 +407,12 @@ impl<'a> Search<'a> {
         Ok(if keeps { Ok(fitted) } else { Err(self.refusal(chosen)) })
     }
 
-    /// The last of `chosen` does not stand.
+    /// Refusal of the last of `chosen`.
     fn refusal(&self, chosen: &[Chosen]) -> Selection {
         Selection::Refused(self.names(chosen).pop().unwrap_or_default())
     }
 
-    /// The regular end of a selection, with the fit of all that was chosen.
+    /// Regular end of a selection, with the fit of all chosen effects.
     fn complete(
         &self,
         outcome: Outcome,
@@ -435,7 +437,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// RMS residuals without each of the effects chosen; or the name of one that does not stand.
+    /// RMS residuals without each of the chosen effects, or the name of one that is not confirmed.
     fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
         if let Some(c) = chosen.iter().find(|c| is_impossible(&end.fit, name(c))) {
@@ -454,8 +456,8 @@ impl<'a> Search<'a> {
         Ok(Ok(all))
     }
 
-    /// The fit with as many of the effects chosen, in their order, as stand given those before, and the RMS residuals
-    /// before each of them was added.
+    /// Fit with the longest leading sequence of chosen effects that are each confirmed given the previous ones, and
+    /// the RMS residuals before each addition.
     fn longest_standing(&self, chosen: &[Chosen]) -> Result<(Judged, Vec<Vec<f64>>), FitError> {
         let (mut end, mut without) = (self.start.clone(), Vec::new());
         for (k, c) in chosen.iter().enumerate() {
@@ -481,14 +483,15 @@ impl<'a> Search<'a> {
         self.fits.of(chosen, make)
     }
 
-    /// A delay among the effects chosen that is the recorder's.
+    /// The recorder's delay among the chosen effects, if there is one.
     fn recorded_lag(&self, fit: &Fit, chosen: &[Chosen]) -> Option<ActiveEffect> {
         let is_chosen = chosen.iter().any(|c| self.shape(c).effect.name() == DELAY);
         let late = delay(&fit.model).filter(|_| self.lag == Lag::Possible && is_chosen)?;
         (late.values[0].abs() < self.half_sample()).then(|| late.clone())
     }
 
-    /// The problem at the parameters fitted with the chosen effects; their linear contribution is put back into y.
+    /// The problem linearised at the parameters fitted with the chosen effects; their linear contribution is added
+    /// back to y.
     fn relinearised(&self, fitted: &Fit, stated: &Problem, chosen: &[Chosen]) -> Result<Problem, FitError> {
         let (fitting, names) = (self.judge.fitting, self.names(chosen));
         let mut next = Problem {
@@ -519,12 +522,13 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Whether an effect has a value that its law does not allow: a law with a definite sign must come out with it.
+/// Whether an effect has a parameter outside the range of its law, such as a negative coefficient of a law with a
+/// definite sign.
 fn is_impossible(fit: &Fit, name: &str) -> bool {
     fit.impossible.iter().any(|p| p.effect == name)
 }
 
-/// A model with effects that were chosen; those that a ranking assesses begin at its estimates.
+/// A model with the chosen effects; those assessed in a ranking start at its estimates.
 pub(super) fn with_effects(
     model: &Model,
     candidates: &[Vec<ActiveEffect>],
@@ -542,20 +546,20 @@ pub(super) fn with_effects(
     model
 }
 
-/// The model without the effects named.
+/// The model without the named effects.
 pub(super) fn without_effects(model: &Model, names: &[&str]) -> Model {
     let mut reduced = model.clone();
     reduced.effects.retain(|a| !names.contains(&a.effect.name()));
     reduced
 }
 
-/// Whether a candidate may take enough from some channel, by its columns, to be confirmed after a fit.
+/// Whether the columns of a candidate promise a relevant gain on some channel after a fit.
 fn promises(ranking: &Ranking, chosen: &Chosen) -> bool {
     let rms = |squares: &[f64]| squares.iter().map(|s| s.sqrt()).collect::<Vec<_>>();
     ranking.of(chosen.candidate).is_none_or(|a| is_relevant(&rms(&ranking.sum_of_squares), &rms(&a.sum_of_squares)))
 }
 
-/// Sets the linear parameters to estimates, as far as the law allows them.
+/// Sets the linear parameters to the estimates, clamped to the ranges of the law.
 fn begin_at(active: &mut ActiveEffect, coefficients: &[evidence::Estimate]) {
     let entries = active.entries();
     let linear = active.values.iter_mut().zip(&entries).filter(|(_, e)| e.parameter.role == Role::Linear);

@@ -1,21 +1,21 @@
-//! Laws that may act somewhere on a machine: short expressions with inner numbers on grids.
+//! Library of candidate laws at the places of a machine: short expressions with inner numbers on grids.
 
 use statrs::statistics::{Data, OrderStatistics};
 
 use crate::effects::formula::{Expression, Place, Variable};
 
-/// A group of terms that enter together, such as sine and cosine.
+/// A group of terms that are added together, such as sine and cosine.
 #[derive(Clone, Debug)]
 pub struct Atom {
     /// Place: index into [`super::Sight::places`].
     pub place: usize,
-    /// Laws with `#` where the inner number stands.
+    /// Laws, with `#` in place of the inner number.
     pub laws: Vec<String>,
-    /// Inner number.
+    /// Inner number, if the laws have one.
     pub number: Option<Number>,
 }
 
-/// A number inside a law, searched for between neighbours of its grid.
+/// A number inside a law, refined between its neighbours on the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Number {
     /// Present value.
@@ -25,30 +25,31 @@ pub struct Number {
 }
 
 impl Atom {
-    /// The laws as text, with `number` for the inner one.
+    /// The laws as text, with `number` as the inner number.
     pub fn texts(&self, number: Option<f64>) -> Vec<String> {
         let digits = number.map_or(String::new(), short);
         self.laws.iter().map(|law| law.replace('#', &digits)).collect()
     }
 
-    /// The laws with `number` for the inner one; none if that is no number.
+    /// The laws with `number` as the inner number; `None` if one cannot be parsed.
     pub fn parsed(&self, number: Option<f64>) -> Option<Vec<Expression>> {
         self.texts(number).iter().map(|text| Expression::parse(text).ok()).collect()
     }
 
-    /// Numbers to estimate: coefficients and the inner one.
+    /// Number of estimated values: coefficients and the inner number.
     pub fn freedom(&self) -> usize {
         self.laws.len() + usize::from(self.number.is_some())
     }
 }
 
-/// A number with five significant digits, as short as it gets; negative ones in parentheses.
+/// A number with five significant digits in its shortest form; negative numbers in parentheses.
 pub fn short(x: f64) -> String {
     let rounded: f64 = format!("{x:.4e}").parse().unwrap_or(x);
     if rounded < 0.0 { format!("({rounded})") } else { format!("{rounded}") }
 }
 
-/// Laws of one coordinate `@` and its rate `&`, odd and even; `#` is the inner number, `~` another variable.
+/// Laws of one coordinate `@` and its rate `&`, odd and even in the rate; `#` is the inner number, `~` another
+/// variable.
 const OWN: &[&[&str]] = &[
     &["1"],
     &["@"],
@@ -81,10 +82,10 @@ const WAVES: &[&[&str]] = &[&["sin(#*@)", "cos(#*@)"]];
 /// Laws with a slow wave number.
 const SLOW_WAVES: &[&[&str]] = &[&["&*sin(#*@)", "&*cos(#*@)"], &["tanh(50*&)*sin(#*@)", "tanh(50*&)*cos(#*@)"]];
 
-/// Laws with a place along the coordinate, a tenth of its travel wide, or beyond it.
+/// Laws with a position along the coordinate, above or below which they act.
 const PLACES: &[&[&str]] = &[&["-tanh(50*&)*max(0,@-#)"], &["-tanh(50*&)*max(0,#-@)"], &["max(0,@-#)"]];
 
-/// Laws of the coordinate near a pose of a given width.
+/// Laws of the coordinate near a position, with a given width.
 const BUMPS: &[&str] = &["exp(-((@-#)/{w})^2)", "-tanh(50*&)*exp(-((@-#)/{w})^2)"];
 
 /// Laws with another variable.
@@ -97,11 +98,11 @@ const CROSS: &[&[&str]] = &[&["-&*~"], &["-abs(&*~)"], &["-tanh(50*~)"], &["-&*a
 /// Laws of a field at the platform; `@` its coordinate and `~` another one.
 const FIELD: &[&[&str]] = &[&["@*~"], &["@*~^2"], &["~^3"], &["-&*abs(~)"]];
 
-/// What the data cover: lowest and highest value of every variable.
+/// Range of the data: lowest and highest value of every variable.
 pub struct Cover(Vec<(f64, f64)>);
 
 impl Cover {
-    /// Of the variables at all instants.
+    /// Range of the variables over all instants.
     pub fn new(variables: &[Vec<f64>]) -> Self {
         let ends = |x: &Vec<f64>| x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
         Self(variables.iter().map(ends).collect())
@@ -117,11 +118,11 @@ impl Cover {
     }
 }
 
-/// Wave numbers of a drive's coordinate reach to this, per rad or m, and further where that is slower than the fastest hum.
+/// Least upper limit of the wave numbers of a drive's coordinate, per rad or m; slow drives have a higher limit.
 const FASTEST_WAVE: f64 = 160.0;
-/// The same of the platform and the telescope, per m.
+/// Upper limit of the wave numbers of platform and telescope coordinates, per m.
 const FASTEST_FIELD: f64 = 60.0;
-/// Most wave numbers of a coordinate.
+/// Largest number of wave numbers of a coordinate.
 const MOST_WAVES: f64 = 200.0;
 
 /// All laws at the places of a machine.
@@ -180,18 +181,18 @@ pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
     atoms
 }
 
-/// Highest frequency of a disturbance in time that is looked for, Hz.
+/// Highest frequency of a disturbance in time, Hz.
 const FASTEST_HUM: f64 = 60.0;
-/// Disturbances in time tried per drive.
+/// Number of disturbances in time per drive.
 const HUMS: usize = 3;
 
-/// Disturbances in time at the strongest lines of each drive's residual, whose channels are the first of the sight.
+/// Disturbances in time at the strongest spectral lines of each drive's residual, given as the first channels.
 pub fn harmonic_disturbances(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
     let mut atoms = Vec::new();
     let steps: Vec<f64> = t.windows(2).map(|t| t[1] - t[0]).collect();
     let step = Data::new(steps).median();
     let duration = t.last().zip(t.first()).map_or(0.0, |(last, first)| last - first);
-    // Nothing is known to hum through gaps longer than all that was measured.
+    // Gaps longer than the measured time permit no spectrum.
     if step.is_nan() || step <= 0.0 || duration > 2.0 * step * t.len() as f64 {
         return atoms;
     }
@@ -200,7 +201,7 @@ pub fn harmonic_disturbances(places: &[Place], residual: &[Vec<f64>], t: &[f64])
         _ => None,
     }) {
         let power = power(series, t, step);
-        // The first two are the constant and half a line, slower than anything that harmonic_disturbances.
+        // The first two lines are the constant and half a line, slower than any harmonic disturbance.
         let line = 0.5 / (step * power.len() as f64);
         let lines: Vec<f64> = (2..power.len()).map(|k| line * k as f64).take_while(|f| *f < FASTEST_HUM).collect();
         let power = &power[power.len().min(2)..];
@@ -218,7 +219,8 @@ pub fn harmonic_disturbances(places: &[Place], residual: &[Vec<f64>], t: &[f64])
     atoms
 }
 
-/// Power at multiples of half a line, of a series at instants `t` that are about whole `step`s apart; nothing in gaps.
+/// Power at multiples of half a line of a series at instants `t` that are about multiples of `step` (s) apart, zero
+/// in gaps.
 fn power(series: &[f64], t: &[f64], step: f64) -> Vec<f64> {
     let place = |at: f64| ((at - t[0]) / step).round() as usize;
     let n = t.last().map_or(0, |last| place(*last) + 1);
@@ -245,7 +247,7 @@ impl Builder<'_> {
         self.atoms.push(Atom { place: self.place, laws: laws.iter().map(fill).collect(), number });
     }
 
-    /// One atom per value of a grid.
+    /// Adds one atom per value of a grid.
     fn grid(&mut self, laws: &[&str], names: [&str; 3], grid: &[f64]) {
         for (i, &value) in grid.iter().enumerate() {
             let range = (grid[i.saturating_sub(1)], grid[(i + 1).min(grid.len() - 1)]);
@@ -283,7 +285,7 @@ impl Builder<'_> {
 
     fn waves(&mut self, own: &str, rate: &str, fastest: f64) {
         let (low, high) = self.cover.of(own);
-        // Two waves whose phases differ by more than half a turn over the travel are told apart.
+        // Grid step: two waves are distinguished if their phases differ by more than half a turn over the travel.
         let step = 0.75 * std::f64::consts::PI / (high - low).max(1e-3);
         let fastest = fastest.min(MOST_WAVES * step);
         let grid: Vec<f64> = (1..).map(|k| step * f64::from(k)).take_while(|w| *w <= fastest).collect();
@@ -301,7 +303,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Attraction by something beyond the travel.
+    /// Laws of attraction by a pole outside the travel.
     fn poles(&mut self, own: &str, rate: &str) {
         let (low, high) = self.cover.of(own);
         let span = (high - low).max(1e-3);

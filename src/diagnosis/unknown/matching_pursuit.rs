@@ -1,7 +1,7 @@
-//! Sparse regression: laws are added one at a time while they explain data that were not used to find them.
+//! Sparse regression by matching pursuit: laws are added one at a time while they explain validation data.
 //!
-//! The model's own parameters are nuisance: they are projected out of the residual and of every law, on the data to find
-//! with and on the data to judge by, so only what they cannot imitate counts (Frisch, Waugh & Lovell).
+//! The model's own parameters are nuisance parameters: they are projected out of the residual and of every law, on
+//! the training data and on the validation data (Frisch–Waugh–Lovell).
 
 use std::ops::Range;
 
@@ -13,31 +13,31 @@ use super::library::{Atom, Number};
 use crate::effects::formula::{Expression, Variable};
 use crate::evidence::{Stop, dot};
 
-/// Instants used to screen the library.
+/// Number of instants for the screening of the library.
 const SCREENED: usize = 2500;
-/// Laws tried per step, best on the data to find with first.
+/// Number of laws tried per step, best on the training data first.
 const TRIED: usize = 4;
-/// Most laws of one formula.
+/// Largest number of laws of one formula.
 pub const MOST: usize = 6;
-/// Golden sections of the search for an inner number.
+/// Number of golden-section steps for an inner number.
 const REFINEMENTS: usize = 14;
-/// Blocks of time that judge a gain.
+/// Number of blocks of time for the test of a gain.
 const BLOCKS: usize = 40;
-/// Student's t of the gain over the blocks that a law needs.
+/// Student's t of the gain over the blocks that is required of a law.
 const SIGNIFICANT: f64 = 3.0;
-/// Share of what is explained so far that a further law must add.
+/// Gain required of a further law, as a share of the gain so far.
 const WORTH: f64 = 0.02;
-/// Energy per instant, in units of the noise of an instant's channel, that a law must explain: a tenth of the noise of a
-/// raw sample.
+/// Energy per instant, in units of the noise of an instant's channel, that a law must explain: a tenth of the noise
+/// of a raw sample.
 const RELEVANT: f64 = 0.03;
-/// Share of the gain below which a term is left out.
+/// Share of the gain below which a term is removed.
 const NEGLIGIBLE: f64 = 0.004;
-/// Gain on the data to find with, relative to the best, at which the simpler law is taken.
+/// Ratio to the best gain on the training data from which a simpler law is preferred.
 const AS_GOOD: f64 = 0.985;
-/// Directions of the base below this share of a unit column are collinear.
+/// Norm relative to its column below which a direction of the base is collinear.
 const COLLINEAR: f64 = 1e-5;
 
-/// A term found.
+/// A term of a formula.
 #[derive(Clone, Debug)]
 pub struct Found {
     /// Place: index into the sight's places.
@@ -48,19 +48,19 @@ pub struct Found {
     pub coefficient: f64,
 }
 
-/// A formula with what it does to the data to judge by.
+/// A formula with its residual on the validation data.
 #[derive(Clone, Debug, Default)]
 pub struct Formulation {
     /// Terms in the order found.
     pub terms: Vec<Found>,
-    /// Energy of the residual per block before, in units of the noise.
+    /// Energy of the residual per block before the formula, in units of the noise.
     pub before: Vec<f64>,
-    /// The same after.
+    /// Energy of the residual per block with the formula, in units of the noise.
     pub after: Vec<f64>,
 }
 
 impl Formulation {
-    /// Energy that the formula takes.
+    /// Energy that the formula explains, in units of the noise.
     pub fn gain(&self) -> f64 {
         self.before.iter().sum::<f64>() - self.after.iter().sum::<f64>()
     }
@@ -74,11 +74,11 @@ struct Ground<'a> {
     basis: Vec<Vec<f64>>,
     /// Residual outside the basis.
     residual: Vec<f64>,
-    /// Channels on which each place acts.
+    /// Channels affected by a force at each place.
     acting: Vec<Vec<usize>>,
 }
 
-/// One law's column: its values on the channels where its place acts.
+/// One law's column: its values on the channels affected by its place.
 type Column = Vec<f64>;
 
 impl<'a> Ground<'a> {
@@ -107,13 +107,13 @@ impl<'a> Ground<'a> {
         (0..count).map(|b| b * n / count..(b + 1) * n / count).collect()
     }
 
-    /// Value of a law at the instants.
+    /// Values of a law at the instants.
     fn values(&self, law: &Expression) -> Vec<f64> {
         let variables = &self.sight.variables;
         self.instants.iter().map(|&k| law.value(|v: Variable| variables[v.index()][k])).collect()
     }
 
-    /// What a force of these values at a place does, on the channels where it acts.
+    /// Response to a force with these values at a place, on the channels that it affects.
     fn column(&self, place: usize, values: &[f64]) -> Column {
         let response = &self.sight.responses[place];
         let on = |&c: &usize| self.instants.iter().zip(values).map(move |(&k, v)| v * response[c][k]);
@@ -130,7 +130,7 @@ impl<'a> Ground<'a> {
             .sum()
     }
 
-    /// A column over all channels, outside the basis.
+    /// A column over all channels, projected outside the basis.
     fn outside(&self, place: usize, column: &[f64]) -> Vec<f64> {
         let n = self.instants.len();
         let mut whole = vec![0.0; self.residual.len()];
@@ -145,7 +145,7 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// Columns made orthonormal, those that others imitate left out.
+/// Orthonormalised columns without those collinear to others.
 fn orthonormal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for mut column in columns {
@@ -161,7 +161,7 @@ fn orthonormal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
                 add(&mut column, -share, q);
             }
             left = dot(&column, &column).sqrt();
-            // Where little was taken away, rounding is little too.
+            // If little was subtracted, the rounding error is small as well.
             if left > 0.1 * before {
                 break;
             }
@@ -178,7 +178,7 @@ fn add(to: &mut [f64], factor: f64, x: &[f64]) {
     to.iter_mut().zip(x).for_each(|(t, x)| *t += factor * x);
 }
 
-/// A group of columns with its products, as the search goes on.
+/// A group of columns with its Gram matrix during the search.
 struct Screened<'a> {
     atom: &'a Atom,
     columns: Vec<Column>,
@@ -186,7 +186,7 @@ struct Screened<'a> {
     gram: DMatrix<f64>,
 }
 
-/// Search over a library on data to find with and data to judge by.
+/// Search over a library with training data and validation data.
 pub struct Pursuit<'a> {
     screen: Ground<'a>,
     find: Ground<'a>,
@@ -195,7 +195,7 @@ pub struct Pursuit<'a> {
 }
 
 impl<'a> Pursuit<'a> {
-    /// Prepares a search: `found` gives the instants of `sight` to find with, `judge` those of another sight to judge by.
+    /// Prepares a search: `find` gives a sight and its instants for training, `judge` those for validation.
     pub fn new(atoms: &'a [Atom], find: (&'a Sight, Vec<usize>), judge: (&'a Sight, Vec<usize>)) -> Self {
         let stride = find.1.len().div_ceil(SCREENED).max(1);
         let few: Vec<usize> = find.1.iter().copied().step_by(stride).collect();
@@ -204,7 +204,8 @@ impl<'a> Pursuit<'a> {
         Self { screen, find: Ground::new(find.0, find.1), judge: Ground::new(judge.0, judge.1), screened }
     }
 
-    /// Best formula of at most `most` laws at the places that `allowed` accepts; no law is added once `stop` says so.
+    /// Best formula of at most `most` laws at the places that `allowed` accepts; no law is added once `stop` returns
+    /// true.
     pub fn formula(&self, most: usize, allowed: impl Fn(usize) -> bool + Sync, stop: Stop) -> Formulation {
         let mut state = State::new(self);
         for _ in 0..most {
@@ -231,22 +232,22 @@ fn screened<'a>(ground: &Ground, atom: &'a Atom) -> Option<Screened<'a>> {
     visible.then_some(Screened { atom, columns, gram })
 }
 
-/// Energy that a group takes from a residual with products `score`.
+/// Energy that a group explains of a residual with the inner products `score`.
 fn taken(gram: &DMatrix<f64>, score: &DVector<f64>) -> f64 {
     gram.clone().cholesky().map_or(0.0, |root| score.dot(&root.solve(score)))
 }
 
-/// The laws chosen so far, on the three sets of data.
+/// The chosen laws on the three sets of data.
 struct State {
     chosen: Vec<(usize, Expression)>,
-    /// Columns outside the basis: to find with and to judge by.
+    /// Columns outside the basis, for training and for validation.
     find: Vec<Vec<f64>>,
     judge: Vec<Vec<f64>>,
-    /// Orthonormal directions of the chosen columns on the screened data.
+    /// Orthonormal directions of the chosen columns on the screening data.
     screen: Vec<Vec<f64>>,
     screen_residual: Vec<f64>,
     coefficients: DVector<f64>,
-    /// Residuals left.
+    /// Residuals with the chosen laws.
     find_left: Vec<f64>,
     judge_left: Vec<f64>,
     gains: Vec<f64>,
@@ -267,7 +268,7 @@ impl State {
         }
     }
 
-    /// Adds the best law that stands before the judge; says whether there was one.
+    /// Adds the best law that the validation data confirm; false if there is none.
     fn step(&mut self, pursuit: &Pursuit, allowed: &(impl Fn(usize) -> bool + Sync)) -> bool {
         let ground = &pursuit.screen;
         let mut order: Vec<(f64, usize)> = pursuit
@@ -291,7 +292,7 @@ impl State {
         let refine = |atom: &&Atom| self.candidate(pursuit, atom, self.refined(ground, atom));
         let mut refined: Vec<Candidate> = tried.par_iter().filter_map(refine).collect();
         refined.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        // Of laws that are about as good, the simplest.
+        // Among laws of nearly equal gain, the simplest first.
         if let Some(best) = refined.first().map(|r| r.gain) {
             let near = refined.iter().take_while(|r| r.gain >= AS_GOOD * best).count();
             refined[..near].sort_by_key(|r| (r.freedom, r.length));
@@ -311,7 +312,8 @@ impl State {
         taken(&gram, &DVector::from_fn(m, |i, _| product(i, &self.screen_residual)))
     }
 
-    /// The inner number of an atom at its best on the screened data, by golden section between its neighbours.
+    /// The inner number of an atom with the largest gain on the screening data, by golden-section search between its
+    /// neighbours.
     fn refined(&self, ground: &Ground, atom: &Atom) -> Option<f64> {
         let Number { value, range: (mut low, mut high) } = atom.number?;
         let gain = |number: f64| {
@@ -340,7 +342,7 @@ impl State {
         Some(middle)
     }
 
-    /// A law's column on the screened data outside the basis and the laws chosen.
+    /// A law's column on the screening data, outside the basis and the chosen laws.
     fn outside(&self, ground: &Ground, place: usize, law: &Expression) -> Vec<f64> {
         let mut column = ground.outside(place, &ground.column(place, &ground.values(law)));
         for q in &self.screen {
@@ -350,7 +352,7 @@ impl State {
         column
     }
 
-    /// The atom with all coefficients estimated on the data to find with.
+    /// The atom with all coefficients estimated on the training data.
     fn candidate(&self, pursuit: &Pursuit, atom: &Atom, number: Option<f64>) -> Option<Candidate> {
         let ground = &pursuit.find;
         let laws = atom.parsed(number)?;
@@ -370,7 +372,7 @@ impl State {
         Some(Candidate { place: atom.place, laws, columns, coefficients, left, gain, freedom: atom.freedom(), length })
     }
 
-    /// Takes the candidate if the data to judge by agree.
+    /// Adds the candidate if the validation data confirm it.
     fn accept(&mut self, pursuit: &Pursuit, candidate: Candidate) -> bool {
         let ground = &pursuit.judge;
         let columns: Vec<Vec<f64>> = candidate
@@ -411,7 +413,7 @@ impl State {
         true
     }
 
-    /// Drops terms that add next to nothing, such as the cosine of a pure sine.
+    /// Removes terms with a negligible contribution, such as the cosine of a pure sine.
     fn prune(&mut self, pursuit: &Pursuit) {
         let total = dot(&pursuit.find.residual, &pursuit.find.residual) - dot(&self.find_left, &self.find_left);
         let energy = |i: usize| self.coefficients[i].powi(2) * dot(&self.find[i], &self.find[i]);
@@ -454,7 +456,7 @@ struct Candidate {
     place: usize,
     laws: Vec<Expression>,
     columns: Vec<Vec<f64>>,
-    /// Of all laws with this one.
+    /// Coefficients of all laws including this one.
     coefficients: DVector<f64>,
     left: Vec<f64>,
     gain: f64,
@@ -462,7 +464,7 @@ struct Candidate {
     length: usize,
 }
 
-/// Coefficients of columns and what is left of a residual.
+/// Coefficients of columns by least squares, and the residual.
 fn least_squares(columns: &[&Vec<f64>], residual: &[f64]) -> Option<(DVector<f64>, Vec<f64>)> {
     let m = columns.len();
     let mut gram = DMatrix::zeros(m, m);
@@ -490,7 +492,7 @@ fn by_block(ground: &Ground, x: &[f64]) -> Vec<f64> {
     ground.blocks().into_iter().map(energy).collect()
 }
 
-/// Energy gained from `before` to `after`, and Student's t of it over the blocks.
+/// Decrease of the energy from `before` to `after`, and its Student's t over the blocks.
 pub fn gain(before: &[f64], after: &[f64]) -> (f64, f64) {
     let n = before.len() as f64;
     let d: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
@@ -500,8 +502,7 @@ pub fn gain(before: &[f64], after: &[f64]) -> (f64, f64) {
     (total, if variance > 0.0 { mean / (variance / n).sqrt() } else { 0.0 })
 }
 
-/// Force at `place` along a sight that the data show: what the terms there give plus what is left of the residual there,
-/// least squares over the channels.
+/// Force at `place` along a sight: the terms there plus the residual there by least squares over the channels.
 pub fn force(sight: &Sight, terms: &[Found], place: usize) -> Vec<f64> {
     let ground = Ground::new(sight, (0..sight.len()).collect());
     let n = sight.len();

@@ -1,5 +1,5 @@
-//! What the diagnosis says when no known effect explains the data: where something acts, what it looks like, and a
-//! formula for it, found by sparse regression and judged on data that were not used to find it.
+//! Unknown effects: their location, the shape of their force, and an empirical formula by sparse regression,
+//! validated on data not used for it.
 
 pub mod library;
 mod matching_pursuit;
@@ -26,50 +26,50 @@ use crate::model::Model;
 use library::{Atom, Cover, harmonic_disturbances, library};
 use matching_pursuit::{Formulation, Found, Pursuit, gain};
 
-/// Share of the explainable error that named effects may leave to a formula at one place that does without them before
-/// they are doubted: their shape may differ a little from ours.
+/// Share of the explainable error left by named effects, relative to a formula at one place without them, above which
+/// they are replaced; the shapes of their laws may differ slightly from the library's.
 const LEFT_AT_ONE_PLACE: f64 = 0.06;
-/// The same for a formula that needs several places.
+/// The share for a formula at several places.
 const LEFT_AT_SEVERAL: f64 = 0.2;
-/// The same where the named effects stay: a formula then only touches up what their approximations leave.
+/// The share for a formula in addition to the named effects, which may only correct their approximations.
 const LEFT_BESIDE: f64 = 0.25;
-/// Student's t, over blocks of time, of a formula's advantage over named effects.
+/// Student's t over blocks of time required of a formula's advantage over the named effects.
 const BETTER: f64 = 4.0;
-/// Share of the explainable error that named effects must add to a formula to stay beside it.
+/// Share of the explainable error that named effects must add to a formula to be kept.
 const WORTH_NAMING: f64 = 0.05;
-/// Share of the error above the noise that a formula must take, held out.
+/// Share of the error above the noise that a formula must explain on validation data.
 const WORTH_SHOWING: f64 = 0.1;
-/// Terms of the formulas that tell the places apart.
+/// Number of terms of the formulas that compare the places.
 const AT_ONE_PLACE: usize = 3;
 
-/// What no known effect explains.
+/// Error that no known effect explains.
 #[derive(Clone)]
 pub struct Unexplained {
-    /// Where it acts, in words.
+    /// Location, as text.
     pub location: String,
-    /// Share of what the formula takes that a formula at each place alone takes, held out; best first.
+    /// Shares of the formula's gain that a formula at each place alone reaches on validation data; best first.
     pub shares: Vec<(String, f64)>,
-    /// Share of the explainable error that the named effects leave.
+    /// Share of the explainable error left by the named effects.
     pub left: f64,
-    /// What acts at the strongest place.
+    /// Force at the place with the strongest terms.
     pub shape: Shape,
-    /// Unit of that.
+    /// Unit of the force.
     pub unit: Unit,
     /// Terms: place, law and estimated coefficient.
     pub terms: Vec<(Place, String, Estimate)>,
-    /// Whether the named effects stay beside the formula.
+    /// Whether the named effects are kept in addition to the formula.
     pub beside_named: bool,
-    /// Whether the formula is worth more than the names: it goes into the model. If not it is a proposal for what is left
-    /// beside them.
+    /// Whether the formula explains more than the named effects and becomes part of the model; otherwise it is a
+    /// proposal for the rest.
     pub replaces: bool,
-    /// The model with the formula, fitted.
+    /// Fit of the model with the formula.
     pub fit: Fit,
-    /// RMS residual with it; on held-out data where given.
+    /// RMS residual with the formula, N·m or N; on held-out data where given.
     pub rms: Vec<f64>,
 }
 
 impl Unexplained {
-    /// The formula as a table of the model file.
+    /// The formula as a table of a model file.
     pub fn toml(&self) -> String {
         let mut text = String::from("[effects.formula] # an empirical fit, no physical finding\nempirical = true\n");
         for (place, law, coefficient) in &self.terms {
@@ -85,9 +85,9 @@ impl Unexplained {
     }
 }
 
-/// Looks for a law that explains clearly more than the effects found, or that explains what they leave above the noise.
+/// Search for a law that explains clearly more than the found effects, or the part of the residual above the noise.
 ///
-/// Without held-out data a part of the recordings is kept back to judge by.
+/// Without held-out data, part of the recordings is reserved for validation.
 ///
 /// # Errors
 /// If the model with the law cannot be fitted.
@@ -138,20 +138,20 @@ pub(super) fn explain(
     }))
 }
 
-/// The formula that explains most, and what it means for the effects named.
+/// The best formula and its consequence for the named effects.
 struct Choice {
     formula: Formulation,
-    /// Whether the named effects stay beside it.
+    /// Whether the named effects are kept in addition to it.
     keeps_named: bool,
-    /// Whether it is worth more than the names: the model gets it.
+    /// Whether it explains more than the named effects and becomes part of the model.
     replaces: bool,
-    /// Share of the explainable error that the named effects leave to it.
+    /// Share of the explainable error left by the named effects.
     left: f64,
 }
 
 impl Choice {
-    /// Chooses between a formula `alone` and one beside `named` effects; none if neither is worth more than the names and
-    /// these leave no more than noise.
+    /// Chooses between a formula `alone` and one in addition to `named` effects; `None` if neither explains more than
+    /// the named effects and these leave no more than noise.
     fn between(
         alone: Formulation,
         with_named: Formulation,
@@ -175,15 +175,16 @@ impl Choice {
         match (replaces, keeps_named) {
             (true, true) => Some(Self { formula: with_named, keeps_named, replaces, left }),
             (true, false) => Some(Self { formula: alone, keeps_named, replaces, left }),
-            // What the names leave is relative to what they explain; the noise is not.
+            // The share left by the named effects is relative to what they explain, so the residual is compared with
+            // the noise instead.
             (false, _) if is_more_than_noise => Some(Self { formula: with_named, keeps_named: true, replaces, left }),
             (false, _) => None,
         }
     }
 }
 
-/// RMS residuals of the fit `with` a formula on the data to judge by, if it takes enough from those of the fit `without` to be
-/// worth showing: a trifle is what smoothing blurs, and noise may drift.
+/// RMS residuals of the fit `with` a formula on the validation data; `None` unless it explains more of the residual
+/// of the fit `without` than smoothing errors and drift.
 fn confirmed(without: &Fit, with: &Fit, judge: &Judge) -> Result<Option<Vec<f64>>, FitError> {
     let datasets = judge.data();
     let (before, after) = (residuals(&without.model, datasets)?, residuals(&with.model, datasets)?);
@@ -198,7 +199,7 @@ fn confirmed(without: &Fit, with: &Fit, judge: &Judge) -> Result<Option<Vec<f64>
     Ok(takes_enough.then_some(rms))
 }
 
-/// What is left of a fit on a drive in the data to judge by, where no formula explains it; none without data there.
+/// Description of the residual of a fit on a drive in the validation data; `None` without data there.
 pub(super) fn look(fit: &Fit, judge: &Judge, drive: usize) -> Result<Option<Rest>, FitError> {
     let sight = sight(&fit.model, judge.data(), judge.fitting)?;
     let Some(place) = sight.places.iter().position(|p| *p == Place::Drive(drive)) else { return Ok(None) };
@@ -214,17 +215,17 @@ fn sight(model: &Model, datasets: &[Dataset], fitting: &Fitting) -> Result<Sight
     Sight::new(model, datasets, &fitting.noise, &|parameter| fitting.is_fixed(parameter))
 }
 
-/// A number as it is read by a person.
+/// A number with six significant digits as text.
 fn six_digits(x: f64) -> String {
     format!("{:?}", format!("{x:.5e}").parse().unwrap_or(x))
 }
 
-/// Data to find with and to judge by, and the library for them.
+/// Training and validation data with their library.
 struct Search<'a> {
     find: Sight,
-    /// Instants to find with.
+    /// Training instants.
     found: Vec<usize>,
-    /// Held-out data; without, the rest of `find`.
+    /// Held-out data; without, the rest of `find` is used.
     judge: Option<Sight>,
     judged: Vec<usize>,
     atoms: Vec<Atom>,
@@ -262,7 +263,7 @@ impl<'a> Search<'a> {
         self.pursuit().formula(MOST, |_| true, &|| self.is_late())
     }
 
-    /// What a formula at each part of the machine alone takes, relative to `all`; best first.
+    /// Share of the gain `all` that a formula at each part of the machine alone reaches; best first.
     fn shares(&self, all: f64) -> Vec<(String, f64)> {
         let pursuit = self.pursuit();
         let mut parts: Vec<Place> = Vec::new();
@@ -285,7 +286,7 @@ fn same_part(a: Place, b: Place) -> bool {
     a == b || matches!((a, b), (Place::Platform(_), Place::Platform(_)))
 }
 
-/// The parts where a formula acts.
+/// The parts at which a formula acts, as text.
 fn location(sight: &Sight, terms: &[Found]) -> String {
     let mut parts: Vec<String> = Vec::new();
     for term in terms {
@@ -297,7 +298,7 @@ fn location(sight: &Sight, terms: &[Found]) -> String {
     parts.join(", ")
 }
 
-/// Place of the terms that do most.
+/// Place of the terms with the largest response.
 fn strongest(sight: &Sight, terms: &[Found]) -> usize {
     let energy = |place: usize| -> f64 {
         let force = |k: usize| -> f64 {
@@ -311,7 +312,7 @@ fn strongest(sight: &Sight, terms: &[Found]) -> usize {
     best.map_or(0, |(_, place)| place)
 }
 
-/// The model with the terms added to what formula it has.
+/// The model with the terms added to its formula, if it has one.
 fn with_formula(base: &Model, sight: &Sight, terms: &[Found]) -> Model {
     let mut model = base.clone();
     let mut all: Vec<(Term, f64)> = Vec::new();
@@ -334,7 +335,7 @@ fn with_formula(base: &Model, sight: &Sight, terms: &[Found]) -> Model {
     model
 }
 
-/// Terms of the fitted formula.
+/// Estimates of the terms of the fitted formula.
 fn estimates(fit: &Fit) -> Vec<(Place, String, Estimate)> {
     let Some(formula) = fit.model.effects.iter().find_map(|a| a.effect.formula()) else { return Vec::new() };
     let estimate = |term: &Term| {

@@ -1,4 +1,4 @@
-//! What a force looks like: over the variable it depends on most, and in the words of friction, waves and drift.
+//! Shape of a force: as a function of the variable it depends on most, with measures for friction, waves and drift.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -9,45 +9,45 @@ use super::matching_pursuit::{Found, force};
 use crate::effects::formula::{Place, Variable};
 use crate::machine::{Mechanism, Unit};
 
-/// A force over one variable, with simultaneous 95 % bands.
+/// Force as a function of one variable, with simultaneous 95 % bands.
 #[derive(Clone, Debug, Default)]
 pub struct Shape {
-    /// Variable of formulas, e.g. `qd1`; of a wave, within its period.
+    /// Variable as in formulas, e.g. `qd1`; for a wave, within its period.
     pub variable: &'static str,
-    /// Its unit; none without data.
+    /// Unit of the variable; `None` without data.
     variable_unit: Option<Unit>,
-    /// Whether the force along the motion is meant, its sign taken with that of the speed.
+    /// Whether the force along the motion is shown, with its sign multiplied by that of the speed.
     pub along: bool,
-    /// Middle of each bin.
+    /// Mean of the variable in each bin.
     pub x: Vec<f64>,
     /// Mean force, N·m or N.
     pub mean: Vec<f64>,
-    /// Lower band.
+    /// Lower limit of the band, N·m or N.
     pub low: Vec<f64>,
-    /// Upper band.
+    /// Upper limit of the band, N·m or N.
     pub high: Vec<f64>,
-    /// Share of the force's energy over the variable's own speed that changes sign with it: 1 odd (friction), 0 even.
+    /// Share of the force's energy as a function of the variable's speed that is odd in it: 1 odd (friction), 0 even.
     pub odd: f64,
-    /// Period in the variable of a wave, where the law is one: value and variable.
+    /// Period of a wave in its variable, if the law is one: value and variable.
     pub period: Option<(f64, &'static str)>,
-    /// Mean force in the last fifth of the time less that in the first.
+    /// Mean force in the last fifth of the time minus that in the first, N·m or N.
     pub drift: f64,
-    /// Force at small positive speed less that at small negative speed.
+    /// Force at small positive speed minus that at small negative speed, N·m or N.
     pub jump: f64,
-    /// Mean power on the machine, W; negative takes energy.
+    /// Mean power on the machine, W; negative power is dissipation.
     pub power: f64,
 }
 
 const BINS: usize = 24;
-/// Share of the energy beyond which a force is called odd, and one less this even.
+/// Share of the energy above which a force is odd; below one minus this share it is even.
 const ODD: f64 = 0.8;
-/// Instants a bin needs.
+/// Least number of instants of a bin.
 const FULL: usize = 20;
 const BLOCKS: usize = 40;
 const DRAWS: usize = 399;
 
 impl Shape {
-    /// Of what acts at `place`.
+    /// Shape of the force at `place`.
     pub fn new(sight: &Sight, terms: &[Found], place: usize, machine: Mechanism) -> Self {
         let force = force(sight, terms, place);
         let series = |name: &str| Variable::named(name).map(|v| sight.variables[v.index()].as_slice());
@@ -59,7 +59,7 @@ impl Shape {
         );
         let fastest = speed.iter().fold(0.0f64, |a, v| a.max(v.abs()));
         let odd = odd_share(speed, &force, fastest);
-        // Friction over anything but the speed shows only with the sign of the motion taken out.
+        // Friction as a function of a variable other than the speed requires removing the sign of the motion.
         let along: Vec<f64> = force.iter().zip(speed).map(|(f, v)| if *v < 0.0 { -f } else { *f }).collect();
         let own_rate = rate(sight.places[place]);
         let is_along = |v: &Variable| odd > ODD && v.name() != own_rate;
@@ -68,7 +68,7 @@ impl Shape {
         let best = candidates.iter().max_by(|a, b| spread(a).total_cmp(&spread(b))).copied();
         let Some(best) = best else { return Self::default() };
         let period = terms.iter().filter(|t| t.place == place).find_map(|t| wave(t.law.text()));
-        // A wave shows over its period.
+        // A wave is shown over its period.
         let waved = period.and_then(|(length, name)| Some((length, Variable::named(name)?)));
         let (best, is_along, bins, x) = match waved {
             Some((length, v)) => {
@@ -106,7 +106,7 @@ impl Shape {
         self.variable_unit.map_or_else(String::new, |unit| unit.to_string())
     }
 
-    /// The parity in speed as a word.
+    /// Parity in the speed: `odd`, `even` or `mixed`.
     pub fn parity(&self) -> &'static str {
         match self.odd {
             x if x > ODD => "odd",
@@ -132,7 +132,7 @@ fn rate(place: Place) -> &'static str {
     }
 }
 
-/// Period of `sin(k*variable)` in a law.
+/// Period and variable of `sin(k*variable)` or `cos(k*variable)` in a law.
 fn wave(law: &str) -> Option<(f64, &'static str)> {
     let inner = law.split("sin(").nth(1).or_else(|| law.split("cos(").nth(1))?;
     let (number, rest) = inner.split_once('*')?;
@@ -141,7 +141,7 @@ fn wave(law: &str) -> Option<(f64, &'static str)> {
     Some((std::f64::consts::TAU / number.abs(), variable.name()))
 }
 
-/// Share of the energy of a force over the speed that is odd in it.
+/// Share of the energy of a force as a function of the speed that is odd in it.
 fn odd_share(speed: &[f64], force: &[f64], fastest: f64) -> f64 {
     let side = |sign: f64| {
         let mut sums = vec![(0.0, 0usize); BINS / 2];
@@ -161,7 +161,7 @@ fn odd_share(speed: &[f64], force: &[f64], fastest: f64) -> f64 {
     if odd + even > 0.0 { odd / (odd + even) } else { 0.0 }
 }
 
-/// Means over bins of equal width that hold enough.
+/// Means over bins of equal width with enough instants.
 struct Bins {
     x: Vec<f64>,
     mean: Vec<f64>,
@@ -199,7 +199,7 @@ impl Bins {
         weighted(&|m| (m - mean).powi(2))
     }
 
-    /// Half width of the simultaneous 95 % band: block sums of the deviations under random signs.
+    /// Half width of the simultaneous 95 % band, by random sign flips of the block sums of the deviations.
     fn band(&self, x: &[f64], y: &[f64]) -> Vec<f64> {
         let n = x.len();
         let bins = self.mean.len();

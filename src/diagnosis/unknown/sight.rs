@@ -1,5 +1,5 @@
-//! What a search for an unknown law looks at: the residual, what the model's parameters could do about it, and what a
-//! force at each place would, at some hundred instants per second.
+//! Data of the search for an unknown law: the residual, the columns of the model's parameters, and the response to a
+//! force at each place, at some hundred instants per second.
 
 use std::sync::Arc;
 
@@ -15,31 +15,34 @@ use crate::kinematics::{KinematicsError, SocketSet};
 use crate::machine::Mechanism;
 use crate::model::Model;
 
-/// Time between instants, s: torque ripple up to 250 Hz is seen.
+/// Interval between instants, s, which resolves torque ripple up to 250 Hz.
 const STEP: f64 = 2e-3;
 
-/// Residuals of a model along recordings with everything that may explain them.
+/// Residuals of a model along recordings, with the regressors that may explain them.
 #[derive(Clone, Debug, Default)]
 pub struct Sight {
     /// Residual `[channel][instant]`, in units of the channel's noise.
     pub residual: Vec<Vec<f64>>,
-    /// What the model's parameters do, `[parameter][channel][instant]`, in the same units.
+    /// Columns of the model's parameters, `[parameter][channel][instant]`, in units of the channel's noise.
     pub base: Vec<Vec<Vec<f64>>>,
     /// Places of the machine.
     pub places: Vec<Place>,
-    /// What a unit force at each place does, `[place][channel][instant]`, in units of the channel's noise.
+    /// Response to a unit force at each place, `[place][channel][instant]`, in units of the channel's noise.
     pub responses: Vec<Vec<Vec<f64>>>,
     /// Every variable at every instant.
     pub variables: Vec<Vec<f64>>,
-    /// Stretches without gaps.
+    /// Ranges of instants without gaps.
     pub segments: Vec<std::ops::Range<usize>>,
     /// Recording of each instant.
     pub recording: Vec<usize>,
 }
 
 impl Sight {
-    /// Of `model` along `datasets`; `noise` of each channel at the datasets' own rate, for the scale alone. Parameters that are
-    /// `fixed` explain nothing.
+    /// Data of `model` along `datasets`; `noise` of each channel at the datasets' own rate is used for scaling only.
+    /// Columns of `fixed` parameters are omitted.
+    ///
+    /// # Errors
+    /// [`FitError::Kinematics`] if a pose is impossible for the model's geometry or a law gives no finite value.
     pub fn new(
         model: &Model,
         datasets: &[Dataset],
@@ -58,12 +61,12 @@ impl Sight {
         self.recording.len()
     }
 
-    /// Whether there is nothing to look at.
+    /// Whether there are no instants.
     pub fn is_empty(&self) -> bool {
         self.recording.is_empty()
     }
 
-    /// Instants to find with and to judge by, half each: whole recordings, or halves of a single one.
+    /// Training and validation instants, half each: whole recordings, or the halves of a single one.
     pub fn halves(&self) -> (Vec<usize>, Vec<usize>) {
         let last = self.recording.last().copied().unwrap_or(0);
         let half = self.len() / 2;
@@ -122,12 +125,12 @@ fn append_all(to: &mut Vec<Channels>, more: impl Iterator<Item = Channels>) {
     }
 }
 
-/// Places of the machine as it is mounted.
+/// Places of the machine in its configuration.
 fn mounted(machine: Mechanism, assembled: bool) -> Vec<Place> {
     Place::on(machine).filter(|place| assembled || matches!(place, Place::Drive(_))).collect()
 }
 
-/// A formula of one unit at each place.
+/// A formula with a unit force at each place.
 fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
     let one = || Expression::parse("1").expect("a number");
     let term = |place: &Place| (Term { name: place.name().into(), at: *place, law: one() }, 1.0);
@@ -135,7 +138,7 @@ fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
     ActiveEffect::absent_on(Arc::new(formula), plant.host)
 }
 
-/// Every variable along a dataset, strut forces as the plant predicts them.
+/// Values of every variable along a dataset; strut forces are predicted by the plant.
 fn variables(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
     let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
     let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
