@@ -1,4 +1,4 @@
-//! One self-contained HTML page of text, tables and figures.
+//! Self-contained HTML page of text, tables and figures.
 
 use std::fmt::Write as _;
 use std::io;
@@ -8,16 +8,16 @@ use deltatwin_io::file::replace_text;
 
 use super::figure::Figure;
 
-/// The tone of a boxed remark.
+/// Kind of a highlighted remark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Callout {
     /// Neutral information.
     Note,
-    /// A result that is as hoped.
+    /// Positive result.
     Good,
-    /// Something to be careful about.
+    /// Warning.
     Warning,
-    /// A failure.
+    /// Failure.
     Bad,
 }
 
@@ -32,7 +32,7 @@ impl Callout {
     }
 }
 
-/// A page under construction; all text given to it is escaped.
+/// HTML page under construction; all text is escaped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     title: String,
@@ -42,17 +42,17 @@ pub struct Report {
 }
 
 impl Report {
-    /// An empty page under a title.
+    /// Empty page with a title.
     pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Self {
         Self { title: title.into(), subtitle: subtitle.into(), body: String::new(), figures: 0 }
     }
 
-    /// Begins a section.
+    /// Adds a section heading.
     pub fn heading(&mut self, text: &str) -> &mut Self {
         self.push(format!("<h2>{}</h2>", escape(text)))
     }
 
-    /// Adds a paragraph; an empty line in `text` begins another.
+    /// Adds a paragraph; an empty line in `text` starts another.
     pub fn paragraph(&mut self, text: &str) -> &mut Self {
         for part in text.split("\n\n").filter(|p| !p.trim().is_empty()) {
             self.push(format!("<p>{}</p>", escape(part.trim())));
@@ -60,7 +60,7 @@ impl Report {
         self
     }
 
-    /// Adds a table; columns of numbers are aligned to the right, short rows filled.
+    /// Adds a table; numeric columns are right-aligned, short rows are padded.
     pub fn table<H, R, C>(&mut self, headers: &[H], rows: &[R]) -> &mut Self
     where
         H: AsRef<str>,
@@ -103,7 +103,7 @@ impl Report {
         ))
     }
 
-    /// Adds a boxed remark.
+    /// Adds a highlighted remark.
     pub fn callout(&mut self, kind: Callout, text: &str) -> &mut Self {
         self.push(format!("<div class=\"callout {}\">{}</div>", kind.class(), escape(text)))
     }
@@ -124,11 +124,11 @@ impl Report {
         )
     }
 
-    /// Writes the page to `path` in one step: a reader sees the old file or the whole new one.
+    /// Writes the page to `path` atomically: a reader sees either the old or the complete new file.
     ///
     /// # Errors
     ///
-    /// When the folder is missing or not writable; the message names the file.
+    /// If the folder is missing or not writable; the message names the file.
     pub fn write(&self, path: impl AsRef<Path>) -> io::Result<()> {
         let path = path.as_ref();
         let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", path.display()));
@@ -142,7 +142,7 @@ impl Report {
     }
 }
 
-/// `text` for an HTML element or a quoted attribute; control characters become spaces.
+/// `text` escaped for an HTML element or a quoted attribute; control characters become spaces.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -164,7 +164,7 @@ fn has_digit(text: &str) -> bool {
     text.chars().any(|c| c.is_ascii_digit())
 }
 
-/// Whether a cell is a number, perhaps with a unit or relation, or a placeholder.
+/// Whether a cell is a number, possibly with a unit or relation, or a placeholder.
 fn numeric(text: &str) -> bool {
     let text = text.trim();
     if matches!(text, "" | "-" | "–" | "—") {

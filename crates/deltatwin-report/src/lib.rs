@@ -1,4 +1,4 @@
-//! Figures and pages: [`figure`] and [`html`] know nothing of the robot, [`drawing`] draws what the library finds.
+//! Figures and pages: [`figure`] and [`html`] are independent of the robot, [`drawing`] draws results of the library.
 
 pub mod drawing;
 pub mod figure;

@@ -1,4 +1,4 @@
-//! What deltatwin says of itself: exams of the diagnosis on hidden effects, the demo, and the reproduction of the paper.
+//! Validation of deltatwin: exams of the diagnosis on hidden effects, the demo, and the reproduction of the paper.
 
 pub mod demo;
 pub mod exam;

@@ -1,11 +1,11 @@
-//! The error budget of a diagnosis.
+//! Figure of the error budget of a diagnosis.
 
 use deltatwin::diagnosis::budget::Budget;
 use deltatwin::dynamics::Channel;
 
 use crate::{Figure, StackedBar, stacked};
 
-/// The budget as stacked bars, one per channel.
+/// Error budget as stacked bars, one per channel.
 pub fn figure(budget: &Budget) -> Figure {
     let names = budget.effects.iter().map(|(name, _)| name.as_str());
     let parts: Vec<&str> = std::iter::once("noise").chain(names).chain(["unexplained"]).collect();

@@ -1,4 +1,4 @@
-//! Figures of what the library finds.
+//! Figures of results of the library.
 
 pub mod budget;
 pub mod plan;

@@ -1,4 +1,4 @@
-//! Figures of a plan and of its execution (paper Fig. 14–17).
+//! Figures of a plan and of its execution (Figs. 14–17 of the paper).
 
 use crate::{Color, Curve as Line, Figure, Panel, Style, panels, time_series};
 use deltatwin::machine::{AXES, STRUTS};
@@ -8,7 +8,7 @@ use deltatwin::planner::verify::checked;
 use deltatwin::planner::{Curve, Limit, Plan};
 use deltatwin::recording::{Recording, Signals};
 
-/// The maximum velocity curve is drawn up to this much of the largest z.
+/// Factor on the largest z up to which the maximum velocity curve is drawn.
 const CLIPPED: f64 = 1.6;
 
 fn panel(title: &str, y_label: &str, curves: Vec<Line>) -> Panel {
@@ -22,7 +22,7 @@ fn limit(t: &[f64], value: f64, label: &str) -> Vec<Line> {
     if value.is_finite() { vec![line(value, label), line(-value, "")] } else { vec![] }
 }
 
-/// The path over s.
+/// Coordinates of the path over s.
 pub fn path(curve: &Curve) -> Figure {
     let s: Vec<f64> = (0..=400).map(|k| curve.end() * f64::from(k) / 400.0).collect();
     let of = |i: usize| -> Vec<f64> { s.iter().map(|s| curve.at(*s)[0][i]).collect() };
@@ -50,7 +50,7 @@ pub fn speed(plan: &Plan) -> Figure {
     )
 }
 
-/// Use of the limits of drives over s.
+/// Use of the drives' limits over s.
 pub fn drives(plan: &Plan, limits: &Limits) -> Figure {
     let s: Vec<f64> = plan.uses.iter().map(|u| plan.speed(u)[0]).collect();
     let share = |kind: fn(usize) -> Limit, signed: bool| -> Vec<Line> {
@@ -85,7 +85,7 @@ pub fn forces(planned: &Recording, limits: &Limits) -> Figure {
     time_series("Strut forces at the elbows", "t / s", "N", &all)
 }
 
-/// Planned against executed torques, strut forces and acceleration over time.
+/// Planned and executed torques, strut forces and acceleration over time.
 pub fn execution(planned: &Recording, execution: &Execution) -> [Figure; 3] {
     let (want, got) = (&planned.signals, &execution.recording.signals);
     let pair = |a: (Vec<f64>, Vec<f64>), b: (Vec<f64>, Vec<f64>)| {

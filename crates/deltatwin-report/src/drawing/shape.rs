@@ -1,10 +1,10 @@
-//! What a force of unknown origin looks like.
+//! Figure of a force of unknown origin.
 
 use crate::{Color, Curve, Figure, Style, time_series};
 use deltatwin::diagnosis::unknown::Shape;
 use deltatwin::machine::Unit;
 
-/// A force over the variable it depends on most, with its simultaneous 95 % band.
+/// Force as a function of the variable it depends on most, with its simultaneous 95 % band.
 pub fn shape(shape: &Shape, title: &str, unit: Unit) -> Figure {
     let curve = |label: &str, y: &[f64]| Curve::new(label, shape.x.clone(), y.to_vec());
     let band = Color::CYCLE[1];

@@ -14,7 +14,7 @@ pub(super) struct Axis {
     pub(super) minor: Vec<f64>,
 }
 
-/// The range of the usable values, if any.
+/// Range of the usable values; `None` without any.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values
         .filter(|v| v.abs() < HUGE)
@@ -68,7 +68,7 @@ fn tick_labels(ticks: &[f64], step: f64) -> Vec<String> {
 }
 
 impl Axis {
-    /// A linear axis over the range with `pad` of its span added on both sides.
+    /// Linear axis over the range, with `pad` of its span added on both sides.
     pub(super) fn linear((lo, hi): (f64, f64), pad: f64, count: usize) -> Self {
         let size = lo.abs().max(hi.abs());
         let (lo, hi) = if hi - lo <= 1e-9 * size || hi - lo < 1e-200 {
@@ -83,7 +83,7 @@ impl Axis {
         if ticks.len() < 3 {
             (ticks, step) = tick_values(lo, hi, 2 * count);
         }
-        // A range that nearly ends at a tick, as 19.9996 s does, ends there.
+        // A range that ends close to a tick, such as 19.9996 s, is extended to it.
         if pad == 0.0 {
             let near = 0.005 * (hi - lo);
             let (below, above) = ((lo / step).floor() * step, (hi / step).ceil() * step);
@@ -96,7 +96,7 @@ impl Axis {
         Self { lo, hi, log: false, ticks, minor: vec![] }
     }
 
-    /// A logarithmic axis over a positive range.
+    /// Logarithmic axis over a positive range.
     pub(super) fn log((lo, hi): (f64, f64), count: usize) -> Self {
         let lo = lo.max(1e-190);
         let (lo, hi) = if hi <= lo * 1.001 { (lo / 2.0, lo * 2.0) } else { (lo, hi) };
@@ -134,7 +134,7 @@ impl Axis {
         Self { lo, hi, log: true, ticks: ticks.into_iter().zip(labels).collect(), minor }
     }
 
-    /// Position of `value` as a fraction of the axis, if it has one.
+    /// Position of `value` as a fraction of the axis; `None` if it cannot be shown.
     pub(super) fn at(&self, value: f64) -> Option<f64> {
         if self.log && value <= 0.0 || value.abs() >= HUGE || value.is_nan() {
             return None;

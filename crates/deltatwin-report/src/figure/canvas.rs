@@ -9,7 +9,7 @@ use super::axis::Rect;
 use super::color::{Color, FRAME, TEXT, WHITE};
 use super::{Figure, WIDTH};
 
-/// Internal units per CSS pixel: the backend draws at whole units.
+/// Internal units per CSS pixel, because the backend draws at whole units.
 const UNIT: f64 = 2.0;
 const TITLE_SIZE: f64 = 14.5;
 
@@ -26,7 +26,7 @@ fn shape(color: Color, alpha: f64, width: f64, filled: bool) -> ShapeStyle {
     ShapeStyle { color: rgba, filled, stroke_width: ((width * UNIT).round() as u32).max(1) }
 }
 
-/// Where a text stands about its point.
+/// Alignment of a text relative to its point.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Align {
     Left,
@@ -34,14 +34,14 @@ pub(super) enum Align {
     Right,
 }
 
-/// Size, color and place of a text about its point.
+/// Size, colour, alignment and orientation of a text.
 #[derive(Clone, Copy)]
 pub(super) struct Lettering {
     pub size: f64,
     pub color: Color,
     pub align: Align,
     pub bold: bool,
-    /// Whether it is turned to read from below.
+    /// Whether it is rotated to read upwards.
     pub upright: bool,
 }
 
@@ -55,13 +55,13 @@ impl Lettering {
         Self { bold, ..self }
     }
 
-    /// Turned to read from below.
+    /// Rotated to read upwards.
     pub(super) fn upright(self) -> Self {
         Self { upright: true, ..self }
     }
 }
 
-// The backend writes into a string, which cannot fail: its results carry nothing.
+// The backend writes to a string, which cannot fail; its results are ignored.
 impl Canvas<'_> {
     pub(super) fn line(&mut self, a: (f64, f64), b: (f64, f64), color: Color, width: f64) {
         let _ = self.backend.draw_line(unit(a), unit(b), &shape(color, 1.0, width, false));
@@ -138,7 +138,7 @@ impl Canvas<'_> {
 
     pub(super) fn styled(&mut self, text: &str, at: (f64, f64), lettering: Lettering) {
         let Lettering { size, color, align, bold, upright } = lettering;
-        // A control character would make the file unreadable.
+        // A control character would make the SVG invalid.
         let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         if text.trim().is_empty() {
             return;
@@ -173,7 +173,7 @@ pub(super) fn draw(title: &str, height: f64, body: impl FnOnce(&mut Canvas)) -> 
         body(&mut canvas);
         let _ = canvas.backend.present();
     }
-    // The head is written anew: half the size of the drawing units, round joints, a name.
+    // The header is replaced: half the size of the drawing units, round joins, an accessible name.
     let inner = raw.find('>').map_or("", |end| &raw[end + 1..]);
     let name = crate::html::escape(title);
     let svg = format!(

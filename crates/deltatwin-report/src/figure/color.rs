@@ -1,4 +1,4 @@
-//! The palette, distinct for colour-blind readers.
+//! Palette for colour-blind readers.
 
 /// An sRGB colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,10 +20,10 @@ impl Color {
     pub const RESIDUAL: Color = Color(0xd5, 0x5e, 0x00);
     /// Green, for the improved state.
     pub const IMPROVED: Color = Color(0x00, 0x9e, 0x73);
-    /// Grey, for what is in the background.
+    /// Grey, for background elements.
     pub const MUTED: Color = Color(0x9a, 0xa3, 0xad);
 
-    /// The colours given in turn to curves without one, distinct for colour-blind readers.
+    /// Colours assigned in turn to curves without one, distinguishable for colour-blind readers.
     pub const CYCLE: [Color; 7] = [
         Color(0x00, 0x72, 0xb2),
         Color(0xd5, 0x5e, 0x00),

@@ -1,19 +1,19 @@
-//! Curves, thinned to what a picture can show.
+//! Curves, decimated to the resolution of a figure.
 
 use super::axis::{Axis, Rect};
 use super::canvas::Canvas;
 use super::color::Color;
 use super::{HUGE, MAX_DOTS};
 
-/// Largest number of line points in one figure; ten bytes each bound its size.
+/// Largest number of line points in one figure, which bounds its file size (ten bytes each).
 const MAX_POINTS: usize = 14_000;
-/// Largest number of pieces a line is broken into at its gaps.
+/// Largest number of pieces of a line with gaps.
 pub(super) const MAX_PIECES: usize = 100;
 
-/// Number of dots up to which each is drawn large enough to be seen alone.
+/// Largest number of dots that are drawn at full size.
 const FEW_DOTS: usize = 60;
 
-/// How a curve is drawn.
+/// Drawing style of a curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Style {
     /// A solid line.
@@ -23,39 +23,39 @@ pub enum Style {
     Thin,
     /// A dashed line.
     Dashed,
-    /// Separate dots, thinned evenly when there are very many.
+    /// Separate dots, evenly thinned if there are too many.
     Points,
 }
 
-/// One curve: pairs of coordinates under a label.
+/// A curve: pairs of coordinates with a label.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Name in the legend; an empty one is left out of it.
+    /// Name in the legend; a curve with an empty one has no legend entry.
     pub label: String,
-    /// Abscissae; what is longer than `y` is ignored.
+    /// Abscissae; excess values are ignored.
     pub x: Vec<f64>,
-    /// Ordinates; one that is not finite leaves a gap.
+    /// Ordinates; a value that is not finite leaves a gap.
     pub y: Vec<f64>,
-    /// Colour; without one the next of [`Color::CYCLE`].
+    /// Colour; `None`: the next of [`Color::CYCLE`].
     pub color: Option<Color>,
-    /// How it is drawn.
+    /// Drawing style.
     pub style: Style,
 }
 
 impl Curve {
-    /// A solid line in the next free colour.
+    /// Curve as a solid line in the next free colour.
     pub fn new(label: impl Into<String>, x: Vec<f64>, y: Vec<f64>) -> Self {
         Self { label: label.into(), x, y, color: None, style: Style::Line }
     }
 
-    /// The same curve in `color`.
+    /// The curve in `color`.
     #[must_use]
     pub fn color(mut self, color: Color) -> Self {
         self.color = Some(color);
         self
     }
 
-    /// The same curve drawn as `style`.
+    /// The curve drawn as `style`.
     #[must_use]
     pub fn style(mut self, style: Style) -> Self {
         self.style = style;
@@ -69,16 +69,16 @@ impl Curve {
 
 type Point = (f64, f64);
 
-/// The lowest and the highest point of a column, each with its place in the curve.
+/// The lowest and the highest point of a pixel column, each with its index in the curve.
 struct Bucket {
     number: i64,
     low: (usize, Point),
     high: (usize, Point),
 }
 
-/// Pieces of a line in pixels, at most two points (lowest, highest) per column.
+/// Pieces of a line in pixels, with at most two points (lowest, highest) per column.
 ///
-/// Gaps are kept where a whole column lacks values.
+/// Gaps are kept where an entire column lacks values.
 pub(super) fn decimate(points: &[Option<(f64, f64)>], x0: f64, x1: f64, columns: usize) -> Vec<Vec<(f64, f64)>> {
     let columns = columns.max(2);
     let sorted = points.iter().flatten().map(|p| p.0).is_sorted();
@@ -110,7 +110,7 @@ pub(super) fn decimate(points: &[Option<(f64, f64)>], x0: f64, x1: f64, columns:
             (index / per_bucket) as i64
         };
         match &mut bucket {
-            // Pixels grow downwards.
+            // Pixel coordinates increase downwards.
             Some(b) if b.number == number => {
                 if p.1 > b.low.1.1 {
                     b.low = (index, p);
@@ -135,7 +135,7 @@ pub(super) fn decimate(points: &[Option<(f64, f64)>], x0: f64, x1: f64, columns:
     pieces
 }
 
-/// Draws one of `total` curves on a panel with its axes.
+/// Draws one of `total` curves in a panel with its axes.
 pub(super) fn plot(c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), curve: &Curve, color: Color, total: usize) {
     let place = |(vx, vy): (f64, f64)| {
         let p = (r.x(x, vx)?, r.y(y, vy)?);
@@ -153,7 +153,7 @@ pub(super) fn plot(c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), curve: &Curv
         return;
     }
     let columns = ((r.x1 - r.x0) as usize).min(MAX_POINTS / (2 * total));
-    // Dashes cost more bytes than a line and cannot be seen in a dense band.
+    // Dashes take more bytes than a line and are invisible in a dense band.
     let columns = if curve.style == Style::Dashed { columns / 4 } else { columns };
     for piece in decimate(&points, r.x0, r.x1, columns) {
         match curve.style {

@@ -1,4 +1,4 @@
-//! Errors through the stages of a correction.
+//! Errors over the stages of a correction.
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::canvas::{Align, Lettering, draw, shorten, text_width};
@@ -8,21 +8,21 @@ use super::legend::{Entry, Swatch, head, legend};
 use super::numbers::significant;
 use super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
 
-/// The errors of one quantity, such as one axis.
+/// Errors of one quantity, such as one axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorGroup {
     /// Name below the bars.
     pub name: String,
     /// One error per stage, in the order of the stages.
     pub values: Vec<f64>,
-    /// The error which noise alone leaves, drawn as a dashed line.
+    /// Error due to noise alone, drawn as a dashed line.
     pub floor: Option<f64>,
 }
 
-/// Errors of several quantities through the stages of a correction, as grouped bars.
+/// Errors of several quantities over the stages of a correction, as grouped bars.
 ///
-/// The axis is logarithmic when the errors span more than a factor of 30. A group's noise floor
-/// is a dashed line across its bars; every bar carries its value.
+/// The axis is logarithmic if the errors span more than a factor of 30. A group's noise floor is a dashed line across
+/// its bars; every bar is labelled with its value.
 pub fn falling_error(title: &str, y_label: &str, stages: &[&str], groups: &[ErrorGroup]) -> Figure {
     let palette = |k: usize| match (k, stages.len()) {
         (0, n) if n > 1 => Color::RESIDUAL,
@@ -39,7 +39,7 @@ pub fn falling_error(title: &str, y_label: &str, stages: &[&str], groups: &[Erro
     let positive = range(every().filter(|v| *v > 0.0));
     let y = range(bars().filter(|v| *v >= 0.0)).map(|_| match positive {
         Some((lo, hi)) if hi / lo > 30.0 => {
-            // Low enough for the shortest bar to be seen, high enough for its number.
+            // Range with a visible shortest bar and space for the label of the highest one.
             let lo = (lo / 1.5).max(hi * 1e-9);
             let step = 10f64.powf(lo.log10().floor());
             let lo = [5.0, 2.0, 1.0].map(|f| f * step).into_iter().find(|v| *v <= lo);

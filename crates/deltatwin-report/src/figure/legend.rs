@@ -1,4 +1,4 @@
-//! The legend above a plot.
+//! Legend above a plot.
 
 use super::canvas::{Align, Canvas, shorten, text_width};
 use super::color::{Color, TEXT};
@@ -16,7 +16,7 @@ pub(super) type Entry = (String, Color, Swatch);
 
 const LEGEND_ROW: f64 = 18.0;
 
-/// Places of the entries, flowing from left to right, and the number of rows.
+/// Positions of the entries in rows from left to right, and the number of rows.
 fn flow(entries: &[Entry]) -> (Vec<(f64, usize)>, usize) {
     let (mut x, mut row) = (12.0, 0);
     let mut places = Vec::with_capacity(entries.len());
@@ -32,7 +32,7 @@ fn flow(entries: &[Entry]) -> (Vec<(f64, usize)>, usize) {
     (places, if entries.is_empty() { 0 } else { row + 1 })
 }
 
-/// The top of the plot below the title and the legend.
+/// Top of the plot below the title and the legend.
 pub(super) fn head(entries: &[Entry]) -> f64 {
     34.0 + LEGEND_ROW * flow(entries).1 as f64 + if entries.is_empty() { 2.0 } else { 6.0 }
 }
@@ -57,7 +57,7 @@ pub(super) fn legend(c: &mut Canvas, entries: &[Entry]) {
     }
 }
 
-/// Colours of all curves and the legend: one label has one colour throughout.
+/// Colours of all curves and the legend entries; equal labels share a colour.
 pub(super) fn colours<'a>(curves: impl Iterator<Item = &'a Curve>) -> (Vec<Color>, Vec<Entry>) {
     let (mut all, mut entries, mut next) = (Vec::new(), Vec::<Entry>::new(), 0);
     let curves: Vec<&Curve> = curves.collect();

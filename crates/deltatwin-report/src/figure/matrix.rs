@@ -1,4 +1,4 @@
-//! Shares in rows and columns, such as what was said of what was true.
+//! Matrix of shares, such as a confusion matrix.
 
 use super::canvas::{Align, Lettering, draw, shorten, text_width};
 use super::color::{Color, FRAME, GRID, QUIET, TEXT, WHITE};
@@ -11,18 +11,18 @@ pub struct Cell {
     pub share: f64,
     /// Text in the cell.
     pub text: String,
-    /// Whether it is where it should be: green, else vermilion.
+    /// Whether the cell is a correct one: green, else vermilion.
     pub good: bool,
 }
 
-/// Rows of cells with names on the left and above; `cells[row][column]`, missing cells stay empty.
+/// Matrix of cells with row and column names; `cells[row][column]`, missing cells stay empty.
 pub fn matrix(title: &str, rows: &[String], columns: &[String], cells: &[Vec<Cell>]) -> Figure {
     const ROW: f64 = 19.0;
     const WIDEST: f64 = 90.0;
     let longest = |names: &[String]| names.iter().fold(0.0f64, |w, n| w.max(text_width(n, LABEL_SIZE))).min(230.0);
     let x0 = 12.0 + longest(rows) + 10.0;
     let column = ((WIDTH - RIGHT - x0) / columns.len().max(1) as f64).min(WIDEST);
-    // Names that are wider than their column stand upright.
+    // Names wider than their column are rotated.
     let upright = columns.iter().any(|n| text_width(n, LABEL_SIZE) > column - 4.0);
     let y0 = 34.0 + if upright { longest(columns) + 10.0 } else { 22.0 };
     let (x1, y1) = (x0 + column * columns.len() as f64, y0 + ROW * rows.len() as f64);

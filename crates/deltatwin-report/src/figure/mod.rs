@@ -1,7 +1,7 @@
 //! SVG figures: time series, stacked panels, falling errors, binned scatter, spectra, rankings.
 //!
-//! Every function returns a [`Figure`] whatever its data are: samples that are not finite leave
-//! gaps, and where nothing can be drawn the figure says "no data".
+//! Every function returns a [`Figure`] for any data: values that are not finite leave gaps, and a figure without
+//! drawable data shows "no data".
 
 mod axis;
 mod canvas;

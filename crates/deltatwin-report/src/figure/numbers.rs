@@ -23,7 +23,7 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// `value` to three significant digits, in powers of ten when it is very large or small.
+/// `value` to three significant digits, in powers of ten if it is very large or small.
 pub(super) fn significant(value: f64) -> String {
     if !value.is_finite() {
         return "–".into();
@@ -31,7 +31,7 @@ pub(super) fn significant(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
-    // Rounded first: 0.9996 has the exponent of 1.00.
+    // Rounded first, because 0.9996 has the exponent of 1.00.
     let text = format!("{value:.2e}");
     let exponent: i32 = text.split('e').nth(1).and_then(|e| e.parse().ok()).unwrap_or(0);
     if (-3..6).contains(&exponent) {

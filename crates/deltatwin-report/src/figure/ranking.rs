@@ -1,4 +1,4 @@
-//! Candidates as horizontal bars.
+//! Ranking of candidates as horizontal bars.
 
 use super::axis::{Axis, Rect, axes, no_data, range};
 use super::canvas::{Align, Lettering, draw, shorten, text_width};
@@ -15,13 +15,13 @@ pub struct RankRow {
     pub share: f64,
     /// Annotation on the right, such as a p-value.
     pub note: String,
-    /// Whether the bar is drawn in the strong colour.
+    /// Whether the bar is highlighted.
     pub highlight: bool,
 }
 
 /// Candidates as horizontal bars: names on the left, share and annotation on the right.
 ///
-/// The rows keep their order; `x_label` says what the share is of.
+/// The rows keep their order; `x_label` names the quantity of the share.
 pub fn ranking(title: &str, x_label: &str, rows: &[RankRow]) -> Figure {
     const ROW: f64 = 26.0;
     let widest = |texts: &mut dyn Iterator<Item = &str>, limit: f64| {
@@ -34,7 +34,7 @@ pub fn ranking(title: &str, x_label: &str, rows: &[RankRow]) -> Figure {
     let y1 = 40.0 + ROW * rows.len().max(2) as f64;
     let r = Rect { x0, y0: 38.0, x1, y1 };
     let axis = range(rows.iter().map(|r| 100.0 * r.share)).map(|(lo, hi)| {
-        // Room for the number behind the longest bar, and before a negative one.
+        // Space for the number next to the longest bar and before a negative one.
         let (lo, hi) = (lo.min(0.0), hi.max(0.0));
         let span = if hi > lo { hi - lo } else { 1.0 };
         let low = if lo < 0.0 { lo - 0.14 * span } else { 0.0 };

@@ -1,27 +1,27 @@
-//! Shares with their intervals.
+//! Shares with their confidence intervals.
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::canvas::{Align, draw};
 use super::color::{Color, QUIET};
 use super::{Figure, RIGHT, TICK_SIZE, WIDTH};
 
-/// A share among so many trials.
+/// Share of successes in a number of trials.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rate {
     /// Abscissa.
     pub x: f64,
-    /// Share, and the interval it is known to.
+    /// Share of successes.
     pub share: f64,
-    /// Lower end.
+    /// Lower end of its interval.
     pub low: f64,
-    /// Upper end.
+    /// Upper end of its interval.
     pub high: f64,
-    /// Trials.
+    /// Number of trials.
     pub of: usize,
 }
 
-/// Shares over a quantity, from 0 to 1, each with its interval and the number of its trials; `diagonal` draws what they
-/// should be if the quantity is a claimed share.
+/// Shares from 0 to 1 over a quantity, each with its interval and its number of trials. `diagonal` draws the
+/// identity, the expected shares if the quantity is a claimed probability.
 pub fn rates(title: &str, x_label: &str, y_label: &str, points: &[Rate], diagonal: bool) -> Figure {
     let extent = if diagonal { Some((0.0, 1.0)) } else { range(points.iter().map(|p| p.x)) };
     let x = extent.map(|r| Axis::linear(r, 0.03, 10));
@@ -46,7 +46,7 @@ pub fn rates(title: &str, x_label: &str, y_label: &str, points: &[Rate], diagona
                 c.line((end.0 - 4.0, end.1), (end.0 + 4.0, end.1), Color::MODEL, 1.5);
             }
             c.dot(mid, 4.0, Color::MODEL, 1.0);
-            // Beside the dot, on the side away from the edge.
+            // Next to the dot, on the side away from the edge.
             let right = mid.0 < r.x1 - 40.0;
             let (dx, align) = if right { (8.0, Align::Left) } else { (-8.0, Align::Right) };
             let below = if mid.1 > r.y1 - 16.0 { -9.0 } else { 9.0 };

@@ -1,4 +1,4 @@
-//! A quantity against another, with its mean in bins.
+//! Scatter plots with binned means.
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::canvas::draw;
@@ -9,7 +9,7 @@ use super::{Figure, MAX_DOTS, RIGHT, WIDTH};
 /// Abscissa, mean and standard deviation of the points in a bin.
 type Bin = (f64, f64, f64);
 
-/// The bins of a curve over a range; none where fewer than three points are.
+/// Bins of a curve over a range; `None` for bins with fewer than three points.
 fn binned(curve: &Curve, (lo, hi): (f64, f64), bins: usize) -> Vec<Option<Bin>> {
     let width = (hi - lo) / bins as f64;
     // Count, mean and sum of squared deviations of every bin.
@@ -29,13 +29,14 @@ fn binned(curve: &Curve, (lo, hi): (f64, f64), bins: usize) -> Vec<Option<Bin>> 
     sums.iter().enumerate().map(bin).collect()
 }
 
-/// Runs of bins without a gap.
+/// Runs of consecutive non-empty bins.
 fn runs(row: &[Option<Bin>]) -> Vec<Vec<Bin>> {
     let run = |run: &[Option<Bin>]| run.iter().flatten().copied().collect::<Vec<_>>();
     row.split(Option::is_none).map(run).filter(|run| !run.is_empty()).collect()
 }
 
-/// At most `most` points of a curve; regular thinning would follow a periodic motion: the step is not a whole number.
+/// At most `most` points of a curve; the step is irregular, because regular thinning would alias with a periodic
+/// motion.
 fn thinned(curve: &Curve, most: usize) -> Vec<(f64, f64)> {
     let some: Vec<_> = usable(std::slice::from_ref(curve)).collect();
     let want = most.max(1).min(some.len());
@@ -47,11 +48,11 @@ fn thinned(curve: &Curve, most: usize) -> Vec<(f64, f64)> {
     (0..want).map(point).collect()
 }
 
-/// A quantity against another: a thinned cloud of samples, and in each of `bins` equal bins the
-/// mean and a band of one standard deviation on both sides.
+/// Scatter plot: a thinned cloud of samples, and in each of `bins` equal bins the mean and a band of one standard
+/// deviation on both sides.
 ///
-/// Bins with fewer than three samples are left out. The vertical range follows the bands and the
-/// middle 98 % of the samples.
+/// Bins with fewer than three samples are omitted. The vertical range covers the bands and the middle 98 % of the
+/// samples.
 pub fn scatter_binned(title: &str, x_label: &str, y_label: &str, curves: &[Curve], bins: usize) -> Figure {
     let bins = bins.clamp(1, 400);
     let (colors, mut entries) = colours(curves.iter());

@@ -7,10 +7,10 @@ use super::curve::{Curve, plot, usable};
 use super::legend::{colours, head, legend};
 use super::{Figure, RIGHT, TICK_SIZE, WIDTH};
 
-/// Rows of marker labels above a spectrum.
+/// Number of rows of marker labels above a spectrum.
 const MARKER_ROWS: usize = 2;
 
-/// A vertical line in a spectrum with a label.
+/// Vertical line in a spectrum with a label.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Marker {
     /// Abscissa.
@@ -19,7 +19,7 @@ pub struct Marker {
     pub label: String,
 }
 
-/// The highest point of each of `columns` equal steps of the logarithm of the abscissa.
+/// The highest point in each of `columns` equal steps of the logarithm of the abscissa.
 fn peaks(curve: &Curve, (lo, hi): (f64, f64), columns: usize) -> Curve {
     let step = ((hi / lo).ln() / columns as f64).max(1e-12);
     let mut best: Vec<Option<(f64, f64)>> = vec![None; columns];
@@ -33,9 +33,9 @@ fn peaks(curve: &Curve, (lo, hi): (f64, f64), columns: usize) -> Curve {
     Curve { x, y, label: curve.label.clone(), ..*curve }
 }
 
-/// Amplitude spectra on two logarithmic axes, at most six decades high, with vertical markers.
+/// Amplitude spectra on two logarithmic axes of at most six decades in height, with vertical markers.
 ///
-/// Where several lines share two pixels the highest is drawn, so that no peak is lost.
+/// Of several lines within two pixels the highest is drawn, so that all peaks are visible.
 pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], markers: &[Marker]) -> Figure {
     let (colors, entries) = colours(curves.iter());
     let positive = || usable(curves).filter(|(x, y)| *x > 0.0 && *y > 0.0);
@@ -46,7 +46,7 @@ pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], mar
         None => vec![],
     };
     let y = range(usable(&curves).map(|p| p.1)).map(|(lo, hi)| Axis::log((lo.max(hi * 1e-6) / 1.3, hi * 1.6), 7));
-    // Labels that would overlap go into further rows, the last ones left out.
+    // Overlapping labels are moved to further rows; those that do not fit are omitted.
     let mut rows: Vec<f64> = Vec::new();
     let top = head(&entries) + 14.0 * markers.len().min(MARKER_ROWS) as f64;
     let left = left_margin(y.as_ref().map_or(0.0, Axis::label_width));

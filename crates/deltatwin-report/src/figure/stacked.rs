@@ -1,4 +1,4 @@
-//! Shares of a whole as stacked horizontal bars.
+//! Stacked horizontal bars of shares.
 
 use super::axis::{Axis, Rect, axes, no_data};
 use super::canvas::{Align, draw, shorten, text_width};
@@ -7,16 +7,16 @@ use super::legend::{Entry, Swatch, head, legend};
 use super::numbers::fixed;
 use super::{Figure, LABEL_SIZE, RIGHT, TICK_SIZE, WIDTH};
 
-/// One whole and its parts.
+/// A whole and the shares of its parts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StackedBar {
     /// Name on the left.
     pub name: String,
-    /// One share per part, as fractions; what is not positive is not drawn.
+    /// One share per part, as a fraction; shares that are not positive are not drawn.
     pub shares: Vec<f64>,
 }
 
-/// Stacked horizontal bars, one per whole, from 0 to 100 %: the first part is grey, the last vermilion.
+/// Stacked horizontal bars from 0 to 100 %; the first part is grey, the last vermilion.
 pub fn stacked(title: &str, x_label: &str, parts: &[&str], bars: &[StackedBar]) -> Figure {
     const ROW: f64 = 30.0;
     let middle = [
@@ -49,7 +49,7 @@ pub fn stacked(title: &str, x_label: &str, parts: &[&str], bars: &[StackedBar]) 
             let name = shorten(&bar.name, names, LABEL_SIZE);
             c.write(&name, (x0 - 8.0, y), LABEL_SIZE, TEXT, Align::Right);
             let positive = |s: &f64| if s.is_finite() { s.max(0.0) } else { 0.0 };
-            // Parts that fell below zero leave more than the whole for the others.
+            // With negative parts the others exceed the whole.
             let whole = bar.shares.iter().take(parts.len()).map(positive).sum::<f64>().max(1.0);
             let mut from = x0;
             for (k, share) in bar.shares.iter().take(parts.len()).enumerate() {

@@ -138,7 +138,7 @@ fn examples() -> Vec<(&'static str, Figure)> {
     ]
 }
 
-/// Set `REPORT_EXAMPLES` to a folder to look at the pictures.
+/// The environment variable `REPORT_EXAMPLES` names a folder to which the figures are written.
 #[test]
 fn examples_are_small_and_well_formed() {
     let all = examples();
@@ -177,10 +177,10 @@ fn decimation_keeps_extremes_and_order() {
         *p = None;
     }
     assert_eq!(decimate(&points, 0.0, 800.0, 800).len(), 2);
-    // An unsorted curve is bounded as well.
+    // The number of points of an unsorted curve is bounded as well.
     let wild: Vec<_> = (0..n).map(|k| Some((f64::from(k * 7919 % 800), f64::from(k % 91)))).collect();
     assert!(decimate(&wild, 0.0, 800.0, 800).concat().len() <= 1600);
-    // One missing sample in two still gives a bounded number of pieces.
+    // Missing every second sample still gives a bounded number of pieces.
     let holes: Vec<_> = (0..1500).map(|k| (k % 2 == 0).then_some((f64::from(k) / 2.0, 1.0))).collect();
     assert!(decimate(&holes, 0.0, 800.0, 800).len() <= MAX_PIECES);
 }

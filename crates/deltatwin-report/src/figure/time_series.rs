@@ -1,4 +1,4 @@
-//! Curves against a common abscissa, in one panel or stacked.
+//! Curves over a common abscissa, in one panel or stacked.
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::canvas::{Align, Lettering, draw, shorten};
@@ -14,19 +14,19 @@ pub struct Panel {
     pub title: String,
     /// Label of the vertical axis.
     pub y_label: String,
-    /// Curves; one label has one colour and one legend entry in the whole stack.
+    /// Curves; equal labels share a colour and a legend entry in the entire stack.
     pub curves: Vec<Curve>,
 }
 
-/// Curves against a common abscissa, such as time.
+/// Curves over a common abscissa, such as time.
 ///
-/// Long curves are reduced to their lowest and highest value in every pixel column.
+/// Long curves are reduced to their lowest and highest value per pixel column.
 pub fn time_series(title: &str, x_label: &str, y_label: &str, curves: &[Curve]) -> Figure {
     let panel = Panel { title: String::new(), y_label: y_label.into(), curves: curves.to_vec() };
     stack(title, x_label, std::slice::from_ref(&panel), 260.0)
 }
 
-/// A stack of panels with one shared abscissa and one legend.
+/// Stack of panels with a common abscissa and a common legend.
 pub fn panels(title: &str, x_label: &str, panels: &[Panel]) -> Figure {
     stack(title, x_label, panels, 128.0)
 }

@@ -13,7 +13,7 @@ use deltatwin_report::{
     spectrum,
 };
 
-/// The HTML report; figures judge on the held-out motion.
+/// HTML report of a demo; its figures use the held-out motion.
 pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
     let d = &findings.diagnosis;
     let mut report = Report::new(
@@ -46,7 +46,7 @@ pub fn report(campaign: &Campaign, findings: &Findings) -> Report {
     report
 }
 
-/// Adds the RMS errors as delivered, identified and with the effect.
+/// Adds the RMS errors of the delivered, the identified and the extended model.
 fn falling(report: &mut Report, findings: &Findings) {
     let d = &findings.diagnosis;
     report.heading("The error falls");
@@ -81,7 +81,7 @@ fn falling(report: &mut Report, findings: &Findings) {
     report.table(&["RMS, held out", "as delivered", "identified", "effect added", "noise floor"], &rows);
 }
 
-/// Adds the ranking of the candidates and the parameters of the effects named.
+/// Adds the ranking of the candidates and the parameters of the named effects.
 fn candidates(report: &mut Report, d: &Diagnosis, names: &[&str]) {
     report.heading("Which effect is missing");
     let rows: Vec<RankRow> = d
@@ -89,7 +89,7 @@ fn candidates(report: &mut Report, d: &Diagnosis, names: &[&str]) {
         .iter()
         .map(|c| RankRow {
             name: c.name.clone(),
-            // What the data cannot test has no share that means anything.
+            // Untestable candidates have no meaningful share.
             share: if c.standing == Standing::Untestable { f64::NAN } else { c.explained },
             note: c.standing.to_string(),
             highlight: names.contains(&c.name.as_str()),
@@ -116,7 +116,7 @@ fn candidates(report: &mut Report, d: &Diagnosis, names: &[&str]) {
     }
 }
 
-/// Adds the error budget and the parameters that moved.
+/// Adds the error budget and the changed parameters.
 fn budget(report: &mut Report, d: &Diagnosis) {
     if !d.budget.effects.is_empty() {
         report.heading("Error budget");
@@ -137,7 +137,8 @@ fn budget(report: &mut Report, d: &Diagnosis) {
     }
 }
 
-/// RMS on the held-out motion: model as delivered, identified, with the effect.
+/// RMS residuals on the held-out motion of the delivered, the identified and the extended model, N·m or N per
+/// channel.
 pub fn stage_rms(findings: &Findings) -> [Vec<f64>; 3] {
     let d = &findings.diagnosis;
     let delivered = findings.comparison.held_out_rms.clone().unwrap_or_else(|| findings.comparison.rms.clone());
@@ -192,7 +193,7 @@ fn residual_figures(
     Some((panels("Torques of the held-out motion", "time / s", &stack), phase, spectra))
 }
 
-/// Single-sided amplitude spectrum without the mean.
+/// Single-sided amplitude spectrum of a series minus its mean, and its frequencies in Hz.
 fn amplitude_spectrum(x: &[f64], dt: f64) -> (Vec<f64>, Vec<f64>) {
     let n = x.len();
     let mut buffer = x.to_vec();

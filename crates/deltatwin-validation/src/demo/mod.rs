@@ -1,4 +1,4 @@
-//! The whole loop on one machine: hide an effect in a robot, measure it, and let the model find out.
+//! Demonstration of the complete workflow: hide an effect in a robot, measure it, and diagnose it.
 
 pub mod figures;
 
@@ -17,16 +17,16 @@ use deltatwin::identification::{Dataset, Fit, FitError, fit};
 use deltatwin::model::Model;
 use deltatwin::text::significant;
 
-/// The demo's machine: the shipped model of the IRB 360-6/1600.
+/// The machine of the demo: the shipped model of the IRB 360-6/1600.
 pub const MODEL: &str = include_str!("../../../../models/irb360-6-1600.toml");
 
-/// Length of each recording, s.
+/// Duration of each recording, s.
 pub const DURATION: f64 = 20.0;
 
-/// Why a demo fails.
+/// Reason why a demo fails.
 #[derive(Debug, Error)]
 pub enum DemoError {
-    /// The campaign cannot be made.
+    /// The campaign cannot be prepared.
     #[error(transparent)]
     Campaign(#[from] CampaignError),
     /// The model cannot be fitted.
@@ -37,20 +37,20 @@ pub enum DemoError {
     Diagnosis(#[from] DiagnosisError),
 }
 
-/// A robot that is to be measured.
+/// A robot to be measured.
 pub struct Robot {
-    /// The robot with what is hidden in it.
+    /// The robot with its hidden effect.
     pub prepared: Prepared,
-    /// Effects drawn before it and why they were left out.
+    /// Effects drawn before it, and why they were left out.
     pub left_out: Vec<(&'static str, &'static str)>,
 }
 
-/// Hides `effect` (nothing if `none`) in a robot. If `None`, effects that the model lacks are drawn from the seed until one
-/// is as large as the data need to show it: a refit leaves of it what it leaves of one of medium size. Elastic gears are left
-/// out: they are integrated along the motion, for minutes.
+/// Robot with the hidden `effect` (nothing for `none`). If it is `None`, effects that the model lacks are drawn from
+/// the seed until one is identifiable: a refit leaves as much of it as of one of medium size. Elastic gears are
+/// excluded, because their integration along the motion takes minutes.
 ///
 /// # Errors
-/// If there is no such effect, or if the model cannot be refitted along the drawn motion.
+/// If there is no such effect, or the model cannot be refitted along the drawn motion.
 pub fn hide(model: &Model, seed: u64, effect: Option<&str>) -> Result<Robot, DemoError> {
     let prepared = |name: Option<&str>| {
         let effects = name.map(str::to_string).into_iter().collect();
@@ -75,12 +75,12 @@ pub fn hide(model: &Model, seed: u64, effect: Option<&str>) -> Result<Robot, Dem
     Ok(Robot { prepared: prepared(None)?, left_out })
 }
 
-/// What is hidden in a campaign.
+/// Name of the effect hidden in a campaign, or `none`.
 pub fn hidden(campaign: &Campaign) -> &'static str {
     campaign.hidden.first().map_or("none", |h| h.active.effect.name())
 }
 
-/// What is hidden in a campaign, with its values.
+/// Effect hidden in a campaign, with its values.
 pub fn describe(campaign: &Campaign) -> String {
     let Some(Hidden { active, .. }) = campaign.hidden.first() else { return "nothing".into() };
     let values: Vec<String> = active
@@ -93,23 +93,26 @@ pub fn describe(campaign: &Campaign) -> String {
     format!("{}: {}", active.effect.name(), values.join(", "))
 }
 
-/// What the loop finds.
+/// Results of the workflow.
 pub struct Findings {
     /// Dataset of the measurement.
     pub measurement: Dataset,
     /// Dataset of the validation.
     pub validation: Dataset,
-    /// Model as it came against the measurement.
+    /// Comparison of the delivered model with the measurement.
     pub comparison: Comparison,
-    /// Identified parameters of the model as it came.
+    /// Fit of the delivered model.
     pub identified: Fit,
-    /// What is missing.
+    /// Diagnosis of the missing effect.
     pub diagnosis: Diagnosis,
-    /// Whether the hidden effect was named, alone or in a set that cannot be told apart.
+    /// Whether the hidden effect was named, alone or in an indistinguishable set.
     pub right: bool,
 }
 
-/// Compare, identify, diagnose and add, judged on the validation.
+/// Compares, identifies and diagnoses the delivered model, with validation on the second recording.
+///
+/// # Errors
+/// If the model cannot be fitted or the diagnosis fails.
 pub fn investigate(campaign: &Campaign, progress: &mut dyn FnMut(&str)) -> Result<Findings, DemoError> {
     progress("compare");
     let measurement = Dataset::new(&campaign.measurement);

@@ -1,4 +1,4 @@
-//! A robot with hidden effects and what was measured on it.
+//! Campaign: a robot with hidden effects and its recordings.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -22,26 +22,26 @@ use deltatwin::recording::Recording;
 use deltatwin::scenario::Sensors;
 use deltatwin::twin::{Options, Report, SimulationError, simulate};
 
-/// A campaign to be made. Everything about it follows from these values.
+/// Specification of a campaign, which determines it completely.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
-    /// Draws the robot, the motions, the values of the effects and the noise, each on its own.
+    /// Seed of separate random streams for the robot, the motions, the values of the effects and the noise.
     pub seed: u64,
-    /// Names of the effects to hide; none hides nothing.
+    /// Names of the hidden effects; may be empty.
     pub effects: Vec<String>,
-    /// A law outside the library to hide as well.
+    /// A law outside the library that is hidden as well.
     pub outside: Option<Outside>,
-    /// How much of them.
+    /// Size of the hidden effects.
     pub size: Size,
-    /// Noise of the torques.
+    /// Kind of torque noise.
     pub noise: Noise,
-    /// What the robot does.
+    /// Kind of motion.
     pub motion: MotionKind,
     /// Whether strut 1 has a force sensor at the elbow.
     pub strut_sensor: bool,
     /// Whether the robot carries 2.5 kg off its axis.
     pub payload: bool,
-    /// Length of each recording, s.
+    /// Duration of each recording, s.
     pub duration: f64,
 }
 
@@ -61,53 +61,53 @@ impl Default for Case {
     }
 }
 
-/// What was hidden and what was measured.
+/// Hidden effects and recordings.
 pub struct Campaign {
-    /// What was asked for.
+    /// Specification.
     pub case: Case,
-    /// What is hidden.
+    /// Hidden effects.
     pub hidden: Vec<Hidden>,
-    /// The user's model: right in structure but for what is hidden, a few percent off in its numbers.
+    /// The user's model: the robot without the hidden effects, with parameters a few percent off.
     pub model: Model,
-    /// The robot.
+    /// The robot, including the hidden effects.
     pub robot: Model,
-    /// Recording to learn from.
+    /// Recording for the diagnosis.
     pub measurement: Recording,
-    /// Another motion of the same robot to judge on.
+    /// Recording of another motion of the same robot for validation.
     pub validation: Recording,
-    /// What the twin says of the two runs.
+    /// Reports of the twin for both runs.
     pub reports: [Report; 2],
-    /// Share of the law outside the library that no sum of the search's laws makes along the first motion.
+    /// Share of the law outside the library that no sum of the search's laws represents along the first motion.
     pub unspanned: Option<f64>,
-    /// Largest RMS residual over the noise floor that the robot's own model leaves of the validation; without noise unknown.
+    /// Largest ratio of RMS residual to noise floor of the robot's own model on the validation; `None` without noise.
     pub attainable: Option<f64>,
 }
 
-/// Why a campaign cannot be made.
+/// Reason why a campaign is not possible.
 #[derive(Debug, Error)]
 pub enum CampaignError {
-    /// No such effect to hide.
+    /// The effect cannot be hidden.
     #[error("cannot hide `{name}`: expected `none` or one of {}", .known.join(", "))]
     Effect {
-        /// What was asked for.
+        /// Requested name.
         name: String,
-        /// What can be hidden.
+        /// Names that can be hidden.
         known: Vec<&'static str>,
     },
     /// The model cannot be refitted along the drawn motion.
     #[error("the effect cannot be sized: {0}")]
     Size(#[from] FitError),
-    /// The twin stopped.
+    /// The simulation stopped.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
 }
 
-/// Standard deviation of the torques' noise on a delta robot, N·m.
+/// Standard deviation of the torque noise of a delta robot, N·m.
 const TORQUE_NOISE: [f64; AXES] = [0.4, 0.4, 0.4, 0.05];
-/// The payload of campaigns that have one.
+/// Payload of campaigns with one: mass (kg), centre of mass (m), inertia about z (kg·m²).
 const PAYLOAD: (f64, [f64; 3], f64) = (2.5, [0.03, -0.02, -0.08], 0.012);
 
-/// Streams of random numbers, so that what one draws does not change the others.
+/// Independent streams of random numbers.
 enum Stream {
     Robot,
     Motion,
@@ -116,7 +116,7 @@ enum Stream {
 }
 
 impl Case {
-    /// Random numbers of the case for one purpose.
+    /// Random number generator of the case for one purpose.
     fn random(&self, stream: Stream) -> ChaCha8Rng {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(stream as u64);
@@ -130,7 +130,7 @@ impl Case {
     }
 }
 
-/// Effects that can be hidden from a model: those it lacks and a measured motion shows.
+/// Effects that can be hidden: those that the model lacks and a measured motion can reveal.
 pub fn hideable(model: &Model) -> Vec<Arc<dyn Effect>> {
     let carried = |e: &dyn Effect| model.effects.iter().any(|a| a.effect.name() == e.name());
     effects::REGISTRY
@@ -143,13 +143,19 @@ pub fn hideable(model: &Model) -> Vec<Arc<dyn Effect>> {
         .collect()
 }
 
-/// Makes a campaign on an assembled delta robot; `progress` gets the run (0 or 1) and the simulated time.
+/// Campaign on an assembled delta robot; `progress` receives the run (0 or 1) and the simulated time in s.
+///
+/// # Errors
+/// As [`prepare`] and [`Prepared::record`].
 pub fn campaign(model: &Model, case: &Case, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
     let outside: Vec<Arc<dyn Effect>> = case.outside.iter().map(|law| Arc::new(law.effect()) as _).collect();
     campaign_with(model, case, &outside, progress)
 }
 
-/// The same with effects beyond the registry, such as formulas, hidden as well.
+/// Campaign as [`campaign`], with effects `beyond` the registry, such as formulas, hidden as well.
+///
+/// # Errors
+/// As [`prepare`] and [`Prepared::record`].
 pub fn campaign_with(
     model: &Model,
     case: &Case,
@@ -159,7 +165,10 @@ pub fn campaign_with(
     prepare(model, case, beyond)?.record(model, progress)
 }
 
-/// The same before torques and forces get their noise; encoders are quantised.
+/// Campaign as [`campaign_with`] without noise on torques and forces; encoders are quantised.
+///
+/// # Errors
+/// As [`prepare`] and [`Prepared::quiet`].
 pub fn quiet_campaign(
     model: &Model,
     case: &Case,
@@ -169,21 +178,21 @@ pub fn quiet_campaign(
     prepare(model, case, beyond)?.quiet(model, progress)
 }
 
-/// A robot with something hidden in it and the motions it is to make.
+/// A robot with hidden effects and its motions.
 pub struct Prepared {
     case: Case,
-    /// What is hidden.
+    /// Hidden effects.
     pub hidden: Vec<Hidden>,
     robot: Model,
     motions: [Motion; 2],
-    /// Share of the law outside the library that no sum of the search's laws makes along the first motion.
+    /// Share of the law outside the library that no sum of the search's laws represents along the first motion.
     pub unspanned: Option<f64>,
 }
 
-/// Draws robot, motions and the values of what is hidden, of `case` and `beyond` the registry.
+/// Draws the robot, the motions and the values of the hidden effects of `case` and `beyond` the registry.
 ///
 /// # Errors
-/// If an effect cannot be hidden, or if the model cannot be refitted along the drawn motion.
+/// If an effect cannot be hidden, or the model cannot be refitted along the drawn motion.
 pub fn prepare(model: &Model, case: &Case, beyond: &[Arc<dyn Effect>]) -> Result<Prepared, CampaignError> {
     let known = hideable(model);
     let find = |name: &String| {
@@ -220,11 +229,11 @@ pub fn prepare(model: &Model, case: &Case, beyond: &[Arc<dyn Effect>]) -> Result
 }
 
 impl Prepared {
-    /// Records both motions without noise on torques and forces; `model` is the user's, `progress` gets the run (0 or 1) and
-    /// the simulated time.
+    /// Records both motions without noise on torques and forces; `model` is the user's, `progress` receives the run
+    /// (0 or 1) and the simulated time in s.
     ///
     /// # Errors
-    /// If the twin stops.
+    /// If the simulation stops.
     pub fn quiet(self, model: &Model, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
         let Self { case, hidden, robot, motions, unspanned } = self;
         let setup = case.setup();
@@ -240,7 +249,7 @@ impl Prepared {
                 },
                 ..Options::default()
             };
-            // The twin's own sensors quantise; the noise comes after.
+            // The twin's sensors quantise; noise is added later.
             let quiet = Setup { torque_noise: Some([0.0; AXES]), ..setup };
             let mut machine = robot.clone();
             machine.noise.strut_force = 0.0;
@@ -265,10 +274,10 @@ impl Prepared {
         })
     }
 
-    /// The same with the noise of the case.
+    /// Records both motions with the noise of the case.
     ///
     /// # Errors
-    /// If the twin stops.
+    /// If the simulation stops, or the robot's own model cannot be evaluated on the validation.
     pub fn record(self, model: &Model, progress: &(dyn Fn(usize, f64) + Sync)) -> Result<Campaign, CampaignError> {
         let quiet = self.quiet(model, progress)?;
         let [measurement, validation] = quiet.noisy(&quiet.case);
@@ -277,7 +286,8 @@ impl Prepared {
     }
 }
 
-/// Largest RMS residual over the noise floor that the robot's own model leaves of a recording: what differentiation blurs.
+/// Largest ratio of RMS residual to noise floor of the robot's own model on a recording, due to errors of the
+/// differentiation.
 fn attainable(robot: &Model, recording: &Recording) -> Result<f64, FitError> {
     let datasets = [Dataset::new(recording)];
     let rms = channel_rms(&residuals(robot, &datasets)?);
@@ -285,7 +295,7 @@ fn attainable(robot: &Model, recording: &Recording) -> Result<f64, FitError> {
 }
 
 impl Campaign {
-    /// Both recordings with the noise of `case`, in the digits that a measuring system would write.
+    /// Both recordings with the noise of `case`, rounded as by a measuring system.
     pub fn noisy(&self, case: &Case) -> [Recording; 2] {
         let force = self.model.noise.strut_force;
         let mut rng = case.random(Stream::Noise);
@@ -302,12 +312,12 @@ impl Campaign {
     }
 }
 
-/// `x` to the nearest of so many per unit.
+/// `x` rounded to a multiple of 1/`per_unit`.
 fn rounded(x: f64, per_unit: f64) -> f64 {
     (x * per_unit).round() / per_unit
 }
 
-/// Moves inertia by up to ±3 % and friction by up to ±5 %, as a real machine departs from its data sheet.
+/// Changes inertia by up to ±3 % and friction by up to ±5 %, as the deviations of a real machine from its data sheet.
 pub fn perturb(model: &mut Model, rng: &mut ChaCha8Rng) {
     let bodies = RigidBodies::of(model.mechanism, model.assembled);
     let mut links: Vec<f64> = bodies.values(&model.bodies);

@@ -5,7 +5,7 @@ use super::size::Size;
 use super::{Grade, judge::Question};
 use deltatwin_report::{Cell, Color, Curve, Figure, Style, matrix, rates, time_series};
 
-/// All figures with the names of their files.
+/// All figures with their file names.
 pub fn all(score: &Score, judged: &[Judged]) -> Vec<(&'static str, Figure)> {
     vec![
         ("confusion", confusion(score)),
@@ -41,7 +41,7 @@ fn confusion(score: &Score) -> Figure {
     matrix("Hidden (rows) and named first (columns), campaigns", &score.rows, &score.columns, &cells)
 }
 
-/// Right answers by effect and size.
+/// Correct answers by effect and size.
 fn effects(score: &Score) -> Figure {
     let mut sizes: Vec<String> = Size::ALL.iter().map(|s| s.name().to_string()).collect();
     sizes.extend(["limited".to_string(), "unknown size".to_string()]);
@@ -57,7 +57,7 @@ fn effects(score: &Score) -> Figure {
     matrix("Right answers by effect and size", &rows, &sizes, &cells)
 }
 
-/// Right answers over what the effect leaves after a refit.
+/// Correct answers over the residual of the effect after a refit.
 fn power(judged: &[Judged]) -> Figure {
     let mut known: Vec<(f64, bool)> = judged
         .iter()
@@ -100,7 +100,7 @@ fn reliability(score: &Score) -> Figure {
     )
 }
 
-/// Share of campaigns up to a value.
+/// Cumulative distribution of the values.
 fn cumulative(label: &str, mut x: Vec<f64>) -> Curve {
     x.sort_by(f64::total_cmp);
     let n = x.len().max(1) as f64;
@@ -113,7 +113,7 @@ fn cumulative(label: &str, mut x: Vec<f64>) -> Curve {
 }
 
 fn held_out(score: &Score) -> Figure {
-    // Relative to the best that is attainable, for one bound to hold for all.
+    // Relative to the best attainable, so that one bound applies to all.
     let ratios = score.held_out.iter().map(|(_, r, bound)| r * EXPLAINED / bound).collect();
     let bound =
         Curve::new("bound", vec![EXPLAINED, EXPLAINED], vec![0.0, 1.0]).color(Color::MUTED).style(Style::Dashed);

@@ -15,16 +15,16 @@ use deltatwin::effects::formula::Place;
 use deltatwin_io::file::WriteError;
 use deltatwin_io::file::replace_text;
 
-/// What is hidden in a campaign.
+/// File of the hidden effects.
 pub const TRUTH: &str = "truth.json";
-/// What the diagnosis said.
+/// File of the diagnosis' answer.
 pub const ANSWER: &str = "answer.json";
-/// Recording to learn from.
+/// Recording for the diagnosis.
 pub const MEASUREMENT: &str = "measurement";
-/// Recording to judge on.
+/// Recording for the validation.
 pub const VALIDATION: &str = "validation";
 
-/// Why a campaign's folder cannot be used.
+/// Reason why a campaign's folder cannot be used.
 #[derive(Debug, Error)]
 pub enum FolderError {
     /// The file system failed.
@@ -32,25 +32,28 @@ pub enum FolderError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What happened.
+        /// Cause.
         source: std::io::Error,
     },
     /// A recording cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// A file is not what it should be.
+    /// A file has unexpected content.
     #[error("{file}: {problem}; expected {expected}", file = .file.display())]
     Content {
         /// The file.
         file: PathBuf,
-        /// What is wrong.
+        /// Problem.
         problem: String,
-        /// What would be right.
+        /// Expected content.
         expected: &'static str,
     },
 }
 
-/// Writes a campaign; the truth comes last, so that a folder with it is complete.
+/// Writes a campaign; the truth is written last and marks a complete folder.
+///
+/// # Errors
+/// If a file cannot be written.
 pub fn write(folder: &Path, campaign: &Campaign) -> Result<(), FolderError> {
     std::fs::create_dir_all(folder).map_err(|source| FolderError::Io { file: folder.into(), source })?;
     for (name, recording) in [(MEASUREMENT, &campaign.measurement), (VALIDATION, &campaign.validation)] {
@@ -59,13 +62,16 @@ pub fn write(folder: &Path, campaign: &Campaign) -> Result<(), FolderError> {
     write_truth(folder, &truth(campaign, &campaign.case))
 }
 
-/// Writes the truth alone.
+/// Writes the truth only.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn write_truth(folder: &Path, truth: &Value) -> Result<(), FolderError> {
     std::fs::create_dir_all(folder).map_err(|source| FolderError::Io { file: folder.into(), source })?;
     write_json(&folder.join(TRUTH), truth)
 }
 
-/// Truth of a campaign whose noise is that of `case`.
+/// Truth of a campaign with the noise of `case`.
 pub fn truth(campaign: &Campaign, case: &Case) -> Value {
     let plant = Plant::new(&campaign.robot, &campaign.measurement.setup);
     let hidden = |name: &str| campaign.hidden.iter().any(|h| h.active.effect.name() == name);
@@ -102,7 +108,10 @@ fn effect(hidden: &Hidden) -> Value {
     })
 }
 
-/// Reads the truth of a campaign, also of other software's.
+/// Reads the truth of a campaign, which may have been written by other software.
+///
+/// # Errors
+/// If the file cannot be read or has no list of effects.
 pub fn read_truth(folder: &Path) -> Result<Truth, FolderError> {
     let file = folder.join(TRUTH);
     let value = read_json(&file)?;
@@ -135,7 +144,10 @@ pub fn read_truth(folder: &Path) -> Result<Truth, FolderError> {
     Ok(truth)
 }
 
-/// Writes what the diagnosis said.
+/// Writes the answer of the diagnosis.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn write_answer(folder: &Path, answer: &Answer) -> Result<(), FolderError> {
     let value = serde_json::to_value(answer).map_err(|e| FolderError::Content {
         file: folder.join(ANSWER),
@@ -145,7 +157,10 @@ pub fn write_answer(folder: &Path, answer: &Answer) -> Result<(), FolderError> {
     write_json(&folder.join(ANSWER), &value)
 }
 
-/// What the diagnosis said, if it was asked.
+/// Answer of the diagnosis; `None` if there is none yet.
+///
+/// # Errors
+/// If the file cannot be read or has unexpected content.
 pub fn read_answer(folder: &Path) -> Result<Option<Answer>, FolderError> {
     let file = folder.join(ANSWER);
     if !file.is_file() {
@@ -159,7 +174,10 @@ pub fn read_answer(folder: &Path) -> Result<Option<Answer>, FolderError> {
     Ok(Some(answer))
 }
 
-/// Folders in `root` that hold a campaign, by name; `root` itself if it is one.
+/// Folders in `root` that contain a campaign, sorted by name; `root` itself if it is one.
+///
+/// # Errors
+/// If a folder cannot be read.
 pub fn campaigns(root: &Path) -> Result<Vec<PathBuf>, FolderError> {
     let io = |source| FolderError::Io { file: root.into(), source };
     if root.join(TRUTH).is_file() {

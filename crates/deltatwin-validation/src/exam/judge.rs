@@ -1,4 +1,4 @@
-//! What the diagnosis says about a campaign, and whether it is right.
+//! Answer of the diagnosis about a campaign, and its grade.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -11,62 +11,63 @@ use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
-/// A set of effects that cannot be told apart names nothing if it is larger.
+/// Largest indistinguishable set that counts as naming its effects.
 pub const LARGEST_SET: usize = 3;
 /// Claimed probability from which a wrong name is confidently wrong.
 pub const CONFIDENT: f64 = 0.9;
 
-/// What is hidden in a campaign, as far as grading needs it.
+/// Truth of a campaign, as far as the grading needs it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Names of the hidden effects.
     pub effects: Vec<String>,
-    /// Values of their parameters, by `effect.parameter`, as far as they are stated under the names of the library.
+    /// Values of their parameters, by `effect.parameter`, as far as they are stated under the library's names.
     pub values: Vec<(String, f64)>,
-    /// Part of the machine where what is outside the library acts, if stated.
+    /// Part of the machine where the law outside the library acts, if stated.
     pub place: Option<String>,
     /// Name of the law outside the library, if stated.
     pub law: Option<String>,
-    /// Share of it that no sum of the search's laws makes, if stated.
+    /// Share of it that no sum of the search's laws represents, if stated.
     pub unspanned: Option<f64>,
-    /// Largest held-out RMS residual over the noise floor that the robot's own model leaves, if stated.
+    /// Largest ratio of held-out RMS residual to noise floor of the robot's own model, if stated.
     pub attainable: Option<f64>,
     /// Size, if stated.
     pub size: Option<String>,
     /// Kind of noise, if stated.
     pub noise: Option<String>,
-    /// Expected RMS residual over the noise on the channel that sized the first effect, if stated.
+    /// Expected ratio of RMS residual to noise on the channel that determined the size of the first effect, if
+    /// stated.
     pub rise: Option<f64>,
-    /// Whether some effect could not be made as large as asked for.
+    /// Whether an effect could not be made as large as requested.
     pub limited: bool,
 }
 
-/// What the diagnosis said.
+/// Answer of the diagnosis.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// `none`, `effect`, `several`, `ambiguous` or `unknown`.
     pub verdict: String,
     /// Effects in the order named.
     pub effects: Vec<Named>,
-    /// Sets that the data cannot tell apart.
+    /// Indistinguishable sets.
     pub indistinguishable: Vec<Vec<String>>,
-    /// Channels of the following arrays.
+    /// Channels, in the order of the following arrays.
     pub channels: Vec<String>,
-    /// RMS residual of the refitted model on the held-out motion.
+    /// RMS residual of the refitted model on the held-out motion, N·m or N.
     pub rms_before: Vec<f64>,
-    /// The same with what was found.
+    /// RMS residual with everything found, N·m or N.
     pub rms_after: Vec<f64>,
-    /// Standard deviation of the sensor noise.
+    /// Standard deviation of the sensor noise, N·m or N.
     pub noise_floor: Vec<f64>,
-    /// Part of the machine where something acts that no known effect explains.
+    /// Part of the machine where an unknown effect acts.
     #[serde(default)]
     pub location: Option<String>,
-    /// Share of the explainable held-out error that a formula for it takes.
+    /// Share of the explainable held-out error that its formula explains.
     #[serde(default)]
     pub formula: Option<f64>,
-    /// Time the diagnosis took, derivatives included, s.
+    /// Computing time of the diagnosis including derivatives, s.
     pub seconds: f64,
-    /// Why there is no answer.
+    /// Reason why there is no answer.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub failure: Option<String>,
 }
@@ -84,7 +85,7 @@ pub struct Named {
     pub parameters: BTreeMap<String, (f64, Option<f64>)>,
 }
 
-/// Asks the diagnosis which effect `model` lacks, from a recording to learn from and one to judge on.
+/// Diagnosis of the effect that `model` lacks, from a recording and one for validation.
 pub fn judge(model: &Model, [measurement, validation]: &[Recording; 2]) -> Answer {
     let start = Instant::now();
     let (dataset, held_out) = (Dataset::new(measurement), Dataset::new(validation));
@@ -130,60 +131,60 @@ impl From<&Diagnosis> for Answer {
 }
 
 impl Answer {
-    /// Largest held-out RMS residual with what was found over the noise.
+    /// Largest ratio of held-out RMS residual to noise with everything found; `None` without channels.
     pub fn held_out_ratio(&self) -> Option<f64> {
         let ratios = self.rms_after.iter().zip(&self.noise_floor).map(|(r, f)| r / f);
         ratios.fold(None, |worst, r| Some(worst.map_or(r, |w: f64| w.max(r))))
     }
 
-    /// Whether `name` was named, alone or in a set small enough to mean something.
+    /// Whether `name` was named, alone or in a set of at most [`LARGEST_SET`].
     fn names(&self, name: &str) -> bool {
         self.effects.iter().any(|e| e.name == name) || self.in_small_set(name)
     }
 
-    /// Whether `name` is in a set small enough to mean something.
+    /// Whether `name` is in a set of at most [`LARGEST_SET`].
     pub fn in_small_set(&self, name: &str) -> bool {
         self.indistinguishable.iter().any(|set| set.len() <= LARGEST_SET && set.iter().any(|n| n == name))
     }
 }
 
-/// How good an answer is.
+/// Grade of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
-    /// The truth: its effect first or in a set of at most three, unless the verdict is `unknown`; `none` of nothing;
-    /// `unknown` of what is outside the library.
+    /// Correct: the effect named first or in a set of at most three, unless the verdict is `unknown`; `none` for
+    /// nothing; `unknown` for a law outside the library.
     Right,
-    /// One of two effects.
+    /// One of two effects was named.
     Half,
-    /// `none` or `unknown` was said although something known is hidden.
+    /// The verdict was `none` or `unknown` although a known effect is hidden.
     Missed,
-    /// Something else was named.
+    /// Another effect was named.
     Wrong,
-    /// Something else was named alone with a probability of 0.9 or more.
+    /// Another effect was named alone with a probability of 0.9 or more.
     ConfidentlyWrong,
     /// There was no answer.
     Failed,
 }
 
-/// What kind of question a truth is.
+/// Kind of question that a truth poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Question {
     /// Nothing is hidden.
     Nothing,
-    /// One effect of the library.
+    /// One effect of the library is hidden.
     One,
-    /// Two or more of them.
+    /// Several effects of the library are hidden.
     Several,
-    /// Something that is not in the library.
+    /// A law outside the library is hidden.
     Outside,
 }
 
 impl Question {
-    /// Of a truth.
+    /// Kind of question of a truth.
     pub fn of(truth: &Truth) -> Self {
-        // What is outside the library is hidden as a formula.
+        // Laws outside the library are hidden as formulas.
         let known = |name: &String| effects::find(name).is_some_and(|effect| effect.formula().is_none());
         match truth.effects.len() {
             0 => Self::Nothing,
@@ -208,7 +209,7 @@ impl std::fmt::Display for Grade {
 }
 
 impl Grade {
-    /// Grades an answer.
+    /// Grade of an answer.
     pub fn of(truth: &Truth, answer: &Answer) -> Self {
         if answer.failure.is_some() {
             return Self::Failed;

@@ -1,7 +1,7 @@
-//! How far the diagnosis can be trusted: campaigns with a known truth, drawn from seeds, simulated, judged and counted.
+//! Exam of the diagnosis: campaigns with a known truth are drawn from seeds, simulated, diagnosed and graded.
 //!
-//! A [`Case`] says what to hide, at what size, under what noise; [`campaign()`] simulates it; [`folder`] keeps recordings,
-//! truth and answer beside each other; [`mod@judge`] asks the diagnosis and grades its answer.
+//! A [`Case`] specifies the hidden effects, their size and the noise; [`campaign()`] simulates it; [`folder`] stores
+//! recordings, truth and answer; [`mod@judge`] runs the diagnosis and grades its answer.
 
 pub mod campaign;
 pub mod figures;

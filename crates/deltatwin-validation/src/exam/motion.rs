@@ -1,4 +1,4 @@
-//! Motions of campaigns, drawn at random within a share of the drives' limits.
+//! Random motions of campaigns within a share of the drives' limits.
 
 use nalgebra::Vector4;
 use rand::RngExt;
@@ -12,7 +12,7 @@ use deltatwin::scenario::motion::path::Path;
 use deltatwin::scenario::motion::polynomial::Piecewise;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
 
-/// What the robot does in a campaign.
+/// Kind of motion of a campaign.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum MotionKind {
     /// A random Fourier series up to 1 Hz, as in the demo: wide and slow.
@@ -43,22 +43,22 @@ pub enum Motion {
     Cycle(Piecewise),
 }
 
-/// Base frequency, Hz, and harmonics of the slow series and of the wide band.
+/// Base frequency, Hz, and number of harmonics of the slow and of the wideband series.
 const FOURIER: (f64, usize) = (0.1, 10);
 const WIDEBAND: (f64, usize) = (0.05, 50);
-/// Share of the drives' limits a motion may use: the demo's, and others.
+/// Usable share of the drives' limits in the demo, and otherwise.
 const DEMO_SHARE: f64 = 0.45;
 const SHARE: f64 = 0.7;
-/// Waypoints of a cycle, and half of the box they lie in: m, m, m, rad.
+/// Number of waypoints of a cycle, and half the size of their box: m, m, m, rad.
 const WAYPOINTS: usize = 6;
 const BOX: [f64; 4] = [0.35, 0.35, 0.1, 2.0];
-/// Largest speed, acceleration and jerk of the first try; later ones are slower.
+/// Speed (m/s), acceleration (m/s²) and jerk (m/s³) of the first trial; later ones are slower.
 const FASTEST: (f64, f64, f64) = (3.0, 40.0, 2000.0);
 /// Spacing of the instants at which a motion is checked, s.
 const SPACING: f64 = 2e-3;
 
 impl Motion {
-    /// Draws a motion of `kind` for `plant`, of a machine like `model`.
+    /// Random motion of `kind` for `plant`, a machine like `model`.
     pub fn draw(kind: MotionKind, model: &Model, plant: &Plant, rng: &mut ChaCha8Rng) -> Self {
         let limits = MotionLimits::of(model, SHARE);
         match kind {
@@ -71,7 +71,7 @@ impl Motion {
         }
     }
 
-    /// Where the robot is to be at time `t`, s.
+    /// Target of the robot at time `t`, s.
     pub fn at(&self, t: f64) -> Target {
         match self {
             Self::Fourier(series) => series.at(t).into(),
@@ -84,12 +84,13 @@ fn platform([p, v, a]: [Vector4<f64>; 3]) -> PlatformState {
     PlatformState { position: p.xyz(), velocity: v.xyz(), acceleration: a.xyz(), psi: [p[3], v[3], a[3]] }
 }
 
-/// The middle of the workspace is where a Fourier series turns about.
+/// Random centre of a motion near the middle of the workspace.
 fn centre(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> [f64; 4] {
     FourierMotion::random(plant, limits, 1.0, 0, rng).centre
 }
 
-/// Harmonics of equal amplitude for the platform, of falling amplitude for axis 4, scaled down until within the limits.
+/// Series with harmonics of equal amplitude for the platform and decreasing amplitude for axis 4, scaled to the
+/// limits.
 fn wideband(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> FourierMotion {
     let (frequency, harmonics) = WIDEBAND;
     let psi = if plant.mechanism.has_telescope() { 6.0 } else { 0.0 };
@@ -101,7 +102,7 @@ fn wideband(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> Fouri
         let coordinates = match beyond(&|t| motion.at(t), 1.0 / frequency, plant, limits) {
             None => break,
             Some(Beyond::Reach) => 0..3,
-            // A payload off the axis loads the arms as axis 4 swings it.
+            // An eccentric payload loads the arms when axis 4 accelerates it.
             Some(Beyond::Arms) => 0..4,
             Some(Beyond::Axis4) => 3..4,
         };
@@ -112,7 +113,7 @@ fn wideband(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> Fouri
     motion
 }
 
-/// A closed path through random waypoints, slower and smaller until it stays within the limits.
+/// A closed path through random waypoints, reduced in speed and size until it respects the limits.
 fn cycle(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> Piecewise {
     let centre = centre(plant, limits, rng);
     let psi = if plant.mechanism.has_telescope() { BOX[3] } else { 0.0 };
@@ -143,7 +144,7 @@ fn cycle(plant: &Plant, limits: &MotionLimits, rng: &mut ChaCha8Rng) -> Piecewis
     }
 }
 
-/// Which limit a motion violates.
+/// Limit that a motion violates.
 enum Beyond {
     Reach,
     Arms,

@@ -1,4 +1,4 @@
-//! Noise of torque and force sensors, laid on recordings of a twin without it.
+//! Noise of torque and force sensors, added to noise-free recordings of a twin.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -7,8 +7,8 @@ use rand_distr::{Distribution, StandardNormal};
 use deltatwin::machine::AXES;
 use deltatwin::recording::Signals;
 
-/// How the noise of the torques behaves; its standard deviation over the recording is the stated one in every kind, but
-/// for the drift, which comes on top. Strut forces always have white noise: their amplifier is not the drives'.
+/// Kind of torque noise. Its standard deviation over the recording is the stated one for every kind, except that the
+/// drift is added to it. Strut forces always have white noise, because their amplifier is separate from the drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Noise {
     /// Independent from sample to sample and from axis to axis.
@@ -43,18 +43,18 @@ impl std::fmt::Display for Noise {
     }
 }
 
-/// Memory of autocorrelated noise, s.
+/// Range of the correlation time of autocorrelated noise, s.
 const MEMORY: (f64, f64) = (5e-3, 50e-3);
-/// Share of the variance that all axes have in common.
+/// Share of the variance common to all axes.
 const COMMON: f64 = 0.4;
-/// σ at RMS speed over σ at rest, less one.
+/// Ratio of σ at RMS speed to σ at rest, minus one.
 const GROWTH: f64 = 1.0;
-/// Standard deviation of the walking bias at the end of a recording, in units of σ.
+/// Standard deviation of the drift at the end of a recording, in units of σ.
 const WALK: f64 = 0.3;
-/// Time over which speed is measured, s.
+/// Time over which the speed is averaged, s.
 const SPEED_TIME: f64 = 8e-3;
 
-/// Adds noise of standard deviation `torque` (N·m per axis) and `force` (N).
+/// Adds noise with the standard deviations `torque` (N·m per axis) and `force` (N).
 pub fn lay(kind: Noise, torque: &[f64; AXES], force: f64, signals: &mut Signals, rng: &mut ChaCha8Rng) {
     let axes = signals.mechanism.axes();
     let envelope = if kind == Noise::Speed { growth(signals, axes) } else { Vec::new() };
@@ -89,7 +89,7 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// Scale of the noise at every sample, of mean square one: 1 + growth·|q̇|/rms(q̇).
+/// Scale of the noise at every sample, with mean square one: 1 + growth·|q̇|/rms(q̇).
 fn growth(signals: &Signals, axes: usize) -> Vec<[f64; AXES]> {
     let n = signals.len();
     let reach = ((0.5 * SPEED_TIME / signals.sample_time()).round() as usize).clamp(1, n.max(2) / 2);
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
     use rand_chacha::rand_core::SeedableRng;
 
-    /// Noise alone on a swinging machine, N·m.
+    /// Noise of a machine in oscillation, N·m.
     fn noise(kind: Noise, seed: u64) -> Vec<[f64; AXES]> {
         let n = 50_000;
         let t: Vec<f64> = (0..n).map(|k| k as f64 * 4e-4).collect();
@@ -145,7 +145,7 @@ mod tests {
         for kind in Noise::ALL {
             let x = noise(kind, 5);
             let rms = |i: usize| mean_square(&x.iter().map(|v| v[i]).collect::<Vec<_>>()).sqrt();
-            // A memory of 50 ms leaves 200 independent samples: 5 % each way; drift adds 0.3²/2.
+            // A correlation time of 50 ms leaves 200 independent samples, ±5 %; the drift adds 0.3²/2.
             assert!(
                 (0.36..0.45).contains(&rms(0)) && (0.044..0.056).contains(&rms(3)),
                 "{kind}: {} {}",

@@ -1,4 +1,4 @@
-//! What is outside the library of effects: laws that no effect has, hidden as formulas.
+//! Laws outside the library of effects, hidden as formulas.
 
 pub mod published;
 
@@ -20,7 +20,7 @@ const fn law(name: &'static str, at: &'static str, law: &'static str) -> Outside
     Outside { name, at, law }
 }
 
-/// Laws that no effect of the library has, written for this exam: most are of the kinds that the search tries.
+/// Laws outside the library written for this exam; most are of kinds that the search tries.
 pub const WRITTEN: [Outside; 27] = [
     law("cogging", "drive2", "cos(51*q2 + 0.4)"),
     law("cable_spring", "drive3", "0.3 - q3"),
@@ -57,17 +57,20 @@ impl Outside {
         PUBLISHED.iter().map(|published| published.law).chain(WRITTEN).collect()
     }
 
-    /// The law called `name`.
+    /// The law called `name`; `None` if there is none.
     pub fn named(name: &str) -> Option<Self> {
         Self::all().into_iter().find(|law| law.name == name)
     }
 
-    /// Where the law comes from; none if it was written for this exam.
+    /// Source of the law; `None` if it was written for this exam.
     pub fn source(self) -> Option<&'static Published> {
         PUBLISHED.iter().find(|published| published.law.name == self.name)
     }
 
-    /// The effect that hides it.
+    /// Formula effect with this law.
+    ///
+    /// # Panics
+    /// If the place or the law cannot be parsed, which does not occur for the laws of [`Outside::all`].
     pub fn effect(self) -> Formula {
         let at = Place::named(self.at).expect("a place of a formula");
         let law = Expression::parse(self.law).expect("an expression");

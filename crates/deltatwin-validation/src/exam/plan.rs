@@ -1,4 +1,4 @@
-//! Which campaigns an exam consists of.
+//! Plan of an exam: its campaigns.
 
 use std::sync::Arc;
 
@@ -10,38 +10,41 @@ use super::size::Size;
 use deltatwin::effects::{self, ActiveEffect, Effect};
 use deltatwin::machine::Payload;
 
-/// What to examine.
+/// Plan of an exam.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// Effects to hide, one at a time and in pairs.
+    /// Hidden effects, one at a time and in pairs.
     pub effects: Vec<String>,
     /// Sizes of single effects.
     pub sizes: Vec<Size>,
-    /// Campaigns per effect and size.
+    /// Number of campaigns per effect and size.
     pub seeds: u64,
-    /// Campaigns with two effects.
+    /// Number of campaigns with two effects.
     pub pairs: u64,
-    /// Campaigns with a law outside the library.
+    /// Number of campaigns with a law outside the library.
     pub outside: u64,
-    /// Campaigns in which nothing is hidden.
+    /// Number of campaigns without a hidden effect.
     pub null: u64,
-    /// Kinds of noise, in turn.
+    /// Kinds of noise, used in turn.
     pub noise: Vec<Noise>,
-    /// What the robots do.
+    /// Kind of motion.
     pub motion: MotionKind,
-    /// Whether robots may have a force sensor in strut 1: two thirds do.
+    /// Whether two thirds of the robots have a force sensor in strut 1.
     pub strut_sensors: bool,
-    /// Whether robots may have a payload: half do.
+    /// Whether half of the robots have a payload.
     pub payloads: bool,
-    /// Length of each recording, s.
+    /// Duration of each recording, s.
     pub duration: f64,
-    /// Seed of everything.
+    /// Seed of the entire exam.
     pub seed: u64,
 }
 
 impl Plan {
-    /// The campaigns with the names of their folders. A campaign follows from its name and the seed of the plan alone, so
-    /// that others may be added without changing it.
+    /// The campaigns with the names of their folders. The seed of a campaign depends on its name and the seed of the
+    /// plan only, so adding campaigns does not change existing ones.
+    ///
+    /// # Panics
+    /// If `noise` is empty.
     pub fn cases(&self) -> Vec<(String, Case)> {
         let mut out = Vec::new();
         for k in 1..=self.null {
@@ -69,7 +72,7 @@ impl Plan {
         out
     }
 
-    /// Every effect takes its turn, with ever another partner.
+    /// Every effect in turn, with a varying partner.
     fn pair(&self, k: u64) -> Vec<String> {
         let n = self.effects.len() as u64;
         if n < 2 {
@@ -110,7 +113,7 @@ impl Plan {
     }
 }
 
-/// Whether an effect's inertia depends on the payload, so that it shows on a robot that carries one.
+/// Whether an effect's inertia depends on the payload, so that it appears only on a robot with one.
 fn reads_payload(effect: Arc<dyn Effect>) -> bool {
     let active = ActiveEffect::absent(Arc::clone(&effect));
     let terms = |payload: &Payload| {
@@ -121,10 +124,10 @@ fn reads_payload(effect: Arc<dyn Effect>) -> bool {
     terms(&Payload::default()) != terms(&Payload::new(1.0, [0.1, 0.1, -0.1], 0.01))
 }
 
-/// Label of campaigns in which nothing is hidden.
+/// Label of campaigns without a hidden effect.
 pub const NOTHING: &str = "nothing";
 
-/// Seed of a campaign from that of the exam and its name (FNV-1a).
+/// Seed of a campaign from the exam's seed and the campaign's name (FNV-1a).
 pub fn seed(exam: u64, name: &str) -> u64 {
     let bytes = exam.to_le_bytes().into_iter().chain(name.bytes());
     bytes.fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
@@ -159,12 +162,13 @@ mod tests {
         names.sort();
         names.dedup();
         assert_eq!(names.len(), cases.len());
-        // Without null campaigns the noise takes other turns; what keeps its name keeps its seed.
+        // Without null campaigns the kinds of noise are assigned differently; campaigns with the same name keep their
+        // seed.
         let fewer = Plan { null: 0, noise: vec![Noise::White], ..plan() }.cases();
         let shared = cases.iter().filter(|c| fewer.contains(c)).count();
         assert!(shared > 0, "{fewer:?}");
         let other = Plan { seed: 2, ..plan() }.cases();
-        // Pairs are others, too.
+        // The pairs differ as well.
         assert!(cases.iter().zip(&other).all(|((a, x), (b, y))| x.seed != y.seed && (a == b || a.contains('+'))));
     }
 
@@ -176,7 +180,7 @@ mod tests {
             assert_eq!(effects.len(), case.effects.len(), "{name}");
             assert!(case.payload || !case.effects.iter().any(|e| e == "payload_mass_error"), "{name}");
         }
-        // Of others half.
+        // Half of the others.
         assert!(plan().cases().iter().any(|(_, case)| !case.payload && !case.effects.is_empty()));
         let lone = Plan { effects: vec!["torque_bias".into()], ..plan() };
         assert_eq!(lone.cases().len(), 3 + 2 * 2 + 2);

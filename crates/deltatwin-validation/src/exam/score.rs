@@ -1,4 +1,4 @@
-//! What many judged campaigns amount to.
+//! Statistics over graded campaigns.
 
 use std::collections::BTreeMap;
 
@@ -7,18 +7,18 @@ use serde_json::{Map, Value, json};
 use super::judge::{Answer, Grade, Question, Truth};
 use super::span::WITHIN;
 
-/// A judged campaign.
+/// A graded campaign.
 #[derive(Clone, Debug)]
 pub struct Judged {
     /// Name of its folder.
     pub name: String,
-    /// What is hidden.
+    /// Hidden effects.
     pub truth: Truth,
-    /// What was said.
+    /// Answer of the diagnosis.
     pub answer: Answer,
     /// Kind of question.
     pub question: Question,
-    /// How good the answer is.
+    /// Grade of the answer.
     pub grade: Grade,
 }
 
@@ -29,7 +29,7 @@ impl Judged {
         Self { name, truth, answer, question, grade }
     }
 
-    /// What is hidden, in a word.
+    /// Label of the hidden effects.
     pub fn hidden(&self) -> String {
         match self.question {
             Question::Nothing => NOTHING.into(),
@@ -38,7 +38,7 @@ impl Judged {
         }
     }
 
-    /// What was said, in a word: the effect named first, a small set with the truth, or the verdict that names none.
+    /// Label of the answer: the effect named first, a small set with the truth, or the verdict that names none.
     pub fn said(&self) -> String {
         let small = |name: &String| self.answer.verdict == "ambiguous" && self.answer.in_small_set(name);
         if self.question == Question::One && small(&self.truth.effects[0]) {
@@ -50,18 +50,18 @@ impl Judged {
         }
     }
 
-    /// Largest held-out RMS residual over the noise that counts as explained: [`EXPLAINED`] of what the robot's own model
-    /// leaves, where that is known and more than the noise.
+    /// Largest ratio of held-out RMS residual to noise that counts as explained: [`EXPLAINED`] times that of the
+    /// robot's own model, where that is known and above one.
     fn held_out_bound(&self) -> f64 {
         EXPLAINED * self.truth.attainable.unwrap_or(1.0).max(1.0)
     }
 
-    /// Whether the laws of the search make the law that is hidden; unknown where the truth does not say it.
+    /// Whether the hidden law is in the span of the search's laws; `None` if the truth does not state it.
     fn in_span(&self) -> Option<bool> {
         self.truth.unspanned.map(|share| share < WITHIN)
     }
 
-    /// (estimate − truth)/standard error of the parameters of an effect named rightly.
+    /// (estimate − truth)/standard error of the parameters of a correctly named effect.
     fn z(&self) -> Vec<f64> {
         if self.question != Question::One || self.grade != Grade::Right {
             return Vec::new();
@@ -75,14 +75,14 @@ impl Judged {
     }
 }
 
-/// Held-out RMS residual, relative to the best attainable, that counts as explained.
+/// Ratio of the held-out RMS residual to the best attainable that counts as explained.
 pub const EXPLAINED: f64 = 1.03;
 /// Column of the confusion matrix: the truth is one of at most three.
 pub const IN_A_SET: &str = "one of 2–3";
 const NOTHING: &str = "nothing";
 const OUTSIDE: &str = "outside the library";
 
-/// So many of so many.
+/// Number of successes in a number of trials.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rate {
     /// Successes.
@@ -92,7 +92,7 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// Counts what `hit` says of the items.
+    /// Rate of the items for which `hit` is true.
     pub fn of<T>(items: impl IntoIterator<Item = T>, hit: impl Fn(&T) -> bool) -> Self {
         let mut rate = Self::default();
         items.into_iter().for_each(|item| rate.add(hit(&item)));
@@ -104,12 +104,12 @@ impl Rate {
         self.of += 1;
     }
 
-    /// Share of successes.
+    /// Share of successes; `None` without trials.
     pub fn share(self) -> Option<f64> {
         (self.of > 0).then(|| self.count as f64 / self.of as f64)
     }
 
-    /// 95 % interval of the share [Wilson, 1927].
+    /// 95 % confidence interval of the share [Wilson 1927].
     pub fn interval(self) -> [f64; 2] {
         const Z: f64 = 1.959_964;
         let Some(p) = self.share() else { return [0.0, 1.0] };
@@ -119,7 +119,7 @@ impl Rate {
         [(middle - half).max(0.0), (middle + half).min(1.0)]
     }
 
-    /// `{count, of, share, interval}`.
+    /// JSON object `{count, of, share, interval}`.
     pub fn json(self) -> Value {
         json!({"count": self.count, "of": self.of, "share": self.share(), "interval": self.interval()})
     }
@@ -137,14 +137,14 @@ impl std::fmt::Display for Rate {
     }
 }
 
-/// What was said of laws outside the library.
+/// Answers about laws outside the library.
 #[derive(Clone, Debug, Default)]
 pub struct Outside {
-    /// `unknown` of them.
+    /// Rate of the verdict `unknown`.
     pub unknown: Rate,
-    /// The right part of the machine, among those.
+    /// Rate of the correct part of the machine among those.
     pub located: Rate,
-    /// Share of the explainable held-out error that the formulas take.
+    /// Share of the explainable held-out error that each formula explains.
     pub formulas: Vec<f64>,
 }
 
@@ -161,7 +161,7 @@ impl Outside {
         }
     }
 
-    /// `{unknown, located, formula_median}`.
+    /// JSON object `{unknown, located, formula_median}`.
     pub fn json(&self) -> Value {
         json!({
             "unknown": self.unknown.json(),
@@ -171,72 +171,72 @@ impl Outside {
     }
 }
 
-/// Claimed probability in a bin against the share that was right.
+/// Claimed probability and rate of correct names in a bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reliability {
     /// Mean claimed probability.
     pub claimed: f64,
-    /// How often it was right.
+    /// Rate of correct names.
     pub right: Rate,
 }
 
-/// Everything an exam counts.
+/// All statistics of an exam.
 #[derive(Clone, Debug, Default)]
 pub struct Score {
-    /// Something said of nothing.
+    /// Rate of false alarms without a hidden effect.
     pub false_alarms: Rate,
-    /// The same by kind of noise.
+    /// Rate of false alarms by kind of noise.
     pub by_noise: BTreeMap<String, Rate>,
-    /// Right answers by size, of single effects as large as asked for.
+    /// Correct answers by size, for single effects of the requested size.
     pub by_size: BTreeMap<String, Rate>,
-    /// Right answers by effect and size.
+    /// Correct answers by effect and size.
     pub by_effect: BTreeMap<String, BTreeMap<String, Rate>>,
-    /// Right answers among effects that could not be made as large as asked for.
+    /// Correct answers for effects that could not be made as large as requested.
     pub limited: Rate,
-    /// Something else named alone with high probability, among all campaigns.
+    /// Wrong effects named alone with high probability, over all campaigns.
     pub confidently_wrong: Rate,
-    /// Both of two effects.
+    /// Both of two effects named.
     pub both: Rate,
-    /// At least one of two effects.
+    /// At least one of two effects named.
     pub either: Rate,
-    /// What was said of all laws outside the library.
+    /// Answers about all laws outside the library.
     pub outside: Outside,
-    /// The same of those that the laws of the search make: they measure interpolation.
+    /// Answers about laws in the span of the search's laws, which measure interpolation.
     pub in_span: Outside,
-    /// The same of those that they do not make.
+    /// Answers about laws outside that span.
     pub beyond_span: Outside,
-    /// Held-out RMS residual over the noise of right answers, largest over the channels, and the bound it is held to.
+    /// Held-out RMS residual over the noise of correct answers, largest over the channels, and its bound.
     pub held_out: Vec<(String, f64, f64)>,
-    /// (estimate − truth)/standard error of the parameters of effects named rightly.
+    /// (estimate − truth)/standard error of the parameters of correctly named effects.
     pub z: Vec<f64>,
-    /// Claimed probability against share right.
+    /// Claimed probabilities and rates of correct names.
     pub reliability: Vec<Reliability>,
-    /// Mean square of claimed probability less truth of the effects named first.
+    /// Brier score: mean square of claimed probability minus truth of the effects named first.
     pub brier: Option<f64>,
-    /// Time of every diagnosis, s.
+    /// Computing time of every diagnosis, s.
     pub seconds: Vec<f64>,
     /// Rows of the confusion matrix.
     pub rows: Vec<String>,
-    /// Its columns.
+    /// Columns of the confusion matrix.
     pub columns: Vec<String>,
-    /// Its counts.
+    /// Counts of the confusion matrix, `[row][column]`.
     pub counts: Vec<Vec<usize>>,
-    /// Campaigns without an answer.
+    /// Number of campaigns without an answer.
     pub failed: usize,
 }
 
-/// The middle of the values, of two the greater.
+/// Median of the values, the larger of two middle ones; `None` without values.
 pub fn median(x: &[f64]) -> Option<f64> {
     let mut all = x.to_vec();
     all.sort_by(f64::total_cmp);
     all.get(all.len() / 2).copied()
 }
 
-/// Ends of the bins of claimed probabilities.
+/// Edges of the bins of claimed probabilities.
 const BINS: [f64; 9] = [0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9];
 
 impl Score {
-    /// Counts.
+    /// Statistics of graded campaigns.
     pub fn of(judged: &[Judged]) -> Self {
         let of = |q: Question| judged.iter().filter(move |j| j.question == q);
         let right = |j: &&Judged| j.grade == Grade::Right;
@@ -277,7 +277,7 @@ impl Score {
         score
     }
 
-    /// Claimed probabilities of the effects named first.
+    /// Counts the claimed probabilities of the effects named first.
     fn claims(&mut self, judged: &[Judged]) {
         let claims: Vec<(f64, bool)> = judged
             .iter()
@@ -295,7 +295,7 @@ impl Score {
         }
     }
 
-    /// What was said of single effects, of nothing and of what is outside.
+    /// Counts the answers about single effects, about nothing and about laws outside the library.
     fn confusion(&mut self, judged: &[Judged]) {
         let single: Vec<&Judged> = judged.iter().filter(|j| j.question != Question::Several).collect();
         let words = [IN_A_SET, "none", "ambiguous", "unknown", "failed"];
@@ -309,7 +309,7 @@ impl Score {
                 names.push(j.said());
             }
         }
-        // Effects first, then nothing and outside.
+        // Effects first, then nothing and laws outside the library.
         let last = |name: &String| (name == NOTHING, name == OUTSIDE);
         rows.sort_by(|a, b| last(a).cmp(&last(b)).then_with(|| a.cmp(b)));
         rows.dedup();
@@ -327,22 +327,22 @@ impl Score {
         (self.rows, self.columns, self.counts) = (rows, names, counts);
     }
 
-    /// Held-out ratios within their bounds.
+    /// Rate of held-out ratios within their bounds.
     pub fn explained(&self) -> Rate {
         Rate::of(&self.held_out, |(_, ratio, bound)| ratio <= bound)
     }
 
-    /// Parameters within three standard errors.
+    /// Rate of parameters within three standard errors.
     pub fn within_three(&self) -> Rate {
         Rate::of(&self.z, |z| z.abs() <= 3.0)
     }
 
-    /// Median and largest time of a diagnosis, s.
+    /// Median and largest computing time of a diagnosis, s; `None` without diagnoses.
     pub fn time(&self) -> Option<[f64; 2]> {
         Some([median(&self.seconds)?, self.seconds.iter().copied().fold(0.0, f64::max)])
     }
 
-    /// One object with keys that stay.
+    /// JSON object with stable keys.
     pub fn json(&self, judged: &[Judged]) -> Value {
         let rates =
             |m: &BTreeMap<String, Rate>| m.iter().map(|(k, r)| (k.clone(), r.json())).collect::<Map<String, Value>>();
@@ -418,7 +418,7 @@ mod tests {
             judged(Some(1e-5), "effect"),
             judged(Some(0.8), "unknown"),
             judged(Some(1.0), "none"),
-            // Of other software: nothing is said about the span.
+            // A truth of other software states nothing about the span.
             judged(None, "unknown"),
         ];
         let score = Score::of(&all);

@@ -1,9 +1,9 @@
-//! How large a hidden effect is made: by what it leaves after the model has been refitted.
+//! Size of a hidden effect, defined by its residual after a refit of the model.
 //!
-//! Along the desired motion, with B the columns of the model's own parameters and z the effect's contribution, both in units
-//! of the channels' noise σ, a refit leaves r = z − B·(BᵀB + γ)⁻¹Bᵀz. An effect of medium size raises the RMS residual √(σ² + r²) of
-//! the channel where it shows most by 20–60 %. That finds the channel and a first scale; the refit itself, with its
-//! limits on bodies and friction, corrects the scale.
+//! Along the desired motion, with B the columns of the model's own parameters and z the effect's contribution, both
+//! in units of the channels' noise σ, a refit leaves r = z − B·(BᵀB + γ)⁻¹Bᵀz. An effect of medium size increases the
+//! RMS residual √(σ² + r²) of the most affected channel by 20–60 %. This determines the channel and a first scale;
+//! the refit itself, with its constraints on bodies and friction, corrects the scale.
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
@@ -21,7 +21,7 @@ use deltatwin::identification::{Dataset, columns, predict};
 use deltatwin::machine::{AXES, Setup};
 use deltatwin::model::Model;
 
-/// How much of an effect is hidden.
+/// Size of a hidden effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Size {
     /// 0.4 of the medium parameter.
@@ -46,7 +46,7 @@ impl Size {
         }
     }
 
-    /// Parameter over that of medium size.
+    /// Ratio of the parameter to that of medium size.
     pub fn factor(self) -> f64 {
         match self {
             Self::Small => 0.4,
@@ -62,56 +62,57 @@ impl std::fmt::Display for Size {
     }
 }
 
-/// What an effect leaves after a refit.
+/// Residual of an effect after a refit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rise {
-    /// The channel on which the size was set.
+    /// The channel that determined the size.
     pub channel: Channel,
-    /// Expected RMS residual over the noise, by channel.
+    /// Expected ratio of RMS residual to noise, by channel.
     pub ratios: Vec<(Channel, f64)>,
-    /// Whether its range, or what a body can be, keeps the effect from the size that was asked for.
+    /// Whether its range or physical consistency keeps the effect below the requested size.
     pub limited: bool,
 }
 
 impl Rise {
-    /// Whether a refit leaves as much of the effect as of one of medium size, on the channel on which its size was set.
+    /// Whether a refit leaves as much of the effect as of one of medium size, on the channel that determined its
+    /// size.
     pub fn is_visible(&self) -> bool {
         self.ratios.iter().any(|(channel, ratio)| *channel == self.channel && *ratio >= VISIBLE_RISE)
     }
 }
 
-/// An effect with its values and what they leave.
+/// An effect with its values and its residual after a refit.
 #[derive(Clone)]
 pub struct Hidden {
     /// The effect with its values.
     pub active: ActiveEffect,
-    /// What it leaves after a refit of the model.
+    /// Residual after a refit of the model.
     pub rise: Rise,
 }
 
-/// RMS of the residual over the noise that an effect of medium size leaves.
+/// Range of the ratio of RMS residual to noise for an effect of medium size.
 pub const MEDIUM: (f64, f64) = (1.2, 1.6);
-/// The lower end of it, but for what the last correction of the size may miss.
+/// Lower end of that range, minus a tolerance for the last correction of the size.
 const VISIBLE_RISE: f64 = 0.98 * MEDIUM.0;
-/// An effect that needs more than this times its usual magnitude to be of medium size in the torques is taken for
-/// invisible there.
+/// Multiple of its usual magnitude up to which an effect of medium size in the torques counts as visible there.
 const VISIBLE: f64 = 100.0;
-/// RMS in units of the noise below which nobody sees an effect.
+/// RMS in units of the noise below which an effect is invisible.
 const SILENT: f64 = 0.05;
-/// Corrections of the medium size by the refit itself.
+/// Number of corrections of the medium size by the refit itself.
 const CORRECTIONS: usize = 2;
 /// Spacing of the instants, s.
 const SPACING: f64 = 2e-3;
-/// Information of the prior of a fit, per own size squared, for fewer samples than a recording has.
+/// Prior information of a fit per own size squared, to be scaled for the smaller number of samples.
 const PRIOR: f64 = 1e-2;
 
-/// Where a refit leaves so many times more of some item of an effect alone than of all together, together they are what the
-/// model's own parameters can be, and one departs. Along a slow Fourier series the ratio is below 1.5 or above 2.4.
+/// Ratio of the residual shares of a single item of an effect and of all items together, above which the items
+/// together are within the span of the model's own parameters and only one item is used. Along a slow Fourier series
+/// the ratio is below 1.5 or above 2.4.
 const APART: f64 = 2.0;
-/// Share of the largest that a refit must leave of an item for it to be the one that departs.
+/// Share of the largest residual that an item must have to be used alone.
 const SHOWN: f64 = 0.25;
 
-/// The problem of sizing effects along one motion.
+/// Sizing of effects along one motion.
 pub struct Sizer<'a> {
     robot: &'a Model,
     setup: &'a Setup,
@@ -120,12 +121,15 @@ pub struct Sizer<'a> {
     /// Columns of the robot's own parameters in units of noise and own size.
     base: DMatrix<f64>,
     inverse: DMatrix<f64>,
-    /// Information of the prior of a refit.
+    /// Prior information of a refit.
     prior: f64,
 }
 
 impl<'a> Sizer<'a> {
-    /// For a robot that measures `channels` with `noise` along `motion`.
+    /// Sizing for a robot that measures `channels` with `noise` along `motion`.
+    ///
+    /// # Errors
+    /// If the robot cannot follow the motion.
     pub fn new(
         robot: &'a Model,
         setup: &'a Setup,
@@ -147,7 +151,7 @@ impl<'a> Sizer<'a> {
             measured: vec![vec![0.0; n]; channels.len()],
             segments: std::iter::once(0..n).collect(),
             dt: SPACING,
-            // As of angles with noise: nothing is trimmed.
+            // As for angles with noise: nothing is trimmed.
             readings: deltatwin::identification::EncoderReadings::default(),
             half_width: [MIN_HALF_WIDTH + 1; AXES],
             t,
@@ -162,14 +166,20 @@ impl<'a> Sizer<'a> {
             .collect();
         let base = DMatrix::from_columns(&own);
         let m = base.ncols();
-        // The prior of a fit whose samples are as dense as the robot's.
+        // The prior of a fit, scaled to this spacing of the samples.
         let prior = PRIOR * robot.sample_time / SPACING;
         let normal = base.tr_mul(&base) + DMatrix::identity(m, m) * prior;
         let inverse = normal.cholesky().map_or_else(|| DMatrix::zeros(m, m), |c| c.inverse());
         Ok(Self { robot, setup, dataset, noise: noise.to_vec(), base, inverse, prior })
     }
 
-    /// Draws the values of an effect of the given size.
+    /// Effect with drawn values of the given size.
+    ///
+    /// # Errors
+    /// If the effect cannot be computed along the motion or the model cannot be refitted.
+    ///
+    /// # Panics
+    /// If the machine has no drives.
     pub fn draw(
         &self,
         effect: Arc<dyn deltatwin::effects::Effect>,
@@ -185,12 +195,13 @@ impl<'a> Sizer<'a> {
         };
         let wanted = rng.random_range(MEDIUM.0..MEDIUM.1);
         if active.has_gears() {
-            // Gears that leave so little would be ten times as stiff as any: medium is their usual compliance.
+            // Medium size is the usual compliance: gears sized by the residual would be ten times as stiff as any
+            // real ones.
             return self.hidden(active, &direction, size.factor(), None);
         }
         let left = self.left(&columns, &direction);
         let mut most = self.most(&active, &direction);
-        // Scale of the direction at which a channel's residual rises as wanted.
+        // Scale of the direction at which a channel's residual increases as intended.
         let needed = |c: usize| (wanted * wanted - 1.0f64).sqrt() / left[c].max(f64::MIN_POSITIVE);
         let best = |torque: bool| {
             let own = (0..left.len()).filter(|&c| self.dataset.channels[c].drive().is_some() == torque);
@@ -202,7 +213,7 @@ impl<'a> Sizer<'a> {
             _ => torque,
         };
         if needed(channel) > most {
-            // The other way there may be more room.
+            // The opposite direction may have a larger range.
             let other: Vec<f64> = direction.iter().map(|d| -d).collect();
             let room = self.most(&active, &other);
             if room > most {
@@ -210,7 +221,7 @@ impl<'a> Sizer<'a> {
             }
         }
         let mut medium = needed(channel);
-        // The law need not be linear, and a refit cannot take what no body and no friction can have.
+        // The law may be nonlinear, and the refit is constrained to consistent bodies and friction.
         for _ in 0..CORRECTIONS {
             if medium < most {
                 let exact = self.left_exactly(&active, &direction, medium)?[channel].max(f64::MIN_POSITIVE);
@@ -218,13 +229,13 @@ impl<'a> Sizer<'a> {
             }
         }
         let asked = size.factor() * medium;
-        // What cannot be seen at any size keeps its usual one.
+        // An effect that is invisible at any size keeps its usual one.
         let scale = if medium > most && left[channel] * most < SILENT { most.min(1.0) } else { asked.min(most) };
         self.hidden(active, &direction, scale, Some((channel, scale < asked)))
     }
 
-    /// The effect at `scale` times `direction`, sized by a channel (the one where it shows most if none is given) and limited
-    /// or not.
+    /// The effect at `scale` times `direction`; `sized` is the channel that determined its size (by default the most
+    /// affected one) and whether it is limited.
     fn hidden(
         &self,
         mut active: ActiveEffect,
@@ -242,12 +253,12 @@ impl<'a> Sizer<'a> {
         Ok(Hidden { active, rise: Rise { channel: self.dataset.channels[channel], ratios, limited } })
     }
 
-    /// The effect without action, with the robot's constants and a drawn shape.
+    /// The effect with zero action, the robot's constants and drawn shape parameters.
     fn shaped(&self, effect: &Arc<dyn deltatwin::effects::Effect>, rng: &mut ChaCha8Rng) -> ActiveEffect {
         let mut active = ActiveEffect::absent_on(Arc::clone(effect), self.robot.host());
         let entries = active.entries();
         let grids = effect.spec().search.grids;
-        // Of several that are searched only one departs from its usual value.
+        // Of several searched shape parameters only one differs from its usual value.
         let chosen = if grids.len() > 1 { rng.random_range(0..grids.len()) } else { 0 };
         let mut shape = 0;
         for (value, entry) in active.values.iter_mut().zip(&entries) {
@@ -258,7 +269,7 @@ impl<'a> Sizer<'a> {
                     let usual = effect.spec().constant(&p.name, &self.robot.view()).unwrap_or(p.default);
                     *value = usual;
                     if grids.len() == 1 || shape == chosen {
-                        // Between the inner starting points of a search for it.
+                        // Between the inner starting points of the search for it.
                         let grid = grids[chosen];
                         let inner = |i: usize| grid.get(i).copied().unwrap_or(1.0);
                         let (a, b) = (inner(1), inner(grid.len().saturating_sub(2)));
@@ -273,14 +284,15 @@ impl<'a> Sizer<'a> {
         active
     }
 
-    /// Columns of an effect's parameters in units of noise.
+    /// Columns of an effect's parameters in units of the noise.
     fn columns(&self, active: &ActiveEffect) -> Result<Vec<DVector<f64>>, FitError> {
         let all = columns(&Plant::new(self.robot, self.setup), &self.dataset, Some(active));
         let all = all.map_err(kinematics(&self.dataset))?;
         Ok(all.iter().map(|column| stacked(column, &self.noise)).collect())
     }
 
-    /// What the linear parameters at `direction` do, and what a refit leaves of it, channel by channel in units of noise.
+    /// Contribution of the linear parameters at `direction`, and its residual after a refit, channel by channel in
+    /// units of the noise.
     fn done_and_left(&self, columns: &[DVector<f64>], direction: &[f64]) -> [DVector<f64>; 2] {
         let mut z = DVector::zeros(self.dataset.len() * self.noise.len());
         for (column, d) in columns.iter().zip(direction).filter(|(_, d)| **d != 0.0) {
@@ -291,15 +303,16 @@ impl<'a> Sizer<'a> {
         [z, left]
     }
 
-    /// RMS per channel of what a refit leaves of the effect with its linear parameters at `direction`, in units of noise.
+    /// RMS per channel of the residual after a refit, with the linear parameters at `direction`, in units of the
+    /// noise.
     fn left(&self, columns: &[DVector<f64>], direction: &[f64]) -> Vec<f64> {
         let n = self.dataset.len();
         let [_, r] = self.done_and_left(columns, direction);
         (0..self.noise.len()).map(|c| (r.rows(c * n, n).norm_squared() / n as f64).sqrt()).collect()
     }
 
-    /// `direction`, or one item of it where all together imitate what each alone does not: the model takes up a factor common
-    /// to all torques.
+    /// `direction`, or one item of it if the model's parameters imitate all items together but not each alone, such
+    /// as a factor common to all torques.
     fn departing(&self, columns: &[DVector<f64>], direction: Vec<f64>, rng: &mut ChaCha8Rng) -> Vec<f64> {
         let share = |direction: &[f64]| {
             let [done, left] = self.done_and_left(columns, direction);
@@ -318,7 +331,7 @@ impl<'a> Sizer<'a> {
         only(shown[rng.random_range(0..shown.len())])
     }
 
-    /// Share of a law outside the library that no sum of the search's laws makes, see [`span::unspanned`].
+    /// Share of a law outside the library that no sum of the search's laws represents, see [`span::unspanned`].
     ///
     /// # Errors
     /// If the machine cannot follow the motion.
@@ -327,7 +340,8 @@ impl<'a> Sizer<'a> {
         span::unspanned(self.robot, &self.dataset, &self.noise, terms[0].at, &terms[0].law)
     }
 
-    /// The same of `scale` times `direction` by the refit itself, with all its limits, along the motion without noise.
+    /// RMS per channel of the residual of `scale` times `direction` after an actual refit with all constraints, along
+    /// the noise-free motion, in units of the noise.
     fn left_exactly(&self, active: &ActiveEffect, direction: &[f64], scale: f64) -> Result<Vec<f64>, FitError> {
         let with = self.with(active, direction, scale);
         let mut dataset = self.dataset.clone();
@@ -348,7 +362,7 @@ impl<'a> Sizer<'a> {
         robot
     }
 
-    /// Largest multiple of `direction` that is in the parameters' range and leaves bodies that can be.
+    /// Largest multiple of `direction` within the parameters' ranges that leaves the bodies consistent.
     fn most(&self, active: &ActiveEffect, direction: &[f64]) -> f64 {
         let reach = |(entry, d): (&deltatwin::effects::Entry, &f64)| {
             let (low, high) = entry.parameter.range;
@@ -372,25 +386,25 @@ impl<'a> Sizer<'a> {
     }
 }
 
-/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is rounding.
+/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that counts as rounding.
 const POSSIBLE: f64 = 1e-10;
 
-/// Linear parameters at half to one and a half of their usual magnitude, with either sign as often as their range has room
-/// for it; zero elsewhere.
+/// Linear parameters at half to 1.5 of their usual magnitude, with random signs in proportion to their range; zero
+/// elsewhere.
 fn direction(active: &ActiveEffect, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let drawn = |entry: &deltatwin::effects::Entry| {
         let p = &entry.parameter;
         let size = p.default * rng.random_range(0.5..1.5);
         let (low, high) = p.range;
         let negative = rng.random_bool((-low / (high - low)).clamp(0.0, 1.0));
-        // A formula states its sign itself.
+        // The sign of a formula is part of its law.
         let sign = if negative && active.effect.formula().is_none() { -1.0 } else { 1.0 };
         if p.role == Role::Linear { sign * size } else { 0.0 }
     };
     active.entries().iter().map(drawn).collect()
 }
 
-/// Channel by channel in units of its noise.
+/// Channels in sequence, each in units of its noise.
 fn stacked(column: &[Vec<f64>], noise: &[f64]) -> DVector<f64> {
     DVector::from_iterator(
         column.iter().map(Vec::len).sum(),

@@ -1,13 +1,14 @@
-//! Whether a law outside the library of effects lies in the span of the laws that the search for the unknown tries.
+//! Test whether a law outside the library of effects lies in the span of the laws of the search for unknown laws.
 //!
-//! A formula of that search is a sum of at most [`MOST`] of its laws, each with an inner number between neighbours of a grid.
-//! A law is fitted by such sums, least squares over the instants of a motion on what the model's own parameters cannot
-//! imitate: laws are taken one at a time, the best beside those taken first (orthogonal least squares), and after each the inner
-//! numbers are refined in turn. What the fit leaves of the law's energy decides. All columns of the search at once would leave nothing of
-//! any smooth law and say nothing: there are thousands of them.
+//! A formula of that search is a sum of at most [`MOST`] of its laws, each with an inner number between neighbours of
+//! a grid. A law is fitted by such sums with least squares over the instants of a motion, after projection of the
+//! model's own parameters: laws are added one at a time, the best given the previous ones (orthogonal least squares),
+//! and after each the inner numbers are refined in turn. The residual share of the law's energy decides. All columns
+//! of the search at once would represent any smooth law, because there are thousands of them.
 //!
-//! The pursuit is greedy, and what it takes first need not be in an exact sum: it is begun anew with each of a few laws without
-//! an inner number. A law that a luckier choice would make is called outside all the same; the share says how far.
+//! The pursuit is greedy, and its first law need not be part of an exact sum, so it is restarted from a few laws
+//! without an inner number. A law that another choice would represent is still classified as outside; the share
+//! indicates how far.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -18,27 +19,29 @@ use deltatwin::identification::Dataset;
 use deltatwin::identification::fit::FitError;
 use deltatwin::model::Model;
 
-/// Share of a law's energy that may be left of a law in the span.
+/// Largest residual share of the energy of a law in the span.
 pub const WITHIN: f64 = 1e-6;
-/// Instants of the fit.
+/// Number of instants of the fit.
 const INSTANTS: usize = 1000;
-/// Laws of the search refined per step, those that take most first.
+/// Number of laws of the search refined per step, best first.
 const TRIED: usize = 8;
-/// Golden sections of an inner number.
+/// Number of golden-section steps for an inner number.
 const SECTIONS: usize = 40;
-/// Laws without an inner number with which the pursuit is begun anew, those that take most first, and how many laws it takes then.
+/// Number of laws without an inner number from which the pursuit is restarted, best first, and number of laws in a
+/// restart.
 const BEGINNINGS: usize = 6;
 const FEW: usize = 3;
-/// Passes over the inner numbers after each law.
+/// Number of passes over the inner numbers after each law.
 const PASSES: usize = 2;
-/// A column that loses more than this share of itself to others is made of them.
+/// Share of its norm below which the part of a column outside the others counts as zero.
 const COLLINEAR: f64 = 1e-9;
 
-/// Share of the energy of `law` at `at` along `dataset` that no sum of the search's laws makes, beyond what the own parameters
-/// of `model` imitate; zero where these imitate all of it, none where the law does nothing along the motion. `noise` weighs the
-/// channels.
+/// Share of the energy of `law` at `at` along `dataset` that no sum of the search's laws represents, after projection
+/// of the own parameters of `model`; zero if these represent all of it, `None` if the law has no effect along the
+/// motion. `noise` scales the channels.
 ///
 /// # Errors
+/// If the machine cannot follow the motion.
 /// If the machine cannot follow the motion.
 pub fn unspanned(
     model: &Model,
@@ -61,14 +64,14 @@ pub fn unspanned(
     Ok(ground.left_of(&atoms, place, law))
 }
 
-/// What a law does to every channel.
+/// Contribution of a law to every channel.
 fn effect_of(sight: &Sight, place: usize, law: &Expression) -> Vec<Vec<f64>> {
     let force = |k: usize| law.value(|v: Variable| sight.variables[v.index()][k]);
     let forces: Vec<f64> = (0..sight.len()).map(force).collect();
     sight.responses[place].iter().map(|response| response.iter().zip(&forces).map(|(r, f)| r * f).collect()).collect()
 }
 
-/// A law of the search with `number` inside, in all digits.
+/// Laws of an atom with `number` as the inner number, in full precision.
 fn laws(atom: &Atom, number: Option<f64>) -> Vec<Expression> {
     let digits = number.map_or(String::new(), |x| format!("({x})"));
     atom.laws.iter().filter_map(|law| Expression::parse(&law.replace('#', &digits)).ok()).collect()
@@ -89,11 +92,11 @@ struct Searched<'a> {
     atoms: &'a [Atom],
     /// Their values at the instants, with the inner numbers of the grid.
     forces: Vec<Vec<DVector<f64>>>,
-    /// Inner products of their columns beyond the own parameters.
+    /// Gram matrices of their columns after projection of the own parameters.
     grams: Vec<DMatrix<f64>>,
 }
 
-/// A law that was taken.
+/// A selected law.
 struct Taken<'a> {
     atom: &'a Atom,
     columns: Vec<DVector<f64>>,
@@ -135,14 +138,14 @@ impl<'a> Ground<'a> {
         )
     }
 
-    /// What forces at a place do to all channels, before the own parameters take their part.
+    /// Response of all channels to forces at a place, before projection of the own parameters.
     fn column(&self, place: usize, force: &DVector<f64>) -> DVector<f64> {
         let channels = &self.sight.responses[place];
         let at = |channel: &'a Vec<f64>| self.instants.iter().zip(force).map(|(&k, f)| channel[k] * f);
         DVector::from_iterator(channels.len() * self.instants.len(), channels.iter().flat_map(at))
     }
 
-    /// The columns of a law of the search with `number` inside, beyond the own parameters.
+    /// Columns of an atom with `number` as the inner number, after projection of the own parameters.
     fn columns(&self, atom: &Atom, number: Option<f64>) -> Vec<DVector<f64>> {
         let beyond = |law: &Expression| {
             let mut column = self.column(atom.place, &self.values(law));
@@ -154,7 +157,7 @@ impl<'a> Ground<'a> {
         laws(atom, number).iter().map(beyond).collect()
     }
 
-    /// Share of a law's energy that the pursuit leaves.
+    /// Residual share of a law's energy after the pursuit.
     fn left_of(&self, atoms: &[Atom], place: usize, law: &Expression) -> Option<f64> {
         let whole = self.column(place, &self.values(law));
         if whole.iter().all(|x| *x == 0.0) {
@@ -178,7 +181,7 @@ impl<'a> Ground<'a> {
         Some(best.min(1.0))
     }
 
-    /// Energy of `target` that is left after at most `most` laws, of which the first may be given.
+    /// Residual energy of `target` after at most `most` laws, of which the first may be given.
     fn pursue(&self, searched: &Searched, target: &DVector<f64>, first: Option<usize>, most: usize) -> f64 {
         let mut taken: Vec<Taken> = Vec::new();
         let mut left = target.clone();
@@ -212,7 +215,7 @@ impl<'a> Ground<'a> {
         self.sight.responses.iter().map(at_place).collect()
     }
 
-    /// Inner products of a law's columns beyond the own parameters.
+    /// Gram matrix of a law's columns after projection of the own parameters.
     fn gram(&self, place: usize, forces: &[DVector<f64>]) -> DMatrix<f64> {
         let response = &self.sight.responses[place];
         let weight = |k: usize| -> f64 { response.iter().map(|channel| channel[k] * channel[k]).sum() };
@@ -224,8 +227,8 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// The laws of the search, that which takes most of `left` beside the orthonormal columns `others` first. `left` lies beyond
-    /// these and the own parameters.
+    /// Indices of the laws by the energy of `left` that they explain in addition to the orthonormal columns `others`,
+    /// largest first. `left` is orthogonal to these and to the own parameters.
     fn ranked(&self, searched: &Searched, others: &[DVector<f64>], left: &DVector<f64>) -> Vec<usize> {
         let products = self.products(left);
         let with_others: Vec<Vec<DVector<f64>>> = others.iter().map(|other| self.products(other)).collect();
@@ -248,7 +251,8 @@ impl<'a> Ground<'a> {
         order.into_iter().map(|(_, i)| i).collect()
     }
 
-    /// A law of the search with the inner number that takes most of `left` beside `others`, and what it takes.
+    /// The law of an atom with the inner number that explains most of `left` in addition to `others`, and the energy
+    /// explained.
     fn refined<'b>(&self, atom: &'b Atom, others: &[DVector<f64>], left: &DVector<f64>) -> (f64, Taken<'b>) {
         let take = |number: Option<f64>| {
             let columns = self.columns(atom, number);
@@ -277,13 +281,13 @@ impl<'a> Ground<'a> {
                 at_d = gain(d);
             }
         }
-        // The section may have followed a lesser hill than the one it started from.
+        // Golden section may converge to a smaller local maximum than its start.
         let (section, start) = (take(Some(0.5 * (a + b))), take(Some(number.value)));
         if section.0 >= start.0 { section } else { start }
     }
 }
 
-/// Orthonormal columns of what was taken, but for one of them.
+/// Orthonormal columns of the selected laws, except one of them.
 fn basis(taken: &[Taken], without: Option<usize>) -> Vec<DVector<f64>> {
     let mut all = Vec::new();
     for (_, one) in taken.iter().enumerate().filter(|(i, _)| Some(*i) != without) {
@@ -295,7 +299,7 @@ fn basis(taken: &[Taken], without: Option<usize>) -> Vec<DVector<f64>> {
     all
 }
 
-/// A column without what orthonormal ones make of it.
+/// The part of a column orthogonal to orthonormal ones.
 fn outside(orthonormal: &[DVector<f64>], column: &DVector<f64>) -> DVector<f64> {
     let mut left = column.clone();
     for q in orthonormal.iter().chain(orthonormal) {
@@ -304,7 +308,7 @@ fn outside(orthonormal: &[DVector<f64>], column: &DVector<f64>) -> DVector<f64> 
     left
 }
 
-/// The same of unit length; none if they make all of it.
+/// The normalised part of a column orthogonal to orthonormal ones; `None` if it is zero up to rounding.
 fn beyond(orthonormal: &[DVector<f64>], column: DVector<f64>) -> Option<DVector<f64>> {
     let size = column.norm();
     let left = outside(orthonormal, &column);
@@ -342,7 +346,7 @@ mod tests {
             ("drive3", "-qd3*abs(qd3) + 0.05*qd3^3"),
             ("drive2", "sin(2*pi*7.3*t)"),
             ("platform_y", "-sin(9*y)"),
-            // The model's own: nothing is left to make.
+            // The model's own parameters represent all of it.
             ("drive2", "-qd2 - tanh(100*qd2)"),
         ] {
             let share = share(at, law);
@@ -360,7 +364,7 @@ mod tests {
         for (at, law, least) in [
             ("drive1", "cos(132*q1)*qdd1", 0.5),
             ("drive2", "-tanh(50*(qd2 + qd3))", 0.01),
-            // A gentler slope at reversals than the search has.
+            // A smaller slope at reversals than that of the search.
             ("drive3", "-tanh(12*qd3)*(q3 - 0.3)", WITHIN),
         ] {
             let share = share(at, law);

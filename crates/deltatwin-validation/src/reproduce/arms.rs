@@ -1,4 +1,5 @@
-//! Arms and motor 4 alone: Σ of the torque measurement, Table 1 and Fig. 8 (paper section 6.2).
+//! Arms and motor 4 of the disassembled robot: Σ of the torque measurement, Table 1 and Fig. 8 (section 6.2 of the
+//! paper).
 
 use miette::IntoDiagnostic;
 
@@ -13,19 +14,19 @@ use deltatwin::machine::bodies::{ARM, ROTOR};
 use deltatwin::machine::{ARMS, AXES};
 use deltatwin::model::Model;
 
-/// Mean and variance of a sample; the variance is that of an unbiased estimate.
+/// Mean and unbiased variance of a sample.
 fn mean_and_variance(x: &[f64]) -> (f64, f64) {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
     (mean, x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0))
 }
 
-/// Speed below which a joint is commanded to rest, rad/s.
+/// Speed below which a joint is commanded to be at rest, rad/s.
 const REST: f64 = 1e-9;
-/// Time it needs to settle, s: steep friction against the controller's stiffness decays within about 0.2 s.
+/// Settling time, s: steep friction against the controller's stiffness decays within about 0.2 s.
 const SETTLING: f64 = 1.5;
 
-/// Mean and variance of the torque of `axis` at every pose fixed, N·m and N²·m².
+/// Mean and variance of the torque of `axis` at every static pose, N·m and N²·m².
 pub fn at_rest(run: &Run, axis: usize) -> Vec<(f64, f64)> {
     let signals = &run.recording.signals;
     let mut poses: Vec<Vec<f64>> = Vec::new();
@@ -48,7 +49,7 @@ pub fn at_rest(run: &Run, axis: usize) -> Vec<(f64, f64)> {
     poses.iter().filter(|p| p.len() > 1).map(|p| mean_and_variance(p)).collect()
 }
 
-/// Standard deviations of the torque measurement, N·m: mean variance of all poses under the heavier weight.
+/// Standard deviations of the torque measurement, N·m: from the mean variance of all poses under the heavier weight.
 pub fn noise(campaign: &Campaign) -> [f64; AXES] {
     let Some(heaviest) = campaign.rests.last() else { return campaign.disassembled.noise.torque };
     std::array::from_fn(|axis| {
@@ -57,7 +58,7 @@ pub fn noise(campaign: &Campaign) -> [f64; AXES] {
     })
 }
 
-/// Σ from static poses.
+/// Section on Σ from static poses.
 pub fn covariance(campaign: &Campaign) -> Section {
     let mut rows = Vec::new();
     for axis in 0..AXES {
@@ -94,17 +95,20 @@ pub fn covariance(campaign: &Campaign) -> Section {
     }
 }
 
-/// Both weightings of eq. 9 on the disassembled robot.
+/// Results of both weightings of eq. 9 on the disassembled robot.
 pub struct Table1 {
-    /// With Σ⁻¹.
+    /// Solution with the weighting Σ⁻¹.
     pub solution: Solution,
     /// Largest difference to the weighting by the largest torques, relative to each value.
     pub difference: f64,
-    /// All estimates beside truth and paper.
+    /// All estimates with the twin's and the paper's values.
     pub rows: Vec<Row>,
 }
 
 /// Base parameters of the arms and of drive 4.
+///
+/// # Errors
+/// If a pose of the recording is impossible for the model's geometry.
 pub fn identify(model: &Model, excitation: &Run, sigma: &[f64; AXES]) -> miette::Result<Table1> {
     let (stack, axes) = Stack::new(model, &Dataset::new(&excitation.recording)).into_diagnostic()?.by_axis();
     let solution = stack.solve(sigma);
@@ -139,13 +143,13 @@ pub fn identify(model: &Model, excitation: &Run, sigma: &[f64; AXES]) -> miette:
 }
 
 impl Table1 {
-    /// The value of `symbol` of an axis.
+    /// Estimate of the parameter `symbol` of an axis.
     pub fn value(&self, axis: usize, symbol: &str) -> Option<Estimate> {
         let place = format!("{} {}: {symbol}", if axis < ARMS { "arm" } else { "drive" }, axis + 1);
         self.rows.iter().find(|r| r.quantity == place).and_then(|r| r.ours[0])
     }
 
-    /// Table 1.
+    /// Section on Table 1.
     pub fn section(&self) -> Section {
         let table = Comparison::new("identified", self.rows.clone());
         let agreement = format!(
@@ -171,7 +175,10 @@ impl Table1 {
         }
     }
 
-    /// Fig. 8: another motion, measured and computed.
+    /// Section on Fig. 8: measured and computed torques of another motion.
+    ///
+    /// # Errors
+    /// If a pose of the recording is impossible for the model's geometry.
     pub fn verification(&self, model: &Model, run: &Run) -> miette::Result<Section> {
         let dataset = Dataset::new(&run.recording);
         let (stack, _) = Stack::new(model, &dataset).into_diagnostic()?.by_axis();

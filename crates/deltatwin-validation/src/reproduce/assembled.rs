@@ -1,4 +1,4 @@
-//! The assembled robot: Tables 3 and 4 (paper section 6.3), for ball sockets with and without friction.
+//! The assembled robot: Tables 3 and 4 (section 6.3 of the paper), for ball sockets with and without friction.
 
 use miette::IntoDiagnostic;
 use rayon::prelude::*;
@@ -18,24 +18,24 @@ use deltatwin::machine::bodies::{ARM, Bodies, ROTOR, STRUT};
 use deltatwin::machine::{ARMS, AXES, Mechanism};
 use deltatwin::model::Model;
 
-/// Friction of the telescope's sliding joint to start from, N and N·s/m; the paper does not say what it took.
+/// Initial friction of the telescope's sliding joint, N and N·s/m; the paper does not state its value.
 const TELESCOPE_GUESS: f64 = 1.0;
 
-/// γ of eq. 10 per parameter squared in units of its own size: weights and cylinders are good to a fifth. The paper's
-/// own weights are not known.
+/// γ of eq. 10 per parameter squared in units of its own size: values from weighing and cylinders are accurate to a
+/// fifth. The weights of the paper are unknown.
 const TRUST: f64 = 25.0;
-/// A parameter whose standard error is below this share of the prior's has been determined by the data.
+/// Ratio of a parameter's standard error to the prior's below which the data determine it.
 const DETERMINED: f64 = 0.5;
 
 /// The three identifications of the assembled robot.
 pub struct Assembled {
-    /// The paper's model on the robot with socket friction: what the paper did.
+    /// The paper's model on the robot with socket friction, as in the paper.
     pub paper: Fit,
-    /// The paper's model on the robot whose sockets turn freely.
+    /// The paper's model on the robot with frictionless sockets.
     pub free: Fit,
-    /// The model with socket friction on the robot that has it.
+    /// The model with socket friction on the robot with socket friction.
     pub complete: Fit,
-    /// Where all three started.
+    /// Initial model of all three.
     pub prior: Model,
 }
 
@@ -50,7 +50,7 @@ pub fn prior(known: &Model, arms: &Table1, curve: &Curve48) -> Model {
         let body = &mut model.bodies[arm];
         body.first_moment.x = mean("m c_x");
         body.first_moment.z = mean("m c_z");
-        // Θ_zz does not enter; like Θ_yy it leaves room for a slender arm.
+        // Θ_zz has no influence; like Θ_yy it is consistent with a slender arm.
         body.tensor[(1, 1)] = mean("Θ_yy");
         body.tensor[(2, 2)] = mean("Θ_yy");
     }
@@ -72,7 +72,10 @@ pub fn prior(known: &Model, arms: &Table1, curve: &Curve48) -> Model {
     model
 }
 
-/// `model` with friction in the ball sockets, still without magnitude.
+/// `model` with friction in the ball sockets of initially zero magnitude.
+///
+/// # Panics
+/// If the effects are not registered, which does not occur.
 pub fn with_socket_friction(model: &Model) -> Model {
     let mut complete = model.clone();
     for name in ["ball_socket_viscous", "ball_socket_coulomb"] {
@@ -81,14 +84,20 @@ pub fn with_socket_friction(model: &Model) -> Model {
     complete
 }
 
-/// The torques of a recording.
+/// Dataset of a recording with the torques only.
 pub fn torques(run: &Run) -> Dataset {
     let mut dataset = Dataset::new(&run.recording);
     dataset.restrict(&Channel::TORQUES);
     dataset
 }
 
-/// Identifies the paper's model with and without socket friction in the robot, and the complete model.
+/// Identifications of the paper's model with and without socket friction in the robot, and of the complete model.
+///
+/// # Errors
+/// If a fit fails.
+///
+/// # Panics
+/// Never: there are as many fits as jobs.
 pub fn identify(campaign: &Campaign, prior: Model, sigma: &[f64; AXES]) -> miette::Result<Assembled> {
     let complete = with_socket_friction(&prior);
     let fixed = ["axis4_friction".to_string()];
@@ -104,7 +113,7 @@ pub fn identify(campaign: &Campaign, prior: Model, sigma: &[f64; AXES]) -> miett
     Ok(Assembled { paper: next(), free: next(), complete: next(), prior })
 }
 
-/// The estimate called `name`, such as `drive_friction.viscous_1`.
+/// The estimate called `name`, such as `drive_friction.viscous_1`; `None` if there is none.
 pub fn estimate(fitted: &Fit, name: &str) -> Option<Estimate> {
     fitted.parameters.iter().find(|p| p.name == name).map(|p| Estimate::new(p.value, p.std))
 }
@@ -113,7 +122,7 @@ fn extremes(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)))
 }
 
-/// A parameter of the links, `rigid_bodies.…` or without, with the mean over the arms where they differ.
+/// A parameter of the links, `rigid_bodies.…` or without the prefix, as the mean over the arms where they differ.
 fn link(bodies: &Bodies, name: &str) -> Option<f64> {
     let name = name.strip_prefix(LINKS).unwrap_or(name);
     let k = rigid_bodies::PARAMETERS.iter().position(|p| p.name == name)?;
@@ -125,7 +134,7 @@ fn link(bodies: &Bodies, name: &str) -> Option<f64> {
     Some((0..ARMS).map(of_arm).sum::<f64>() / ARMS as f64)
 }
 
-/// The same as the paper prints it.
+/// The parameter as printed in the paper.
 fn printed(name: &str) -> Option<f64> {
     let name = name.strip_prefix(LINKS).unwrap_or(name);
     let rotor = ("rotor_inertia_zz", table_1::ROTOR_INERTIA);
@@ -156,12 +165,12 @@ fn sum(base: &BaseParameter) -> Option<String> {
     Some(text)
 }
 
-/// Value of a base parameter in terms of the link parameters that `of` knows.
+/// Value of a base parameter in terms of the link parameters given by `of`.
 fn combined(base: &BaseParameter, of: impl Fn(&str) -> Option<f64>) -> Option<f64> {
     base.others.iter().try_fold(of(&base.name)?, |sum, (name, factor)| Some(sum + factor * of(name)?))
 }
 
-/// What socket friction does to the inertia of the arms, where the data determine it.
+/// Text on the influence of socket friction on the inertia of the arms, where the data determine it.
 fn arm_growth(combinations: &Comparison) -> String {
     let row = combinations.rows.iter().find(|r| r.quantity.starts_with("arm Θ_yy") && r.quantity.contains("arm m c_x"));
     let numbers = row.and_then(|r| Some((r.quantity.as_str(), r.ours[0]?, r.ours[1]?, r.truth?, r.paper?)));
@@ -193,7 +202,7 @@ impl Assembled {
         let of = |bodies: &Bodies, base: &BaseParameter| combined(base, |name| link(bodies, name));
         let row = |base: &BaseParameter| {
             let names = |b: &BaseParameter| b.others.iter().map(|o| o.0.clone()).collect::<Vec<_>>();
-            // The other fits may combine otherwise; then their standard error is of something else.
+            // Other fits may have other combinations, whose standard errors are not comparable.
             let other = |fit: &Fit| {
                 let same = fit.base.iter().find(|b| b.name == base.name && names(b) == names(base));
                 let plain = || of(&fit.model.bodies, base).map(Estimate::plain);
@@ -211,7 +220,7 @@ impl Assembled {
         Comparison { titles: titles(), rows }
     }
 
-    /// Table 3.
+    /// Section on Table 3.
     pub fn links(&self, campaign: &Campaign) -> Section {
         let rows = paper::TABLE_3
             .iter()
@@ -254,7 +263,7 @@ impl Assembled {
         }
     }
 
-    /// Ratio of the viscous friction of the drives to that of the disassembled robot, per fit and arm.
+    /// Ratio of the drives' viscous friction to that of the disassembled robot, per fit and arm.
     pub fn inflation(&self, arms: &Table1) -> [[f64; ARMS]; 3] {
         let before = |arm: usize| arms.value(arm, "p_v").map_or(f64::NAN, |e| e.value);
         let after = |f: &Fit, arm: usize| {
@@ -263,7 +272,7 @@ impl Assembled {
         self.all().map(|f| std::array::from_fn(|arm| after(f, arm) / before(arm)))
     }
 
-    /// Table 4.
+    /// Section on Table 4.
     pub fn friction(&self, campaign: &Campaign, arms: &Table1) -> Section {
         let truth = |effect: &str, name: &str| {
             let active = campaign.robot.effects.iter().find(|a| a.effect.name() == effect)?;

@@ -1,4 +1,4 @@
-//! Figures that several sections share.
+//! Figures common to several sections.
 
 use deltatwin::identification::Dataset;
 use deltatwin::machine::AXES;
@@ -7,7 +7,7 @@ use deltatwin_report::{Color, Curve, Figure, Panel, Style, panels};
 /// Colours of the computed curves, in order.
 const COMPUTED: [Color; 2] = [Color::MODEL, Color::RESIDUAL];
 
-/// Torques of all axes, measured and computed, against time.
+/// Measured and computed torques of all axes over time.
 pub fn measured_and_computed(title: &str, dataset: &Dataset, computed: &[(&str, &[Vec<f64>])]) -> Figure {
     let panel = |axis: usize| {
         let mut curves = vec![

@@ -1,4 +1,4 @@
-//! Friction of drive 4 over its speed: Table 2 and Fig. 9 (paper section 6.3.1).
+//! Friction of drive 4 as a function of its speed: Table 2 and Fig. 9 (section 6.3.1 of the paper).
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use deltatwin_report::{Color, Curve, Style, time_series};
 const AXIS: usize = 3;
 /// Steepness of the Coulomb term of eq. 48, s/rad.
 const STEEPNESS: f64 = 100.0;
-/// Share of a run at constant speed that is left to settle.
+/// Share of a run at constant speed that is discarded for settling.
 const SETTLING: f64 = 0.3;
 
 /// Mean torque at one speed.
@@ -23,13 +23,13 @@ pub struct Point {
     pub speed: f64,
     /// Mean torque, N·m.
     pub torque: f64,
-    /// Its standard error, N·m.
+    /// Standard error of the mean, N·m.
     pub std: f64,
 }
 
-/// One point per speed and direction at which the axis was commanded to turn without acceleration.
+/// One point per speed and direction at which the axis was commanded to move without acceleration.
 pub fn points(run: &Run) -> Vec<Point> {
-    // By commanded speed in µrad/s, in order.
+    // By commanded speed in µrad/s, ascending.
     let mut held: BTreeMap<i64, Vec<f64>> = BTreeMap::new();
     let mut stretch: Vec<f64> = Vec::new();
     let mut now = 0;
@@ -77,7 +77,7 @@ pub fn law([coulomb, saturating, width]: [f64; 3], speed: f64) -> f64 {
     coulomb * (STEEPNESS * speed).tanh() + saturating * (speed / width).tanh()
 }
 
-/// Gradient of the law by A_C, A_v, ε_v.
+/// Gradient of the law with respect to A_C, A_v, ε_v.
 fn gradient([_, saturating, width]: [f64; 3], speed: f64) -> Vector3<f64> {
     let s = (speed / width).tanh();
     Vector3::new((STEEPNESS * speed).tanh(), s, -saturating * (1.0 - s * s) * speed / (width * width))
@@ -85,7 +85,7 @@ fn gradient([_, saturating, width]: [f64; 3], speed: f64) -> Vector3<f64> {
 
 const MAX_ITERATIONS: usize = 100;
 
-/// Nonlinear least squares by damped Gauss–Newton steps; none if the points do not determine the curve.
+/// Nonlinear least squares by damped Gauss–Newton steps; `None` if the points do not determine the curve.
 pub fn fit(points: &[Point]) -> Option<Curve48> {
     let fastest = points.iter().map(|p| p.speed.abs()).fold(0.0, f64::max);
     let highest = points.iter().map(|p| p.torque.abs()).fold(0.0, f64::max);
@@ -114,7 +114,7 @@ pub fn fit(points: &[Point]) -> Option<Curve48> {
     })
 }
 
-/// Table 2 and Fig. 9.
+/// Section on Table 2 and Fig. 9.
 pub fn section(campaign: &Campaign, points: &[Point], curve: &Curve48) -> Section {
     let truth = campaign.robot.effects.iter().find(|a| a.effect.name() == "axis4_friction");
     let names = [("A_C", "N·m"), ("A_v", "N·m"), ("ε_v", "rad/s")];
@@ -129,7 +129,7 @@ pub fn section(campaign: &Campaign, points: &[Point], curve: &Curve48) -> Sectio
     let table = Comparison::new("identified", rows);
     let fastest = points.iter().map(|p| p.speed.abs()).fold(0.0, f64::max);
     let dense: Vec<f64> = (-200..=200).map(|k| fastest * f64::from(k) / 200.0).collect();
-    // The jump at standstill is left out, where the two curves would be one upright line.
+    // The jump at standstill is omitted, where both curves would be the same vertical line.
     let line = |values: [f64; 3]| dense.iter().map(|v| if *v == 0.0 { f64::NAN } else { law(values, *v) }).collect();
     let degrees = |v: &[f64]| v.iter().map(|v| v.to_degrees()).collect::<Vec<_>>();
     let speeds: Vec<f64> = points.iter().map(|p| p.speed).collect();

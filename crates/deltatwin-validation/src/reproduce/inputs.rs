@@ -1,4 +1,4 @@
-//! The shipped scenarios and models of the experiments, which the program carries with it.
+//! Shipped scenarios and models of the experiments, embedded in the program.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ macro_rules! shipped {
     ($($path:literal),* $(,)?) => { &[$(($path, include_str!(concat!("../../../../", $path)))),*] };
 }
 
-/// Path relative to the project's folder, and text.
+/// Path relative to the project's folder, and content.
 const FILES: &[(&str, &str)] = shipped![
     "models/irb360-6-1600.toml",
     "models/irb360-6-1600-truth.toml",

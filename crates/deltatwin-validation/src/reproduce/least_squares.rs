@@ -1,4 +1,4 @@
-//! Weighted least squares on a stacked regressor (eq. 9), as the paper applies it: no prior, no consistency.
+//! Weighted least squares on a stacked regressor (eq. 9) as in the paper: without prior and consistency constraints.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,12 +10,12 @@ use deltatwin::kinematics::KinematicsError;
 use deltatwin::machine::AXES;
 use deltatwin::model::Model;
 
-/// Blocks of time for the standard errors.
+/// Number of blocks of time for the standard errors.
 const BLOCKS: usize = 50;
 
 /// Regressor and torques of a recording: one row per axis and sample.
 pub struct Stack {
-    /// What the columns multiply.
+    /// Parameters of the columns.
     pub parameters: Vec<PlantParameter>,
     /// `[column][axis][sample]`, zero where a column does not act.
     columns: Vec<[Vec<f64>; AXES]>,
@@ -27,14 +27,17 @@ pub struct Stack {
 pub struct Solution {
     /// Values; zero for columns that depend on others.
     pub values: Vec<f64>,
-    /// Standard errors, from sums of the scores over blocks of time, right for residuals that are not white.
+    /// Standard errors from sums of the scores over blocks of time, valid for autocorrelated residuals.
     pub std: Vec<f64>,
     /// Columns that were estimated: the base parameters.
     pub base: Vec<usize>,
 }
 
 impl Stack {
-    /// All parameters of `model` that enter linearly.
+    /// Regressor of all parameters of `model` that enter linearly.
+    ///
+    /// # Errors
+    /// If a pose is impossible for the model's geometry or a law gives no finite value.
     pub fn new(model: &Model, dataset: &Dataset) -> Result<Self, KinematicsError> {
         let plant = Plant::new(model, &dataset.setup);
         let all = columns(&plant, dataset, None)?;
@@ -48,9 +51,10 @@ impl Stack {
         Ok(Self { parameters, columns, torque: std::array::from_fn(|axis| dataset.measured[axis].clone()) })
     }
 
-    /// One parameter of its own for every axis a column acts on, in the order of the axes (eq. 46–47).
+    /// Regressor with a separate parameter for every axis on which a column acts, in the order of the axes (eqs.
+    /// 46–47), and the axis of each column.
     ///
-    /// Without couplings the axes then share nothing. Also returns the axis of each column.
+    /// Without couplings the axes then share no parameter.
     pub fn by_axis(self) -> (Self, Vec<usize>) {
         let samples = self.torque[0].len();
         let (mut parameters, mut columns, mut axes) = (Vec::new(), Vec::new(), Vec::new());
@@ -67,12 +71,15 @@ impl Stack {
         (Self { parameters, columns, torque: self.torque }, axes)
     }
 
-    /// Minimises Σ (residual / scale)², `scale` per axis in N·m.
+    /// Minimises Σ (residual / scale)², with `scale` per axis in N·m.
+    ///
+    /// # Panics
+    /// Never: the triangular factor of independent columns is invertible.
     pub fn solve(&self, scale: &[f64; AXES]) -> Solution {
         let (samples, n) = (self.torque[0].len(), self.columns.len());
         let row = |k: usize| (k / samples, k % samples);
         let weighted = |axis: usize, x: f64| x / scale[axis];
-        // Columns of length one: the pivots say what the data tell, whatever the units.
+        // With columns of unit length the pivots are independent of the units.
         let length: Vec<f64> = self
             .columns
             .iter()
@@ -107,7 +114,7 @@ impl Stack {
         Solution { values, std, base }
     }
 
-    /// Torques that the parameter values give, `[axis][sample]`.
+    /// Torques for the given parameter values, `[axis][sample]`, N·m.
     pub fn torques(&self, values: &[f64]) -> [Vec<f64>; AXES] {
         std::array::from_fn(|axis| {
             let mut sum = vec![0.0; self.torque[axis].len()];

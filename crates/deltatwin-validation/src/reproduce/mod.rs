@@ -1,7 +1,7 @@
-//! The paper's experiments on the twin, beside the paper's numbers.
+//! Reproduction of the paper's experiments with the twin, compared with the paper's numbers.
 //!
-//! [`runs::Campaign`] measures: every scenario on its variant of one virtual robot. The sections then do what the paper
-//! did with its measurements, in its order, and [`page`] sets the results beside what it prints.
+//! [`runs::Campaign`] records every scenario on its variant of one virtual robot. The sections evaluate these
+//! recordings as in the paper and in its order, and [`page`] compares the results with the printed ones.
 
 pub mod arms;
 pub mod assembled;
@@ -23,7 +23,7 @@ use miette::miette;
 use page::Section;
 use runs::Campaign;
 
-/// What can never be compared, whatever the results.
+/// Limitations of the comparison, independent of the results.
 const LIMITS: &str = "\
 The paper's measurements are confidential. The robot here is the twin, and it was given the paper's printed results: \
 Table 1 for arms and drives, Table 2 for drive 4, Table 3 for struts, platform and telescope, Table 4 for the telescope's \
@@ -46,7 +46,10 @@ from encoders and drives, not that the paper's numbers are right.
   are its own, the corners are ours, and so duration and forces depend on them.
 - **Fig. 12** is a photograph.";
 
-/// Runs all experiments on a campaign; `stage` is told what comes next.
+/// Evaluates all experiments of a campaign; `stage` is called with the name of the next one.
+///
+/// # Errors
+/// If a fit, a plan or an execution fails.
 pub fn sections(campaign: &Campaign, stage: &dyn Fn(&str)) -> miette::Result<Vec<Section>> {
     stage("arms and drives");
     let sigma = arms::noise(campaign);
@@ -75,7 +78,7 @@ pub fn sections(campaign: &Campaign, stage: &dyn Fn(&str)) -> miette::Result<Vec
     Ok(all)
 }
 
-/// The whole page as Markdown.
+/// The entire page as Markdown.
 pub fn markdown(sections: &[Section]) -> String {
     let mut out = String::from(
         "# The paper's experiments on the twin\n\n\

@@ -1,4 +1,4 @@
-//! The page: one section per table or figure of the paper, as Markdown and as JSON.
+//! Page with one section per table or figure of the paper, as Markdown and as JSON.
 
 use std::fmt::Write as _;
 
@@ -7,22 +7,22 @@ use serde_json::{Value, json};
 use deltatwin::text::significant;
 use deltatwin_report::Figure;
 
-/// An estimate with its standard error, if it has one.
+/// An estimate with an optional standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Value.
     pub value: f64,
-    /// Standard error; infinite where the data do not determine the value alone.
+    /// Standard error; infinite if the data do not determine the value individually.
     pub std: Option<f64>,
 }
 
 impl Estimate {
-    /// With a standard error.
+    /// Estimate with a standard error.
     pub fn new(value: f64, std: f64) -> Self {
         Self { value, std: Some(std) }
     }
 
-    /// Without.
+    /// Estimate without a standard error.
     pub fn plain(value: f64) -> Self {
         Self { value, std: None }
     }
@@ -31,7 +31,7 @@ impl Estimate {
         match self.std {
             None => significant(self.value, 4),
             Some(std) if std.is_finite() && std > 0.0 => {
-                // As many digits as the standard error's second.
+                // Digits up to the second one of the standard error.
                 let decimals = (1 - std.log10().floor() as i32).max(0) as usize;
                 match decimals {
                     0..=6 => format!("{:.decimals$} ± {std:.decimals$}", self.value),
@@ -43,49 +43,49 @@ impl Estimate {
     }
 }
 
-/// One quantity: what was estimated, what is true of the twin, what the paper prints.
+/// A quantity with its estimates, the twin's true value and the paper's value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// What.
+    /// Name of the quantity.
     pub quantity: String,
     /// Its unit.
     pub unit: String,
-    /// One per estimate column of the table.
+    /// One estimate per column of the table.
     pub ours: Vec<Option<Estimate>>,
     /// The twin's own value.
     pub truth: Option<f64>,
-    /// The paper's.
+    /// The paper's value.
     pub paper: Option<f64>,
 }
 
 impl Row {
-    /// A single estimate beside truth and paper.
+    /// A row with a single estimate.
     pub fn new(quantity: impl Into<String>, unit: impl ToString, ours: Estimate) -> Self {
         Self { quantity: quantity.into(), unit: unit.to_string(), ours: vec![Some(ours)], truth: None, paper: None }
     }
 
-    /// With the twin's own value.
+    /// The row with the twin's own value.
     #[must_use]
     pub fn truth(mut self, truth: f64) -> Self {
         self.truth = Some(truth);
         self
     }
 
-    /// With the paper's.
+    /// The row with the paper's value.
     #[must_use]
     pub fn paper(mut self, paper: f64) -> Self {
         self.paper = Some(paper);
         self
     }
 
-    /// Distance of the estimate in `column` from the truth in standard errors.
+    /// Difference of the estimate in `column` and the truth, in standard errors.
     pub fn errors(&self, column: usize) -> Option<f64> {
         let Estimate { value, std } = self.ours.get(column).copied().flatten()?;
         Some((value - self.truth?) / std.filter(|s| s.is_finite())?)
     }
 }
 
-/// Ours beside the paper's.
+/// Table of estimates next to the paper's values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
     /// Titles of the estimate columns.
@@ -100,14 +100,15 @@ impl Comparison {
         Self { titles: vec![title.into()], rows }
     }
 
-    /// The rows whose estimate in `column` lies further than three standard errors from the truth, and how many have both.
+    /// The rows whose estimate in `column` differs from the truth by more than three standard errors, and the number
+    /// of rows with both.
     pub fn misses(&self, column: usize) -> (Vec<&str>, usize) {
         let judged: Vec<(&str, f64)> =
             self.rows.iter().filter_map(|r| Some((r.quantity.as_str(), r.errors(column)?))).collect();
         (judged.iter().filter(|(_, e)| e.abs() > 3.0).map(|(name, _)| *name).collect(), judged.len())
     }
 
-    /// The same in words.
+    /// [`Comparison::misses`] as a sentence.
     pub fn hits(&self, column: usize) -> String {
         match self.misses(column) {
             (missed, n) if missed.is_empty() => {
@@ -170,7 +171,7 @@ pub struct Plot {
     pub name: &'static str,
     /// The figure.
     pub figure: Figure,
-    /// What it shows.
+    /// Caption.
     pub caption: String,
 }
 
@@ -180,18 +181,18 @@ pub struct Section {
     pub key: &'static str,
     /// Heading.
     pub title: String,
-    /// What was done.
+    /// Description of the experiment.
     pub text: String,
-    /// Numbers.
+    /// Tables.
     pub tables: Vec<Comparison>,
     /// Figures.
     pub plots: Vec<Plot>,
-    /// Whether it agrees with the paper, and why not where it does not.
+    /// Agreement with the paper, and the reasons for differences.
     pub agreement: String,
 }
 
 impl Section {
-    /// Markdown; figures are referred to by file name.
+    /// The section as Markdown; figures are referenced by file name.
     pub fn markdown(&self) -> String {
         let mut out = format!("## {}\n\n{}\n\n", self.title, self.text);
         for table in &self.tables {
@@ -206,7 +207,7 @@ impl Section {
         out
     }
 
-    /// Tables and agreement.
+    /// Tables and agreement as JSON.
     pub fn json(&self) -> Value {
         let tables: Vec<Value> = self.tables.iter().map(Comparison::json).collect();
         json!({ "title": self.title, "tables": tables, "agreement": self.agreement })

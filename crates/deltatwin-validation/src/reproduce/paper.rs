@@ -1,4 +1,4 @@
-//! What the paper prints.
+//! Values printed in the paper.
 
 use deltatwin::machine::{ARMS, AXES};
 

@@ -1,11 +1,11 @@
-//! What weighing and a ruler tell about the bodies (paper sections 3.3 and 6.3.2): the regularisation values.
+//! Regularisation values of the bodies from weighing and measuring (sections 3.3 and 6.3.2 of the paper).
 
 use nalgebra::{Matrix3, Vector3};
 
 use deltatwin::machine::Inertia;
 use deltatwin::machine::bodies::{Bodies, PLATFORM, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
-/// An even cylinder, hollow if `inner` is not zero.
+/// A homogeneous cylinder, hollow if `inner` is not zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cylinder {
     /// Mass, kg.
@@ -21,7 +21,7 @@ pub struct Cylinder {
 impl Cylinder {
     /// Inertia about the end from which the cylinder extends along `axis`, a unit vector.
     ///
-    /// About the centre of mass ½m(r² + R²) and 1/12·m(L² + 3(r² + R²)), moved by half the length.
+    /// About the centre of mass ½m(r² + R²) and 1/12·m(L² + 3(r² + R²)), shifted by half the length.
     pub fn along(&self, axis: Vector3<f64>) -> Inertia {
         let radii = self.inner.powi(2) + self.outer.powi(2);
         let axial = 0.5 * self.mass * radii;
@@ -43,16 +43,16 @@ pub const TELESCOPE_ROD: Cylinder = Cylinder { mass: 0.6 * TELESCOPE_MASS, lengt
 /// Lower part: 4/10 of the mass, a hollow cylinder of 800 mm, radii 6 and 16 mm.
 pub const TELESCOPE_TUBE: Cylinder = Cylinder { mass: 0.4 * TELESCOPE_MASS, length: 0.800, inner: 0.006, outer: 0.016 };
 
-/// `bodies` with the struts, the platform and the telescope as weighed and measured; the rest stays.
+/// `bodies` with the struts, the platform and the telescope as weighed and measured; other bodies are unchanged.
 pub fn weighed(bodies: &Bodies) -> Bodies {
     let mut out = bodies.clone();
     for strut in STRUT..PLATFORM {
         out[strut] = STRUT_TUBE.along(Vector3::x());
     }
     let platform = &mut out[PLATFORM];
-    // The centre of mass of the drawing, 20 mm below the balls, and a size that does not enter.
+    // Centre of mass from the drawing, 20 mm below the balls; the size has no influence.
     *platform = *platform * (PLATFORM_MASS / platform.mass);
-    // Frames at the Hooke joints, z up: the upper part hangs below its joint, the lower part stands above.
+    // Frames at the Hooke joints, z up: the upper part extends downwards, the lower part upwards.
     out[TELESCOPE_UPPER] = TELESCOPE_ROD.along(-Vector3::z());
     out[TELESCOPE_LOWER] = TELESCOPE_TUBE.along(Vector3::z());
     out

@@ -1,7 +1,7 @@
-//! The robot that stands in for the real one, assembled and taken apart.
+//! The virtual robot of the experiments, assembled and disassembled.
 //!
-//! One machine throughout: the arms and arm drives of the disassembled model (the paper's Table 1) carry the struts,
-//! platform and telescope of the assembled one (Tables 3 and 4) and, if wished, the friction of its ball sockets.
+//! It is a single machine: the arms and arm drives of the disassembled model (Table 1 of the paper) with the struts,
+//! platform and telescope of the assembled one (Tables 3 and 4) and optionally friction in its ball sockets.
 
 use nalgebra::Vector3;
 
@@ -33,14 +33,14 @@ pub fn one_machine(mut assembled: Model, disassembled: &Model) -> Model {
     assembled
 }
 
-/// The same robot with balls that turn freely.
+/// The robot with frictionless ball sockets.
 pub fn without_socket_friction(robot: &Model) -> Model {
     let mut free = robot.clone();
     free.effects.retain(|a| !SOCKET_FRICTION.contains(&a.effect.name()));
     free
 }
 
-/// A weight, kg, on the elbow of every arm (section 6.2.1; the paper does not say where on the arm it hung).
+/// The robot with a weight, kg, on the elbow of every arm (section 6.2.1; the paper does not state its position).
 pub fn with_arm_weights(robot: &Model, mass: f64) -> Model {
     let mut loaded = robot.clone();
     for arm in ARM..STRUT {
@@ -49,7 +49,11 @@ pub fn with_arm_weights(robot: &Model, mass: f64) -> Model {
     loaded
 }
 
-/// The measurement strut of 340 g in place of strut 1 (section 6.5): what it weighs more, spread evenly along it.
+/// The robot with the measurement strut of 340 g in place of strut 1 (section 6.5); the additional mass is
+/// distributed evenly along it.
+///
+/// # Panics
+/// If the effect `limb_asymmetry` is not registered, which does not occur.
 pub fn with_measurement_strut(robot: &Model) -> Model {
     let mut measuring = robot.clone();
     let mut extra = [0.0; STRUTS];

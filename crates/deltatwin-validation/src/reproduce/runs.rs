@@ -1,4 +1,4 @@
-//! The recordings that all experiments work on: every scenario run on its variant of the robot, all at once.
+//! Recordings of all experiments: every scenario simulated on its variant of the robot, in parallel.
 
 use std::path::Path;
 
@@ -23,16 +23,16 @@ pub struct Job {
     planning: Model,
 }
 
-/// What was commanded and measured.
+/// Commanded motion and recording.
 pub struct Run {
-    /// Joint motion that the controller followed, at every sample.
+    /// Commanded joint motion at every sample.
     pub commanded: Vec<JointState>,
-    /// What was measured.
+    /// Recording.
     pub recording: Recording,
 }
 
 impl Job {
-    /// `scenario` on `machine`; `planning` is what its controller knows and plans the motion with.
+    /// `scenario` on `machine`; `planning` is the model of its controller and motion planning.
     pub fn new(name: impl Into<String>, scenario: &Scenario, machine: Model, planning: &Model) -> Self {
         Self { name: name.into(), scenario: scenario.clone(), machine, planning: planning.clone() }
     }
@@ -42,7 +42,11 @@ impl Job {
         self.scenario.duration
     }
 
-    /// Runs the twin; `seed` is mixed into the scenario's own. `progress` gets the simulated time and returns false to stop.
+    /// Simulates the scenario; `seed` is combined with the scenario's own. `progress` receives the simulated time in
+    /// s and returns false to stop.
+    ///
+    /// # Errors
+    /// If the motion is impossible or the simulation stops.
     pub fn run(&self, seed: u64, progress: &mut dyn FnMut(f64) -> bool) -> miette::Result<Run> {
         let Self { scenario, machine, planning, .. } = self;
         let named = || self.name.clone();
@@ -63,31 +67,31 @@ impl Job {
     }
 }
 
-/// The robot and what was measured on it.
+/// The robot and its recordings.
 pub struct Campaign {
-    /// Arms and motor 4 alone.
+    /// Disassembled robot: arms and motor 4.
     pub disassembled: Model,
-    /// The whole robot, with friction in its ball sockets.
+    /// Assembled robot with friction in its ball sockets.
     pub robot: Model,
-    /// The whole robot with ball sockets that turn freely.
+    /// Assembled robot with frictionless ball sockets.
     pub free: Model,
-    /// The model that the controller knows, which is the paper's.
+    /// Model of the controller, which is the paper's.
     pub known: Model,
-    /// Disassembled: excitation and verification.
+    /// Disassembled robot: excitation and verification.
     pub arms: [Run; 2],
-    /// Disassembled, at rest under each of [`paper::ARM_WEIGHTS`].
+    /// Disassembled robot at rest under each of [`paper::ARM_WEIGHTS`].
     pub rests: Vec<Run>,
     /// Axis 4 at constant speeds.
     pub constant_speed: Run,
     /// Excitation and verification with socket friction.
     pub assembled: [Run; 2],
-    /// Excitation and verification without.
+    /// Excitation and verification without socket friction.
     pub assembled_free: [Run; 2],
-    /// Up and down with the measurement strut.
+    /// Vertical motion with the measurement strut.
     pub strut_force: Run,
 }
 
-/// Scenario files, in the order of use.
+/// Scenario files in the order of use.
 const FILES: [&str; 7] = [
     "arms-excitation",
     "arms-verification",
@@ -99,8 +103,14 @@ const FILES: [&str; 7] = [
 ];
 
 impl Campaign {
-    /// Runs the scenarios of `folder` on all cores. `progress` gets the simulated time of all runs added up as a share of
-    /// what there is.
+    /// Simulates the scenarios of `folder` on all cores. `progress` receives the simulated time of all runs as a
+    /// share of the total, and returns false to stop.
+    ///
+    /// # Errors
+    /// If a scenario cannot be read, its motion is impossible or a simulation stops.
+    ///
+    /// # Panics
+    /// Never: there are as many scenarios as files.
     pub fn run(folder: &Path, seed: u64, progress: &(dyn Fn(f64) -> bool + Sync)) -> miette::Result<Self> {
         let read =
             |name: &str| scenario::read_with(&folder.join(name).with_extension("toml"), deltatwin_cell::mesh::read);
@@ -151,7 +161,7 @@ impl Campaign {
 
 fn all(jobs: &[Job], seed: u64, progress: &(dyn Fn(f64) -> bool + Sync)) -> miette::Result<Vec<Run>> {
     let total: f64 = jobs.iter().map(Job::duration).sum();
-    // Longest first, so that no core waits for the last one.
+    // Longest first for an even load of the cores.
     let mut order: Vec<usize> = (0..jobs.len()).collect();
     order.sort_by(|&a, &b| jobs[b].duration().total_cmp(&jobs[a].duration()));
     let one = |k: &usize| {

@@ -1,4 +1,4 @@
-//! A strut with a force sensor: Fig. 13 (paper section 6.5).
+//! A strut with a force sensor: Fig. 13 (section 6.5 of the paper).
 
 use miette::IntoDiagnostic;
 
@@ -12,7 +12,10 @@ use deltatwin::identification::{Dataset, predict};
 use deltatwin::model::Model;
 use deltatwin_report::{Color, Curve, Style, time_series};
 
-/// Fig. 13.
+/// Section on Fig. 13.
+///
+/// # Errors
+/// If strut 1 has no sensor, or a pose of the recording is impossible for the model's geometry.
 pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Section> {
     let dataset = Dataset::new(&campaign.strut_force.recording);
     let place = dataset.channels.iter().position(|c| *c == Channel::StrutUpper(0));

@@ -1,4 +1,4 @@
-//! The time-optimal U-turn: Fig. 14 to 17 (paper section 6.6).
+//! The time-optimal U-turn: Figs. 14 to 17 (section 6.6 of the paper).
 
 use std::path::Path;
 
@@ -18,12 +18,12 @@ use deltatwin_report::{Color, Curve as Line, drawing, time_series};
 
 /// The path with its payload and limits.
 const U_TURN: &str = include_str!("../../../../scenarios/u-turn.toml");
-/// Shares of the path between which each half has its corner.
+/// Range of s around the corner in each half of the path.
 const HALVES: [[f64; 2]; 2] = [[0.1, 0.4], [0.6, 0.9]];
-/// Shares of the path between which it runs straight across.
+/// Range of s of the straight horizontal part.
 const ACROSS: [f64; 2] = [0.3, 0.7];
 
-/// A plan made with one model and executed by one machine.
+/// A plan of one model and its execution by one machine.
 struct Variant {
     title: &'static str,
     task: Task,
@@ -49,14 +49,14 @@ impl Variant {
         forces.fold(0.0, |most, f| f.abs().max(most))
     }
 
-    /// Largest use on the way across of the limits that `wanted` picks.
+    /// Largest use, on the straight part, of the limits that `wanted` selects.
     fn used_across(&self, wanted: fn(Limit) -> bool) -> f64 {
         let across = |s: f64| (ACROSS[0]..ACROSS[1]).contains(&s);
         let uses = self.plan.uses.iter().filter(|u| across(self.plan.speed(u)[0]));
         uses.flat_map(|u| u.limits()).filter(|(limit, _)| wanted(*limit)).fold(0.0, |most, (_, ratio)| ratio.max(most))
     }
 
-    /// s at which z comes nearest to the maximum velocity curve between two places, and its share of it.
+    /// s at which z is closest to the maximum velocity curve within a range, and the ratio there.
     fn nearest(&self, [from, to]: [f64; 2]) -> [f64; 2] {
         let z: Vec<[f64; 2]> = self.plan.uses.iter().map(|u| self.plan.speed(u)).collect();
         let share = |[s, most]: [f64; 2]| {
@@ -78,7 +78,10 @@ fn extent(curve: &Curve) -> [f64; 2] {
     [span(1), span(2)]
 }
 
-/// Fig. 14 to 17.
+/// Sections on Figs. 14 to 17.
+///
+/// # Errors
+/// If planning or execution fails.
 pub fn sections(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Vec<Section>> {
     let variants = [
         Variant::new("sockets with friction", &assembled.paper.model, &campaign.robot)?,

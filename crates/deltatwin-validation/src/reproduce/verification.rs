@@ -1,4 +1,4 @@
-//! Another motion of the assembled robot: torques (Fig. 10) and strut forces (Fig. 11; paper section 6.4).
+//! Another motion of the assembled robot: torques (Fig. 10) and strut forces (Fig. 11; section 6.4 of the paper).
 
 use miette::IntoDiagnostic;
 
@@ -16,7 +16,7 @@ use deltatwin::machine::{ARMS, AXES, STRUTS};
 use deltatwin::model::Model;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
 
-/// The structure of the paper's base parameters: linear friction in all four drives, no eq. 48.
+/// The structure of the paper's base parameters: linear friction in all four drives without eq. 48.
 fn linear_friction(model: &Model) -> Model {
     let mut linear = model.clone();
     linear.effects.retain(|a| !["axis4_friction", "drive_friction"].contains(&a.effect.name()));
@@ -25,7 +25,7 @@ fn linear_friction(model: &Model) -> Model {
     linear
 }
 
-/// What base parameters make of another motion.
+/// Prediction of the base parameters for another motion.
 struct Base {
     count: usize,
     computed: [Vec<f64>; AXES],
@@ -50,7 +50,10 @@ fn rms(model: &Model, check: &Run) -> miette::Result<Vec<f64>> {
     Ok(channel_rms(&residuals(model, std::slice::from_ref(&dataset)).into_diagnostic()?))
 }
 
-/// Fig. 10.
+/// Section on Fig. 10.
+///
+/// # Errors
+/// If a pose of a recording is impossible for the model's geometry.
 pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -> miette::Result<Section> {
     let check = &campaign.assembled[1];
     let with = base(&assembled.prior, &campaign.assembled, sigma)?;
@@ -118,7 +121,10 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
     })
 }
 
-/// Fig. 11.
+/// Section on Fig. 11.
+///
+/// # Errors
+/// If a pose of a recording is impossible for the model's geometry.
 pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Section> {
     let dataset = Dataset::new(&campaign.assembled[1].recording);
     let compute = |model: &Model| predict(&Plant::new(model, &dataset.setup), &dataset).into_diagnostic();

@@ -1,32 +1,32 @@
-//! Laws measured and published by others, which no effect of the library has.
+//! Laws measured and published by others that no effect of the library has.
 //!
-//! Only the shape is taken over: the exam itself sets the size of what it hides (see [`crate::exam::size`]), so a published
-//! magnitude survives as far as it is a ratio. Speeds of a motor or gear input are the joint's times the gear ratio 33. Every
-//! reversal is smoothed as tanh(50·rate), as in the laws that the search tries, so that none lies outside them by that slope
-//! alone. Where a figure could not be compared with the source itself, the entry says so; where a source gives no figure that
-//! fits, the entry says what was chosen. Laws with states of their own (presliding hysteresis, GMS, thermal networks) are
-//! not among them: a formula has none.
+//! Only the shape is used: the exam sets the size of hidden effects (see [`crate::exam::size`]), so of a published
+//! magnitude only ratios remain. Speeds of a motor or gear input are the joint's multiplied by the gear ratio 33.
+//! Every reversal is smoothed as tanh(50·rate), as in the laws of the search, so that no law differs from them by
+//! that slope alone. Entries state where a figure could not be compared with the source, and what was chosen where a
+//! source gives no suitable figure. Laws with internal states (presliding hysteresis, GMS, thermal networks) are
+//! excluded, because a formula has none.
 
 use super::{Outside, law};
 
-/// A law with where it comes from.
+/// A law with its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Published {
     /// The law as it is hidden, about 1 N·m or 1 N per unit of coefficient.
     pub law: Outside,
-    /// Authors, title, where and when published.
+    /// Authors, title, place and date of the publication.
     pub work: &'static str,
-    /// Equation, table or figure in it, as far as known.
+    /// Equation, table or figure in the work, as far as known.
     pub place: &'static str,
     /// The published law with its symbols and units.
     pub equation: &'static str,
-    /// Parameter values as published, and how sure they are.
+    /// Parameter values as published, and their reliability.
     pub values: &'static str,
-    /// How it was brought to this robot.
+    /// Adaptation to this robot.
     pub scaled: &'static str,
 }
 
-/// The laws, as written down before any search was run on them.
+/// The laws, written down before any search was run on them.
 pub const PUBLISHED: [Published; 26] = [
     Published {
         law: law(
