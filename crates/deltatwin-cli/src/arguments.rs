@@ -1,4 +1,4 @@
-//! The commands.
+//! Command-line arguments.
 
 #[cfg(feature = "viewer")]
 use crate::command::replay;

@@ -1,4 +1,4 @@
-//! Recordings that are used together: the datasets of several files with the channels they have in common.
+//! Recordings used together: datasets of several files, restricted to their common channels.
 
 use std::path::{Path, PathBuf};
 
@@ -40,13 +40,13 @@ fn mass(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Datasets to fit to and datasets to judge by, all with the same channels.
+/// Datasets for fitting and for validation, all with the same channels.
 pub struct Data {
-    /// Datasets to fit to.
+    /// Datasets for fitting.
     pub datasets: Vec<Dataset>,
-    /// Datasets to judge by.
+    /// Datasets for validation.
     pub held_out: Vec<Dataset>,
-    /// What was noticed and repaired or left out.
+    /// Warnings about repaired or omitted data.
     pub warnings: Vec<String>,
 }
 
@@ -56,18 +56,27 @@ impl Data {
         self.datasets.first().map_or(&[], |t| &t.channels)
     }
 
-    /// Reads all recordings of a machine like `model` and keeps the channels they have in common.
+    /// Reads all recordings of a machine like `model`, restricted to their common channels.
+    ///
+    /// # Errors
+    /// If a file cannot be read or its dataset is unusable.
     pub fn read(args: &DataArgs, model: &Model) -> Result<Self, ReadError> {
         Self::read_with(args, model, Method::Reversals)
     }
 
-    /// Reads all recordings of a machine like `model` as [`Self::read`] does, angles differentiated by `method`.
+    /// Reads all recordings like [`Self::read`], with angles differentiated by `method`.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
     pub fn read_with(args: &DataArgs, model: &Model, method: Method) -> Result<Self, ReadError> {
         let how = Reading { setup: args.setup.as_deref(), machine: Some(model.mechanism), maps: &args.map };
         Self::read_each(args, |file, warnings| dataset_of(file, &how, model, method, warnings))
     }
 
-    /// Reads all recordings of whatever machine it is and keeps the channels they have in common.
+    /// Reads all recordings of any machine, restricted to their common channels.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
     pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
         let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
         Self::read_each(args, |file, warnings| {
@@ -93,7 +102,7 @@ impl Data {
         Ok(Self { datasets, held_out, warnings })
     }
 
-    /// Input files, which no output may replace.
+    /// Input files, which no output may overwrite.
     pub fn inputs(args: &DataArgs) -> Vec<&Path> {
         args.data.iter().chain(&args.held_out).chain(&args.setup).map(PathBuf::as_path).collect()
     }
@@ -134,7 +143,7 @@ fn dataset_of(
     Ok(dataset)
 }
 
-/// Drops the channels that not all datasets have; says what was dropped.
+/// Drops the channels that not all datasets have; returns warnings about them.
 fn keep_common_channels(datasets: &mut [Dataset]) -> Vec<String> {
     let Some(first) = datasets.first() else { return Vec::new() };
     let in_all = |c: &Channel| datasets.iter().all(|t| t.channels.contains(c));

@@ -1,4 +1,4 @@
-//! Whether a file is right: models, scenarios, setups, recordings.
+//! Validation of files: models, scenarios, setups, recordings.
 
 use std::path::Path;
 
@@ -14,23 +14,23 @@ use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
 use deltatwin_io::{model, scenario};
 
-/// A file without mistakes.
+/// A valid file.
 #[derive(Clone, Debug)]
 pub struct Verified {
-    /// What it is.
+    /// Kind of the file.
     pub kind: Kind,
-    /// Its content in a sentence.
+    /// Summary of its content, one sentence.
     pub summary: String,
-    /// What is odd about it.
+    /// Warnings about it.
     pub warnings: Vec<String>,
-    /// What keeps a recording from a model; nothing without a model.
+    /// Findings of the gate about a recording; `None` without a model.
     pub gate: Option<Vec<Finding>>,
 }
 
-/// Checks a file of any kind; recordings are read as `how` says and examined against `model`.
+/// Validates a file of any kind; recordings are read as specified by `how` and compared with `model`.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// The first error of the file.
 pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verified> {
     let kind = kind(path)?;
     if kind == Kind::Recording {

@@ -17,10 +17,10 @@ use command::{
 use miette::MietteHandlerOpts;
 
 fn main() -> ExitCode {
-    // Paths and lines of an error stay whole for whoever searches in them.
+    // Paths and lines of an error are not wrapped, so that they can be searched.
     miette::set_hook(Box::new(|_| Box::new(MietteHandlerOpts::new().wrap_lines(false).build())))
         .expect("no other handler is installed");
-    // The command line may be what is wrong, so its parser cannot be asked.
+    // The parser is not available if the command line itself is invalid.
     let as_json = std::env::args_os().any(|a| a == "--json");
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
@@ -35,7 +35,7 @@ fn main() -> ExitCode {
         Ok(status) => ExitCode::from(status),
         Err(report) => {
             eprintln!("{report:?}");
-            // An answer that stands on stdout already stays the only object there.
+            // An answer already printed on stdout remains the only object there.
             if as_json && !terminal::has_said() {
                 let causes: Vec<String> = report.chain().skip(1).map(ToString::to_string).collect();
                 print_json_error(&report.to_string(), &causes, report.help().map(|h| h.to_string()));
@@ -48,7 +48,7 @@ fn main() -> ExitCode {
 /// Prints `{"error": {"message", "causes", "help"}}` on stdout, for programs that asked for JSON.
 fn print_json_error(message: &str, causes: &[String], help: Option<String>) {
     let error = serde_json::json!({ "error": { "message": message.trim(), "causes": causes, "help": help } });
-    // Nothing is left to do if stdout is gone, too: the error stands on stderr.
+    // If stdout is closed as well, the error is on stderr only.
     let _ = terminal::say(error);
 }
 

@@ -1,4 +1,4 @@
-//! What commands share: text on stdout, warnings and progress on stderr, aligned tables, interruption.
+//! Common terminal functions: text on stdout, warnings and progress on stderr, aligned tables, interruption.
 
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -24,11 +24,11 @@ pub use bars::error_bars;
 use text::FIRM;
 pub use text::{WIDTH, command, grouped, hanging, wrapped};
 
-/// Exit status: done.
+/// Exit status: success.
 pub const DONE: u8 = 0;
-/// Exit status: the answer is bad.
+/// Exit status: negative answer.
 pub const BAD_ANSWER: u8 = 1;
-/// Exit status: bad input.
+/// Exit status: invalid input.
 pub const BAD_INPUT: u8 = 2;
 /// Exit status: interrupted by the user.
 pub const INTERRUPTED: u8 = 130;
@@ -40,7 +40,7 @@ pub fn has_said() -> bool {
     SAID.load(Ordering::Relaxed)
 }
 
-/// Prints a line on stdout. A reader that has gone away is no error.
+/// Prints a line on stdout; a closed pipe is no error.
 pub fn say(text: impl std::fmt::Display) -> miette::Result<()> {
     SAID.store(true, Ordering::Relaxed);
     let mut out = std::io::stdout().lock();
@@ -77,7 +77,7 @@ pub fn spinner(what: &str) -> ProgressBar {
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// From now on Ctrl-C sets the flag that [`interrupted`] reads; pressed again it ends the process, whatever it waits for.
+/// Installs a handler for Ctrl-C that sets the flag of [`interrupted`]; a second Ctrl-C ends the process.
 pub fn catch_interrupt() -> miette::Result<()> {
     let stop = || {
         if STOP.swap(true, Ordering::Relaxed) {
@@ -92,7 +92,7 @@ pub fn interrupted() -> bool {
     STOP.load(Ordering::Relaxed)
 }
 
-/// Refuses an output file that is one of the inputs, has another extension than `extensions`, or has no folder.
+/// Checks that an output file is none of the inputs, has one of the `extensions` and an existing folder.
 pub fn check_output(output: &Path, inputs: &[&Path], extensions: &[&str]) -> miette::Result<()> {
     let extension = output.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     if !extensions.contains(&extension.as_str()) {
@@ -132,17 +132,18 @@ pub fn today() -> String {
     jiff::Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
-/// A path for JSON.
+/// A path as JSON.
 pub fn path(path: &Path) -> Value {
     json!(path.display().to_string())
 }
 
-/// Paths for JSON.
+/// Paths as JSON.
 pub fn paths(files: &[PathBuf]) -> Value {
     files.iter().map(|f| path(f)).collect()
 }
 
-/// `{name: {value, std, unit}}`; the standard error is null where the data do not determine the parameter alone.
+/// Estimates as `{name: {value, std, unit}}`; value and standard error are null if the data do not determine the
+/// parameter individually.
 pub fn estimates(parameters: &[Estimate]) -> Value {
     let entry = |p: &Estimate| {
         let (value, std) = if p.identified() { (Some(p.value), Some(p.std)) } else { (None, None) };
@@ -151,7 +152,7 @@ pub fn estimates(parameters: &[Estimate]) -> Value {
     Value::Object(parameters.iter().map(entry).collect())
 }
 
-/// Puts per-channel values into a JSON object: the axes under `key`, the strut forces under `strut_<key>`.
+/// Inserts per-channel values into a JSON object: the axes as `key`, the strut forces as `strut_<key>`.
 pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[Channel], values: &[f64]) {
     let axes = channels.iter().take_while(|c| c.drive().is_some()).count().min(values.len());
     object.insert(key.into(), json!(values[..axes]));
@@ -160,19 +161,19 @@ pub fn insert_channels(object: &mut Map<String, Value>, key: &str, channels: &[C
     }
 }
 
-/// Names of channels for JSON.
+/// Names of channels as JSON.
 pub fn channel_names(channels: &[Channel]) -> Value {
     channels.iter().map(|c| json!(c.to_string())).collect()
 }
 
-/// Rows of text in aligned columns: the first column to the left, `right` says which of the others to the right.
+/// Rows of text in aligned columns; the first column is left-aligned.
 pub struct Table {
     rows: Vec<Vec<String>>,
     left: Vec<usize>,
 }
 
 impl Table {
-    /// A table with a header; columns in `left` are aligned to the left, as the first one is.
+    /// A table with a header; the first column and those in `left` are left-aligned.
     pub fn new(header: &[&str], left: &[usize]) -> Self {
         Self { rows: vec![header.iter().map(|h| h.to_string()).collect()], left: left.to_vec() }
     }
@@ -182,7 +183,7 @@ impl Table {
         self.rows.push(cells.into_iter().collect());
     }
 
-    /// Per-channel values with unit, one row per channel; missing series leave their column out.
+    /// Table of per-channel values with unit, one row per channel; missing series have no column.
     pub fn of_channels(channels: &[Channel], series: &[(&str, Option<&[f64]>)]) -> Self {
         let series: Vec<_> = series.iter().filter_map(|(title, v)| v.map(|v| (*title, v))).collect();
         let header: Vec<&str> =
@@ -196,7 +197,7 @@ impl Table {
     }
 }
 
-/// Columns that text at the end of a table's row needs to run on below itself.
+/// Least width for a text at the end of a row to be wrapped below itself.
 const SHORTEST: usize = 20;
 
 impl std::fmt::Display for Table {
@@ -208,7 +209,7 @@ impl std::fmt::Display for Table {
             let mut line = String::new();
             for (c, cell) in row.iter().enumerate() {
                 let w = widths[c];
-                // The last column may be text that runs on below itself.
+                // A long text in the last column is wrapped below itself.
                 let start = line.chars().count() + 2;
                 let is_long = start + cell.chars().count() > WIDTH && start + SHORTEST <= WIDTH;
                 if c > 0 && c + 1 == row.len() && self.left.contains(&c) && is_long {

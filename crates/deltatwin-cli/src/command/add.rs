@@ -40,7 +40,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     crate::command::effects::known(&args.effect)?;

@@ -32,7 +32,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command; every file is checked, each mistake told on stderr.
+/// Runs the command: checks every file and reports each error on stderr; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let mut good = true;
     let mut fits = true;
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     })
 }
 
-/// What the gate says of a recording.
+/// Prints the findings of the gate about a recording.
 fn print_gate(v: &Verified) -> miette::Result<()> {
     let Some(findings) = &v.gate else { return Ok(()) };
     if findings.is_empty() {

@@ -34,7 +34,7 @@ fn ratio(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     let data = Data::read(&args.data, &model)?;
@@ -97,7 +97,7 @@ fn print(c: &Comparison) -> miette::Result<()> {
     c.findings.iter().try_for_each(|f| say(format!("  {}", wrapped(&f.sentence))))
 }
 
-/// A sentence in lines that fit the screen, further ones set in.
+/// A sentence wrapped to the width of the screen, with further lines indented.
 fn wrapped(sentence: &str) -> String {
     const WIDTH: usize = 94;
     let mut text = String::new();

@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::terminal::{DONE, check_output, path, say, warn};
 use deltatwin_io::recording::{self, Reading};
 
-/// Reads `from` and writes it as `to`.
+/// Reads the recording `from` and writes it as `to`; returns the exit status.
 fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {
     let inputs: Vec<&Path> = std::iter::once(from).chain(how.setup).collect();
     check_output(to, &inputs, extensions)?;

@@ -39,7 +39,7 @@ impl Default for Args {
     }
 }
 
-/// Runs the demo; exit status 0, or 1 if the hidden effect was not found.
+/// Runs the demo; returns the exit status 0, or 1 if the hidden effect was not found.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::parse(MODEL, Path::new("models/irb360-6-1600.toml"))?;
     let say = |text: String| {

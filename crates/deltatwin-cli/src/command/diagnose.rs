@@ -64,7 +64,7 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     if let Some(output) = &args.output {
@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(DONE)
 }
 
-/// Writes what was asked for, after the answer: a file that cannot be written loses no other.
+/// Writes the requested files after the answer; a failure to write one does not affect the others.
 fn write(
     answer: &Diagnosis,
     args: &Args,
@@ -131,7 +131,7 @@ fn write(
     [figure, next, model].into_iter().flatten().collect()
 }
 
-/// Refuses names of effects that the machine of the data does not have.
+/// Checks that the machine of the data has the effects to be held.
 fn known(held: &[String], model: &Model, dataset: &Dataset) -> miette::Result<()> {
     let parameters = Plant::new(model, &dataset.setup).parameters();
     match held.iter().find(|name| !parameters.iter().any(|p| p.param.effect == *name)) {
@@ -140,7 +140,8 @@ fn known(held: &[String], model: &Model, dataset: &Dataset) -> miette::Result<()
     }
 }
 
-/// Whether a proposal has a scenario: not if its motion is that of the data, or of the machine taken apart.
+/// Whether a proposal can be written as a scenario: not if its motion is that of the data, or of the disassembled
+/// machine.
 fn writable(next: &NextExperiment, model: &Model) -> bool {
     let apart = next.experiment.dataset.setup.configuration != Configuration::Assembled && model.assembled;
     if apart {
@@ -151,5 +152,5 @@ fn writable(next: &NextExperiment, model: &Model) -> bool {
     !apart && next.experiment.course.is_some()
 }
 
-/// Seed of the sensor noise when the twin runs a proposal.
+/// Seed of the sensor noise in the scenario of a proposal.
 const SEED: u64 = 1;

@@ -19,7 +19,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     match &args.name {
         Some(name) => {

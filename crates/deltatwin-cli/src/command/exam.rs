@@ -86,12 +86,12 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Robots whose recordings the fast campaigns share.
+/// Number of robots whose recordings the fast campaigns share.
 const FAST_ROBOTS: u64 = 4;
-/// Shortest and longest recordings, s.
+/// Shortest and longest duration of a recording, s.
 const DURATION: (f64, f64) = (1.0, 600.0);
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     if !model.assembled || !matches!(model.mechanism, Mechanism::Delta { .. }) {
@@ -137,7 +137,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(DONE)
 }
 
-/// The plan that the arguments ask for.
+/// Plan of the exam with the given arguments.
 fn plan(args: &Args, model: &Model) -> miette::Result<Plan> {
     if !(DURATION.0..=DURATION.1).contains(&args.duration) {
         return Err(miette!(
@@ -171,7 +171,7 @@ fn plan(args: &Args, model: &Model) -> miette::Result<Plan> {
     })
 }
 
-/// Does something with each of `items` on all cores, until interrupted.
+/// Results of `work` for all `items`, computed on all cores until interrupted.
 fn each<T: Sync, R: Send>(
     what: &str,
     items: &[T],
@@ -188,7 +188,8 @@ fn each<T: Sync, R: Send>(
     Ok(results?.into_iter().flatten().collect())
 }
 
-/// Makes the campaigns that are not there yet; their folders. A robot that cannot move with what is hidden in it is left out.
+/// Makes the missing campaigns and returns their folders. A robot that cannot move with its hidden effects is
+/// omitted.
 fn make(args: &Args, cases: &[(String, Case)], model: &Model) -> miette::Result<Vec<PathBuf>> {
     let folders = each("make", cases, |(name, case)| {
         let folder = args.output.join(name);
@@ -208,7 +209,7 @@ fn make(args: &Args, cases: &[(String, Case)], model: &Model) -> miette::Result<
     Ok(folders.into_iter().flatten().collect())
 }
 
-/// Judges what has no answer yet.
+/// Graded campaigns; those without an answer are diagnosed first.
 fn answers(args: &Args, folders: &[PathBuf], model: &Model) -> miette::Result<Vec<Judged>> {
     each("judge", folders, |folder| {
         let truth = folder::read_truth(folder).into_diagnostic()?;
@@ -229,7 +230,7 @@ fn answers(args: &Args, folders: &[PathBuf], model: &Model) -> miette::Result<Ve
     .map(|judged| judged.into_iter().flatten().collect())
 }
 
-/// Both recordings of a campaign, if it has kept them.
+/// Both recordings of a campaign; `None` if they were not kept.
 fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording; 2]>> {
     let file = |stem: &str| {
         let files = ["csv", "mcap"].map(|extension| folder.join(format!("{stem}.{extension}")));
@@ -240,7 +241,8 @@ fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording;
     Ok(Some([read(&first)?, read(&second)?]))
 }
 
-/// Campaigns without anything hidden that differ in their noise: truth and answer of each, no recordings.
+/// Graded campaigns without hidden effects that differ in their noise; truth and answer are written, recordings are
+/// not.
 fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> {
     let robots = each("make", &(0..FAST_ROBOTS.min(args.fast_null)).collect::<Vec<_>>(), |k| {
         let robot = Plan {
@@ -262,7 +264,7 @@ fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> 
         if there && let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
             return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
         }
-        // Every kind of noise meets every robot.
+        // All combinations of noise kinds and robots occur.
         let robot: &Campaign = &robots[(*k as usize / args.noise.len()) % robots.len()];
         let case = Case { seed: seed(args.seed, &name), noise, ..robot.case.clone() };
         let answer = judge::judge(model, &robot.noisy(&case));

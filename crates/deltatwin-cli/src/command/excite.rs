@@ -73,13 +73,12 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Base parameters in the printed table.
+/// Number of base parameters in the printed table.
 const SHOWN: usize = 8;
-/// Longest run of a scenario, s.
+/// Longest duration of a scenario, s.
 const LONGEST: f64 = 3600.0;
 
-/// Reads `X,Y,Z,R`.
-/// What the design makes small.
+/// Objective of the design.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Measure {
     /// −log det of the information: the volume of the confidence ellipsoid, whatever the units of the parameters.
@@ -98,6 +97,7 @@ impl From<Measure> for Objective {
     }
 }
 
+/// Parses `X,Y,Z,R`.
 fn hemisphere(text: &str) -> Result<Hemisphere, String> {
     let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
     match numbers[..] {
@@ -141,7 +141,7 @@ impl Args {
     }
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let options = args.options()?;
     let budget = Duration::from_secs_f64(within("budget", args.budget, 0.0, 1e6, " s")?);
@@ -180,7 +180,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(if interrupted() { INTERRUPTED } else { DONE })
 }
 
-/// Writes the best plan that needs no other machine, and reports all.
+/// Writes the best plan that needs no other machine, and prints all plans.
 fn tell(planned: &Discrimination, args: &Args, model: &Model, solve: f64) -> miette::Result<u8> {
     let written = planned.plans.iter().find(|(e, _)| e.kind != Kind::Disassembled && e.course.is_some());
     let (plan, promise) = written.ok_or_else(|| miette!("no planned experiment can be written as a scenario"))?;
@@ -238,7 +238,7 @@ fn finite(x: f64) -> Value {
     if x.is_finite() { json!(x) } else { Value::Null }
 }
 
-/// Median and best over the random motions.
+/// Median and best value over the random motions.
 fn random(design: &Design, of: impl Fn(&Merit) -> f64) -> [f64; 2] {
     [median(design.random.iter().map(&of)), design.random.iter().map(of).fold(f64::INFINITY, f64::min)]
 }
@@ -295,7 +295,7 @@ fn print(design: &Design, args: &Args, solve: f64) -> miette::Result<()> {
     let [typical, best] = log_det;
     table.row(["log det of the information".into(), number(design.merit.log_det), typical, best, String::new()]);
     say(table)?;
-    // Those that a random motion tells worst.
+    // The parameters with the largest errors along a random motion first.
     let typical: Vec<f64> = (0..design.parameters.len()).map(|i| random(design, |m| m.std[i])[0]).collect();
     let mut order: Vec<usize> = (0..design.parameters.len()).collect();
     order.sort_by(|&a, &b| typical[b].total_cmp(&typical[a]));

@@ -66,16 +66,16 @@ impl From<Which> for Detail {
     }
 }
 
-/// A motion with what was measured along it.
+/// A motion with the measured strut forces.
 struct Motion {
     setup: Setup,
     t: Vec<f64>,
     joints: Vec<JointState>,
-    /// Measured strut forces.
+    /// Measured strut forces, N.
     measured: Vec<(Channel, Vec<f64>)>,
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = assembled_robot(&args.model)?;
     for (output, extension) in [(&args.output, "csv"), (&args.figure, "svg")] {
@@ -132,7 +132,7 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
     Ok(Motion { setup: dataset.setup, t: dataset.t, joints: dataset.joints, measured: measured.collect() })
 }
 
-/// Place of a measured strut force among the multipliers.
+/// Index of a measured channel among the multipliers.
 fn place(channel: Channel) -> usize {
     match channel {
         Channel::Torque(i) | Channel::Force(i) if i < ARMS => 18 + i,
@@ -142,7 +142,8 @@ fn place(channel: Channel) -> usize {
     }
 }
 
-/// Limit of the machine on multiplier `k`: torques of the drives, force that dislocates a socket.
+/// Limit of the machine on multiplier `k`: drive torque (N·m) or dislocation force of a socket (N); `None` without a
+/// limit.
 fn limit(model: &Model, k: usize) -> Option<f64> {
     match k {
         0..5 => None,
@@ -160,7 +161,7 @@ fn statistics(forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 3] {
     [of().fold(f64::INFINITY, f64::min), of().fold(f64::NEG_INFINITY, f64::max), rms]
 }
 
-/// RMS difference between measured and computed, and RMS of the measured.
+/// RMS of the difference between measured and computed values, and RMS of the measured ones.
 fn difference(measured: &[f64], forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 2] {
     let n = measured.len() as f64;
     let square: f64 = measured.iter().zip(forces).map(|(m, f)| (m - f[k]).powi(2)).sum();

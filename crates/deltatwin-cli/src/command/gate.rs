@@ -1,4 +1,4 @@
-//! The gate in front of commands that fit.
+//! The gate of commands that fit.
 
 use miette::miette;
 use serde_json::{Value, json};
@@ -10,13 +10,13 @@ use deltatwin::gate::{Finding, combined, examine};
 use deltatwin::model::Model;
 use deltatwin::text::significant;
 
-/// A residual so many times the noise is no answer.
+/// Ratio of residual to noise above which a fit is no answer.
 const MUCH: f64 = 10.0;
 
-/// Examines all recordings of a command and says what is wrong with them.
+/// Examines all recordings of a command and prints the findings.
 ///
 /// # Errors
-/// Where a fit would be worthless, unless `--no-gate` is given.
+/// If a finding makes a fit meaningless, unless `--no-gate` is given.
 pub fn guard(model: &Model, data: &Data, args: &DataArgs) -> miette::Result<Vec<Finding>> {
     let mut all = Vec::new();
     let mut refused = Vec::new();
@@ -49,7 +49,7 @@ pub fn guard(model: &Model, data: &Data, args: &DataArgs) -> miette::Result<Vec<
     }
 }
 
-/// A finding with its numbers.
+/// A finding with its numbers, as text.
 pub fn line(f: &Finding) -> String {
     let mut text = f.sentence.clone();
     let mut numbers = Vec::new();
@@ -69,7 +69,7 @@ pub fn line(f: &Finding) -> String {
     text
 }
 
-/// Findings for JSON.
+/// Findings as JSON.
 pub fn json(findings: &[Finding]) -> Value {
     let entry = |f: &Finding| {
         let e = &f.evidence;
@@ -94,7 +94,7 @@ pub fn json(findings: &[Finding]) -> Value {
     findings.iter().map(entry).collect()
 }
 
-/// What a fit leaves where that is more than ten times the noise; nothing otherwise.
+/// Warnings about channels whose residual exceeds ten times the noise.
 pub fn much_is_left(channels: &[Channel], rms: &[f64], noise_floor: &[f64]) -> Vec<String> {
     let much = |c: &usize| rms[*c] > MUCH * noise_floor[*c] && noise_floor[*c] > 0.0;
     let all = channels.len().min(rms.len()).min(noise_floor.len());

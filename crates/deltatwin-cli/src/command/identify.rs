@@ -47,7 +47,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let mut model = model::read(&args.model)?;
     if let Some(output) = &args.output {
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(DONE)
 }
 
-/// A fit that cannot be made, with the option that asked for it.
+/// Error of a fit, with the option that caused it.
 fn refusal(error: FitError) -> miette::Report {
     let option = match error {
         FitError::NothingToEstimate => "--hold",
@@ -103,7 +103,7 @@ fn refusal(error: FitError) -> miette::Report {
     miette!("{option}: {error}")
 }
 
-/// Where the numbers come from that a command fits today.
+/// Provenance of the numbers fitted by a command today.
 pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]) -> Provenance {
     Provenance::new(
         command,
@@ -113,7 +113,7 @@ pub(crate) fn provenance(command: &str, data: &DataArgs, parameters: &[Estimate]
     )
 }
 
-/// Writes a fitted model, after its answer was printed; says so unless `quietly`.
+/// Writes a fitted model after its answer was printed; reports it unless `quietly`.
 pub(crate) fn write(model: &Model, output: &Path, provenance: &Provenance, quietly: bool) -> miette::Result<()> {
     deltatwin_io::model::write_fitted(model, output, provenance)
         .wrap_err_with(|| format!("{}: the fitted model was not written", output.display()))?;
@@ -184,13 +184,13 @@ impl Answer<'_> {
     }
 }
 
-/// Smallest pseudo-inertia eigenvalue of every body that has inertia.
+/// Smallest pseudo-inertia eigenvalue of every body with non-zero inertia.
 fn eigenvalues(model: &Model) -> Value {
     let real = model.bodies.0.iter().enumerate().filter(|(_, b)| **b != Inertia::ZERO);
     Value::Object(real.map(|(b, inertia)| (body_name(b), json!(inertia.min_eigenvalue()))).collect())
 }
 
-/// How the estimate became possible, and what that moved; null if it was.
+/// The consistency correction and the moved parameters; null without a correction.
 fn correction(fitted: &Fit) -> Value {
     let Some(c) = fitted.correction else { return Value::Null };
     let one =
@@ -199,7 +199,7 @@ fn correction(fitted: &Fit) -> Value {
     json!({"cost": c.cost, "duality_gap": c.gap, "moved": moved})
 }
 
-/// What the data do not determine, and why.
+/// Parameters that the data do not determine, with the reason.
 fn unidentified(fitted: &Fit) -> Value {
     let one = |u: &Unidentified| json!({"name": u.name, "reason": u.reason.to_string()});
     fitted.unidentified.iter().map(one).collect()

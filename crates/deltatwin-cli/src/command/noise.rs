@@ -22,25 +22,25 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Widest band of an angle at rest, rad: some ten steps of the encoders.
+/// Widest range of an angle at rest, rad: about ten encoder steps.
 const BAND: f64 = 6e-5;
-/// Shortest rest, s, and what is left out at either end of it.
+/// Shortest interval at rest, and time discarded at its ends, s.
 const SHORTEST: f64 = 0.05;
 const SETTLING: f64 = 0.01;
 /// Order of the differences.
 const ORDER: usize = 4;
 
-/// Torque noise of some recordings.
+/// Torque noise of several recordings.
 pub struct TorqueNoise {
-    /// Covariance at rest, (N·m)²; `None` if the robot never rests.
+    /// Covariance at rest, (N·m)²; `None` if the robot is never at rest.
     pub at_rest: Option<DMatrix<f64>>,
-    /// Number of rests.
+    /// Number of intervals at rest.
     pub rests: usize,
     /// Time at rest, s.
     pub rest_time: f64,
     /// Covariance from differences, (N·m)².
     pub differences: Option<DMatrix<f64>>,
-    /// Drives whose torques these are, the rows and columns of the matrices.
+    /// Drives of the rows and columns of the matrices.
     pub drives: Vec<usize>,
 }
 
@@ -77,7 +77,7 @@ impl TorqueNoise {
     }
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let data = Data::of_any_machine(&args.data)?;
     warn(&data.warnings);

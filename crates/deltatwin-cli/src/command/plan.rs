@@ -47,10 +47,10 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Stretches of active limits in the printed table.
+/// Largest number of ranges of active limits in the printed table.
 const SHOWN: usize = 40;
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = assembled_robot(&args.model)?;
     let twin = args.twin.as_deref().map(assembled_robot).transpose()?;
@@ -122,7 +122,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(DONE)
 }
 
-/// Seconds since it was first asked for.
+/// Seconds since the first call.
 fn seconds() -> f64 {
     static BEGUN: OnceLock<Instant> = OnceLock::new();
     BEGUN.get_or_init(Instant::now).elapsed().as_secs_f64()
@@ -185,7 +185,7 @@ fn to_json(
     out
 }
 
-/// What is known of faster motions.
+/// Prints the bounds on the time.
 fn bounds(task: &Task, found: &Plan) -> miette::Result<()> {
     let gap = |bound: f64| 1e2 * (1.0 - bound / found.time);
     if !task.limits.has_jerk() {

@@ -24,15 +24,15 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Model that a recording is compared with unless another is named.
+/// Default model for the comparison.
 const SHIPPED: &str = include_str!("../../../../models/irb360-6-1600.toml");
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let output = args.output.clone().unwrap_or_else(|| args.recording.with_extension("rrd"));
     let inputs: Vec<&Path> = std::iter::once(&args.recording).chain(&args.model).map(PathBuf::as_path).collect();
     check_output(&output, &inputs, &["rrd"])?;
-    // The program carries the shipped model: there is no file to find from any folder.
+    // The shipped model is embedded, so it is available in any folder.
     let model = match &args.model {
         Some(file) => model::read(file)?,
         None => model::parse(SHIPPED, Path::new("irb360-6-1600.toml"))?,

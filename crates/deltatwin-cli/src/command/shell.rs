@@ -1,4 +1,4 @@
-//! `deltatwin completions` and `deltatwin man`: the command line for shells and manuals.
+//! `deltatwin completions` and `deltatwin man`: shell completions and the manual.
 
 use std::path::PathBuf;
 
@@ -35,7 +35,7 @@ pub struct Man {
     pub json: bool,
 }
 
-/// Prints a completion script.
+/// Prints a completion script; returns the exit status.
 pub fn completions(args: &Completions) -> miette::Result<u8> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), NAME, &mut script);
@@ -47,7 +47,7 @@ pub fn completions(args: &Completions) -> miette::Result<u8> {
     Ok(DONE)
 }
 
-/// Writes the manual.
+/// Writes the manual; returns the exit status.
 pub fn man(args: &Man) -> miette::Result<u8> {
     let folder = args.output.display().to_string();
     std::fs::create_dir_all(&args.output).into_diagnostic().wrap_err_with(|| folder.clone())?;

@@ -64,12 +64,12 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Time between the poses of a Rerun file or a bag, s.
+/// Interval between the poses of a Rerun file or a bag, s.
 const FRAME: f64 = 0.01;
-/// Steps of the reference run per step.
+/// Number of steps of the reference run per step.
 const REFERENCE: usize = 16;
 
-/// A scenario with all it names, checked.
+/// A checked scenario with all its files.
 struct Job {
     scenario: Scenario,
     machine: Model,
@@ -80,18 +80,18 @@ struct Job {
     origin: Context,
 }
 
-/// What became of a job.
+/// Result of a job.
 struct Outcome {
     recording: Recording,
     report: Report,
     wall: f64,
     step_error: Option<Vec<Difference>>,
-    /// Why the run ended early, if it failed.
+    /// Error that ended the run early.
     failure: Option<SimulationError>,
 }
 
 impl Outcome {
-    /// What is wrong with the run as a whole.
+    /// Reason why the run as a whole is invalid, if it is.
     fn complaint(&self) -> Option<String> {
         if let Some(failure) = &self.failure {
             return Some(failure.to_string());
@@ -107,7 +107,7 @@ impl Outcome {
     }
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     if let Some(folder) = args.output.as_ref().filter(|_| args.scenarios.len() > 1) {
         std::fs::create_dir_all(folder).into_diagnostic().wrap_err_with(|| folder.display().to_string())?;
@@ -159,7 +159,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             eprintln!("error: {}: {complaint}", job.scenario.name);
             status = BAD_ANSWER;
         }
-        // What cannot be written takes no other result with it.
+        // A failure to write one result does not affect the others.
         let written = write(job, &outcome, args);
         if let Err(error) = &written {
             eprintln!("error: {}: {error}", job.scenario.name);
@@ -203,11 +203,11 @@ fn execute_all(jobs: &[Job], step_error: bool) -> Vec<Result<Outcome, Simulation
     outcomes
 }
 
-/// Refuses scenarios whose recordings would have the same name.
+/// Checks that the recordings of the scenarios have different names.
 fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
     for (i, job) in jobs.iter().enumerate() {
         let Some(output) = &job.output else { continue };
-        // Not every file system tells upper from lower case.
+        // Some file systems do not distinguish upper and lower case.
         let lower = |path: &Path| path.to_string_lossy().to_lowercase();
         let same = |other: &Job| other.output.as_deref().is_some_and(|o| lower(o) == lower(output));
         if let Some(earlier) = jobs[..i].iter().position(same) {
@@ -222,7 +222,7 @@ fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
     Ok(())
 }
 
-/// Writes what was asked for of a run.
+/// Writes the requested files of a run.
 fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
     if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
         let context = with_run(job.origin.clone(), &job.machine, &job.options, &outcome.report);
@@ -242,7 +242,7 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
     let scenario = scenario::read_with(file, deltatwin_cell::mesh::read)?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
     let machine = model::read(machine_file)?;
-    // Another machine does not change what the controller knows: the same motion drives both.
+    // The controller's model is independent of the machine: the same motion drives both.
     let planning = match scenario.controller_model.as_ref().unwrap_or(&scenario.model) {
         same if same == machine_file => machine.clone(),
         other => model::read(other)?,
@@ -299,7 +299,7 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     Ok(Outcome { recording, report, wall, step_error, failure })
 }
 
-/// The socket that came closest to leaving, or left first by the most, and its margin, N.
+/// The socket with the least margin, and its margin, N.
 fn weakest(report: &Report) -> (usize, f64) {
     (0..SOCKETS).map(|s| (s, report.min_margin[s])).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::INFINITY))
 }

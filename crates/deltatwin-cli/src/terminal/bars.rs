@@ -1,13 +1,13 @@
-//! Errors against the noise floor, at a glance.
+//! Bar chart of errors relative to the noise floor.
 
 use deltatwin::dynamics::Channel;
 use deltatwin::text::significant;
 
-/// Columns of a bar per noise floor, and floors that fit into it.
+/// Number of columns of a bar per noise floor, and number of noise floors in a bar.
 const FLOOR: usize = 8;
 const FLOORS: usize = 4;
 
-/// RMS errors of every channel before and after, beside the noise floor: numbers, and bars in units of the floor.
+/// RMS errors of every channel before and after and the noise floor, as numbers and as bars in units of the floor.
 pub fn error_bars(channels: &[Channel], held_out: bool, before: &[f64], after: &[f64], floor: &[f64]) -> String {
     let title = if held_out { "RMS error, held out" } else { "RMS error" };
     let scale: String = (0..FLOORS).map(|k| format!("{:<FLOOR$}", k)).collect();
@@ -21,7 +21,7 @@ pub fn error_bars(channels: &[Channel], held_out: bool, before: &[f64], after: &
     text + "  █ left   ░ taken away   │ noise floor   » beyond the scale"
 }
 
-/// A bar of what is left and what was taken away, in units of the noise floor.
+/// Bar of the remaining and the removed error, in units of the noise floor.
 fn bar(before: f64, after: f64) -> String {
     let columns = |ratio: f64| (ratio * FLOOR as f64).round().clamp(0.0, 1e6) as usize;
     let (left, whole) = (columns(after), columns(before).max(columns(after)));

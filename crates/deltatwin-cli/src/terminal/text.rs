@@ -1,19 +1,19 @@
-//! Running text and commands within the width of a screen.
+//! Text and commands wrapped to the width of the screen.
 
 use textwrap::{Options, WordSplitter};
 
 /// A space at which no line is broken.
 pub(super) const FIRM: &str = "\u{a0}";
 
-/// Columns that all output fits into.
+/// Width of all output, columns.
 pub const WIDTH: usize = 100;
 
-/// Text broken at words into lines of [`WIDTH`], all indented, those after the first by two more.
+/// Text wrapped at words to lines of [`WIDTH`], indented, with two more columns from the second line on.
 pub fn wrapped(text: &str, indent: usize) -> String {
     hanging(text, &" ".repeat(indent), &" ".repeat(indent + 2))
 }
 
-/// The same with a text of its own before the first line and the others.
+/// Text wrapped to lines of [`WIDTH`], with the prefix `first` on the first line and `others` on the others.
 pub fn hanging(text: &str, first: &str, others: &str) -> String {
     let options = Options::new(WIDTH)
         .initial_indent(first)
@@ -23,7 +23,7 @@ pub fn hanging(text: &str, first: &str, others: &str) -> String {
     textwrap::fill(text, options).replace(FIRM, " ")
 }
 
-/// A command to type, in lines of [`WIDTH`] that a shell reads as one.
+/// A command wrapped to lines of [`WIDTH`] with line continuations for a shell.
 pub fn command(words: &[String], indent: usize) -> String {
     let mut lines = vec![" ".repeat(indent)];
     for word in words.iter().map(|w| quoted(w)) {
@@ -39,13 +39,14 @@ pub fn command(words: &[String], indent: usize) -> String {
     lines.join(" \\\n")
 }
 
-/// A word as a shell takes it.
+/// A word quoted for a shell if necessary.
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
 }
 
-/// `drive_friction (3), rigid_bodies (2)`: parameters by the effect whose they are, in order of their first.
+/// Number of parameters per effect, in the order of the first of each, such as `drive_friction (3), rigid_bodies
+/// (2)`.
 pub fn grouped(parameters: &[String]) -> String {
     let mut groups: Vec<(&str, usize)> = Vec::new();
     for owner in parameters.iter().map(|p| p.split('.').next().unwrap_or(p)) {

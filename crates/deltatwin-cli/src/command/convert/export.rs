@@ -18,7 +18,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     super::convert(&args.recording, &Reading::default(), &args.csv, &["csv"], args.json)
 }

@@ -24,7 +24,7 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
+/// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
     super::convert(&args.csv, &how, &args.output, &["mcap", "csv"], args.json)

@@ -1,4 +1,4 @@
-//! The error budget on the terminal and in JSON.
+//! Error budget on the terminal and in JSON.
 
 use serde_json::{Value, json};
 
@@ -7,12 +7,12 @@ use deltatwin::diagnosis::budget::{Budget, Change};
 use deltatwin::model::Added;
 use deltatwin::text::significant;
 
-/// Shares of every channel, and parameters that moved.
+/// Prints the shares of every channel and the changed parameters.
 pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::Result<()> {
     if budget.effects.is_empty() {
         return Ok(());
     }
-    // Names as long as these would leave the screen.
+    // Longer names exceed the width of the screen.
     let fits = budget.effects.iter().map(|(name, _)| name.chars().count() + 2).sum::<usize>() + 55 <= WIDTH;
     let title = |(i, (name, _)): (usize, &(String, Vec<f64>))| if fits { name.clone() } else { format!("[{}]", i + 1) };
     let names: Vec<String> = budget.effects.iter().enumerate().map(title).collect();
@@ -56,7 +56,7 @@ pub fn print(budget: &Budget, changes: &[Change], history: &[Added]) -> miette::
     Ok(())
 }
 
-/// The budget for JSON; shares are of the mean square error before the first effect.
+/// The budget as JSON; shares are of the mean square error before the first effect.
 pub fn json(budget: &Budget) -> Value {
     let shares: Vec<_> = (0..budget.channels.len()).map(|c| budget.shares(c)).collect();
     let effect = |(i, (name, rms)): (usize, &(String, Vec<f64>))| json!({"name": name, "rms_after": rms, "share": shares.iter().map(|s| s.effects[i]).collect::<Vec<_>>()});

@@ -1,4 +1,5 @@
-//! What `--verbose` adds to a diagnosis: all parameters, all candidates with their p-values, the error budget.
+//! Additional output of a diagnosis with `--verbose`: all parameters, all candidates with their p-values, the error
+//! budget.
 
 use super::budget;
 use crate::terminal::{Table, grouped, say, wrapped};

@@ -1,4 +1,4 @@
-//! A diagnosis for machines.
+//! A diagnosis as JSON.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::terminal::{channel_names, estimates, insert_channels, path};
 use deltatwin::diagnosis::confidence::{Confidence, Truth};
 use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, NextExperiment};
 
-/// The one object; `model` and `scenario` are the files that are written.
+/// The diagnosis as a JSON object; `model` and `scenario` are the written files.
 pub fn diagnosis(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -> Value {
     let mut object = Map::new();
     object.insert("verdict".into(), json!(d.verdict.to_string()));
@@ -38,7 +38,7 @@ pub fn diagnosis(d: &Diagnosis, model: Option<&Path>, scenario: Option<&Path>) -
     Value::Object(object)
 }
 
-/// Where more than noise is left: channels with the ratio, and what it looks like where no formula was found.
+/// The residual above the noise: channels with their ratio, and a description where no formula was found.
 fn left(d: &Diagnosis) -> Value {
     let channel = |(channel, ratio)| json!({"channel": format!("{channel}"), "ratio": ratio});
     let channels: Vec<(deltatwin::dynamics::Channel, f64)> = d.left.channels(&d.channels);
@@ -70,7 +70,7 @@ fn candidate(c: &CandidateReport) -> Value {
     })
 }
 
-/// Names with the reason.
+/// Untestable candidates with the reason.
 fn not_testable(d: &Diagnosis) -> Value {
     let reason = |c: &CandidateReport| Some(json!({"name": c.name, "reason": c.untestable?.to_string()}));
     let twin_only = deltatwin::diagnosis::candidates::Untestable::TwinOnly.to_string();
@@ -78,7 +78,7 @@ fn not_testable(d: &Diagnosis) -> Value {
     d.candidates.iter().filter_map(reason).chain(beyond).collect()
 }
 
-/// A proposed experiment.
+/// The proposed experiment.
 fn next(e: &NextExperiment, scenario: Option<&Path>) -> Value {
     let other = |(kind, chance, seconds): &(&str, f64, Option<f64>)| json!({"kind": kind, "chance": chance, "seconds": seconds});
     json!({

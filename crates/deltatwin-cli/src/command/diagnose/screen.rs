@@ -1,4 +1,4 @@
-//! A diagnosis on one screen: the verdict, the error before and after against the noise, what to type next.
+//! A diagnosis on one screen: the verdict, the errors before and after relative to the noise, and the next commands.
 
 use super::Args;
 use super::unexplained;
@@ -9,10 +9,10 @@ use deltatwin::diagnosis::{CandidateReport, Diagnosis, Named, Verdict};
 use deltatwin::identification::Estimate;
 use deltatwin::text::significant;
 
-/// Candidates that are shown beside those that were found and those that cannot be told from them.
+/// Number of candidates shown in addition to those found and their rivals.
 const OTHERS: usize = 3;
 
-/// Prints all that a first look needs.
+/// Prints the diagnosis on one screen.
 pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     say(wrapped(&verdict(d), 0))?;
     say("")?;
@@ -52,7 +52,7 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     next(d, args)
 }
 
-/// The verdict as a sentence or two.
+/// The verdict in one or two sentences.
 pub fn verdict(d: &Diagnosis) -> String {
     let named = |e: &Named| format!("{} (probability {:.2})", e.name, e.confidence.probability());
     let names = d.effects.iter().map(named).collect::<Vec<_>>().join(", ");
@@ -76,7 +76,7 @@ pub fn verdict(d: &Diagnosis) -> String {
     }
 }
 
-/// What is left above the noise, in words; empty if nothing is.
+/// The residual above the noise as text; empty if there is none.
 fn left(d: &Diagnosis) -> String {
     let channels = d.left.channels(&d.channels);
     let Some((worst, ratio)) = channels.first() else { return String::new() };
@@ -87,7 +87,7 @@ fn left(d: &Diagnosis) -> String {
     format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title())
 }
 
-/// Parameters with their standard errors in a row.
+/// Parameters with their standard errors in one line.
 fn values(parameters: &[Estimate]) -> String {
     let value = |p: &Estimate| match p.identified() {
         true => format!("{} = {} ± {} {}", p.name, significant(p.value, 4), significant(p.std, 2), p.unit),
@@ -100,7 +100,7 @@ fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
-/// Every found effect, every rival, and the best of the others.
+/// Prints every found effect, every rival, and the best of the others.
 fn candidates(d: &Diagnosis) -> miette::Result<()> {
     let named = |c: &&CandidateReport| matches!(c.standing, Standing::Found | Standing::Rival | Standing::Doubted);
     let tested = |c: &&CandidateReport| !named(c) && c.standing != Standing::Untestable;
@@ -113,7 +113,7 @@ fn candidates(d: &Diagnosis) -> miette::Result<()> {
     say("  alone: what it could explain of the recordings fitted to, were nothing else missing")
 }
 
-/// The effects that these data cannot test, by the reason.
+/// Prints the effects that these data cannot test, grouped by reason.
 fn not_testable(d: &Diagnosis) -> miette::Result<()> {
     let reason = |c: &CandidateReport| c.untestable;
     let of = |why: Untestable| -> Vec<&str> {
@@ -133,7 +133,7 @@ fn not_testable(d: &Diagnosis) -> miette::Result<()> {
     }
 }
 
-/// The next experiment, and what to type.
+/// Prints the next experiment and the next commands.
 fn next(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     if let Some(next) = &d.next_experiment {
         say(format!("\n{}", wrapped(&format!("Next experiment, {}", next.what), 2)))?;
@@ -161,7 +161,7 @@ fn next(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     }
 }
 
-/// A command on the same data.
+/// The words of a command on the same data.
 fn words(name: &str, first: &[String], data: &DataArgs, more: &[&str]) -> Vec<String> {
     let mut words: Vec<String> = vec!["deltatwin".into(), name.into()];
     words.extend(first.iter().cloned());

@@ -1,34 +1,34 @@
-//! The time that a diagnosis may take.
+//! Time limit of a diagnosis.
 
 use std::time::Instant;
 
 use crate::terminal::interrupted;
 
-/// Default: computing time per sample of all recordings, and at least, s. On two idle cores that is 30 s for twice 50 000 samples,
-/// however long a busy machine takes for it.
+/// Default computing time in s per sample of all recordings, and its lower bound in s. On two idle cores this is 30 s
+/// for 100 000 samples; the elapsed time on a busy machine is longer.
 const PER_SAMPLE: f64 = 4.8e-4;
 const LEAST: f64 = 48.0;
 
-/// What a diagnosis may take.
+/// Time limit of a diagnosis.
 pub enum Allowance {
-    /// Seconds that pass.
+    /// Elapsed time.
     Passing {
-        /// When it began.
+        /// Start.
         begun: Instant,
-        /// How many.
+        /// Limit, s.
         seconds: f64,
     },
-    /// Seconds of computing, over all cores.
+    /// Computing time over all cores.
     Computing {
-        /// What the process had used before.
+        /// Computing time of the process at the start, s.
         before: f64,
-        /// How many.
+        /// Limit, s.
         seconds: f64,
     },
 }
 
 impl Allowance {
-    /// As the user says, or by the number of samples.
+    /// Limit as given by the user, or by the number of samples.
     pub fn new(limit: Option<f64>, samples: usize) -> Self {
         match limit {
             Some(seconds) => Self::Passing { begun: Instant::now(), seconds },
@@ -36,7 +36,7 @@ impl Allowance {
         }
     }
 
-    /// Share of it that has passed; without end after Ctrl-C.
+    /// Share of the limit that has passed; infinite after Ctrl-C.
     pub fn passed(&self) -> f64 {
         match self {
             _ if interrupted() => f64::INFINITY,
@@ -53,7 +53,7 @@ fn computed() -> f64 {
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
-/// Computing time of the process, s; where the system's is not known, as if one core worked all the time.
+/// Computing time of the process, s; where the system does not report it, that of one permanently busy core.
 #[cfg(not(unix))]
 fn computed() -> f64 {
     static BEGUN: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();

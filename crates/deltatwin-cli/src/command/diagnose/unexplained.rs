@@ -1,4 +1,4 @@
-//! What `deltatwin diagnose` says of what no known effect explains.
+//! Output of `deltatwin diagnose` about unknown effects.
 
 use serde_json::{Value, json};
 
@@ -11,7 +11,7 @@ use deltatwin::identification::Estimate;
 use deltatwin::machine::Unit;
 use deltatwin::text::significant;
 
-/// As JSON; `explained` is the share of the explainable error that the named effects and the formula take.
+/// An unknown effect as JSON; `explained` is the share of the explainable error of the named effects and the formula.
 pub fn json(u: &Unexplained, explained: f64) -> Value {
     let term = |(place, law, c): &(Place, String, Estimate)| json!({"name": c.name, "at": place.name(), "law": law, "coefficient": c.value, "std": finite(c.std), "unit": c.unit.to_string()});
     let s = &u.shape;
@@ -44,7 +44,7 @@ fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
 
-/// On the terminal: where it acts, what it looks like, and the formula to paste.
+/// Prints the location, the shape of the force, and the formula for the model file.
 pub fn print(u: &Unexplained, explained: f64, verbose: bool) -> miette::Result<()> {
     let what = if u.beside_named { "What is left beside it" } else { "It" };
     let own = |(place, share): &(String, f64)| format!("{:.0} % at {place}", 100.0 * share);
@@ -67,12 +67,12 @@ pub fn print(u: &Unexplained, explained: f64, verbose: bool) -> miette::Result<(
     say(u.toml().lines().map(|line| format!("    {line}\n")).collect::<String>().trim_end())
 }
 
-/// What is left where no formula was found, as a sentence.
+/// Description of a residual without a formula, as a sentence.
 pub fn rest(rest: &Rest) -> String {
     format!("What is left on {}, for which no law was found: {}.", rest.location, looks(&rest.shape, rest.unit))
 }
 
-/// A shape in words.
+/// Description of a shape.
 fn looks(s: &Shape, unit: Unit) -> String {
     let mut words = vec![format!("{} in speed", s.parity())];
     if let Some((period, variable)) = s.period {

@@ -1,4 +1,4 @@
-//! Options of `deltatwin identify` that say how to fit.
+//! Options of `deltatwin identify` for the fit.
 
 use std::path::PathBuf;
 
@@ -133,7 +133,7 @@ impl How {
         }
     }
 
-    /// The model of `--prior`, described by the same parameters as `model`.
+    /// The model of `--prior`, with the same parametrisation as `model`.
     pub fn prior(&self, model: &Model) -> miette::Result<Option<Model>> {
         let Some(path) = &self.prior else { return Ok(None) };
         Ok(Some(Model { link_parameters: model.link_parameters, ..deltatwin_io::model::read(path)? }))
@@ -144,7 +144,7 @@ impl How {
         &self.hold
     }
 
-    /// Parameters of the links.
+    /// Parametrisation of the links.
     pub fn links(&self) -> LinkParameters {
         let bodies = match self.bodies {
             Bodies::Symmetric => BodyParameters::Symmetric,
@@ -154,7 +154,7 @@ impl How {
         LinkParameters { each_limb: self.limbs == Limbs::Each, bodies }
     }
 
-    /// Way to derivatives.
+    /// Method of differentiation.
     pub fn method(&self) -> Method {
         match self.derivatives {
             Derivatives::Paper => Method::Paper,

@@ -13,7 +13,7 @@ use deltatwin::model::Model;
 use deltatwin::text::significant;
 use deltatwin_io::recording::setup;
 
-/// Identifies the payload and writes the setup that states it.
+/// Identifies the payload and writes a setup with it; returns the exit status.
 pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options: &Options) -> miette::Result<u8> {
     let weights = vec![noise_floor.to_vec(); data.datasets.len()];
     let progress = spinner("fit");
@@ -21,7 +21,7 @@ pub fn run(args: &Args, model: &Model, data: &Data, noise_floor: &[f64], options
     progress.finish_and_clear();
     let found = found.map_err(refusal)?;
     let setup = Setup { payload: found.payload, ..data.datasets[0].setup };
-    // What no setup may state is no payload: the recording was of an empty flange, or the robot is another one.
+    // A setup must not state an impossible payload: the recording was of an empty flange, or of another robot.
     let readable = setup::from_toml(&setup::to_toml(&setup), "the payload found");
     if args.json {
         say(json(args, data, noise_floor, &found))?;

@@ -1,4 +1,4 @@
-//! Where to look at a run while it goes on.
+//! Viewer of a running simulation.
 
 use deltatwin::dynamics::Plant;
 use deltatwin::twin::Options;
@@ -17,12 +17,13 @@ pub struct View {
 }
 
 impl View {
-    /// Whether a stream was asked for.
+    /// Whether a stream was requested.
     pub fn wanted(&self) -> bool {
         self.spawn || self.connect.is_some()
     }
 
-    /// Opens the stream that was asked for, with a frame every `spacing` s; without a viewer there is a warning.
+    /// Opens the requested stream with a frame every `spacing` s; without a viewer it prints a warning and returns
+    /// `None`.
     pub fn open(&self, name: &str, plant: &Plant, options: &mut Options, spacing: f64) -> Option<Stream> {
         let viewer = match &self.connect {
             Some(url) => Viewer::Connect(url.clone()),
