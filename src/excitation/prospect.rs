@@ -211,7 +211,7 @@ pub fn prospect(
 /// Duration below which the handling of an experiment dominates, s.
 const SHORT: f64 = 60.0;
 
-/// Experiments by ascending cost (preparation and time needed, at least [`SHORT`]); equal cost by descending δ², per
+/// Experiments by ascending cost (preparation and time needed, at least a minute); equal cost by descending δ², per
 /// second where no duration suffices.
 pub fn ranked(all: impl Iterator<Item = (Experiment, Prospect)>) -> Vec<(Experiment, Prospect)> {
     let mut all: Vec<(Experiment, Prospect)> = all.collect();

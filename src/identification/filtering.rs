@@ -22,6 +22,9 @@ pub const MAX_HALF_WIDTH: usize = 60;
 
 impl Kernel {
     /// Kernel over 2m + 1 samples with m = `half_width`, but at least [`MIN_HALF_WIDTH`].
+    ///
+    /// # Panics
+    /// Never: the normal matrix of distinct samples is positive definite.
     pub fn new(half_width: usize) -> Self {
         let m = half_width.max(MIN_HALF_WIDTH);
         let n = 2 * m + 1;

@@ -1,7 +1,7 @@
 //! Time-optimal motion along a path within limits on drives and constraint forces (section 5 of the paper).
 //!
-//! A [`Curve`] r(s) becomes [`PathPoint`]s in joint space; torques and constraint forces along it are A s̈ + B ṡ² + C
-//! + D ṡ ([`Coefficients`]), so every limit is a row in z = ṡ² and s̈ ([`rows`]). Without jerk limits two passes
+//! A [`Curve`] r(s) becomes [`PathPoint`]s in joint space; torques and constraint forces along it are
+//! A s̈ + B ṡ² + C + D ṡ ([`Coefficients`]), so every limit is a row in z = ṡ² and s̈ ([`rows`]). Without jerk limits two passes
 //! compute the optimal z(s) ([`pass`]), with jerk limits a sequence of linear programmes ([`jerk`]). The result, a
 //! [`Profile`], is checked against the full model on a finer grid and rejected if a limit is exceeded ([`plan()`]).
 

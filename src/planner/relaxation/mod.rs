@@ -43,7 +43,7 @@ pub fn bound(sequence: &Sequence, limits: &Limits, above: &[f64]) -> Option<f64>
 }
 
 /// Lower bound as [`bound`], tightened by ranges of z until its relative gap to the time of the iterate is at most
-/// `gap` or a round gains less than [`LEAST_GAIN`] of the time.
+/// `gap` or a round gains less than 2e-4 of the time.
 pub fn tightened(sequence: &Sequence, limits: &Limits, above: &[f64], gap: f64) -> Option<f64> {
     let mut relaxation = Relaxation::new(sequence, limits, above);
     let time = sequence.profile().time();
