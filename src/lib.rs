@@ -1,8 +1,9 @@
-//! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect its model lacks.
+//! deltatwin: a digital twin of the ABB IRB 360-6/1600 delta robot that finds the physical effect that its model
+//! lacks.
 //!
-//! A [`model::Model`] says what the machine is, a [`recording::Recording`] what was measured; the crate `deltatwin-io` reads
-//! and writes their files. Identification estimates the parameters, diagnosis names the effect that is missing, and the
-//! result is a model again:
+//! A [`model::Model`] describes the machine, a [`recording::Recording`] contains measurements; the crate
+//! `deltatwin-io` reads and writes their files. Identification estimates the parameters, diagnosis names the missing
+//! effect, and the result is a model again:
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -27,22 +28,23 @@
 //! # }
 //! ```
 //!
-//! Quantities are in SI units, angles in rad; the frames are those of the README. Modules stand in the order in which the data
-//! flow, and a module uses those above it. What holds everywhere:
+//! Quantities are in SI units, angles in rad; the frames are those of the README. The modules are in the order of the
+//! data flow, and a module uses only those above it. Principles of the library:
 //!
-//! - Every law is written once, as wrenches per unit of its parameters, so that the twin and the regressor cannot differ.
+//! - Every law is implemented once, as wrenches per unit of its parameters, so the twin and the regressor always
+//!   agree.
 //! - A run is a function of scenario, model and seed, bit by bit, on any number of threads.
-//! - What was found is printed by the program, never here; what cannot be done is an error that names file and place.
+//! - Results are printed by the program, not by the library; errors name file and place.
 
 // Numbers as text, and suggestions for misspelt names.
 pub mod text;
 
-// What the machine is made of, and what was measured on it.
+// Description of the machine, and measurements.
 pub mod machine;
 
 pub mod recording;
 
-// Its motion, the laws that act on it, the machine with its laws, and the torques they demand.
+// Motion of the machine, effects on it, the machine with its effects, and inverse dynamics.
 pub mod kinematics;
 
 pub mod effects;
@@ -51,14 +53,14 @@ pub mod model;
 
 pub mod dynamics;
 
-// The machine that runs.
+// Simulation.
 pub mod cell;
 
 pub mod scenario;
 
 pub mod twin;
 
-// What a recording says about a model.
+// Evaluation of recordings against a model.
 pub mod evidence;
 
 pub mod identification;

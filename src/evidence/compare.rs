@@ -1,5 +1,5 @@
-//! Pairwise comparison of candidates with the best one by their block losses [Hansen, Lunde & Nason 2011; Vuong
-//! 1989].
+//! Pairwise comparison of candidates with the best one by their block losses
+//! [Hansen 2011; Vuong 1989].
 
 use nalgebra::{DMatrix, DVector};
 

@@ -15,10 +15,10 @@
 //!
 //! # Sources
 //!
-//! - [Frisch & Waugh 1933], [Lovell 1963]: projection of the base parameters.
-//! - [Kline & Santos 2012]: wild bootstrap of the score test by sign flips of block scores.
-//! - [Westfall & Young 1993], [Romano & Wolf 2005]: smallest p over the candidates under their joint distribution.
-//! - [Hansen, Lunde & Nason 2011]: model confidence set; [Vuong 1989]: pairwise comparison.
+//! - [Frisch 1933], [Lovell 1963]: projection of the base parameters.
+//! - [Kline 2012]: wild bootstrap of the score test by sign flips of block scores.
+//! - [Westfall 1993], [Romano 2005]: smallest p over the candidates under their joint distribution.
+//! - [Hansen 2011]: model confidence set; [Vuong 1989]: pairwise comparison.
 
 #![allow(clippy::single_range_in_vec_init, reason = "a list of segments often has one")]
 

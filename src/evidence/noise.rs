@@ -49,7 +49,7 @@ pub fn difference_sigma(series: &[f64], segments: &[Range<usize>], order: usize)
 }
 
 /// Covariance of white noise on smooth series, robust like [`difference_sigma`]: for x and y in units of their
-/// standard deviations, the correlation is (var(x + y) − var(x − y))/4 [Gnanadesikan & Kettenring 1972].
+/// standard deviations, the correlation is (var(x + y) − var(x − y))/4 [Gnanadesikan 1972].
 pub fn difference_covariance(series: &[Vec<f64>], segments: &[Range<usize>], order: usize) -> Option<DMatrix<f64>> {
     let sigma: Vec<f64> = series.iter().map(|x| difference_sigma(x, segments, order)).collect::<Option<Vec<f64>>>()?;
     let mut out = DMatrix::zeros(series.len(), series.len());

@@ -1,6 +1,6 @@
 //! Separability of two effects by measured or planned data.
 //!
-//! T-optimality with the nuisance parameters profiled out [Atkinson & Fedorov 1975]. With Z̃ c the whitened
+//! T-optimality with the nuisance parameters profiled out [Atkinson 1975]. With Z̃ c the whitened
 //! contribution of effect a at its size c, and R̃ the columns that may imitate it (the parameters of the model and of
 //! its rival k), δ²_{a|k} = cᵀ Z̃ᵀ (I − P_R̃) Z̃ c. Only inner products of columns are needed, which add up over
 //! recordings.

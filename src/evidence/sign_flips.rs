@@ -1,4 +1,4 @@
-//! Family-wise p values by common sign flips of the block scores [Kline & Santos 2012; Westfall & Young 1993].
+//! Family-wise p values by common sign flips of the block scores [Kline 2012; Westfall 1993].
 
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};

@@ -1,4 +1,4 @@
-//! Base parameters: the combinations of parameters that the data determine [Gautier & Khalil 1990].
+//! Base parameters: the combinations of parameters that the data determine [Gautier 1990].
 //!
 //! A QR factorisation of the weighted regressor with column pivoting reveals its rank; singular values confirm it.
 //! Dependent columns D are combinations of the independent ones I: Y_D = Y_I·K with R₁₁·K = R₁₂, so β = p_I + K·p_D.

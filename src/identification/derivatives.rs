@@ -16,10 +16,10 @@ use crate::machine::AXES;
 /// Method of differentiation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Gnad et al., section 6.1: forward difference for q̇; for q̈ a differentiating filter applied forward and
+    /// [Gnad 2024], section 6.1: forward difference for q̇; for q̈ a differentiating filter applied forward and
     /// backward, here the first difference, which gives (q₊ − 2q + q₋)/T².
     Paper,
-    /// Local polynomials [Savitzky & Golay 1964] of the smallest width with acceptable encoder noise.
+    /// Local polynomials [Savitzky 1964] of the smallest width with acceptable encoder noise.
     Polynomial,
     /// Smoother with constant smoothness.
     Smoother,

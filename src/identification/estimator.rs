@@ -65,8 +65,8 @@ impl Estimator {
     /// Cluster-robust covariance of the estimate, H⁻¹ (Σ s̃ s̃ᵀ) H⁻¹, from the scatter of the scores over intervals
     /// of time. It is valid for residuals that are autocorrelated, correlated across channels or heteroscedastic. The
     /// intervals overlap and are a thirtieth of a recording, long relative to the correlation time of the noise.
-    /// Every score is corrected for the leverage of its interval, s̃ = (1 − H_s H⁻¹)^(−1/2) s (CR2 [Bell & McCaffrey
-    /// 2002]).
+    /// Every score is corrected for the leverage of its interval, s̃ = (1 − H_s H⁻¹)^(−1/2) s (CR2
+    /// [Bell 2002]).
     ///
     /// The uncertainty of the prior is included. With `white`, no variance is smaller than for independent residuals
     /// of the stated noise.

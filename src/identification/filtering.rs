@@ -1,4 +1,4 @@
-//! Zero-phase local polynomials [Savitzky & Golay 1964], and the noise of a series.
+//! Zero-phase local polynomials [Savitzky 1964], and the noise of a series.
 //!
 //! A polynomial of degree 4 is fitted to the samples −m…m around each sample; its value and derivatives in the middle
 //! have zero phase. The half width m is the smallest one with acceptable encoder noise in the acceleration. At the

@@ -5,7 +5,7 @@
 //! pass the largest controllable z at a grid point, from which the next one can be reached, is the largest with L ≤
 //! U: where L > U, the difference of the two rows is a negative quadratic in √z, so no smaller z is feasible down to
 //! its next root, and the search continues at that root (`Strips::largest`; without d this is Newton's method from
-//! the right). The forward pass takes the largest s̈ within the controllable z, as in TOPP-RA [Pham & Pham 2018]. In
+//! the right). The forward pass takes the largest s̈ within the controllable z, as in TOPP-RA [Pham 2018]. In
 //! the backward pass √z at the end of an interval is replaced by its tangent, which is updated at the z reached until
 //! both agree; in the forward pass z is known and √z exact.
 

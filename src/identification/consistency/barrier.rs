@@ -2,8 +2,8 @@
 //! method.
 //!
 //! Newton's method on cost/t − Σ ln det J(x) − Σ ln(distance to the ends of a range). At its minimum the cost exceeds
-//! the least one by at most ν·t, where ν is the number of rows of all J plus that of all ends [Boyd & Vandenberghe
-//! 2004, section 11.2.2]: a certificate independent of log-Cholesky variables.
+//! the least one by at most ν·t, where ν is the number of rows of all J plus that of all ends
+//! [Boyd 2004], section 11.2.2: a certificate independent of log-Cholesky variables.
 
 use nalgebra::{DMatrix, DVector, Matrix4};
 

@@ -1,4 +1,4 @@
-//! Bodies with all ten parameters as variables, in log-Cholesky coordinates [Rucker & Wensing 2022].
+//! Bodies with all ten parameters as variables, in log-Cholesky coordinates [Rucker 2022].
 //!
 //! The pseudo-inertia is J = L·Lᵀ with L lower triangular and L_kk = e^{d_k}: every (d, L) is a consistent body, and
 //! every consistent body has exactly one. The coordinates are d₀…d₃, then L₁₀, L₂₀, L₂₁, L₃₀, L₃₁, L₃₂.

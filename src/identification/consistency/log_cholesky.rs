@@ -1,4 +1,4 @@
-//! Log-Cholesky parametrisation of physically consistent bodies [Rucker & Wensing 2022], for arrow matrices.
+//! Log-Cholesky parametrisation of physically consistent bodies [Rucker 2022], for arrow matrices.
 //!
 //! With D = diag(e^{2d}), h = l·√D and m = Σ l² + e^{2μ} every (d, l, μ) is a consistent body, and every consistent
 //! body has exactly one; bodies with deviation moments have full matrices. The 18 variables of the paper for the

@@ -1,4 +1,4 @@
-//! Physical consistency of bodies [Wensing, Kim & Slotine 2018].
+//! Physical consistency of bodies [Wensing 2018].
 //!
 //! A body is consistent exactly if its pseudo-inertia is positive semidefinite. Without deviation moments this is an
 //! arrow matrix [[D, h], [hᵀ, m]] with D = ½tr(Θ)·1 − Θ diagonal, and the condition is D > 0, m > Σ hₖ²/Dₖ.

@@ -1,4 +1,4 @@
-//! `deltatwin noise`: covariance of the torque noise, at rest [Gnad et al., section 6.2.1] and from differences.
+//! `deltatwin noise`: covariance of the torque noise, at rest ([Gnad 2024], section 6.2.1) and from differences.
 
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
