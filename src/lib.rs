@@ -60,7 +60,7 @@ pub mod scenario;
 
 pub mod twin;
 
-// Evaluation of recordings against a model.
+// Statistics, identification, design of motions, constraint forces, planning and diagnosis.
 pub mod evidence;
 
 pub mod identification;

@@ -40,7 +40,7 @@ pub(super) enum Stage {
 
 /// Share of the time after which no further effect is searched.
 const LAST_SEARCH: f64 = 0.6;
-/// Share of the time after which the first effect is not searched; a slow computer still tries it.
+/// The share for the first effect, large enough for a slow computer to try it.
 const FIRST_SEARCH: f64 = 2.0;
 
 /// Fits of models to the recordings.

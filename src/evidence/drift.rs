@@ -7,8 +7,6 @@
 //! effect in the model; the faster cosines give the noise level. The gain of an effect is then its gain in
 //! generalised least squares with all other parameters refitted: ordinary least squares would fit the drift and bias
 //! channels without drift through the shared parameters.
-//! it, with all other parameters estimated anew: ordinary least squares follow the walk, and spoil what does not walk with
-//! parameters that do.
 
 use std::ops::Range;
 

@@ -86,7 +86,6 @@ impl Limits {
     /// Speed, acceleration, torque and strut force (`loads`) are in units of the usable share. Angles and telescope
     /// length are measured from the middle of their range, in units of the distance to the limit minus a margin for
     /// the tracking error.
-    /// the middle of their range to the limit less a margin for the tracking error.
     pub fn values(
         &self,
         geometry: &Geometry,

@@ -54,7 +54,7 @@ pub struct Line {
     pub offset: f64,
     /// Correlation coefficient.
     pub correlation: f64,
-    /// Share of the measured mean square that no multiple of the predicted series explains, both with their means.
+    /// Share of the measured mean square, mean included, that no multiple of the predicted series explains.
     pub unexplained: f64,
 }
 

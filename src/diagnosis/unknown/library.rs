@@ -186,7 +186,7 @@ const FASTEST_HUM: f64 = 60.0;
 /// Number of disturbances in time per drive.
 const HUMS: usize = 3;
 
-/// Disturbances in time at the strongest spectral lines of each drive's residual, given as the first channels.
+/// Disturbances in time at the strongest spectral lines of each drive's residual; `residual` starts with the drives.
 pub fn harmonic_disturbances(places: &[Place], residual: &[Vec<f64>], t: &[f64]) -> Vec<Atom> {
     let mut atoms = Vec::new();
     let steps: Vec<f64> = t.windows(2).map(|t| t[1] - t[0]).collect();

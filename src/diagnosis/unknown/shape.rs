@@ -18,7 +18,7 @@ pub struct Shape {
     variable_unit: Option<Unit>,
     /// Whether the force along the motion is shown, with its sign multiplied by that of the speed.
     pub along: bool,
-    /// Mean of the variable in each bin.
+    /// Centre of each bin.
     pub x: Vec<f64>,
     /// Mean force, N·m or N.
     pub mean: Vec<f64>,

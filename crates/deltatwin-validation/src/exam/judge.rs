@@ -65,7 +65,7 @@ pub struct Answer {
     /// Share of the explainable held-out error that its formula explains.
     #[serde(default)]
     pub formula: Option<f64>,
-    /// Computing time of the diagnosis including derivatives, s.
+    /// Elapsed time of the diagnosis including derivatives, s.
     pub seconds: f64,
     /// Reason why there is no answer.
     #[serde(skip_serializing_if = "Option::is_none", default)]

@@ -213,7 +213,7 @@ pub struct Score {
     pub reliability: Vec<Reliability>,
     /// Brier score: mean square of claimed probability minus truth of the effects named first.
     pub brier: Option<f64>,
-    /// Computing time of every diagnosis, s.
+    /// Elapsed time of every diagnosis, s.
     pub seconds: Vec<f64>,
     /// Rows of the confusion matrix.
     pub rows: Vec<String>,
@@ -337,7 +337,7 @@ impl Score {
         Rate::of(&self.z, |z| z.abs() <= 3.0)
     }
 
-    /// Median and largest computing time of a diagnosis, s; `None` without diagnoses.
+    /// Median and largest elapsed time of a diagnosis, s; `None` without diagnoses.
     pub fn time(&self) -> Option<[f64; 2]> {
         Some([median(&self.seconds)?, self.seconds.iter().copied().fold(0.0, f64::max)])
     }

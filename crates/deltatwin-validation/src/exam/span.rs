@@ -42,7 +42,6 @@ const COLLINEAR: f64 = 1e-9;
 ///
 /// # Errors
 /// If the machine cannot follow the motion.
-/// If the machine cannot follow the motion.
 pub fn unspanned(
     model: &Model,
     dataset: &Dataset,

@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use crate::terminal::interrupted;
 
-/// Default computing time in s per sample of all recordings, and its lower bound in s. On two idle cores this is 30 s
-/// for 100 000 samples; the elapsed time on a busy machine is longer.
+/// Default computing time in s per sample of all recordings, and its lower bound in s. On two idle cores this takes about
+/// 30 s for 100 000 samples; the elapsed time on a busy machine is longer.
 const PER_SAMPLE: f64 = 4.8e-4;
 const LEAST: f64 = 48.0;
 
