@@ -1,4 +1,4 @@
-//! Evaluation of a motion's check: slack reduction for the next search, and acceptance of the motion.
+//! Evaluation of a motion's check: reduction of the usable shares for the next search, and acceptance of the motion.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use crate::machine::AXES;
 /// Use above which a limit is tightened for the next round.
 const TIGHTENED_USE: f64 = 1.0003;
 
-/// Whether a limit is exceeded; where it is, the slack at both ends of the interval is divided by the excess.
+/// Whether a limit is exceeded; where it is, the usable share at both ends of the interval is divided by the excess.
 pub(super) fn tighten(uses: &[Use], slack: &mut Slack) -> bool {
     const JERK: usize = AXES + QUANTITIES;
     let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();

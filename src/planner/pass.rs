@@ -88,7 +88,7 @@ impl Strips {
         self.bare.truncate(bare);
     }
 
-    /// Adds |a s̈ + b z + c + d √z| ≤ slack.
+    /// Adds |a s̈ + b z + c + d √z| ≤ usable share.
     fn add(&mut self, row: Row, slack: f64) {
         let Row { a, b, c, d } = row;
         if a.abs() > f64::MIN_POSITIVE.sqrt() {
@@ -211,7 +211,7 @@ const SETTLED: f64 = 1e-4;
 /// Largest number of tangents for one interval.
 const MAX_TANGENTS: usize = 10;
 
-/// Largest z at every grid point from rest to rest, within the rows and their `slack`.
+/// Largest z at every grid point from rest to rest, within the usable shares of the rows.
 ///
 /// # Errors
 ///

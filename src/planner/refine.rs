@@ -4,7 +4,7 @@
 //! inputs lie on the boundary of the feasible set. The *idle time* ∫ |1 − u| dt, with u the largest use of a limit by
 //! the full model at a place, therefore tends to zero with the interval length. It is largest in intervals that are
 //! too long: at the ends of the path, where s⃛ is constant over an interval; where the active limit changes; and
-//! where a limit is exceeded between two grid points, which reduces the slack at both. Those intervals are split.
+//! where a limit is exceeded between two grid points, which reduces the usable share at both. Those intervals are split.
 
 use super::Profile;
 use super::verify::Use;

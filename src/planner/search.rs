@@ -48,7 +48,7 @@ struct Found {
     estimate: Option<f64>,
 }
 
-/// A motion that can be solved again with less slack.
+/// A motion that can be solved again with smaller usable shares.
 trait Solver {
     fn profile(&self) -> Profile;
 
@@ -198,9 +198,9 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Uses of the limits by the motion of `solver`, which is solved with less slack until no limit is exceeded.
+    /// Uses of the limits by the motion of `solver`, which is solved with smaller usable shares until no limit is exceeded.
     ///
-    /// The last check is finer; where there is no motion with less slack, the last one is accepted or rejected.
+    /// The last check is finer; where there is no motion with smaller usable shares, the last one is accepted or rejected.
     fn verified(&mut self, curve: &Curve, solver: &mut impl Solver) -> Result<Vec<Use>, PlanError> {
         let (mut round, mut fine) = (0, false);
         loop {

@@ -13,7 +13,7 @@ const NEIGHBOURS: usize = 3;
 /// Least use of a jerk limit, relative to the largest of the drives, at which both sides stay in the active set.
 const KEPT_SHARE: f64 = 0.6;
 
-/// Sides of the rows (≤ slack, ≥ −slack) that are part of the programmes.
+/// Sides of the rows (≤ share, ≥ −share) that are part of the programmes.
 pub struct ActiveSet {
     /// Per grid point and row of loads.
     loads: Vec<Vec<Sides>>,

@@ -50,7 +50,7 @@ pub(in crate::planner) fn cap_at_rest(grid_point: &GridPoint, limits: &Limits) -
     third.powf(-2.0 / 3.0)
 }
 
-/// Largest z at the moving end of each ramp of `grid`, 1/s², for the usable shares `slack` of the jerk limits.
+/// Largest z at the moving end of each ramp of `grid`, 1/s², for the usable shares of the jerk limits.
 pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, slack: &[[f64; AXES]]) -> Vec<f64> {
     let cap = |ramp: Ramp| {
         let at = |axis: usize| (slack[ramp.neighbour][axis] / ramp_use(grid, limits, ramp, axis)).powf(2.0 / 3.0);
