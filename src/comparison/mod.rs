@@ -60,6 +60,9 @@ const MORE_THAN_NOISE: f64 = 1.02;
 ///
 /// # Errors
 /// If the model's geometry cannot reach a pose.
+///
+/// # Panics
+/// If `datasets` is empty.
 pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Result<Comparison, FitError> {
     let all = residuals(model, datasets)?;
     let rms = channel_rms(&all);
