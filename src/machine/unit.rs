@@ -77,6 +77,14 @@ pub enum Unit {
 }
 
 impl Unit {
+    /// `value` with the unit behind it; the value alone where it has no dimension.
+    pub fn quantity(self, value: impl fmt::Display) -> String {
+        match self {
+            Self::One | Self::GearRatio => value.to_string(),
+            _ => format!("{value} {self}"),
+        }
+    }
+
     /// The unit on an axis that slides, where metres stand for radians and newtons for newton metres: what has no part in
     /// the motion of a drive stays.
     pub fn on_slide(self) -> Self {
@@ -276,6 +284,8 @@ mod tests {
         assert_eq!(derived(1, 1, 0, -1).on_slide().to_string(), Unit::NMPerRad.on_slide().to_string());
         assert_eq!(derived(1, 1, 0, 0).on_slide().to_string(), "N");
         assert_eq!(Unit::GearRatio.to_string(), "1");
+        assert_eq!(Unit::GearRatio.quantity(33), "33");
+        assert_eq!(Unit::NM.quantity("0.3 ± 0.1"), "0.3 ± 0.1 N·m");
         assert_eq!(Unit::GearRatio.on_slide().to_string(), "rad/m");
         assert_eq!(Unit::NMPerLaw.on_slide().to_string(), "N per unit of the law");
         assert_eq!(Unit::KgM2.on_slide(), Unit::Kg);

@@ -187,7 +187,9 @@ fn tell(planned: &Discrimination, args: &Args, model: &Model, solve: f64) -> mie
     let [a, b] = planned.effects.each_ref().map(|e| e.effect.name());
     let sizes = |e: &ActiveEffect| {
         let linear = e.entries().into_iter().zip(&e.values).filter(|(e, _)| e.parameter.role == Role::Linear);
-        linear.map(|(e, v)| format!("{} = {} {}", e.name, significant(*v, 4), e.parameter.unit)).collect::<Vec<_>>()
+        linear
+            .map(|(e, v)| format!("{} = {}", e.name, e.parameter.unit.quantity(significant(*v, 4))))
+            .collect::<Vec<_>>()
     };
     let mut comments = vec![
         format!("To tell {a} from {b}, planned by `deltatwin excite --discriminate`: {}.", plan.what),
