@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use super::derivatives::{Angles, Method};
 use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Channel;
+use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Part, STRUTS, Setup};
 use crate::model::Model;
@@ -148,6 +149,11 @@ impl Dataset {
         }
     }
 
+    /// Samples per `step` seconds: the nearest whole number, at least one. The only rule by which a time thins or averages.
+    pub fn stride(&self, step: f64) -> usize {
+        ((step / self.dt).round() as usize).max(1)
+    }
+
     /// Consecutive blocks of `block` samples; what is left of a segment at its end is in none.
     pub fn blocks(&self, block: usize) -> impl Iterator<Item = Range<usize>> {
         let whole = self.segments.iter().filter(move |s| s.len() >= block);
@@ -197,12 +203,17 @@ impl Dataset {
         let sigma = |c: usize| {
             let drive = self.channels[c].drive();
             let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
-            let seen =
-                || crate::evidence::noise::difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
+            let seen = || difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
             stated.or_else(seen).unwrap_or(drive.map_or(model.noise.strut_force, |i| model.noise.torque[i]))
         };
         (0..self.channels.len()).map(sigma).collect()
     }
+}
+
+/// Stride at which evenly spread instants, from the first of `n`, are at most `most`. For sums that need so many instants
+/// however long the recording; what depends on frequencies thins by a time, [`Dataset::stride`].
+pub fn stride_for(n: usize, most: usize) -> usize {
+    n.div_ceil(most.max(1)).max(1)
 }
 
 /// Noise of each channel, the mean over the datasets.
