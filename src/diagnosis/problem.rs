@@ -7,6 +7,7 @@ use super::fitting::Fitting;
 use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
+use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, averaged_columns};
@@ -245,16 +246,9 @@ fn stack<'a>(datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
 
 /// Averaged segments of all datasets one after another, and their total length.
 pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
-    let mut out = Vec::new();
-    let mut from = 0;
-    for segment in datasets.iter().flat_map(|t| &t.segments) {
-        let n = segment.len() / BLOCK;
-        if n > 0 {
-            out.push(from..from + n);
-            from += n;
-        }
-    }
-    (out, from)
+    let averaged = averaged_segments(datasets, BLOCK);
+    let samples = averaged.last().map_or(0, |s| s.end);
+    (averaged, samples)
 }
 
 /// Residuals of datasets, stacked: channel by channel, dataset by dataset.

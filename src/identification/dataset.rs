@@ -136,16 +136,12 @@ impl Dataset {
             (start < end).then(|| start - range.start..end - range.start)
         };
         Self {
-            name: self.name.clone(),
-            setup: self.setup,
             t: self.t[range.clone()].to_vec(),
             joints: self.joints[range.clone()].to_vec(),
             readings: self.readings.window(&range),
-            channels: self.channels.clone(),
             measured: self.measured.iter().map(|m| m[range.clone()].to_vec()).collect(),
             segments: self.segments.iter().filter_map(clip).collect(),
-            dt: self.dt,
-            half_width: self.half_width,
+            ..self.empty()
         }
     }
 
@@ -169,23 +165,14 @@ impl Dataset {
     pub fn averaged(&self, block: usize) -> Self {
         let blocks: Vec<Range<usize>> = self.blocks(block).collect();
         let middle = |b: &Range<usize>| b.start + block / 2;
-        let mut end = 0;
-        let segments = self.segments.iter().filter(|s| s.len() >= block).map(|s| {
-            let start = end;
-            end += s.len() / block;
-            start..end
-        });
         Self {
-            name: self.name.clone(),
-            setup: self.setup,
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
-            readings: EncoderReadings::default(),
-            channels: self.channels.clone(),
             measured: self.measured.iter().map(|m| self.means(m, block)).collect(),
-            segments: segments.collect(),
+            segments: averaged_segments(std::slice::from_ref(self), block),
             dt: block as f64 * self.dt,
             half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),
+            ..self.empty()
         }
     }
 
@@ -208,6 +195,17 @@ impl Dataset {
         };
         (0..self.channels.len()).map(sigma).collect()
     }
+}
+
+/// Segments of all datasets one after another, each dataset averaged over blocks of `block` samples.
+pub fn averaged_segments(datasets: &[Dataset], block: usize) -> Vec<Range<usize>> {
+    let mut end = 0;
+    let averaged = datasets.iter().flat_map(|t| &t.segments).filter(|s| s.len() >= block).map(|s| {
+        let start = end;
+        end += s.len() / block;
+        start..end
+    });
+    averaged.collect()
 }
 
 /// Stride at which evenly spread instants, from the first of `n`, are at most `most`. For sums that need so many instants

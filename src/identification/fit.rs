@@ -63,7 +63,7 @@ pub struct Options<'a> {
     pub consistency: Consistency,
     /// Regularisation values p_reg (eq. 10–11); the model itself if none are given.
     pub prior: Option<&'a Model>,
-    /// γ: information of the prior, per own size of a parameter squared; see [`PRIOR_INFORMATION`] for none given.
+    /// γ: information of the prior, per own size of a parameter squared; see [`super::estimator::PRIOR_INFORMATION`] for none given.
     pub prior_information: Option<f64>,
     /// Weights γ of eq. 10 that depart from `prior_information`.
     pub weights: &'a [GroupWeight],
@@ -125,12 +125,13 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     if options.robust || regression.is_clean() {
         solution = regression.reweighted(solution, options.robust)?;
     }
+    let normal = &solution.normal;
     let estimated = regression.estimated(&solution.model);
-    let covariance = solution.estimator.covariance(&solution.normal, regression.white);
-    let structure = regression.structure(&solution.normal);
+    let covariance = solution.estimator.covariance(normal, regression.white);
+    let structure = Structure::new(&normal.rows, normal.stride, &regression.size, regression.information);
     let base = structure.base_parameters(&estimated, &regression.size, &covariance);
     let possible = regression.possible(&estimated, &solution.estimator.curvature());
-    let said = regression.said(&solution.normal, &base, (&estimated, &possible.values), &covariance);
+    let said = regression.said(normal, &base, (&estimated, &possible.values), &covariance);
     let impossible = regression.impossible(&estimated, &covariance);
     let Solution { model: mut fitted, normal, .. } = solution;
     let residuals = regression.take(&mut fitted, &possible, normal.residuals)?;
@@ -173,10 +174,6 @@ impl Regression<'_> {
     fn estimated(&self, model: &Model) -> Vec<PlantParameter> {
         let all = Plant::new(model, &self.datasets[0].setup).parameters();
         self.free.iter().map(|&k| all[k].clone()).collect()
-    }
-
-    fn structure(&self, normal: &NormalEquations) -> Structure {
-        Structure::new(&normal.rows, normal.stride, &self.size, self.information)
     }
 
     /// Parameters that lie outside their range by more than chance.
