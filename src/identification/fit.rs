@@ -63,7 +63,7 @@ pub struct Options<'a> {
     pub consistency: Consistency,
     /// Regularisation values p_reg (eq. 10–11); the model itself if none are given.
     pub prior: Option<&'a Model>,
-    /// γ: information of the prior, per own size of a parameter squared; see [`super::estimator::PRIOR_INFORMATION`] for none given.
+    /// γ: information of the prior, per own size of a parameter squared; [`super::estimator::PRIOR_INFORMATION`] for none given.
     pub prior_information: Option<f64>,
     /// Weights γ of eq. 10 that depart from `prior_information`.
     pub weights: &'a [GroupWeight],

@@ -1,7 +1,8 @@
 //! Which parameters explain a recording.
 //!
 //! A [`Dataset`] holds the smoothed joint motion of a recording; [`predict`] and [`columns`] turn a plant and a dataset into
-//! predicted channels and their derivatives by parameter; [`mod@fit`] is weighted least squares on what the data can tell.
+//! predicted channels and their derivatives by parameter; [`mod@fit`] is weighted least squares on what the data can tell, and
+//! [`Residuals`] are what a model leaves, made once for a model and its recordings and passed on.
 
 pub mod base_parameters;
 pub mod consistency;

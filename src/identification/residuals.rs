@@ -73,3 +73,18 @@ fn root_mean_square<'a>(series: impl Iterator<Item = &'a f64> + Clone) -> f64 {
     let n = series.clone().count().max(1);
     (series.map(|x| x * x).sum::<f64>() / n as f64).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_sample_of_every_recording_counts_alike() {
+        let series = vec![vec![vec![3.0, 3.0], vec![1.0, 0.0]], vec![vec![6.0], vec![0.0]]];
+        let residuals = Residuals::from(series);
+        assert_eq!(residuals.rms, [18f64.sqrt(), (1.0 / 3.0f64).sqrt()]);
+        assert_eq!(residuals.channel(0), [3.0, 3.0, 6.0]);
+        assert_eq!(residuals.at(&[vec![0], vec![]]).rms, [3.0, 1.0]);
+        assert_eq!((rms(&[]), difference(&[2.0, 5.0], &[1.5])), (0.0, vec![0.5]));
+    }
+}
