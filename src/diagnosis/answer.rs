@@ -105,7 +105,7 @@ impl Diagnosis {
 
     /// The same with a formula that no effect of the library is, where there is one.
     pub fn explained_with_formula(&self) -> f64 {
-        let after = self.unexplained.as_ref().map_or(&self.rms_after, |u| &u.rms);
+        let after = self.unexplained.as_ref().map_or(&self.rms_after, |u| &u.residuals.rms);
         explained(&self.rms_before, &self.rms_before, after, &self.noise_floor)
     }
 

@@ -85,7 +85,7 @@ pub struct Change {
 /// Parameters that an addition moved by more than three standard errors, or by a tenth and more than one.
 pub fn changes(before: &Fit, after: &Fit) -> Vec<Change> {
     let pairs = before.parameters.iter().filter_map(|b| {
-        let a = after.parameters.iter().find(|a| a.name == b.name)?;
+        let a = after.parameters.iter().find(|a| a.param == b.param)?;
         Some(Change { before: b.clone(), after: a.clone() })
     });
     pairs.filter(Change::counts).collect()

@@ -139,7 +139,8 @@ fn wald(scores: &Scores, grams: &[DMatrix<f64>]) -> f64 {
 }
 
 /// Covariance of the coefficients that holds under autocorrelation within blocks and uneven noise: `Σ s_b s_bᵀ` of the
-/// scores of the full fit, as the columns are orthonormal.
+/// scores of the full fit, as the columns are orthonormal; blocks lie apart, and a factor for few blocks takes the place of
+/// the correction of every score that a fit makes.
 pub fn sandwich(scores: &Scores, grams: &[DMatrix<f64>]) -> DMatrix<f64> {
     let (m, count) = scores.blocks.shape();
     let mut sum = DMatrix::zeros(m, m);

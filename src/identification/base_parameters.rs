@@ -101,7 +101,7 @@ impl Structure {
     /// The base parameters with their standard errors.
     pub fn base_parameters(
         &self,
-        parameters: &[&PlantParameter],
+        parameters: &[PlantParameter],
         size: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> Vec<BaseParameter> {
@@ -128,7 +128,8 @@ impl Structure {
 }
 
 /// Columns that carry information of their own, in the order of their parameters: a Cholesky factorisation with pivoting
-/// that stops at pivots of `least`, or of 10⁻¹² of the largest.
+/// that stops at pivots of `least`, or of 10⁻¹² of the largest: products of columns, coarser than the columns themselves that
+/// [`Structure`] has.
 pub fn independent(information: &DMatrix<f64>, least: f64) -> Vec<usize> {
     let mut schur = information.clone();
     let mut left: Vec<usize> = (0..schur.nrows()).collect();

@@ -62,7 +62,8 @@ impl Estimator {
     /// Covariance of the estimate from the scatter of the scores over stretches of time, which stays right when residuals are
     /// autocorrelated, correlated across channels or of uneven size: H⁻¹ (Σ s̃ s̃ᵀ) H⁻¹. Stretches overlap and are a thirtieth
     /// of a recording, long against the memory of noise; every score is freed of its stretch's own pull on the estimate,
-    /// s̃ = (1 − H_s H⁻¹)^(−1/2) s [CR2; Bell & McCaffrey 2002].
+    /// s̃ = (1 − H_s H⁻¹)^(−1/2) s [CR2; Bell & McCaffrey 2002]. The tests of [`crate::evidence`] take scores of blocks that lie
+    /// apart, without this correction.
     ///
     /// The prior's own uncertainty is part of it. With `white`, no variance is smaller than independent residuals of the
     /// stated size would give.

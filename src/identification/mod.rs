@@ -1,7 +1,8 @@
 //! Which parameters explain a recording.
 //!
 //! A [`Dataset`] holds the smoothed joint motion of a recording; [`predict`] and [`columns`] turn a plant and a dataset into
-//! predicted channels and their derivatives by parameter; [`mod@fit`] is weighted least squares on what the data can tell.
+//! predicted channels and their derivatives by parameter; [`mod@fit`] is weighted least squares on what the data can tell, and
+//! [`Residuals`] are what a model leaves, made once for a model and its recordings and passed on.
 
 pub mod base_parameters;
 pub mod consistency;
@@ -14,6 +15,7 @@ pub mod normal_equations;
 pub mod payload;
 pub mod prediction;
 pub mod regularisation;
+pub mod residuals;
 pub mod smoother;
 mod swapped;
 
@@ -23,4 +25,5 @@ pub use derivatives::Method;
 pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use payload::{PayloadFit, identify_payload};
 pub use prediction::{averaged_columns, columns, predict};
+pub use residuals::Residuals;
 pub use swapped::swapped;

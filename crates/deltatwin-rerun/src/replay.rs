@@ -6,7 +6,7 @@ use miette::IntoDiagnostic;
 
 use crate::scene::{Scene, Series, measured, write_rrd};
 use deltatwin::dynamics::Plant;
-use deltatwin::identification::{Dataset, predict};
+use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::machine::{AXES, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -22,19 +22,19 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
     let plant = Plant::new(model, &recording.setup);
     let predicted = predict(&plant, &dataset).into_diagnostic()?;
     let noise = dataset.noise(model);
+    let left = Residuals::of(&dataset, &predicted).series.remove(0);
     let mut series = measured(recording);
     let axes = plant.mechanism.axes();
     let unit = plant.mechanism.unit(Unit::NM);
     for axis in 0..axes {
-        let left = dataset.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
         let mut add = |path: String, values: Vec<f64>, color, label: &str| {
             series.push(Series { path, times: dataset.t.clone(), values, color, label: label.into() });
         };
         let axis_name = format!("axis{}", axis + 1);
         add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, &format!("model [{unit}]"));
-        add(format!("residual/{axis_name}/residual"), left, RESIDUAL, &format!("residual [{unit}]"));
+        add(format!("residual/{axis_name}/residual"), left[axis].clone(), RESIDUAL, &format!("residual [{unit}]"));
     }
-    let stride = (1.0 / FRAMES / dataset.dt).round().max(1.0) as usize;
+    let stride = dataset.stride(1.0 / FRAMES);
     let frames: Vec<usize> = (0..dataset.len()).step_by(stride).collect();
     let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
     let poses = frames.iter().map(|&k| plant.motion(&dataset.joints[k]).map(|m| m.shown(plant.mechanism)));
@@ -48,8 +48,7 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
                 if i >= axes {
                     return 0.0;
                 }
-                let sum: f64 = window.clone().map(|k| dataset.measured[i][k] - predicted[i][k]).sum();
-                sum / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
+                left[i][window.clone()].iter().sum::<f64>() / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
             })
         })
         .collect();

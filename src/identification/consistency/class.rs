@@ -162,8 +162,9 @@ impl Arrow {
 }
 
 /// Writes the bodies that `x` describes. What tells bodies of one class apart, and deviation moments, stay as far as they leave a
-/// body possible.
-pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
+/// body possible; says whether all of them stayed.
+pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) -> bool {
+    let mut stayed = true;
     for class in classes {
         let found = class.inertia(x);
         let mut change = found;
@@ -175,9 +176,12 @@ pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
         for &b in &class.bodies {
             let mut own = bodies[b];
             own += change;
-            bodies[b] = if own.min_eigenvalue() > 0.0 { own } else { found };
+            let is_possible = own.min_eigenvalue() > 0.0;
+            bodies[b] = if is_possible { own } else { found };
+            stayed &= is_possible;
         }
     }
+    stayed
 }
 
 /// Classes of the bodies whose parameters are among `free` (indices of the plant's parameters).

@@ -334,7 +334,7 @@ impl<'a> Sizer<'a> {
         dataset.measured = predict(&Plant::new(&with, self.setup), &dataset).map_err(kinematics(&dataset))?;
         let options = Options { prior_information: Some(self.prior), ..Options::default() };
         let refitted = fit_with(self.robot, &[dataset], std::slice::from_ref(&self.noise), &options)?;
-        Ok(refitted.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())
+        Ok(refitted.residuals.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())
     }
 
     /// The robot with `scale` times `direction` of an effect.
