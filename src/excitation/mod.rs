@@ -24,6 +24,7 @@ use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
+use statrs::statistics::{Data, OrderStatistics};
 use thiserror::Error;
 
 use crate::dynamics::PlantParameter;
@@ -281,13 +282,7 @@ fn usage(worst: &[f64; LIMITS], limits: &Limits) -> Vec<(&'static str, f64)> {
 
 /// Median, NaN of nothing.
 pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.into_iter().collect();
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => f64::NAN,
-        n if n % 2 == 1 => values[n / 2],
-        n => 0.5 * (values[n / 2 - 1] + values[n / 2]),
-    }
+    Data::new(values.into_iter().collect::<Vec<f64>>()).median()
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::experiments::Experiment;
+use crate::bracket::{bisect, halvings};
 use crate::dynamics::{Channel, Plant};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
@@ -193,14 +194,10 @@ pub fn prospect(
         all.min_by(|x, y| x.chance.total_cmp(&y.chance).then(x.noncentrality.total_cmp(&y.noncentrality)))
             .expect("something to compare")
     };
-    let [mut low, mut high] = STRETCH.map(f64::ln);
-    let seconds = (after(high.exp()).chance >= SURE).then(|| {
-        while high - low > RESOLUTION {
-            let middle = 0.5 * (low + high);
-            if after(middle.exp()).chance >= SURE { high = middle } else { low = middle }
-        }
-        high.exp() * experiment.length
-    });
+    let [low, high] = STRETCH.map(f64::ln);
+    let sure = |log: f64| after(log.exp()).chance >= SURE;
+    let last = || bisect([low, high], halvings(high - low, RESOLUTION), |log| !sure(log))[1];
+    let seconds = sure(high).then(|| last().exp() * experiment.length);
     Prospect { seconds, ..after(1.0) }
 }
 

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::{Curve, Machine, PathPoint, PlaceError, PlanError, Profile};
+use crate::bracket::bisect;
 use crate::machine::AXES;
 
 /// All limited quantities at a place, in units of what may be used (drive speeds, then as in [`Limit::affine`], then jerks).
@@ -68,14 +69,7 @@ fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points:
     };
     let (Some(start), Some(end)) = (rates(0.0), rates(h)) else { return out };
     for k in (0..=AXES).filter(|&k| start[k] * end[k] < 0.0) {
-        let (mut low, mut high) = (0.0, h);
-        for _ in 0..30 {
-            let middle = 0.5 * (low + high);
-            match rates(middle) {
-                Some(rate) if rate[k] * start[k] > 0.0 => low = middle,
-                _ => high = middle,
-            }
-        }
+        let [low, _] = bisect([0.0, h], 30, |sigma| rates(sigma).is_some_and(|rate| rate[k] * start[k] > 0.0));
         let bend = (end[k] - start[k]) / h;
         let width = REVERSAL_RATE / (bend.abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
         out.extend(REVERSAL_OFFSETS.map(|x| low + x * width).into_iter().filter(|sigma| (0.0..=h).contains(sigma)));
