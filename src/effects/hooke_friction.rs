@@ -57,11 +57,9 @@ impl Effect for HookeFriction {
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let rates = at.motion.hooke_rates();
-        let joints = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
-        for ((yoke, telescope), rates) in joints.into_iter().zip(rates) {
-            let axes =
-                [at.motion.bodies[yoke].rotation.column(0), at.motion.bodies[TELESCOPE_UPPER].rotation.column(1)];
-            for (axis, rate) in axes.into_iter().zip(rates) {
+        let bodies = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
+        for (((yoke, telescope), joint), rates) in bodies.into_iter().zip(at.motion.hooke_joints()).zip(rates) {
+            for (axis, rate) in [joint.yoke, joint.bar].into_iter().zip(rates) {
                 let sign = smooth_sign(rate, values.one(STEEPNESS));
                 for (block, moment) in [(COULOMB, axis * -sign), (VISCOUS, axis * -rate)] {
                     out.wrench(values.index(block, 0), telescope, nalgebra::Vector3::zeros(), moment);

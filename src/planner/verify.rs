@@ -1,6 +1,5 @@
 //! The check of a found motion against the full nonlinear model, on a grid finer than that of the plan.
 
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::limits::{Limit, Limits, QUANTITIES};
@@ -64,8 +63,8 @@ fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points:
     let rates = |sigma: f64| -> Option<[f64; AXES + 1]> {
         let point = PathPoint::new(geometry, curve, profile.s[i] + sigma).ok()?;
         let [a, b, c, d] = point.q[1];
-        let bar = geometry.upper_hooke() - point.r[0].xyz() - Vector3::z() * geometry.lower_hooke_height;
-        Some([a, b, c, d, -bar.normalize().dot(&point.r[1].xyz())])
+        let axis = geometry.telescope_bar(&point.r[0].xyz()).normalize();
+        Some([a, b, c, d, -axis.dot(&point.r[1].xyz())])
     };
     let (Some(start), Some(end)) = (rates(0.0), rates(h)) else { return out };
     for k in (0..=AXES).filter(|&k| start[k] * end[k] < 0.0) {
