@@ -1,10 +1,7 @@
 //! Friction of the telescope's two Hooke joints.
 
-use std::borrow::Cow;
-
 use super::{
-    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
-    smooth_sign,
+    About, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches, smooth_sign,
 };
 use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
@@ -19,22 +16,8 @@ const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::NM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.05,
-        range: (0.0, 20.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NMSPerRad,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.02,
-        range: (0.0, 20.0),
-    },
+    Parameter::new("coulomb", Unit::NM, Role::Linear, 0.05, (0.0, 20.0)),
+    Parameter::new("viscous", Unit::NMSPerRad, Role::Linear, 0.02, (0.0, 20.0)),
     STEEPNESS_PARAMETER,
 ];
 
