@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{Loads, Multipliers, Statics};
-use crate::dynamics::{MAX_REACTION_ITERATIONS, Plant, Twist, add_effects, reads_loads, rigid_wrenches};
+use crate::dynamics::{Plant, Twist, borne, rigid_wrenches};
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{Geometry, STRUTS};
@@ -110,22 +110,6 @@ pub fn constraint_forces(
     detail: Detail,
 ) -> Result<Multipliers, KinematicsError> {
     let statics = Statics::of(motion, detail)?;
-    let mut fixed = rigid_loads(plant, motion, detail);
-    add_effects(plant, t, motion, states, None, &mut fixed)?;
     let solve = |wrenches: &[Twist; BODIES]| statics.solve(&Loads::new(motion, wrenches, detail));
-    let mut forces = solve(&fixed);
-    if plant.effects.iter().any(reads_loads) {
-        // Friction moments are small against the loads they follow: the iteration contracts fast.
-        for _ in 0..MAX_REACTION_ITERATIONS {
-            let mut wrenches = fixed;
-            add_effects(plant, t, motion, states, Some(&forces.output()), &mut wrenches)?;
-            let next = solve(&wrenches);
-            let change = next.to_array().iter().zip(forces.to_array()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            forces = next;
-            if change < 1e-11 {
-                break;
-            }
-        }
-    }
-    Ok(forces)
+    borne(plant, t, motion, states, rigid_loads(plant, motion, detail), solve)
 }
