@@ -5,13 +5,13 @@ mod common;
 use std::path::Path;
 
 use common::{model, nominal_plant, reversing, with_effect};
-use deltatwin::bracket::{bisect, halvings};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::kinematics::motion::SOCKETS;
 use deltatwin::kinematics::{JointState, Motion, PlatformState};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
 use deltatwin::machine::{Geometry, Payload, Setup, Stops};
 use deltatwin::model::Model;
+use deltatwin::numerics::{bisect, halvings};
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, Scenario};
 use deltatwin::twin::{

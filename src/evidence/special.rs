@@ -4,7 +4,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT}
 use statrs::function::beta::beta_reg;
 use statrs::function::gamma::{gamma_ur, ln_gamma};
 
-use crate::bracket::bisect;
+use crate::numerics::bisect;
 
 /// `P(F(m, d) > f)`.
 pub fn f_tail(f: f64, m: f64, d: f64) -> f64 {

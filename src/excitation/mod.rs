@@ -24,7 +24,6 @@ use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
-use statrs::statistics::{Data, OrderStatistics};
 use thiserror::Error;
 
 use crate::dynamics::PlantParameter;
@@ -278,11 +277,6 @@ fn scale(model: &Model, options: &Options) -> Vec<f64> {
 fn usage(worst: &[f64; LIMITS], limits: &Limits) -> Vec<(&'static str, f64)> {
     let kinds = KINDS.iter().filter(|(name, _)| *name != "hemisphere" || limits.hemisphere.is_some());
     kinds.map(|(name, rows)| (*name, worst[rows.clone()].iter().copied().fold(0.0, f64::max))).collect()
-}
-
-/// Median, NaN of nothing.
-pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
-    Data::new(values.into_iter().collect::<Vec<f64>>()).median()
 }
 
 #[cfg(test)]

@@ -8,7 +8,6 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::experiments::Experiment;
-use crate::bracket::{bisect, halvings};
 use crate::dynamics::{Channel, Plant};
 use crate::effects::{ActiveEffect, Role};
 use crate::evidence::separation;
@@ -17,6 +16,7 @@ use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, averaged_columns, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
+use crate::numerics::{bisect, halvings};
 
 /// Chance that counts as certain.
 pub const SURE: f64 = 0.95;

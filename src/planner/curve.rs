@@ -2,7 +2,7 @@
 
 use nalgebra::Vector4;
 
-use crate::bracket::bisect;
+use crate::numerics::bisect;
 
 /// Number of coefficients of a piece: degree seven.
 const TERMS: usize = 8;

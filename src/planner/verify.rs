@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::{Curve, Machine, PathPoint, PlaceError, PlanError, Profile};
-use crate::bracket::bisect;
 use crate::machine::AXES;
+use crate::numerics::bisect;
 
 /// All limited quantities at a place, in units of what may be used (drive speeds, then as in [`Limit::affine`], then jerks).
 pub const CHECKED: usize = AXES + QUANTITIES + AXES;

@@ -139,11 +139,11 @@ pub fn name(stop: usize, hit: &Hit) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bracket::{bisect, halvings};
     use crate::effects::testing;
     use crate::kinematics::JointState;
     use crate::machine::{Setup, Stops};
     use crate::model::testing::shipped;
+    use crate::numerics::{bisect, halvings};
     use crate::twin::{Torque, Twin};
 
     fn plant(name: &str, change: impl FnOnce(&mut Stops)) -> Plant {

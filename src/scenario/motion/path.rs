@@ -12,7 +12,7 @@
 use nalgebra::Vector4;
 
 use super::polynomial::Piecewise;
-use crate::bracket::bisect;
+use crate::numerics::bisect;
 
 /// A path along waypoints, at rest at both ends.
 #[derive(Clone, Debug, PartialEq)]

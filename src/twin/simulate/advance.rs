@@ -3,10 +3,10 @@
 use nalgebra::{Rotation3, Vector3};
 
 use super::{INSTANT, Run};
-use crate::bracket::{halvings, try_bisect};
 use crate::kinematics::Motion;
 use crate::machine::STRUTS;
 use crate::machine::bodies::STRUT;
+use crate::numerics::{halvings, try_bisect};
 use crate::twin::contacts::ContactBody;
 use crate::twin::sockets::socket_name;
 use crate::twin::wrench::{Load, STILL};

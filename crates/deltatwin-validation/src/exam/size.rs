@@ -13,7 +13,6 @@ use std::sync::Arc;
 use super::motion::Motion;
 use super::outside::Outside;
 use super::span;
-use deltatwin::bracket::bisect;
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::identification::filtering::MIN_HALF_WIDTH;
@@ -21,6 +20,7 @@ use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, no
 use deltatwin::identification::{Dataset, columns, predict};
 use deltatwin::machine::{AXES, Setup};
 use deltatwin::model::Model;
+use deltatwin::numerics::bisect;
 
 /// How much of an effect is hidden.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
