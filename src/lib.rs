@@ -34,8 +34,10 @@
 //! - A run is a function of scenario, model and seed, bit by bit, on any number of threads.
 //! - What was found is printed by the program, never here; what cannot be done is an error that names file and place.
 
-// Numbers as text, and suggestions for misspelt names.
+// Numbers as text, suggestions for misspelt names, and elementary numerics.
 pub mod text;
+
+pub mod numerics;
 
 // What the machine is made of, and what was measured on it.
 pub mod machine;

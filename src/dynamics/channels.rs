@@ -208,16 +208,12 @@ pub(crate) fn spread_chain(motion: &Motion, rotor: f64, platform: &Twist) -> [Tw
     let at_platform = |b: usize| v + omega.cross(&(motion.bodies[b].position - motion.bodies[PLATFORM].position));
     let lower_hooke = at_platform(TELESCOPE_LOWER);
     let rotor_omega = Vector3::z() * rotor;
-    // The Hooke joints pass rotation about the normals of their crosses (see `telescope_motion`).
     let telescope = &motion.telescope;
-    let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
-    let upper_normal = motion.bodies[ROTOR].rotation.column(0).cross(&bar);
-    let lower_normal = motion.bodies[END_EFFECTOR].rotation.column(0).cross(&bar);
-    let swing = -telescope.axis.cross(&lower_hooke) / telescope.length;
-    let spin = (rotor_omega - swing).dot(&upper_normal) / telescope.axis.dot(&upper_normal);
-    let telescope_omega = swing + telescope.axis * spin;
+    let [upper, lower] = motion.hooke_joints();
+    let swing = telescope.swing(&lower_hooke);
+    let telescope_omega = swing + telescope.axis * upper.spin(&(rotor_omega - swing), &telescope.axis);
     let pivot = motion.bodies[PLATFORM].rotation.column(2).into_owned();
-    let relative = (telescope_omega - omega).dot(&lower_normal) / pivot.dot(&lower_normal);
+    let relative = lower.spin(&(telescope_omega - omega), &pivot);
     let mut xi = [STILL; BODIES - END_EFFECTOR];
     xi[0] = (at_platform(END_EFFECTOR), omega + pivot * relative);
     xi[ROTOR - END_EFFECTOR] = (Vector3::zeros(), rotor_omega);

@@ -18,8 +18,19 @@ pub struct Output {
     pub reactions: Reactions,
 }
 
-impl Output {
+/// What the wrenches on all bodies make the drives and struts bear.
+pub(crate) trait Borne {
+    /// What laws can read of it.
+    fn output(&self) -> Output;
     /// Largest difference of a torque or force, N·m or N.
+    fn change(&self, other: &Self) -> f64;
+}
+
+impl Borne for Output {
+    fn output(&self) -> Output {
+        *self
+    }
+
     fn change(&self, other: &Self) -> f64 {
         let values = |o: &Self| o.tau.into_iter().chain(o.reactions.upper).chain(o.reactions.lower);
         values(self).zip(values(other)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
@@ -42,16 +53,28 @@ pub fn inverse_dynamics(
         let (tau, upper, lower) = reduction.balance(wrenches);
         Output { tau, reactions: Reactions { upper, lower } }
     };
-    let mut fixed = rigid_wrenches(plant, motion);
+    borne(plant, t, motion, states, rigid_wrenches(plant, motion), output)
+}
+
+/// What `solve` makes of the `rigid` wrenches and those of all effects, which may read what it makes of them.
+pub(crate) fn borne<T: Borne>(
+    plant: &Plant,
+    t: f64,
+    motion: &Motion,
+    states: &[&[f64]],
+    rigid: [Twist; BODIES],
+    solve: impl Fn(&[Twist; BODIES]) -> T,
+) -> Result<T, KinematicsError> {
+    let mut fixed = rigid;
     add_effects(plant, t, motion, states, None, &mut fixed)?;
-    let mut loads = output(&fixed);
+    let mut loads = solve(&fixed);
     if plant.effects.iter().any(reads_loads) {
         // Friction moments are a few thousandths of the lever times the reactions, gear friction a few hundredths of the
         // torque: the iteration contracts fast.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut next = fixed;
-            add_effects(plant, t, motion, states, Some(&loads), &mut next)?;
-            let next = output(&next);
+            add_effects(plant, t, motion, states, Some(&loads.output()), &mut next)?;
+            let next = solve(&next);
             let change = next.change(&loads);
             loads = next;
             if change < 1e-11 {

@@ -14,7 +14,7 @@ mod reduction;
 pub(crate) use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
 pub(crate) use inverse::add_regressor;
-pub(crate) use inverse::{MAX_REACTION_ITERATIONS, add_effects, reads_loads, rigid_wrenches};
+pub(crate) use inverse::{Borne, add_effects, borne, reads_loads, rigid_wrenches};
 pub use inverse::{Output, Sample, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
 pub use parameters::{ParamTable, PlantParameter};

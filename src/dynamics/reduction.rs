@@ -95,19 +95,17 @@ impl<'a> Reduction<'a> {
     fn reduce_chain(&self, wrenches: &[Twist; BODIES], sum: &mut Reduced) {
         let motion = self.motion;
         let telescope = &motion.telescope;
-        let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
-        let upper_normal = motion.bodies[ROTOR].rotation.column(0).cross(&bar);
-        let lower_normal = motion.bodies[END_EFFECTOR].rotation.column(0).cross(&bar);
+        let [upper, lower] = motion.hooke_joints();
         let pivot = motion.bodies[PLATFORM].rotation.column(2).into_owned();
         let lever = |b: usize| motion.bodies[b].position - motion.bodies[PLATFORM].position;
         let (force, moment) = &wrenches[END_EFFECTOR];
         // The end effector turns with the platform and, about the pivot, with the telescope.
-        let turning = lower_normal * (moment.dot(&pivot) / pivot.dot(&lower_normal));
+        let turning = lower.passed(moment, &pivot);
         sum.force += force;
         sum.moment += lever(END_EFFECTOR).cross(force) + moment - turning;
         // The telescope spins with the rotor and swings with its lower end.
         let on_telescope = wrenches[TELESCOPE_UPPER].1 + wrenches[TELESCOPE_LOWER].1 + turning;
-        let spinning = upper_normal * (on_telescope.dot(&telescope.axis) / telescope.axis.dot(&upper_normal));
+        let spinning = upper.passed(&on_telescope, &telescope.axis);
         sum.rotor += spinning.z;
         let swinging = on_telescope - spinning;
         let end = wrenches[TELESCOPE_LOWER].0 + telescope.axis.cross(&swinging) / telescope.length;

@@ -1,7 +1,5 @@
 //! Pre-sliding hysteresis of the arm drives: lost motion around reversals.
 
-use std::borrow::Cow;
-
 use super::{About, Count, Effect, Instant, InternalStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::ARMS;
 
@@ -20,22 +18,8 @@ const ANGLE: usize = 1;
 const LOST_MOTION: f64 = 4.363e-4;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("moment"),
-        unit: Unit::NM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 1.5,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("angle"),
-        unit: Unit::Rad,
-        count: Count::One,
-        role: Role::Shape,
-        default: LOST_MOTION,
-        range: (1e-5, 0.05),
-    },
+    Parameter::new("moment", Unit::NM, Role::Linear, 1.5, (0.0, 50.0)).counted(Count::PerArm),
+    Parameter::new("angle", Unit::Rad, Role::Shape, LOST_MOTION, (1e-5, 0.05)),
 ];
 
 static SPEC: Spec = Spec::new(

@@ -1,8 +1,6 @@
 //! Coulomb friction in the ball sockets of the struts, constant under the clamp springs' preload.
 
-use std::borrow::Cow;
-
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, unit_direction};
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, unit_direction};
 
 /// M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -15,22 +13,8 @@ const MOMENT: usize = 0;
 const REGULARISATION: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("moment"),
-        unit: Unit::NM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.285,
-        range: (0.0, 10.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("regularisation"),
-        unit: Unit::RadPerS,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.05,
-        range: (1e-4, 10.0),
-    },
+    Parameter::new("moment", Unit::NM, Role::Linear, 0.285, (0.0, 10.0)),
+    Parameter::new("regularisation", Unit::RadPerS, Role::Fixed, 0.05, (1e-4, 10.0)),
 ];
 
 static SPEC: Spec = Spec::new(

@@ -1,8 +1,6 @@
 //! Viscous friction in the ball sockets of the struts.
 
-use std::borrow::Cow;
-
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// M = −c·ω_rel on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
 ///
@@ -12,14 +10,7 @@ pub struct BallSocketViscous;
 
 const COEFFICIENT: usize = 0;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("coefficient"),
-    unit: Unit::NMSPerRad,
-    count: Count::One,
-    role: Role::Linear,
-    default: 0.30,
-    range: (0.0, 10.0),
-}];
+const PARAMETERS: &[Parameter] = &[Parameter::new("coefficient", Unit::NMSPerRad, Role::Linear, 0.30, (0.0, 10.0))];
 
 static SPEC: Spec = Spec::new(
     "ball_socket_viscous",

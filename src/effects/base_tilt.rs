@@ -1,7 +1,5 @@
 //! The base is not level.
 
-use std::borrow::Cow;
-
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
@@ -9,14 +7,8 @@ use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Va
 /// Gravity seen from a base rotated by the small angles θ: g' = g − θ × g.
 pub struct BaseTilt;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("tilt"),
-    unit: Unit::Rad,
-    count: Count::Named(&["x", "y"]),
-    role: Role::Linear,
-    default: 0.002,
-    range: (-0.3, 0.3),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("tilt", Unit::Rad, Role::Linear, 0.002, (-0.3, 0.3)).counted(Count::Named(&["x", "y"]))];
 
 static SPEC: Spec = Spec::new(
     "base_tilt",

@@ -1,10 +1,8 @@
 //! The springs that press the cups on the balls and keep the struts from spinning.
 
-use std::borrow::Cow;
-
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::kinematics::Motion;
 use crate::machine::bodies::{ARM, PLATFORM, STRUT};
 use crate::machine::{ARMS, STRUTS};
@@ -37,33 +35,12 @@ const SPREAD: usize = 4;
 const GAP: usize = 5;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Fixed,
-        default,
-        range: (0.0, 1.0),
-    }
+    Parameter::new(name, Unit::M, Role::Fixed, default, (0.0, 1.0))
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("preload"),
-        unit: Unit::N,
-        count: Count::One,
-        role: Role::Linear,
-        default: 200.0,
-        range: (0.0, 1e4),
-    },
-    Parameter {
-        name: Cow::Borrowed("rate"),
-        unit: Unit::NPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 9200.0,
-        range: (0.0, 1e6),
-    },
+    Parameter::new("preload", Unit::N, Role::Linear, 200.0, (0.0, 1e4)),
+    Parameter::new("rate", Unit::NPerM, Role::Linear, 9200.0, (0.0, 1e6)),
     length("position", 0.03),
     length("offset", 0.0),
     length("spread", 0.012),

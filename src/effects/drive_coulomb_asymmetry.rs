@@ -1,7 +1,5 @@
 //! Drive friction that differs between the two directions.
 
-use std::borrow::Cow;
-
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
     smooth_sign,
@@ -14,14 +12,7 @@ const DIFFERENCE: usize = 0;
 const STEEPNESS: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("difference"),
-        unit: Unit::NM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.5,
-        range: (-20.0, 20.0),
-    },
+    Parameter::new("difference", Unit::NM, Role::Linear, 0.5, (-20.0, 20.0)).counted(Count::PerArm),
     // Nobody knows how the directions blend at standstill: if within less than a sample, nothing but a bias is left.
     STEEPNESS_PARAMETER.searched((20.0, 1e4)),
 ];

@@ -1,7 +1,5 @@
 //! Compliance of the arm gears between the motor-side encoder and the arm.
 
-use std::borrow::Cow;
-
 use super::{
     About, Compliance, Count, Effect, Instant, InternalStates, Kind, MachineView, Parameter, Part, Role, Sensor, Spec,
     Unit, Values, Wrenches,
@@ -61,39 +59,11 @@ impl GearSpring {
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("compliance"),
-        unit: Unit::RadPerNM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 4e-5,
-        range: (0.0, 2e-4),
-    },
-    Parameter {
-        name: Cow::Borrowed("damping"),
-        unit: Unit::NMSPerRad,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 20.0,
-        range: (0.0, 1e3),
-    },
-    Parameter {
-        name: Cow::Borrowed("rotor_inertia"),
-        unit: Unit::KgM2,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.18,
-        range: (1e-4, 10.0),
-    },
+    Parameter::new("compliance", Unit::RadPerNM, Role::Linear, 4e-5, (0.0, 2e-4)).counted(Count::PerArm),
+    Parameter::new("damping", Unit::NMSPerRad, Role::Fixed, 20.0, (0.0, 1e3)),
+    Parameter::new("rotor_inertia", Unit::KgM2, Role::Fixed, 0.18, (1e-4, 10.0)),
     // 0 or 1.
-    Parameter {
-        name: Cow::Borrowed("friction_at_motor"),
-        unit: Unit::One,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.0,
-        range: (0.0, 1.0),
-    },
+    Parameter::new("friction_at_motor", Unit::One, Role::Fixed, 0.0, (0.0, 1.0)),
 ];
 
 static SPEC: Spec = Spec::new(

@@ -1,7 +1,5 @@
 //! Viscous drive friction that differs between the two directions.
 
-use std::borrow::Cow;
-
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
@@ -12,14 +10,8 @@ pub struct DriveViscousAsymmetry;
 
 const DIFFERENCE: usize = 0;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("difference"),
-    unit: Unit::NMSPerRad,
-    count: Count::PerArm,
-    role: Role::Linear,
-    default: 0.3,
-    range: (-20.0, 20.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("difference", Unit::NMSPerRad, Role::Linear, 0.3, (-20.0, 20.0)).counted(Count::PerArm)];
 
 static SPEC: Spec = Spec::new(
     "drive_viscous_asymmetry",

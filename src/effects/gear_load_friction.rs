@@ -1,7 +1,5 @@
 //! Gear friction that grows with the torque the gear transmits.
 
-use std::borrow::Cow;
-
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Reads, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
     smooth_sign,
@@ -17,14 +15,7 @@ const FRICTION: usize = 0;
 const STEEPNESS: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("friction"),
-        unit: Unit::One,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.02,
-        range: (0.0, 0.5),
-    },
+    Parameter::new("friction", Unit::One, Role::Linear, 0.02, (0.0, 0.5)).counted(Count::PerArm),
     STEEPNESS_PARAMETER,
 ];
 

@@ -1,10 +1,7 @@
 //! Friction of the telescope's two Hooke joints.
 
-use std::borrow::Cow;
-
 use super::{
-    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
-    smooth_sign,
+    About, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches, smooth_sign,
 };
 use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
@@ -19,22 +16,8 @@ const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::NM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.05,
-        range: (0.0, 20.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NMSPerRad,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.02,
-        range: (0.0, 20.0),
-    },
+    Parameter::new("coulomb", Unit::NM, Role::Linear, 0.05, (0.0, 20.0)),
+    Parameter::new("viscous", Unit::NMSPerRad, Role::Linear, 0.02, (0.0, 20.0)),
     STEEPNESS_PARAMETER,
 ];
 
@@ -57,11 +40,9 @@ impl Effect for HookeFriction {
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let rates = at.motion.hooke_rates();
-        let joints = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
-        for ((yoke, telescope), rates) in joints.into_iter().zip(rates) {
-            let axes =
-                [at.motion.bodies[yoke].rotation.column(0), at.motion.bodies[TELESCOPE_UPPER].rotation.column(1)];
-            for (axis, rate) in axes.into_iter().zip(rates) {
+        let bodies = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
+        for (((yoke, telescope), joint), rates) in bodies.into_iter().zip(at.motion.hooke_joints()).zip(rates) {
+            for (axis, rate) in [joint.yoke, joint.bar].into_iter().zip(rates) {
                 let sign = smooth_sign(rate, values.one(STEEPNESS));
                 for (block, moment) in [(COULOMB, axis * -sign), (VISCOUS, axis * -rate)] {
                     out.wrench(values.index(block, 0), telescope, nalgebra::Vector3::zeros(), moment);

@@ -1,7 +1,5 @@
 //! A hose or cable that pulls at the platform.
 
-use std::borrow::Cow;
-
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Start, Unit, Values, Wrenches};
@@ -44,47 +42,12 @@ const STARTS: [Start; 11] = {
 };
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("stiffness"),
-        unit: Unit::NPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 10.0,
-        range: (0.0, 1e4),
-    },
-    Parameter {
-        name: Cow::Borrowed("preload"),
-        unit: Unit::N,
-        count: Count::Named(&["x", "y", "z"]),
-        role: Role::Linear,
-        default: 3.0,
-        range: (-200.0, 200.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("anchor"),
-        unit: Unit::M,
-        count: Count::Named(&["x", "y", "z"]),
-        role: Role::Shape,
-        default: 0.5,
-        range: (-5.0, 5.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("free_length"),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Shape,
-        default: 0.8,
-        range: (0.0, 5.0),
-    },
+    Parameter::new("stiffness", Unit::NPerM, Role::Linear, 10.0, (0.0, 1e4)),
+    Parameter::new("preload", Unit::N, Role::Linear, 3.0, (-200.0, 200.0)).counted(Count::Named(&["x", "y", "z"])),
+    Parameter::new("anchor", Unit::M, Role::Shape, 0.5, (-5.0, 5.0)).counted(Count::Named(&["x", "y", "z"])),
+    Parameter::new("free_length", Unit::M, Role::Shape, 0.8, (0.0, 5.0)),
     // 0 or 1.
-    Parameter {
-        name: Cow::Borrowed("pulls_only"),
-        unit: Unit::One,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.0,
-        range: (0.0, 1.0),
-    },
+    Parameter::new("pulls_only", Unit::One, Role::Fixed, 0.0, (0.0, 1.0)),
 ];
 
 static SPEC: Spec = Spec::new(

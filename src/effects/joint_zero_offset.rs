@@ -1,7 +1,5 @@
 //! An encoder's zero is not the joint's.
 
-use std::borrow::Cow;
-
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::machine::AXES;
 
@@ -11,14 +9,8 @@ use crate::machine::AXES;
 /// Identification moves the recorded motion by −o.
 pub struct JointZeroOffset;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("offset"),
-    unit: Unit::Rad,
-    count: Count::PerAxis,
-    role: Role::Linear,
-    default: 0.002,
-    range: (-0.2, 0.2),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("offset", Unit::Rad, Role::Linear, 0.002, (-0.2, 0.2)).counted(Count::PerAxis)];
 
 static SPEC: Spec = Spec::new(
     "joint_zero_offset",

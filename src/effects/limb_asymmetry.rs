@@ -1,7 +1,5 @@
 //! A strut or an arm of another mass than the rest.
 
-use std::borrow::Cow;
-
 use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Payload;
 use crate::machine::bodies::{ARM, STRUT};
@@ -18,33 +16,13 @@ const STRUT_LENGTH: usize = 2;
 const ARM_LENGTH: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Fixed,
-        default,
-        range: (1e-3, 10.0),
-    }
+    Parameter::new(name, Unit::M, Role::Fixed, default, (1e-3, 10.0))
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("strut"),
-        unit: Unit::Kg,
-        count: Count::Named(&["1", "2", "3", "4", "5", "6"]),
-        role: Role::Linear,
-        default: 0.1,
-        range: (-0.1, 10.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("arm"),
-        unit: Unit::Kg,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.1,
-        range: (-0.5, 10.0),
-    },
+    Parameter::new("strut", Unit::Kg, Role::Linear, 0.1, (-0.1, 10.0))
+        .counted(Count::Named(&["1", "2", "3", "4", "5", "6"])),
+    Parameter::new("arm", Unit::Kg, Role::Linear, 0.1, (-0.5, 10.0)).counted(Count::PerArm),
     length("strut_length", 1.106),
     length("arm_length", 0.5),
 ];

@@ -7,7 +7,6 @@
 //! To add an effect: write `src/effects/<name>.rs` and add its `mod` and its registry line below.
 
 use std::any::Any;
-use std::borrow::Cow;
 use std::sync::{Arc, LazyLock};
 
 use nalgebra::Vector3;
@@ -176,14 +175,7 @@ pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
 }
 
 /// Constant of the laws that use [`smooth_sign`].
-const STEEPNESS_PARAMETER: Parameter = Parameter {
-    name: Cow::Borrowed("steepness"),
-    unit: Unit::SPerRad,
-    count: Count::One,
-    role: Role::Fixed,
-    default: 100.0,
-    range: (1.0, 1e4),
-};
+const STEEPNESS_PARAMETER: Parameter = Parameter::new("steepness", Unit::SPerRad, Role::Fixed, 100.0, (1.0, 1e4));
 
 /// Smooth sign: `tanh(rate·steepness)`; the paper's approximation of Coulomb friction (eq. 48 uses 100 s/rad).
 pub fn smooth_sign(rate: f64, steepness: f64) -> f64 {

@@ -1,7 +1,5 @@
 //! The payload by itself, for its identification; not in the registry, because recordings state their payload in the setup.
 
-use std::borrow::Cow;
-
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
@@ -21,7 +19,7 @@ pub const NAME: &str = "payload";
 pub struct Payload;
 
 const fn parameter(name: &'static str, unit: Unit, count: Count, default: f64) -> Parameter {
-    Parameter { name: Cow::Borrowed(name), unit, count, role: Role::Linear, default, range: (-100.0, 100.0) }
+    Parameter::new(name, unit, Role::Linear, default, (-100.0, 100.0)).counted(count)
 }
 
 const PARAMETERS: &[Parameter] = &[

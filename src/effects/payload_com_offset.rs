@@ -1,7 +1,5 @@
 //! The payload's centre of mass lies beside the stated one.
 
-use std::borrow::Cow;
-
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
@@ -15,14 +13,9 @@ use crate::machine::bodies::END_EFFECTOR;
 /// first moment + h, tensor about the flange − [c]×[h]× − [h]×[c]×, exact up to m·Δc² (1 kg, 10 mm: 1e-4 kg·m²).
 pub struct PayloadComOffset;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("first_moment"),
-    unit: Unit::KgM,
-    count: Count::Named(&["x", "y", "z"]),
-    role: Role::Linear,
-    default: 0.02,
-    range: (-1.0, 1.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("first_moment", Unit::KgM, Role::Linear, 0.02, (-1.0, 1.0))
+        .counted(Count::Named(&["x", "y", "z"]))];
 
 static SPEC: Spec = Spec::new(
     "payload_com_offset",

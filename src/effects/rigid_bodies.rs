@@ -29,14 +29,7 @@ pub struct RigidBodies {
 }
 
 const fn one(name: &'static str, unit: Unit, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit,
-        count: Count::One,
-        role: Role::Linear,
-        default,
-        range: (-100.0, 100.0),
-    }
+    Parameter::new(name, unit, Role::Linear, default, (-100.0, 100.0))
 }
 
 const fn per_arm(name: &'static str, unit: Unit, default: f64) -> Parameter {

@@ -1,7 +1,5 @@
 //! The arm drives' rotors are heavier or lighter than stated.
 
-use std::borrow::Cow;
-
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Inertia;
 use crate::machine::Payload;
@@ -13,14 +11,8 @@ use crate::machine::bodies::ARM;
 /// Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is the arms' own Θ_yy.
 pub struct RotorInertia;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("inertia"),
-    unit: Unit::KgM2,
-    count: Count::PerArm,
-    role: Role::Linear,
-    default: 0.02,
-    range: (-0.2, 1.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("inertia", Unit::KgM2, Role::Linear, 0.02, (-0.2, 1.0)).counted(Count::PerArm)];
 
 static SPEC: Spec = Spec::new(
     "rotor_inertia",

@@ -1,21 +1,12 @@
 //! Torque is reported late against position.
 
-use std::borrow::Cow;
-
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
+use super::{About, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
 use crate::recording::Signals;
 
 /// Reported torque τ(t − d), the same for all drives.
 pub struct SignalDelay;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("delay"),
-    unit: Unit::S,
-    count: Count::One,
-    role: Role::Linear,
-    default: 0.001,
-    range: (0.0, 0.05),
-}];
+const PARAMETERS: &[Parameter] = &[Parameter::new("delay", Unit::S, Role::Linear, 0.001, (0.0, 0.05))];
 
 static SPEC: Spec = Spec::new(
     "signal_delay",

@@ -1,7 +1,5 @@
 //! Struts and their sockets give way along their axis.
 
-use std::borrow::Cow;
-
 use super::{About, Compliance, Count, Effect, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::STRUTS;
 
@@ -30,22 +28,8 @@ pub struct StrutSpring {
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("compliance"),
-        unit: Unit::MPerN,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 1.0 / 3.4e6,
-        range: (0.0, 2e-6),
-    },
-    Parameter {
-        name: Cow::Borrowed("damping"),
-        unit: Unit::NSPerM,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 300.0,
-        range: (0.0, 1e5),
-    },
+    Parameter::new("compliance", Unit::MPerN, Role::Linear, 1.0 / 3.4e6, (0.0, 2e-6)).counted(Count::PerArm),
+    Parameter::new("damping", Unit::NSPerM, Role::Fixed, 300.0, (0.0, 1e5)),
 ];
 
 static SPEC: Spec = Spec::new(

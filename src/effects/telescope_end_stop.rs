@@ -1,10 +1,6 @@
 //! The telescope runs into its ends.
 
-use std::borrow::Cow;
-
-use super::{
-    About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches, hunt_crossley,
-};
+use super::{About, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches, hunt_crossley};
 
 /// Unilateral spring and damper beyond the shortest and the longest Hooke distance L:
 /// F = k·x·max(0, 1 + χ·ẋ), x the depth beyond the limit (Hunt and Crossley).
@@ -20,33 +16,12 @@ const MIN: usize = 2;
 const MAX: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Shape,
-        default,
-        range: (0.0, 10.0),
-    }
+    Parameter::new(name, Unit::M, Role::Shape, default, (0.0, 10.0))
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("stiffness"),
-        unit: Unit::NPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 1e5,
-        range: (0.0, 1e8),
-    },
-    Parameter {
-        name: Cow::Borrowed("damping"),
-        unit: Unit::SPerM,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 1.0,
-        range: (0.0, 100.0),
-    },
+    Parameter::new("stiffness", Unit::NPerM, Role::Linear, 1e5, (0.0, 1e8)),
+    Parameter::new("damping", Unit::SPerM, Role::Fixed, 1.0, (0.0, 100.0)),
     length("min", 0.812),
     length("max", 1.372),
 ];

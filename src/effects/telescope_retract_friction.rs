@@ -1,8 +1,6 @@
 //! Extra friction of the telescope while it shortens.
 
-use std::borrow::Cow;
-
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
 /// F = d·v + e·v² while ṡ = −v < 0, nothing while the telescope lengthens.
 ///
@@ -14,22 +12,8 @@ const VISCOUS: usize = 0;
 const QUADRATIC: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NSPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 1.25,
-        range: (0.0, 100.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("quadratic"),
-        unit: Unit::NS2PerM2,
-        count: Count::One,
-        role: Role::Linear,
-        default: 2.0,
-        range: (0.0, 100.0),
-    },
+    Parameter::new("viscous", Unit::NSPerM, Role::Linear, 1.25, (0.0, 100.0)),
+    Parameter::new("quadratic", Unit::NS2PerM2, Role::Linear, 2.0, (0.0, 100.0)),
 ];
 
 static SPEC: Spec = Spec::new(

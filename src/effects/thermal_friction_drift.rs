@@ -1,7 +1,5 @@
 //! Friction of cold drives that decays while they warm up.
 
-use std::borrow::Cow;
-
 use super::{
     About, Count, Effect, Instant, InternalStates, MachineView, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit,
     Values, Wrenches, smooth_sign,
@@ -30,39 +28,11 @@ const SATURATION: usize = 4;
 const NONE: f64 = 1e4;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::NM,
-        count: Count::AllDrives,
-        role: Role::Linear,
-        default: 0.4,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NMSPerRad,
-        count: Count::AllDrives,
-        role: Role::Linear,
-        default: 0.4,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("time_constant"),
-        unit: Unit::S,
-        count: Count::One,
-        role: Role::Shape,
-        default: 10.0,
-        range: (0.5, 1e4),
-    },
+    Parameter::new("coulomb", Unit::NM, Role::Linear, 0.4, (0.0, 50.0)).counted(Count::AllDrives),
+    Parameter::new("viscous", Unit::NMSPerRad, Role::Linear, 0.4, (0.0, 50.0)).counted(Count::AllDrives),
+    Parameter::new("time_constant", Unit::S, Role::Shape, 10.0, (0.5, 1e4)),
     STEEPNESS_PARAMETER,
-    Parameter {
-        name: Cow::Borrowed("saturation_speed"),
-        unit: Unit::RadPerS,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 8.5919,
-        range: (0.5, NONE),
-    },
+    Parameter::new("saturation_speed", Unit::RadPerS, Role::Fixed, 8.5919, (0.5, NONE)),
 ];
 
 static SPEC: Spec = Spec::new(

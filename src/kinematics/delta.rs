@@ -339,9 +339,14 @@ impl Geometry {
         })
     }
 
+    /// From the lower to the upper Hooke joint of the telescope for a platform position, m.
+    pub fn telescope_bar(&self, position: &Vector3<f64>) -> Vector3<f64> {
+        self.upper_hooke() - position - Vector3::z() * self.lower_hooke_height
+    }
+
     /// Distance of the telescope's Hooke joints for a platform position, m.
     pub fn telescope_length(&self, position: &Vector3<f64>) -> f64 {
-        (self.upper_hooke() - position - Vector3::z() * self.lower_hooke_height).norm()
+        self.telescope_bar(position).norm()
     }
 
     /// Checks the joint limits of arms.

@@ -4,6 +4,8 @@
 
 pub mod delta;
 pub mod motion;
+mod telescope;
 
 pub use delta::{JointState, KinematicsError, LawFault, PlatformState, Target};
-pub use motion::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
+pub use motion::{BodyMotion, Motion, Reactions, SocketSet};
+pub use telescope::{HookeJoint, Telescope};

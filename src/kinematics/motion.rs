@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::delta::{ArmAxes, JointState, KinematicsError, PlatformState};
+use super::telescope::{Telescope, telescope_motion};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
@@ -49,17 +50,6 @@ impl BodyMotion {
         self.velocity = velocity;
         self.angular_velocity = angular_velocity;
     }
-}
-
-/// The telescope between its two Hooke joints.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Telescope {
-    /// Unit vector up along the bar.
-    pub axis: Vector3<f64>,
-    /// Distance of the Hooke joints, m.
-    pub length: f64,
-    /// Its rate, lengthening positive, m/s.
-    pub rate: f64,
 }
 
 /// Axial forces in the struts, tension positive, N.
@@ -210,7 +200,10 @@ impl Motion {
             angular_acceleration: Vector3::z() * psi_acceleration,
             ..motion.bodies[PLATFORM]
         };
-        let (upper, lower, telescope) = telescope_motion(geometry, &motion.bodies[ROTOR], platform);
+        let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
+        let (rotor, hooke) = (&motion.bodies[ROTOR], geometry.upper_hooke());
+        let (upper, lower, telescope) =
+            telescope_motion(hooke, lower_hooke, rotor, platform.velocity, platform.acceleration);
         motion.bodies[TELESCOPE_UPPER] = upper;
         motion.bodies[TELESCOPE_LOWER] = lower;
         motion.telescope = telescope;
@@ -233,18 +226,6 @@ impl Motion {
         }
         motion.telescope.rate *= speed;
         motion
-    }
-
-    /// Relative rates of the two Hooke joints (upper, lower): about the cross axis on the rotor or end-effector side and
-    /// about the cross axis on the telescope side, rad/s.
-    pub fn hooke_rates(&self) -> [[f64; 2]; 2] {
-        let telescope = self.bodies[TELESCOPE_UPPER];
-        [ROTOR, END_EFFECTOR].map(|b| {
-            let (yoke, bar) =
-                (self.bodies[b].rotation.column(0).into_owned(), telescope.rotation.column(1).into_owned());
-            let relative = telescope.angular_velocity - self.bodies[b].angular_velocity;
-            [relative.dot(&yoke), relative.dot(&bar)]
-        })
     }
 }
 
@@ -297,48 +278,4 @@ fn strut_motion(
 fn strut_rotation(axis: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
     let y = (v - axis * axis.dot(v)).normalize();
     Matrix3::from_columns(&[*axis, y, axis.cross(&y)])
-}
-
-/// Telescope frame: z up along the bar, y along the cross axis on the bar, normal to the rotor's cross axis x.
-pub(crate) fn telescope_rotation(axis: &Vector3<f64>, yoke: &Vector3<f64>) -> Matrix3<f64> {
-    let y = axis.cross(yoke).normalize();
-    Matrix3::from_columns(&[y.cross(axis), y, *axis])
-}
-
-fn telescope_motion(
-    geometry: &Geometry,
-    rotor: &BodyMotion,
-    platform: &PlatformState,
-) -> (BodyMotion, BodyMotion, Telescope) {
-    let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
-    let bar = geometry.upper_hooke() - lower_hooke;
-    let length = bar.norm();
-    let axis = bar / length;
-    let rate = -axis.dot(&platform.velocity);
-    let axis_rate = (-platform.velocity - axis * rate) / length;
-    // Swing ω = w × ẇ plus spin s·w; the Hooke joint passes rotation about the normal n of its cross:
-    // (ω_T − ω_R)·n = 0.
-    let yoke = rotor.rotation.column(0).into_owned();
-    let rotation = telescope_rotation(&axis, &yoke);
-    let cross_axis = rotation.column(1).into_owned();
-    let n = yoke.cross(&cross_axis);
-    let swing = axis.cross(&axis_rate);
-    let spin = (rotor.angular_velocity - swing).dot(&n) / axis.dot(&n);
-    let angular_velocity = swing + axis * spin;
-    let n_rate =
-        rotor.angular_velocity.cross(&yoke).cross(&cross_axis) + yoke.cross(&angular_velocity.cross(&cross_axis));
-    let swing_acceleration = axis.cross(&(-platform.acceleration - axis_rate * (2.0 * rate))) / length;
-    let spin_acceleration = ((rotor.angular_acceleration - swing_acceleration - axis_rate * spin).dot(&n)
-        + (rotor.angular_velocity - angular_velocity).dot(&n_rate))
-        / axis.dot(&n);
-    let upper = BodyMotion {
-        rotation,
-        position: geometry.upper_hooke(),
-        angular_velocity,
-        angular_acceleration: swing_acceleration + axis * spin_acceleration + axis_rate * spin,
-        ..BodyMotion::REST
-    };
-    let lower =
-        BodyMotion { position: lower_hooke, velocity: platform.velocity, acceleration: platform.acceleration, ..upper };
-    (upper, lower, Telescope { axis, length, rate })
 }

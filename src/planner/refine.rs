@@ -4,7 +4,7 @@
 //! lie on the border of what is allowed. So the *idle time* ∫ |1 − u| dt, u the largest use of a limit at a place by the
 //! full model, tends to zero with the length of the intervals. It is largest in intervals that are too long: at the ends of
 //! the path, where s⃛ is constant over an interval, where the active limit changes, and where a limit is exceeded between two
-//! grid points, which reduces the slack at both. Those intervals are split.
+//! grid points, which tightens the limits at both. Those intervals are split.
 
 use super::Profile;
 use super::verify::Use;

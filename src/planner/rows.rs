@@ -195,16 +195,16 @@ pub(super) struct Ramp {
 
 /// Share of each limit that may be used at each grid point: one, less where the check on a finer grid found an excess.
 #[derive(Clone, Debug)]
-pub struct Slack {
+pub struct Tightening {
     /// Per grid point: of each affine quantity, and at the end of the cap on z.
     pub share: Vec<[f64; QUANTITIES + 1]>,
     /// Per grid point: of each drive's jerk limit.
     pub jerk: Vec<[f64; AXES]>,
 }
 
-impl Slack {
-    /// All of every limit at `points` grid points.
-    pub fn full(points: usize) -> Self {
+impl Tightening {
+    /// No limit tightened at `points` grid points.
+    pub fn none(points: usize) -> Self {
         Self { share: vec![[1.0; QUANTITIES + 1]; points], jerk: vec![[1.0; AXES]; points] }
     }
 

@@ -82,11 +82,16 @@ impl Signals {
 
     /// Median sampling period, s; zero with fewer than two samples.
     pub fn sample_time(&self) -> f64 {
-        let mut d: Vec<f64> = self.t.windows(2).map(|w| w[1] - w[0]).collect();
-        if d.is_empty() {
-            return 0.0;
-        }
-        let m = d.len() / 2;
-        *d.select_nth_unstable_by(m, f64::total_cmp).1
+        sample_time(&self.t)
     }
+}
+
+/// Median step of the times `t`, s, of two the greater; zero with fewer than two times.
+pub fn sample_time(t: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
+    if steps.is_empty() {
+        return 0.0;
+    }
+    let middle = steps.len() / 2;
+    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -269,10 +269,7 @@ pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
             out.strut_length[s] = geometry.strut_length[s / 2] + y[STRETCH + s];
         }
         let lower = &out.bodies[TELESCOPE_LOWER];
-        let bar = geometry.upper_hooke() - lower.position;
-        let length = bar.norm();
-        let axis = bar / length;
-        out.telescope = Telescope { axis, length, rate: -axis.dot(&lower.velocity) };
+        out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());
     }
     out
 }

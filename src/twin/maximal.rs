@@ -22,6 +22,8 @@ mod flexible;
 mod rows;
 mod schur;
 #[cfg(test)]
+mod testing;
+#[cfg(test)]
 mod tests;
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};

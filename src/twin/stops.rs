@@ -143,6 +143,7 @@ mod tests {
     use crate::kinematics::JointState;
     use crate::machine::{Setup, Stops};
     use crate::model::testing::shipped;
+    use crate::numerics::{bisect, halvings};
     use crate::twin::{Torque, Twin};
 
     fn plant(name: &str, change: impl FnOnce(&mut Stops)) -> Plant {
@@ -182,12 +183,8 @@ mod tests {
             let motion = twin.motion();
             // Deepest where v = 0: k·x²/2 = Θ·potential(v₀). Back out at v₁ < 0 of the same potential.
             let expected = (2.0 * theta * potential(speed.abs(), damping) / stops.arm_stiffness).sqrt();
-            let (mut low, mut high) = (-speed.abs(), 0.0);
-            while high - low > 1e-12 {
-                let middle = 0.5 * (low + high);
-                let above = potential(middle, damping) > potential(speed.abs(), damping);
-                if above { low = middle } else { high = middle }
-            }
+            let above = |v: f64| potential(v, damping) > potential(speed.abs(), damping);
+            let [low, _] = bisect([-speed.abs(), 0.0], halvings(speed.abs(), 1e-12), above);
             let back = motion.qd[0] * speed.signum();
             println!("χ {damping}, {speed} rad/s: {deepest:.5} rad deep ({expected:.5}), back at {back:.4} ({low:.4})");
             approx::assert_relative_eq!(deepest, expected, max_relative = 2e-3);

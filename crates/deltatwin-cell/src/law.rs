@@ -3,16 +3,14 @@
 //! At a contact point with penetration δ (m, positive when pressed), its rate δ̇, sliding velocity v_t (m/s, of this body
 //! over the other) and relative angular velocity ω (rad/s):
 //!
-//! - normal force, Hunt and Crossley: f = k δ (1 + d δ̇) ≥ 0, N, pushes the bodies apart;
+//! - normal force f, N, that of [`hunt_crossley`] with stiffness k and dissipation d, pushes the bodies apart;
 //! - sliding friction, regularised Coulomb: −μ f tanh(|v_t|/ε_v) v_t/|v_t|, N;
 //! - rolling resistance: −c_r f tanh(|ω|/ε_ω) ω/|ω|, N·m.
 //!
-//! Only k δ stores energy, ½ k δ²; the rest dissipates. The other body gets the exact opposite at the same point.
-//!
-//! K. H. Hunt, F. R. E. Crossley: Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42
-//! (1975).
+//! The other body gets the exact opposite at the same point.
 
 use deltatwin::cell::Surface;
+use deltatwin::effects::hunt_crossley;
 use nalgebra::Vector3;
 
 /// Sliding speed below which friction falls off, m/s. Bounds the friction's damping μ f/ε_v and with it the step.
@@ -42,7 +40,8 @@ pub fn load(
     spin: &Vector3<f64>,
 ) -> Load {
     let approach = -normal.dot(velocity);
-    let f = (weight * surface.stiffness * depth * (1.0 + surface.dissipation * approach)).max(0.0);
+    // Linear in the depth, so k·δ in its place gives the force.
+    let f = hunt_crossley(weight * surface.stiffness * depth, approach, surface.dissipation);
     let sliding = velocity + normal * approach;
     Load {
         normal: f,

@@ -106,8 +106,7 @@ pub fn read(path: &Path, given: Limits) -> Result<Task> {
 /// # Errors
 /// The mistake with its place in the file.
 pub fn read_with(path: &Path, given: Limits, meshes: MeshReader) -> Result<Task> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+    let text = ScenarioError::text(path)?;
     parse_with(&text, path, given, meshes)
 }
 

@@ -74,6 +74,11 @@ pub struct Parameter {
 }
 
 impl Parameter {
+    /// A parameter of one value, with its usual magnitude and what is allowed.
+    pub const fn new(name: &'static str, unit: Unit, role: Role, default: f64, range: (f64, f64)) -> Self {
+        Self { name: Cow::Borrowed(name), unit, count: Count::One, role, default, range }
+    }
+
     /// The same with another number of values.
     pub const fn counted(mut self, count: Count) -> Self {
         self.count = count;

@@ -13,7 +13,7 @@ const NEIGHBOURS: usize = 3;
 /// Least use of a jerk limit, over the largest of the drives, at which both sides stay in the programmes.
 const KEPT_SHARE: f64 = 0.6;
 
-/// Sides of the rows (≤ slack, ≥ −slack) that are in the programmes.
+/// Sides of the rows (≤ share, ≥ −share) that are in the programmes.
 pub struct ActiveSet {
     /// Per grid point and row of loads.
     loads: Vec<Vec<Sides>>,
@@ -76,11 +76,11 @@ impl ActiveSet {
 
     /// Largest use of a load row that was outside; rows that are nearly used enter.
     fn update_loads(&mut self, constraints: Constraints, profile: &GridProfile) -> f64 {
-        let Constraints { grid, slack, .. } = constraints;
+        let Constraints { grid, tightening, .. } = constraints;
         let mut worst = 0.0f64;
         for i in 1..grid.intervals() {
             for (r, (row, &k)) in grid.points[i].rows.iter().zip(&grid.quantities).enumerate() {
-                let used = row.at(profile.z[i], profile.acceleration[i]) / slack.share[i][k];
+                let used = row.at(profile.z[i], profile.acceleration[i]) / tightening.share[i][k];
                 worst = worst.max(self.loads[i][r].update(used));
             }
         }

@@ -3,7 +3,7 @@
 use super::GridProfile;
 use crate::machine::AXES;
 use crate::planner::limits::Limits;
-use crate::planner::rows::{Grid, GridPoint, Ramp, Slack};
+use crate::planner::rows::{Grid, GridPoint, Ramp, Tightening};
 
 /// The constraints of a jerk-limited search: rows at the grid points, jerk limits, and what of both may be used.
 #[derive(Clone, Copy)]
@@ -13,7 +13,7 @@ pub struct Constraints<'a> {
     /// Limits on the drives' jerks, rad/s³.
     pub limits: &'a Limits,
     /// Share of every limit that may be used.
-    pub slack: &'a Slack,
+    pub tightening: &'a Tightening,
 }
 
 /// One end of an interval and one drive.
@@ -34,7 +34,7 @@ impl Constraints<'_> {
         let slope = (profile.acceleration[interval + 1] - profile.acceleration[interval]) / self.grid.length(interval);
         let [third, second, first] = jerk_row(&self.grid.points[grid_point], self.limits, axis);
         let value = third * profile.z[grid_point] + second * profile.acceleration[grid_point] + first * slope;
-        value * profile.z[grid_point].sqrt() / self.slack.jerk[grid_point][axis]
+        value * profile.z[grid_point].sqrt() / self.tightening.jerk[grid_point][axis]
     }
 }
 
@@ -50,10 +50,10 @@ pub(in crate::planner) fn cap_at_rest(grid_point: &GridPoint, limits: &Limits) -
     third.powf(-2.0 / 3.0)
 }
 
-/// Largest z at the moving end of each ramp of `grid`, 1/s², where a drive may use a share `slack` of its jerk limit.
-pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, slack: &[[f64; AXES]]) -> Vec<f64> {
+/// Largest z at the moving end of each ramp of `grid`, 1/s², where a drive may use `share` of its jerk limit.
+pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, share: &[[f64; AXES]]) -> Vec<f64> {
     let cap = |ramp: Ramp| {
-        let at = |axis: usize| (slack[ramp.neighbour][axis] / ramp_use(grid, limits, ramp, axis)).powf(2.0 / 3.0);
+        let at = |axis: usize| (share[ramp.neighbour][axis] / ramp_use(grid, limits, ramp, axis)).powf(2.0 / 3.0);
         (0..AXES).map(at).fold(f64::INFINITY, f64::min)
     };
     grid.ramps().into_iter().map(cap).collect()

@@ -21,7 +21,7 @@ pub use grid_profile::GridProfile;
 pub use linear::{Step, step};
 
 use super::limits::Limits;
-use super::rows::{Grid, Slack};
+use super::rows::{Grid, Tightening};
 use super::{Objective, PlanError, Profile};
 
 /// Change of the time, relative, at which programmes have settled.
@@ -40,7 +40,7 @@ pub struct Sequence {
     /// Rows at the grid points.
     pub grid: Grid,
     /// Share of every limit that may be used.
-    pub slack: Slack,
+    pub tightening: Tightening,
     /// Rows that are in the programmes.
     pub active: ActiveSet,
     /// The iterate: the optimum of the last programme.
@@ -54,20 +54,20 @@ pub struct Sequence {
 impl Sequence {
     /// A sequence that starts at `unlimited`, z without jerk limits, made slower near the ends of the path.
     pub fn begin(grid: Grid, limits: &Limits, unlimited: &[f64]) -> Self {
-        let slack = Slack::full(grid.points.len());
+        let tightening = Tightening::none(grid.points.len());
         let near = GridProfile { z: unlimited.to_vec(), acceleration: vec![0.0; unlimited.len()] };
-        let active = ActiveSet::new(Constraints { grid: &grid, limits, slack: &slack }, &near);
+        let active = ActiveSet::new(Constraints { grid: &grid, limits, tightening: &tightening }, &near);
         let at = constraint::first_iterate(&grid, limits, unlimited);
-        Self { grid, slack, active, at, bound: f64::NEG_INFINITY, near_feasible: false }
+        Self { grid, tightening, active, at, bound: f64::NEG_INFINITY, near_feasible: false }
     }
 
     /// A sequence that starts at `at`, which is near the optimum.
     pub fn near(grid: Grid, limits: &Limits, at: GridProfile) -> Self {
-        let slack = Slack::full(grid.points.len());
-        let constraints = Constraints { grid: &grid, limits, slack: &slack };
+        let tightening = Tightening::none(grid.points.len());
+        let constraints = Constraints { grid: &grid, limits, tightening: &tightening };
         let mut active = ActiveSet::new(constraints, &at);
         active.prune(constraints, &at);
-        Self { grid, slack, active, at, bound: f64::NEG_INFINITY, near_feasible: true }
+        Self { grid, tightening, active, at, bound: f64::NEG_INFINITY, near_feasible: true }
     }
 
     /// Motion of the last programme.
@@ -77,7 +77,7 @@ impl Sequence {
 
     /// Constraints of the programmes.
     pub fn constraints<'a>(&'a self, limits: &'a Limits) -> Constraints<'a> {
-        Constraints { grid: &self.grid, limits, slack: &self.slack }
+        Constraints { grid: &self.grid, limits, tightening: &self.tightening }
     }
 
     /// The number of programmes solved until the time changed by no more than `settled`, relative.
@@ -110,7 +110,7 @@ impl Sequence {
                 Objective::Time if feasible => self.at.towards(&step.profile, &self.grid),
                 _ => step.profile,
             };
-            let constraints = Constraints { grid: &self.grid, limits, slack: &self.slack };
+            let constraints = Constraints { grid: &self.grid, limits, tightening: &self.tightening };
             let broken = self.active.update(constraints, &next);
             if broken && self.near_feasible && repeats < MAX_REPEATS {
                 repeats += 1;
@@ -133,7 +133,7 @@ impl Sequence {
                 feasible = false;
             }
             if programme == 0 && !self.near_feasible {
-                self.active.prune(Constraints { grid: &self.grid, limits, slack: &self.slack }, &self.at);
+                self.active.prune(Constraints { grid: &self.grid, limits, tightening: &self.tightening }, &self.at);
             }
         }
         Ok(MAX_PROGRAMMES)

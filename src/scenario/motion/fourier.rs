@@ -80,22 +80,9 @@ impl FourierMotion {
         harmonics: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let middle = middle(plant);
-        let mut motion = Self {
-            frequency,
-            centre: [0.0, 0.0, middle, 0.0],
-            sine: vec![[0.0; 4]; harmonics],
-            cosine: vec![[0.0; 4]; harmonics],
-        };
-        // Equal velocity amplitudes over the harmonics reach speed and acceleration limits together.
-        for k in 0..harmonics {
-            for i in 0..4 {
-                let psi = if plant.mechanism.has_telescope() { 12.0 } else { 0.0 };
-                let size = [0.5, 0.5, 0.2, psi][i] / (k + 1) as f64;
-                motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
-                motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
-            }
-        }
+        let psi = if plant.mechanism.has_telescope() { 12.0 } else { 0.0 };
+        let mut motion = Self::still(frequency, [0.0, 0.0, middle(plant), 0.0], harmonics);
+        motion.draw(&[0.5, 0.5, 0.2, psi], rng);
         // Platform and axis 4 are scaled on their own: their limits have little to do with each other, but for a payload off
         // the axis that axis 4 swings about.
         let mut tries = 0;
@@ -122,19 +109,10 @@ impl FourierMotion {
     ) -> Self {
         let [low, high] = plant.geometry.arm_limits;
         let arms = plant.mechanism.arms();
-        let mut motion = Self {
-            frequency,
-            centre: std::array::from_fn(|i| if i < arms { 0.5 * (low + high) } else { 0.0 }),
-            sine: vec![[0.0; 4]; harmonics],
-            cosine: vec![[0.0; 4]; harmonics],
-        };
-        for k in 0..harmonics {
-            for i in 0..plant.mechanism.axes() {
-                let size = if i < arms { 0.5 * (high - low) } else { 12.0 } / (k + 1) as f64;
-                motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
-                motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
-            }
-        }
+        let centre = std::array::from_fn(|i| if i < arms { 0.5 * (low + high) } else { 0.0 });
+        let sizes: [f64; AXES] = std::array::from_fn(|i| if i < arms { 0.5 * (high - low) } else { 12.0 });
+        let mut motion = Self::still(frequency, centre, harmonics);
+        motion.draw(&sizes[..plant.mechanism.axes()], rng);
         for _ in 0..200 {
             let bad = motion.axes_beyond(plant, limits);
             if bad == [false; AXES] {
@@ -145,6 +123,23 @@ impl FourierMotion {
             }
         }
         motion
+    }
+
+    /// At rest in the centre, with `harmonics` harmonics.
+    fn still(frequency: f64, centre: [f64; 4], harmonics: usize) -> Self {
+        Self { frequency, centre, sine: vec![[0.0; 4]; harmonics], cosine: vec![[0.0; 4]; harmonics] }
+    }
+
+    /// Draws the amplitudes of the first coordinates up to `sizes` over the harmonic's number: equal velocity amplitudes reach
+    /// speed and acceleration limits together.
+    fn draw(&mut self, sizes: &[f64], rng: &mut ChaCha8Rng) {
+        for k in 0..self.sine.len() {
+            for (i, size) in sizes.iter().enumerate() {
+                let size = size / (k + 1) as f64;
+                self.sine[k][i] = size * rng.random_range(-1.0..1.0);
+                self.cosine[k][i] = size * rng.random_range(-1.0..1.0);
+            }
+        }
     }
 
     /// Axes that leave their joint's or their drive's limits.

@@ -12,6 +12,7 @@
 use nalgebra::Vector4;
 
 use super::polynomial::Piecewise;
+use crate::numerics::bisect;
 
 /// A path along waypoints, at rest at both ends.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,13 +115,13 @@ impl Path {
 
     /// Largest speed after `from` within `room` m.
     fn reach(&self, from: f64, room: f64) -> f64 {
-        bisect(from, self.speed.max(from), |to| self.distance(from, to) <= room)
+        largest(from, self.speed.max(from), |to| self.distance(from, to) <= room)
     }
 
     /// Travels `room` m along `line` from `start`, with `ends` the speeds at both ends.
     fn travel(&self, out: &mut Builder, start: Vector4<f64>, line: &Line, room: f64, ends: [f64; 2]) {
         let fastest = ends[0].max(ends[1]);
-        let peak = bisect(fastest, self.speed.max(fastest), |peak| {
+        let peak = largest(fastest, self.speed.max(fastest), |peak| {
             self.distance(ends[0], peak) + self.distance(peak, ends[1]) <= room
         });
         let slow_down = self.distance(peak, ends[1]);
@@ -185,19 +186,8 @@ fn blend(out: &mut Builder, corner: Vector4<f64>, before: Vector4<f64>, after: V
 }
 
 /// Largest value from `low` to `high` for which `fits` holds; it holds for `low` and, once not, never again.
-fn bisect(mut low: f64, mut high: f64, fits: impl Fn(f64) -> bool) -> f64 {
-    if fits(high) {
-        return high;
-    }
-    for _ in 0..80 {
-        let middle = 0.5 * (low + high);
-        if fits(middle) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
+fn largest(low: f64, high: f64, fits: impl Fn(f64) -> bool) -> f64 {
+    if fits(high) { high } else { bisect([low, high], 80, fits)[0] }
 }
 
 #[cfg(test)]

@@ -6,8 +6,7 @@ use super::super::wrench::{STILL, Twist};
 use super::Mechanism;
 use super::equations::Loads;
 use crate::dynamics::{Plant, inertial_wrench};
-use crate::kinematics::motion::telescope_rotation;
-use crate::kinematics::{BodyMotion, Motion, Telescope};
+use crate::kinematics::{BodyMotion, HookeJoint, Motion, Telescope};
 use crate::machine::Geometry;
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
@@ -63,14 +62,12 @@ impl Chain {
         let w = telescope.axis;
         let w_rate = omega_t.cross(&w);
         let spin = omega_t.dot(&w);
-        let swing = -w.cross(&(hooke + w_rate * (2.0 * telescope.rate))) / telescope.length;
+        let swing = telescope.swing(&(hooke + w_rate * (2.0 * telescope.rate)));
         // (α_T − α_R)·n + (ω_T − ω_R)·ṅ = 0
-        let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
-        let bar_rate = omega_t.cross(&bar);
+        let [upper, lower] = motion.hooke_joints();
         let rotor = &motion.bodies[ROTOR];
-        let yoke = rotor.rotation.column(0).into_owned();
-        let n = yoke.cross(&bar);
-        let n_rate = rotor.angular_velocity.cross(&yoke).cross(&bar) + yoke.cross(&bar_rate);
+        let n = upper.normal;
+        let n_rate = upper.normal_rate(&rotor.angular_velocity, &omega_t);
         let open = swing + w_rate * spin;
         let spin_rate = (-open.dot(&n) - (omega_t - rotor.angular_velocity).dot(&n_rate)) / w.dot(&n);
         let alpha = open + w * spin_rate;
@@ -78,9 +75,8 @@ impl Chain {
         let ee = &motion.bodies[END_EFFECTOR];
         let kappa = (ee.angular_velocity - omega).dot(&self.pivot);
         let precession = omega.cross(&self.pivot) * kappa;
-        let yoke = ee.rotation.column(0).into_owned();
-        let n = yoke.cross(&bar);
-        let n_rate = ee.angular_velocity.cross(&yoke).cross(&bar) + yoke.cross(&bar_rate);
+        let n = lower.normal;
+        let n_rate = lower.normal_rate(&ee.angular_velocity, &omega_t);
         let kappa_rate =
             ((alpha - precession).dot(&n) - (ee.angular_velocity - omega_t).dot(&n_rate)) / self.pivot.dot(&n);
         let flange = self.pivot * geometry.flange_height;
@@ -142,14 +138,13 @@ impl Mechanism {
         let hooke = pivot * g.lower_hooke_height;
         let lower = platform.position + hooke;
         let lower_velocity = platform.velocity + omega.cross(&hooke);
-        let bar = g.upper_hooke() - lower;
-        let length = bar.norm();
-        let axis = bar / length;
+        let telescope = Telescope::between(&lower, &lower_velocity, &g.upper_hooke());
+        let Telescope { axis, length, .. } = telescope;
         let yoke = bodies[ROTOR].rotation.column(0).into_owned();
-        let rotation = telescope_rotation(&axis, &yoke);
+        let rotation = telescope.rotation(&yoke);
         let cross = rotation.column(1).into_owned();
-        // The Hooke joint passes rotation about the normal n of its cross: (ω_T − Ω z)·n = 0.
-        let n = yoke.cross(&cross);
+        // (ω_T − Ω z)·n = 0
+        let n = HookeJoint::new(yoke, cross).normal;
         let passed = 1.0 / axis.dot(&n);
         chain.hooke = hooke;
         chain.a = (axis * (n.cross(&axis) * passed).transpose() - axis.cross_matrix()) / length;
@@ -157,7 +152,7 @@ impl Mechanism {
         let omega_t = chain.a * lower_velocity + chain.b * rotor_rate;
         // End effector: x normal to the telescope's cross axis and the pivot.
         let x = cross.cross(&pivot).normalize();
-        let n = x.cross(&cross);
+        let n = HookeJoint::new(x, cross).normal;
         let passed = 1.0 / pivot.dot(&n);
         chain.pivot = pivot;
         chain.c_v = chain.a.tr_mul(&n) * passed;
@@ -173,6 +168,6 @@ impl Mechanism {
         );
         bodies[TELESCOPE_UPPER].place(rotation, g.upper_hooke(), Vector3::zeros(), omega_t);
         bodies[TELESCOPE_LOWER].place(rotation, lower, lower_velocity, omega_t);
-        Telescope { axis, length, rate: -axis.dot(&lower_velocity) }
+        telescope
     }
 }

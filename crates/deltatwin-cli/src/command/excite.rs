@@ -12,9 +12,10 @@ use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::excitation::discriminate::{Discrimination, discriminate};
 use deltatwin::excitation::experiments::{Experiment, Kind};
 use deltatwin::excitation::prospect::{Prospect, duration, in_words};
-use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design, median};
+use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design};
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
+use deltatwin::numerics::median;
 use deltatwin::text::significant;
 use deltatwin_io::{model, scenario};
 

@@ -5,9 +5,10 @@ use std::path::{Component, Path, PathBuf};
 
 use deltatwin::dynamics::Channel;
 use deltatwin::excitation::experiments::Experiment;
-use deltatwin::excitation::{Design, Objective, Options, median};
+use deltatwin::excitation::{Design, Objective, Options};
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
+use deltatwin::numerics::median;
 use deltatwin::scenario::Course;
 use deltatwin::text::significant;
 use miette::{IntoDiagnostic, WrapErr, miette};

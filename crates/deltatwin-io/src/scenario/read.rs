@@ -33,6 +33,13 @@ pub enum ScenarioError {
     Content(#[from] Problem),
 }
 
+impl ScenarioError {
+    /// The text of a file.
+    pub(crate) fn text(path: &Path) -> Result<String> {
+        std::fs::read_to_string(path).map_err(|e| Self::Io { file: path.into(), reason: e.to_string() })
+    }
+}
+
 type Result<T> = std::result::Result<T, ScenarioError>;
 
 /// All but `[motion]`, whose keys depend on its kind.
@@ -76,8 +83,7 @@ pub fn read(path: &Path) -> Result<Scenario> {
 /// # Errors
 /// The mistake with its place in the file.
 pub fn read_with(path: &Path, meshes: MeshReader) -> Result<Scenario> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+    let text = ScenarioError::text(path)?;
     parse_with(&text, path, meshes)
 }
 

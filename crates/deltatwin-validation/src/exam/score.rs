@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use deltatwin::numerics;
 use serde_json::{Map, Value, json};
 
 use super::judge::{Answer, Grade, Question, Truth};
@@ -225,11 +226,9 @@ pub struct Score {
     pub failed: usize,
 }
 
-/// The middle of the values, of two the greater.
+/// Median of the values, if there are any.
 pub fn median(x: &[f64]) -> Option<f64> {
-    let mut all = x.to_vec();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied()
+    (!x.is_empty()).then(|| numerics::median(x.iter().copied()))
 }
 
 /// Ends of the bins of claimed probabilities.

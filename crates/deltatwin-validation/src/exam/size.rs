@@ -20,6 +20,7 @@ use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, no
 use deltatwin::identification::{Dataset, columns, predict};
 use deltatwin::machine::{AXES, Setup};
 use deltatwin::model::Model;
+use deltatwin::numerics::bisect;
 
 /// How much of an effect is hidden.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
@@ -360,15 +361,7 @@ impl<'a> Sizer<'a> {
             let bodies = Plant::new(&self.with(active, direction, scale), self.setup).bodies;
             bodies.0.iter().all(|b| b.min_eigenvalue() >= -POSSIBLE * b.mass.max(b.tensor.trace()).max(1e-3))
         };
-        if possible(high) {
-            return high;
-        }
-        let (mut low, mut high) = (0.0, high);
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if possible(middle) { low = middle } else { high = middle }
-        }
-        low
+        if possible(high) { high } else { bisect([0.0, high], 40, possible)[0] }
     }
 }
 

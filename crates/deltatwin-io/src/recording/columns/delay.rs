@@ -1,7 +1,8 @@
 //! Signals that arrive late, put back in their place.
 
+use deltatwin::recording::sample_time;
+
 use super::Column;
-use crate::recording::check::median_step;
 
 /// Gaps wider than this many sampling periods are not interpolated across.
 const GAP: f64 = 3.5;
@@ -16,7 +17,7 @@ pub(super) fn remove(t: &mut Vec<f64>, rows: &mut Vec<u64>, columns: &mut [Colum
     if n < 2 || !t.is_sorted_by(|a, b| a < b) || columns.iter().any(|c| c.values.len() != n) {
         return;
     }
-    let step = median_step(t);
+    let step = sample_time(t);
     let mut kept = vec![true; n];
     for (column, &delay) in columns.iter_mut().zip(delays).filter(|(_, d)| **d != 0.0) {
         let mut j = 0;
