@@ -1,4 +1,4 @@
-//! Drag of the air on the platform.
+//! Aerodynamic drag on the platform.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 
-/// F = −c·|v|·v on the platform; F in N, v in m/s, c in N/(m/s)². Dissipates c·|v|³.
+/// Quadratic drag F = −c·|v|·v on the platform; F in N, v in m/s, c in N·s²/m². Dissipates c·|v|³.
 pub struct AirDrag;
 
 const PARAMETERS: &[Parameter] = &[Parameter {

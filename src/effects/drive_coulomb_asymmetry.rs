@@ -1,4 +1,4 @@
-//! Drive friction that differs between the two directions.
+//! Difference of the Coulomb drive friction between the two directions.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,8 @@ use super::{
     smooth_sign,
 };
 
-/// τ = −a·tanh²(k q̇): adds a to the Coulomb friction of the positive direction and takes it from the negative one.
+/// Torque τ = −a·tanh²(k q̇) (N·m): raises the Coulomb friction in positive direction by a and lowers it by a in
+/// negative direction.
 pub struct DriveCoulombAsymmetry;
 
 const DIFFERENCE: usize = 0;
@@ -22,7 +23,7 @@ const PARAMETERS: &[Parameter] = &[
         default: 0.5,
         range: (-20.0, 20.0),
     },
-    // Nobody knows how the directions blend at standstill: if within less than a sample, nothing but a bias is left.
+    // The transition at standstill is unknown; within less than one sample the effect equals a bias.
     STEEPNESS_PARAMETER.searched((20.0, 1e4)),
 ];
 

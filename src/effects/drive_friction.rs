@@ -1,4 +1,4 @@
-//! Coulomb and viscous friction of the drives (eq. 5–7).
+//! Coulomb and viscous friction of the drives ([Gnad 2024], eq. 5–7).
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use super::{
     smooth_sign,
 };
 
-/// τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive.
+/// Friction torque τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive; p_C in N·m, p_v in N·m·s/rad, k in s/rad.
 pub struct DriveFriction;
 
 const COULOMB: usize = 0;

@@ -1,4 +1,4 @@
-//! The payload weighs more or less than stated.
+//! Difference of the payload's mass from the stated one.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use crate::machine::Inertia;
 use crate::machine::Payload;
 use crate::machine::bodies::END_EFFECTOR;
 
-/// Extra mass Δm at the stated centre of mass of the payload (at the flange centre without payload).
+/// Additional mass Δm (kg) at the stated centre of mass of the payload (at the flange centre without payload).
 pub struct PayloadMassError;
 
 const PARAMETERS: &[Parameter] = &[Parameter {

@@ -1,11 +1,11 @@
-//! Torque is reported late against position.
+//! Delay of the reported torque relative to the position.
 
 use std::borrow::Cow;
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
 use crate::recording::Signals;
 
-/// Reported torque τ(t − d), the same for all drives.
+/// Reported torque τ(t − d) with the same delay d (s) for all drives.
 pub struct SignalDelay;
 
 const PARAMETERS: &[Parameter] = &[Parameter {
@@ -61,7 +61,7 @@ impl Sensor for SignalDelay {
     }
 }
 
-/// Four-point Lagrange interpolation at sample position `x`; beyond the ends the last value holds.
+/// Four-point Lagrange interpolation at sample position `x`, constant beyond the ends.
 fn interpolate<const N: usize>(samples: &[[f64; N]], x: f64) -> [f64; N] {
     let last = samples.len() - 1;
     let x = x.clamp(0.0, last as f64);

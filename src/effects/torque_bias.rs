@@ -1,4 +1,4 @@
-//! A drive reports its torque with an offset.
+//! Offset of the reported drive torques.
 
 use std::borrow::Cow;
 
