@@ -1,4 +1,4 @@
-//! A closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and what the robot touches.
+//! Closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and contacts.
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -23,26 +23,31 @@ use crate::model::Model;
 use crate::recording::{Recording, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
 
-/// Time within which a dislocation is located, s.
+/// Time resolution of a dislocation, s.
 const EVENT_TIME: f64 = 1e-7;
-/// Kinetic energy below which everything rests, J, and for how long, s: what leans on regularised friction creeps.
+/// Kinetic energy below which everything counts as at rest, J, and the time for which it must stay below, s:
+/// regularised friction creeps.
 const REST_ENERGY: f64 = 1e-3;
 const REST_TIME: f64 = 0.1;
-/// Work to which the energy error is related at least, J.
+/// Lower bound of the work to which the energy error is related, J.
 const LEAST_WORK: f64 = 1e-3;
-/// A pair that has not touched for this long touches anew, s.
+/// Time without contact after which a pair's next contact is a new event, s.
 const CONTACT_PAUSE: f64 = 0.05;
-/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is not rounding.
+/// Negative eigenvalue of a pseudo-inertia, relative to the body's magnitude, beyond rounding errors.
 const IMPOSSIBLE: f64 = 1e-9;
-/// Slack of time comparisons, s.
+/// Tolerance of time comparisons, s.
 const INSTANT: f64 = 1e-12;
 
-/// Recording and report of a run of `model` under `setup` along `desired`, controlled by `controller_plant`'s feed-forward.
+/// Recording and report of a run of `model` under `setup` along `desired`, with the feed-forward of `controller_plant`.
 ///
-/// With [`HoldTorque::Ramp`] the drives ramp the torque linearly over each period, so a recorded torque is the one that
-/// acts at its time stamp. `desired` says where platform or joints are to be; those of a machine without platform must be
-/// joints. `progress` is called with the simulated time once per sample; returning false ends the run
-/// there.
+/// With [`HoldTorque::Ramp`] the drive torques are linear over each period, so that a recorded torque is the one that
+/// acts at its time
+/// stamp. `desired` is the desired motion of platform or joints; a machine without platform requires joints. `progress`
+/// is called with
+/// the simulated time (s) once per sample; returning false ends the run.
+///
+/// # Errors
+/// Those of [`simulate_until_failure`], and the failure that ends a run early.
 pub fn simulate<T: Into<Target>>(
     model: &Model,
     setup: &Setup,
@@ -56,10 +61,12 @@ pub fn simulate<T: Into<Target>>(
     failure.map_or(Ok((recording, report)), Err)
 }
 
-/// The same, with what was recorded until the run failed, if it did: a failure under way is handed back beside the
-/// recording.
+/// Recording and report as from [`simulate`], with the failure if one ended the run early; they extend to that instant.
 ///
 /// # Errors
+/// A [`SimulationError`] if the run cannot start: the desired motion, the loops at the start, the inertia of a body,
+/// the objects, or
+/// parts that the machine does not have.
 /// If the run cannot begin.
 pub fn simulate_until_failure<T: Into<Target>>(
     model: &Model,
@@ -93,7 +100,7 @@ pub fn simulate_until_failure<T: Into<Target>>(
     Ok((recording, report, failure))
 }
 
-/// Refuses what only a platform or its struts can do.
+/// Rejects options that require a platform or struts.
 fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
     let fitted = &options.sensors;
     for (what, asked) in [
@@ -109,7 +116,7 @@ fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
     Ok(())
 }
 
-/// A run under way.
+/// A run in progress.
 struct Run<'a> {
     options: &'a Options,
     desired: &'a dyn Fn(f64) -> Target,
@@ -129,29 +136,29 @@ struct Run<'a> {
     checkpoint: Checkpoint,
     /// Contact wrenches at the present time.
     contact: [Twist; BODIES],
-    /// What has met so far, and when last, s.
+    /// Contacts and stops so far, with the time of the last one, s.
     touching: Vec<(Meeting, f64)>,
     rest_since: Option<f64>,
     rested: bool,
     work: Vec<f64>,
     turned_over: f64,
-    /// Frames so far, and events that the watcher has seen.
+    /// Number of frames so far; the number of events passed to the watcher follows.
     frames: usize,
     watched: usize,
     signals: Signals,
     report: Report,
 }
 
-/// What can meet again and again, of which only the beginnings are events.
+/// A contact or stop, of which only the beginnings are events.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Meeting {
     /// Two bodies that touch.
     Contact(ContactBody, ContactBody),
-    /// A freedom and its stop, the upper one or not.
+    /// A degree of freedom and whether it is at its upper stop.
     Stop(usize, bool),
 }
 
-/// Whether `meeting`, which is on at time `t`, was not on all along; notes it in `known`.
+/// Whether `meeting`, active at time `t`, has begun anew; records it in `known`.
 fn begins(known: &mut Vec<(Meeting, f64)>, meeting: Meeting, t: f64) -> bool {
     match known.iter_mut().find(|(met, _)| *met == meeting) {
         Some((_, last)) => t - std::mem::replace(last, t) >= CONTACT_PAUSE,
@@ -162,7 +169,7 @@ fn begins(known: &mut Vec<(Meeting, f64)>, meeting: Meeting, t: f64) -> bool {
     }
 }
 
-/// What solves the contacts of a run; none where nothing can touch.
+/// Contact solver of a run; `None` if contacts are impossible.
 fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<Box<dyn Contacts>>, CellError> {
     if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
         return Ok(None);
@@ -180,8 +187,9 @@ fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<B
     new(&surroundings).map(Some)
 }
 
-/// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
-/// transmitted torque.
+/// Joint state in equilibrium with encoder readings `wanted`, and the deflections of elastic gears, rad: compliance
+/// times transmitted
+/// torque.
 fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
     let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let mut deflection = [0.0; AXES];
@@ -286,7 +294,7 @@ impl<'a> Run<'a> {
         self.report.events.push(Event { t, kind, what: what.into() });
     }
 
-    /// One sample time: record, control, move on. False if the run cannot go on.
+    /// One sample time: record, control, advance. False if the run has ended.
     fn sample(&mut self, k: usize) -> Result<bool, SimulationError> {
         let t = k as f64 * self.period;
         self.twin.set_time(t);
@@ -326,7 +334,7 @@ impl<'a> Run<'a> {
         Ok(true)
     }
 
-    /// An intact robot must not get stuck; a broken one may lie where the equations end.
+    /// An intact robot must not become singular; a broken one may end its run in a singular pose.
     fn stuck(&mut self, t: f64) -> Result<bool, SimulationError> {
         let failure = self.failure(t);
         if self.twin.closed() == SocketSet::ALL
@@ -338,7 +346,7 @@ impl<'a> Run<'a> {
         Ok(false)
     }
 
-    /// Why the twin goes no further: a law without a number, numbers that left the equations, or a singular pose.
+    /// Why the twin cannot be advanced: a law with a value that is not finite, a diverged solution, or a singular pose.
     fn failure(&self, t: f64) -> SimulationError {
         if let Some(source) = self.twin.fault() {
             return SimulationError::Law { source };
@@ -353,7 +361,7 @@ impl<'a> Run<'a> {
     fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
         let closed = self.twin.closed();
         let plant = self.twin.plant();
-        // The length of an elastic strut is no constraint.
+        // The length of an elastic strut is not a constraint.
         let rigid = plant.effects.iter().all(|a| a.strut_spring().is_none());
         let report = &mut self.report;
         let joints = plant.assembled.then(|| constraints::rows(&plant.geometry, &snapshot.motion));
@@ -376,7 +384,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Chooses the torque of the coming control period.
+    /// Computes the torque of the next control period.
     fn control(&mut self, t: f64, encoders: &[f64; AXES], tau: &[f64; AXES]) -> Result<(), SimulationError> {
         if self.tripped {
             return Ok(());
@@ -423,7 +431,7 @@ impl<'a> Run<'a> {
         self.event(t, EventKind::Trip, why);
     }
 
-    /// Moves on to `end`, opening sockets whose hold is exceeded.
+    /// Advances to `end`, opening sockets whose hold force is exceeded.
     fn advance(&mut self, end: f64) -> Result<(), SingularPose> {
         let full = self.period / self.options.substeps as f64;
         while end - self.twin.time() > INSTANT {
@@ -450,7 +458,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Contact wrenches over the coming step, which is shortened to resolve them.
+    /// Updates the contact wrenches for the next step and returns its length, shortened to resolve them.
     fn touch(&mut self, h: f64) -> f64 {
         let Some(contacts) = &mut self.contacts else { return h };
         let motion = self.twin.motion();
@@ -461,7 +469,7 @@ impl<'a> Run<'a> {
         }
         let n = (h / contacts.longest_step()).ceil().max(1.0);
         let h = h / n;
-        // Wrenches go linearly to what they will be at the end of the step, so reactions are continuous in time.
+        // Wrenches are linear up to their values at the end of the step, so that reactions are continuous in time.
         let ahead = extrapolated(&motion, h);
         let next = *contacts.wrenches(&ahead, closed);
         let t = self.twin.time();
@@ -475,7 +483,7 @@ impl<'a> Run<'a> {
         h
     }
 
-    /// Notes what touches since the contacts were last solved.
+    /// Records the contacts that are new since the last solution.
     fn note_touches(&mut self, t: f64) {
         let Self { contacts: Some(contacts), touching, report, .. } = self else { return };
         for touch in contacts.touches() {
@@ -486,7 +494,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Notes joints that are in their hard stops.
+    /// Records joints that have reached their hard stops.
     fn watch_stops(&mut self) {
         let (t, hits) = (self.twin.time(), *self.twin.hits());
         for (k, hit) in hits.iter().enumerate() {
@@ -497,7 +505,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Smallest margin of the sockets that hold.
+    /// Smallest margin of the closed sockets, N.
     fn weakest(&mut self) -> Result<f64, SingularPose> {
         let snapshot = self.twin.evaluate(&self.torque)?;
         let closed = self.twin.closed();
@@ -505,7 +513,7 @@ impl<'a> Run<'a> {
         Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
     }
 
-    /// Goes back to where a margin vanished within the last step of `h` and opens every socket that cannot hold there.
+    /// Returns to the zero of a margin within the last step of `h` s, and opens every socket that cannot hold there.
     fn open_sockets(&mut self, h: f64) -> Result<(), SingularPose> {
         let (mut before, mut after) = (0.0, h);
         while after - before > EVENT_TIME {
@@ -517,7 +525,7 @@ impl<'a> Run<'a> {
         self.twin.restore(&self.checkpoint);
         self.twin.step(after, &self.torque)?;
         let t = self.twin.time();
-        // Each loss loads the others and takes the hold of its partner.
+        // Each open socket loads the others and removes the clamp force of its partner.
         loop {
             let snapshot = self.twin.evaluate(&self.torque)?;
             let closed = self.twin.closed();
@@ -543,7 +551,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// What the gripper does by time `t`.
+    /// Performs the actions of the gripper up to time `t`.
     fn act(&mut self, t: f64) -> Result<(), SimulationError> {
         while let Some(action) = self.options.actions.get(self.next_action).filter(|a| a.t <= t + INSTANT) {
             self.next_action += 1;
@@ -639,7 +647,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The pose of a motion in words.
+/// Joint angles and platform position of a motion.
 fn pose(motion: &Motion, assembled: bool) -> Pose {
     Pose { q: motion.q, platform: assembled.then(|| motion.bodies[PLATFORM].position.into()) }
 }
@@ -648,7 +656,7 @@ fn singular_start(motion: &Motion, assembled: bool) -> SimulationError {
     SimulationError::Singular { t: 0.0, pose: pose(motion, assembled), cause: Cause::Rank }
 }
 
-/// Poses `h` seconds ahead at the present twists.
+/// The motion with poses extrapolated by `h` s at the present twists.
 fn extrapolated(motion: &Motion, h: f64) -> Motion {
     let mut out = *motion;
     for body in &mut out.bodies {
