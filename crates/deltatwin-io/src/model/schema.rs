@@ -209,7 +209,7 @@ const GEOMETRY: &[Field<Geometry>] = &[
         false
     ),
 ];
-/// The last of them, those of the telescope.
+/// Number of keys at the end that belong to the telescope.
 const OF_TELESCOPE: usize = 3;
 
 const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
@@ -274,7 +274,7 @@ const INERTIA: &[Field<Inertia>] = &[
     },
 ];
 
-/// The one number of a lone axis.
+/// The key of a single axis' inertia.
 const fn lone(key: &'static str, about: &'static str) -> Field<Inertia> {
     Field {
         key,
@@ -316,7 +316,7 @@ macro_rules! drive {
     };
 }
 
-/// Keys of `[drives.arm]`; `[drives.telescope]` and `[drives.axis]` have the same with one number each.
+/// Keys of `[drives.arm]`; `[drives.telescope]` and `[drives.axis]` have the same keys with one number each.
 pub(super) const DRIVE: &[Field<[Drive]>] = &[
     drive!(gear_ratio, Unit::RadPerRad, "motor turns per output turn", Bounds::positive(1e5)),
     drive!(
@@ -380,10 +380,10 @@ const STOPS: &[Field<Stops>] = &[
     number!(hooke_stiffness, Unit::NMPerRad, "of the Hooke joints' stops", STIFFNESS, true),
     number!(hooke_damping, Unit::SPerRad, "Hunt and Crossley's, of the Hooke joints' stops", DAMPING, true),
 ];
-/// The first of them, those of the arms.
+/// Number of keys at the beginning that belong to the arms.
 const OF_ARMS: usize = 3;
 
-/// Keys of `[stops]`, which may be left out.
+/// Keys of the optional table `[stops]`.
 pub(super) fn stops(machine: Mechanism) -> &'static [Field<Stops>] {
     if machine.has_telescope() { STOPS } else { STOPS.split_at(OF_ARMS).0 }
 }
@@ -418,7 +418,7 @@ pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {
     }
 }
 
-/// Tables of `[drives]` and the drives each one describes.
+/// Tables of `[drives]` with the drives that each one describes.
 pub(super) fn drive_groups(machine: Mechanism) -> &'static [(&'static str, std::ops::Range<usize>)] {
     match machine {
         Mechanism::Delta { telescope: true } => &[("arm", 0..ARMS), ("telescope", ARMS..AXES)],

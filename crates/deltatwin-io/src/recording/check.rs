@@ -1,4 +1,4 @@
-//! Makes signals of the columns a file holds: names what is wrong, repairs what can be repaired.
+//! Conversion of columns to signals, with checks and repairs.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -8,43 +8,43 @@ use deltatwin::recording::{Signals, multiplier_names};
 
 use super::ReadError;
 
-/// Fewest samples that make a recording.
+/// Smallest number of samples of a recording.
 const FEWEST: usize = 100;
-/// Shorter pieces between gaps are dropped.
+/// Smallest number of samples of a segment between gaps; shorter ones are dropped.
 const SHORTEST_STRETCH: usize = 10;
 /// Largest relative deviation of a sampling step from the median that counts as uniform.
 const JITTER: f64 = 0.01;
-/// Plausible arm angles, rad: the limits −0.9…1.9 with 40° of margin.
+/// Plausible arm angles, rad: −0.9…1.9, extended by 40° on either side.
 const ARM_ANGLE: (f64, f64) = (-1.6, 2.6);
-/// Samples a torque may stay exactly the same while its axis moves.
+/// Number of samples for which a torque may be exactly constant while its axis moves.
 const FROZEN: usize = 50;
 
-/// What a file holds, one column per channel.
+/// Columns of a file, one per channel.
 pub(super) struct Table {
     pub file: PathBuf,
-    /// What a row is called, e.g. `line`.
+    /// Word for a row in messages, e.g. `line`.
     pub row: &'static str,
-    /// Number of each sample's row.
+    /// Row number of each sample.
     pub rows: Vec<u64>,
     pub t: Vec<f64>,
     pub columns: Vec<Column>,
-    /// Machine whose axes the file must hold.
+    /// Machine whose axes the file must contain.
     pub machine: Mechanism,
 }
 
-/// One channel by its CSV name.
+/// One channel, named as in CSV.
 pub(super) struct Column {
     pub name: String,
     pub values: Vec<f64>,
 }
 
-/// Names of the columns a file must have.
+/// Names of the required columns.
 pub(super) fn required(axes: usize) -> impl Iterator<Item = String> {
     let of = move |name| (1..=axes).map(move |k| format!("{name}{k}"));
     std::iter::once("t".to_string()).chain(of("q")).chain(of("tau"))
 }
 
-/// The machine whose columns are there: four axes if there is anything of the fourth, and so on.
+/// The machine inferred from the columns: four axes if any column belongs to the fourth, etc.
 pub(super) fn machine(has: impl Fn(&str) -> bool) -> Mechanism {
     let axis = |k: usize| has(&format!("q{k}")) || has(&format!("tau{k}"));
     match (axis(1), axis(2) || axis(3), axis(4)) {
@@ -54,12 +54,12 @@ pub(super) fn machine(has: impl Fn(&str) -> bool) -> Mechanism {
     }
 }
 
-/// Whether a column is of an axis beyond the first `axes`.
+/// Whether a column belongs to an axis beyond the first `axes`.
 pub(super) fn foreign(name: &str, axes: usize) -> bool {
     is_axis(name) && (axes + 1..=AXES).any(|k| name.ends_with(char::from(b'0' + k as u8)))
 }
 
-/// Names of all columns that are understood.
+/// Whether a column name is known.
 pub(super) fn known(name: &str) -> bool {
     let numbered = |stem: &str, n: usize| {
         name.strip_prefix(stem).is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=n).contains(&k)))
@@ -78,12 +78,12 @@ pub(super) fn known(name: &str) -> bool {
         || (name.starts_with("lambda_") && multiplier_names().iter().any(|n| n == name))
 }
 
-/// Columns of the socket margins: six upper, then six lower.
+/// Column names of the socket margins: six upper, then six lower.
 pub(super) fn margin_names() -> [String; 2 * STRUTS] {
     std::array::from_fn(|s| format!("margin{}_{}", s % STRUTS + 1, if s < STRUTS { "upper" } else { "lower" }))
 }
 
-/// Checks and repairs `table`; also returns what was noticed.
+/// Checks and repairs `table`; also returns warnings.
 pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadError> {
     let mut warnings = Vec::new();
     table.finite()?;
@@ -146,7 +146,7 @@ impl Table {
         Ok(())
     }
 
-    /// Drops rows that repeat the one before, time and all.
+    /// Drops rows identical to the previous one, time included.
     fn repeated(&mut self, warnings: &mut Vec<String>) {
         let same = |v: &[f64], i: usize| v[i] == v[i - 1];
         let again = |i: usize| i > 0 && same(&self.t, i) && self.columns.iter().all(|c| same(&c.values, i));
@@ -272,7 +272,8 @@ impl Table {
                 return Err(self.value_error(0, &name, problem, "a channel that changes"));
             }
         }
-        // Margins, multipliers and links are no sensor's: a socket open from the start always has zero.
+        // Margins, multipliers and links are computed: the margin of a socket that is open from the start is constant
+        // zero.
         let computed = |name: &str| ["margin", "lambda_", "link_"].iter().any(|stem| name.starts_with(stem));
         let sensor = |c: &&Column| !is_axis(&c.name) && !computed(&c.name);
         for c in self.columns.iter().filter(sensor).filter(|c| is_constant(&c.values)) {
@@ -281,7 +282,7 @@ impl Table {
         Ok(())
     }
 
-    /// Takes out the jumps of a wrapped angle of axis 4, which turns endlessly.
+    /// Unwraps the angle of axis 4, which rotates without limits.
     fn unwrap_axis4(&mut self, warnings: &mut Vec<String>) {
         use std::f64::consts::{PI, TAU};
         let Some(c) = self.columns.iter_mut().find(|c| c.name == "q4") else {
@@ -295,7 +296,7 @@ impl Table {
                 turns -= TAU * step.signum();
                 first = first.or(Some(i));
             }
-            // Adding zero would turn −0 into 0; what was written comes back bit for bit.
+            // Adding zero would turn −0 into 0; values must be preserved bit for bit.
             if turns != 0.0 {
                 c.values[i] += turns;
             }
@@ -341,7 +342,7 @@ impl Table {
         }
     }
 
-    /// Recorded joint rates against the difference quotient of the angles.
+    /// Compares recorded joint rates with difference quotients of the angles.
     fn rates(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
         let n = self.t.len();
         let reach = ((5e-3 / median_step(&self.t)) as usize).clamp(1, (n - 1) / 2);
@@ -416,10 +417,10 @@ impl Table {
         }
     }
 
-    /// Splits at gaps and makes the sampling uniform where it is not.
+    /// Splits at gaps, and resamples segments that are not uniform.
     fn sampling(&mut self, warnings: &mut Vec<String>) -> Result<Vec<Range<usize>>, ReadError> {
         let step = median_step(&self.t);
-        // One or two lost samples are bridged, unless sampling is so slow that motion is lost with them.
+        // One or two lost samples are interpolated, unless the sampling period is too long for that.
         let gap = (1.5 * step).max((3.5 * step).min(5e-3));
         let mut stretches = Vec::new();
         let mut start = 0;
@@ -490,7 +491,7 @@ impl Table {
         let mut lengths = Vec::new();
         for r in stretches {
             let (first, last) = (self.t[r.start], self.t[r.end - 1]);
-            let mut kept = vec![r.start]; // Samples almost on top of each other would only amplify noise.
+            let mut kept = vec![r.start]; // Samples almost coincident in time would only amplify noise.
             kept.extend((r.start + 1..r.end).filter({
                 let mut previous = first;
                 let times = &self.t;
@@ -586,7 +587,7 @@ impl Table {
     }
 }
 
-/// The columns of `signals` other than `t`; an error if their lengths differ or a value is not finite.
+/// Columns of `signals` other than `t`; an error if their lengths differ or a value is not finite.
 pub(super) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
     let mut columns = Vec::new();
     for (stem, values) in [
@@ -664,7 +665,7 @@ pub(super) fn median_step(t: &[f64]) -> f64 {
     *steps.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Stretches of equal values.
+/// Ranges of equal consecutive values.
 fn runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> + '_ {
     let mut start = 0;
     std::iter::from_fn(move || {
@@ -698,7 +699,8 @@ fn limit_number(warnings: &mut Vec<String>, pattern: &str, most: usize) {
     }
 }
 
-/// Uniform times of each stretch, if the recorded ones differ from them by no more than their last digit.
+/// Sampling period and uniform times of each segment, if the recorded times differ from them by at most their last
+/// digit.
 fn rounded(t: &[f64], stretches: &[Range<usize>]) -> Option<(f64, Vec<Vec<f64>>)> {
     let multiple = |digit: i32| {
         let k = 10f64.powi(digit);
@@ -718,7 +720,7 @@ fn rounded(t: &[f64], stretches: &[Range<usize>]) -> Option<(f64, Vec<Vec<f64>>)
     Some((unit, times))
 }
 
-/// Weights of the cubic through four points at `x`.
+/// Weights of cubic Lagrange interpolation through four points at `x`.
 fn lagrange(nodes: [f64; 4], x: f64) -> [f64; 4] {
     std::array::from_fn(|i| {
         let others = (0..4).filter(|&j| j != i);
