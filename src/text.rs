@@ -19,8 +19,7 @@ pub fn significant(x: f64, digits: usize) -> String {
 /// The element of `known` nearest to the misspelt name `wrong`; `None` if no name is near enough.
 ///
 /// A name is near enough if its Damerau–Levenshtein distance is at most a third of its length, rounded up (at least 2),
-/// or if
-/// one of the two contains the other and `wrong` has at least three bytes.
+/// or if one of the two contains the other and `wrong` has at least three bytes.
 pub fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let distances = known.into_iter().map(|name| (strsim::damerau_levenshtein(wrong, name), name));
     let within = |name: &str| wrong.len() > 2 && (name.contains(wrong) || wrong.contains(name));

@@ -68,8 +68,7 @@ impl Mesh {
     ///
     /// # Errors
     /// [`MeshError::NoCorner`] if a triangle refers to a missing corner, [`MeshError::Open`] if the surface is not
-    /// closed or not
-    /// consistently oriented, [`MeshError::Flat`] if the volume is too small.
+    /// closed or not consistently oriented, [`MeshError::Flat`] if the volume is too small.
     pub fn new(corners: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>, convex: bool) -> Result<Self, MeshError> {
         if let Some(i) = triangles.iter().position(|t| t.iter().any(|i| *i as usize >= corners.len())) {
             return Err(MeshError::NoCorner(i + 1));
@@ -87,8 +86,7 @@ impl Mesh {
     }
 
     /// The mesh with its origin moved to `centre`, its centre of volume (m), and the inertia tensor `gyration` about it
-    /// per unit of
-    /// mass (m²).
+    /// per unit of mass (m²).
     #[must_use]
     pub fn centred(mut self, centre: &Vector3<f64>, gyration: Matrix3<f64>) -> Self {
         self.corners.iter_mut().for_each(|c| *c -= centre);

@@ -90,8 +90,7 @@ impl Default for Surface {
 ///
 /// # Errors
 /// The first fault: an empty or duplicate name, a length or mass that is not positive, another number out of range or
-/// not
-/// finite, or a free mesh that is not a convex hull.
+/// not finite, or a free mesh that is not a convex hull.
 pub fn check(objects: &[Object], payload: Option<(&Shape, &Vector3<f64>)>) -> Result<(), CellError> {
     for (i, object) in objects.iter().enumerate() {
         object.check(i)?;

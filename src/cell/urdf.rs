@@ -17,10 +17,8 @@ pub const BASE: &str = "base";
 /// Spanning tree of the robot as URDF; `None` for a machine that is not a delta robot, or is disassembled.
 ///
 /// Arms and end effector are on the joints `axis1…4`; struts, platform and telescope are on floating joints, whose
-/// poses are the
-/// transforms of the recording. Link frames are the body frames of the twin, visual shapes are cylinders of the
-/// collision
-/// dimensions. Masses are omitted, since a tree cannot represent the closed loops.
+/// poses are the transforms of the recording. Link frames are the body frames of the twin, visual shapes are cylinders
+/// of the collision dimensions. Masses are omitted, since a tree cannot represent the closed loops.
 pub fn urdf(model: &Model) -> Option<String> {
     if !model.assembled {
         return None;

@@ -1,9 +1,8 @@
 //! Projection of wrenches on bodies onto drive torques and strut forces, by the principle of virtual work.
 //!
 //! A drive torque does work on its joint angle, an axial strut force on a virtual gap at its socket while the drives
-//! are locked.
-//! With ξ_c the twists of all bodies per unit of such a virtual motion and w the applied minus the inertial wrenches,
-//! τ_c = −Σ ξ_c·w and T_c = +Σ ξ_c·w (tension positive).
+//! are locked. With ξ_c the twists of all bodies per unit of such a virtual motion and w the applied minus the inertial
+//! wrenches, τ_c = −Σ ξ_c·w and T_c = +Σ ξ_c·w (tension positive).
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 
@@ -106,8 +105,7 @@ impl ChannelMap {
     ///
     /// # Errors
     /// [`KinematicsError::Singular`] if the Jacobian or, with strut forces among the channels, the matrix of the strut
-    /// lines is
-    /// singular.
+    /// lines is singular.
     pub fn new(
         geometry: &Geometry,
         motion: &Motion,

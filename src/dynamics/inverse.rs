@@ -52,8 +52,7 @@ pub fn inverse_dynamics(
     let mut loads = output(&fixed);
     if plant.effects.iter().any(reads_loads) {
         // Friction moments are a few thousandths of lever times reaction, gear friction a few hundredths of the torque:
-        // the contraction
-        // factor is small.
+        // the contraction factor is small.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut next = fixed;
             add_effects(plant, t, motion, states, Some(&loads), &mut next)?;
@@ -85,8 +84,7 @@ pub(crate) fn reads_loads(active: &ActiveEffect) -> bool {
 }
 
 /// Adds the wrenches of the plant's effects to `sum`: without `loads` those of effects that do not depend on loads,
-/// with
-/// `loads` those of effects that do.
+/// with `loads` those of effects that do.
 ///
 /// # Errors
 /// [`KinematicsError::Law`] if the value of a law is not finite.
@@ -154,8 +152,7 @@ pub struct Sample<'a> {
 ///
 /// # Errors
 /// [`KinematicsError::Law`] if the value of a law is not finite; [`KinematicsError::Singular`] if a channel is not
-/// determined at
-/// the pose.
+/// determined at the pose.
 pub fn regressor(
     plant: &Plant,
     effects: &[&ActiveEffect],

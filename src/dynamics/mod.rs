@@ -1,10 +1,8 @@
 //! Inverse dynamics: drive torques and strut forces for a given motion, and the regressor.
 //!
 //! The regressor projects one wrench at a time onto a channel, by the virtual motion of that channel ([`ChannelMap`]).
-//! The
-//! inverse dynamics reduces the sum of all wrenches to the generalised coordinates, by the transpose of the same
-//! motions
-//! (`reduction`).
+//! The inverse dynamics reduces the sum of all wrenches to the generalised coordinates, by the transpose of the same
+//! motions (`reduction`).
 
 mod channels;
 mod inverse;

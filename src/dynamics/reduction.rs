@@ -1,8 +1,8 @@
 //! Reduction of the wrenches on all bodies to generalised forces of the arms, the rotor of axis 4 and the platform.
 //!
 //! It is the transpose of the twists of [`super::channels`]: with ξ = S·(q̇_arms, q̇_rotor, v, ω) the twists of all
-//! bodies, the
-//! generalised forces are Sᵀ·w. Every channel is the product of these with the twist of its own virtual motion.
+//! bodies, the generalised forces are Sᵀ·w. Every channel is the product of these with the twist of its own virtual
+//! motion.
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 

@@ -8,11 +8,9 @@ use crate::machine::ARMS;
 /// Dahl's law ([Dahl 1968]): τ_i = −T_i·z_i with internal state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
 ///
 /// T in N·m, never negative; δ in rad; z dimensionless, |z| ≤ 1. In one direction z approaches ±1 as exp(−|Δq|/δ),
-/// independent of
-/// speed: in sliding the law is Coulomb friction T, near a reversal a spring T/δ. A cycle of amplitude A ≫ δ dissipates
-/// 4·T·(A − δ). The torque returns at most the energy T·δ·z²/2 stored in the spring. |q̇| is not smoothed: ż is
-/// continuous without
-/// it, and smoothing would violate |z| ≤ 1.
+/// independent of speed: in sliding the law is Coulomb friction T, near a reversal a spring T/δ. A cycle of amplitude A
+/// ≫ δ dissipates 4·T·(A − δ). The torque returns at most the energy T·δ·z²/2 stored in the spring. |q̇| is not
+/// smoothed: ż is continuous without it, and smoothing would violate |z| ≤ 1.
 pub struct BacklashHysteresis;
 
 const MOMENT: usize = 0;

@@ -8,9 +8,8 @@ use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Va
 /// the ball.
 ///
 /// M in N·m; ω in rad/s is the angular velocity of the strut relative to that body. m = μ·r·P in N·m with the ball
-/// radius r and
-/// the clamp force P, never negative; ε in rad/s. For |ω| → 0 the law becomes −m·ω/ε. Dissipates m·|ω|·tanh(|ω|/ε) per
-/// socket.
+/// radius r and the clamp force P, never negative; ε in rad/s. For |ω| → 0 the law becomes −m·ω/ε. Dissipates
+/// m·|ω|·tanh(|ω|/ε) per socket.
 pub struct BallSocketCoulomb;
 
 const MOMENT: usize = 0;

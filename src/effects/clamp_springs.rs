@@ -12,29 +12,20 @@ use crate::machine::{ARMS, STRUTS};
 /// One clamp unit at each end of a pair: two tension springs between the struts, F = ½·(P + k·(d − d₀)) each.
 ///
 /// F in N along the line between a spring's anchors, pulling the struts together; preload P in N and stiffness k in N/m
-/// of the
-/// unit; d the distance of the anchors in m, d₀ (`gap`) its value on the assembled robot. In the strut frame the
-/// anchors are at
-/// x = `position` from the unit's ball, at y = `offset` towards the other strut and at z = ±`spread`.
+/// of the unit; d the distance of the anchors in m, d₀ (`gap`) its value on the assembled robot. In the strut frame the
+/// anchors are at x = `position` from the unit's ball, at y = `offset` towards the other strut and at z = ±`spread`.
 ///
 /// With anchors on the strut axes (`offset` 0), the springs of a parallel pair keep length and direction and do no
-/// work; with an
-/// offset they resist shear of the pair. A spin of the struts by θ produces, per unit, a moment about the strut axis of
-/// −(k·spread²·2 + P·offset)·θ for opposite spins and −P·offset·(1 + 2·offset/d₀)·θ for equal spins. For zero offset,
-/// equal spins
-/// are resisted by friction in the sockets alone.
+/// work; with an offset they resist shear of the pair. A spin of the struts by θ produces, per unit, a moment about the
+/// strut axis of −(k·spread²·2 + P·offset)·θ for opposite spins and −P·offset·(1 + 2·offset/d₀)·θ for equal spins. For
+/// zero offset, equal spins are resisted by friction in the sockets alone.
 ///
 /// The springs prestress the sockets. A force f at x along a strut of length L is balanced by −f·(1 − x/L) at the upper
-/// and
-/// −f·x/L at the lower ball, and each ball transmits its part to the other strut's ball through arm or platform. These
-/// parts do no
-/// work while the cups are seated; they are applied to the bodies together with the spring force, so that the joint
-/// reactions
-/// contain the load alone. The reactions are thus *net* of the clamps, as is the dislocation force of the model file.
-/// (The springs'
-/// own part of the force on a ball is P along the pair direction v; in a sheared pair its component along the strut u
-/// is P·(u·v).)
-/// A unit is inactive once one of its two sockets has dislocated.
+/// and −f·x/L at the lower ball, and each ball transmits its part to the other strut's ball through arm or platform.
+/// These parts do no work while the cups are seated; they are applied to the bodies together with the spring force, so
+/// that the joint reactions contain the load alone. The reactions are thus *net* of the clamps, as is the dislocation
+/// force of the model file. (The springs' own part of the force on a ball is P along the pair direction v; in a sheared
+/// pair its component along the strut u is P·(u·v).) A unit is inactive once one of its two sockets has dislocated.
 pub struct ClampSprings;
 
 const PRELOAD: usize = 0;
@@ -136,8 +127,7 @@ impl Effect for ClampSprings {
 /// Writes a force on a strut at `anchor` (m, from the strut's origin) together with the reactions of its two balls.
 ///
 /// The resultant is a moment on the strut, from the anchor's distance to the line of the balls, and forces on arm and
-/// platform
-/// according to the lever rule.
+/// platform according to the lever rule.
 fn prestress(k: usize, strut: usize, anchor: &Vector3<f64>, force: &Vector3<f64>, motion: &Motion, out: &mut Wrenches) {
     let (axis, length) = (motion.strut_axis[strut], motion.strut_length[strut]);
     let along = anchor.dot(&axis);

@@ -13,19 +13,16 @@ use crate::machine::{ARMS, AXES, Mechanism};
 /// Spring and damper in the gear: the torque on the arm is δ/c + d·δ̇ instead of τ, that on the rotor τ − δ/c − d·δ̇.
 ///
 /// All at the gear output: δ in rad, motor side minus arm, positive if the motor leads; c in rad/(N·m); d in N·m·s/rad;
-/// rotor inertia
-/// J in kg·m², the part of the arm's Θ_yy that moves with the motor: J·(q̈ + δ̈) = τ − δ/c − d·δ̇. The internal states
-/// are δ₁…δ₃,
-/// δ̇₁…δ̇₃; a simulation starts in equilibrium, δ = c·(τ − J·q̈). After a torque step an arm oscillates at √(1/(c·J) +
-/// 1/(c·Θ)),
-/// 80 Hz, with a damping ratio of 1/5, for about 50 ms. Forces on the drives, mainly friction, act on the arm, or with
-/// `friction_at_motor` = 1 on the rotor; the twin implements the arm side only.
+/// rotor inertia J in kg·m², the part of the arm's Θ_yy that moves with the motor: J·(q̈ + δ̈) = τ − δ/c − d·δ̇. The
+/// internal states are δ₁…δ₃, δ̇₁…δ̇₃; a simulation starts in equilibrium, δ = c·(τ − J·q̈). After a torque step an arm
+/// oscillates at √(1/(c·J) + 1/(c·Θ)), 80 Hz, with a damping ratio of 1/5, for about 50 ms. Forces on the drives,
+/// mainly friction, act on the arm, or with `friction_at_motor` = 1 on the rotor; the twin implements the arm side
+/// only.
 ///
 /// The twin uses `wrenches`, `state_rate` and `encoder`, with J subtracted from the arm (as a second moment along the
-/// arm, which
-/// keeps the body consistent; only Θ_yy enters). Along a measured motion θ the same law yields the arm motion behind
-/// the gears
-/// (see `identification::prediction`); damping and J have little influence there and are not estimated.
+/// arm, which keeps the body consistent; only Θ_yy enters). Along a measured motion θ the same law yields the arm
+/// motion behind the gears (see `identification::prediction`); damping and J have little influence there and are not
+/// estimated.
 pub struct DriveElasticity;
 
 const COMPLIANCE: usize = 0;

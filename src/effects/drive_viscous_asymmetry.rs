@@ -7,8 +7,7 @@ use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Va
 /// Torque τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
 ///
 /// a in N·m·s/rad, either sign. By itself it dissipates in one direction and generates the same power in the other; the
-/// sum with
-/// `drive_friction` is dissipative for |a| ≤ p_v.
+/// sum with `drive_friction` is dissipative for |a| ≤ p_v.
 pub struct DriveViscousAsymmetry;
 
 const DIFFERENCE: usize = 0;

@@ -20,14 +20,11 @@ pub use variables::Variable;
 pub const NAME: &str = "formula";
 
 /// Sum of coefficient times law over the terms, as a generalised force *acting on* the machine: friction has the sign
-/// opposite
-/// to the rate.
+/// opposite to the rate.
 ///
 /// `drive1 … drive4` in N·m (N on a prismatic axis) along the joint coordinate; `platform_x, platform_y, platform_z` in
-/// N at the
-/// centre of the platform's ball plane, inertial axes; `telescope` in N along the bar, pushing its two parts apart. On
-/// a
-/// disassembled machine, a formula that depends on a dismounted part is inactive as a whole.
+/// N at the centre of the platform's ball plane, inertial axes; `telescope` in N along the bar, pushing its two parts
+/// apart. On a disassembled machine, a formula that depends on a dismounted part is inactive as a whole.
 pub struct Formula {
     /// Terms in the order of the parameters.
     pub terms: Vec<Term>,

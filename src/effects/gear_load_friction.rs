@@ -10,8 +10,8 @@ use super::{
 /// Friction torque τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
 ///
 /// μ dimensionless, never negative; τ_drive the total drive torque at the gear output, friction included; k in s/rad.
-/// Dissipates
-/// μ·|τ_drive|·q̇·tanh(k·q̇). In the twin τ_drive is known; inverse dynamics iterates with contraction factor μ.
+/// Dissipates μ·|τ_drive|·q̇·tanh(k·q̇). In the twin τ_drive is known; inverse dynamics iterates with contraction
+/// factor μ.
 pub struct GearLoadFriction;
 
 const FRICTION: usize = 0;

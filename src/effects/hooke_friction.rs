@@ -12,8 +12,7 @@ use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPP
 /// effector.
 ///
 /// ω in rad/s is the relative rate of the telescope about that axis (`Motion::hooke_rates`). M_C in N·m and d in
-/// N·m·s/rad, never
-/// negative, per axis; k in s/rad. Dissipates Σ ω·(M_C·tanh(k·ω) + d·ω).
+/// N·m·s/rad, never negative, per axis; k in s/rad. Dissipates Σ ω·(M_C·tanh(k·ω) + d·ω).
 pub struct HookeFriction;
 
 const COULOMB: usize = 0;

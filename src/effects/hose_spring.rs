@@ -10,10 +10,9 @@ use crate::machine::bodies::PLATFORM;
 /// Spring force F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
 ///
 /// a is the fixed end in m, inertial axes; l₀ the free length in m; k in N/m, never negative; f a constant force in N,
-/// inertial
-/// axes, e.g. the weight of the hose. With `pulls_only` = 1 the spring is slack in compression: e = max(0, |d| − l₀).
-/// With l₀ = 0
-/// the law is linear, F = f + k·a − k·p, and f is equivalent to a fixed end at a + f/k. Potential energy k·e²/2 − f·p.
+/// inertial axes, e.g. the weight of the hose. With `pulls_only` = 1 the spring is slack in compression: e = max(0, |d|
+/// − l₀). With l₀ = 0 the law is linear, F = f + k·a − k·p, and f is equivalent to a fixed end at a + f/k. Potential
+/// energy k·e²/2 − f·p.
 pub struct HoseSpring;
 
 const STIFFNESS: usize = 0;
@@ -23,8 +22,7 @@ const FREE_LENGTH: usize = 3;
 const PULLS_ONLY: usize = 4;
 
 /// Starting values: fixed ends 0.8 m from the middle of the workspace, overhead and inclined by 45° to four sides, each
-/// with a
-/// spring of about that length and with a slack one.
+/// with a spring of about that length and with a slack one.
 const STARTS: [Start; 11] = {
     const fn at(anchor: &'static [f64], length: &'static [f64], pulls_only: &'static [f64]) -> Start {
         Start([Some((ANCHOR, anchor)), Some((FREE_LENGTH, length)), Some((PULLS_ONLY, pulls_only))])

@@ -8,8 +8,7 @@ use crate::machine::AXES;
 /// Encoder reading q_i + o_i of axis i.
 ///
 /// o in rad, either sign; positive if the reading is too large. The controller of the twin uses the same reading.
-/// Identification
-/// shifts the recorded motion by −o.
+/// Identification shifts the recorded motion by −o.
 pub struct JointZeroOffset;
 
 const PARAMETERS: &[Parameter] = &[Parameter {

@@ -1,10 +1,8 @@
 //! Physical effects on the machine: one file per effect, and their list, [`REGISTRY`].
 //!
 //! An effect writes *terms per unit of parameter* for a given instant. The twin sums them, identification uses them as
-//! regressor
-//! columns, the energy balance as powers, and the diagnosis evaluates those of absent effects. With zero linear
-//! parameters an
-//! effect has no influence. Effects do not depend on their users.
+//! regressor columns, the energy balance as powers, and the diagnosis evaluates those of absent effects. With zero
+//! linear parameters an effect has no influence. Effects do not depend on their users.
 //!
 //! To add an effect, write `src/effects/<name>.rs` and add its `mod` and its registry line below.
 
@@ -116,8 +114,7 @@ pub trait Effect: Any + Send + Sync {
     fn wrenches(&self, _values: &Values, _at: &Instant, _out: &mut Wrenches) {}
 
     /// Writes the wrenches along a given motion, for inverse dynamics. They differ from `wrenches` for effects between
-    /// drive and
-    /// joint: [`Instant::torque`] is not available, and the internal states of [`Kind::Encoder`] are at rest.
+    /// drive and joint: [`Instant::torque`] is not available, and the internal states of [`Kind::Encoder`] are at rest.
     fn wrenches_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         self.wrenches(values, at, out);
     }

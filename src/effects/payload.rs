@@ -13,16 +13,12 @@ use crate::machine::bodies::END_EFFECTOR;
 pub const NAME: &str = "payload";
 
 /// The ten inertial parameters of the payload: m, h = m·c and Θ about the flange centre, in the end-effector frame
-/// (origin at the
-/// flange centre, z up, rotating with ψ); Θ_xy = −∫xy dm etc. ([Gnad 2024], eq. 4).
+/// (origin at the flange centre, z up, rotating with ψ); Θ_xy = −∫xy dm etc. ([Gnad 2024], eq. 4).
 ///
 /// The end effector translates with the platform and rotates about z. For given a and ψ̇ its load on the flange is the
-/// force
-/// m(a − g) + ψ̈ z×h − ψ̇² h_⊥ and the moment h×(a − g) + (Θ_xz ψ̈ − Θ_yz ψ̇², Θ_yz ψ̈ + Θ_xz ψ̇², Θ_zz ψ̈). The drive
-/// torques depend on
-/// m, h_x, h_y and Θ_zz ([Gnad 2024], section 2.3.1); h_z, Θ_xz and Θ_yz tilt the platform and affect the strut forces
-/// alone; Θ_xx,
-/// Θ_yy and Θ_xy are unobservable while the robot is intact.
+/// force m(a − g) + ψ̈ z×h − ψ̇² h_⊥ and the moment h×(a − g) + (Θ_xz ψ̈ − Θ_yz ψ̇², Θ_yz ψ̈ + Θ_xz ψ̇², Θ_zz ψ̈). The
+/// drive torques depend on m, h_x, h_y and Θ_zz ([Gnad 2024], section 2.3.1); h_z, Θ_xz and Θ_yz tilt the platform and
+/// affect the strut forces alone; Θ_xx, Θ_yy and Θ_xy are unobservable while the robot is intact.
 pub struct Payload;
 
 const fn parameter(name: &'static str, unit: Unit, count: Count, default: f64) -> Parameter {

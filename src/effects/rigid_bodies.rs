@@ -1,13 +1,10 @@
 //! Inertia and weight of the links, always active; its parameters are the numbers of `[bodies]`.
 //!
 //! The set of parameters depends on the machine and its configuration ([`RigidBodies::of`]) and on the symmetry
-//! assumptions
-//! ([`RigidBodies::with`]). For the assembled robot it follows [Gnad 2024], section 2.3: equal limbs, struts and
-//! telescope parts
-//! symmetric about their axis, no deviation moments, platform in pure translation. On the disassembled robot every arm
-//! has its own
-//! parameters (eq. 46–47). Numbers that do not enter the equations of motion (e.g. the platform's inertia tensor) are
-//! not parameters.
+//! assumptions ([`RigidBodies::with`]). For the assembled robot it follows [Gnad 2024], section 2.3: equal limbs,
+//! struts and telescope parts symmetric about their axis, no deviation moments, platform in pure translation. On the
+//! disassembled robot every arm has its own parameters (eq. 46–47). Numbers that do not enter the equations of motion
+//! (e.g. the platform's inertia tensor) are not parameters.
 
 mod tables;
 
@@ -122,8 +119,7 @@ const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
 ];
 
 /// Parameters of the six machines with default symmetry: assembled robot with and without telescope, arms with and
-/// without rotor,
-/// single revolute and single prismatic axis.
+/// without rotor, single revolute and single prismatic axis.
 static MACHINES: LazyLock<[Arc<RigidBodies>; 6]> = LazyLock::new(|| {
     const TURNTABLE: &[Parameter] = &[lone("inertia")];
     const SLIDE: &[Parameter] = &[lone("mass")];

@@ -10,8 +10,8 @@ use crate::machine::bodies::ARM;
 /// Additional inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
 ///
 /// ΔJ in kg·m², the motor's inertia times the gear ratio squared, either sign. It is a disc about the motor axis: no
-/// weight,
-/// Θ_yy = ΔJ, Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is equivalent to the arms' own Θ_yy.
+/// weight, Θ_yy = ΔJ, Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is equivalent to the arms'
+/// own Θ_yy.
 pub struct RotorInertia;
 
 const PARAMETERS: &[Parameter] = &[Parameter {

@@ -10,10 +10,8 @@ use crate::machine::STRUTS;
 /// c in m/N per limb (both struts equal), d in N·s/m; c ≤ 1e-10 m/N counts as rigid. Represents rod and both sockets.
 ///
 /// Only the twin implements it, because the platform's motion then no longer follows from the joint angles. Inverse
-/// dynamics along a
-/// measured joint motion treats the struts as rigid (deflections of 15 µm per 50 N), so that the effect is neither
-/// diagnosed nor
-/// identified.
+/// dynamics along a measured joint motion treats the struts as rigid (deflections of 15 µm per 50 N), so that the
+/// effect is neither diagnosed nor identified.
 pub struct StrutElasticity;
 
 const COMPLIANCE: usize = 0;

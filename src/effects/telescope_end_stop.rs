@@ -7,14 +7,12 @@ use super::{
 };
 
 /// Unilateral spring and damper beyond the shortest and the longest Hooke distance: F = k·x·max(0, 1 + χ·ẋ), with x (m)
-/// the depth
-/// beyond the limit ([`hunt_crossley`]).
+/// the depth beyond the limit ([`hunt_crossley`]).
 ///
 /// F in N along the bar, pushing the parts apart below `min` and pulling them together above `max`; k in N/m, χ in s/m;
-/// ẋ positive
-/// while the depth increases. The force is continuous at the limit because of the factor x, and never adhesive. In
-/// addition to the
-/// spring force k·x, the damping dissipates k·x·χ·ẋ² (all of the spring's power after separation).
+/// ẋ positive while the depth increases. The force is continuous at the limit because of the factor x, and never
+/// adhesive. In addition to the spring force k·x, the damping dissipates k·x·χ·ẋ² (all of the spring's power after
+/// separation).
 pub struct TelescopeEndStop;
 
 const STIFFNESS: usize = 0;

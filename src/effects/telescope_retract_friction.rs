@@ -7,8 +7,7 @@ use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Va
 /// Force F = d·v + e·v² for ṡ = −v < 0, zero while the telescope extends.
 ///
 /// F in N along the bar, pushing the parts apart; d in N·s/m and e in N·s²/m², never negative: higher friction of the
-/// bush inward,
-/// and displaced air. Continuous at ṡ = 0. Dissipates d·v² + e·v³.
+/// bush inward, and displaced air. Continuous at ṡ = 0. Dissipates d·v² + e·v³.
 pub struct TelescopeRetractFriction;
 
 const VISCOUS: usize = 0;

@@ -11,18 +11,14 @@ use crate::machine::ARMS;
 /// Friction torque τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with internal state ẋ = −x/T, x(0) = 1.
 ///
 /// w(q̇) = q̇ at the arms and v_s·tanh(q̇/v_s) at the telescope drive, whose viscous friction saturates ([Gnad 2024],
-/// eq. 48). c_C in
-/// N·m and c_v in N·m·s/rad, never negative, are the excess of cold over warm drives, the friction in the model being
-/// that of warm
-/// ones; T in s; v_s in rad/s is that of the telescope friction in the model (linear without one). Dissipates
-/// x·(c_C·q̇·tanh(k·q̇) + c_v·q̇·w).
+/// eq. 48). c_C in N·m and c_v in N·m·s/rad, never negative, are the excess of cold over warm drives, the friction in
+/// the model being that of warm ones; T in s; v_s in rad/s is that of the telescope friction in the model (linear
+/// without one). Dissipates x·(c_C·q̇·tanh(k·q̇) + c_v·q̇·w).
 ///
 /// x starts at 1, cold, in every run of the twin, which integrates it with the motion (T is at least 0.5 s: not stiff),
-/// and in every
-/// recording in identification, which integrates it over the recorded time, gaps included. Warm-up is assumed
-/// independent of the
-/// motion. With T of a real gear, half an hour and more, friction is constant over seconds: the default suits short
-/// runs.
+/// and in every recording in identification, which integrates it over the recorded time, gaps included. Warm-up is
+/// assumed independent of the motion. With T of a real gear, half an hour and more, friction is constant over seconds:
+/// the default suits short runs.
 pub struct ThermalFrictionDrift;
 
 const COULOMB: usize = 0;

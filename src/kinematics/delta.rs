@@ -325,8 +325,7 @@ impl Geometry {
     ///
     /// # Errors
     /// [`KinematicsError::OutOfReach`] as in [`Self::inverse`]; [`KinematicsError::Singular`] if a strut is
-    /// perpendicular to the
-    /// motion of its elbow.
+    /// perpendicular to the motion of its elbow.
     pub fn inverse_motion(&self, platform: &PlatformState) -> Result<JointState, KinematicsError> {
         let angles = self.inverse(&platform.position)?;
         let mut joints = JointState::default();

@@ -242,8 +242,7 @@ impl Motion {
     }
 
     /// Relative rates of the Hooke joints (upper, lower), rad/s: about the cross axis on the side of the rotor or the
-    /// end
-    /// effector, then about the cross axis on the telescope.
+    /// end effector, then about the cross axis on the telescope.
     pub fn hooke_rates(&self) -> [[f64; 2]; 2] {
         let telescope = self.bodies[TELESCOPE_UPPER];
         [ROTOR, END_EFFECTOR].map(|b| {

@@ -44,8 +44,8 @@ impl Inertia {
     /// The inertia about another reference point of the same body; `origin` (m) is the present frame origin seen from
     /// there.
     ///
-    /// The axes keep their directions. With h the first moment and `x = [origin]×`: `h′ = h + m·origin` and
-    /// `Θ′ = Θ − x[h]× − [h]×x − m·x²`.
+    /// The axes keep their directions. With h the first moment and `x = [origin]×`: `h′ = h + m·origin` and `Θ′ = Θ −
+    /// x[h]× − [h]×x − m·x²`.
     pub fn seen_from(&self, origin: &Vector3<f64>) -> Self {
         let (x, h) = (origin.cross_matrix(), self.first_moment.cross_matrix());
         Self {
@@ -125,8 +125,7 @@ pub fn body_name(b: usize) -> String {
 ///
 /// Frames: arm at the shaft, x to the elbow, y along the motor axis; strut at the upper ball, x to the platform ball;
 /// platform at the centre of its ball plane, z up; end effector at the flange centre; rotor and upper part of the
-/// telescope at
-/// the upper Hooke joint, lower part of the telescope at the lower Hooke joint, z up along the bar.
+/// telescope at the upper Hooke joint, lower part of the telescope at the lower Hooke joint, z up along the bar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bodies(pub [Inertia; BODIES]);
 

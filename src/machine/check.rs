@@ -77,8 +77,7 @@ pub enum Culprit {
 /// inertia.
 ///
 /// An inertia is consistent if and only if its pseudo-inertia is positive semidefinite; eigenvalues down to −1e-9 times
-/// the
-/// largest entry count as zero.
+/// the largest entry count as zero.
 pub fn inconsistency(inertia: &Inertia) -> Option<(Culprit, String)> {
     let pseudo = inertia.pseudo_inertia();
     if !pseudo.iter().all(|v| v.is_finite()) {

@@ -6,8 +6,7 @@ use super::Unit;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mechanism {
     /// Delta robot with three arms; with a telescope axis 4 turns the end effector, without it the end effector is
-    /// rigidly
-    /// attached to the platform.
+    /// rigidly attached to the platform.
     Delta {
         /// Whether there is a telescope with its drive.
         telescope: bool,
@@ -15,8 +14,8 @@ pub enum Mechanism {
     /// A single axis on a test bench, without gravity.
     ///
     /// It is represented by the first arm of a disassembled robot, all other bodies at rest. On a prismatic axis,
-    /// angles stand
-    /// for metres, torques for newtons and moments of inertia for masses; the equation of motion is the same.
+    /// angles stand for metres, torques for newtons and moments of inertia for masses; the equation of motion is the
+    /// same.
     Axis(Joint),
 }
 

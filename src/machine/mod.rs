@@ -27,8 +27,7 @@ pub const STRUTS: usize = 6;
 /// Symmetry assumptions about the links of an assembled robot.
 ///
 /// The default are those of [Gnad 2024], section 2.3: equal limbs, no deviation moments, struts and telescope parts
-/// symmetric
-/// about their axis.
+/// symmetric about their axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkParameters {
     /// Whether every limb has its own arm and strut parameters.
@@ -86,9 +85,8 @@ pub struct Sockets {
     /// Share of the clamp springs' own force across the cup that counts against `dislocation_force`, 0 to 1.
     ///
     /// In a sheared pair the springs pull along the pair, not along the cup, so that P·(u·v) of the preload P acts
-    /// along the strut.
-    /// With 0 the dislocation force is net, and only the load's reaction counts; with 1 the springs' part counts in
-    /// full.
+    /// along the strut. With 0 the dislocation force is net, and only the load's reaction counts; with 1 the springs'
+    /// part counts in full.
     pub clamp_share: f64,
     /// Damping of the strut's spin about its own axis relative to the inertial frame, N·m·s/rad.
     ///

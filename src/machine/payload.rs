@@ -20,8 +20,7 @@ impl Payload {
     /// Payload with a known moment about the vertical axis through its centre of mass, `inertia_zz` in kg·m².
     ///
     /// The other two moments are set equal to it and the products to zero. This is physically consistent, and an intact
-    /// robot
-    /// depends on the tensor only through Θ_zz and the products.
+    /// robot depends on the tensor only through Θ_zz and the products.
     pub fn new(mass: f64, com: impl Into<Vector3<f64>>, inertia_zz: f64) -> Self {
         Self { mass, com: com.into(), tensor: Matrix3::identity() * inertia_zz }
     }
@@ -36,8 +35,7 @@ impl Payload {
     ///
     /// # Errors
     /// A description of the fault if `inertia` has neither 3 nor 6 numbers, if the two keys contradict each other, or
-    /// if the tensor is
-    /// not physically consistent.
+    /// if the tensor is not physically consistent.
     pub fn stated(mass: f64, com: [f64; 3], inertia_zz: Option<f64>, inertia: Option<&[f64]>) -> Result<Self, String> {
         let payload = match inertia {
             None => return Ok(Self::new(mass, com, inertia_zz.unwrap_or(0.0))),

@@ -79,8 +79,7 @@ pub enum Unit {
 
 impl Unit {
     /// The unit on a prismatic axis: metres replace radians, newtons replace newton metres. Units that do not involve
-    /// the
-    /// coordinate of a drive are unchanged.
+    /// the coordinate of a drive are unchanged.
     pub fn on_slide(self) -> Self {
         match self {
             Self::Rad => Self::M,
@@ -122,10 +121,8 @@ impl Unit {
     /// speed.
     ///
     /// The unit must be that on the target machine, see [`Self::on_slide`]. Forces scale with `torque`, displacements
-    /// and their
-    /// derivatives with `speed`; the motor's own speed is unchanged. The coefficient of a formula scales with `torque`
-    /// alone, because
-    /// its law is written for the machine.
+    /// and their derivatives with `speed`; the motor's own speed is unchanged. The coefficient of a formula scales with
+    /// `torque` alone, because its law is written for the machine.
     pub fn scale(self, torque: f64, speed: f64) -> f64 {
         match self {
             Self::NM | Self::N | Self::NMPerS | Self::NPerS => torque,

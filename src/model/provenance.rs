@@ -14,8 +14,7 @@ pub struct Provenance {
     /// Recordings used for the fit.
     pub recordings: Vec<String>,
     /// Standard error of each parameter by its full name (`drive_friction.coulomb_1`); infinite if the data determine
-    /// the parameter
-    /// only in combination with others.
+    /// the parameter only in combination with others.
     errors: BTreeMap<String, f64>,
 }
 

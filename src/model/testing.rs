@@ -16,8 +16,7 @@ macro_rules! copy {
 /// The model in `models/<name>.toml`.
 ///
 /// The reader links the library as other crates do, not as built for unit tests: its types are distinct types of the
-/// same names,
-/// from which every field is copied.
+/// same names, from which every field is copied.
 pub(crate) fn shipped(name: &str) -> Model {
     let read = deltatwin_io::model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model");
     let mechanism = match (read.mechanism.arms(), format!("{:?}", read.mechanism).as_str()) {

@@ -8,12 +8,9 @@ pub const ROWS: usize = 74;
 /// Column names `lambda_<joint>_<row>` of the constraint multipliers, in the order of the rows.
 ///
 /// Joints are `arm1 … arm3` and `rotor` (bearings), `strut1_upper`, `strut1_lower` … (sockets), `end_effector` (its
-/// bearing
-/// on the platform), and `upper_hooke`, `slide` and `lower_hooke` of the telescope. Rows `x`, `y`, `z` make two points
-/// coincide;
-/// their multipliers are forces (N) along the inertial axes. Numbered rows are scalar: moments (N·m) about the cross
-/// product of
-/// two axes that the row keeps perpendicular, and for `slide_4` and `slide_5` forces (N).
+/// bearing on the platform), and `upper_hooke`, `slide` and `lower_hooke` of the telescope. Rows `x`, `y`, `z` make two
+/// points coincide; their multipliers are forces (N) along the inertial axes. Numbered rows are scalar: moments (N·m)
+/// about the cross product of two axes that the row keeps perpendicular, and for `slide_4` and `slide_5` forces (N).
 pub fn multiplier_names() -> [String; ROWS] {
     let point = ["x", "y", "z"];
     let mut names = Vec::with_capacity(ROWS);

@@ -32,8 +32,7 @@ impl SocketSetup {
     /// Dislocation force of each socket, N, never negative; `healthy` is the model's value and `seed` the scenario's.
     ///
     /// It is the lateral force at zero load along the cup's opening, and proportional to the clamp force: a unit with
-    /// one of its two
-    /// springs missing holds half. Wear of the cup's rim and scatter do not change the clamp force.
+    /// one of its two springs missing holds half. Wear of the cup's rim and scatter do not change the clamp force.
     pub fn holds(&self, healthy: f64, seed: u64) -> [f64; SOCKETS] {
         let mut holds = self.hold.unwrap_or([healthy; SOCKETS]);
         if let Some(normal) = self.sigma.and_then(|sigma| Normal::new(0.0, sigma).ok()) {

@@ -1,14 +1,10 @@
 //! The machine in absolute coordinates as a system of differential equations: fourteen bodies, 84 velocities, every
-//! closed joint as
-//! constraint rows.
+//! closed joint as constraint rows.
 //!
 //! Used for a whole run on request, and from the first dislocation on. Poses and velocities of all bodies are
-//! integrated,
-//! orientations as rotations exp(θ) of the orientation at the start of the step (Runge–Kutta–Munthe-Kaas [Munthe-Kaas
-//! 1998]:
-//! θ̇ = dexp⁻¹(ω)); after each step the state is projected onto the rows. A disassembled robot has the rows of its
-//! bearings only.
-//! Elastic struts have one additional velocity each, the rate of their elongation.
+//! integrated, orientations as rotations exp(θ) of the orientation at the start of the step (Runge–Kutta–Munthe-Kaas
+//! [Munthe-Kaas 1998]: θ̇ = dexp⁻¹(ω)); after each step the state is projected onto the rows. A disassembled robot has
+//! the rows of its bearings only. Elastic struts have one additional velocity each, the rate of their elongation.
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
@@ -365,8 +361,7 @@ impl Absolute<'_> {
     }
 
     /// Adds the implicit terms of a Rosenbrock stage, moments and predicted spring forces; returns the contribution of
-    /// damping to the
-    /// rotational blocks of the mass matrix, kg·m².
+    /// damping to the rotational blocks of the mass matrix, kg·m².
     fn implicit_terms(
         &self,
         (t, y, motion): (f64, &[f64], &Motion),

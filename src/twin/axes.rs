@@ -1,8 +1,7 @@
 //! Independent axes as a system of differential equations: arms and rotor of a disassembled robot, or a single axis.
 //!
 //! Every body rotates about a fixed axis e through its origin, so that the axes are decoupled: with Θ the moment of
-//! inertia about e,
-//! h the first moment and M the moments of effects and contacts, Θ·q̈ = τ + e·(M + h × g).
+//! inertia about e, h the first moment and M the moments of effects and contacts, Θ·q̈ = τ + e·(M + h × g).
 
 use nalgebra::Vector3;
 

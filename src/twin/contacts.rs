@@ -1,8 +1,7 @@
 //! Interface between the twin and a contact solver: robot against surroundings and, once it has broken, against itself.
 //!
 //! Without a solver the twin runs without contacts. The solver holds the free objects and their motion; the twin passes
-//! the robot's
-//! motion and receives the wrenches on the robot's bodies. A step consists of
+//! the robot's motion and receives the wrenches on the robot's bodies. A step consists of
 //!
 //! 1. [`Contacts::near`]: whether a contact is possible within the step; if so, it is shortened to
 //!    [`Contacts::longest_step`];
@@ -22,24 +21,20 @@ use crate::scenario::PayloadShape;
 /// Contact solver, with the free objects that it moves.
 ///
 /// Results must depend on the arguments alone, so that a run is reproducible bit by bit. Methods called in a step
-/// return references
-/// to buffers of the solver, without allocation.
+/// return references to buffers of the solver, without allocation.
 pub trait Contacts {
     /// Whether a contact is possible within `horizon` s at the present velocities, with the sockets in `closed`. If so,
-    /// steps must not
-    /// exceed [`Self::longest_step`].
+    /// steps must not exceed [`Self::longest_step`].
     fn near(&mut self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool;
 
     /// Longest step that resolves the oscillation of the lightest body on its contacts, s.
     fn longest_step(&self) -> f64;
 
     /// Contact wrenches on the robot's bodies, force (N) and moment about the body's origin (N·m), inertial axes, for
-    /// the poses and twists
-    /// of `motion` with the sockets in `closed`.
+    /// the poses and twists of `motion` with the sockets in `closed`.
     ///
     /// The opposite loads act on the objects in the next [`Self::advance`]. Momentum is conserved if the twin changes
-    /// the wrenches
-    /// linearly from those of the previous call to these over that step.
+    /// the wrenches linearly from those of the previous call to these over that step.
     fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES];
 
     /// Contacts at the last [`Self::wrenches`]: each pair once, in the order of the links.
@@ -52,8 +47,8 @@ pub trait Contacts {
     /// wrenches.
     ///
     /// The latter change linearly from those of the previous call of [`Self::wrenches`] to those of the last one; the
-    /// step ends at the
-    /// fraction `share` (0 to 1) of this change. Without a new call of [`Self::wrenches`] the robot has no contact.
+    /// step ends at the fraction `share` (0 to 1) of this change. Without a new call of [`Self::wrenches`] the robot
+    /// has no contact.
     fn advance(&mut self, h: f64, share: f64);
 
     /// Attaches a free object to the gripper at its present pose relative to the end effector.

@@ -1,6 +1,5 @@
 //! Parts of a step that all formulations share: loads on the bodies, laws that depend on the solution, and states that
-//! are not
-//! mechanical.
+//! are not mechanical.
 
 use nalgebra::Vector3;
 
@@ -190,8 +189,8 @@ impl Context {
         scratch.motors.damping = scratch.damping.motors;
     }
 
-    /// Writes the stage derivatives of the states that are not mechanical: internal states of the effects, with
-    /// (1 − g·J)·k = rate + J·sum and their slopes J at the first stage, and the work.
+    /// Writes the stage derivatives of the states that are not mechanical: internal states of the effects, with (1 −
+    /// g·J)·k = rate + J·sum and their slopes J at the first stage, and the work.
     ///
     /// `motion` must hold the accelerations of the drives; `struts` is the power of elastic struts, W.
     pub fn rest_of_stage(&mut self, stage: &Stage, motion: &Motion, struts: f64, k: &mut [f64]) {

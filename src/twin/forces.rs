@@ -119,8 +119,7 @@ impl Forces {
     }
 
     /// The motion on the motor side: angles and rates of the motors, and their accelerations under the drive torques
-    /// and `motors`, the
-    /// other loads F on the rotors (N·m): J·q̈_m = τ + F − δ/c − d·δ̇.
+    /// and `motors`, the other loads F on the rotors (N·m): J·q̈_m = τ + F − δ/c − d·δ̇.
     pub fn of_motors(&self, scene: &Scene, motion: &Motion, motors: &[f64; ARMS]) -> Motion {
         let mut out = *motion;
         for (i, gear, deflection, rate) in self.elastic(scene.own) {
@@ -141,12 +140,9 @@ impl Forces {
     /// to the arm.
     ///
     /// Let P be the gear's torque one step ahead without the unknown change k of the rotor rate, κ = h²γ²/c + hγ·d, F
-    /// the other loads on
-    /// the rotor, D their damping and J′ = J + hγ·D. Then J′·(k + q̈) = τ + F − D·s − P − κ·k for the rotor and Θ·q̈ =
-    /// … + P + κ·k for the
-    /// arm, with s the stage's sum of the rotor rates; k is eliminated by the rotor's equation. Laws on the rotors that
-    /// depend on
-    /// accelerations or reactions enter F with their last values.
+    /// the other loads on the rotor, D their damping and J′ = J + hγ·D. Then J′·(k + q̈) = τ + F − D·s − P − κ·k for
+    /// the rotor and Θ·q̈ = … + P + κ·k for the arm, with s the stage's sum of the rotor rates; k is eliminated by the
+    /// rotor's equation. Laws on the rotors that depend on accelerations or reactions enter F with their last values.
     pub fn gear_terms<'a>(
         &'a self,
         torque: &'a [f64; AXES],
@@ -279,8 +275,7 @@ impl Forces {
     }
 
     /// Writes rates and slopes of all internal states; `motion` holds the accelerations, `motors` the loads on the
-    /// rotors of elastic gears,
-    /// N·m.
+    /// rotors of elastic gears, N·m.
     pub fn state_rates(&self, at: &Evaluation, motors: &[f64; ARMS], rates: &mut [f64], slopes: &mut [f64]) {
         let Evaluation { plant, scene, motion, .. } = *at;
         let moved = self.at_motors.contains(&true).then(|| self.of_motors(scene, motion, motors));
@@ -309,8 +304,7 @@ impl Forces {
 }
 
 /// Relative change of a rotor's rate by its gear within a step above which the gear is treated implicitly: explicit
-/// steps that resolve
-/// the oscillation are more accurate.
+/// steps that resolve the oscillation are more accurate.
 const STEEP: f64 = 0.25;
 
 /// Whether the gear or `friction` (damping of the rotor, N·m·s/rad) is stiff for a step with hγ = `g`.
@@ -330,8 +324,7 @@ pub(super) struct Motors {
 }
 
 /// Torque of a gear now and one step ahead without the rotor's own change of rate, and κ of that change; the slices of
-/// states and
-/// sums start at the arm's deflection.
+/// states and sums start at the arm's deflection.
 fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f64, f64) {
     let torque = |deflection: f64, rate: f64| deflection / gear.compliance + gear.damping * rate;
     let now = torque(own[0], own[ARMS]);

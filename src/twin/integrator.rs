@@ -1,10 +1,8 @@
 //! One-step integrators for a flat state: the classical Runge–Kutta method and a Rosenbrock W-method.
 //!
 //! Stages: (1 − hγW) k_i = f(y_i) + W·h Σ_j γ_ij k_j, y_i = y + h Σ_j α_ij k_j; y ← y + h Σ b_i k_i. The order of a
-//! W-method does not
-//! depend on W. W therefore contains the stiff terms only: damping of drives and spins, elastic struts, stiff internal
-//! states. With
-//! W = 0 and γ = 0 the same loop is an explicit Runge–Kutta method.
+//! W-method does not depend on W. W therefore contains the stiff terms only: damping of drives and spins, elastic
+//! struts, stiff internal states. With W = 0 and γ = 0 the same loop is an explicit Runge–Kutta method.
 
 use super::SingularPose;
 

@@ -277,9 +277,8 @@ impl Twin {
     }
 
     /// Multipliers λ of all rows at the instant of `snapshot`, which must be the last evaluation: N or N·m, in the
-    /// order of
-    /// [`constraints::rows`](super::constraints::rows), zero for open sockets. In the eliminated formulation they are
-    /// computed here.
+    /// order of [`constraints::rows`](super::constraints::rows), zero for open sockets. In the eliminated formulation
+    /// they are computed here.
     ///
     /// # Errors
     /// [`SingularPose`] if the pose is singular.
@@ -299,8 +298,7 @@ impl Twin {
     /// Attaches a body to the end effector; the velocities change instantaneously such that momentum is conserved.
     ///
     /// `inertia` is in the end effector's frame; `twist` (inertial axes) is the velocity (m/s) of the body's material
-    /// point at the end
-    /// effector's origin, and the body's angular velocity (rad/s).
+    /// point at the end effector's origin, and the body's angular velocity (rad/s).
     ///
     /// # Errors
     /// [`SingularPose`] if the impulse equations cannot be solved or the loops cannot be closed.
@@ -436,8 +434,7 @@ impl Twin {
     }
 
     /// Work on the bodies since the start, J: four drives, spin restraint and brakes, external wrenches, elastic
-    /// struts, hard stops, each
-    /// effect.
+    /// struts, hard stops, each effect.
     pub fn work(&self) -> &[f64] {
         &self.y[self.context.layout.work()]
     }
@@ -458,8 +455,7 @@ impl Twin {
     }
 
     /// Largest change in the last iteration over laws that depend on the solution, of evaluations that did not
-    /// converge, N, rad/s² or
-    /// m/s²; zero if all converged.
+    /// converge, N, rad/s² or m/s²; zero if all converged.
     pub fn unconverged(&self) -> f64 {
         self.context.scratch.unconverged
     }

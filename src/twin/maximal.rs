@@ -1,25 +1,20 @@
 //! The mechanism in absolute coordinates with any set of open ball sockets: M·a + Gᵀ·λ = W, G·a = γ.
 //!
 //! Fourteen bodies with 84 velocities (of each frame origin, and angular, inertial axes) and 74 rows, three fewer per
-//! open socket.
-//! Used after a dislocation, and to verify the closed-form elimination in `closed`, with which it shares the inertia
-//! parameters only.
+//! open socket. Used after a dislocation, and to verify the closed-form elimination in `closed`, with which it shares
+//! the inertia parameters only.
 //!
 //! M is block diagonal, so that S = G·M⁻¹·Gᵀ couples only joints of the same body; it is factored along the branches of
-//! the
-//! mechanism. The end effector may have no inertia of its own (M singular). Inertia is therefore shifted to it from
-//! platform and
-//! telescope, *exactly*: for a row g_E·a_E + g_D·a_D = γ and any r,
+//! the mechanism. The end effector may have no inertia of its own (M singular). Inertia is therefore shifted to it from
+//! platform and telescope, *exactly*: for a row g_E·a_E + g_D·a_D = γ and any r,
 //!
 //! M_E + r·g_Eᵀg_E, M_D − r·g_Dᵀg_D, W_D − r·g_Dᵀγ give the same a, and λ = λ′ + r·g_E·a_E.
 //!
 //! With r at most half of the donor's inertia along g_D both stay positive definite. Any other body with singular
-//! inertia (a point
-//! mass, a bar) is lent a millionth of the mechanism's, which iterative refinement removes again. If S has lost rank
-//! (redundant rows
-//! in a degenerate pose) it is regularised and refined as well; a is then unique, λ is not. The result is
-//! [`SingularPose`] if
-//! refinement does not reach 1e-9 of the terms of either equation, or if an inertia is not physically consistent.
+//! inertia (a point mass, a bar) is lent a millionth of the mechanism's, which iterative refinement removes again. If S
+//! has lost rank (redundant rows in a degenerate pose) it is regularised and refined as well; a is then unique, λ is
+//! not. The result is [`SingularPose`] if refinement does not reach 1e-9 of the terms of either equation, or if an
+//! inertia is not physically consistent.
 
 mod bearings;
 mod factor;
@@ -167,10 +162,8 @@ impl MaximalCoordinates {
     /// Accelerations and multipliers of M·a + Gᵀ·λ = W, G·a = γ.
     ///
     /// `bodies` holds poses and velocities; W is the sum of `wrenches` (applied forces and moments about the origins, N
-    /// and N·m, inertial
-    /// axes: effects, drives, contacts), weight and velocity products. `damping` is added to the rotational blocks of
-    /// M, kg·m²,
-    /// symmetric, inertial axes: h·γ·D of an implicit integrator.
+    /// and N·m, inertial axes: effects, drives, contacts), weight and velocity products. `damping` is added to the
+    /// rotational blocks of M, kg·m², symmetric, inertial axes: h·γ·D of an implicit integrator.
     ///
     /// # Errors
     /// [`SingularPose`] if an inertia is not physically consistent or the equations cannot be solved to 1e-9 of their
@@ -212,12 +205,11 @@ impl MaximalCoordinates {
     }
 
     /// Velocities after an impulsive load or a change of inertia, with all rows satisfied: `solution.bodies` are twists
-    /// (m/s, rad/s) and
-    /// its multipliers impulses (N·s, N·m·s).
+    /// (m/s, rad/s) and its multipliers impulses (N·s, N·m·s).
     ///
     /// M₊·v⁺ = M₋·v⁻ + p − Gᵀ·λ, G·v⁺ = 0. M₊ is the inertia of `plant`, M₋ that of `before` (the momentum of an
-    /// attached body is part of
-    /// p), v⁻ the velocities in `bodies` and p the `impulses` about the origins, N·s and N·m·s.
+    /// attached body is part of p), v⁻ the velocities in `bodies` and p the `impulses` about the origins, N·s and
+    /// N·m·s.
     ///
     /// # Errors
     /// As for [`Self::solve`].
@@ -240,8 +232,7 @@ impl MaximalCoordinates {
     /// Projects poses and velocities onto the rows of all joints: poses to 1e-13 m (or 1), velocities to rounding.
     ///
     /// Gauss–Newton iteration on the poses in the metric of M, δ = −M⁻¹·Gᵀ·S⁻¹·c with rotations exp(δω), then the
-    /// orthogonal projection of
-    /// the velocities: M·v⁺ + Gᵀ·μ = M·v, G·v⁺ = 0.
+    /// orthogonal projection of the velocities: M·v⁺ + Gᵀ·μ = M·v, G·v⁺ = 0.
     ///
     /// # Errors
     /// [`SingularPose`] as for [`Self::solve`], or if the iteration does not converge.

@@ -1,13 +1,10 @@
 //! Simulation of the machine: fourteen bodies, 84 velocities, 74 constraint rows.
 //!
 //! There are two formulations of the same equations. `absolute` integrates all bodies with all rows, which `maximal`
-//! solves for any set
-//! of closed joints. `assembled` integrates the coordinates that remain after the elimination of the rows, in closed
-//! form by `closed`,
-//! while all sockets are closed; `axes` is its counterpart for a disassembled robot or a single axis. `integrator`
-//! advances each of them.
-//! The eliminated form is the default because it is faster; from the first dislocation on every run is in absolute
-//! coordinates.
+//! solves for any set of closed joints. `assembled` integrates the coordinates that remain after the elimination of the
+//! rows, in closed form by `closed`, while all sockets are closed; `axes` is its counterpart for a disassembled robot
+//! or a single axis. `integrator` advances each of them. The eliminated form is the default because it is faster; from
+//! the first dislocation on every run is in absolute coordinates.
 
 mod absolute;
 mod assembled;

@@ -37,8 +37,7 @@ pub struct Options {
     /// Actions of the gripper, in order of time.
     pub actions: Vec<Action>,
     /// Constructor of the contact solver, used if there are objects or if sockets may dislocate. Without one there are
-    /// no contacts, and
-    /// objects are an error.
+    /// no contacts, and objects are an error.
     pub contacts: Option<NewContacts>,
     /// Interval at which the poses of all bodies and objects are kept, s; `None` keeps none.
     pub frames: Option<f64>,
@@ -58,8 +57,7 @@ pub struct Watcher {
 
 impl Watcher {
     /// Calls `see` with a frame every `spacing` s and the events since the previous call; the run is blocked meanwhile.
-    /// The last call has no
-    /// frame.
+    /// The last call has no frame.
     pub fn new(spacing: f64, see: impl Fn(Option<&Frame>, &[Event]) + Send + Sync + 'static) -> Self {
         Self { spacing, see: Arc::new(see) }
     }

@@ -14,8 +14,7 @@ use crate::scenario::Scenario;
 /// Provenance known before a run: program, files and seed, with the contents of the files.
 ///
 /// `text` is the content of the scenario's `file`, which is attached. Files are named without folders, so that the same
-/// run produces
-/// the same bytes in any folder.
+/// run produces the same bytes in any folder.
 pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine: &Model, planning: &Model) -> Context {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let model_name = |model: &Model| model.path.as_deref().map_or(model.name.clone(), name);

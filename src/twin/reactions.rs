@@ -12,8 +12,7 @@ use crate::machine::{ARMS, STRUTS};
 /// Reactions of all joints: 74 independent numbers.
 ///
 /// Wrenches are (force in N, moment in N·m about the joint), inertial axes, on the body named second in each comment.
-/// The number of
-/// independent components is given at the end.
+/// The number of independent components is given at the end.
 #[derive(Clone, Copy, Debug)]
 pub struct JointReactions {
     /// Twelve ball sockets (six upper, six lower), ball on strut: 36.
@@ -34,8 +33,7 @@ pub struct JointReactions {
 
 impl JointReactions {
     /// Reactions from the accelerations in `motion`, the applied `wrenches` (effects, drives and contacts, about the
-    /// bodies' origins,
-    /// inertial axes) and the socket forces (N).
+    /// bodies' origins, inertial axes) and the socket forces (N).
     pub fn new(plant: &Plant, motion: &Motion, wrenches: &[Twist], sockets: &[Vector3<f64>; SOCKETS]) -> Self {
         let gravity = plant.gravity_vector();
         let demand = |b: usize| -> Twist {

@@ -106,8 +106,7 @@ pub struct Report {
     /// Kinetic energy of robot and objects at the end, J.
     pub kinetic_energy: f64,
     /// Largest change in the last iteration over laws that depend on the solution, of evaluations that did not
-    /// converge, N, rad/s² or
-    /// m/s².
+    /// converge, N, rad/s² or m/s².
     pub unconverged: f64,
 }
 
@@ -125,8 +124,7 @@ impl Report {
 }
 
 /// Largest admissible energy error, relative to the work turned over. Shipped runs reach at most 3e-6; 1e-3 and more
-/// means that the
-/// step is too long for the motion, or that the work of a law is not accounted for.
+/// means that the step is too long for the motion, or that the work of a law is not accounted for.
 pub const LARGEST_ENERGY_ERROR: f64 = 1e-3;
 
 /// Pose of a machine.

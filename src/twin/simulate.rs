@@ -41,10 +41,8 @@ const INSTANT: f64 = 1e-12;
 /// Recording and report of a run of `model` under `setup` along `desired`, with the feed-forward of `controller_plant`.
 ///
 /// With [`HoldTorque::Ramp`] the drive torques are linear over each period, so that a recorded torque is the one that
-/// acts at its time
-/// stamp. `desired` is the desired motion of platform or joints; a machine without platform requires joints. `progress`
-/// is called with
-/// the simulated time (s) once per sample; returning false ends the run.
+/// acts at its time stamp. `desired` is the desired motion of platform or joints; a machine without platform requires
+/// joints. `progress` is called with the simulated time (s) once per sample; returning false ends the run.
 ///
 /// # Errors
 /// Those of [`simulate_until_failure`], and the failure that ends a run early.
@@ -65,9 +63,7 @@ pub fn simulate<T: Into<Target>>(
 ///
 /// # Errors
 /// A [`SimulationError`] if the run cannot start: the desired motion, the loops at the start, the inertia of a body,
-/// the objects, or
-/// parts that the machine does not have.
-/// If the run cannot begin.
+/// the objects, or parts that the machine does not have. If the run cannot begin.
 pub fn simulate_until_failure<T: Into<Target>>(
     model: &Model,
     setup: &Setup,
@@ -188,8 +184,7 @@ fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<B
 }
 
 /// Joint state in equilibrium with encoder readings `wanted`, and the deflections of elastic gears, rad: compliance
-/// times transmitted
-/// torque.
+/// times transmitted torque.
 fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
     let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let mut deflection = [0.0; AXES];

@@ -1,26 +1,21 @@
 //! Dislocation of ball sockets.
 //!
 //! A cup is a spherical shell pressed on its ball by the clamp unit, which pulls it towards the other strut of the pair
-//! with the preload
-//! P. Let n be the unit vector along the cup's opening, perpendicular to the strut and towards the other strut, and F
-//! the force of the
-//! ball on the cup due to the load. The clamp adds −P·d with d its direction, so that the total force of the ball on
-//! the cup is
+//! with the preload P. Let n be the unit vector along the cup's opening, perpendicular to the strut and towards the
+//! other strut, and F the force of the ball on the cup due to the load. The clamp adds −P·d with d its direction, so
+//! that the total force of the ball on the cup is
 //!
 //! C = F − P·d, N.
 //!
 //! The contact is unilateral: the ball pushes from its centre towards the shell. The shell covers the ball up to an
-//! angle α from −n. A
-//! direction of C within that cone is supported by the shell; beyond it the rim slides over the ball. The socket holds
-//! while
+//! angle α from −n. A direction of C within that cone is supported by the shell; beyond it the rim slides over the
+//! ball. The socket holds while
 //!
 //! |C⊥| ≤ tan α·(−C·n), C⊥ = C − (C·n)·n.
 //!
 //! With d = n that is |F⊥| ≤ tan α·(P − Q) with the pull Q = F·n along the opening: Q reduces the hold force, and opens
-//! the cup by itself
-//! once it reaches the preload; a negative Q seats the cup more firmly. At Q = 0 the hold force is tan α·P, the
-//! dislocation force of the
-//! model file; friction at the rim is included in α.
+//! the cup by itself once it reaches the preload; a negative Q seats the cup more firmly. At Q = 0 the hold force is
+//! tan α·P, the dislocation force of the model file; friction at the rim is included in α.
 
 use nalgebra::Vector3;
 
@@ -180,8 +175,7 @@ mod tests {
     #[test]
     fn a_sheared_pair_spends_a_part_of_its_clamps_on_the_struts_length() {
         // A pair sheared by 30°: balls 100 mm apart along v, struts at 60° to v. Per newton of clamp force, cos 30°
-        // presses the cup on its
-        // ball and sin 30° acts along the strut.
+        // presses the cup on its ball and sin 30° acts along the strut.
         let mut motion = testing::still();
         let (sin, cos) = 30f64.to_radians().sin_cos();
         for (s, side) in [(0, 0.05), (1, -0.05)] {
@@ -200,8 +194,7 @@ mod tests {
             approx::assert_relative_eq!(margin(&net, &motion, socket, [0.0; 3]), 200.0, epsilon = 1e-9);
         }
         // The clamp needs 50 N along +x at the first strut's cup and along −x at the second's; 20 N of tension pull the
-        // upper end of a strut
-        // along −x: 173.205 − 30 and 173.205 − 70 N.
+        // upper end of a strut along −x: 173.205 − 30 and 173.205 − 70 N.
         let tension = Vector3::new(cos, sin, 0.0) * -20.0;
         for (socket, expected) in [(0, 143.205_080_757), (1, 103.205_080_757)] {
             approx::assert_relative_eq!(margin(&gross, &motion, socket, tension.into()), expected, epsilon = 1e-8);

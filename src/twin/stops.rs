@@ -1,14 +1,12 @@
 //! Hard stops of arms, telescope and Hooke joints.
 //!
 //! Each stop is a buffer of stiffness k with the law of [Hunt 1975], f = k·x·max(0, 1 + χ·ẋ), where x is the depth
-//! beyond the limit (see
-//! [`hunt_crossley`]); f opposes the penetration:
+//! beyond the limit (see [`hunt_crossley`]); f opposes the penetration:
 //!
 //! - arm i, x = φ − φ_max or φ_min − φ in rad: the torque ∓f in N·m about its shaft, from the base;
 //! - telescope, x = L − L_max or L_min − L in m: the force f in N along the bar, between its two parts;
 //! - Hooke joints, x = θ − θ_max in rad, with θ the angle between the axes of the two joined parts: the moment f in N·m
-//!   about their
-//!   common normal, between them.
+//!   about their common normal, between them.
 //!
 //! Planning, excitation and inverse dynamics stay within the limits and do not include the stops.
 

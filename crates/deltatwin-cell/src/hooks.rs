@@ -28,12 +28,9 @@ impl PhysicsHooks for Surfaces {
     /// Sets the target tangent velocity at every contact point.
     ///
     /// Rapier limits the impulse −K⁻¹u, which would stop the sliding velocity u, to μ times the normal impulse. K, the
-    /// inverse mass at the
-    /// point, is not a multiple of the identity off the line through the centre of mass, so that the limited impulse is
-    /// not parallel to
-    /// u: four corners of a sliding cube decelerate it with 0.936 μN. With K u/k in place of u, k half the trace of K,
-    /// the impulse is
-    /// −u/k, parallel to the sliding. At rest both vanish.
+    /// inverse mass at the point, is not a multiple of the identity off the line through the centre of mass, so that
+    /// the limited impulse is not parallel to u: four corners of a sliding cube decelerate it with 0.936 μN. With K u/k
+    /// in place of u, k half the trace of K, the impulse is −u/k, parallel to the sliding. At rest both vanish.
     fn modify_solver_contacts(&self, context: &mut ContactModificationContext) {
         let belts = self.belt(context.rigid_body1) - self.belt(context.rigid_body2);
         let bodies: &RigidBodySet = context.bodies;

@@ -1,8 +1,7 @@
 //! Collision geometry: spheres joined by sphere-swept edges and, for objects, the exact convex solid.
 //!
 //! The compliant law requires penetrations that are continuous in the poses. Spheres against solids and edges against
-//! edges have
-//! closed forms with this property; clipped contact manifolds and witness points of GJK are discontinuous.
+//! edges have closed forms with this property; clipped contact manifolds and witness points of GJK are discontinuous.
 
 use deltatwin::cell::{Mesh, Shape};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};

@@ -1,8 +1,7 @@
 //! Contact law between a link of the robot and another body.
 //!
 //! At a contact point with penetration δ (m, positive in contact), penetration rate δ̇, sliding velocity v_t (m/s, of
-//! this body
-//! relative to the other) and relative angular velocity ω (rad/s):
+//! this body relative to the other) and relative angular velocity ω (rad/s):
 //!
 //! - normal force [Hunt 1975]: f = k δ (1 + d δ̇) ≥ 0, N, repulsive;
 //! - sliding friction, regularised Coulomb law: −μ f tanh(|v_t|/ε_v) v_t/|v_t|, N;

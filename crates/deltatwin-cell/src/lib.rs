@@ -2,14 +2,10 @@
 //! itself.
 //!
 //! [`contacts`] creates the contact solver for a run of the twin. All objects and the robot's links are bodies of
-//! Rapier, which moves the
-//! free objects, solves the contacts between them, and finds bodies near the robot: its links are kinematic bodies that
-//! follow the
-//! twin. In Rapier a kinematic body acts like an infinite mass and has no reaction. Contacts of the robot with objects
-//! or with itself
-//! are therefore described by the compliant [`law`], which acts on both sides with opposite sign: momentum is conserved
-//! between
-//! twin and Rapier.
+//! Rapier, which moves the free objects, solves the contacts between them, and finds bodies near the robot: its links
+//! are kinematic bodies that follow the twin. In Rapier a kinematic body acts like an infinite mass and has no
+//! reaction. Contacts of the robot with objects or with itself are therefore described by the compliant [`law`], which
+//! acts on both sides with opposite sign: momentum is conserved between twin and Rapier.
 
 mod contact;
 mod hooks;

@@ -98,8 +98,7 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
 }
 
 /// The robot's frame: the base plate with the motors, a cylinder below the mounting plane; `None` if there is no room
-/// for it above the
-/// shafts.
+/// for it above the shafts.
 ///
 /// An intact robot does not reach it. The gear housings, in which the arms' hubs rotate, are omitted.
 pub fn frame(geometry: &Geometry) -> Option<Object> {

@@ -10,8 +10,7 @@ use parry3d::shape::{SharedShape, TriMesh, TriMeshFlags};
 use parry3d::transformation::try_convex_hull;
 
 /// The mesh in an STL or OBJ file with the length unit `scale` (m), or with `convex` the convex hull of its points, and
-/// its centre of
-/// volume in the file's frame, m.
+/// its centre of volume in the file's frame, m.
 ///
 /// # Errors
 /// A [`MeshError`] if the file cannot be read, or as for [`closed`].

@@ -272,8 +272,7 @@ fn at_rest_the_table_carries_the_weight_at_the_penetration_of_the_law() {
 #[test]
 fn work_around_a_closed_path_in_contact_is_zero() {
     // Without dissipation and friction the law is elastic; the path moves the strut's end over edge and corner, 0.1 mm
-    // deep. The work of
-    // the fading at edges must be less than that of friction with a coefficient of 0.01.
+    // deep. The work of the fading at edges must be less than that of friction with a coefficient of 0.01.
     let surface = Surface { stiffness: 1e5, dissipation: 0.0, friction: 0.0, rolling: 0.0 };
     let cylinder = Shape::Cylinder { radius: 0.05, height: 0.1 };
     for (shape, x) in [

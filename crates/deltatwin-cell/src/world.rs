@@ -284,8 +284,7 @@ impl World {
     /// knows them.
     pub fn pairs(&mut self, distance: f64) -> impl Iterator<Item = (Collider, Collider)> {
         // A step of zero length searches for pairs without motion. Each box is extended by half of the prediction
-        // distance, but those of
-        // objects may be older.
+        // distance, but those of objects may be older.
         let parameters = &mut self.rapier.integration_parameters;
         parameters.dt = 0.0;
         parameters.normalized_prediction_distance = 2.0 * distance / LENGTH_UNIT;

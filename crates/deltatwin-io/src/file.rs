@@ -38,8 +38,7 @@ impl WriteError {
 /// Replaces the file at `path` by the output of `write`; on an error the file is unchanged.
 ///
 /// The content is written to a temporary file in the same folder, which is then renamed. Permissions are kept; of a
-/// symbolic link the
-/// target is replaced.
+/// symbolic link the target is replaced.
 ///
 /// # Errors
 /// [`WriteError::Io`] with the error of the operating system or of `write`.

@@ -1,8 +1,7 @@
 //! Streaming of a run to a viewer while it is simulated.
 //!
 //! Frames pass through a queue of bounded length to a separate thread, which sends all waiting frames as one piece.
-//! With a slow viewer
-//! frames are dropped, and the rest is dropped if the viewer disconnects; the run is not affected.
+//! With a slow viewer frames are dropped, and the rest is dropped if the viewer disconnects; the run is not affected.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};

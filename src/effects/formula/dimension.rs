@@ -1,10 +1,8 @@
 //! Units of expressions.
 //!
 //! The constants of a law carry units that are not written. A constant is therefore taken as a pure number if it is a
-//! factor; as
-//! having the unit of the other operand in a sum, `min` or `max`; and as making the argument of a function
-//! dimensionless:
-//! `-tanh(50*qd1)` is dimensionless, `0.1 + abs(qd1)` has the unit of `qd1`.
+//! factor; as having the unit of the other operand in a sum, `min` or `max`; and as making the argument of a function
+//! dimensionless: `-tanh(50*qd1)` is dimensionless, `0.1 + abs(qd1)` has the unit of `qd1`.
 
 use crate::machine::unit::Powers;
 

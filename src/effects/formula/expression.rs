@@ -1,10 +1,8 @@
 //! Expressions of a formula, compiled to a stack program that is evaluated without allocation.
 //!
 //! Grammar in order of increasing precedence: `+ -`, `* /`, sign, `^` (right-associative), then numbers, names,
-//! `name(…)` and
-//! `(…)`. A sign binds less than a power, −v^2 = −(v²), as in mathematical notation; this precedence and error
-//! positions within
-//! the text are the reasons for a parser of its own.
+//! `name(…)` and `(…)`. A sign binds less than a power, −v^2 = −(v²), as in mathematical notation; this precedence and
+//! error positions within the text are the reasons for a parser of its own.
 
 use std::ops::Range;
 

@@ -10,8 +10,7 @@ use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, STRUTS, Soc
 use crate::recording::Signals;
 
 /// Properties of a machine on which the parameters of effects depend: their number, units and typical magnitudes, the
-/// latter
-/// stated for an arm drive of the IRB 360.
+/// latter stated for an arm drive of the IRB 360.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Host {
     /// Kind of machine.

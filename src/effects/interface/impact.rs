@@ -3,10 +3,8 @@
 /// Contact force per unit of stiffness, x·max(0, 1 + χ·ẋ) ([Hunt 1975]); zero for x ≤ 0.
 ///
 /// x is the penetration depth in m (or rad), ẋ its rate in m/s (or rad/s), χ the damping in s/m (or s/rad). The factor
-/// x makes the
-/// force continuous at first contact; it is never tensile. The stiffness k stores ½·k·x², the damping dissipates
-/// k·x·χ·ẋ²: after an
-/// impact at speed v the rebound speed is about v·(1 − ⅔·χ·v).
+/// x makes the force continuous at first contact; it is never tensile. The stiffness k stores ½·k·x², the damping
+/// dissipates k·x·χ·ẋ²: after an impact at speed v the rebound speed is about v·(1 − ⅔·χ·v).
 pub fn hunt_crossley(depth: f64, rate: f64, damping: f64) -> f64 {
     depth.max(0.0) * (1.0 + damping * rate).max(0.0)
 }

@@ -67,8 +67,7 @@ pub struct Parameter {
     /// How it enters the law.
     pub role: Role,
     /// Typical magnitude: the initial value of shape parameters and the default of optional ones. For
-    /// [`Count::AllDrives`] that of an
-    /// arm drive.
+    /// [`Count::AllDrives`] that of an arm drive.
     pub default: f64,
     /// Lower and upper bound.
     pub range: (f64, f64),

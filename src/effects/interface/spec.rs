@@ -22,8 +22,7 @@ pub struct Spec {
     /// Quantities on which its wrenches depend besides positions and velocities.
     pub reads: Reads,
     /// Whether inverse dynamics along a measured motion depends on the effect. If not, only the twin implements it: its
-    /// parameters are
-    /// not estimated, and the diagnosis lists it as unobservable.
+    /// parameters are not estimated, and the diagnosis lists it as unobservable.
     pub identifiable: bool,
     /// Initial values of a search for the effect.
     pub search: Search,
@@ -52,8 +51,7 @@ impl Reads {
 #[derive(Clone, Copy, Debug)]
 pub struct Search {
     /// Factors on the default values of the shape parameters: one grid for each of the leading ones, searched one at a
-    /// time. The
-    /// others start at their defaults.
+    /// time. The others start at their defaults.
     pub grids: &'static [&'static [f64]],
     /// Complete starting points where single grids do not suffice; they replace the grids.
     pub starts: &'static [Start],

@@ -11,8 +11,7 @@ pub trait InternalStates {
     fn initial_state(&self, values: &Values) -> Vec<f64>;
 
     /// Writes the time derivative of the states to `rate`. For stiff states `slope` (1/s, zero on entry) receives the
-    /// derivative of
-    /// each rate with respect to its own state, which the twin integrates implicitly.
+    /// derivative of each rate with respect to its own state, which the twin integrates implicitly.
     fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], slope: &mut [f64]);
 }
 
@@ -30,8 +29,7 @@ pub trait Compliance {
     /// Elastic gears between encoder and joint, whose compliances are the first parameters.
     ///
     /// The internal states are then deflections and deflection rates of the three arms. The twin integrates them;
-    /// evaluations along a
-    /// measured motion derive them from that motion.
+    /// evaluations along a measured motion derive them from that motion.
     fn gear_springs(&self, _values: &Values) -> Option<[GearSpring; AXES]> {
         None
     }

@@ -1,8 +1,7 @@
 //! Parameters of the links without the symmetry assumptions of [Gnad 2024]: unequal limbs, asymmetric bodies.
 //!
 //! Aligned bodies have seven parameters each, without deviation moments, complete ones ten: for arm, strut, platform
-//! and both parts
-//! of the telescope, together with the rotor's moment, these are the 51 of [Gnad 2024], section 6.3.3.
+//! and both parts of the telescope, together with the rotor's moment, these are the 51 of [Gnad 2024], section 6.3.3.
 
 use std::borrow::Cow;
 use std::ops::Range;

@@ -8,8 +8,7 @@ use super::polynomial::Piecewise;
 /// Runs of one axis between two angles.
 ///
 /// Every run starts and ends at rest within the two angles. During acceleration and deceleration the rate follows v
-/// (3u² − 2u³):
-/// position, rate and acceleration are continuous.
+/// (3u² − 2u³): position, rate and acceleration are continuous.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConstantSpeed {
     /// Axis, from 0.

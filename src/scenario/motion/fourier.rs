@@ -97,8 +97,7 @@ impl FourierMotion {
             }
         }
         // Platform and axis 4 are scaled separately: their limits are nearly independent, except for an eccentric
-        // payload, which
-        // axis 4 accelerates.
+        // payload, which axis 4 accelerates.
         let mut tries = 0;
         while tries < 200 {
             match motion.within(plant, limits) {
@@ -113,8 +112,7 @@ impl FourierMotion {
     }
 
     /// Random motion of independent axes, whose coordinates are their angles; each is scaled down until the limits of
-    /// its joint and
-    /// drive hold.
+    /// its joint and drive hold.
     pub fn random_axes(
         plant: &Plant,
         limits: &MotionLimits,

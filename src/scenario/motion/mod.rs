@@ -79,8 +79,7 @@ impl Course {
     ///
     /// # Errors
     /// A [`MotionError`] if the motion cannot be reached, exceeds a speed or joint limit, or needs an axis or platform
-    /// that the
-    /// machine does not have.
+    /// that the machine does not have.
     pub fn on(&self, planning: &Model, setup: &Setup) -> Result<DesiredMotion, MotionError> {
         let plant = Plant::new(planning, setup);
         let motion = self.motion(planning, &plant)?;

@@ -1,10 +1,8 @@
 //! Motion along waypoints: straight lines with blended corners and jerk-limited speed.
 //!
 //! The path has the four coordinates (x, y, z, ρψ), so that one limit applies to translation and rotation. On a line
-//! the speed
-//! changes by pieces of constant jerk ("double S"). The blend of a corner P between the directions d₀ and d₁ starts and
-//! ends at the
-//! distance b from P and takes T = 2b/v:
+//! the speed changes by pieces of constant jerk ("double S"). The blend of a corner P between the directions d₀ and d₁
+//! starts and ends at the distance b from P and takes T = 2b/v:
 //!
 //! r(u) = P − b d₀ + 2b [(u − W) d₀ + W d₁],  W = u³ − u⁴/2,  u = t/T
 //!

@@ -1,8 +1,8 @@
 //! Motion from a look-up table of times with platform poses or joint angles.
 //!
 //! The rows are interpolated by the quintic spline, whose derivatives up to the fourth are continuous. The two
-//! conditions at
-//! either end are zero rate and acceleration, or rate and acceleration of the polynomial through the nearest rows.
+//! conditions at either end are zero rate and acceleration, or rate and acceleration of the polynomial through the
+//! nearest rows.
 
 use std::path::PathBuf;
 

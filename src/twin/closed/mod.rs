@@ -2,19 +2,15 @@
 //! spins.
 //!
 //! All joints except the strut lengths are satisfied by construction: the state consists of three arm angles, the rotor
-//! angle, the
-//! platform pose and the roll of each strut. Struts are rods between two moving points a (elbow) and b (platform): with
-//! velocities
-//! linear between them, the mass matrix of ½(m_aa v_a² + 2 m_ab v_a·v_b + m_bb v_b²) is constant, so that they are
-//! eliminated in
-//! closed form and produce no velocity products. In the remaining equations each drive is coupled with the platform
-//! only:
+//! angle, the platform pose and the roll of each strut. Struts are rods between two moving points a (elbow) and b
+//! (platform): with velocities linear between them, the mass matrix of ½(m_aa v_a² + 2 m_ab v_a·v_b + m_bb v_b²) is
+//! constant, so that they are eliminated in closed form and produce no velocity products. In the remaining equations
+//! each drive is coupled with the platform only:
 //!
 //! M̂ ν̇ + Bᵀ T = f̂, B ν̇ = c, ν = (φ̇ of three arms, ψ̇ of the rotor, platform v and ω), T the strut tensions.
 //!
 //! The platform part of B is square. With rigid struts the platform follows the arms (null space of B), with elastic
-//! struts T is
-//! given by a force law.
+//! struts T is given by a force law.
 
 mod chain;
 mod closure;

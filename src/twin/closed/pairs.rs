@@ -9,8 +9,7 @@ use crate::machine::STRUTS;
 /// Factorisation of B_P, the platform part of the length rows, by sums and differences of each pair's rows.
 ///
 /// The struts of a pair are nearly parallel, so that the sums (S_v S_w) determine the platform's velocity and the
-/// differences
-/// (D_v D_w) mainly its rotation; two 3 × 3 inverses suffice.
+/// differences (D_v D_w) mainly its rotation; two 3 × 3 inverses suffice.
 pub(super) struct Pairs {
     s_v_inverse: Matrix3<f64>,
     s_w: Matrix3<f64>,

@@ -1,10 +1,8 @@
 //! Cholesky factors: of 6×6 blocks of one body, and of the fronts of S = G·M⁻¹·Gᵀ.
 //!
 //! The graph of the joints is a star: three limbs (bearing, two elbows) and the chain of axis 4 meet at the joints of
-//! the platform.
-//! Each branch is a front whose inner rows are eliminated independently; its Schur complement on the platform's rows is
-//! added to
-//! the last, dense front of 23 rows. There is no fill-in outside the fronts.
+//! the platform. Each branch is a front whose inner rows are eliminated independently; its Schur complement on the
+//! platform's rows is added to the last, dense front of 23 rows. There is no fill-in outside the fronts.
 
 use super::rows::BLOCK_ROWS;
 

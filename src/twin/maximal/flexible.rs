@@ -1,8 +1,7 @@
 //! Axially elastic struts: one additional velocity each, eliminated strut by strut.
 //!
 //! A strut is a [`Rod`] from ball a (elbow) to ball b (platform): v_b = v + ω × ℓu + ė·u with the axis u and the
-//! present length ℓ.
-//! With s = m_ab + m_bb the equation of its elongation is
+//! present length ℓ. With s = m_ab + m_bb the equation of its elongation is
 //!
 //! m·ë + s·u·a + u·λ_b = f, f = m_bb·ℓ·|ω⊥|² + s·u·g − T, m = m_bb (plus the implicit terms of a stage),
 //!
@@ -10,8 +9,7 @@
 //! rigid body with
 //!
 //! M − s²/m·u·uᵀ for M, (1 − s/m·u·uᵀ) applied to the strut's block of the rows, W − s/m·f·u and γ − f/m·u on the
-//! right-hand side, and
-//! G·a − E·λ = γ with E = u·uᵀ/m at ball b. A rigid strut is the limit 1/m → 0.
+//! right-hand side, and G·a − E·λ = γ with E = u·uᵀ/m at ball b. A rigid strut is the limit 1/m → 0.
 
 use nalgebra::Vector3;
 
@@ -74,8 +72,7 @@ impl Stretch {
     }
 
     /// Contribution of ė to the velocity products of a rigid strut of this length, force and moment: the Coriolis
-    /// acceleration 2·ė·ω × u of
-    /// ball b.
+    /// acceleration 2·ė·ω × u of ball b.
     pub(super) fn coriolis(&self, b: &BodyMotion) -> (Vector3<f64>, Vector3<f64>) {
         let u = b.rotation.column(0);
         let a = b.angular_velocity.cross(&u) * (2.0 * self.rate);

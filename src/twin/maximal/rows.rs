@@ -1,8 +1,8 @@
 //! Rows of all joints at one pose: violations c, Jacobian G and the right-hand side γ of G·a = γ.
 //!
 //! G is stored in blocks of one joint on one body: six numbers per row, for the velocity of the body's origin and its
-//! angular velocity,
-//! inertial axes. Rows are numbered as in [`constraints`](crate::twin::constraints), block rows body by body.
+//! angular velocity, inertial axes. Rows are numbered as in [`constraints`](crate::twin::constraints), block rows body
+//! by body.
 
 use nalgebra::Vector3;
 

@@ -40,8 +40,7 @@ impl Schur {
     }
 
     /// Factors S + E + `tikhonov`·diag from the blocks of L⁻¹·Gᵀ (M = L·Lᵀ), with E from the elastic `struts`; returns
-    /// false on loss of
-    /// rank.
+    /// false on loss of rank.
     pub fn factor(&mut self, y: &Columns, closed: SocketSet, struts: &[Eliminated; STRUTS], tikhonov: f64) -> bool {
         self.hub.clear();
         self.hub.gram(y, BODY[PLATFORM], HUB, 0);

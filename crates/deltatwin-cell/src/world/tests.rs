@@ -83,8 +83,7 @@ fn sliding_is_braked_by_friction_times_weight() {
 #[test]
 fn the_force_on_a_kinematic_link_is_that_of_an_infinite_mass() {
     // The reason for a separate law between links and objects: a plastic impact of a link of 0.179 kg at 1 m/s on a box
-    // of 0.2 kg at rest
-    // transfers 0.0945 N·s (0.179·0.2/0.379); in Rapier the box gets the full 1 m/s.
+    // of 0.2 kg at rest transfers 0.0945 N·s (0.179·0.2/0.379); in Rapier the box gets the full 1 m/s.
     let mut world = PhysicsWorld::new();
     world.gravity = Vector::ZERO;
     world.integration_parameters.dt = 5e-4;

@@ -1,8 +1,7 @@
 //! TOML → [`Model`], with errors that state file, line, key, value and what was expected.
 //!
 //! The file is traversed as a tree of spanned values instead of being deserialized into structs, so that every message
-//! can quote the
-//! value, state its position and suggest the nearest known name.
+//! can quote the value, state its position and suggest the nearest known name.
 
 use std::ops::Range;
 use std::path::Path;

@@ -56,8 +56,7 @@ pub fn updated_text(original: &str, model: &Model) -> Result<String> {
 /// `original` with the numbers of a fitted `model`, see [`updated_text`].
 ///
 /// Every changed number gets a comment with recording, date, program and standard error in place of its old comment;
-/// unchanged numbers
-/// keep theirs.
+/// unchanged numbers keep theirs.
 ///
 /// # Errors
 /// As for [`updated_text`].

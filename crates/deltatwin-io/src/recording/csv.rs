@@ -1,11 +1,9 @@
 //! Recordings as CSV: a header row with the names of the columns in any order.
 //!
 //! Required: `t`, and `q1…, tau1…` of every axis of the machine (one, three or four), in SI units; other names and
-//! units are recognised
-//! as far as [`super::columns`] supports them. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
-//! `ee_x, ee_y, ee_z`,
-//! `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`, `link_q1…4`, `link_qd1…4` and
-//! the `lambda_…` of
+//! units are recognised as far as [`super::columns`] supports them. Optional: `strut1_upper…strut6_upper`,
+//! `strut1_lower…strut6_lower`, `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper,
+//! margin1_lower…margin6_lower`, `link_q1…4`, `link_qd1…4` and the `lambda_…` of
 //! [`multiplier_names`](deltatwin::recording::multiplier_names). Cells are separated by comma, semicolon or tab.
 
 use std::io::{BufRead, BufReader, Write};
@@ -32,8 +30,7 @@ const HEAD: usize = 1 << 16;
 /// Signals of a CSV file, and warnings about what was repaired.
 ///
 /// `machine` is the expected machine; `None` means the one inferred from the columns. `maps` assign columns to channels
-/// where the names
-/// do not.
+/// where the names do not.
 ///
 /// # Errors
 /// A [`ReadError`] if the file cannot be read, or for columns, units, cells or times that are not valid, with line and

@@ -50,8 +50,7 @@ pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<
 /// Reads a recording, whose format is determined from its content; also returns warnings about what was repaired.
 ///
 /// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP metadata, else the
-/// default. The sidecar's
-/// `[columns]` are applied before `how.maps`.
+/// default. The sidecar's `[columns]` are applied before `how.maps`.
 ///
 /// # Errors
 /// A [`ReadError`] if a file cannot be read or a fault cannot be repaired, with file, row and column.

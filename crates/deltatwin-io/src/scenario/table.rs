@@ -1,6 +1,5 @@
 //! Look-up tables of motions: CSV with `t` and either `x, y, z, psi` of the platform or the joint angles `q1…q4`, as
-//! far as the machine
-//! has them.
+//! far as the machine has them.
 
 use std::path::Path;
 

@@ -20,8 +20,7 @@ pub struct Scene<'a> {
     /// Geometry of the robot.
     pub geometry: &'a Geometry,
     /// Torque residual per frame and axis, in standard deviations of the sensor noise; colours arms and telescope from
-    /// green (noise) to red
-    /// (6 σ).
+    /// green (noise) to red (6 σ).
     pub residual: Option<Vec<[f64; AXES]>>,
     /// Struts with an open socket, per frame.
     pub loose: Option<Vec<[bool; STRUTS]>>,

@@ -1,8 +1,7 @@
 //! Recordings as ROS 2 bags: MCAP is written and read, SQLite (`.db3`) and bag folders are read.
 //!
 //! [`topics`] lists the topics. MCAP metadata: `setup` holds the setup as TOML, `run` the instant of t = 0, `machine`
-//! the kind of
-//! machine, `provenance` the origin of the run.
+//! the kind of machine, `provenance` the origin of the run.
 
 mod cdr;
 mod content;

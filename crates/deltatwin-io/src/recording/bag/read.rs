@@ -16,8 +16,8 @@ use crate::recording::{ReadError, setup};
 /// Signals of a bag, its setup if it contains one, and warnings about what was repaired.
 ///
 /// `path` is an MCAP or SQLite file, or a bag folder; a truncated file is read up to its last complete chunk. `machine`
-/// is the expected
-/// machine; `None` means the one stated in the bag or inferred from its joints. `maps` assign columns to channels.
+/// is the expected machine; `None` means the one stated in the bag or inferred from its joints. `maps` assign columns
+/// to channels.
 ///
 /// # Errors
 /// A [`ReadError`] if a file cannot be read, the bag contains no usable joint states, or the signals fail the checks.
@@ -164,8 +164,7 @@ impl Samples {
     }
 
     /// Table of the joint states and of the accompanying topics, and the instant of t = 0, ns since 1970: `zero`, or
-    /// that of the first
-    /// sample.
+    /// that of the first sample.
     fn table(
         &self,
         path: &Path,

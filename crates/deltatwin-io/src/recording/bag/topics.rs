@@ -13,8 +13,8 @@
 //! | `/robot_description` | `std_msgs/msg/String` | URDF |
 //! | `/events` | `rcl_interfaces/msg/Log` | events |
 //!
-//! Strut forces, margins, end effector and accelerations are also read as JSON:
-//! `{"upper": [6], "lower": [6]}`, `{"x", "y", "z"}`, `{"acceleration": [axes]}`.
+//! Strut forces, margins, end effector and accelerations are also read as JSON: `{"upper": [6], "lower": [6]}`, `{"x",
+//! "y", "z"}`, `{"acceleration": [axes]}`.
 
 use serde::Deserialize;
 

@@ -19,8 +19,7 @@ const LAST: i64 = i32::MAX as i64;
 ///
 /// # Errors
 /// [`WriteError::Invalid`] for inconsistent signals or a time that ROS 2 cannot represent, [`WriteError::Io`] if the
-/// file cannot be
-/// written.
+/// file cannot be written.
 pub fn write(path: &Path, recording: &Recording, context: &Context) -> Result<(), WriteError> {
     let signals = &recording.signals;
     check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;

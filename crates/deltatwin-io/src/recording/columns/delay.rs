@@ -9,8 +9,8 @@ const GAP: f64 = 3.5;
 /// Replaces every column's value at t by that at t + its delay (s).
 ///
 /// Samples without such a value in some column, at the ends and around gaps, are dropped. A delay of whole samples is
-/// exact, others
-/// are interpolated linearly. If `t` does not increase, nothing is changed and the later checks report the error.
+/// exact, others are interpolated linearly. If `t` does not increase, nothing is changed and the later checks report
+/// the error.
 pub(super) fn remove(t: &mut Vec<f64>, rows: &mut Vec<u64>, columns: &mut [Column], delays: &[f64]) {
     let n = t.len();
     if n < 2 || !t.is_sorted_by(|a, b| a < b) || columns.iter().any(|c| c.values.len() != n) {

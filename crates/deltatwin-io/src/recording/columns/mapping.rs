@@ -7,10 +7,8 @@
 //! ```
 //!
 //! `column` is the name of a column of the file, in quotes if it contains any of `,=[]*@` or ends like arithmetic, or
-//! that of a channel
-//! that has already been assigned. Arithmetic is done in the column's unit, before conversion to SI. `@4ms` uses the
-//! value stored 4 ms
-//! later in the file, which compensates a delay of 4 ms.
+//! that of a channel that has already been assigned. Arithmetic is done in the column's unit, before conversion to SI.
+//! `@4ms` uses the value stored 4 ms later in the file, which compensates a delay of 4 ms.
 
 use std::fmt;
 use std::str::FromStr;

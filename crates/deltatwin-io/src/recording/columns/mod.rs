@@ -1,8 +1,7 @@
 //! Assignment of a file's columns to channels, with units: by column names, by `[columns]` of the sidecar, by `--map`.
 //!
 //! Names are evaluated first; then each mapping replaces the channels it mentions, based on columns of the file or on
-//! the channels
-//! assigned so far. Every assignment is affine: channel = `factor`·column + `offset`, with a delay.
+//! the channels assigned so far. Every assignment is affine: channel = `factor`·column + `offset`, with a delay.
 
 mod channel;
 mod delay;
