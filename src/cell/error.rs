@@ -29,7 +29,7 @@ pub enum CellError {
     /// There is no object of that name.
     #[error("there is no object '{0}'")]
     Unknown(String),
-    /// A request to pick a fixed object.
+    /// A request to pick an object that is not free.
     #[error("'{0}' is not free and cannot be picked up")]
     NotFree(String),
     /// A request to pick while the gripper holds an object.

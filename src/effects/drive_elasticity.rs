@@ -30,7 +30,8 @@ const DAMPING: usize = 1;
 const ROTOR_INERTIA: usize = 2;
 const FRICTION_AT_MOTOR: usize = 3;
 
-/// Compliance times rotor inertia below which a gear counts as rigid, s²: 1/40 of the default, above 500 Hz.
+/// Compliance times rotor inertia below which a gear counts as rigid, s²: 1/40 of the default, at which it would
+/// oscillate above 500 Hz.
 const RIGID: f64 = 1.8e-7;
 
 /// Index and compliance of the elastic drives.

@@ -4,7 +4,8 @@
 //! regressor columns, the energy balance as powers, and the diagnosis evaluates those of absent effects. With zero
 //! linear parameters an effect has no influence. Effects do not depend on their users.
 //!
-//! To add an effect, write `src/effects/<name>.rs` and add its `mod` and its registry line below.
+//! To add an effect, write `src/effects/<name>.rs` and add its `mod` and its registry line below. Sources are cited by
+//! the keys of `docs/bibliography.md`.
 
 use std::any::Any;
 use std::borrow::Cow;

@@ -61,7 +61,7 @@ impl Geometry {
         Vector3::new(0.0, 0.0, self.upper_hooke_height)
     }
 
-    /// Offset (m) of strut `s` (0..6) from the middle of its pair along the limb's tangential axis.
+    /// Offset (m) of `strut` (0..6) from the middle of its pair along the limb's tangential axis.
     pub fn pair_offset(&self, strut: usize) -> f64 {
         if strut.is_multiple_of(2) { 0.5 * self.pair_distance } else { -0.5 * self.pair_distance }
     }

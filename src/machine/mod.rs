@@ -1,4 +1,6 @@
 //! Data of a machine: geometry, inertia, drives, sockets, stops, sensor noise and payload.
+//!
+//! Sources, here and in the other modules, are cited by the keys of `docs/bibliography.md`.
 
 pub mod bodies;
 pub mod check;

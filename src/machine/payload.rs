@@ -20,7 +20,7 @@ impl Payload {
     /// Payload with a known moment about the vertical axis through its centre of mass, `inertia_zz` in kg·m².
     ///
     /// The other two moments are set equal to it and the products to zero. This is physically consistent, and an intact
-    /// robot depends on the tensor only through Θ_zz and the products.
+    /// robot depends on the tensor only through Θ_zz, Θ_xz and Θ_yz.
     pub fn new(mass: f64, com: impl Into<Vector3<f64>>, inertia_zz: f64) -> Self {
         Self { mass, com: com.into(), tensor: Matrix3::identity() * inertia_zz }
     }

@@ -63,7 +63,7 @@ pub fn simulate<T: Into<Target>>(
 ///
 /// # Errors
 /// A [`SimulationError`] if the run cannot start: the desired motion, the loops at the start, the inertia of a body,
-/// the objects, or parts that the machine does not have. If the run cannot begin.
+/// the objects, or parts that the machine does not have.
 pub fn simulate_until_failure<T: Into<Target>>(
     model: &Model,
     setup: &Setup,

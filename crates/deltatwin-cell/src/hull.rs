@@ -16,7 +16,8 @@ use super::placement::{Bounds, Placement};
 
 /// Radius of the corners and edges of solids, m (at most a quarter of the smallest dimension).
 const ROUNDING: f64 = 1e-3;
-/// Length over which contacts of a solid's edges fade towards their ends, m (at most a quarter of the edge length).
+/// Length over which contacts of a solid's edges fade towards their ends, m (at most a quarter of the smallest
+/// dimension, of a mesh's edge a quarter of its length).
 ///
 /// The fading is not conservative; its work corresponds to friction with the coefficient penetration / (2 · length):
 /// 0.01 at 0.1 mm.

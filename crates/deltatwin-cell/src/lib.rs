@@ -6,6 +6,8 @@
 //! are kinematic bodies that follow the twin. In Rapier a kinematic body acts like an infinite mass and has no
 //! reaction. Contacts of the robot with objects or with itself are therefore described by the compliant [`law`], which
 //! acts on both sides with opposite sign: momentum is conserved between twin and Rapier.
+//!
+//! Sources are cited by the keys of `docs/bibliography.md`.
 
 mod contact;
 mod hooks;

@@ -37,7 +37,7 @@ impl std::fmt::Display for Kind {
 /// Kind of the file at `path`: a TOML file by its keys, any other file is a recording.
 ///
 /// # Errors
-/// If `path` is a folder other than a bag, a file that cannot be read, or a TOML file of no known kind.
+/// If `path` is a folder, a file that cannot be read, or a TOML file of no known kind.
 pub fn kind(path: &Path) -> Result<Kind> {
     if path.is_dir() {
         return Err(miette!("{}: is a folder; expected a file", path.display()));

@@ -8,11 +8,12 @@ use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER
 use crate::machine::{ARMS, STRUTS};
 use crate::twin::constraints::ROWS;
 
-/// Number of rows of a limb: bearing, two elbows, and two balls on the platform; the inner ones are the first two.
+/// Number of rows of a limb: bearing, two elbows, and two balls on the platform. The inner ones are those of bearing
+/// and elbows.
 const LIMB: usize = 17;
 const LIMB_INNER: usize = 11;
 /// Number of rows of the chain of axis 4: rotor bearing, upper Hooke joint, telescope, lower Hooke joint, and the pivot
-/// on the platform.
+/// on the platform. All but the pivot are inner ones.
 const CHAIN: usize = 23;
 const CHAIN_INNER: usize = 18;
 /// Number of rows on the platform: pivot and six balls.
