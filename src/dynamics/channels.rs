@@ -154,6 +154,9 @@ impl ChannelMap {
     }
 
     /// Contribution of a wrench on `body` (inertial axes, about its origin) to channel number `c` of the map, N·m or N.
+    ///
+    /// # Panics
+    /// If there is no channel `c` or no `body`.
     pub fn project(&self, c: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>) -> f64 {
         let (v, omega) = &self.twists[c][body];
         self.channels[c].sign() * (force.dot(v) + moment.dot(omega))

@@ -203,6 +203,9 @@ impl ArmAxes {
 
 impl Geometry {
     /// Elbow (middle of the ball pair) of `limb` at arm angle `angle` (rad), inertial frame, m.
+    ///
+    /// # Panics
+    /// If there is no `limb`.
     pub fn elbow(&self, limb: usize, angle: f64) -> Vector3<f64> {
         self.elbow_of(limb, &ArmAxes::new(limb, angle))
     }
@@ -266,6 +269,9 @@ impl Geometry {
     }
 
     /// Strut vector of `limb`, upper to lower ball, m; its length is `strut_length` if the loop is closed.
+    ///
+    /// # Panics
+    /// If there is no `limb`.
     pub fn strut_vector(&self, limb: usize, angle: f64, position: &Vector3<f64>) -> Vector3<f64> {
         self.strut_vector_of(limb, &ArmAxes::new(limb, angle), position)
     }

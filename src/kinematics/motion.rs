@@ -103,12 +103,12 @@ impl SocketSet {
     /// All twelve sockets.
     pub const ALL: Self = Self((1 << SOCKETS) - 1);
 
-    /// Whether `socket` is in the set.
+    /// Whether `socket` (below [`SOCKETS`]) is in the set.
     pub fn contains(self, socket: usize) -> bool {
         self.0 >> socket & 1 == 1
     }
 
-    /// The set without `socket`.
+    /// The set without `socket` (below [`SOCKETS`]).
     #[must_use]
     pub fn without(self, socket: usize) -> Self {
         Self(self.0 & !(1 << socket))

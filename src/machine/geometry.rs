@@ -46,11 +46,17 @@ impl Geometry {
     }
 
     /// Horizontal unit vector from the centre line to the shaft of limb `i` (from 0).
+    ///
+    /// # Panics
+    /// If there is no limb `i`.
     pub fn radial(i: usize) -> Vector3<f64> {
         RADIAL[i].into()
     }
 
     /// Unit vector along the axis of motor `i` (from 0): horizontal, tangential, `z × radial`.
+    ///
+    /// # Panics
+    /// If there is no motor `i`.
     pub fn tangential(i: usize) -> Vector3<f64> {
         let u = RADIAL[i];
         Vector3::new(-u[1], u[0], 0.0)

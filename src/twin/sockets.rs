@@ -98,6 +98,9 @@ impl Clamps {
 
     /// Removes the clamp force at `socket` and at its partner, the other strut of the pair at the same end, after a
     /// dislocation.
+    ///
+    /// # Panics
+    /// If there is no `socket`.
     pub fn release(&mut self, socket: usize) {
         for s in [socket, partner(socket)] {
             (self.hold[s], self.preload[s]) = (0.0, 0.0);

@@ -28,6 +28,9 @@ pub fn write(
 }
 
 /// Scene of frames and events, without curves.
+///
+/// # Panics
+/// If a frame has fewer objects than `options`.
 pub fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], events: &[Event]) -> Scene<'a> {
     let times = frames.iter().map(|f| f.t).collect();
     let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());

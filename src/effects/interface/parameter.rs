@@ -140,21 +140,33 @@ impl<'a> Values<'a> {
     }
 
     /// All values of parameter `block`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn block(&self, block: usize) -> &'a [f64] {
         &self.values[self.layout.starts[block]..self.layout.starts[block + 1]]
     }
 
     /// The value of the scalar parameter `block`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn one(&self, block: usize) -> f64 {
         self.values[self.layout.starts[block]]
     }
 
     /// Number of values of parameter `block`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn len(&self, block: usize) -> usize {
         self.block(block).len()
     }
 
     /// Flat index of value `i` of parameter `block`, as passed to the sinks of `wrenches` and `inertia`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn index(&self, block: usize, i: usize) -> usize {
         self.layout.starts[block] + i
     }
