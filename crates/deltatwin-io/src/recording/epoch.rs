@@ -1,6 +1,6 @@
 //! Times since 1970, in units from seconds to nanoseconds, without loss of digits.
 
-/// Value from which a time counts as measured from a distant origin, in any unit.
+/// Value from which a time counts as measured from a distant origin, in any unit (three years in seconds).
 const FAR: i64 = 100_000_000;
 
 /// State for parsing the times of one column.
@@ -19,7 +19,6 @@ impl Clock {
         let whole: Option<i64> = whole.parse().ok();
         let start = *self.start.get_or_insert(whole.filter(|w| *w >= FAR));
         let fraction: f64 = if fraction.is_empty() { 0.0 } else { format!("0.{fraction}").parse().ok()? };
-        // 1e8 s are three years.
         let since = whole?.checked_sub(start?)?;
         Some(since as f64 + fraction)
     }
