@@ -1,14 +1,14 @@
-//! Friction of the telescope drive with saturation over speed (eq. 48).
+//! Friction of the telescope drive with saturating viscous part ([Gnad 2024], eq. 48).
 
 use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, smooth_sign};
 
-/// τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v).
+/// Friction torque τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v); τ₄, A_C and A_v in N·m, q̇₄ and ε_v in rad/s.
 pub struct Axis4Friction;
 
 const COULOMB: usize = 0;
 const VISCOUS: usize = 1;
 const SATURATION: usize = 2;
-/// Steepness of the Coulomb term, s/rad (eq. 48).
+/// Steepness of the Coulomb term, s/rad ([Gnad 2024], eq. 48).
 const STEEPNESS: f64 = 100.0;
 
 const PARAMETERS: &[Parameter] = &[

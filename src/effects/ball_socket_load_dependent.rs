@@ -5,7 +5,7 @@ use super::{
 };
 use crate::machine::STRUTS;
 
-/// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| on the strut at each socket, F the axial force at that end.
+/// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| (N·m) on the strut at each socket, with F (N) the axial strut force at that end.
 pub struct BallSocketLoadDependent;
 
 const FRICTION: usize = 0;

@@ -2,9 +2,9 @@
 
 use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-/// M = −c·ω_rel on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
+/// Moment M = −c·ω_rel on the strut at each of the 12 sockets, with its reaction on the body that carries the ball.
 ///
-/// M in N·m; ω_rel in rad/s, angular velocity of the strut relative to the ball; c in N·m·s/rad, never negative.
+/// M in N·m; ω_rel in rad/s is the angular velocity of the strut relative to that body; c in N·m·s/rad, never negative.
 /// Dissipates c·|ω_rel|² per socket.
 pub struct BallSocketViscous;
 

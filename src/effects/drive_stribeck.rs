@@ -1,11 +1,11 @@
-//! Stribeck friction of the drives: extra breakaway friction that decays with speed.
+//! Stribeck friction of the drives: additional breakaway friction that decays with speed.
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
     smooth_sign,
 };
 
-/// τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive.
+/// Friction torque τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive; F in N·m, v_s in rad/s, k in s/rad.
 pub struct DriveStribeck;
 
 const BREAKAWAY: usize = 0;

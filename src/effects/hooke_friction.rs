@@ -5,9 +5,10 @@ use super::{
 };
 use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
-/// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
+/// Moment M = −M_C·tanh(k·ω) − d·ω on the telescope about each of the four cross axes; the reaction is on rotor or end
+/// effector.
 ///
-/// ω in rad/s: rate of the telescope against the other body about that axis (`Motion::hooke_rates`). M_C in N·m, d in
+/// ω in rad/s is the relative rate of the telescope about that axis (`Motion::hooke_rates`). M_C in N·m and d in
 /// N·m·s/rad, never negative, per axis; k in s/rad. Dissipates Σ ω·(M_C·tanh(k·ω) + d·ω).
 pub struct HookeFriction;
 

@@ -1,13 +1,13 @@
-//! A strut or an arm of another mass than the rest.
+//! Mass differences between the struts and between the arms.
 
 use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Payload;
 use crate::machine::bodies::{ARM, STRUT};
 use crate::machine::{ARMS, Inertia, STRUTS};
 
-/// Extra mass Δm of single struts and arms, spread evenly along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
+/// Additional mass Δm of single struts and arms, uniform along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
 ///
-/// Δm in kg, either sign; l in m, from ball to ball and from shaft to elbow.
+/// Δm in kg, either sign; l in m, ball to ball or shaft to elbow.
 pub struct LimbAsymmetry;
 
 const STRUT_MASS: usize = 0;
@@ -27,7 +27,7 @@ const PARAMETERS: &[Parameter] = &[
     length("arm_length", 0.5),
 ];
 
-/// Even rod of 1 kg along x from the origin.
+/// Inertia of a uniform rod of 1 kg along x from the origin, `length` in m.
 fn rod(length: f64) -> Inertia {
     let inertia = length * length / 3.0;
     Inertia::diagonal(1.0, [0.5 * length, 0.0, 0.0], [0.0, inertia, inertia])

@@ -1,11 +1,11 @@
-//! The payload weighs more or less than stated.
+//! Difference of the payload's mass from the stated one.
 
 use super::{About, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Inertia;
 use crate::machine::Payload;
 use crate::machine::bodies::END_EFFECTOR;
 
-/// Extra mass Δm at the stated centre of mass of the payload (at the flange centre without payload).
+/// Additional mass Δm (kg) at the stated centre of mass of the payload (at the flange centre without payload).
 pub struct PayloadMassError;
 
 const PARAMETERS: &[Parameter] = &[Parameter::new("mass", Unit::Kg, Role::Linear, 0.1, (-10.0, 10.0))];

@@ -1,9 +1,9 @@
-//! Struts of a limb are longer or shorter than stated.
+//! Difference of a limb's strut length from the stated one.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Geometry;
 
-/// l₂ = l₂,stated + Δl for both struts of a limb.
+/// Length l₂ = l₂,stated + Δl (m) of both struts of a limb.
 pub struct StrutLengthError;
 
 const PARAMETERS: &[Parameter] =

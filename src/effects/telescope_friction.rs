@@ -1,10 +1,10 @@
-//! Coulomb and viscous friction of the telescope's prismatic joint (Table 4, column P-TB).
+//! Coulomb and viscous friction of the telescope's prismatic joint ([Gnad 2024], Table 4, column P-TB).
 
 use super::{
     About, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches, smooth_sign,
 };
 
-/// F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
+/// Friction force F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
 ///
 /// F in N along the bar, positive when it pushes the parts apart; ṡ in m/s, lengthening positive. F_C in N and d in
 /// N·s/m, never negative; k in s/m. Dissipates F_C·ṡ·tanh(k·ṡ) + d·ṡ².

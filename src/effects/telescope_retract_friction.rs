@@ -1,11 +1,11 @@
-//! Extra friction of the telescope while it shortens.
+//! Additional friction of the telescope while it retracts.
 
 use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-/// F = d·v + e·v² while ṡ = −v < 0, nothing while the telescope lengthens.
+/// Force F = d·v + e·v² for ṡ = −v < 0, zero while the telescope extends.
 ///
-/// F in N along the bar, pushing the parts apart; d in N·s/m, e in N·s²/m², never negative: the bush drags harder inward
-/// and the trapped air is pressed out. Continuous through ṡ = 0. Dissipates d·v² + e·v³.
+/// F in N along the bar, pushing the parts apart; d in N·s/m and e in N·s²/m², never negative: higher friction of the
+/// bush inward, and displaced air. Continuous at ṡ = 0. Dissipates d·v² + e·v³.
 pub struct TelescopeRetractFriction;
 
 const VISCOUS: usize = 0;

@@ -1,4 +1,4 @@
-//! A drive reports its torque with an offset.
+//! Offset of the reported drive torques.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::recording::Signals;

@@ -1,9 +1,9 @@
-//! The torque constant of a drive is wrong.
+//! Gain error of the reported drive torques, e.g. from a wrong torque constant.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::recording::Signals;
 
-/// Reported torque (1 + g)·τ.
+/// Reported torque (1 + g)·τ; g dimensionless.
 pub struct TorqueGainError;
 
 const PARAMETERS: &[Parameter] =

@@ -2,10 +2,10 @@
 
 use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-/// τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q), h = 1, 2, n the gear ratio.
+/// Torque τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q) (N·m) with harmonics h = 1, 2 and gear ratio n.
 pub struct TorqueRipple;
 
-/// Parameter blocks: sine and cosine of harmonic 1 and 2.
+/// Parameter blocks of the sine and cosine amplitudes, per harmonic.
 const HARMONICS: [(usize, usize); 2] = [(0, 1), (2, 3)];
 const GEAR_RATIO: usize = 4;
 

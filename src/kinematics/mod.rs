@@ -1,6 +1,6 @@
-//! Where everything is: closed-form kinematics of the delta robot and the complete [`Motion`] of its bodies.
+//! Closed-form kinematics of the delta robot, and the complete [`Motion`] of its bodies.
 //!
-//! Kinematics knows no mass.
+//! Nothing here depends on inertia.
 
 pub mod delta;
 pub mod motion;

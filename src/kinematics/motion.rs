@@ -1,4 +1,4 @@
-//! [`Motion`]: pose, twist and acceleration of all bodies and the rates of all joints at one time.
+//! [`Motion`]: pose, twist and acceleration of all bodies, and the rates of all joints, at one time.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -10,22 +10,22 @@ use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 /// Motion of one body frame in the inertial frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyMotion {
-    /// Rotation, maps body to world.
+    /// Rotation matrix, maps body axes to inertial axes.
     pub rotation: Matrix3<f64>,
-    /// Position of the body frame's origin, m.
+    /// Position of the frame origin, m.
     pub position: Vector3<f64>,
     /// Velocity of the origin, m/s.
     pub velocity: Vector3<f64>,
-    /// Angular velocity, rad/s, world axes.
+    /// Angular velocity in inertial axes, rad/s.
     pub angular_velocity: Vector3<f64>,
     /// Acceleration of the origin, m/s².
     pub acceleration: Vector3<f64>,
-    /// Angular acceleration, rad/s², world axes.
+    /// Angular acceleration in inertial axes, rad/s².
     pub angular_acceleration: Vector3<f64>,
 }
 
 impl BodyMotion {
-    /// At rest in the inertial frame's origin.
+    /// Frame at rest, coincident with the inertial frame.
     pub const REST: Self = Self {
         rotation: Matrix3::new(1., 0., 0., 0., 1., 0., 0., 0., 1.),
         position: Vector3::new(0., 0., 0.),
@@ -37,7 +37,7 @@ impl BodyMotion {
 }
 
 impl BodyMotion {
-    /// Sets pose and twist; accelerations stay.
+    /// Sets pose and twist; the accelerations are unchanged.
     pub fn place(
         &mut self,
         rotation: Matrix3<f64>,
@@ -63,7 +63,7 @@ pub struct Reactions {
 
 /// Motion of all joints and bodies at one time.
 ///
-/// Of a disassembled robot only the arms and the rotor move; the other bodies rest.
+/// On a disassembled robot only the arms and the rotor move; the other bodies are at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Joint angles, rad.
@@ -74,9 +74,9 @@ pub struct Motion {
     pub qdd: [f64; AXES],
     /// Body frames, see [`crate::machine::Bodies`].
     pub bodies: [BodyMotion; BODIES],
-    /// Unit vector of each strut from the elbow to the platform.
+    /// Unit vector of each strut, from elbow to platform.
     pub strut_axis: [Vector3<f64>; STRUTS],
-    /// Distance of the two balls of each strut, m.
+    /// Distance between the two balls of each strut, m.
     pub strut_length: [f64; STRUTS],
     /// Telescope.
     pub telescope: Telescope,
@@ -85,33 +85,33 @@ pub struct Motion {
 /// Number of ball sockets: 0..6 at the elbows (struts 1–6), 6..12 at the platform.
 pub const SOCKETS: usize = 2 * STRUTS;
 
-/// A set of ball sockets.
+/// Set of ball sockets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SocketSet(u16);
 
 impl SocketSet {
-    /// All twelve.
+    /// All twelve sockets.
     pub const ALL: Self = Self((1 << SOCKETS) - 1);
 
-    /// Whether `socket` is in the set.
+    /// Whether `socket` (below [`SOCKETS`]) is in the set.
     pub fn contains(self, socket: usize) -> bool {
         self.0 >> socket & 1 == 1
     }
 
-    /// The set without `socket`.
+    /// The set without `socket` (below [`SOCKETS`]).
     #[must_use]
     pub fn without(self, socket: usize) -> Self {
         Self(self.0 & !(1 << socket))
     }
 
-    /// Its sockets in order.
+    /// Sockets of the set in ascending order.
     pub fn iter(self) -> impl Iterator<Item = usize> {
         (0..SOCKETS).filter(move |&s| self.contains(s))
     }
 }
 
 impl Motion {
-    /// Poses of the bodies' frames.
+    /// Poses of the body frames in the inertial frame, translation in m.
     pub fn poses(&self) -> [Isometry3<f64>; BODIES] {
         self.bodies.map(|b| {
             let rotation = Rotation3::from_matrix_unchecked(b.rotation);
@@ -119,7 +119,7 @@ impl Motion {
         })
     }
 
-    /// The same to be looked at: what slides on a prismatic axis stands where it is, along x.
+    /// Poses for display: the moving part of a prismatic axis is translated along x by its coordinate.
     pub fn shown(&self, machine: Mechanism) -> [Isometry3<f64>; BODIES] {
         let mut poses = self.poses();
         if machine == Mechanism::Axis(Joint::Prismatic) {
@@ -128,18 +128,18 @@ impl Motion {
         poses
     }
 
-    /// Body a drive acts on and its axis in the inertial frame.
+    /// Body on which the drive of `axis` (0..4) acts, and the drive axis as a unit vector in the inertial frame.
     pub fn drive(axis: usize) -> (usize, Vector3<f64>) {
         if axis < 3 { (ARM + axis, Geometry::tangential(axis)) } else { (ROTOR, Vector3::z()) }
     }
 
-    /// The strut at `socket` and the body that carries the ball.
+    /// Indices of the strut at `socket` and of the body that carries the ball.
     pub fn socket_bodies(socket: usize) -> (usize, usize) {
         let strut = socket % STRUTS;
         (STRUT + strut, if socket < STRUTS { ARM + strut / 2 } else { PLATFORM })
     }
 
-    /// Angular velocity of the strut relative to the ball at `socket`, rad/s.
+    /// Angular velocity of the strut relative to the body that carries the ball at `socket`, inertial axes, rad/s.
     pub fn socket_rate(&self, socket: usize) -> Vector3<f64> {
         let (strut, partner) = Self::socket_bodies(socket);
         self.bodies[strut].angular_velocity - self.bodies[partner].angular_velocity
@@ -147,7 +147,11 @@ impl Motion {
 }
 
 impl Motion {
-    /// Motion of the assembled robot for joint motion; the platform stays parallel and struts do not spin.
+    /// Motion of the assembled robot for a joint motion, with the platform in pure translation and struts that do not
+    /// spin.
+    ///
+    /// # Errors
+    /// Those of [`Geometry::forward_motion`].
     pub fn assembled(geometry: &Geometry, joints: &JointState) -> Result<Self, KinematicsError> {
         let platform = geometry.forward_motion(joints)?;
         Ok(Self::with_platform(geometry, joints, &platform))
@@ -177,7 +181,7 @@ impl Motion {
         motion
     }
 
-    /// Motion of the assembled robot for joint motion and the platform motion that belongs to it.
+    /// Motion of the assembled robot for a joint motion and the platform motion consistent with it.
     pub fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
         let mut motion = Self::disassembled(geometry, joints);
         let [psi, psi_rate, psi_acceleration] = platform.psi;
@@ -210,7 +214,9 @@ impl Motion {
         motion
     }
 
-    /// Motion along a path at path speed ṡ and path acceleration s̈, of those at (1, 0), `first`, and at (0, 1), `second`.
+    /// Motion along a path at path speed `speed` (ṡ) and path acceleration `acceleration` (s̈).
+    ///
+    /// `first` is the motion at (ṡ, s̈) = (1, 0), `second` that at (0, 1).
     pub fn along(first: &Self, second: &Self, speed: f64, acceleration: f64) -> Self {
         let square = speed * speed;
         let mut motion = *first;
@@ -257,7 +263,7 @@ fn strut_motion(
     let axes = ArmAxes { x: arm.rotation.column(0).into(), z: arm.rotation.column(2).into() };
     let axis = geometry.strut_vector_of(limb, &axes, &platform.position) / length;
     let v = Geometry::tangential(limb);
-    // The ball pair is parallel to the motor axis, so only the arm's length is a lever.
+    // The ball pair is parallel to the motor axis, so that only the arm length contributes to the lever.
     let lever = arm.rotation.column(0) * geometry.arm_length;
     let velocity = arm.angular_velocity.cross(&lever);
     let acceleration = arm.angular_acceleration.cross(&lever) + arm.angular_velocity.cross(&velocity);
@@ -274,7 +280,7 @@ fn strut_motion(
     (body, axis)
 }
 
-/// Strut frame: x along the strut, y as near to the pair direction `v` as possible.
+/// Strut frame: x along the strut, y the projection of the pair direction `v` normal to x.
 fn strut_rotation(axis: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
     let y = (v - axis * axis.dot(v)).normalize();
     Matrix3::from_columns(&[*axis, y, axis.cross(&y)])

@@ -1,4 +1,4 @@
-//! A closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and what the robot touches.
+//! Closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and contacts.
 
 mod advance;
 mod start;
@@ -23,20 +23,23 @@ use crate::model::Model;
 use crate::recording::{Recording, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
 
-/// Kinetic energy below which everything rests, J, and for how long, s: what leans on regularised friction creeps.
+/// Kinetic energy below which everything counts as at rest, J, and the time for which it must stay below, s:
+/// regularised friction creeps.
 const REST_ENERGY: f64 = 1e-3;
 const REST_TIME: f64 = 0.1;
-/// Work to which the energy error is related at least, J.
+/// Lower bound of the work to which the energy error is related, J.
 const LEAST_WORK: f64 = 1e-3;
-/// Slack of time comparisons, s.
+/// Tolerance of time comparisons, s.
 const INSTANT: f64 = 1e-12;
 
-/// Recording and report of a run of `model` under `setup` along `desired`, controlled by `controller_plant`'s feed-forward.
+/// Recording and report of a run of `model` under `setup` along `desired`, with the feed-forward of `controller_plant`.
 ///
-/// With [`HoldTorque::Ramp`] the drives ramp the torque linearly over each period, so a recorded torque is the one that
-/// acts at its time stamp. `desired` says where platform or joints are to be; those of a machine without platform must be
-/// joints. `progress` is called with the simulated time once per sample; returning false ends the run
-/// there.
+/// With [`HoldTorque::Ramp`] the drive torques are linear over each period, so that a recorded torque is the one that
+/// acts at its time stamp. `desired` is the desired motion of platform or joints; a machine without platform requires
+/// joints. `progress` is called with the simulated time (s) once per sample; returning false ends the run.
+///
+/// # Errors
+/// Those of [`simulate_until_failure`], and the failure that ends a run early.
 pub fn simulate<T: Into<Target>>(
     model: &Model,
     setup: &Setup,
@@ -50,11 +53,11 @@ pub fn simulate<T: Into<Target>>(
     failure.map_or(Ok((recording, report)), Err)
 }
 
-/// The same, with what was recorded until the run failed, if it did: a failure under way is handed back beside the
-/// recording.
+/// Recording and report as from [`simulate`], with the failure if one ended the run early; they extend to that instant.
 ///
 /// # Errors
-/// If the run cannot begin.
+/// A [`SimulationError`] if the run cannot start: the desired motion, the loops at the start, the inertia of a body,
+/// the objects, or parts that the machine does not have.
 pub fn simulate_until_failure<T: Into<Target>>(
     model: &Model,
     setup: &Setup,
@@ -87,7 +90,7 @@ pub fn simulate_until_failure<T: Into<Target>>(
     Ok((recording, report, failure))
 }
 
-/// A run under way.
+/// A run in progress.
 struct Run<'a> {
     options: &'a Options,
     desired: &'a dyn Fn(f64) -> Target,
@@ -107,13 +110,13 @@ struct Run<'a> {
     checkpoint: Checkpoint,
     /// Contact wrenches at the present time.
     contact: [Twist; BODIES],
-    /// What has met so far, and when last, s.
+    /// Contacts and stops so far, with the time of the last one, s.
     touching: Vec<(Meeting, f64)>,
     rest_since: Option<f64>,
     rested: bool,
     work: Vec<f64>,
     turned_over: f64,
-    /// Frames so far, and events that the watcher has seen.
+    /// Number of frames so far; the number of events passed to the watcher follows.
     frames: usize,
     watched: usize,
     signals: Signals,
@@ -125,7 +128,7 @@ impl<'a> Run<'a> {
         self.report.events.push(Event { t, kind, what: what.into() });
     }
 
-    /// One sample time: record, control, move on. False if the run cannot go on.
+    /// One sample time: record, control, advance. False if the run has ended.
     fn sample(&mut self, k: usize) -> Result<bool, SimulationError> {
         let t = k as f64 * self.period;
         self.twin.set_time(t);
@@ -165,7 +168,7 @@ impl<'a> Run<'a> {
         Ok(true)
     }
 
-    /// An intact robot must not get stuck; a broken one may lie where the equations end.
+    /// An intact robot must not become singular; a broken one may end its run in a singular pose.
     fn stuck(&mut self, t: f64) -> Result<bool, SimulationError> {
         let failure = self.failure(t);
         if self.twin.closed() == SocketSet::ALL
@@ -177,7 +180,7 @@ impl<'a> Run<'a> {
         Ok(false)
     }
 
-    /// Why the twin goes no further: a law without a number, numbers that left the equations, or a singular pose.
+    /// Why the twin cannot be advanced: a law with a value that is not finite, a diverged solution, or a singular pose.
     fn failure(&self, t: f64) -> SimulationError {
         if let Some(source) = self.twin.fault() {
             return SimulationError::Law { source };
@@ -192,7 +195,7 @@ impl<'a> Run<'a> {
     fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
         let closed = self.twin.closed();
         let plant = self.twin.plant();
-        // The length of an elastic strut is no constraint.
+        // The length of an elastic strut is not a constraint.
         let rigid = plant.effects.iter().all(|a| a.strut_spring().is_none());
         let report = &mut self.report;
         let joints = plant.assembled.then(|| constraints::rows(&plant.geometry, &snapshot.motion));
@@ -215,7 +218,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Chooses the torque of the coming control period.
+    /// Computes the torque of the next control period.
     fn control(&mut self, t: f64, encoders: &[f64; AXES], tau: &[f64; AXES]) -> Result<(), SimulationError> {
         if self.tripped {
             return Ok(());
@@ -358,7 +361,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The pose of a motion in words.
+/// Joint angles and platform position of a motion.
 fn pose(motion: &Motion, assembled: bool) -> Pose {
     Pose { q: motion.q, platform: assembled.then(|| motion.bodies[PLATFORM].position.into()) }
 }

@@ -1,4 +1,4 @@
-//! A recording as a moving robot with measured and predicted torques in Rerun.
+//! Display of a recording in Rerun: moving robot with measured and predicted torques.
 
 use std::path::Path;
 
@@ -11,12 +11,15 @@ use deltatwin::machine::{AXES, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
-/// Frames per second of the moving robot.
+/// Frame rate of the moving robot, Hz.
 const FRAMES: f64 = 50.0;
 const PREDICTED: [u8; 3] = [225, 225, 225];
 const RESIDUAL: [u8; 3] = [200, 60, 60];
 
-/// Writes `recording` as an `.rrd` file beside what `model` predicts for it.
+/// Writes `recording` with the prediction of `model` as an `.rrd` file.
+///
+/// # Errors
+/// If the prediction or the kinematics fail, or the file cannot be written.
 pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Result<()> {
     let dataset = Dataset::new(recording);
     let plant = Plant::new(model, &recording.setup);
@@ -39,7 +42,7 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
     let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
     let poses = frames.iter().map(|&k| plant.motion(&dataset.joints[k]).map(|m| m.shown(plant.mechanism)));
     let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
-    // Mean over a frame: single samples are noise.
+    // Mean over a frame, which reduces the noise of single samples.
     let residual: Vec<[f64; AXES]> = frames
         .iter()
         .map(|&k| {

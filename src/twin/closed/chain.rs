@@ -1,4 +1,4 @@
-//! The telescope and the end effector, which hang between the rotor and the platform.
+//! Chain of telescope and end effector between rotor and platform.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,8 +10,10 @@ use crate::kinematics::{BodyMotion, HookeJoint, Motion, Telescope};
 use crate::machine::Geometry;
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
-/// The telescope and the end effector move with (v_h, Ω, ω): velocity of the lower Hooke joint, rotor rate and platform
-/// angular velocity. ω_T = A v_h + b Ω; end effector relative to the platform: κ = c_v·v_h + c_Ω Ω + c_ω·ω about z_P.
+/// Linear maps from (v_h, Ω, ω), the velocity of the lower Hooke joint, the rotor rate and the platform's angular
+/// velocity.
+///
+/// Telescope: ω_T = A v_h + b Ω. End effector relative to the platform: κ = c_v·v_h + c_Ω Ω + c_ω·ω about z_P.
 pub(super) struct Chain {
     pub hooke: Vector3<f64>,
     pub a: Matrix3<f64>,
@@ -22,7 +24,7 @@ pub(super) struct Chain {
     pub c_omega: Vector3<f64>,
 }
 
-/// Accelerations at zero ν̇ of the telescope's end and of end effector and telescope.
+/// Accelerations at ν̇ = 0 of the telescope's lower end, the telescope and the end effector.
 pub(super) struct ChainBias {
     pub hooke: Vector3<f64>,
     pub telescope: Vector3<f64>,
@@ -35,13 +37,13 @@ impl Chain {
         Self { hooke: z, a: Matrix3::zeros(), b: z, pivot: z, c_v: z, c_rotor: 0.0, c_omega: z }
     }
 
-    /// κ per unit of the platform's v and ω and of the rotor rate.
+    /// κ per unit of the platform's v and ω, and of the rotor rate.
     pub fn relative(&self) -> (Vector3<f64>, Vector3<f64>, f64) {
         // v_h = v + ω × r_h
         (self.c_v, self.c_omega + self.hooke.cross(&self.c_v), self.c_rotor)
     }
 
-    /// Mass of both telescope parts in (v_h, Ω): ½ m v_h² + ω_T·(h × v_h) + ½ ω_T·Θ ω_T.
+    /// Mass of both telescope parts in (v_h, Ω), from ½ m v_h² + ω_T·(h × v_h) + ½ ω_T·Θ ω_T.
     pub fn telescope_mass(&self, plant: &Plant, motion: &Motion) -> (Matrix3<f64>, Vector3<f64>, f64) {
         let (upper, lower) = (&plant.bodies[TELESCOPE_UPPER], &plant.bodies[TELESCOPE_LOWER]);
         let rotation = &motion.bodies[TELESCOPE_UPPER].rotation;
@@ -87,7 +89,7 @@ impl Chain {
         }
     }
 
-    /// Applied minus bias forces at zero ν̇ on the platform and the rotor.
+    /// Applied minus bias forces at ν̇ = 0 on platform and rotor.
     pub fn bias_force(&self, loads: &Loads, bias: &ChainBias, loaded: bool) -> ChainForce {
         let Loads { plant, frame, wrenches, gravity, .. } = loads;
         let motion = &frame.motion;
@@ -102,7 +104,7 @@ impl Chain {
         let turning = upper.1 + lower.1;
         let hooke = lower.0 + self.a.tr_mul(&turning);
         let mut out = ChainForce { force: hooke, moment: self.hooke.cross(&hooke), rotor: self.b.dot(&turning) };
-        // Wrenches of effects and contacts act on a massless end effector too.
+        // Wrenches of effects and contacts act on a massless end effector as well.
         if loaded || wrenches[END_EFFECTOR] != STILL {
             let (f, n) = net(END_EFFECTOR, bias.end_effector);
             let flange = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
@@ -116,7 +118,7 @@ impl Chain {
     }
 }
 
-/// Forces of the chain on what it hangs between: force and moment about the platform's origin, torque of the rotor.
+/// Forces of the chain on its neighbours: force and moment about the platform's origin, torque on the rotor.
 pub(super) struct ChainForce {
     pub force: Vector3<f64>,
     pub moment: Vector3<f64>,
@@ -124,7 +126,7 @@ pub(super) struct ChainForce {
 }
 
 impl Mechanism {
-    /// Telescope and end effector between the rotor and the platform.
+    /// Places telescope and end effector between rotor and platform.
     pub(super) fn place_chain(
         &self,
         bodies: &mut [BodyMotion; BODIES],
@@ -143,7 +145,7 @@ impl Mechanism {
         let yoke = bodies[ROTOR].rotation.column(0).into_owned();
         let rotation = telescope.rotation(&yoke);
         let cross = rotation.column(1).into_owned();
-        // (ω_T − Ω z)·n = 0
+        // The Hooke joint transmits rotation about the normal n of its cross: (ω_T − Ω z)·n = 0.
         let n = HookeJoint::new(yoke, cross).normal;
         let passed = 1.0 / axis.dot(&n);
         chain.hooke = hooke;

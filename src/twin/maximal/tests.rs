@@ -46,7 +46,7 @@ fn agrees_with_the_closed_form_elimination() {
             let tau = std::array::from_fn(|i| rng.random_range(-1.0..1.0) * if i < 3 { 80.0 } else { 5.0 });
             let mut wrenches = torques(&tau);
             for s in 0..STRUTS {
-                // A millirad per second: the restraint of the spins is stiff.
+                // 1 mrad/s: the restraint of the spins is stiff.
                 let spin = motion.strut_axis[s] * rng.random_range(-1e-3..1e-3);
                 motion.bodies[STRUT + s].angular_velocity += spin;
                 wrenches[STRUT + s].1 -= spin * plant.spin_damping;
@@ -89,7 +89,7 @@ fn a_strut_without_sockets_flies_freely() {
         let (omega, alpha) = (strut.angular_velocity, strut.angular_acceleration);
         let falls = strut.acceleration + alpha.cross(&centre) + omega.cross(&omega.cross(&centre));
         assert!((falls - plant.gravity_vector()).norm() < 1e-11, "{falls}");
-        // Weight and inertia balance, so momentum and angular momentum change by the weight alone.
+        // The only external load is weight, so that the inertial wrench with weight is zero.
         let (force, moment) = inertial_wrench(&plant.bodies[STRUT + 2], &strut, &plant.gravity_vector());
         assert!(force.norm() < 1e-12 && moment.norm() < 1e-12, "{force} {moment}");
         assert_eq!((maximal.socket_forces()[2], maximal.socket_forces()[8]), (Vector3::zeros(), Vector3::zeros()));
@@ -116,7 +116,7 @@ fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
             worst = worst.max((force - joints.rotor.0).norm());
             let drive = Vector3::z() * tau[3];
             worst = worst.max((moment - joints.rotor.1 - at.cross(&joints.rotor.0) - drive).norm());
-            // Below the telescope's slide.
+            // The part below the telescope's slide.
             let (force, moment) = demand(&plant, &bodies, [PLATFORM, END_EFFECTOR, TELESCOPE_LOWER].into_iter());
             let at = bodies[TELESCOPE_LOWER].position;
             worst = worst.max((force - joints.slide.0).norm());
@@ -134,7 +134,7 @@ fn the_platform_falls_on_the_telescope_when_all_sockets_are_open() {
             let at = bodies[ROTOR].position;
             worst = worst.max((force - bearing.0 + hooke.0).norm());
             worst = worst.max((moment - bearing.1 - drive + hooke.1 - at.cross(&(bearing.0 - hooke.0))).norm());
-            // Arms move by themselves.
+            // The arms are decoupled.
             for i in 0..ARMS {
                 let (force, moment) =
                     inertial_wrench(&plant.bodies[ARM + i], &bodies[ARM + i], &plant.gravity_vector());
@@ -187,7 +187,7 @@ fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
     let joints = JointState { q: [0.4; 4], qd: [0.0; 4], qdd: [0.0; 4] };
     let mut state = State::new(&plant.motion(&joints).unwrap());
     let angle = 2e-3;
-    // Strut frame x down and a little along world x.
+    // Strut frame: x down, with a small component along the inertial x axis.
     let hanging = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2 - angle);
     state.bodies[STRUT].orientation = *hanging;
     maximal.project(&plant, &mut state.bodies, closed).unwrap();
@@ -215,7 +215,7 @@ fn a_strut_that_left_its_platform_ball_is_a_pendulum() {
 
 #[test]
 fn a_whole_fall_keeps_its_energy() {
-    // The sockets of limb 1 are gone and the drives have tripped.
+    // The sockets of limb 1 are open and the drives have tripped.
     let (plant, mut maximal) = (plant(), MaximalCoordinates::new());
     let closed = without(&[6, 7]);
     let joints = JointState { q: [0.2, 0.3, 0.1, 0.5], qd: [3.0, -2.0, 1.0, 5.0], qdd: [0.0; 4] };
@@ -256,7 +256,7 @@ fn projection_restores_poses_and_velocities() {
     }
     println!("violation {:.1e}, rate {:.1e}", worst.0, worst.1);
     assert!(worst.0 < 1e-12 && worst.1 < 1e-11, "{worst:?}");
-    // Struts that cannot reach.
+    // Struts too short to close the loops.
     let mut short = plant();
     let mut state = State::new(&short.motion(&joints(&short, &mut rng)).unwrap());
     short.geometry.strut_length = [0.05, 1.9, 1.9];
@@ -281,10 +281,10 @@ fn impulses_conserve_momentum() {
                 (momentum(&plant.bodies[b], &motion.bodies[b]), momentum(&plant.bodies[b], &then.bodies[b]));
             (is.0 - was.0, is.1 - was.1)
         };
-        // A free strut takes all of its impulse.
+        // All of the impulse on a free strut changes its own momentum.
         let (p, l) = change(STRUT + 2);
         assert!((p - impulses[STRUT + 2].0).norm() < 1e-12 && (l - impulses[STRUT + 2].1).norm() < 1e-12);
-        // All others: impulses, bearings, nothing else.
+        // All others: impulses and bearing reactions only.
         let mut sum = joints.rotor.0 + joints.arms.iter().map(|a| a.0).sum::<Vector3<f64>>();
         for b in 0..BODIES {
             sum += impulses[b].0 - change(b).0;
@@ -309,7 +309,7 @@ fn picking_up_a_product_at_rest_loses_energy_as_a_plastic_shock() {
     for (b, x) in then.bodies.iter_mut().zip(&after.bodies) {
         (b.velocity, b.angular_velocity) = *x;
     }
-    // One freedom (all arms alike): p = M·q̇ is conserved, so E₊/E₋ = M₋/M₊ and q̇₊/q̇₋ too.
+    // One degree of freedom (all arms alike): p = M·q̇ is conserved, so that E₊/E₋ = M₋/M₊ = q̇₊/q̇₋.
     let kinetic = |plant: &Plant, motion: &Motion| energy::total(&Plant { gravity: 0.0, ..plant.clone() }, motion);
     let (before, with_product) = (kinetic(&plant, &motion), kinetic(&loaded, &motion));
     let slowed = then.bodies[PLATFORM].velocity.z / motion.bodies[PLATFORM].velocity.z;
@@ -339,7 +339,8 @@ fn damping_adds_to_the_inertia() {
 
 #[test]
 fn bodies_without_inertia_are_solved_exactly() {
-    // A platform without a tensor and arms of two points each, against such with inertia that does not enter the motion.
+    // A platform without a tensor and arms of two points each, compared with inertia that does not influence the
+    // motion.
     let (mut full, mut rng, mut maximal) = (plant(), ChaCha8Rng::seed_from_u64(8), MaximalCoordinates::new());
     full.bodies[PLATFORM] = Inertia::point(1.2, Vector3::zeros());
     for i in 0..ARMS {
@@ -378,7 +379,7 @@ fn redundant_rows_do_not_stop_a_run() {
     let weight: f64 = [PLATFORM, TELESCOPE_LOWER].iter().map(|&b| plant.bodies[b].mass * plant.gravity).sum();
     let carried: f64 = maximal.socket_forces()[6..].iter().map(|f| -f.z).sum();
     assert!((carried - weight).abs() < 1e-9, "{carried} of {weight}");
-    // A platform that is no body.
+    // A platform without a valid orientation.
     bodies[PLATFORM].rotation[(0, 1)] = f64::NAN;
     assert_eq!(maximal.solve(&plant, &bodies, SocketSet::ALL, &[STILL; BODIES], None).unwrap_err(), SingularPose);
 }

@@ -1,4 +1,4 @@
-//! Makes signals of the columns a file holds: names what is wrong, repairs what can be repaired.
+//! Conversion of columns to signals, with checks and repairs.
 
 mod channels;
 mod names;
@@ -14,29 +14,29 @@ pub(super) use self::channels::columns;
 pub(super) use self::names::{foreign, known, machine, margin_names, required};
 use super::ReadError;
 
-/// Fewest samples that make a recording.
+/// Smallest number of samples of a recording.
 const FEWEST: usize = 100;
 
-/// What a file holds, one column per channel.
+/// Columns of a file, one per channel.
 pub(super) struct Table {
     pub file: PathBuf,
-    /// What a row is called, e.g. `line`.
+    /// Word for a row in messages, e.g. `line`.
     pub row: &'static str,
-    /// Number of each sample's row.
+    /// Row number of each sample.
     pub rows: Vec<u64>,
     pub t: Vec<f64>,
     pub columns: Vec<Column>,
-    /// Machine whose axes the file must hold.
+    /// Machine whose axes the file must contain.
     pub machine: Mechanism,
 }
 
-/// One channel by its CSV name.
+/// One channel, named as in CSV.
 pub(super) struct Column {
     pub name: String,
     pub values: Vec<f64>,
 }
 
-/// Checks and repairs `table`; also returns what was noticed.
+/// Checks and repairs `table`; also returns warnings.
 pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadError> {
     let mut warnings = Vec::new();
     table.finite()?;
@@ -99,7 +99,7 @@ impl Table {
         Ok(())
     }
 
-    /// Drops rows that repeat the one before, time and all.
+    /// Drops rows identical to the previous one, time included.
     fn repeated(&mut self, warnings: &mut Vec<String>) {
         let same = |v: &[f64], i: usize| v[i] == v[i - 1];
         let again = |i: usize| i > 0 && same(&self.t, i) && self.columns.iter().all(|c| same(&c.values, i));
