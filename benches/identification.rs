@@ -6,7 +6,7 @@
 mod common;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::identification::estimator::{Estimator, PRIOR_INFORMATION};
 use deltatwin::identification::normal_equations::{ALIKE, NormalEquations};
 use deltatwin::identification::{Dataset, fit, predict};
@@ -30,18 +30,8 @@ fn dataset(samples: usize) -> Dataset {
     let plant = Plant::new(&model, &setup);
     let motion = FourierMotion::random(&plant, &MotionLimits::of(&model, 0.45), 0.1, 10, &mut rng);
     let joints = (0..samples).map(|k| plant.geometry.inverse_motion(&motion.at(k as f64 * DT)).expect("reachable"));
-    let mut dataset = Dataset {
-        name: "bench".into(),
-        setup,
-        t: (0..samples).map(|k| k as f64 * DT).collect(),
-        joints: joints.collect(),
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; samples]; 4],
-        segments: std::iter::once(0..samples).collect(),
-        dt: DT,
-        readings: deltatwin::identification::EncoderReadings::default(),
-        half_width: [10; 4],
-    };
+    let t = (0..samples).map(|k| k as f64 * DT).collect();
+    let mut dataset = Dataset { half_width: [10; 4], ..common::planned(setup, t, joints.collect(), DT) };
     dataset.measured = predict(&Plant::new(&robot, &setup), &dataset).expect("reachable");
     for (series, sigma) in dataset.measured.iter_mut().zip(SIGMA) {
         series.iter_mut().for_each(|x| *x += sigma * rng.sample::<f64, _>(StandardNormal));

@@ -14,7 +14,7 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use deltatwin::constraint_forces::{Detail, constraint_forces};
 use deltatwin::dynamics::Plant;
 use deltatwin::planner::jerk::{self, Sequence};
-use deltatwin::planner::rows::{Grid, Slack};
+use deltatwin::planner::rows::{Grid, Tightening};
 use deltatwin::planner::{Limits, Machine, Objective, Options, PathPoint, Reference, pass, plan};
 use oracle::{Oracle, Programme};
 use rand_chacha::ChaCha8Rng;
@@ -57,9 +57,9 @@ fn planning(c: &mut Criterion) {
     });
     let mut grid = Grid::new(&machine, &curve, &limits, &places).expect("reachable");
     grid.load(&machine, &limits, &vec![reference; places.len()]).expect("regular");
-    let slack = Slack::full(places.len());
+    let tightening = Tightening::none(places.len());
     group.bench_function("passes without jerk, 1000 intervals", |b| {
-        b.iter(|| pass::solve(&grid, &slack).unwrap().z[500])
+        b.iter(|| pass::solve(&grid, &tightening).unwrap().z[500])
     });
     for (what, limits, intervals) in [
         ("without jerk, checked", limits, 1000),
@@ -89,17 +89,17 @@ fn beside_copp(c: &mut Criterion) {
         let reference = Reference { speed: 2.0, acceleration: 10.0 };
         let mut grid = Grid::new(&machine, &curve, &limits, &places).expect("reachable");
         grid.load(&machine, &limits, &vec![reference; places.len()]).expect("regular");
-        let slack = Slack::full(places.len());
+        let tightening = Tightening::none(places.len());
         group.bench_function(format!("deltatwin, viscous friction, {intervals}"), |b| {
-            b.iter(|| pass::solve(&grid, &slack).unwrap().z[50])
+            b.iter(|| pass::solve(&grid, &tightening).unwrap().z[50])
         });
         grid.points.iter_mut().flat_map(|s| &mut s.rows).for_each(|row| row.d = 0.0);
         group.bench_function(format!("deltatwin, {intervals}"), |b| {
-            b.iter(|| pass::solve(&grid, &slack).unwrap().z[50])
+            b.iter(|| pass::solve(&grid, &tightening).unwrap().z[50])
         });
         let mut oracle = Oracle::new(&grid, &limits);
         group.bench_function(format!("copp TOPP2-RA, {intervals}"), |b| b.iter(|| oracle.without_jerk()[50]));
-        let unlimited = pass::solve(&grid, &slack).expect("a motion").z;
+        let unlimited = pass::solve(&grid, &tightening).expect("a motion").z;
         group.bench_function(format!("deltatwin with jerk limits, {intervals}"), |b| {
             b.iter_batched(
                 || grid.clone(),

@@ -36,8 +36,10 @@
 //! - A run is a function of scenario, model and seed, bit by bit, on any number of threads.
 //! - Results are printed by the program, not by the library; errors name file and place.
 
-// Numbers as text, and suggestions for misspelt names.
+// Numbers as text, suggestions for misspelt names, and elementary numerics.
 pub mod text;
+
+pub mod numerics;
 
 // Description of the machine, and measurements.
 pub mod machine;

@@ -1,6 +1,8 @@
-//! Numbers as text, and suggestions for misspelt names.
+//! Formatting of numbers, and suggestions for misspelt names.
 
-/// A number with `digits` significant digits, plain where that is short.
+/// `x` with `digits` significant digits, in fixed-point notation for 1e-4 ≤ |x| < 1e6, else in scientific notation.
+///
+/// An infinite `x` or NaN gives "—".
 pub fn significant(x: f64, digits: usize) -> String {
     if x == 0.0 || !x.is_finite() {
         return if x == 0.0 { "0".into() } else { "—".into() };
@@ -14,10 +16,10 @@ pub fn significant(x: f64, digits: usize) -> String {
     }
 }
 
-/// The known name that `wrong` is most likely meant to be; `None` where all are too far from it.
+/// The element of `known` nearest to the misspelt name `wrong`; `None` if no name is near enough.
 ///
-/// Near is a Damerau–Levenshtein distance of at most a third of the name's length (at least two), or one name within the
-/// other from three letters on.
+/// A name is near enough if its Damerau–Levenshtein distance is at most a third of its length, rounded up (at least 2),
+/// or if one of the two contains the other and `wrong` has at least three bytes.
 pub fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let distances = known.into_iter().map(|name| (strsim::damerau_levenshtein(wrong, name), name));
     let within = |name: &str| wrong.len() > 2 && (name.contains(wrong) || wrong.contains(name));

@@ -11,7 +11,7 @@ use copp::solver::topp3_lp::s_to_t_topp3;
 use deltatwin::dynamics::Plant;
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::planner::jerk::Sequence;
-use deltatwin::planner::rows::{Grid, Slack};
+use deltatwin::planner::rows::{Grid, Tightening};
 use deltatwin::planner::{Curve, Limits, Machine, Objective, Profile, Reference, Shape, pass, verify};
 use oracle::{Oracle, Programme};
 
@@ -59,7 +59,7 @@ fn without_jerk_limits_copp_is_not_faster() {
         let machine = Machine::new(&plant, limits.detail);
         for intervals in [100, 1000] {
             let grid = loaded(&machine, &curve, &limits, intervals, 0.0);
-            let found = pass::solve(&grid, &Slack::full(intervals + 1)).unwrap();
+            let found = pass::solve(&grid, &Tightening::none(intervals + 1)).unwrap();
             let s: Vec<f64> = grid.points.iter().map(|x| x.point.s).collect();
             let ours = Profile::linear(&s, &found.z).time();
             let theirs = Oracle::new(&grid, &limits).without_jerk();
@@ -83,7 +83,7 @@ fn with_jerk_limits_copp_is_not_faster() {
         let machine = Machine::new(&plant, limits.detail);
         for intervals in [100, 200] {
             let grid = loaded(&machine, &curve, &limits, intervals, 0.0);
-            let unlimited = pass::solve(&grid, &Slack::full(intervals + 1)).unwrap().z;
+            let unlimited = pass::solve(&grid, &Tightening::none(intervals + 1)).unwrap().z;
             let mut copp = Oracle::new(&grid, &limits);
             let s: Vec<f64> = grid.points.iter().map(|x| x.point.s).collect();
             let mut ours = Sequence::begin(grid, &limits, &unlimited);
@@ -116,7 +116,7 @@ fn viscous_friction_breaks_the_limits_of_copp() {
     };
     let with_friction = loaded(&machine, &curve, &limits, 1000, 1.0);
     let s: Vec<f64> = with_friction.points.iter().map(|x| x.point.s).collect();
-    let ours = torque(&Profile::linear(&s, &pass::solve(&with_friction, &Slack::full(1001)).unwrap().z));
+    let ours = torque(&Profile::linear(&s, &pass::solve(&with_friction, &Tightening::none(1001)).unwrap().z));
     let theirs = torque(&Profile::linear(&s, &Oracle::new(&with_friction, &limits).without_jerk()));
     println!("of the torque ours uses {ours}, copp {theirs}");
     assert!(theirs > 1.08 && ours < 1.01, "{theirs} {ours}");

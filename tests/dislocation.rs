@@ -11,6 +11,7 @@ use deltatwin::kinematics::{JointState, Motion, PlatformState};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
 use deltatwin::machine::{Geometry, Payload, Setup, Stops};
 use deltatwin::model::Model;
+use deltatwin::numerics::{bisect, halvings};
 use deltatwin::recording::Recording;
 use deltatwin::scenario::{FourierMotion, Scenario};
 use deltatwin::twin::{
@@ -252,15 +253,13 @@ fn a_socket_leaves_when_the_force_reaches_its_hold_and_not_before() {
             twin.set_time(k as f64 * period);
             let mut checkpoint = Checkpoint::default();
             twin.save(&mut checkpoint);
-            let (mut low, mut high) = (0.0, period);
-            while high - low > 1e-10 {
-                let middle = 0.5 * (low + high);
+            let [_, high] = bisect([0.0, period], halvings(period, 1e-10), |step| {
                 twin.restore(&checkpoint);
-                (0..substeps).for_each(|_| twin.step(middle / substeps as f64, &torque(k)).unwrap());
+                (0..substeps).for_each(|_| twin.step(step / substeps as f64, &torque(k)).unwrap());
                 let s = twin.evaluate(&torque(k)).unwrap();
                 let margins = clamps.margins(&s.motion, &s.sockets, twin.closed());
-                if margins.iter().any(|m| *m < 0.0) { high = middle } else { low = middle }
-            }
+                !margins.iter().any(|m| *m < 0.0)
+            });
             twin.restore(&checkpoint);
             (0..substeps).for_each(|_| twin.step(high / substeps as f64, &torque(k)).unwrap());
             (twin.time(), twin)

@@ -5,9 +5,9 @@
 
 mod common;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use common::defaults;
+use common::{defaults, runs};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, REGISTRY, find};
 use deltatwin::kinematics::JointState;
@@ -21,15 +21,6 @@ use rayon::prelude::*;
 
 /// Largest difference of a channel, relative to the largest magnitude of its kind.
 const AGREEMENT: f64 = 1e-9;
-
-fn files() -> Vec<PathBuf> {
-    let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
-    let is_run = |p: &PathBuf| common::is_scenario(p);
-    let mut files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_run(p)).collect();
-    files.sort();
-    assert!(files.len() >= 12, "{files:?}");
-    files
-}
 
 fn name(file: &Path) -> &str {
     file.file_stem().unwrap().to_str().unwrap()
@@ -115,7 +106,7 @@ fn agree(label: &str, file: &Path, change: &Change<'_>) {
 /// With the shipped noise and quantisation: both draw the same.
 #[test]
 fn every_shipped_scenario_runs_both_ways() {
-    files().par_iter().for_each(|file| {
+    runs().par_iter().for_each(|file| {
         agree(name(file), file, &|_, options, _| {
             options.duration = 0.008;
             options.substeps *= 32;

@@ -174,7 +174,7 @@ fn garbage_gives_possible_bodies_and_both_ways_agree() {
         for fitted in [&smooth, &convex] {
             let smallest = min_eigenvalue(&fitted.model.bodies);
             assert!(smallest > 0.0, "seed {seed}: {smallest:e}");
-            assert!(fitted.rms.iter().all(|r| r.is_finite()));
+            assert!(fitted.residuals.rms.iter().all(|r| r.is_finite()));
             let file = std::env::temp_dir().join(format!("deltatwin-garbage-{}-{seed}.toml", std::process::id()));
             // Bodies of tonnes are refused by name; what is written loads again, with its bodies and ranges checked.
             match deltatwin_io::model::write(&fitted.model, &file) {

@@ -171,10 +171,10 @@ fn limbs_that_differ_are_found() {
     let data = dataset(&robot, 1.0);
     let alike = fitted(links(false, BodyParameters::Symmetric), &data, &Options::default());
     let each = fitted(links(true, BodyParameters::Symmetric), &data, &Options::default());
-    println!("RMS alike {:?}, each limb {:?}", alike.rms, each.rms);
-    assert!(alike.rms[..3].iter().any(|r| *r > 1.2 * SIGMA[0]), "{:?}", alike.rms);
+    println!("RMS alike {:?}, each limb {:?}", alike.residuals.rms, each.residuals.rms);
+    assert!(alike.residuals.rms[..3].iter().any(|r| *r > 1.2 * SIGMA[0]), "{:?}", alike.residuals.rms);
     // Four standard errors of the RMS of 2000 samples.
-    for (rms, sigma) in each.rms.iter().zip(SIGMA) {
+    for (rms, sigma) in each.residuals.rms.iter().zip(SIGMA) {
         assert!(*rms < 1.065 * sigma, "{rms} {sigma}");
     }
     let truth = Model { link_parameters: links(true, BodyParameters::Symmetric), ..robot };
@@ -204,7 +204,7 @@ fn bodies_with_more_parameters_stay_possible() {
         for (b, body) in fit.model.bodies.0.iter().enumerate().filter(|(_, b)| **b != Inertia::ZERO) {
             assert!(body.min_eigenvalue() > 0.0, "{bodies:?}, body {b}: {:e}", body.min_eigenvalue());
         }
-        for (rms, sigma) in fit.rms.iter().zip(SIGMA) {
+        for (rms, sigma) in fit.residuals.rms.iter().zip(SIGMA) {
             assert!(*rms < 1.065 * sigma, "{bodies:?}: {rms} {sigma}");
         }
         println!("{bodies:?}: {:?}", fit.correction);

@@ -164,7 +164,7 @@ fn each_arm_of_a_disassembled_robot_gets_its_own_inertia_back() {
     }
     assert_eq!(names.len(), 10 + 8, "{names:?}");
     assert!(fitted.parameters.iter().all(|p| p.std < 0.1 * p.value.abs().max(0.05)), "all are determined");
-    for (rms, floor) in fitted.rms.iter().zip(dataset.noise(&nominal)) {
+    for (rms, floor) in fitted.residuals.rms.iter().zip(dataset.noise(&nominal)) {
         assert!(*rms < 1.05 * floor, "{rms} {floor}");
     }
 }
@@ -303,7 +303,7 @@ fn parameters_of_every_machine_come_back_within_their_standard_errors() {
         let first = &fitted.parameters[0];
         let wanted = [("rigid_bodies.mass", Unit::Kg), ("rigid_bodies.inertia", Unit::KgM2)];
         assert_eq!((first.name.as_str(), first.unit), wanted[usize::from(nominal.name == "turntable")]);
-        assert!(fitted.rms[0] < 1.1 * dataset.noise(&nominal)[0], "{:?}", fitted.rms);
+        assert!(fitted.residuals.rms[0] < 1.1 * dataset.noise(&nominal)[0], "{:?}", fitted.residuals.rms);
     }
 }
 

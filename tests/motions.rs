@@ -2,24 +2,18 @@
 
 mod common;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use common::runs;
 use deltatwin::cell::Mobility;
 use deltatwin::kinematics::{PlatformState, Target};
 use deltatwin::scenario::Scenario;
 use deltatwin_io::{model, scenario};
 use nalgebra::Vector3;
 
-fn files() -> Vec<PathBuf> {
-    let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
-    files.filter(|p| p.extension().is_some_and(|e| e == "toml") && common::is_scenario(p)).collect()
-}
-
 /// All shipped runs.
 fn shipped() -> Vec<Scenario> {
-    let files = files();
-    assert!(files.len() >= 12, "{files:?}");
-    files.iter().map(|f| scenario::read(f).unwrap_or_else(|e| panic!("{e}"))).collect()
+    runs().iter().map(|f| scenario::read(f).unwrap_or_else(|e| panic!("{e}"))).collect()
 }
 
 fn four(position: &Vector3<f64>, psi: f64) -> [f64; 4] {

@@ -173,7 +173,7 @@ fn every_estimate_lies_within_four_standard_errors() {
                 }
                 assert!(known[0] && known[3] == struts, "{what}: {known:?}");
                 // The whole is at the noise and possible: it can be stated.
-                for (rms, sigma) in found.fit.rms.iter().zip(noise(struts)) {
+                for (rms, sigma) in found.fit.residuals.rms.iter().zip(noise(struts)) {
                     assert!(*rms < 1.05 * sigma, "{what}: {rms} of {sigma}");
                 }
                 let setup = Setup { payload: found.payload, ..Setup::default() };

@@ -4,6 +4,7 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
+use common::runs;
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Dataset, swapped};
 use deltatwin::kinematics::JointState;
@@ -21,15 +22,6 @@ use rayon::prelude::*;
 
 /// Longest run, s.
 const LONGEST: f64 = 2.0;
-
-fn files() -> Vec<PathBuf> {
-    let files = std::fs::read_dir("scenarios").unwrap().map(|e| e.unwrap().path());
-    let is_run = |p: &PathBuf| common::is_scenario(p);
-    let mut files: Vec<PathBuf> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_run(p)).collect();
-    files.sort();
-    assert!(files.len() >= 12, "{files:?}");
-    files
-}
 
 fn play(file: &Path, change: impl Fn(&mut Options)) -> (Recording, Report) {
     let scenario = scenario::read(file).unwrap();
@@ -66,11 +58,11 @@ fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
             assert!(!recording.signals.is_empty() && numbers(&recording).all(f64::is_finite), "{name}");
             (std::fs::read(out).unwrap(), report)
         };
-        pool.install(|| files().par_iter().map(one).collect())
+        pool.install(|| runs().par_iter().map(one).collect())
     };
     let (once, again) = (run(2), run(3));
     println!("scenario              s   gap (m)  rate     energy   kinetic (J)  peak (N)  events");
-    for ((file, (bytes, report)), (bytes_again, report_again)) in files().iter().zip(&once).zip(&again) {
+    for ((file, (bytes, report)), (bytes_again, report_again)) in runs().iter().zip(&once).zip(&again) {
         let name = file.file_stem().unwrap().to_str().unwrap();
         println!(
             "{name:<20} {:5.3} {:.1e}  {:.1e}  {:.1e}  {:.1e}  {:8.1}  {}",
@@ -92,7 +84,7 @@ fn all_run_cleanly_and_the_same_again_on_any_number_of_threads() {
 
 #[test]
 fn no_shipped_scenario_looks_as_if_axes_were_swapped() {
-    for file in files() {
+    for file in runs() {
         let (recording, _) = play(&file, |o| o.duration = o.duration.min(1.0));
         assert_eq!(swapped(&Dataset::new(&recording)), None, "{}", file.display());
     }

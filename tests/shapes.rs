@@ -17,12 +17,11 @@
 
 mod common;
 
-use common::model;
+use common::{encoded, model, planned};
 use deltatwin::diagnosis::{Diagnosis, Options, diagnose, diagnose_with};
-use deltatwin::dynamics::Channel;
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::ActiveEffect;
-use deltatwin::identification::{Dataset, EncoderReadings, predict};
+use deltatwin::identification::{Dataset, predict};
 use deltatwin::kinematics::Motion;
 use deltatwin::machine::Setup;
 use deltatwin::recording::{Recording, Signals};
@@ -94,18 +93,7 @@ fn measured(law: Law, seed: u64) -> Dataset {
     let motion = course.on(&robot, &setup).unwrap();
     let n = (LENGTH / PERIOD) as usize;
     let joints: Vec<_> = (0..n).map(|k| motion.at(k as f64 * PERIOD).joints(&robot.geometry).unwrap()).collect();
-    let exact = Dataset {
-        name: "measured".into(),
-        setup,
-        t: (0..n).map(|k| k as f64 * PERIOD).collect(),
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; n]; 4],
-        segments: std::iter::once(0..n).collect(),
-        dt: PERIOD,
-        readings: EncoderReadings::default(),
-        half_width: [3; 4],
-        joints,
-    };
+    let exact = planned(setup, (0..n).map(|k| k as f64 * PERIOD).collect(), joints, PERIOD);
     let plant = Plant::new(&robot, &setup);
     let torque = predict(&plant, &exact).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -133,13 +121,7 @@ fn measured(law: Law, seed: u64) -> Dataset {
             torque[i][k] - own + Normal::new(0.0, NOISE[i]).unwrap().sample(&mut rng)
         }));
     }
-    let step = robot.drives.map(|d| d.encoder_step());
-    let signals = Signals {
-        q: exact.joints.iter().map(|j| std::array::from_fn(|i| (j.q[i] / step[i]).round() * step[i])).collect(),
-        t: exact.t,
-        tau,
-        ..Signals::default()
-    };
+    let signals = Signals { q: encoded(&robot, &exact.joints), t: exact.t, tau, ..Signals::default() };
     Dataset::new(&Recording { name: "measured".into(), signals, setup })
 }
 

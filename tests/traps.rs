@@ -5,9 +5,9 @@
 
 mod common;
 
-use common::model;
+use common::{encoded, model, planned};
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::excitation::Options;
 use deltatwin::excitation::discriminate::discriminate;
@@ -46,25 +46,13 @@ fn measured(robot: &Model, course: &Course, payload: Payload, duration: f64, see
     let n = (duration / PERIOD) as usize;
     let joints: Vec<_> =
         (0..n).map(|k| motion.at(k as f64 * PERIOD).joints(&robot.geometry).expect("in reach")).collect();
-    let exact = Dataset {
-        name: "measured".into(),
-        setup,
-        t: (0..n).map(|k| k as f64 * PERIOD).collect(),
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; n]; 4],
-        segments: std::iter::once(0..n).collect(),
-        dt: PERIOD,
-        readings: deltatwin::identification::EncoderReadings::default(),
-        half_width: [3; 4],
-        joints,
-    };
+    let exact = planned(setup, (0..n).map(|k| k as f64 * PERIOD).collect(), joints, PERIOD);
     let torque = predict(&Plant::new(robot, &setup), &exact).expect("a possible motion");
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noisy = |i: usize, k: usize| torque[i][k] + Normal::new(0.0, NOISE[i]).expect("a width").sample(&mut rng);
-    let step = robot.drives.map(|d| d.encoder_step());
     let signals = Signals {
         t: exact.t.clone(),
-        q: exact.joints.iter().map(|j| std::array::from_fn(|i| (j.q[i] / step[i]).round() * step[i])).collect(),
+        q: encoded(robot, &exact.joints),
         tau: (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect(),
         ..Signals::default()
     };

@@ -2,28 +2,15 @@
 
 mod common;
 
+use common::random_joints;
 use deltatwin::dynamics::{Plant, inertial_wrench, inverse_dynamics};
 use deltatwin::kinematics::{JointState, Motion};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_UPPER};
 use deltatwin::twin::constraints::{ROWS, rows};
 use deltatwin::twin::{Snapshot, Torque, Twin};
 use nalgebra::{DMatrix, DVector, Vector3};
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-
-fn random_joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
-    loop {
-        let mut draw = |low: f64, high: f64| rng.random_range(low..high);
-        let q = [draw(-0.5, 1.2), draw(-0.5, 1.2), draw(-0.5, 1.2), draw(-3.0, 3.0)];
-        let qd = std::array::from_fn(|i| draw(-4.0, 4.0) * if i == 3 { 3.0 } else { 1.0 });
-        let qdd = std::array::from_fn(|_| draw(-60.0, 60.0));
-        let Ok(p) = plant.geometry.forward(&q) else { continue };
-        if plant.geometry.check_limits(&q, &p).is_ok() {
-            return JointState { q, qd, qdd };
-        }
-    }
-}
 
 fn loaded_plant() -> Plant {
     let mut plant = common::nominal_plant();

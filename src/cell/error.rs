@@ -1,11 +1,11 @@
-//! What is wrong with the robot's surroundings.
+//! Errors of the robot's surroundings.
 
 use thiserror::Error;
 
-/// What is wrong with a cell, or with a request to it.
+/// Fault of a cell, or of a request to it.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum CellError {
-    /// Two objects of one name.
+    /// Two objects with the same name.
     #[error("two objects are named '{0}'")]
     DuplicateName(String),
     /// An object without a name.
@@ -16,44 +16,44 @@ pub enum CellError {
     BadValue {
         /// Name of the object.
         object: String,
-        /// Which quantity.
+        /// Name of the quantity.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// What it should be.
+        /// Kind of number that was expected.
         expected: &'static str,
     },
-    /// A mesh that would have to fall.
+    /// A free mesh that is not a convex hull.
     #[error("'{0}' is free, which a mesh cannot be; expected shape = \"hull\", or a fixed mesh")]
     FreeMesh(String),
-    /// No object of that name.
+    /// There is no object of that name.
     #[error("there is no object '{0}'")]
     Unknown(String),
-    /// A fixed object cannot be picked.
+    /// A request to pick an object that is not free.
     #[error("'{0}' is not free and cannot be picked up")]
     NotFree(String),
-    /// The gripper is occupied.
+    /// A request to pick while the gripper holds an object.
     #[error("cannot pick up '{wanted}': the gripper holds '{held}'")]
     Occupied {
-        /// What was to be picked.
+        /// Object to be picked.
         wanted: String,
-        /// What is in the gripper.
+        /// Object in the gripper.
         held: String,
     },
-    /// Nothing to release.
+    /// A request to release while the gripper is empty.
     #[error("the gripper holds nothing to release")]
     Empty,
-    /// Robot and object in one place.
+    /// Robot and object overlap at the start.
     #[error("{link} stands {:.1} mm deep in '{other}' at the start", 1e3 * .depth)]
     Overlap {
         /// Link of the robot.
         link: String,
-        /// The object.
+        /// Name of the object.
         other: String,
-        /// How deep, m.
+        /// Penetration depth, m.
         depth: f64,
     },
-    /// Objects in a run without contacts.
+    /// Objects in a run without a contact solver.
     #[error("there are objects around the robot, and nothing that solves contacts with them")]
     NoContacts,
 }

@@ -6,46 +6,46 @@ use std::path::Path;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
-/// Sine of the angle between two faces below which their edge is none.
+/// Sine of the angle between two adjacent faces below which their edge counts as flat.
 const FLAT: f64 = 0.01;
-/// Smallest volume, m³: a cube of a tenth of a millimetre.
+/// Smallest volume, m³: that of a cube with edges of 0.1 mm.
 const SMALLEST: f64 = 1e-12;
-/// Most triangles of a mesh; contacts look at single edges.
+/// Largest number of triangles of a mesh; contact search treats single edges.
 pub const MOST_TRIANGLES: usize = 200_000;
 
-/// What is wrong with a mesh.
+/// Fault of a mesh.
 #[derive(Debug, Error)]
 pub enum MeshError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("{0}")]
     Read(#[from] std::io::Error),
-    /// Nothing was given that reads meshes.
+    /// No mesh reader was given.
     #[error("nothing here reads meshes")]
     NoReader,
-    /// Too little or too much.
+    /// Too few or too many triangles.
     #[error("it has {0} triangles; expected 4 to {MOST_TRIANGLES}")]
     Triangles(usize),
-    /// Infinite coordinates or NaN.
+    /// An infinite coordinate or NaN.
     #[error("corner {0} is no number; expected finite coordinates")]
     NotFinite(usize),
-    /// A triangle without its corners.
+    /// A triangle refers to a missing corner.
     #[error("triangle {0} has a corner that is not there")]
     NoCorner(usize),
-    /// A hole, a fin, or faces turned inside out.
+    /// The surface is not closed, or adjacent faces are oriented inconsistently.
     #[error(
         "it is not closed: the edge from ({0}) to ({1}) bounds {2} triangle(s); expected two, turned the same way \
          (shape = \"hull\" takes any points)"
     )]
     Open(String, String, usize),
-    /// No solid.
+    /// The enclosed volume is too small.
     #[error("it encloses {0:.1e} m³; expected a solid (is `scale` right?)")]
     Flat(f64),
-    /// The points do not span a solid.
+    /// The convex hull of the points cannot be computed.
     #[error("its convex hull fails: {0}")]
     Hull(String),
 }
 
-/// A closed surface of triangles about its centre of volume, normals outward.
+/// A closed surface of triangles with outward normals, about its centre of volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mesh {
     corners: Vec<Vector3<f64>>,
@@ -54,19 +54,21 @@ pub struct Mesh {
     gyration: Matrix3<f64>,
 }
 
-/// A line between two corners and the faces at it.
+/// An edge and the faces adjacent to it.
 #[derive(Default)]
 struct Seam {
-    /// Triangles that run along it from the lower to the higher corner, and those that run back.
+    /// Triangles that traverse the edge from the lower to the higher corner index, and those in the opposite direction.
     faces: [Vec<usize>; 2],
 }
 
 impl Mesh {
-    /// The solid that `triangles` between `corners`, m, bound, whichever way they are turned; the caller knows whether it is
-    /// `convex`. [`Self::centred`] sets its origin and its inertia.
+    /// The solid bounded by `triangles` between `corners` (m), whose normals are turned outward if necessary.
+    ///
+    /// `convex` is not checked. Origin and inertia are set by [`Self::centred`].
     ///
     /// # Errors
-    /// If a corner is missing, or the triangles bound no solid.
+    /// [`MeshError::NoCorner`] if a triangle refers to a missing corner, [`MeshError::Open`] if the surface is not
+    /// closed or not consistently oriented, [`MeshError::Flat`] if the volume is too small.
     pub fn new(corners: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>, convex: bool) -> Result<Self, MeshError> {
         if let Some(i) = triangles.iter().position(|t| t.iter().any(|i| *i as usize >= corners.len())) {
             return Err(MeshError::NoCorner(i + 1));
@@ -83,8 +85,8 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// The same with the origin in `centre`, its centre of volume, m, about which it has the inertia tensor `gyration` per
-    /// unit of mass, m².
+    /// The mesh with its origin moved to `centre`, its centre of volume (m), and the inertia tensor `gyration` about it
+    /// per unit of mass (m²).
     #[must_use]
     pub fn centred(mut self, centre: &Vector3<f64>, gyration: Matrix3<f64>) -> Self {
         self.corners.iter_mut().for_each(|c| *c -= centre);
@@ -125,12 +127,12 @@ impl Mesh {
         Err(MeshError::Open(text(ends[0]), text(ends[1]), seam.faces.iter().map(Vec::len).sum()))
     }
 
-    /// Ends of the edges that stick out, m.
+    /// End points (m) of the convex edges.
     pub fn sharp_edges(&self) -> Vec<[Vector3<f64>; 2]> {
         self.sharp().into_iter().map(|ends| ends.map(|i| self.corners[i as usize])).collect()
     }
 
-    /// Corners at which such edges end, m.
+    /// End points (m) of the convex edges, each once.
     pub fn sharp_corners(&self) -> Vec<Vector3<f64>> {
         let mut ends: Vec<u32> = self.sharp().into_iter().flatten().collect();
         ends.sort_unstable();
@@ -142,7 +144,7 @@ impl Mesh {
         let normals: Vec<_> = self.faces().map(|[a, b, c]| (b - a).cross(&(c - a)).normalize()).collect();
         let sticks_out = |ends: &[u32; 2], seam: &Seam| {
             let [Some(&f), Some(&g)] = [seam.faces[0].first(), seam.faces[1].first()] else { return false };
-            // The normals of an edge that sticks out part: their cross product runs along the edge.
+            // At a convex edge the cross product of the normals points along the edge.
             let along = (self.corners[ends[1] as usize] - self.corners[ends[0] as usize]).normalize();
             normals[f].cross(&normals[g]).dot(&along) > FLAT || normals[f].dot(&normals[g]) < FLAT - 1.0
         };
@@ -154,30 +156,31 @@ impl Mesh {
         &self.corners
     }
 
-    /// Indices of each triangle's corners, counter-clockwise seen from outside.
+    /// Indices of each triangle's corners, counter-clockwise as seen from outside.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Whether it is a convex hull.
+    /// Whether the mesh is a convex hull.
     pub fn is_convex(&self) -> bool {
         self.convex
     }
 
-    /// Inertia tensor about the origin when filled evenly with unit mass, m².
+    /// Inertia tensor about the origin per unit of mass at uniform density, m².
     pub fn gyration(&self) -> Matrix3<f64> {
         self.gyration
     }
 }
 
-/// Reads a file of triangles whose lengths are in units of so many m; of convex solids the hull of all points. Returns the
-/// mesh and where its centre of volume was in the file's frame, m.
+/// Reader of mesh files: path, length unit of the file in m, and whether to form the convex hull of all points.
+///
+/// It returns the mesh and its centre of volume in the file's frame, m.
 pub type MeshReader = fn(&Path, f64, bool) -> Result<(Mesh, Vector3<f64>), MeshError>;
 
-/// Refuses every file: for scenarios whose shapes are given by dimensions.
+/// A [`MeshReader`] that rejects every file, for scenarios whose shapes are given by dimensions.
 ///
 /// # Errors
-/// Always.
+/// Always [`MeshError::NoReader`].
 pub fn no_meshes(_: &Path, _: f64, _: bool) -> Result<(Mesh, Vector3<f64>), MeshError> {
     Err(MeshError::NoReader)
 }

@@ -1,6 +1,6 @@
-//! The robot's surroundings as data: table, conveyor, obstacles and products, and the sizes of the robot's own links.
+//! Data of the robot's surroundings (table, conveyor, obstacles, products) and dimensions of the robot's links.
 //!
-//! Nothing here moves or touches. What solves contacts stands outside of the library and answers the twin through its
+//! Nothing here moves or collides. The contact solver is outside the library; the twin calls it through its trait
 //! `Contacts`.
 
 mod error;

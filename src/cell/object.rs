@@ -8,18 +8,18 @@ use super::CellError;
 use super::mesh::Mesh;
 use crate::machine::Inertia;
 
-/// A thing in the robot's cell.
+/// An object in the robot's cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
     /// Name in events and pictures.
     pub name: String,
     /// Its shape, centred on its origin.
     pub shape: Shape,
-    /// How it moves.
+    /// How it can move.
     pub mobility: Mobility,
-    /// Origin at the start, m, inertial frame.
+    /// Position of the origin at the start, inertial frame, m.
     pub position: Vector3<f64>,
-    /// Turn about the vertical at the start, rad.
+    /// Rotation about the vertical at the start, rad.
     pub yaw: f64,
     /// Contact properties.
     pub surface: Surface,
@@ -49,19 +49,19 @@ pub enum Shape {
     },
 }
 
-/// How an object moves.
+/// How an object can move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mobility {
-    /// Stands still whatever happens.
+    /// Fixed in the inertial frame.
     Fixed,
-    /// Stands still while its surface moves.
+    /// Fixed, with a moving surface.
     Conveyor {
         /// Velocity of the surface, m/s, inertial frame.
         velocity: Vector3<f64>,
     },
-    /// Falls, slides and tumbles.
+    /// Free rigid body.
     Free {
-        /// Mass, kg, spread evenly over the shape.
+        /// Mass at uniform density, kg.
         mass: f64,
     },
 }
@@ -71,25 +71,26 @@ pub enum Mobility {
 pub struct Surface {
     /// Normal stiffness of a contact point, N/m.
     pub stiffness: f64,
-    /// Hunt–Crossley dissipation, s/m.
+    /// Damping factor of the contact force ([Hunt 1975]), s/m.
     pub dissipation: f64,
-    /// Coefficient of friction.
+    /// Coulomb friction coefficient.
     pub friction: f64,
-    /// Arm of the rolling resistance, m.
+    /// Lever arm of the rolling resistance, m.
     pub rolling: f64,
 }
 
 impl Default for Surface {
-    /// Hard plastic on metal.
+    /// Values for hard plastic on metal.
     fn default() -> Self {
         Self { stiffness: 2e5, dissipation: 1.0, friction: 0.3, rolling: 5e-4 }
     }
 }
 
-/// Refuses objects that cannot be, and a payload's shape with its centre, m, likewise.
+/// Checks objects, and the shape of a payload with its centre (m).
 ///
 /// # Errors
-/// The first thing that is wrong.
+/// The first fault: an empty or duplicate name, a length or mass that is not positive, another number out of range or
+/// not finite, or a free mesh that is not a convex hull.
 pub fn check(objects: &[Object], payload: Option<(&Shape, &Vector3<f64>)>) -> Result<(), CellError> {
     for (i, object) in objects.iter().enumerate() {
         object.check(i)?;
@@ -103,7 +104,7 @@ pub fn check(objects: &[Object], payload: Option<(&Shape, &Vector3<f64>)>) -> Re
 }
 
 impl Object {
-    /// What is wrong with object `index`, if anything.
+    /// Checks object number `index`, from 0.
     fn check(&self, index: usize) -> Result<(), CellError> {
         if self.name.is_empty() {
             return Err(CellError::NoName(index + 1));
@@ -130,13 +131,13 @@ impl Object {
     }
 }
 
-/// All lengths of the shape are positive.
+/// Checks that all lengths of the shape are positive.
 fn check_shape(object: &str, shape: &Shape) -> Result<(), CellError> {
     let lengths: &[(&'static str, f64)] = &match *shape {
         Shape::Box { size } => [("size along x", size.x), ("size along y", size.y), ("size along z", size.z)],
         Shape::Cylinder { radius, height } => [("radius", radius), ("height", height), ("height", height)],
         Shape::Sphere { radius } => [("radius", radius); 3],
-        // Checked when it was made.
+        // Checked by its constructor.
         Shape::Mesh(_) => return Ok(()),
     };
     lengths.iter().try_for_each(|&(what, length)| require(object, what, length, length > 0.0, "positive"))
@@ -154,7 +155,7 @@ fn require(object: &str, what: &'static str, value: f64, holds: bool, expected: 
 }
 
 impl Shape {
-    /// Inertia about its origin of the shape filled with `mass`, kg.
+    /// Inertia of the shape about its origin at uniform density, `mass` in kg.
     pub fn inertia(&self, mass: f64) -> Inertia {
         let moments = match *self {
             Self::Mesh(ref mesh) => {

@@ -1,4 +1,4 @@
-//! The robot as URDF, for programs that draw it.
+//! The robot as URDF, for display by other programs.
 
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
@@ -11,15 +11,14 @@ use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER
 use crate::machine::{ARMS, Geometry, STRUTS};
 use crate::model::Model;
 
-/// Link at the inertial frame.
+/// Name of the link at the inertial frame.
 pub const BASE: &str = "base";
 
-/// A spanning tree of the robot as URDF: arms and end effector on the joints `axis1…4`, struts, platform and telescope on
-/// floating joints, whose poses the recording's transforms give. `None` for a machine that is no delta robot or is taken
-/// apart.
+/// Spanning tree of the robot as URDF; `None` for a machine that is not a delta robot, or is disassembled.
 ///
-/// Link frames are the bodies' frames of the twin; visual shapes are cylinders of the sizes that collide. Masses are left
-/// out: a tree cannot hold the loops.
+/// Arms and end effector are on the joints `axis1…4`; struts, platform and telescope are on floating joints, whose
+/// poses are the transforms of the recording. Link frames are the body frames of the twin, visual shapes are cylinders
+/// of the collision dimensions. Masses are omitted, since a tree cannot represent the closed loops.
 pub fn urdf(model: &Model) -> Option<String> {
     if !model.assembled {
         return None;
@@ -65,7 +64,7 @@ pub fn urdf(model: &Model) -> Option<String> {
     Some(out.finish())
 }
 
-/// What is drawn of a link.
+/// Visual shape of a link.
 struct Cylinder {
     radius: f64,
     length: f64,
@@ -83,7 +82,7 @@ impl Cylinder {
     }
 }
 
-/// URDF that is being written. Writing to a string cannot fail.
+/// URDF text under construction. Writing to a string cannot fail.
 struct Tree(String);
 
 impl Tree {
@@ -116,7 +115,7 @@ impl Tree {
         self.line(format_args!("    <child link=\"{child}\"/>"));
     }
 
-    /// Axis and limits of the joint, and its end.
+    /// Writes axis and limits of the joint, and closes it.
     fn axis(&mut self, [x, y, z]: [f64; 3], limits: Option<([f64; 2], &crate::machine::Drive)>) {
         self.line(format_args!("    <axis xyz=\"{x} {y} {z}\"/>"));
         if let Some(([lower, upper], drive)) = limits {

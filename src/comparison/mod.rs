@@ -5,9 +5,9 @@ mod place;
 mod spectrum;
 
 use crate::dynamics::{Channel, Plant};
-use crate::identification::Dataset;
 use crate::identification::dataset::noise_floor;
-use crate::identification::fit::{FitError, channel_rms, kinematics, residuals};
+use crate::identification::fit::{FitError, kinematics};
+use crate::identification::{Dataset, Residuals};
 use crate::model::Model;
 
 /// Residuals of a model without refitting.
@@ -64,17 +64,16 @@ const MORE_THAN_NOISE: f64 = 1.02;
 /// # Panics
 /// If `datasets` is empty.
 pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Result<Comparison, FitError> {
-    let all = residuals(model, datasets)?;
-    let rms = channel_rms(&all);
+    let residuals = Residuals::new(model, datasets)?;
+    let rms = residuals.rms.clone();
     let noise_floor = noise_floor(model, datasets);
-    let held_out_rms = if held_out.is_empty() { None } else { Some(channel_rms(&residuals(model, held_out)?)) };
+    let held_out_rms = if held_out.is_empty() { None } else { Some(Residuals::new(model, held_out)?.rms) };
     let channels = datasets[0].channels.clone();
     let loud = |c: &usize| rms[*c] > MORE_THAN_NOISE * noise_floor[*c];
     let platform = if (0..channels.len()).any(|c| loud(&c)) { platform(model, datasets)? } else { Vec::new() };
     let mut found: Vec<Finding> = Vec::new();
     for c in (0..channels.len()).filter(loud) {
-        let residual: Vec<f64> = all.iter().flat_map(|r| &r[c]).copied().collect();
-        found.extend(findings::of_channel(channels[c], datasets, &platform, residual, noise_floor[c]));
+        found.extend(findings::of_channel(channels[c], datasets, &platform, residuals.channel(c), noise_floor[c]));
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     Ok(Comparison { channels, rms, noise_floor, held_out_rms, findings: found })

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{Loads, Multipliers, Statics};
-use crate::dynamics::{MAX_REACTION_ITERATIONS, Plant, Twist, add_effects, reads_loads, rigid_wrenches};
+use crate::dynamics::{Plant, Twist, borne, rigid_wrenches};
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{Geometry, STRUTS};
@@ -22,37 +22,17 @@ pub enum Detail {
     Complete,
 }
 
-/// Telescope and Hooke joints at a pose, as a transmission between rotor and end effector.
-struct Telescope {
-    axis: Vector3<f64>,
-    length: f64,
-    /// Normals of the crosses of the upper and lower Hooke joint.
-    normals: [Vector3<f64>; 2],
-    /// Position of the lower Hooke joint relative to the flange centre, m.
-    hooke: Vector3<f64>,
-}
-
-impl Telescope {
-    fn new(motion: &Motion) -> Self {
-        let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
-        Self {
-            axis: motion.telescope.axis,
-            length: motion.telescope.length,
-            normals: [ROTOR, END_EFFECTOR].map(|b| motion.bodies[b].rotation.column(0).cross(&bar)),
-            hooke: motion.bodies[TELESCOPE_LOWER].position - motion.bodies[END_EFFECTOR].position,
-        }
-    }
-
-    /// Wrench on the end effector about the flange centre that is equivalent in power, for any twist of the end
-    /// effector, to `force` on the lower Hooke joint, `moment` on both telescope parts and `torque` on the rotor.
-    fn hand_on(&self, force: &Vector3<f64>, moment: &Vector3<f64>, torque: f64) -> Twist {
-        let [upper, lower] = &self.normals;
-        // Rotor rate: ω_R z·n = ω_T·n at the upper joint; telescope spin: (ω_T − ω_E)·n = 0 at the lower one.
-        let moment = moment + upper * (torque / upper.z);
-        let passed = lower * (moment.dot(&self.axis) / self.axis.dot(lower));
-        let force = force + self.axis.cross(&(moment - passed)) / self.length;
-        (force, passed + self.hooke.cross(&force))
-    }
+/// Wrench on the end effector about the flange centre that does the work of `force` on the lower Hooke joint, `moment` on
+/// both telescope parts and `torque` on the rotor, for any twist of the end effector.
+fn handed_on(motion: &Motion, force: &Vector3<f64>, moment: &Vector3<f64>, torque: f64) -> Twist {
+    let telescope = &motion.telescope;
+    let [upper, lower] = motion.hooke_joints();
+    // Rotor rate: ω_R z·n = ω_T·n at the upper joint; telescope spin: (ω_T − ω_E)·n = 0 at the lower one.
+    let moment = moment + upper.normal * (torque / upper.normal.z);
+    let passed = lower.passed(&moment, &telescope.axis);
+    let force = force + telescope.axis.cross(&(moment - passed)) / telescope.length;
+    let hooke = motion.bodies[TELESCOPE_LOWER].position - motion.bodies[END_EFFECTOR].position;
+    (force, passed + hooke.cross(&force))
 }
 
 impl Statics {
@@ -65,7 +45,7 @@ impl Statics {
             motion,
             match detail {
                 Detail::Reduced => (Vector3::zeros(), Vector3::z()),
-                Detail::Complete => Telescope::new(motion).hand_on(&Vector3::zeros(), &Vector3::zeros(), 1.0),
+                Detail::Complete => handed_on(motion, &Vector3::zeros(), &Vector3::zeros(), 1.0),
             },
         )
     }
@@ -98,7 +78,7 @@ impl Loads {
         }
         let (force, moment) = wrenches[TELESCOPE_LOWER];
         let moment = moment + wrenches[TELESCOPE_UPPER].1;
-        let (force, moment) = Telescope::new(motion).hand_on(&force, &moment, wrenches[ROTOR].1.z);
+        let (force, moment) = handed_on(motion, &force, &moment, wrenches[ROTOR].1.z);
         loads.end_effector.0 += force;
         loads.end_effector.1 += moment;
         loads
@@ -137,22 +117,6 @@ pub fn constraint_forces(
     detail: Detail,
 ) -> Result<Multipliers, KinematicsError> {
     let statics = Statics::of(motion, detail)?;
-    let mut fixed = rigid_loads(plant, motion, detail);
-    add_effects(plant, t, motion, states, None, &mut fixed)?;
     let solve = |wrenches: &[Twist; BODIES]| statics.solve(&Loads::new(motion, wrenches, detail));
-    let mut forces = solve(&fixed);
-    if plant.effects.iter().any(reads_loads) {
-        // Friction moments are small relative to the loads they depend on, so the iteration converges fast.
-        for _ in 0..MAX_REACTION_ITERATIONS {
-            let mut wrenches = fixed;
-            add_effects(plant, t, motion, states, Some(&forces.output()), &mut wrenches)?;
-            let next = solve(&wrenches);
-            let change = next.to_array().iter().zip(forces.to_array()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            forces = next;
-            if change < 1e-11 {
-                break;
-            }
-        }
-    }
-    Ok(forces)
+    borne(plant, t, motion, states, rigid_loads(plant, motion, detail), solve)
 }

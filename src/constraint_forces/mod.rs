@@ -13,7 +13,7 @@ pub(crate) use loads::rigid_loads;
 pub use loads::{Detail, constraint_forces};
 pub use statics::{Loads, Statics};
 
-use crate::dynamics::Output;
+use crate::dynamics::{Borne, Output};
 use crate::kinematics::Reactions;
 use crate::machine::{ARMS, STRUTS};
 
@@ -68,5 +68,15 @@ impl Multipliers {
     pub fn output(&self) -> Output {
         let [a, b, c] = self.lambda_a;
         Output { tau: [a, b, c, self.lambda_tb], reactions: Reactions { upper: self.lambda_s, lower: self.lambda_p } }
+    }
+}
+
+impl Borne for Multipliers {
+    fn output(&self) -> Output {
+        self.output()
+    }
+
+    fn change(&self, other: &Self) -> f64 {
+        self.to_array().iter().zip(other.to_array()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     }
 }

@@ -62,8 +62,8 @@ pub fn add(
     let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };
     let with = with_effects(&before.fit.model, &candidates, &[chosen], Some(&ranking));
-    let Judged { mut fit, rms } = judge.fit(&with)?;
-    let budget = judge.budget(before.rms, vec![(effect.into(), rms)]);
+    let Judged { mut fit, residuals } = judge.fit(&with)?;
+    let budget = judge.budget(before.rms().to_vec(), vec![(effect.into(), residuals.rms.clone())]);
     fit.model.history.extend(budget.history());
     let changes = budget::changes(&before.fit, &fit);
     Ok(Addition { effect: effect.into(), budget, changes, parameters_before: before.fit.parameters, fit })

@@ -107,7 +107,7 @@ impl Diagnosis {
 
     /// Share of the explainable error that all found effects and the empirical formula, if any, explain.
     pub fn explained_with_formula(&self) -> f64 {
-        let after = self.unexplained.as_ref().map_or(&self.rms_after, |u| &u.rms);
+        let after = self.unexplained.as_ref().map_or(&self.rms_after, |u| &u.residuals.rms);
         explained(&self.rms_before, &self.rms_before, after, &self.noise_floor)
     }
 

@@ -86,7 +86,7 @@ pub struct Change {
 /// error.
 pub fn changes(before: &Fit, after: &Fit) -> Vec<Change> {
     let pairs = before.parameters.iter().filter_map(|b| {
-        let a = after.parameters.iter().find(|a| a.name == b.name)?;
+        let a = after.parameters.iter().find(|a| a.param == b.param)?;
         Some(Change { before: b.clone(), after: a.clone() })
     });
     pairs.filter(Change::counts).collect()

@@ -1,6 +1,8 @@
 //! Interpretation of the outcome of a search: named effects, their posterior probabilities, indistinguishable sets
 //! and the verdict.
 
+use std::sync::Arc;
+
 use super::DiagnosisError;
 use super::answer::{Diagnosis, Named, Verdict};
 use super::budget::{Budget, changes};
@@ -40,8 +42,8 @@ impl Conclusion {
     pub fn new(found: &Found, judge: &Judge) -> Result<Self, DiagnosisError> {
         let effects = named(found, &judge.floor)?;
         let indistinguishable = indistinguishable(found);
-        let leaves_more = judge.leaves_more(&found.end.fit)?;
-        let rms = [&found.start.rms[..], &found.end.rms, &judge.floor];
+        let leaves_more = judge.leaves_more(&found.end);
+        let rms = [found.start.rms(), found.end.rms(), &judge.floor];
         let verdict = verdict(effects.len(), rms, leaves_more, !indistinguishable.is_empty());
         let (end, not_tried) = (found.end.clone(), found.not_tried.clone());
         Ok(Self { verdict, effects, indistinguishable, end, unexplained: None, not_tried })
@@ -56,7 +58,7 @@ impl Conclusion {
             self.effects.clear();
             self.indistinguishable.clear();
         }
-        self.end = Judged { fit: formula.fit.clone(), rms: formula.rms.clone() };
+        self.end = Judged { fit: formula.fit.clone(), residuals: Arc::clone(&formula.residuals) };
         self.verdict = Verdict::Unknown;
     }
 
@@ -84,12 +86,12 @@ impl Conclusion {
         for (i, name) in added.iter().enumerate() {
             let later = &added[i + 1..];
             let rms = match later.is_empty() {
-                true => self.end.rms.clone(),
-                false => judge.fit(&without_effects(&self.end.fit.model, later))?.rms,
+                true => self.end.rms().to_vec(),
+                false => judge.fit(&without_effects(&self.end.fit.model, later))?.rms().to_vec(),
             };
             stages.push((name.to_string(), rms));
         }
-        Ok(judge.budget(start.rms.clone(), stages))
+        Ok(judge.budget(start.rms().to_vec(), stages))
     }
 
     /// Result of the diagnosis: the conclusion with intermediate results.
@@ -105,8 +107,8 @@ impl Conclusion {
         let candidates = candidates::reports(&found, &self.effects, &self.indistinguishable);
         let twin_only: Vec<String> = problem::beyond(mounted).into_iter().map(|e| e.name().into()).collect();
         let unseen = unseen(&found, &twin_only);
-        let Judged { fit: start, rms: rms_before } = found.start;
-        let Judged { fit: end, rms: rms_after } = self.end;
+        let [rms_before, rms_after] = [&found.start, &self.end].map(|judged| judged.rms().to_vec());
+        let (start, end) = (found.start.fit, self.end.fit);
         let mut model = end.model.clone();
         model.history.extend(budget.history());
         Ok(Diagnosis {
@@ -150,7 +152,7 @@ fn named(found: &Found, floor: &[f64]) -> Result<Vec<Named>, DiagnosisError> {
         Ok(Named {
             name: problem.candidates[finding.chosen.candidate].name.clone(),
             confidence: Confidence::of(finding, problem, &found.settings)?,
-            explained: explained(&found.start.rms, without, &found.end.rms, floor),
+            explained: explained(found.start.rms(), without, found.end.rms(), floor),
             parameters: Vec::new(),
         })
     };
@@ -193,7 +195,7 @@ pub(super) fn explained(before: &[f64], without: &[f64], with: &[f64], floor: &[
 
 /// Estimates of one effect's parameters, without the effect's name as prefix.
 pub fn parameters_of(fit: &Fit, effect: &str) -> Vec<Estimate> {
-    let prefix = format!("{effect}.");
-    let own = |p: &Estimate| p.name.strip_prefix(&prefix).map(|name| Estimate { name: name.into(), ..p.clone() });
-    fit.parameters.iter().filter_map(own).collect()
+    let short = |p: &Estimate| p.name.split_once('.').map_or(p.name.clone(), |(_, name)| name.into());
+    let own = fit.parameters.iter().filter(|p| p.param.effect == effect);
+    own.map(|p| Estimate { name: short(p), ..p.clone() }).collect()
 }

@@ -16,6 +16,7 @@ use crate::evidence::{Assessment, Finding, Visibility};
 use crate::excitation::experiments::{Bench, Experiment};
 use crate::excitation::prospect::{Comparison, Information, Noise, Prospect, SURE, in_words, prospect, ranked, which};
 use crate::identification::Dataset;
+use crate::identification::dataset::stride_for;
 use crate::model::Model;
 
 /// A proposed experiment.
@@ -144,7 +145,7 @@ impl Open<'_> {
     fn coarse(&self, dataset: &Dataset) -> (Dataset, f64) {
         let averaged = dataset.averaged(self.stride);
         let windows: Vec<Range<usize>> = averaged.blocks(WINDOW.min(averaged.len())).collect();
-        let every = (windows.len() * WINDOW).div_ceil(SAMPLES / self.datasets.len().max(1)).max(1);
+        let every = stride_for(windows.len() * WINDOW, SAMPLES / self.datasets.len().max(1));
         let mut part = averaged.empty();
         for window in windows.into_iter().step_by(every) {
             let start = part.len();

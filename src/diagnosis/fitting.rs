@@ -2,9 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::problem::{self, Edges};
-use crate::effects::ActiveEffect;
-use crate::evidence::Problem;
+use crate::effects::Param;
 use crate::identification::Dataset;
 use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{Fit, FitError, Options as FitOptions, fit_with};
@@ -87,17 +85,8 @@ impl<'a> Fitting<'a> {
         self.has_tried.store(true, Ordering::Relaxed);
     }
 
-    /// The linearised problem of a fit, without fixed parameters and without directions across active consistency
-    /// constraints.
-    pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
-        let mut problem = problem::problem(fit, self.datasets, &self.noise, candidates)?;
-        problem.base.retain(|c| !self.is_fixed(&c.name));
-        problem::along_edges(&mut problem.base, fit, edges);
-        Ok(problem)
-    }
-
-    /// Whether a parameter, whose name has its effect as prefix, is fixed.
-    pub fn is_fixed(&self, parameter: &str) -> bool {
-        self.fixed.iter().any(|f| parameter.split('.').next() == Some(f))
+    /// Whether a parameter is fixed.
+    pub fn is_fixed(&self, parameter: Param) -> bool {
+        self.fixed.iter().any(|effect| effect == parameter.effect)
     }
 }

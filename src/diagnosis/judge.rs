@@ -1,14 +1,15 @@
 //! Validation of an effect on data it was not found in.
 
+use std::sync::Arc;
+
 use super::budget::Budget;
 use super::fitting::Fitting;
 use super::problem::{self, Edges};
 use crate::evidence::Problem;
 use crate::evidence::drift::Noise;
-use crate::identification::Dataset;
-use crate::identification::dataset::noise_floor as floor;
-use crate::identification::fit::{Fit, FitError, channel_rms, residuals};
-use crate::identification::prediction::Channels;
+use crate::identification::dataset::noise_floor;
+use crate::identification::fit::{Fit, FitError};
+use crate::identification::{Dataset, Residuals};
 use crate::model::Model;
 
 /// Smallest relative RMS contribution of an effect on some channel, for it to be named. It is relative to the
@@ -31,7 +32,14 @@ pub(super) const UNEXPLAINED: f64 = 1.15;
 #[derive(Clone)]
 pub(super) struct Judged {
     pub fit: Fit,
-    pub rms: Vec<f64>,
+    pub residuals: Arc<Residuals>,
+}
+
+impl Judged {
+    /// RMS residual of each channel on the data it is judged by.
+    pub fn rms(&self) -> &[f64] {
+        &self.residuals.rms
+    }
 }
 
 /// Data for the search of effects and data for their validation.
@@ -45,9 +53,8 @@ pub(super) struct Judge<'a> {
 
 impl<'a> Judge<'a> {
     pub fn new(fitting: &'a Fitting<'a>, model: &Model, held_out: &'a [Dataset]) -> Self {
-        let mut judge = Self { fitting, held_out, floor: Vec::new() };
-        judge.floor = floor(model, judge.data());
-        judge
+        let floor = if held_out.is_empty() { fitting.noise.clone() } else { noise_floor(model, held_out) };
+        Self { fitting, held_out, floor }
     }
 
     /// Validation data: the held-out recordings, or without any the fitted ones.
@@ -78,26 +85,32 @@ impl<'a> Judge<'a> {
 
     /// Whether the residual away from reversals exceeds the noise on the fitted data and on the validation data: a
     /// drifting bias differs between recordings, and parameters follow it.
-    pub fn leaves_more(&self, judged: &Fit) -> Result<bool, FitError> {
-        let above = |datasets: &[Dataset], residuals: &[Channels], floor: &[f64]| {
+    pub fn leaves_more(&self, judged: &Judged) -> bool {
+        let above = |datasets: &[Dataset], residuals: &Residuals, floor: &[f64]| {
             let rms = rms_away_from_reversals(datasets, residuals);
             rms.iter().zip(floor).any(|(r, f)| *r > UNEXPLAINED * f)
         };
-        Ok(above(self.fitting.datasets, &judged.residuals, &self.fitting.noise)
-            && above(self.data(), &residuals(&judged.model, self.data())?, &self.floor))
+        above(self.fitting.datasets, &judged.fit.residuals, &self.fitting.noise)
+            && above(self.data(), &judged.residuals, &self.floor)
     }
 
     /// RMS residuals of a fit on the validation data.
     pub fn of(&self, fit: Fit) -> Result<Judged, FitError> {
-        Ok(Judged { rms: channel_rms(&residuals(&fit.model, self.data())?), fit })
+        let residuals = match self.held_out {
+            [] => Arc::clone(&fit.residuals),
+            held_out => Arc::new(Residuals::new(&fit.model, held_out)?),
+        };
+        Ok(Judged { fit, residuals })
     }
 
     /// Whether the validation data confirm the effect that `with` contains and `without` does not.
     pub fn confirms(&self, without: &Judged, with: &Judged) -> Result<bool, FitError> {
-        let gain = relative_energy(&without.fit.rms, &self.fitting.noise)
-            - relative_energy(&with.fit.rms, &self.fitting.noise);
-        let held_out = relative_energy(&without.rms, &self.floor) - relative_energy(&with.rms, &self.floor);
-        let stays = held_out >= HELD_OUT_SHARE * gain && is_relevant(&without.rms, &with.rms);
+        let gain = |[without, with]: [&Residuals; 2], floor: &[f64]| {
+            relative_energy(&without.rms, floor) - relative_energy(&with.rms, floor)
+        };
+        let fitted = gain([&without.fit.residuals, &with.fit.residuals], &self.fitting.noise);
+        let held_out = gain([&without.residuals, &with.residuals], &self.floor);
+        let stays = held_out >= HELD_OUT_SHARE * fitted && is_relevant(without.rms(), with.rms());
         Ok(stays && !self.fitting.wanders(&without.fit, &with.fit)?)
     }
 }
@@ -133,15 +146,12 @@ impl Fitting<'_> {
 
 /// RMS residuals per channel away from the drives' reversals, where the derivatives smooth the jump of friction over
 /// their half width. All samples count if none is away from reversals.
-fn rms_away_from_reversals(datasets: &[Dataset], residuals: &[Channels]) -> Vec<f64> {
+fn rms_away_from_reversals(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> {
     let kept: Vec<Vec<usize>> = datasets.iter().map(away_from_reversals).collect();
     if kept.iter().all(Vec::is_empty) {
-        return channel_rms(residuals);
+        return residuals.rms.clone();
     }
-    let of = |(dataset, kept): (&Channels, &Vec<usize>)| -> Channels {
-        dataset.iter().map(|series| kept.iter().map(|&k| series[k]).collect()).collect()
-    };
-    channel_rms(&residuals.iter().zip(&kept).map(of).collect::<Vec<_>>())
+    residuals.at(&kept).rms
 }
 
 /// Samples of a dataset whose distance from every reversal exceeds the half width of the derivatives.
@@ -164,7 +174,7 @@ fn drives(datasets: &[Dataset]) -> usize {
 
 /// Whether drift explains the difference of two residuals on data that were not fitted, `without` an effect and
 /// `with` it.
-pub(super) fn wanders_in(datasets: &[Dataset], without: &[Channels], with: &[Channels]) -> bool {
+pub(super) fn wanders_in(datasets: &[Dataset], without: &Residuals, with: &Residuals) -> bool {
     let (segments, samples) = problem::segments(datasets);
     let left = problem::residual_series(datasets, with);
     let noise = Noise::of(&left, samples, &segments, drives(datasets));

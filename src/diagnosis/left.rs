@@ -34,11 +34,12 @@ pub struct Rest {
 impl Left {
     /// Residual of a conclusion, with its description where it has no formula.
     pub(super) fn of(conclusion: &Conclusion, judge: &Judge) -> Result<Self, FitError> {
-        let mut left = Self::new(&conclusion.end.rms, &judge.floor, !conclusion.effects.is_empty(), conclusion.verdict);
+        let mut left =
+            Self::new(conclusion.end.rms(), &judge.floor, !conclusion.effects.is_empty(), conclusion.verdict);
         if left.is_more_than_noise() && conclusion.unexplained.is_none() {
             let worst = left.channels(&judge.data()[0].channels);
             left.sight = match worst.iter().find_map(|(channel, _)| channel.drive()) {
-                Some(drive) => unknown::look(&conclusion.end.fit, judge, drive)?,
+                Some(drive) => unknown::look(&conclusion.end, judge, drive)?,
                 None => None,
             };
         }

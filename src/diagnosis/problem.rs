@@ -3,12 +3,14 @@
 
 use std::sync::Arc;
 
+use super::fitting::Fitting;
 use crate::dynamics::Plant;
-use crate::effects::{self, ActiveEffect, Entry, Role, Start};
+use crate::effects::{self, ActiveEffect, Entry, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
+use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::Channels;
-use crate::identification::{Dataset, averaged_columns};
+use crate::identification::{Dataset, Residuals, averaged_columns};
 use crate::model::Model;
 
 /// Number of samples averaged into one: the dynamics is below 80 Hz, the sampling rate in the kilohertz range.
@@ -96,33 +98,32 @@ fn begun_at(active: &ActiveEffect, start: &Start) -> ActiveEffect {
     begun
 }
 
-/// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples.
-pub fn problem(
-    fit: &Fit,
-    datasets: &[Dataset],
-    noise: &[f64],
-    candidates: &[Vec<ActiveEffect>],
-) -> Result<Problem, FitError> {
-    let (segments, samples) = segments(datasets);
-    let (owned, columns) = linearised(&fit.model, datasets, &candidates.concat())?;
-    let mut columns = columns.into_iter();
-    let mut candidate = |shapes: &Vec<ActiveEffect>| {
-        let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
-        Candidate { name: shapes[0].effect.name().into(), variants: shapes.iter().map(variant).collect() }
-    };
-    Ok(Problem {
-        channels: datasets[0]
-            .channels
-            .iter()
-            .zip(noise)
-            .map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / (BLOCK as f64).sqrt()) })
-            .collect(),
-        samples,
-        segments,
-        y: residual_series(datasets, &fit.residuals),
-        base: owned.into_iter().map(|o| o.column).collect(),
-        candidates: candidates.iter().map(&mut candidate).collect(),
-    })
+impl Fitting<'_> {
+    /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples; without
+    /// the parameters that are fixed or held by physical consistency.
+    pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
+        let datasets = self.datasets;
+        let (segments, samples) = segments(datasets);
+        let (mut owned, columns) = linearised(&fit.model, datasets, &candidates.concat())?;
+        owned.retain(|o| !self.is_fixed(o.param));
+        let mut columns = columns.into_iter();
+        let mut candidate = |shapes: &Vec<ActiveEffect>| {
+            let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
+            Candidate { name: shapes[0].effect.name().into(), variants: shapes.iter().map(variant).collect() }
+        };
+        let scale = (BLOCK as f64).sqrt();
+        let channels = datasets[0].channels.iter().zip(&self.noise);
+        Ok(Problem {
+            channels: channels
+                .map(|(c, sigma)| Channel { name: c.to_string(), noise_sigma: Some(sigma / scale) })
+                .collect(),
+            samples,
+            segments,
+            y: residual_series(datasets, &fit.residuals),
+            base: along_edges(owned, fit, edges),
+            candidates: candidates.iter().map(&mut candidate).collect(),
+        })
+    }
 }
 
 fn label(active: &ActiveEffect) -> String {
@@ -131,9 +132,10 @@ fn label(active: &ActiveEffect) -> String {
 }
 
 /// Column with the effect and role of its parameter.
+#[derive(Clone)]
 pub struct Owned {
-    /// Effect of the parameter.
-    pub effect: &'static str,
+    /// The parameter.
+    pub param: Param,
     /// Present value if the parameter enters linearly.
     pub linear: Option<f64>,
     /// The column.
@@ -163,7 +165,7 @@ fn linearised(
         .into_iter()
         .map(|k| (k, &parameters[k]))
         .map(|(k, p)| Owned {
-            effect: p.param.effect,
+            param: p.param,
             linear: (p.role == Role::Linear).then_some(p.value),
             column: Column {
                 name: p.name.clone(),
@@ -200,27 +202,28 @@ pub enum Edges {
 }
 
 /// Restricts the parameters to directions along the active consistency constraints of a fit.
-pub fn along_edges(base: &mut Vec<Column>, fit: &Fit, edges: Edges) {
+pub fn along_edges(mut base: Vec<Owned>, fit: &Fit, edges: Edges) -> Vec<Column> {
     match edges {
-        Edges::Together => along_edge(base, &fit.edges.concat()),
-        Edges::Apart => fit.edges.iter().for_each(|edge| along_edge(base, edge)),
+        Edges::Together => along_edge(&mut base, &fit.edges.concat()),
+        Edges::Apart => fit.edges.iter().for_each(|edge| along_edge(&mut base, edge)),
     }
+    base.into_iter().map(|o| o.column).collect()
 }
 
 /// Restricts the parameters to directions along one constraint, given by its normal force per parameter.
 ///
 /// With the normal force n, a step d along the constraint has n·d = 0: the parameter with the largest force depends
 /// on the others, d_k = −Σ n_j/n_k·d_j, and its column is added to theirs.
-fn along_edge(base: &mut Vec<Column>, edge: &[(String, f64)]) {
-    let pull = |c: &Column| edge.iter().find(|(name, _)| *name == c.name).map_or(0.0, |(_, n)| *n);
-    let weight = |c: &Column| (pull(c) * c.magnitude).abs();
+fn along_edge(base: &mut Vec<Owned>, edge: &[(Param, f64)]) {
+    let pull = |o: &Owned| edge.iter().find(|(param, _)| *param == o.param).map_or(0.0, |(_, n)| *n);
+    let weight = |o: &Owned| (pull(o) * o.column.magnitude).abs();
     let most = (0..base.len()).max_by(|&a, &b| weight(&base[a]).total_cmp(&weight(&base[b])));
     let Some(k) = most.filter(|&k| weight(&base[k]) > 0.0) else { return };
     let fixed = base.remove(k);
-    for c in base.iter_mut() {
-        let share = pull(c) / pull(&fixed);
+    for o in base.iter_mut() {
+        let share = pull(o) / pull(&fixed);
         if share != 0.0 {
-            c.values.iter_mut().zip(&fixed.values).for_each(|(x, h)| *x -= share * h);
+            o.column.values.iter_mut().zip(&fixed.column.values).for_each(|(x, h)| *x -= share * h);
         }
     }
 }
@@ -245,24 +248,17 @@ fn stack<'a>(datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
 
 /// Averaged segments of all datasets in sequence, and their total length.
 pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
-    let mut out = Vec::new();
-    let mut from = 0;
-    for segment in datasets.iter().flat_map(|t| &t.segments) {
-        let n = segment.len() / BLOCK;
-        if n > 0 {
-            out.push(from..from + n);
-            from += n;
-        }
-    }
-    (out, from)
+    let averaged = averaged_segments(datasets, BLOCK);
+    let samples = averaged.last().map_or(0, |s| s.end);
+    (averaged, samples)
 }
 
 /// Residuals of datasets as one series: channel by channel, dataset by dataset.
-pub fn residual_series(datasets: &[Dataset], residuals: &[Channels]) -> Vec<f64> {
+pub fn residual_series(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> {
     let mut out = Vec::new();
     for c in 0..datasets[0].channels.len() {
-        for (dataset, residuals) in datasets.iter().zip(residuals) {
-            out.extend(dataset.means(&residuals[c], BLOCK));
+        for (dataset, series) in datasets.iter().zip(&residuals.series) {
+            out.extend(dataset.means(&series[c], BLOCK));
         }
     }
     out

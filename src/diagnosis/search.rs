@@ -47,7 +47,7 @@ impl Found {
     /// Whether every found effect is distinguished from all rivals and the residual does not exceed the noise.
     fn is_clear(&self, judge: &Judge) -> bool {
         let single = self.outcome.findings.iter().all(|f| f.ranking.confidence_set().len() < 2);
-        single && !judge.is_more_than_noise(&self.end.rms)
+        single && !judge.is_more_than_noise(self.end.rms())
     }
 }
 
@@ -131,7 +131,7 @@ pub(super) fn find(
     }
     progress("every edge of the possible by itself");
     let second = find_along(Edges::Apart, start, judge, candidates, progress)?;
-    let left = |found: &Found| relative_energy(&found.end.rms, &judge.floor);
+    let left = |found: &Found| relative_energy(found.end.rms(), &judge.floor);
     Ok(if left(&second) < left(&first) { second } else { first })
 }
 
@@ -224,7 +224,7 @@ impl<'a> Search<'a> {
         let problem = judge.fitting.problem(&start, candidates, edges)?;
         let start = judge.of(start)?;
         // No channel exceeds its noise, so nothing is to be explained.
-        if start.rms.iter().zip(&judge.floor).all(|(r, f)| r <= f) {
+        if start.rms().iter().zip(&judge.floor).all(|(r, f)| r <= f) {
             settings.max_steps = 0;
         }
         Ok(Self {
@@ -449,7 +449,7 @@ impl<'a> Search<'a> {
             let make = || self.judge.fit(&without_effects(&end.fit.model, &[name(c)]));
             let without = if others.is_empty() { Ok(self.start.clone()) } else { self.fits.of(&others, make) };
             match without {
-                Ok(without) if self.judge.confirms(&without, end)? => all.push(without.rms),
+                Ok(without) if self.judge.confirms(&without, end)? => all.push(without.rms().to_vec()),
                 _ => return Ok(Err(name(c).into())),
             }
         }
@@ -465,7 +465,7 @@ impl<'a> Search<'a> {
             if is_impossible(&next.fit, self.shape(c).effect.name()) || !self.judge.confirms(&end, &next)? {
                 break;
             }
-            without.push(std::mem::replace(&mut end, next).rms);
+            without.push(std::mem::replace(&mut end, next).rms().to_vec());
         }
         Ok((end, without))
     }
@@ -499,15 +499,16 @@ impl<'a> Search<'a> {
             base: Vec::new(),
             ..stated.clone()
         };
+        let mut base = Vec::new();
         for c in chosen {
             next.candidates[c.candidate].variants[c.variant].columns.clear();
         }
         for owned in self.fits.columns(chosen, fitted, fitting)?.iter() {
-            if fitting.is_fixed(&owned.column.name) {
+            if fitting.is_fixed(owned.param) {
                 continue;
             }
-            let Some(i) = names.iter().position(|n| *n == owned.effect) else {
-                next.base.push(owned.column.clone());
+            let Some(i) = names.iter().position(|n| *n == owned.param.effect) else {
+                base.push(owned.clone());
                 continue;
             };
             if let Some(value) = owned.linear {
@@ -517,7 +518,7 @@ impl<'a> Search<'a> {
             }
             next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
         }
-        problem::along_edges(&mut next.base, fitted, self.edges);
+        next.base = problem::along_edges(base, fitted, self.edges);
         Ok(next)
     }
 }

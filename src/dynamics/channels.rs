@@ -1,7 +1,7 @@
-//! From wrenches on bodies to drive torques and strut forces, by virtual work.
+//! Projection of wrenches on bodies onto drive torques and strut forces, by the principle of virtual work.
 //!
-//! A drive torque works on its joint angle, an axial strut force on a virtual gap opened at its socket while the drives
-//! are locked. With ξ_c the twists of all bodies per unit of such a virtual motion, and w the applied minus the inertial
+//! A drive torque does work on its joint angle, an axial strut force on a virtual gap at its socket while the drives
+//! are locked. With ξ_c the twists of all bodies per unit of such a virtual motion and w the applied minus the inertial
 //! wrenches, τ_c = −Σ ξ_c·w and T_c = +Σ ξ_c·w (tension positive).
 
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -12,7 +12,7 @@ use crate::machine::bodies::{
 };
 use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
-/// A measured quantity the dynamics predicts.
+/// Measured quantity that the dynamics predict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Channel {
     /// Torque of drive 0..4, N·m.
@@ -39,13 +39,13 @@ impl Channel {
     /// The four drive torques.
     pub const TORQUES: [Self; AXES] = [Self::Torque(0), Self::Torque(1), Self::Torque(2), Self::Torque(3)];
 
-    /// What the drives of a machine measure, in order.
+    /// Channels measured by the drives of a machine, in order.
     pub fn of_drives(machine: Mechanism) -> Vec<Self> {
         let channel = |i| if machine == Mechanism::Axis(Joint::Prismatic) { Self::Force(i) } else { Self::Torque(i) };
         (0..machine.axes()).map(channel).collect()
     }
 
-    /// The drive it belongs to, from 0; none of a strut force.
+    /// Index of its drive, from 0; `None` for a strut force.
     pub fn drive(self) -> Option<usize> {
         match self {
             Self::Torque(i) | Self::Force(i) => Some(i),
@@ -53,7 +53,7 @@ impl Channel {
         }
     }
 
-    /// The drive, or that of the strut's limb, from 0.
+    /// Index of its drive, or of the strut's limb, from 0.
     pub fn limb(self) -> usize {
         match self {
             Self::Torque(i) | Self::Force(i) => i,
@@ -66,7 +66,7 @@ impl Channel {
         if matches!(self, Self::Torque(_)) { "N·m" } else { "N" }
     }
 
-    /// Unit of the position that the channel's axis moves through: rad, or m of a prismatic axis.
+    /// Unit of the joint coordinate: rad, or m for a prismatic axis.
     pub fn joint_unit(self) -> &'static str {
         if matches!(self, Self::Force(_)) { "m" } else { "rad" }
     }
@@ -86,21 +86,26 @@ impl std::fmt::Display for Channel {
     }
 }
 
-/// Twist (velocity of the origin, angular velocity) or wrench (force, moment about the origin) of a body, world axes.
+/// Twist (velocity of the frame origin, angular velocity) or wrench (force, moment about the origin) of a body,
+/// inertial axes.
 pub type Twist = (Vector3<f64>, Vector3<f64>);
 
-/// No motion, no load.
+/// Zero twist or wrench.
 pub(crate) const STILL: Twist = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
 
 /// Twists of all bodies per unit of each channel's virtual motion.
 pub struct ChannelMap {
-    /// Channels, in order.
+    /// Channels in order.
     pub channels: Vec<Channel>,
     twists: Vec<[Twist; BODIES]>,
 }
 
 impl ChannelMap {
-    /// Map for the given channels at a pose. Only torques exist on a disassembled robot (`assembled` false).
+    /// Projection onto `channels` at a pose. A disassembled robot (`assembled` false) has torque channels only.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the Jacobian or, with strut forces among the channels, the matrix of the strut
+    /// lines is singular.
     pub fn new(
         geometry: &Geometry,
         motion: &Motion,
@@ -148,14 +153,17 @@ impl ChannelMap {
         Ok(Self { channels: channels.to_vec(), twists })
     }
 
-    /// Contribution of a wrench on `body` (about its origin) to channel `c` of the map.
+    /// Contribution of a wrench on `body` (inertial axes, about its origin) to channel number `c` of the map, N·m or N.
+    ///
+    /// # Panics
+    /// If there is no channel `c` or no `body`.
     pub fn project(&self, c: usize, body: usize, force: &Vector3<f64>, moment: &Vector3<f64>) -> f64 {
         let (v, omega) = &self.twists[c][body];
         self.channels[c].sign() * (force.dot(v) + moment.dot(omega))
     }
 }
 
-/// Platform twists per unit gap at each strut with locked drives: inverse of rows (uᵀ, (r × u)ᵀ).
+/// Platform twists per unit gap at each strut with locked drives: inverse of the matrix with rows (uᵀ, (r × u)ᵀ).
 pub(super) fn gap_inverse(motion: &Motion) -> Option<Matrix6<f64>> {
     let mut rows = Matrix6::zeros();
     for s in 0..STRUTS {
@@ -167,7 +175,7 @@ pub(super) fn gap_inverse(motion: &Motion) -> Option<Matrix6<f64>> {
     rows.try_inverse()
 }
 
-/// Lower ball of strut `s` relative to the platform's origin, world axes.
+/// Lower ball of strut `s` relative to the platform origin, inertial axes, m.
 pub(super) fn platform_ball(motion: &Motion, s: usize) -> Vector3<f64> {
     let strut = &motion.bodies[STRUT + s];
     strut.position + strut_vector(motion, s) - motion.bodies[PLATFORM].position
@@ -184,7 +192,7 @@ fn set_drives(xi: &mut [Twist; BODIES], arms: &[f64; ARMS], rotor: f64) {
     xi[ROTOR].1 = Vector3::z() * rotor;
 }
 
-/// Twists of all bodies for arm rates, rotor rate and platform twist; struts do not spin and follow lateral motion only.
+/// Twists of all bodies for given arm rates, rotor rate and platform twist; struts do not spin.
 pub(crate) fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: &Twist) -> [Twist; BODIES] {
     let mut xi = [STILL; BODIES];
     set_drives(&mut xi, arms, rotor);
@@ -202,22 +210,18 @@ pub(crate) fn spread(motion: &Motion, arms: &[f64; ARMS], rotor: f64, platform: 
     xi
 }
 
-/// Twists of end effector, rotor, telescope upper and lower part for a rotor rate and a platform twist.
+/// Twists of end effector, rotor, upper and lower telescope part for a rotor rate and a platform twist.
 pub(crate) fn spread_chain(motion: &Motion, rotor: f64, platform: &Twist) -> [Twist; BODIES - END_EFFECTOR] {
     let (v, omega) = *platform;
     let at_platform = |b: usize| v + omega.cross(&(motion.bodies[b].position - motion.bodies[PLATFORM].position));
     let lower_hooke = at_platform(TELESCOPE_LOWER);
     let rotor_omega = Vector3::z() * rotor;
-    // The Hooke joints pass rotation about the normals of their crosses (see `telescope_motion`).
     let telescope = &motion.telescope;
-    let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
-    let upper_normal = motion.bodies[ROTOR].rotation.column(0).cross(&bar);
-    let lower_normal = motion.bodies[END_EFFECTOR].rotation.column(0).cross(&bar);
-    let swing = -telescope.axis.cross(&lower_hooke) / telescope.length;
-    let spin = (rotor_omega - swing).dot(&upper_normal) / telescope.axis.dot(&upper_normal);
-    let telescope_omega = swing + telescope.axis * spin;
+    let [upper, lower] = motion.hooke_joints();
+    let swing = telescope.swing(&lower_hooke);
+    let telescope_omega = swing + telescope.axis * upper.spin(&(rotor_omega - swing), &telescope.axis);
     let pivot = motion.bodies[PLATFORM].rotation.column(2).into_owned();
-    let relative = (telescope_omega - omega).dot(&lower_normal) / pivot.dot(&lower_normal);
+    let relative = lower.spin(&(telescope_omega - omega), &pivot);
     let mut xi = [STILL; BODIES - END_EFFECTOR];
     xi[0] = (at_platform(END_EFFECTOR), omega + pivot * relative);
     xi[ROTOR - END_EFFECTOR] = (Vector3::zeros(), rotor_omega);

@@ -1,4 +1,4 @@
-//! Inverse dynamics of one instant and its regressor.
+//! Inverse dynamics and its regressor at one instant.
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -9,26 +9,42 @@ use crate::effects::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::BODIES;
 
-/// Drive torques and strut forces of one instant.
+/// Drive torques and strut forces at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// Torques at the gear outputs, N·m.
     pub tau: [f64; 4],
-    /// Axial strut forces, N; zero unless asked for.
+    /// Axial strut forces, N; zero if they were not requested.
     pub reactions: Reactions,
 }
 
-impl Output {
+/// Loads of drives and struts in equilibrium with the wrenches on all bodies.
+pub(crate) trait Borne {
+    /// The part that the laws can read.
+    fn output(&self) -> Output;
     /// Largest difference of a torque or force, N·m or N.
+    fn change(&self, other: &Self) -> f64;
+}
+
+impl Borne for Output {
+    fn output(&self) -> Output {
+        *self
+    }
+
     fn change(&self, other: &Self) -> f64 {
         let values = |o: &Self| o.tau.into_iter().chain(o.reactions.upper).chain(o.reactions.lower);
         values(self).zip(values(other)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     }
 }
 
-/// Drive torques for a motion, and the strut forces if `with_struts` or if an effect reads them.
+/// Drive torques for a motion, with the strut forces if `with_struts` or if an effect depends on them.
 ///
-/// `states` holds one slice of own states per active effect (empty where the effect has none).
+/// `states` holds the internal states of each active effect (an empty slice for an effect without states). Effects that
+/// depend on torques or strut forces are solved by fixed-point iteration.
+///
+/// # Errors
+/// [`KinematicsError::Singular`] if the pose is singular; [`KinematicsError::Law`] if the value of a force law is not
+/// finite.
 pub fn inverse_dynamics(
     plant: &Plant,
     t: f64,
@@ -42,16 +58,29 @@ pub fn inverse_dynamics(
         let (tau, upper, lower) = reduction.balance(wrenches);
         Output { tau, reactions: Reactions { upper, lower } }
     };
-    let mut fixed = rigid_wrenches(plant, motion);
+    borne(plant, t, motion, states, rigid_wrenches(plant, motion), output)
+}
+
+/// Loads that `solve` gives for the `rigid` wrenches and those of all effects; fixed-point iteration where effects depend on
+/// the loads.
+pub(crate) fn borne<T: Borne>(
+    plant: &Plant,
+    t: f64,
+    motion: &Motion,
+    states: &[&[f64]],
+    rigid: [Twist; BODIES],
+    solve: impl Fn(&[Twist; BODIES]) -> T,
+) -> Result<T, KinematicsError> {
+    let mut fixed = rigid;
     add_effects(plant, t, motion, states, None, &mut fixed)?;
-    let mut loads = output(&fixed);
+    let mut loads = solve(&fixed);
     if plant.effects.iter().any(reads_loads) {
-        // Friction moments are a few thousandths of the lever times the reactions, gear friction a few hundredths of the
-        // torque: the iteration contracts fast.
+        // Friction moments are a few thousandths of lever times reaction, gear friction a few hundredths of the torque:
+        // the contraction factor is small.
         for _ in 0..MAX_REACTION_ITERATIONS {
             let mut next = fixed;
-            add_effects(plant, t, motion, states, Some(&loads), &mut next)?;
-            let next = output(&next);
+            add_effects(plant, t, motion, states, Some(&loads.output()), &mut next)?;
+            let next = solve(&next);
             let change = next.change(&loads);
             loads = next;
             if change < 1e-11 {
@@ -62,7 +91,7 @@ pub fn inverse_dynamics(
     Ok(loads)
 }
 
-/// Weight minus inertial wrench of every body.
+/// Weight minus inertial wrench of every body about its origin, inertial axes.
 pub(crate) fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] {
     let gravity = plant.gravity_vector();
     let mut wrenches = [STILL; BODIES];
@@ -73,15 +102,16 @@ pub(crate) fn rigid_wrenches(plant: &Plant, motion: &Motion) -> [Twist; BODIES] 
     wrenches
 }
 
-/// Whether a law along a given motion depends on torques or strut forces.
+/// Whether the law depends on torques or strut forces along a given motion.
 pub(crate) fn reads_loads(active: &ActiveEffect) -> bool {
     active.effect.spec().reads.reactions || active.effect.spec().reads.torque
 }
 
-/// Adds the wrenches of the plant's effects to `sum`: of those that read no loads, or with `loads` of those that do.
+/// Adds the wrenches of the plant's effects to `sum`: without `loads` those of effects that do not depend on loads,
+/// with `loads` those of effects that do.
 ///
 /// # Errors
-/// If a law gives no finite number.
+/// [`KinematicsError::Law`] if the value of a law is not finite.
 pub(crate) fn add_effects(
     plant: &Plant,
     t: f64,
@@ -104,7 +134,7 @@ pub(crate) fn add_effects(
     Ok(())
 }
 
-/// What a force law reads along a given motion.
+/// The quantities that a force law depends on, along a given motion.
 fn instant<'a>(
     plant: &'a Plant,
     active: &ActiveEffect,
@@ -125,26 +155,28 @@ fn instant<'a>(
     }
 }
 
-/// Enough for a contraction factor of a third to reach rounding.
+/// Iterations after which a contraction factor of 1/3 reaches rounding accuracy.
 pub(crate) const MAX_REACTION_ITERATIONS: usize = 30;
 
-/// A given motion at one time.
+/// A given motion with its loads at one time.
 #[derive(Clone, Copy)]
 pub struct Sample<'a> {
     /// Time, s.
     pub t: f64,
     /// Motion of all bodies, with accelerations.
     pub motion: &'a Motion,
-    /// Torques and strut forces of the whole plant, for the laws that read them.
+    /// Torques and strut forces of the whole plant, for laws that depend on them.
     pub loads: &'a Output,
 }
 
-/// Rows of the regressor for `channels` at one motion, one column per parameter of `effects`.
+/// Regressor at one motion: one row per channel, one column per parameter of `effects`.
 ///
-/// Columns of nonlinear parameters stay zero; `states` are as in [`inverse_dynamics`], one slice per entry of `effects`.
+/// Columns of nonlinear parameters are zero; `states` is as in [`inverse_dynamics`], one slice per element of
+/// `effects`.
 ///
 /// # Errors
-/// If a law gives no finite number, or a channel is not determined at the pose.
+/// [`KinematicsError::Law`] if the value of a law is not finite; [`KinematicsError::Singular`] if a channel is not
+/// determined at the pose.
 pub fn regressor(
     plant: &Plant,
     effects: &[&ActiveEffect],
@@ -164,10 +196,10 @@ pub fn regressor(
     Ok(rows)
 }
 
-/// Adds the columns of one effect, column by column, to `rows`.
+/// Adds the columns of one effect to `rows`, stored column by column.
 ///
 /// # Errors
-/// If the law gives no finite number.
+/// [`KinematicsError::Law`] if the value of the law is not finite.
 pub(crate) fn add_regressor(
     plant: &Plant,
     active: &ActiveEffect,
@@ -199,7 +231,7 @@ pub(crate) fn add_regressor(
     if rows.iter().all(|x| x.is_finite()) {
         return Ok(());
     }
-    // A term with a coefficient of zero is asked for, too.
+    // Terms with a coefficient of zero are checked as well.
     let unit = ActiveEffect { values: vec![1.0; active.values.len()], ..active.clone() };
     active.fault(&at, true).or_else(|| unit.fault(&at, true)).map_or(Ok(()), Err)
 }

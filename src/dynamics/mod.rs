@@ -1,7 +1,7 @@
-//! What the drives must give, and what the struts carry, for a given motion: inverse dynamics and its regressor.
+//! Inverse dynamics: drive torques and strut forces for a given motion, and the regressor.
 //!
-//! The regressor takes one wrench at a time to a drive torque or a strut force, by the virtual motion of that channel
-//! ([`ChannelMap`]). The inverse dynamics takes all wrenches at once to what moves the machine, the transpose of the same
+//! The regressor projects one wrench at a time onto a channel, by the virtual motion of that channel ([`ChannelMap`]).
+//! The inverse dynamics reduces the sum of all wrenches to the generalised coordinates, by the transpose of the same
 //! motions (`reduction`).
 
 mod channels;
@@ -14,7 +14,7 @@ mod reduction;
 pub(crate) use channels::STILL;
 pub use channels::{Channel, ChannelMap, Twist};
 pub(crate) use inverse::add_regressor;
-pub(crate) use inverse::{MAX_REACTION_ITERATIONS, add_effects, reads_loads, rigid_wrenches};
+pub(crate) use inverse::{Borne, add_effects, borne, reads_loads, rigid_wrenches};
 pub use inverse::{Output, Sample, inverse_dynamics, regressor};
 pub use newton_euler::inertial_wrench;
 pub use parameters::{ParamTable, PlantParameter};

@@ -5,10 +5,10 @@ use nalgebra::Vector3;
 use crate::kinematics::BodyMotion;
 use crate::machine::Inertia;
 
-/// Force and moment (about the frame origin, world axes) that the body's inertia and weight demand.
+/// Force (N) and moment (N·m) required by the inertia and weight of one body, about its frame origin in inertial axes.
 ///
-/// F = m(a − g) + α × h + ω × (ω × h), M = h × (a − g) + Θα + ω × Θω with h = m·c, all in world axes;
-/// `gravity` is the acceleration of gravity, m/s².
+/// F = m(a − g) + α × h + ω × (ω × h), M = h × (a − g) + Θα + ω × Θω with h = m·c; `gravity` is the gravitational
+/// acceleration g, m/s².
 pub fn inertial_wrench(inertia: &Inertia, motion: &BodyMotion, gravity: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let h = motion.rotation * inertia.first_moment;
     let (omega, alpha) = (motion.angular_velocity, motion.angular_acceleration);

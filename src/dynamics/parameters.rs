@@ -1,4 +1,4 @@
-//! The parameters of a machine in their order.
+//! Ordered list of the parameters of a machine.
 
 use std::ops::Deref;
 
@@ -8,30 +8,30 @@ use crate::machine::Unit;
 /// A parameter of a plant.
 #[derive(Clone, Debug)]
 pub struct PlantParameter {
-    /// Its identity.
+    /// Identity.
     pub param: Param,
     /// Printed name, e.g. `drive_friction.coulomb_1`.
     pub name: String,
     /// Unit.
     pub unit: Unit,
-    /// How it enters.
+    /// How it enters the dynamics.
     pub role: Role,
     /// Present value.
     pub value: f64,
-    /// Allowed values.
+    /// Lower and upper bound.
     pub range: (f64, f64),
-    /// Usual magnitude.
+    /// Typical magnitude.
     pub usual: f64,
-    /// Number of its effect among those of the table, and flat index within the effect.
+    /// Index of its effect among those of the table, and flat index within the effect.
     place: (usize, usize),
 }
 
-/// All parameters of a machine. Vectors of parameters, columns and model files follow its order.
+/// All parameters of a machine, in the order of parameter vectors, regressor columns and model files.
 #[derive(Clone, Debug, Default)]
 pub struct ParamTable(Vec<PlantParameter>);
 
 impl ParamTable {
-    /// Parameters of effects in order, flat value by flat value.
+    /// Parameters of `effects` in order, one per flat value.
     pub fn new<'a>(effects: impl IntoIterator<Item = &'a ActiveEffect>) -> Self {
         let of = |(number, active): (usize, &ActiveEffect)| {
             let parameter = |(index, (entry, value)): (usize, (crate::effects::Entry, &f64))| PlantParameter {
@@ -49,27 +49,27 @@ impl ParamTable {
         Self(effects.into_iter().enumerate().flat_map(of).collect())
     }
 
-    /// Place of a parameter in the order.
+    /// Index of a parameter.
     pub fn index(&self, param: Param) -> Option<usize> {
         self.0.iter().position(|p| p.param == param)
     }
 
-    /// Place of the parameter that is printed as `name`.
+    /// Index of the parameter printed as `name`.
     pub fn named(&self, name: &str) -> Option<usize> {
         self.0.iter().position(|p| p.name == name)
     }
 
-    /// Present values.
+    /// Present values in order.
     pub fn values(&self) -> Vec<f64> {
         self.0.iter().map(|p| p.value).collect()
     }
 
-    /// Places of the parameters that enter linearly.
+    /// Indices of the parameters that enter linearly.
     pub fn linear(&self) -> Vec<usize> {
         self.places(|p| p.role == Role::Linear)
     }
 
-    /// Places of the parameters that can be estimated, without those of the effects `fixed`.
+    /// Indices of the parameters that can be estimated, without those of the effects named in `fixed`.
     pub fn free(&self, fixed: &[String]) -> Vec<usize> {
         self.places(|p| p.role != Role::Fixed && !fixed.iter().any(|h| h == p.param.effect))
     }
@@ -78,10 +78,10 @@ impl ParamTable {
         (0..self.0.len()).filter(|&k| keep(&self.0[k])).collect()
     }
 
-    /// What belongs to parameter `k` of what is given per effect and flat value, in the order of the effects.
+    /// The element of `by_effect` (one vector per effect, one entry per flat value) that belongs to parameter `k`.
     ///
     /// # Panics
-    /// If it is given for other effects than the table's.
+    /// If `by_effect` has another shape than the effects of the table, or if there is no parameter `k`.
     pub fn pick<'a, T>(&self, k: usize, by_effect: &'a [Vec<T>]) -> &'a T {
         let (effect, index) = self.0[k].place;
         &by_effect[effect][index]

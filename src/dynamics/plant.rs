@@ -1,4 +1,4 @@
-//! [`Plant`]: a model made concrete for one run, with payload, geometry and all inertia in place.
+//! [`Plant`]: a model prepared for one run, with payload, geometry and total inertia.
 
 use nalgebra::Vector3;
 
@@ -10,16 +10,16 @@ use crate::machine::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
 use crate::machine::{Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, Setup, Stops};
 use crate::model::Model;
 
-/// A machine ready to compute with.
+/// A machine in the configuration of one run.
 #[derive(Clone)]
 pub struct Plant {
     /// Kind of machine.
     pub mechanism: Mechanism,
-    /// The machine as far as effects' parameters depend on it.
+    /// Properties of the machine on which effect parameters depend.
     pub host: Host,
-    /// Geometry after all effects on it.
+    /// Geometry including the effects that change it.
     pub geometry: Geometry,
-    /// Total inertia: links, payload and effects on inertia.
+    /// Total inertia: links, payload and effects that change inertia.
     pub bodies: Bodies,
     /// Inertia of the links alone, the `rigid_bodies` parameters.
     pub links: Bodies,
@@ -29,18 +29,18 @@ pub struct Plant {
     pub payload: Payload,
     /// Gravitational acceleration, m/s².
     pub gravity: f64,
-    /// Damping of the strut spins against the frame, N·m·s/rad.
+    /// Damping of the strut spins relative to the inertial frame, N·m·s/rad.
     pub spin_damping: f64,
     /// Hard stops.
     pub stops: Stops,
     /// Whether struts, platform and telescope are mounted.
     pub assembled: bool,
-    /// Effects beyond the rigid bodies, as far as the parts they act on are mounted.
+    /// Effects besides the rigid bodies, if the part they act on is mounted.
     pub effects: Vec<ActiveEffect>,
 }
 
 impl Plant {
-    /// The machine of `model` in the state that `setup` describes.
+    /// The machine of `model` in the configuration of `setup`.
     pub fn new(model: &Model, setup: &Setup) -> Self {
         let assembled = model.assembled && setup.configuration == Configuration::Assembled;
         let mounted = |a: &&ActiveEffect| model.mechanism.has(a.effect.acts_on(), assembled);
@@ -70,7 +70,7 @@ impl Plant {
         plant
     }
 
-    /// Brings the bodies up to date with the effects.
+    /// Recomputes the total inertia from links, payload and effects.
     pub(crate) fn sum_inertia(&mut self) {
         let mut bodies = self.links.clone();
         bodies[END_EFFECTOR] += self.payload.inertia();
@@ -83,13 +83,13 @@ impl Plant {
         bodies[END_EFFECTOR] = Inertia::ZERO;
         bodies[carrier] += inertia;
         if matches!(self.mechanism, Mechanism::Delta { telescope: false }) {
-            // The place of motor 4 in the equations; nothing ever turns it.
+            // Placeholder for motor 4, which never moves here; keeps the mass matrix regular.
             bodies[ROTOR] = Inertia::diagonal(0.0, [0.0; 3], [1.0; 3]);
         }
         self.bodies = bodies;
     }
 
-    /// The body that carries an inertia: without a telescope the end effector is a part of the platform.
+    /// The body that carries an inertia: without a telescope the end effector is part of the platform.
     pub(crate) fn carrier(&self, body: usize, inertia: Inertia) -> (usize, Inertia) {
         if body == END_EFFECTOR && !self.mechanism.has_telescope() {
             (PLATFORM, inertia.seen_from(&Vector3::new(0.0, 0.0, self.geometry.flange_height)))
@@ -111,12 +111,15 @@ impl Plant {
         rigid
     }
 
-    /// Gravity as an acceleration vector.
+    /// Gravitational acceleration as a vector in the inertial frame, m/s².
     pub fn gravity_vector(&self) -> Vector3<f64> {
         Vector3::new(0.0, 0.0, -self.gravity)
     }
 
-    /// Complete motion of the bodies for joint motion.
+    /// Motion of all bodies for a joint motion.
+    ///
+    /// # Errors
+    /// Those of [`Motion::assembled`]; none for a disassembled machine.
     pub fn motion(&self, joints: &JointState) -> Result<Motion, KinematicsError> {
         if self.assembled {
             Motion::assembled(&self.geometry, joints)
@@ -130,15 +133,18 @@ impl Plant {
         ParamTable::new(std::iter::once(&self.rigid_bodies()).chain(&self.effects))
     }
 
-    /// Whether any active effect of the plant changes reported signals.
+    /// Whether an active effect changes the reported signals.
     pub fn observes(&self) -> bool {
         self.effects.iter().any(|a| a.effect.kind() == Kind::Sensor)
     }
 }
 
-/// Writes parameter values, in the order of [`Plant::parameters`] of the model's own state, into a model.
+/// Writes parameter values, in the order of [`Plant::parameters`] of the model's own configuration, into `model`.
 ///
-/// For recordings of an assembled robot taken apart, `model` must be [`in_configuration`] of them.
+/// For recordings of the disassembled robot, `model` must first be converted by [`in_configuration`].
+///
+/// # Panics
+/// If the number of values differs from that of the parameters.
 pub fn set_parameters(model: &mut Model, values: &[f64]) {
     let (mechanism, assembled) = (model.mechanism, model.assembled);
     let links = RigidBodies::with(mechanism, assembled, model.link_parameters);
@@ -152,7 +158,7 @@ pub fn set_parameters(model: &mut Model, values: &[f64]) {
     assert!(rest.is_empty(), "{} values too many", rest.len());
 }
 
-/// The model as it is in a run's configuration; effects on what is dismounted stay, without action.
+/// The model in the configuration of a run; effects on dismounted parts are kept, without action.
 pub fn in_configuration(model: &Model, setup: &Setup) -> Model {
     Model { assembled: model.assembled && setup.configuration == Configuration::Assembled, ..model.clone() }
 }

@@ -1,7 +1,8 @@
-//! Wrenches on all bodies carried to what moves the machine: the arms, the rotor of axis 4 and the platform.
+//! Reduction of the wrenches on all bodies to generalised forces of the arms, the rotor of axis 4 and the platform.
 //!
-//! The transpose of [`super::channels`]' twists: with ξ = S·(q̇_arms, q̇_rotor, v, ω) the twists of all bodies, the generalised
-//! forces are Sᵀ·w. Every channel is then a product with the twist of its own virtual motion.
+//! It is the transpose of the twists of [`super::channels`]: with ξ = S·(q̇_arms, q̇_rotor, v, ω) the twists of all
+//! bodies, the generalised forces are Sᵀ·w. Every channel is the product of these with the twist of its own virtual
+//! motion.
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
@@ -10,26 +11,26 @@ use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, Geometry, STRUTS};
 
-/// What bodies' wrenches come to at the arms, at the rotor of axis 4 and at the platform.
+/// Generalised forces of arms, rotor of axis 4 and platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Reduced {
-    /// About the motor axes, N·m.
+    /// Moments about the motor axes, N·m.
     arms: [f64; ARMS],
-    /// About z, N·m.
+    /// Moment about z, N·m.
     rotor: f64,
-    /// On the platform, N.
+    /// Force on the platform, inertial axes, N.
     force: Vector3<f64>,
-    /// On the platform about its origin, N·m.
+    /// Moment on the platform about its origin, inertial axes, N·m.
     moment: Vector3<f64>,
 }
 
-/// Drive torques and strut forces that balance wrenches at one pose.
+/// Equilibrium of wrenches with drive torques and strut forces at one pose.
 pub(super) struct Reduction<'a> {
     motion: &'a Motion,
     assembled: bool,
-    /// Platform velocity per arm rate.
+    /// Platform velocity per arm rate, m/rad.
     jacobian: Matrix3<f64>,
-    /// Platform twists per unit gap at each strut; none if strut forces are not asked for.
+    /// Platform twists per unit gap at each strut; `None` if strut forces are not requested.
     gaps: Option<Matrix6<f64>>,
 }
 
@@ -47,7 +48,8 @@ impl<'a> Reduction<'a> {
         Ok(Self { motion, assembled, jacobian, gaps })
     }
 
-    /// Torques of the drives; axial strut forces at elbow and platform, zero unless asked for.
+    /// Drive torques (N·m) and axial strut forces (N) at elbow and platform that balance `wrenches`; forces not
+    /// requested are zero.
     pub(super) fn balance(&self, wrenches: &[Twist; BODIES]) -> ([f64; ARMS + 1], [f64; STRUTS], [f64; STRUTS]) {
         let sum = self.reduce(wrenches);
         let through = self.jacobian.tr_mul(&sum.force);
@@ -60,7 +62,7 @@ impl<'a> Reduction<'a> {
             let axial = gaps.tr_mul(&platform);
             for s in 0..STRUTS {
                 lower[s] = axial[s];
-                // A gap at the elbow moves the strut along with the platform.
+                // A gap at the elbow moves the strut together with the platform.
                 upper[s] = axial[s] + wrenches[STRUT + s].0.dot(&self.motion.strut_axis[s]);
             }
         }
@@ -80,7 +82,7 @@ impl<'a> Reduction<'a> {
         for s in 0..STRUTS {
             let (force, moment) = &wrenches[STRUT + s];
             let (strut, arm) = (&motion.bodies[STRUT + s], s / 2);
-            // ω = u × (v_lower − v_upper)/ℓ: a moment is a pair of forces at the ends.
+            // ω = u × (v_lower − v_upper)/ℓ: a moment is equivalent to a pair of forces at the ends.
             let pair = moment.cross(&motion.strut_axis[s]) / motion.strut_length[s];
             let lever = strut.position - motion.bodies[ARM + arm].position;
             sum.arms[arm] += Geometry::tangential(arm).dot(&lever.cross(&(force - pair)));
@@ -91,23 +93,21 @@ impl<'a> Reduction<'a> {
         sum
     }
 
-    /// End effector, rotor and both parts of the telescope.
+    /// Adds the wrenches of end effector, rotor and both telescope parts.
     fn reduce_chain(&self, wrenches: &[Twist; BODIES], sum: &mut Reduced) {
         let motion = self.motion;
         let telescope = &motion.telescope;
-        let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
-        let upper_normal = motion.bodies[ROTOR].rotation.column(0).cross(&bar);
-        let lower_normal = motion.bodies[END_EFFECTOR].rotation.column(0).cross(&bar);
+        let [upper, lower] = motion.hooke_joints();
         let pivot = motion.bodies[PLATFORM].rotation.column(2).into_owned();
         let lever = |b: usize| motion.bodies[b].position - motion.bodies[PLATFORM].position;
         let (force, moment) = &wrenches[END_EFFECTOR];
         // The end effector turns with the platform and, about the pivot, with the telescope.
-        let turning = lower_normal * (moment.dot(&pivot) / pivot.dot(&lower_normal));
+        let turning = lower.passed(moment, &pivot);
         sum.force += force;
         sum.moment += lever(END_EFFECTOR).cross(force) + moment - turning;
         // The telescope spins with the rotor and swings with its lower end.
         let on_telescope = wrenches[TELESCOPE_UPPER].1 + wrenches[TELESCOPE_LOWER].1 + turning;
-        let spinning = upper_normal * (on_telescope.dot(&telescope.axis) / telescope.axis.dot(&upper_normal));
+        let spinning = upper.passed(&on_telescope, &telescope.axis);
         sum.rotor += spinning.z;
         let swinging = on_telescope - spinning;
         let end = wrenches[TELESCOPE_LOWER].0 + telescope.axis.cross(&swinging) / telescope.length;
@@ -124,7 +124,7 @@ mod tests {
     use crate::kinematics::JointState;
     use crate::model::testing::shipped;
 
-    /// Virtual work of random wrenches in the channels' own virtual motions.
+    /// Virtual work of random wrenches in the virtual motions of the channels.
     #[test]
     fn is_the_transpose_of_the_channels_twists() {
         let model = shipped("irb360-6-1600");

@@ -1,23 +1,14 @@
-//! Drag of the air on the platform.
-
-use std::borrow::Cow;
+//! Aerodynamic drag on the platform.
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 
-/// F = −c·|v|·v on the platform; F in N, v in m/s, c in N/(m/s)². Dissipates c·|v|³.
+/// Quadratic drag F = −c·|v|·v on the platform; F in N, v in m/s, c in N·s²/m². Dissipates c·|v|³.
 pub struct AirDrag;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("coefficient"),
-    unit: Unit::NS2PerM2,
-    count: Count::One,
-    role: Role::Linear,
-    default: 0.04,
-    range: (0.0, 50.0),
-}];
+const PARAMETERS: &[Parameter] = &[Parameter::new("coefficient", Unit::NS2PerM2, Role::Linear, 0.04, (0.0, 50.0))];
 
 static SPEC: Spec = Spec::new(
     "air_drag",

@@ -1,43 +1,20 @@
-//! Friction of the telescope drive with saturation over speed (eq. 48).
+//! Friction of the telescope drive with saturating viscous part ([Gnad 2024], eq. 48).
 
-use std::borrow::Cow;
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, smooth_sign};
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, smooth_sign};
-
-/// τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v).
+/// Friction torque τ₄ = −A_C·tanh(100 q̇₄) − A_v·tanh(q̇₄/ε_v); τ₄, A_C and A_v in N·m, q̇₄ and ε_v in rad/s.
 pub struct Axis4Friction;
 
 const COULOMB: usize = 0;
 const VISCOUS: usize = 1;
 const SATURATION: usize = 2;
-/// Steepness of the Coulomb term, s/rad (eq. 48).
+/// Steepness of the Coulomb term, s/rad ([Gnad 2024], eq. 48).
 const STEEPNESS: f64 = 100.0;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::NM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.5272,
-        range: (0.0, 20.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("saturating"),
-        unit: Unit::NM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.6672,
-        range: (0.0, 20.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("saturation_speed"),
-        unit: Unit::RadPerS,
-        count: Count::One,
-        role: Role::Shape,
-        default: 8.5919,
-        range: (0.5, 60.0),
-    },
+    Parameter::new("coulomb", Unit::NM, Role::Linear, 0.5272, (0.0, 20.0)),
+    Parameter::new("saturating", Unit::NM, Role::Linear, 0.6672, (0.0, 20.0)),
+    Parameter::new("saturation_speed", Unit::RadPerS, Role::Shape, 8.5919, (0.5, 60.0)),
 ];
 
 static SPEC: Spec = Spec::new(

@@ -1,41 +1,25 @@
-//! Pre-sliding hysteresis of the arm drives: lost motion around reversals.
-
-use std::borrow::Cow;
+//! Pre-sliding hysteresis of the arm drives: lost motion at reversals.
 
 use super::{About, Count, Effect, Instant, InternalStates, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::ARMS;
 
-/// Dahl's law: τ_i = −T_i·z_i with the effect's own state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
+/// Dahl's law ([Dahl 1968]): τ_i = −T_i·z_i with internal state ż_i = (q̇_i − |q̇_i|·z_i)/δ, z_i(0) = 0.
 ///
-/// T in N·m, never negative; δ in rad; z without dimension, |z| ≤ 1. In one direction z goes to ±1 as exp(−|Δq|/δ), at
-/// any speed: sliding, the law is Coulomb friction T; around a reversal it is a spring T/δ. A cycle of amplitude A ≫ δ
-/// costs 4·T·(A − δ). −T·z·q̇ may return the T·δ·z²/2 stored in the spring, never more. |q̇| is not smoothed: ż is
-/// continuous as it is, and |z| ≤ 1 would be lost.
+/// T in N·m, never negative; δ in rad; z dimensionless, |z| ≤ 1. In one direction z approaches ±1 as exp(−|Δq|/δ),
+/// independent of speed: in sliding the law is Coulomb friction T, near a reversal a spring T/δ. A cycle of amplitude A
+/// ≫ δ dissipates 4·T·(A − δ). The torque returns at most the energy T·δ·z²/2 stored in the spring. |q̇| is not
+/// smoothed: ż is continuous without it, and smoothing would violate |z| ≤ 1.
 pub struct BacklashHysteresis;
 
 const MOMENT: usize = 0;
 const ANGLE: usize = 1;
 
-/// 1.5 minutes of arc.
+/// Default of δ, rad: 1.5 arc minutes.
 const LOST_MOTION: f64 = 4.363e-4;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("moment"),
-        unit: Unit::NM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 1.5,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("angle"),
-        unit: Unit::Rad,
-        count: Count::One,
-        role: Role::Shape,
-        default: LOST_MOTION,
-        range: (1e-5, 0.05),
-    },
+    Parameter::new("moment", Unit::NM, Role::Linear, 1.5, (0.0, 50.0)).counted(Count::PerArm),
+    Parameter::new("angle", Unit::Rad, Role::Shape, LOST_MOTION, (1e-5, 0.05)),
 ];
 
 static SPEC: Spec = Spec::new(
@@ -49,7 +33,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
-// From lost motion (minutes of arc) to elastic transmissions (degrees).
+// From lost motion (arc minutes) to elastic transmissions (degrees).
 .grids(&[&[0.5, 2.0, 8.0, 30.0, 100.0]]);
 
 impl Effect for BacklashHysteresis {
@@ -90,7 +74,7 @@ mod tests {
     use super::*;
     use crate::effects::{ActiveEffect, testing};
 
-    /// z of arm 1 after moving through `angles` at `speed` rad/s from state `z`, and ∫z dq; midpoint rule.
+    /// z of arm 1 after moving through `angles` at `speed` rad/s from state `z`, and ∫z dq, by the midpoint rule.
     fn moved(mut z: f64, angles: &[f64], speed: f64) -> (f64, f64) {
         let active = ActiveEffect::new(Arc::new(BacklashHysteresis), &[&[1.0; 3], &[1e-3]]);
         let mut area = 0.0;
@@ -146,7 +130,7 @@ mod tests {
 
     #[test]
     fn loop_costs_four_moments_times_amplitude_less_angle() {
-        // Amplitude 20 mrad, δ = 1 mrad, T = 1 N·m: ∮ z dq = 4·(0.020 − 0.001) = 0.076 J, e⁻⁴⁰ apart.
+        // Amplitude 20 mrad, δ = 1 mrad, T = 1 N·m: ∮ z dq = 4·(0.020 − 0.001) = 0.076 J, up to e⁻⁴⁰.
         let (z, area) = moved(-1.0, &[0.04, -0.04], 1.0);
         approx::assert_relative_eq!(z, -1.0, epsilon = 1e-9);
         approx::assert_relative_eq!(area, 0.076, epsilon = 1e-7);

@@ -1,36 +1,21 @@
-//! Coulomb friction in the ball sockets of the struts, constant under the clamp springs' preload.
+//! Coulomb friction in the ball sockets of the struts under constant preload of the clamp springs.
 
-use std::borrow::Cow;
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, unit_direction};
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches, unit_direction};
-
-/// M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
+/// Moment M = −m·tanh(|ω|/ε)·ω/|ω| on the strut at each of the 12 sockets, with its reaction on the body that carries
+/// the ball.
 ///
-/// M in N·m; ω in rad/s, angular velocity of the strut relative to the ball. m = μ·r·P in N·m with the ball's radius r
-/// and the clamp force P, never negative; ε in rad/s. For |ω| → 0 the law becomes −m·ω/ε. Dissipates m·|ω|·tanh(|ω|/ε)
-/// per socket.
+/// M in N·m; ω in rad/s is the angular velocity of the strut relative to that body. m = μ·r·P in N·m with the ball
+/// radius r and the clamp force P, never negative; ε in rad/s. For |ω| → 0 the law becomes −m·ω/ε. Dissipates
+/// m·|ω|·tanh(|ω|/ε) per socket.
 pub struct BallSocketCoulomb;
 
 const MOMENT: usize = 0;
 const REGULARISATION: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("moment"),
-        unit: Unit::NM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.285,
-        range: (0.0, 10.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("regularisation"),
-        unit: Unit::RadPerS,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.05,
-        range: (1e-4, 10.0),
-    },
+    Parameter::new("moment", Unit::NM, Role::Linear, 0.285, (0.0, 10.0)),
+    Parameter::new("regularisation", Unit::RadPerS, Role::Fixed, 0.05, (1e-4, 10.0)),
 ];
 
 static SPEC: Spec = Spec::new(

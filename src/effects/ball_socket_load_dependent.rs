@@ -1,14 +1,11 @@
 //! Ball-socket friction proportional to the strut force.
 
-use std::borrow::Cow;
-
 use super::{
-    About, Count, Effect, Instant, MachineView, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches,
-    unit_direction,
+    About, Effect, Instant, MachineView, Parameter, Part, Reads, Role, Spec, Unit, Values, Wrenches, unit_direction,
 };
 use crate::machine::STRUTS;
 
-/// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| on the strut at each socket, F the axial force at that end.
+/// Moment −μ·r·|F|·tanh(|ω|/ε)·ω/|ω| (N·m) on the strut at each socket, with F (N) the axial strut force at that end.
 pub struct BallSocketLoadDependent;
 
 const FRICTION: usize = 0;
@@ -16,30 +13,9 @@ const RADIUS: usize = 1;
 const REGULARISATION: usize = 2;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("friction"),
-        unit: Unit::One,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.15,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("radius"),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.0095,
-        range: (1e-3, 0.1),
-    },
-    Parameter {
-        name: Cow::Borrowed("regularisation"),
-        unit: Unit::RadPerS,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.05,
-        range: (1e-4, 1.0),
-    },
+    Parameter::new("friction", Unit::One, Role::Linear, 0.15, (0.0, 50.0)),
+    Parameter::new("radius", Unit::M, Role::Fixed, 0.0095, (1e-3, 0.1)),
+    Parameter::new("regularisation", Unit::RadPerS, Role::Fixed, 0.05, (1e-4, 1.0)),
 ];
 
 static SPEC: Spec = Spec::new(

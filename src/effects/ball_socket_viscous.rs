@@ -1,25 +1,16 @@
 //! Viscous friction in the ball sockets of the struts.
 
-use std::borrow::Cow;
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
-
-/// M = −c·ω_rel on the strut at each of the 12 sockets, its reaction on the body that carries the ball.
+/// Moment M = −c·ω_rel on the strut at each of the 12 sockets, with its reaction on the body that carries the ball.
 ///
-/// M in N·m; ω_rel in rad/s, angular velocity of the strut relative to the ball; c in N·m·s/rad, never negative.
+/// M in N·m; ω_rel in rad/s is the angular velocity of the strut relative to that body; c in N·m·s/rad, never negative.
 /// Dissipates c·|ω_rel|² per socket.
 pub struct BallSocketViscous;
 
 const COEFFICIENT: usize = 0;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("coefficient"),
-    unit: Unit::NMSPerRad,
-    count: Count::One,
-    role: Role::Linear,
-    default: 0.30,
-    range: (0.0, 10.0),
-}];
+const PARAMETERS: &[Parameter] = &[Parameter::new("coefficient", Unit::NMSPerRad, Role::Linear, 0.30, (0.0, 10.0))];
 
 static SPEC: Spec = Spec::new(
     "ball_socket_viscous",

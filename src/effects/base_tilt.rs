@@ -1,22 +1,14 @@
-//! The base is not level.
-
-use std::borrow::Cow;
+//! Tilt of the base against the horizontal.
 
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-/// Gravity seen from a base rotated by the small angles θ: g' = g − θ × g.
+/// Gravity in the axes of a base rotated by the small angles θ (rad): g' = g − θ × g, first order in θ.
 pub struct BaseTilt;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("tilt"),
-    unit: Unit::Rad,
-    count: Count::Named(&["x", "y"]),
-    role: Role::Linear,
-    default: 0.002,
-    range: (-0.3, 0.3),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("tilt", Unit::Rad, Role::Linear, 0.002, (-0.3, 0.3)).counted(Count::Named(&["x", "y"]))];
 
 static SPEC: Spec = Spec::new(
     "base_tilt",
@@ -55,7 +47,8 @@ mod tests {
 
     #[test]
     fn tilting_about_y_pulls_along_x() {
-        // The base's x axis points down by θ, so gravity gains +9.81·θ along it: 2 kg → 19.62 N per rad.
+        // The base's x axis points down by θ, so that gravity has the component +9.81·θ along it: 2 kg → 19.62 N per
+        // rad.
         let mut bodies = testing::no_bodies();
         bodies[PLATFORM].mass = 2.0;
         let w = testing::wrenches_with(&BaseTilt, &testing::still(), &Reactions::default(), &bodies);

@@ -1,32 +1,29 @@
-//! The springs that press the cups on the balls and keep the struts from spinning.
-
-use std::borrow::Cow;
+//! Clamp springs, which press the cups on the balls and prevent the struts from spinning.
 
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::kinematics::Motion;
 use crate::machine::bodies::{ARM, PLATFORM, STRUT};
 use crate::machine::{ARMS, STRUTS};
 
-/// A clamp unit at each end of a pair: two tension springs between the struts, F = ½·(P + k·(d − d₀)) each.
+/// One clamp unit at each end of a pair: two tension springs between the struts, F = ½·(P + k·(d − d₀)) each.
 ///
-/// F in N along the line between a spring's anchors, pulling the struts together; P in N and k in N/m of the unit; d the
-/// distance of the anchors in m, d₀ (`gap`) that of the assembled robot. In the strut frame the anchors stand at
-/// x = `position` from the unit's ball, at y = `offset` towards the other strut and at z = ±`spread`.
+/// F in N along the line between a spring's anchors, pulling the struts together; preload P in N and stiffness k in N/m
+/// of the unit; d the distance of the anchors in m, d₀ (`gap`) its value on the assembled robot. In the strut frame the
+/// anchors are at x = `position` from the unit's ball, at y = `offset` towards the other strut and at z = ±`spread`.
 ///
-/// Anchored on the struts' axes (`offset` 0) the springs of a parallel pair keep their length and direction and do no
-/// work; with an offset they resist the pair's shear. A strut that spins by θ against the other one twists them: per
-/// unit the moment about its axis is −(k·spread²·2 + P·offset)·θ for opposite spins and −P·offset·(1 + 2·offset/d₀)·θ
-/// for spins alike, which friction in the sockets has to hold where the offset is zero.
+/// With anchors on the strut axes (`offset` 0), the springs of a parallel pair keep length and direction and do no
+/// work; with an offset they resist shear of the pair. A spin of the struts by θ produces, per unit, a moment about the
+/// strut axis of −(k·spread²·2 + P·offset)·θ for opposite spins and −P·offset·(1 + 2·offset/d₀)·θ for equal spins. For
+/// zero offset, equal spins are resisted by friction in the sockets alone.
 ///
-/// The springs prestress the sockets. A force f at x along a strut of length L is balanced by −f·(1 − x/L) of the upper
-/// and −f·x/L of the lower ball, and each ball passes its part on to the other strut's ball through arm or platform. These
-/// parts do no work and move nothing while the cups sit on their balls, so they are put on the bodies together with the
-/// springs' pull: what the joints transmit besides, the reactions, is the load's alone. They are *net* of the clamps, as
-/// the dislocation force of the model file is. (The springs' own part of the force on a ball is P along the pair v; where
-/// the pair is sheared P·(u·v) of it stands along the strut u.)
-/// A unit is gone once one of its two sockets has left its ball.
+/// The springs prestress the sockets. A force f at x along a strut of length L is balanced by −f·(1 − x/L) at the upper
+/// and −f·x/L at the lower ball, and each ball transmits its part to the other strut's ball through arm or platform.
+/// These parts do no work while the cups are seated; they are applied to the bodies together with the spring force, so
+/// that the joint reactions contain the load alone. The reactions are thus *net* of the clamps, as is the dislocation
+/// force of the model file. (The springs' own part of the force on a ball is P along the pair direction v; in a sheared
+/// pair its component along the strut u is P·(u·v).) A unit is inactive once one of its two sockets has dislocated.
 pub struct ClampSprings;
 
 const PRELOAD: usize = 0;
@@ -37,33 +34,12 @@ const SPREAD: usize = 4;
 const GAP: usize = 5;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Fixed,
-        default,
-        range: (0.0, 1.0),
-    }
+    Parameter::new(name, Unit::M, Role::Fixed, default, (0.0, 1.0))
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("preload"),
-        unit: Unit::N,
-        count: Count::One,
-        role: Role::Linear,
-        default: 200.0,
-        range: (0.0, 1e4),
-    },
-    Parameter {
-        name: Cow::Borrowed("rate"),
-        unit: Unit::NPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 9200.0,
-        range: (0.0, 1e6),
-    },
+    Parameter::new("preload", Unit::N, Role::Linear, 200.0, (0.0, 1e4)),
+    Parameter::new("rate", Unit::NPerM, Role::Linear, 9200.0, (0.0, 1e6)),
     length("position", 0.03),
     length("offset", 0.0),
     length("spread", 0.012),
@@ -103,7 +79,7 @@ impl Effect for ClampSprings {
                     continue;
                 }
                 for side in [spread, -spread] {
-                    // The first strut of a pair stands at +v, so the other one is at −y.
+                    // The first strut of a pair is at +v, so that the other one is at −y.
                     let anchors: [Vector3<f64>; 2] = std::array::from_fn(|k| {
                         let along = if end == 0 { position } else { at.motion.strut_length[pair[k]] - position };
                         let towards = if k == 0 { -offset } else { offset };
@@ -125,8 +101,10 @@ impl Effect for ClampSprings {
     }
 }
 
-/// Force on a strut at `anchor` (from its origin, m) and what its two balls make of it: on the strut the moment of the part
-/// beside the line of the balls is left, on arm and platform the force shared out by the lever.
+/// Writes a force on a strut at `anchor` (m, from the strut's origin) together with the reactions of its two balls.
+///
+/// The resultant is a moment on the strut, from the anchor's distance to the line of the balls, and forces on arm and
+/// platform according to the lever rule.
 fn prestress(k: usize, strut: usize, anchor: &Vector3<f64>, force: &Vector3<f64>, motion: &Motion, out: &mut Wrenches) {
     let (axis, length) = (motion.strut_axis[strut], motion.strut_length[strut]);
     let along = anchor.dot(&axis);
@@ -154,7 +132,7 @@ mod tests {
             strut.rotation = *nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), roll[k]).matrix();
             motion.strut_axis[k] = Vector3::x();
         }
-        // The other pairs far away, so that nothing divides by zero.
+        // The other pairs are far away, so that no distance is zero.
         for s in 2..STRUTS {
             motion.bodies[STRUT + s].position = Vector3::new(0.0, if s % 2 == 0 { 1.0 } else { -1.0 }, s as f64);
         }
@@ -186,7 +164,7 @@ mod tests {
         approx::assert_relative_eq!(total[PLATFORM].0, z() * 6.0, epsilon = 1e-12);
         assert_eq!(total[STRUT].0, Vector3::zeros());
         approx::assert_relative_eq!(total[STRUT].1, Vector3::x() * 2.0, epsilon = 1e-12);
-        // Nothing is lost: together it is the force where it pulls.
+        // Equilibrium: the sum of all is the force at its point of application.
         let moment = total[ARM].1 + total[PLATFORM].1 + total[STRUT].1;
         approx::assert_relative_eq!(moment, anchor.cross(&force), epsilon = 1e-12);
     }

@@ -1,28 +1,20 @@
-//! Drive friction that differs between the two directions.
-
-use std::borrow::Cow;
+//! Difference of the Coulomb drive friction between the two directions.
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
     smooth_sign,
 };
 
-/// τ = −a·tanh²(k q̇): adds a to the Coulomb friction of the positive direction and takes it from the negative one.
+/// Torque τ = −a·tanh²(k q̇) (N·m): raises the Coulomb friction in positive direction by a and lowers it by a in
+/// negative direction.
 pub struct DriveCoulombAsymmetry;
 
 const DIFFERENCE: usize = 0;
 const STEEPNESS: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("difference"),
-        unit: Unit::NM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.5,
-        range: (-20.0, 20.0),
-    },
-    // Nobody knows how the directions blend at standstill: if within less than a sample, nothing but a bias is left.
+    Parameter::new("difference", Unit::NM, Role::Linear, 0.5, (-20.0, 20.0)).counted(Count::PerArm),
+    // The transition at standstill is unknown; within less than one sample the effect equals a bias.
     STEEPNESS_PARAMETER.searched((20.0, 1e4)),
 ];
 

@@ -1,6 +1,4 @@
-//! Compliance of the arm gears between the motor-side encoder and the arm.
-
-use std::borrow::Cow;
+//! Compliance of the arm gears between motor-side encoder and arm.
 
 use super::{
     About, Compliance, Count, Effect, Instant, InternalStates, Kind, MachineView, Parameter, Part, Role, Sensor, Spec,
@@ -10,17 +8,19 @@ use crate::machine::Payload;
 use crate::machine::bodies::{ARM, Inertia};
 use crate::machine::{ARMS, AXES, Mechanism};
 
-/// Spring and damper in the gear: the arm gets δ/c + d·δ̇ instead of τ, the rotor τ − δ/c − d·δ̇.
+/// Spring and damper in the gear: the torque on the arm is δ/c + d·δ̇ instead of τ, that on the rotor τ − δ/c − d·δ̇.
 ///
-/// All at the gear output: δ in rad, motor side minus arm, positive when the motor leads; c in rad/(N·m); d in N·m·s/rad;
-/// rotor inertia J in kg·m², a part of the arm's Θ_yy that moves with the motor instead:
-/// J·(q̈ + δ̈) = τ − δ/c − d·δ̇. Own states δ₁…δ₃, δ̇₁…δ̇₃; a simulation begins in balance, δ = c·(τ − J·q̈). After a jump of the
-/// torque an arm rings at √(1/(c·J) + 1/(c·Θ)), 80 Hz, damped to a fifth, for some 50 ms. All that acts on the drives, their
-/// friction above all, acts on the arm, or with `friction_at_motor` = 1 on the rotor; the twin knows the arm's side only.
+/// All at the gear output: δ in rad, motor side minus arm, positive if the motor leads; c in rad/(N·m); d in N·m·s/rad;
+/// rotor inertia J in kg·m², the part of the arm's Θ_yy that moves with the motor: J·(q̈ + δ̈) = τ − δ/c − d·δ̇. The
+/// internal states are δ₁…δ₃, δ̇₁…δ̇₃; a simulation starts in equilibrium, δ = c·(τ − J·q̈). After a torque step an arm
+/// oscillates at √(1/(c·J) + 1/(c·Θ)), 80 Hz, with a damping ratio of 1/5, for about 50 ms. Forces on the drives,
+/// mainly friction, act on the arm, or with `friction_at_motor` = 1 on the rotor; the twin implements the arm side
+/// only.
 ///
-/// The twin: `wrenches`, `state_rate` and `encoder`, with J taken from the arm (as a second moment along the arm, which
-/// leaves a consistent body; only Θ_yy enters). Along a measured motion θ the same law gives the arms' motion behind the
-/// gears (see `identification::prediction`); the damping and J hardly change it and are not estimated.
+/// The twin uses `wrenches`, `state_rate` and `encoder`, with J subtracted from the arm (as a second moment along the
+/// arm, which keeps the body consistent; only Θ_yy enters). Along a measured motion θ the same law yields the arm
+/// motion behind the gears (see `identification::prediction`); damping and J have little influence there and are not
+/// estimated.
 pub struct DriveElasticity;
 
 const COMPLIANCE: usize = 0;
@@ -28,72 +28,45 @@ const DAMPING: usize = 1;
 const ROTOR_INERTIA: usize = 2;
 const FRICTION_AT_MOTOR: usize = 3;
 
-/// Compliance times rotor inertia that counts as rigid, s²: a fortieth of the usual one would ring beyond 500 Hz.
+/// Compliance times rotor inertia below which a gear counts as rigid, s²: 1/40 of the default, at which it would
+/// oscillate above 500 Hz.
 const RIGID: f64 = 1.8e-7;
 
-/// Compliances of the elastic drives, with their number.
+/// Index and compliance of the elastic drives.
 fn elastic<'a>(values: &Values<'a>) -> impl Iterator<Item = (usize, f64)> + use<'a> {
     let rotor = values.one(ROTOR_INERTIA);
     values.block(COMPLIANCE).iter().copied().enumerate().filter(move |(_, c)| c * rotor > RIGID)
 }
 
-/// Share of what moves on a lone axis that is on the motor's side, an estimate.
+/// Share of a single axis' inertia on the motor side, estimated.
 const MOTOR_SHARE: f64 = 0.4;
 
-/// An elastic gear: the encoder leads the joint by compliance · transmitted torque (but for the damping).
+/// An elastic gear: the encoder leads the joint by compliance times transmitted torque, apart from damping.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GearSpring {
-    /// rad/(N·m); zero is rigid.
+    /// Compliance, rad/(N·m); zero means rigid.
     pub compliance: f64,
     /// Damping, N·m·s/rad.
     pub damping: f64,
-    /// Inertia on the motor side, seen at the gear output, kg·m².
+    /// Inertia on the motor side, at the gear output, kg·m².
     pub rotor_inertia: f64,
-    /// Whether what acts on the drive acts on the motor's side.
+    /// Whether forces on the drive act on the motor side.
     pub friction_at_motor: bool,
 }
 
 impl GearSpring {
-    /// Whether the twin lets the gear give way; the effect has no torque otherwise.
+    /// Whether the twin treats the gear as elastic; otherwise the effect contributes no torque.
     pub fn is_elastic(&self) -> bool {
         self.compliance * self.rotor_inertia > RIGID
     }
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("compliance"),
-        unit: Unit::RadPerNM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 4e-5,
-        range: (0.0, 2e-4),
-    },
-    Parameter {
-        name: Cow::Borrowed("damping"),
-        unit: Unit::NMSPerRad,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 20.0,
-        range: (0.0, 1e3),
-    },
-    Parameter {
-        name: Cow::Borrowed("rotor_inertia"),
-        unit: Unit::KgM2,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.18,
-        range: (1e-4, 10.0),
-    },
+    Parameter::new("compliance", Unit::RadPerNM, Role::Linear, 4e-5, (0.0, 2e-4)).counted(Count::PerArm),
+    Parameter::new("damping", Unit::NMSPerRad, Role::Fixed, 20.0, (0.0, 1e3)),
+    Parameter::new("rotor_inertia", Unit::KgM2, Role::Fixed, 0.18, (1e-4, 10.0)),
     // 0 or 1.
-    Parameter {
-        name: Cow::Borrowed("friction_at_motor"),
-        unit: Unit::One,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.0,
-        range: (0.0, 1.0),
-    },
+    Parameter::new("friction_at_motor", Unit::One, Role::Fixed, 0.0, (0.0, 1.0)),
 ];
 
 static SPEC: Spec = Spec::new(
@@ -109,9 +82,9 @@ static SPEC: Spec = Spec::new(
     PARAMETERS,
 )
 .kind(Kind::Encoder)
-// Of the compliance: within a factor of √2 of every gear in the range.
+// Factors of the compliance: every gear in the range is within √2 of one of them.
 .grids(&[&[0.25, 0.5, 1.0, 2.0]])
-// Where a gear gives way, friction has two sides to act on.
+// In an elastic drive, friction can act on either side.
 .switches(&["friction_at_motor"])
 .constants(constant);
 
@@ -145,7 +118,7 @@ impl Effect for DriveElasticity {
         }
     }
 
-    /// The rotor moves with the arm: what `inertia` takes away comes back.
+    /// The rotor moves with the arm: adds the inertia that `inertia` removes.
     fn wrenches_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         for (i, c) in elastic(values) {
             out.drive_torque(values.index(COMPLIANCE, i), i, -values.one(ROTOR_INERTIA) * at.motion.qdd[i] / c);

@@ -1,13 +1,11 @@
-//! Coulomb and viscous friction of the drives (eq. 5–7).
-
-use std::borrow::Cow;
+//! Coulomb and viscous friction of the drives ([Gnad 2024], eq. 5–7).
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
     smooth_sign,
 };
 
-/// τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive.
+/// Friction torque τ = −p_C·tanh(k q̇) − p_v·q̇ at each drive; p_C in N·m, p_v in N·m·s/rad, k in s/rad.
 pub struct DriveFriction;
 
 const COULOMB: usize = 0;
@@ -15,22 +13,8 @@ const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::NM,
-        count: Count::PerDrive,
-        role: Role::Linear,
-        default: 4.5,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NMSPerRad,
-        count: Count::PerDrive,
-        role: Role::Linear,
-        default: 1.0,
-        range: (0.0, 50.0),
-    },
+    Parameter::new("coulomb", Unit::NM, Role::Linear, 4.5, (0.0, 50.0)).counted(Count::PerDrive),
+    Parameter::new("viscous", Unit::NMSPerRad, Role::Linear, 1.0, (0.0, 50.0)).counted(Count::PerDrive),
     STEEPNESS_PARAMETER,
 ];
 

@@ -1,13 +1,11 @@
-//! Stribeck friction of the drives: extra breakaway friction that decays with speed.
-
-use std::borrow::Cow;
+//! Stribeck friction of the drives: additional breakaway friction that decays with speed.
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
     smooth_sign,
 };
 
-/// τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive.
+/// Friction torque τ = −F·exp(−(q̇/v_s)²)·tanh(k q̇) at each arm drive; F in N·m, v_s in rad/s, k in s/rad.
 pub struct DriveStribeck;
 
 const BREAKAWAY: usize = 0;
@@ -15,22 +13,8 @@ const SPEED: usize = 1;
 const STEEPNESS: usize = 2;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("breakaway"),
-        unit: Unit::NM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.9,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("stribeck_speed"),
-        unit: Unit::RadPerS,
-        count: Count::One,
-        role: Role::Shape,
-        default: 0.1,
-        range: (0.02, 2.0),
-    },
+    Parameter::new("breakaway", Unit::NM, Role::Linear, 0.9, (0.0, 50.0)).counted(Count::PerArm),
+    Parameter::new("stribeck_speed", Unit::RadPerS, Role::Shape, 0.1, (0.02, 2.0)),
     STEEPNESS_PARAMETER,
 ];
 

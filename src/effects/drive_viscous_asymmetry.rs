@@ -1,25 +1,17 @@
-//! Viscous drive friction that differs between the two directions.
-
-use std::borrow::Cow;
+//! Difference of the viscous drive friction between the two directions.
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-/// τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
+/// Torque τ = −a·|q̇|: the viscous coefficient is p_v + a for q̇ > 0 and p_v − a for q̇ < 0.
 ///
-/// a in N·m·s/rad, either sign. Takes energy in one direction and gives as much in the other: only with
-/// `drive_friction`, |a| ≤ p_v, is it friction.
+/// a in N·m·s/rad, either sign. By itself it dissipates in one direction and generates the same power in the other; the
+/// sum with `drive_friction` is dissipative for |a| ≤ p_v.
 pub struct DriveViscousAsymmetry;
 
 const DIFFERENCE: usize = 0;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("difference"),
-    unit: Unit::NMSPerRad,
-    count: Count::PerArm,
-    role: Role::Linear,
-    default: 0.3,
-    range: (-20.0, 20.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("difference", Unit::NMSPerRad, Role::Linear, 0.3, (-20.0, 20.0)).counted(Count::PerArm)];
 
 static SPEC: Spec = Spec::new(
     "drive_viscous_asymmetry",

@@ -1,4 +1,4 @@
-//! A law that the user writes into the model file.
+//! User-defined law from the model file.
 
 use std::borrow::Cow;
 
@@ -19,16 +19,16 @@ pub use variables::Variable;
 /// Name of the effect.
 pub const NAME: &str = "formula";
 
-/// Σ coefficient · law at the place of each term: a generalised force *acting on* the machine, so that friction has the
-/// sign opposite to the rate.
+/// Sum of coefficient times law over the terms, as a generalised force *acting on* the machine: friction has the sign
+/// opposite to the rate.
 ///
-/// `drive1 … drive4` in N·m (N on a slide) along the joint angle; `platform_x, platform_y, platform_z` in N at the centre of
-/// the platform's ball plane, inertial axes; `telescope` in N along the bar, pushing its two parts apart. On a machine
-/// that is taken apart, a formula that needs a dismounted part rests as a whole.
+/// `drive1 … drive4` in N·m (N on a prismatic axis) along the joint coordinate; `platform_x, platform_y, platform_z` in
+/// N at the centre of the platform's ball plane, inertial axes; `telescope` in N along the bar, pushing its two parts
+/// apart. On a disassembled machine, a formula that depends on a dismounted part is inactive as a whole.
 pub struct Formula {
-    /// Its terms, in the order of the parameters.
+    /// Terms in the order of the parameters.
     pub terms: Vec<Term>,
-    /// Whether it is a fit without physical meaning, as the diagnosis proposes.
+    /// Whether it is an empirical fit without physical interpretation, as proposed by the diagnosis.
     pub empirical: bool,
     spec: Spec,
 }
@@ -36,16 +36,16 @@ pub struct Formula {
 /// One term of a formula.
 #[derive(Clone, Debug)]
 pub struct Term {
-    /// Names its coefficient.
+    /// Name of its coefficient.
     pub name: String,
-    /// Where it acts.
+    /// Place of action.
     pub at: Place,
-    /// Force per unit of coefficient.
+    /// Force or torque per unit of the coefficient.
     pub law: Expression,
 }
 
 impl Term {
-    /// Unit of its coefficient on a machine whose drives turn: that of the place over that of the law.
+    /// Unit of the coefficient on a machine with revolute drives: that of the place divided by that of the law.
     pub fn unit(&self) -> Unit {
         let (force, per_law) = match self.at {
             Place::Drive(_) => (Powers::NM, Unit::NMPerLaw),
@@ -55,14 +55,14 @@ impl Term {
     }
 }
 
-/// Where a term acts.
+/// Place of action of a term.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// Torque on a drive.
+    /// Torque on a drive, by its index from 0.
     Drive(usize),
-    /// Force on the platform along an inertial axis.
+    /// Force on the platform along inertial axis 0..3.
     Platform(usize),
-    /// Force between the two parts of the telescope.
+    /// Force between the two parts of the telescope, along the bar.
     Telescope,
 }
 
@@ -88,7 +88,7 @@ impl Place {
         PLACES.iter().find(|(_, place)| *place == self).map_or("", |(name, _)| name)
     }
 
-    /// The part of the machine where it is, in words: the three directions of the platform are one.
+    /// Name of the machine part in words; the three directions on the platform share one name.
     pub fn region(self) -> String {
         match self {
             Self::Drive(i) => format!("drive {}", i + 1),
@@ -97,7 +97,7 @@ impl Place {
         }
     }
 
-    /// Places of a machine, assembled.
+    /// Places that exist on the assembled machine.
     pub fn on(machine: Mechanism) -> impl Iterator<Item = Self> {
         PLACES.into_iter().map(|(_, place)| place).filter(move |place| match place {
             Self::Drive(i) => *i < machine.axes(),
@@ -105,7 +105,7 @@ impl Place {
         })
     }
 
-    /// Unit of what acts there, on a machine whose drives turn.
+    /// Unit of the force or torque at the place, on a machine with revolute drives.
     pub fn unit(self) -> Unit {
         match self {
             Self::Drive(_) => Unit::NM,
@@ -123,7 +123,7 @@ impl Place {
     }
 }
 
-/// Allowed size of a coefficient.
+/// Largest absolute value of a coefficient.
 pub const LIMIT: f64 = 1e9;
 
 const ABOUT: About = About {
@@ -135,7 +135,7 @@ const ABOUT: About = About {
     source: "the user, in [[effects.formula.terms]]: name, at, law, coefficient; or the diagnosis, then marked empirical",
 };
 
-/// The entry of the registry: no terms, nothing to try.
+/// The registry entry: a formula without terms.
 impl Default for Formula {
     fn default() -> Self {
         Self::new(Vec::new(), false)
@@ -143,7 +143,7 @@ impl Default for Formula {
 }
 
 impl Formula {
-    /// A formula of terms with the usual size of their coefficients.
+    /// A formula of terms, each with the typical magnitude of its coefficient (1 if given as zero).
     pub fn new(terms: Vec<(Term, f64)>, empirical: bool) -> Self {
         let parameter = |(term, size): &(Term, f64)| Parameter {
             name: Cow::Owned(term.name.clone()),
@@ -167,11 +167,11 @@ impl Formula {
     }
 }
 
-/// The part that a machine must have for all terms: of those that they act on and read, the one that fewest machines have.
+/// The most demanding part among those on which the terms act and depend: a machine with this part has all of them.
 fn part(terms: &[Term]) -> Part {
     let places = terms.iter().map(|term| term.at.part());
     let read = terms.iter().flat_map(|term| term.law.variables()).map(Variable::part);
-    // From what every machine has to what few have.
+    // From the part that every machine has to those that few have.
     let rank = |part: &Part| [Part::Drives, Part::Axis4, Part::Weight, Part::Linkage].iter().position(|p| p == part);
     places.chain(read).max_by_key(|part| rank(part).unwrap_or(usize::MAX)).unwrap_or(Part::Drives)
 }

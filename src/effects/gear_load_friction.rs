@@ -1,30 +1,22 @@
-//! Gear friction that grows with the torque the gear transmits.
-
-use std::borrow::Cow;
+//! Gear friction proportional to the transmitted torque.
 
 use super::{
     About, Count, Effect, Instant, Parameter, Part, Reads, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
     smooth_sign,
 };
 
-/// τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
+/// Friction torque τ = −μ·|τ_drive|·tanh(k·q̇) at each arm drive.
 ///
-/// μ without dimension, never negative; τ_drive the drive's whole torque at the gear output, friction included; k in
-/// s/rad. Dissipates μ·|τ_drive|·q̇·tanh(k·q̇). The twin knows τ_drive; inverse dynamics iterates, contracting by μ.
+/// μ dimensionless, never negative; τ_drive the total drive torque at the gear output, friction included; k in s/rad.
+/// Dissipates μ·|τ_drive|·q̇·tanh(k·q̇). In the twin τ_drive is known; inverse dynamics iterates with contraction
+/// factor μ.
 pub struct GearLoadFriction;
 
 const FRICTION: usize = 0;
 const STEEPNESS: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("friction"),
-        unit: Unit::One,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.02,
-        range: (0.0, 0.5),
-    },
+    Parameter::new("friction", Unit::One, Role::Linear, 0.02, (0.0, 0.5)).counted(Count::PerArm),
     STEEPNESS_PARAMETER,
 ];
 
@@ -63,7 +55,7 @@ mod tests {
 
     #[test]
     fn both_signs_of_torque_oppose_the_motion() {
-        // 2 % of 50 N·m is 1 N·m, against +1 rad/s whatever the torque's sign (tanh(100) = 1).
+        // 2 % of 50 N·m is 1 N·m, against +1 rad/s for either sign of the torque (tanh(100) = 1).
         let active = ActiveEffect::new(Arc::new(GearLoadFriction), &[&[0.02; 3], &[100.0]]);
         let mut motion = testing::still();
         motion.qd = [1.0, 1.0, -1.0, 0.0];

@@ -1,16 +1,14 @@
 //! Friction of the telescope's two Hooke joints.
 
-use std::borrow::Cow;
-
 use super::{
-    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
-    smooth_sign,
+    About, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches, smooth_sign,
 };
 use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
-/// M = −M_C·tanh(k·ω) − d·ω about each of the four cross axes, on the telescope; the reaction on rotor or end effector.
+/// Moment M = −M_C·tanh(k·ω) − d·ω on the telescope about each of the four cross axes; the reaction is on rotor or end
+/// effector.
 ///
-/// ω in rad/s: rate of the telescope against the other body about that axis (`Motion::hooke_rates`). M_C in N·m, d in
+/// ω in rad/s is the relative rate of the telescope about that axis (`Motion::hooke_rates`). M_C in N·m and d in
 /// N·m·s/rad, never negative, per axis; k in s/rad. Dissipates Σ ω·(M_C·tanh(k·ω) + d·ω).
 pub struct HookeFriction;
 
@@ -19,22 +17,8 @@ const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::NM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.05,
-        range: (0.0, 20.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NMSPerRad,
-        count: Count::One,
-        role: Role::Linear,
-        default: 0.02,
-        range: (0.0, 20.0),
-    },
+    Parameter::new("coulomb", Unit::NM, Role::Linear, 0.05, (0.0, 20.0)),
+    Parameter::new("viscous", Unit::NMSPerRad, Role::Linear, 0.02, (0.0, 20.0)),
     STEEPNESS_PARAMETER,
 ];
 
@@ -57,11 +41,9 @@ impl Effect for HookeFriction {
 
     fn wrenches(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         let rates = at.motion.hooke_rates();
-        let joints = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
-        for ((yoke, telescope), rates) in joints.into_iter().zip(rates) {
-            let axes =
-                [at.motion.bodies[yoke].rotation.column(0), at.motion.bodies[TELESCOPE_UPPER].rotation.column(1)];
-            for (axis, rate) in axes.into_iter().zip(rates) {
+        let bodies = [(ROTOR, TELESCOPE_UPPER), (END_EFFECTOR, TELESCOPE_LOWER)];
+        for (((yoke, telescope), joint), rates) in bodies.into_iter().zip(at.motion.hooke_joints()).zip(rates) {
+            for (axis, rate) in [joint.yoke, joint.bar].into_iter().zip(rates) {
                 let sign = smooth_sign(rate, values.one(STEEPNESS));
                 for (block, moment) in [(COULOMB, axis * -sign), (VISCOUS, axis * -rate)] {
                     out.wrench(values.index(block, 0), telescope, nalgebra::Vector3::zeros(), moment);

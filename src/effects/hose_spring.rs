@@ -1,17 +1,16 @@
-//! A hose or cable that pulls at the platform.
-
-use std::borrow::Cow;
+//! Force of a hose or cable on the platform.
 
 use nalgebra::Vector3;
 
 use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Start, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 
-/// F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
+/// Spring force F = f − k·e·d/|d| on the platform's centre p, with d = p − a and the elongation e = |d| − l₀.
 ///
-/// a is the fixed end in m, inertial axes; l₀ the free length in m; k in N/m, never negative; f a constant force in N, inertial
-/// axes, such as the hose's weight. With `pulls_only` = 1 it goes slack: e = max(0, |d| − l₀). With l₀ = 0 the law is linear,
-/// F = f + k·a − k·p, and f moves the fixed end to a + f/k. Stores k·e²/2 − f·p.
+/// a is the fixed end in m, inertial axes; l₀ the free length in m; k in N/m, never negative; f a constant force in N,
+/// inertial axes, e.g. the weight of the hose. With `pulls_only` = 1 the spring is slack in compression: e = max(0, |d|
+/// − l₀). With l₀ = 0 the law is linear, F = f + k·a − k·p, and f is equivalent to a fixed end at a + f/k. Potential
+/// energy k·e²/2 − f·p.
 pub struct HoseSpring;
 
 const STIFFNESS: usize = 0;
@@ -20,8 +19,8 @@ const ANCHOR: usize = 2;
 const FREE_LENGTH: usize = 3;
 const PULLS_ONLY: usize = 4;
 
-/// Ends 0.8 m from the middle of the workspace, overhead and inclined by 45° to four sides, with a spring that is nearly
-/// as long, and a slack one.
+/// Starting values: fixed ends 0.8 m from the middle of the workspace, overhead and inclined by 45° to four sides, each
+/// with a spring of about that length and with a slack one.
 const STARTS: [Start; 11] = {
     const fn at(anchor: &'static [f64], length: &'static [f64], pulls_only: &'static [f64]) -> Start {
         Start([Some((ANCHOR, anchor)), Some((FREE_LENGTH, length)), Some((PULLS_ONLY, pulls_only))])
@@ -44,47 +43,12 @@ const STARTS: [Start; 11] = {
 };
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("stiffness"),
-        unit: Unit::NPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 10.0,
-        range: (0.0, 1e4),
-    },
-    Parameter {
-        name: Cow::Borrowed("preload"),
-        unit: Unit::N,
-        count: Count::Named(&["x", "y", "z"]),
-        role: Role::Linear,
-        default: 3.0,
-        range: (-200.0, 200.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("anchor"),
-        unit: Unit::M,
-        count: Count::Named(&["x", "y", "z"]),
-        role: Role::Shape,
-        default: 0.5,
-        range: (-5.0, 5.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("free_length"),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Shape,
-        default: 0.8,
-        range: (0.0, 5.0),
-    },
+    Parameter::new("stiffness", Unit::NPerM, Role::Linear, 10.0, (0.0, 1e4)),
+    Parameter::new("preload", Unit::N, Role::Linear, 3.0, (-200.0, 200.0)).counted(Count::Named(&["x", "y", "z"])),
+    Parameter::new("anchor", Unit::M, Role::Shape, 0.5, (-5.0, 5.0)).counted(Count::Named(&["x", "y", "z"])),
+    Parameter::new("free_length", Unit::M, Role::Shape, 0.8, (0.0, 5.0)),
     // 0 or 1.
-    Parameter {
-        name: Cow::Borrowed("pulls_only"),
-        unit: Unit::One,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 0.0,
-        range: (0.0, 1.0),
-    },
+    Parameter::new("pulls_only", Unit::One, Role::Fixed, 0.0, (0.0, 1.0)),
 ];
 
 static SPEC: Spec = Spec::new(
@@ -98,7 +62,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
-// Of one that is drawn at random.
+// Factors for randomly drawn hoses in the validation; the diagnosis uses the starts.
 .grids(&[&[0.5, 0.7, 1.3, 2.0]])
 .starts(&STARTS);
 
@@ -111,7 +75,7 @@ impl Effect for HoseSpring {
         let end = Vector3::from_column_slice(values.block(ANCHOR));
         let d = at.motion.bodies[PLATFORM].position - end;
         let (distance, free) = (d.norm(), values.one(FREE_LENGTH));
-        // At its fixed end a spring has no direction.
+        // The direction is undefined at the fixed end.
         let share = if distance > f64::EPSILON * free { 1.0 - free / distance } else { 0.0 };
         let share = if values.one(PULLS_ONLY) > 0.5 { share.max(0.0) } else { share };
         out.wrench(values.index(STIFFNESS, 0), PLATFORM, d * -share, Vector3::zeros());

@@ -1,24 +1,16 @@
-//! An encoder's zero is not the joint's.
-
-use std::borrow::Cow;
+//! Zero offset of the encoders.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::machine::AXES;
 
-/// The encoder of axis i reads q_i + o_i.
+/// Encoder reading q_i + o_i of axis i.
 ///
-/// o in rad, either sign; positive when the encoder reads too much. The controller of the twin sees the same reading.
-/// Identification moves the recorded motion by −o.
+/// o in rad, either sign; positive if the reading is too large. The controller of the twin uses the same reading.
+/// Identification shifts the recorded motion by −o.
 pub struct JointZeroOffset;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("offset"),
-    unit: Unit::Rad,
-    count: Count::PerAxis,
-    role: Role::Linear,
-    default: 0.002,
-    range: (-0.2, 0.2),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("offset", Unit::Rad, Role::Linear, 0.002, (-0.2, 0.2)).counted(Count::PerAxis)];
 
 static SPEC: Spec = Spec::new(
     "joint_zero_offset",

@@ -1,15 +1,13 @@
-//! A strut or an arm of another mass than the rest.
-
-use std::borrow::Cow;
+//! Mass differences between the struts and between the arms.
 
 use super::{About, Count, Effect, Kind, MachineView, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Payload;
 use crate::machine::bodies::{ARM, STRUT};
 use crate::machine::{ARMS, Inertia, STRUTS};
 
-/// Extra mass Δm of single struts and arms, spread evenly along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
+/// Additional mass Δm of single struts and arms, uniform along them: m·c_x = Δm·l/2, Θ_yy = Θ_zz = Δm·l²/3.
 ///
-/// Δm in kg, either sign; l in m, from ball to ball and from shaft to elbow.
+/// Δm in kg, either sign; l in m, ball to ball or shaft to elbow.
 pub struct LimbAsymmetry;
 
 const STRUT_MASS: usize = 0;
@@ -18,38 +16,18 @@ const STRUT_LENGTH: usize = 2;
 const ARM_LENGTH: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Fixed,
-        default,
-        range: (1e-3, 10.0),
-    }
+    Parameter::new(name, Unit::M, Role::Fixed, default, (1e-3, 10.0))
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("strut"),
-        unit: Unit::Kg,
-        count: Count::Named(&["1", "2", "3", "4", "5", "6"]),
-        role: Role::Linear,
-        default: 0.1,
-        range: (-0.1, 10.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("arm"),
-        unit: Unit::Kg,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.1,
-        range: (-0.5, 10.0),
-    },
+    Parameter::new("strut", Unit::Kg, Role::Linear, 0.1, (-0.1, 10.0))
+        .counted(Count::Named(&["1", "2", "3", "4", "5", "6"])),
+    Parameter::new("arm", Unit::Kg, Role::Linear, 0.1, (-0.5, 10.0)).counted(Count::PerArm),
     length("strut_length", 1.106),
     length("arm_length", 0.5),
 ];
 
-/// Even rod of 1 kg along x from the origin.
+/// Inertia of a uniform rod of 1 kg along x from the origin, `length` in m.
 fn rod(length: f64) -> Inertia {
     let inertia = length * length / 3.0;
     Inertia::diagonal(1.0, [0.5 * length, 0.0, 0.0], [0.0, inertia, inertia])

@@ -1,13 +1,13 @@
-//! What acts on the machine: one file per effect, and [`REGISTRY`], their list.
+//! Physical effects on the machine: one file per effect, and their list, [`REGISTRY`].
 //!
-//! An effect writes *terms per unit of parameter* for a given instant. The twin sums them, identification stacks them
-//! as regressor columns, the energy audit weighs them, the diagnosis tries the absent ones. Zero linear parameters
-//! mean no effect. An effect does not know who reads it.
+//! An effect writes *terms per unit of parameter* for a given instant. The twin sums them, identification uses them as
+//! regressor columns, the energy balance as powers, and the diagnosis evaluates those of absent effects. With zero
+//! linear parameters an effect has no influence. Effects do not depend on their users.
 //!
-//! To add an effect: write `src/effects/<name>.rs` and add its `mod` and its registry line below.
+//! To add an effect, write `src/effects/<name>.rs` and add its `mod` and its registry line below. Sources are cited by
+//! the keys of `docs/bibliography.md`.
 
 use std::any::Any;
-use std::borrow::Cow;
 use std::sync::{Arc, LazyLock};
 
 use nalgebra::Vector3;
@@ -61,7 +61,7 @@ pub use interface::{
 };
 pub use strut_elasticity::StrutSpring;
 
-/// Every effect deltatwin knows. The name of an effect is its table in the model file.
+/// All effects of deltatwin. The name of an effect is its table in the model file.
 pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
     vec![
         RigidBodies::of(Mechanism::default(), true),
@@ -100,42 +100,42 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
     ]
 });
 
-/// The effect called `name`.
+/// The registered effect called `name`.
 pub fn find(name: &str) -> Option<Arc<dyn Effect>> {
     REGISTRY.iter().find(|e| e.name() == name).cloned()
 }
 
 /// A physical effect: a force law, a change of inertia or geometry, or a change of what a sensor reports.
 pub trait Effect: Any + Send + Sync {
-    /// What is known of it without a motion.
+    /// Properties that do not depend on the motion.
     fn spec(&self) -> &Spec;
 
-    /// Wrenches per unit of each linear parameter.
+    /// Writes the wrenches per unit of each linear parameter.
     fn wrenches(&self, _values: &Values, _at: &Instant, _out: &mut Wrenches) {}
 
-    /// The same along a given motion, where the drive torques are what is asked for. Differs from `wrenches` for what lies
-    /// between drive and joint: [`Instant::torque`] is no help there, and own states of [`Kind::Encoder`] rest.
+    /// Writes the wrenches along a given motion, for inverse dynamics. They differ from `wrenches` for effects between
+    /// drive and joint: [`Instant::torque`] is not available, and the internal states of [`Kind::Encoder`] are at rest.
     fn wrenches_along(&self, values: &Values, at: &Instant, out: &mut Wrenches) {
         self.wrenches(values, at, out);
     }
 
-    /// Inertia added per unit of each linear parameter (`out(k, body, inertia)`), constant over a run.
+    /// Passes the inertia added per unit of each linear parameter to `out(k, body, inertia)`; constant over a run.
     fn inertia(&self, _values: &Values, _payload: &Payload, _out: &mut dyn FnMut(usize, usize, Inertia)) {}
 
     /// Changes the geometry.
     fn geometry(&self, _values: &Values, _geometry: &mut Geometry) {}
 
-    /// Its differential equations, if it has any.
+    /// Its differential equations, if any.
     fn states(&self) -> Option<&dyn InternalStates> {
         None
     }
 
-    /// What gives way elastically, if anything does.
+    /// Its elastic elements, if any.
     fn compliance(&self) -> Option<&dyn Compliance> {
         None
     }
 
-    /// What it changes of the sensors, if anything.
+    /// Its effect on the sensors, if any.
     fn sensor(&self) -> Option<&dyn Sensor> {
         None
     }
@@ -147,7 +147,7 @@ impl dyn Effect {
         self.spec().name
     }
 
-    /// What part of a machine it acts on.
+    /// Part of a machine on which it acts.
     pub fn acts_on(&self) -> Part {
         self.spec().acts_on
     }
@@ -162,30 +162,24 @@ impl dyn Effect {
         self.spec().kind
     }
 
-    /// The terms of a formula, which stand in the model file beside its numbers; none of another effect.
+    /// The formula, for the effect whose terms are stored in the model file; `None` for any other effect.
     pub fn formula(&self) -> Option<&formula::Formula> {
         (self as &dyn Any).downcast_ref()
     }
 }
 
-/// Direction of a rate vector, regularised: tanh(|ω|/ε)·ω/|ω|, smooth through zero.
+/// Direction of an angular velocity (rad/s), regularised to tanh(|ω|/ε)·ω/|ω|, smooth at zero.
 pub fn unit_direction(rate: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
     let speed = rate.norm();
-    // tanh(x)/x = 1 − x²/3 + …: one to rounding below 1e-8
+    // tanh(x)/x = 1 − x²/3 + …: equal to one within rounding below 1e-8
     if speed < 1e-8 * epsilon { rate / epsilon } else { rate * ((speed / epsilon).tanh() / speed) }
 }
 
-/// Constant of the laws that use [`smooth_sign`].
-const STEEPNESS_PARAMETER: Parameter = Parameter {
-    name: Cow::Borrowed("steepness"),
-    unit: Unit::SPerRad,
-    count: Count::One,
-    role: Role::Fixed,
-    default: 100.0,
-    range: (1.0, 1e4),
-};
+/// Steepness parameter of the laws that use [`smooth_sign`].
+const STEEPNESS_PARAMETER: Parameter = Parameter::new("steepness", Unit::SPerRad, Role::Fixed, 100.0, (1.0, 1e4));
 
-/// Smooth sign: `tanh(rate·steepness)`; the paper's approximation of Coulomb friction (eq. 48 uses 100 s/rad).
+/// Smooth sign function `tanh(rate·steepness)`, the approximation of Coulomb friction in [Gnad 2024] (100 s/rad in eq.
+/// 48).
 pub fn smooth_sign(rate: f64, steepness: f64) -> f64 {
     (rate * steepness).tanh()
 }

@@ -1,6 +1,5 @@
-//! The payload by itself, for its identification; not in the registry, because recordings state their payload in the setup.
-
-use std::borrow::Cow;
+//! The payload as an effect, for its identification; not in the registry, since recordings state their payload in the
+//! setup.
 
 use nalgebra::Vector3;
 
@@ -11,17 +10,17 @@ use crate::machine::bodies::END_EFFECTOR;
 /// Name of the effect.
 pub const NAME: &str = "payload";
 
-/// The ten inertial parameters of the payload: m, h = m·c and Θ about the flange centre, all in the end-effector frame (origin at
-/// the flange centre, z up, turning with ψ); Θ_xy = −∫xy dm and so on (eq. 4).
+/// The ten inertial parameters of the payload: m, h = m·c and Θ about the flange centre, in the end-effector frame
+/// (origin at the flange centre, z up, rotating with ψ); Θ_xy = −∫xy dm etc. ([Gnad 2024], eq. 4).
 ///
-/// The end effector translates with the platform and turns about z, so of a known a and ψ̇ its load on the flange is the force
-/// m(a − g) + ψ̈ z×h − ψ̇² h_⊥ and the moment h×(a − g) + (Θ_xz ψ̈ − Θ_yz ψ̇², Θ_yz ψ̈ + Θ_xz ψ̇², Θ_zz ψ̈). The drives feel m, h_x, h_y
-/// and Θ_zz (Gnad et al. section 2.3.1); h_z, Θ_xz and Θ_yz tilt the platform and show in strut forces alone; Θ_xx, Θ_yy and Θ_xy
-/// show nowhere while the robot is intact.
+/// The end effector translates with the platform and rotates about z. For given a and ψ̇ its load on the flange is the
+/// force m(a − g) + ψ̈ z×h − ψ̇² h_⊥ and the moment h×(a − g) + (Θ_xz ψ̈ − Θ_yz ψ̇², Θ_yz ψ̈ + Θ_xz ψ̇², Θ_zz ψ̈). The
+/// drive torques depend on m, h_x, h_y and Θ_zz ([Gnad 2024], section 2.3.1); h_z, Θ_xz and Θ_yz tilt the platform and
+/// affect the strut forces alone; Θ_xx, Θ_yy and Θ_xy are unobservable while the robot is intact.
 pub struct Payload;
 
 const fn parameter(name: &'static str, unit: Unit, count: Count, default: f64) -> Parameter {
-    Parameter { name: Cow::Borrowed(name), unit, count, role: Role::Linear, default, range: (-100.0, 100.0) }
+    Parameter::new(name, unit, Role::Linear, default, (-100.0, 100.0)).counted(count)
 }
 
 const PARAMETERS: &[Parameter] = &[

@@ -1,6 +1,4 @@
-//! The payload's centre of mass lies beside the stated one.
-
-use std::borrow::Cow;
+//! Offset of the payload's centre of mass from the stated one.
 
 use nalgebra::Vector3;
 
@@ -9,20 +7,16 @@ use crate::machine::Inertia;
 use crate::machine::Payload;
 use crate::machine::bodies::END_EFFECTOR;
 
-/// First moment h = m·Δc of the end effector, beyond the stated payload.
+/// First moment h = m·Δc of the end effector in addition to that of the stated payload.
 ///
-/// h in kg·m along the end effector's axes, which turn with ψ, either sign. h_z tilts the platform: strut forces alone show it. A payload of mass m at c moved by Δc:
-/// first moment + h, tensor about the flange − [c]×[h]× − [h]×[c]×, exact up to m·Δc² (1 kg, 10 mm: 1e-4 kg·m²).
+/// h in kg·m in end-effector axes, which rotate with ψ, either sign. h_z tilts the platform and affects the strut
+/// forces alone. For a payload of mass m at c, moved by Δc, the first moment grows by h and the tensor about the flange
+/// by −[c]×[h]× − [h]×[c]×, exact up to m·Δc² (1 kg, 10 mm: 1e-4 kg·m²).
 pub struct PayloadComOffset;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("first_moment"),
-    unit: Unit::KgM,
-    count: Count::Named(&["x", "y", "z"]),
-    role: Role::Linear,
-    default: 0.02,
-    range: (-1.0, 1.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("first_moment", Unit::KgM, Role::Linear, 0.02, (-1.0, 1.0))
+        .counted(Count::Named(&["x", "y", "z"]))];
 
 static SPEC: Spec = Spec::new(
     "payload_com_offset",
@@ -62,8 +56,8 @@ mod tests {
 
     #[test]
     fn two_kilograms_moved_by_a_tenth_of_a_millimetre() {
-        // A point of 2 kg from (30, 0, −100) mm to (30.1, 0, −100) mm: h = 2e-4 kg·m;
-        // Θ_zz grows by 2·(0.0301² − 0.03²) = 1.202e-5, Θ_xz by 2·0.1·1e-4 = 2e-5 kg·m².
+        // A point of 2 kg moved from (30, 0, −100) mm to (30.1, 0, −100) mm: h = 2e-4 kg·m; Θ_zz grows by 2·(0.0301² −
+        // 0.03²) = 1.202e-5, Θ_xz by 2·0.1·1e-4 = 2e-5 kg·m².
         let payload = Payload::new(2.0, [0.03, 0.0, -0.1], 0.0);
         let active = ActiveEffect::new(Arc::new(PayloadComOffset), &[&[2e-4, 0.0, 0.0]]);
         let mut sum = Inertia::point(2.0, payload.com);
@@ -80,8 +74,8 @@ mod tests {
 
     #[test]
     fn a_load_that_hangs_lower_than_stated() {
-        // A point of 2.5 kg stated at (40, 0, −150) mm hangs at (40, 0, −250) mm: h_z = −0.25 kg·m,
-        // Θ_xz grows from 0.015 by 2.5·0.04·0.1 = 0.01 to 2.5·0.04·0.25 = 0.025 kg·m².
+        // A point of 2.5 kg, stated at (40, 0, −150) mm, is at (40, 0, −250) mm: h_z = −0.25 kg·m, Θ_xz grows from
+        // 0.015 by 2.5·0.04·0.1 = 0.01 to 2.5·0.04·0.25 = 0.025 kg·m².
         let payload = Payload::new(2.5, [0.04, 0.0, -0.15], 0.0);
         let active = ActiveEffect::new(Arc::new(PayloadComOffset), &[&[0.0, 0.0, -0.25]]);
         let mut sum = payload.inertia();

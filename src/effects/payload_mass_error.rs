@@ -1,23 +1,14 @@
-//! The payload weighs more or less than stated.
+//! Difference of the payload's mass from the stated one.
 
-use std::borrow::Cow;
-
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
+use super::{About, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Inertia;
 use crate::machine::Payload;
 use crate::machine::bodies::END_EFFECTOR;
 
-/// Extra mass Δm at the stated centre of mass of the payload (at the flange centre without payload).
+/// Additional mass Δm (kg) at the stated centre of mass of the payload (at the flange centre without payload).
 pub struct PayloadMassError;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("mass"),
-    unit: Unit::Kg,
-    count: Count::One,
-    role: Role::Linear,
-    default: 0.1,
-    range: (-10.0, 10.0),
-}];
+const PARAMETERS: &[Parameter] = &[Parameter::new("mass", Unit::Kg, Role::Linear, 0.1, (-10.0, 10.0))];
 
 static SPEC: Spec = Spec::new(
     "payload_mass_error",

@@ -1,10 +1,10 @@
-//! Inertia and weight of the links, always present; its parameters are the numbers of `[bodies]`.
+//! Inertia and weight of the links, always active; its parameters are the numbers of `[bodies]`.
 //!
-//! Which numbers they are depends on the machine and its state, [`RigidBodies::of`], and on what is taken as alike and symmetric,
-//! [`RigidBodies::with`]. Those of the assembled robot follow
-//! the paper's assumptions (section 2.3): limbs alike, struts and telescope parts symmetric about their axis, no deviation
-//! moments, platform in pure translation. On the disassembled robot every arm has its own (eq. 46–47). What does not enter
-//! the motion equations (e.g. the platform's inertia tensor) is not a parameter.
+//! The set of parameters depends on the machine and its configuration ([`RigidBodies::of`]) and on the symmetry
+//! assumptions ([`RigidBodies::with`]). For the assembled robot it follows [Gnad 2024], section 2.3: equal limbs,
+//! struts and telescope parts symmetric about their axis, no deviation moments, platform in pure translation. On the
+//! disassembled robot every arm has its own parameters (eq. 46–47). Numbers that do not enter the equations of motion
+//! (e.g. the platform's inertia tensor) are not parameters.
 
 mod tables;
 
@@ -21,22 +21,15 @@ use crate::machine::{Joint, LinkParameters, Mechanism};
 /// Name of the effect.
 pub const NAME: &str = "rigid_bodies";
 
-/// Newton–Euler terms of every body per unit of its inertia parameters (eq. 2–4).
+/// Newton–Euler terms of every body per unit of its inertial parameters ([Gnad 2024], eq. 2–4).
 pub struct RigidBodies {
     spec: Spec,
-    /// Bodies and unit inertia of each value.
+    /// Bodies and unit inertia of each parameter value.
     units: Cow<'static, [(Range<usize>, UnitInertia)]>,
 }
 
 const fn one(name: &'static str, unit: Unit, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit,
-        count: Count::One,
-        role: Role::Linear,
-        default,
-        range: (-100.0, 100.0),
-    }
+    Parameter::new(name, unit, Role::Linear, default, (-100.0, 100.0))
 }
 
 const fn per_arm(name: &'static str, unit: Unit, default: f64) -> Parameter {
@@ -49,7 +42,7 @@ const fn lone(name: &'static str) -> Parameter {
 
 const ROTOR_INERTIA: Parameter = one("rotor_inertia_zz", Unit::KgM2, 0.003);
 
-/// The parameters of the assembled robot, in order; without a telescope, those of arms, struts and platform.
+/// Parameters of the assembled robot in order; without a telescope, those of arms, struts and platform.
 pub const PARAMETERS: &[Parameter] = &[
     one("arm_first_moment_x", Unit::KgM, 0.176),
     one("arm_first_moment_z", Unit::KgM, 0.006),
@@ -59,7 +52,7 @@ pub const PARAMETERS: &[Parameter] = &[
     one("strut_inertia_xx", Unit::KgM2, 1.5e-5),
     one("strut_inertia_yy", Unit::KgM2, 0.075),
     one("platform_mass", Unit::Kg, 1.2),
-    // Tilts the platform: it shows in strut forces alone.
+    // Tilts the platform and affects the strut forces alone.
     one("platform_first_moment_z", Unit::KgM, -0.024),
     one("telescope_upper_first_moment_z", Unit::KgM, -0.219),
     one("telescope_upper_inertia_xx", Unit::KgM2, 0.084),
@@ -71,7 +64,7 @@ pub const PARAMETERS: &[Parameter] = &[
     ROTOR_INERTIA,
 ];
 
-/// The same of independent arms and, where there is one, the rotor of motor 4.
+/// Parameters of independent arms and, with a telescope, of the rotor of motor 4.
 const PER_ARM: &[Parameter] = &[
     per_arm("arm_first_moment_x", Unit::KgM, 0.176),
     per_arm("arm_first_moment_z", Unit::KgM, 0.006),
@@ -118,8 +111,8 @@ const UNITS_PER_ARM: &[(Range<usize>, UnitInertia); 10] = &[
     (body(ROTOR), UnitInertia::Tensor(&[2])),
 ];
 
-/// The parameters of every machine that has links of its own: assembled robot with and without telescope, arms with and
-/// without rotor, lone axis that turns and that slides.
+/// Parameters of the six machines with default symmetry: assembled robot with and without telescope, arms with and
+/// without rotor, single revolute and single prismatic axis.
 static MACHINES: LazyLock<[Arc<RigidBodies>; 6]> = LazyLock::new(|| {
     const TURNTABLE: &[Parameter] = &[lone("inertia")];
     const SLIDE: &[Parameter] = &[lone("mass")];
@@ -149,7 +142,7 @@ impl RigidBodies {
         Self { spec, units }
     }
 
-    /// The parameters of a machine that is assembled or not.
+    /// Parameters of a machine, `assembled` or not, with default symmetry.
     pub fn of(machine: Mechanism, assembled: bool) -> Arc<Self> {
         let [whole, without_telescope, arms_and_rotor, arms, turntable, slide] = &*MACHINES;
         Arc::clone(match (machine, assembled) {
@@ -162,7 +155,7 @@ impl RigidBodies {
         })
     }
 
-    /// The parameters of a machine whose limbs and symmetries are taken as `links` says; they matter while it is assembled.
+    /// Parameters of a machine with the symmetry assumptions `links`, which apply only while it is `assembled`.
     pub fn with(machine: Mechanism, assembled: bool, links: LinkParameters) -> Arc<Self> {
         match machine {
             Mechanism::Delta { telescope } if assembled && links != LinkParameters::default() => {
@@ -172,19 +165,20 @@ impl RigidBodies {
         }
     }
 
-    /// Key in the table of body `b` and places in its array of the numbers that parameter `k` is; no key where the table has
-    /// only one, none at all if the body does not have the parameter.
+    /// Key in the table of body `b`, and positions in its array, of parameter `k`.
+    ///
+    /// The key is `None` if the table has only one; the result is `None` if body `b` does not have the parameter.
     pub fn place(&self, k: usize, b: usize) -> Option<(Option<&'static str>, &'static [usize])> {
         let (bodies, unit) = self.units.get(k)?;
         bodies.contains(&b).then(|| unit.place())
     }
 
-    /// Parameter values of the bodies; where several share one, that of the first.
+    /// Parameter values of the bodies; that of the first body where several share a parameter.
     pub fn values(&self, bodies: &Bodies) -> Vec<f64> {
         self.units.iter().map(|(b, unit)| unit.value(&bodies[b.start])).collect()
     }
 
-    /// Writes parameter values into the bodies; those that share one keep their differences.
+    /// Writes parameter values into the bodies; bodies that share a parameter keep their differences.
     pub fn set_values(&self, bodies: &mut Bodies, values: &[f64]) {
         for ((range, unit), &value) in self.units.iter().zip(values) {
             let first = unit.value(&bodies[range.start]);
@@ -210,7 +204,7 @@ impl Effect for RigidBodies {
     }
 }
 
-/// Unit inertia of one parameter.
+/// Unit inertia of a parameter.
 #[derive(Clone, Copy)]
 enum UnitInertia {
     Mass,
@@ -218,13 +212,13 @@ enum UnitInertia {
     Tensor(&'static [usize]),
     /// Deviation moment Θ_ij.
     Product(usize, usize),
-    /// A lone axis: of all it has only the inertia about the axis enters.
+    /// Inertia of a single axis; only the moment about the axis enters.
     Lone,
 }
 
-/// Places of x, y, z.
+/// Array positions of x, y, z.
 const AXIS: &[usize; 3] = &[0, 1, 2];
-/// Places in the array of an inertia tensor.
+/// Array positions of an inertia tensor.
 const INERTIA: &[usize; 6] = &[0, 1, 2, 3, 4, 5];
 
 impl UnitInertia {

@@ -1,26 +1,19 @@
-//! The arm drives' rotors are heavier or lighter than stated.
-
-use std::borrow::Cow;
+//! Difference of the rotor inertia of the arm drives from the stated one.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Inertia;
 use crate::machine::Payload;
 use crate::machine::bodies::ARM;
 
-/// Extra inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
+/// Additional inertia ΔJ of each arm drive at its gear output: τ_i grows by ΔJ_i·q̈_i.
 ///
-/// ΔJ in kg·m², the motor's times the gear ratio squared, either sign. A disc about the motor axis: no weight, Θ_yy = ΔJ,
-/// Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is the arms' own Θ_yy.
+/// ΔJ in kg·m², the motor's inertia times the gear ratio squared, either sign. It is a disc about the motor axis: no
+/// weight, Θ_yy = ΔJ, Θ_xx = Θ_zz = ΔJ/2 (which do not enter). The part common to all arms is equivalent to the arms'
+/// own Θ_yy.
 pub struct RotorInertia;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("inertia"),
-    unit: Unit::KgM2,
-    count: Count::PerArm,
-    role: Role::Linear,
-    default: 0.02,
-    range: (-0.2, 1.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("inertia", Unit::KgM2, Role::Linear, 0.02, (-0.2, 1.0)).counted(Count::PerArm)];
 
 static SPEC: Spec = Spec::new(
     "rotor_inertia",

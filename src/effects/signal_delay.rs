@@ -1,21 +1,12 @@
-//! Torque is reported late against position.
+//! Delay of the reported torque relative to the position.
 
-use std::borrow::Cow;
-
-use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
+use super::{About, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
 use crate::recording::Signals;
 
-/// Reported torque τ(t − d), the same for all drives.
+/// Reported torque τ(t − d) with the same delay d (s) for all drives.
 pub struct SignalDelay;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("delay"),
-    unit: Unit::S,
-    count: Count::One,
-    role: Role::Linear,
-    default: 0.001,
-    range: (0.0, 0.05),
-}];
+const PARAMETERS: &[Parameter] = &[Parameter::new("delay", Unit::S, Role::Linear, 0.001, (0.0, 0.05))];
 
 static SPEC: Spec = Spec::new(
     "signal_delay",
@@ -61,7 +52,7 @@ impl Sensor for SignalDelay {
     }
 }
 
-/// Four-point Lagrange interpolation at sample position `x`; beyond the ends the last value holds.
+/// Four-point Lagrange interpolation at sample position `x`, constant beyond the ends.
 fn interpolate<const N: usize>(samples: &[[f64; N]], x: f64) -> [f64; N] {
     let last = samples.len() - 1;
     let x = x.clamp(0.0, last as f64);

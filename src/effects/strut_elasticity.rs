@@ -1,51 +1,35 @@
-//! Struts and their sockets give way along their axis.
-
-use std::borrow::Cow;
+//! Axial elasticity of the struts and their sockets.
 
 use super::{About, Compliance, Count, Effect, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::STRUTS;
 
-/// Axial spring and damper in each strut: T = Δl/c + d·Δl̇, tension positive, Δl the elongation.
+/// Axial spring and damper in each strut: T = Δl/c + d·Δl̇ (N), tension positive, Δl (m) the elongation.
 ///
-/// c in m/N per limb (both struts alike), d in N·s/m; c ≤ 1e-10 m/N counts as rigid. Contains rod and both sockets.
+/// c in m/N per limb (both struts equal), d in N·s/m; c ≤ 1e-10 m/N counts as rigid. Represents rod and both sockets.
 ///
-/// Only the twin has it: it needs the platform's motion, which then no longer follows from the joint angles. Inverse
-/// dynamics along a measured joint motion takes the struts as rigid (deflections of 15 µm per 50 N), so the diagnosis
-/// cannot name it and identification leaves it alone.
+/// Only the twin implements it, because the platform's motion then no longer follows from the joint angles. Inverse
+/// dynamics along a measured joint motion treats the struts as rigid (deflections of 15 µm per 50 N), so that the
+/// effect is neither diagnosed nor identified.
 pub struct StrutElasticity;
 
 const COMPLIANCE: usize = 0;
 const DAMPING: usize = 1;
 
-/// Compliance that counts as rigid, m/N.
+/// Compliance up to which a strut counts as rigid, m/N.
 const RIGID: f64 = 1e-10;
 
-/// An elastic strut: T = stiffness · elongation + damping · its rate.
+/// An elastic strut: T = stiffness · elongation + damping · elongation rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StrutSpring {
-    /// N/m.
+    /// Stiffness, N/m.
     pub stiffness: f64,
-    /// N·s/m.
+    /// Damping, N·s/m.
     pub damping: f64,
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("compliance"),
-        unit: Unit::MPerN,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 1.0 / 3.4e6,
-        range: (0.0, 2e-6),
-    },
-    Parameter {
-        name: Cow::Borrowed("damping"),
-        unit: Unit::NSPerM,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 300.0,
-        range: (0.0, 1e5),
-    },
+    Parameter::new("compliance", Unit::MPerN, Role::Linear, 1.0 / 3.4e6, (0.0, 2e-6)).counted(Count::PerArm),
+    Parameter::new("damping", Unit::NSPerM, Role::Fixed, 300.0, (0.0, 1e5)),
 ];
 
 static SPEC: Spec = Spec::new(
@@ -75,7 +59,7 @@ impl Effect for StrutElasticity {
 impl Compliance for StrutElasticity {
     fn strut_spring(&self, values: &Values) -> Option<[StrutSpring; STRUTS]> {
         let compliance = values.block(COMPLIANCE);
-        // A rigid limb among elastic ones is as stiff as the law allows.
+        // A rigid limb among elastic ones gets the largest stiffness that the law allows.
         let spring =
             |s: usize| StrutSpring { stiffness: 1.0 / compliance[s / 2].max(RIGID), damping: values.one(DAMPING) };
         compliance.iter().any(|c| *c > RIGID).then(|| std::array::from_fn(spring))

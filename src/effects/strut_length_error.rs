@@ -1,21 +1,13 @@
-//! Struts of a limb are longer or shorter than stated.
-
-use std::borrow::Cow;
+//! Difference of a limb's strut length from the stated one.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Geometry;
 
-/// l₂ = l₂,stated + Δl for both struts of a limb.
+/// Length l₂ = l₂,stated + Δl (m) of both struts of a limb.
 pub struct StrutLengthError;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("length"),
-    unit: Unit::M,
-    count: Count::PerArm,
-    role: Role::Linear,
-    default: 0.001,
-    range: (-0.02, 0.02),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("length", Unit::M, Role::Linear, 0.001, (-0.02, 0.02)).counted(Count::PerArm)];
 
 static SPEC: Spec = Spec::new(
     "strut_length_error",

@@ -1,17 +1,14 @@
-//! The telescope runs into its ends.
+//! End stops of the telescope.
 
-use std::borrow::Cow;
+use super::{About, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches, hunt_crossley};
 
-use super::{
-    About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches, hunt_crossley,
-};
-
-/// Unilateral spring and damper beyond the shortest and the longest Hooke distance L:
-/// F = k·x·max(0, 1 + χ·ẋ), x the depth beyond the limit (Hunt and Crossley).
+/// Unilateral spring and damper beyond the shortest and the longest Hooke distance: F = k·x·max(0, 1 + χ·ẋ), with x (m)
+/// the depth beyond the limit ([`hunt_crossley`]).
 ///
-/// The law is [`hunt_crossley`]. F in N along the bar, pushing the parts apart below `min` and pulling them together above `max`; k in N/m, χ in s/m;
-/// ẋ positive while going deeper. Continuous at the stop because of the factor x, and never negative: no sticking.
-/// Against the spring k·x alone it takes k·x·χ·ẋ² (all of the spring's power where it lets go), never gives.
+/// F in N along the bar, pushing the parts apart below `min` and pulling them together above `max`; k in N/m, χ in s/m;
+/// ẋ positive while the depth increases. The force is continuous at the limit because of the factor x, and never
+/// adhesive. In addition to the spring force k·x, the damping dissipates k·x·χ·ẋ² (all of the spring's power after
+/// separation).
 pub struct TelescopeEndStop;
 
 const STIFFNESS: usize = 0;
@@ -20,33 +17,12 @@ const MIN: usize = 2;
 const MAX: usize = 3;
 
 const fn length(name: &'static str, default: f64) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit: Unit::M,
-        count: Count::One,
-        role: Role::Shape,
-        default,
-        range: (0.0, 10.0),
-    }
+    Parameter::new(name, Unit::M, Role::Shape, default, (0.0, 10.0))
 }
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("stiffness"),
-        unit: Unit::NPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 1e5,
-        range: (0.0, 1e8),
-    },
-    Parameter {
-        name: Cow::Borrowed("damping"),
-        unit: Unit::SPerM,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 1.0,
-        range: (0.0, 100.0),
-    },
+    Parameter::new("stiffness", Unit::NPerM, Role::Linear, 1e5, (0.0, 1e8)),
+    Parameter::new("damping", Unit::SPerM, Role::Fixed, 1.0, (0.0, 100.0)),
     length("min", 0.812),
     length("max", 1.372),
 ];
@@ -62,7 +38,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
-// Of the limits in the data sheet: what stops it earlier is something in the way.
+// Factors of the data sheet limits: an earlier stop is an obstacle in the telescope.
 .grids({
     const NOTHING_SHORTER: &[f64] = &[1.0, 1.05, 1.1, 1.16, 1.22, 1.28, 1.35];
     const NOTHING_LONGER: &[f64] = &[1.0, 0.97, 0.94, 0.91, 0.88, 0.85, 0.82, 0.79, 0.76];
@@ -106,7 +82,7 @@ mod tests {
 
     const BLOCKS: [&[f64]; 4] = [&[1e5], &[0.5], &[0.8], &[1.4]];
 
-    /// Force that pushes the parts apart.
+    /// Force that pushes the parts apart, N.
     fn force(length: f64, rate: f64) -> f64 {
         let mut motion = testing::still();
         (motion.telescope.length, motion.telescope.rate) = (length, rate);
@@ -122,7 +98,7 @@ mod tests {
         approx::assert_relative_eq!(force(0.799, -0.5), 125.0, epsilon = 1e-9);
         approx::assert_relative_eq!(force(0.799, 0.5), 75.0, epsilon = 1e-9);
         approx::assert_relative_eq!(force(1.401, 0.5), -125.0, epsilon = 1e-9);
-        // Faster than 2 m/s outward it lets go instead of pulling.
+        // Faster than 2 m/s outward the contact opens.
         assert_eq!(force(0.799, 3.0), 0.0);
         assert_eq!(force(1.401, -3.0), 0.0);
         for inside in [0.8, 1.1, 1.4] {

@@ -1,13 +1,10 @@
-//! Coulomb and viscous friction of the telescope's prismatic joint (Table 4, column P-TB).
-
-use std::borrow::Cow;
+//! Coulomb and viscous friction of the telescope's prismatic joint ([Gnad 2024], Table 4, column P-TB).
 
 use super::{
-    About, Count, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches,
-    smooth_sign,
+    About, Effect, Instant, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit, Values, Wrenches, smooth_sign,
 };
 
-/// F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
+/// Friction force F = −F_C·tanh(k·ṡ) − d·ṡ between the two parts of the telescope.
 ///
 /// F in N along the bar, positive when it pushes the parts apart; ṡ in m/s, lengthening positive. F_C in N and d in
 /// N·s/m, never negative; k in s/m. Dissipates F_C·ṡ·tanh(k·ṡ) + d·ṡ².
@@ -18,22 +15,8 @@ const VISCOUS: usize = 1;
 const STEEPNESS: usize = 2;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::N,
-        count: Count::One,
-        role: Role::Linear,
-        default: 1.641,
-        range: (0.0, 100.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NSPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 1.247,
-        range: (0.0, 100.0),
-    },
+    Parameter::new("coulomb", Unit::N, Role::Linear, 1.641, (0.0, 100.0)),
+    Parameter::new("viscous", Unit::NSPerM, Role::Linear, 1.247, (0.0, 100.0)),
     STEEPNESS_PARAMETER.with_unit(Unit::SPerM),
 ];
 

@@ -1,35 +1,19 @@
-//! Extra friction of the telescope while it shortens.
+//! Additional friction of the telescope while it retracts.
 
-use std::borrow::Cow;
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
-
-/// F = d·v + e·v² while ṡ = −v < 0, nothing while the telescope lengthens.
+/// Force F = d·v + e·v² for ṡ = −v < 0, zero while the telescope extends.
 ///
-/// F in N along the bar, pushing the parts apart; d in N·s/m, e in N·s²/m², never negative: the bush drags harder inward
-/// and the trapped air is pressed out. Continuous through ṡ = 0. Dissipates d·v² + e·v³.
+/// F in N along the bar, pushing the parts apart; d in N·s/m and e in N·s²/m², never negative: higher friction of the
+/// bush inward, and displaced air. Continuous at ṡ = 0. Dissipates d·v² + e·v³.
 pub struct TelescopeRetractFriction;
 
 const VISCOUS: usize = 0;
 const QUADRATIC: usize = 1;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NSPerM,
-        count: Count::One,
-        role: Role::Linear,
-        default: 1.25,
-        range: (0.0, 100.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("quadratic"),
-        unit: Unit::NS2PerM2,
-        count: Count::One,
-        role: Role::Linear,
-        default: 2.0,
-        range: (0.0, 100.0),
-    },
+    Parameter::new("viscous", Unit::NSPerM, Role::Linear, 1.25, (0.0, 100.0)),
+    Parameter::new("quadratic", Unit::NS2PerM2, Role::Linear, 2.0, (0.0, 100.0)),
 ];
 
 static SPEC: Spec = Spec::new(

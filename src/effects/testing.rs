@@ -1,4 +1,4 @@
-//! Hand-made instants for the effects' unit tests.
+//! Instants for unit tests of effects.
 
 use nalgebra::Vector3;
 
@@ -8,10 +8,10 @@ use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
 use crate::machine::bodies::BODIES;
 use crate::machine::{Bodies, Inertia, STRUTS};
 
-/// A wrench a law wrote: parameter, body, force, moment.
+/// A wrench written by a law: parameter, body, force, moment.
 pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
 
-/// All bodies at rest in the origin, struts and telescope along z.
+/// All bodies at rest at the origin, struts and telescope along z.
 pub(crate) fn still() -> Motion {
     Motion {
         q: [0.0; 4],
@@ -28,7 +28,7 @@ pub(super) fn no_bodies() -> Bodies {
     Bodies([Inertia::ZERO; BODIES])
 }
 
-/// What the law writes per unit of its parameters.
+/// The wrenches per unit of the parameters.
 pub(super) fn wrenches(effect: &dyn Effect, motion: &Motion, reactions: &Reactions) -> Vec<Written> {
     wrenches_with(effect, motion, reactions, &no_bodies())
 }
@@ -73,7 +73,7 @@ pub(super) fn wrenches_in_state(effect: &dyn Effect, motion: &Motion, state: &[f
     )
 }
 
-/// Calls `read` with an instant of the given motion and own states; no torque, no reactions.
+/// Calls `read` with an instant of the given motion and internal states, without torques and reactions.
 pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
     read(&Instant {
         t: 0.0,
@@ -87,7 +87,7 @@ pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
     });
 }
 
-/// Values of an effect with its default shape on the four-axis robot, without action.
+/// Flat values of an effect with default shape parameters on the four-axis robot, without action.
 fn absent(effect: &dyn Effect) -> (Vec<f64>, Layout) {
     default_values(effect, Host::default())
 }

@@ -1,6 +1,4 @@
-//! Friction of cold drives that decays while they warm up.
-
-use std::borrow::Cow;
+//! Additional friction of cold drives, which decays during warm-up.
 
 use super::{
     About, Count, Effect, Instant, InternalStates, MachineView, Parameter, Part, Role, STEEPNESS_PARAMETER, Spec, Unit,
@@ -8,17 +6,17 @@ use super::{
 };
 use crate::machine::ARMS;
 
-/// τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with the effect's own state ẋ = −x/T, x(0) = 1; w(q̇) = q̇ at the arms
-/// and v_s·tanh(q̇/v_s) at the telescope's drive, whose viscous friction saturates (Gnad et al. eq. 48).
+/// Friction torque τ = −x·(c_C·tanh(k q̇) + c_v·w(q̇)) at every drive with internal state ẋ = −x/T, x(0) = 1.
 ///
-/// The parameters are the surplus of the cold drives over the friction in the model, which is that of warm ones and never more; c_C in
-/// N·m, c_v in N·m·s/rad, T in s, v_s in rad/s (that of the telescope's friction in the model; linear without one).
-/// Dissipates x·(c_C·q̇·tanh(k·q̇) + c_v·q̇·w).
+/// w(q̇) = q̇ at the arms and v_s·tanh(q̇/v_s) at the telescope drive, whose viscous friction saturates ([Gnad 2024],
+/// eq. 48). c_C in N·m and c_v in N·m·s/rad, never negative, are the excess of cold over warm drives, the friction in
+/// the model being that of warm ones; T in s; v_s in rad/s is that of the telescope friction in the model (linear
+/// without one). Dissipates x·(c_C·q̇·tanh(k·q̇) + c_v·q̇·w).
 ///
-/// x starts from 1, cold, with every run of the twin, which integrates it beside its motion like any other state (T is
-/// half a second at least: nothing steep), and with every recording in identification, which integrates it along the
-/// recorded time, gaps included. Warming does not depend on how much the drives move. With the T of a real gear, half an
-/// hour and more, a run of seconds sees constant friction: the default fits short runs.
+/// x starts at 1, cold, in every run of the twin, which integrates it with the motion (T is at least 0.5 s: not stiff),
+/// and in every recording in identification, which integrates it over the recorded time, gaps included. Warm-up is
+/// assumed independent of the motion. With T of a real gear, half an hour and more, friction is constant over seconds:
+/// the default suits short runs.
 pub struct ThermalFrictionDrift;
 
 const COULOMB: usize = 0;
@@ -26,43 +24,15 @@ const VISCOUS: usize = 1;
 const TIME: usize = 2;
 const STEEPNESS: usize = 3;
 const SATURATION: usize = 4;
-/// Saturation speed at which viscous friction is linear at every speed of a drive, rad/s.
+/// Saturation speed above all drive speeds, for which viscous friction is linear, rad/s.
 const NONE: f64 = 1e4;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter {
-        name: Cow::Borrowed("coulomb"),
-        unit: Unit::NM,
-        count: Count::AllDrives,
-        role: Role::Linear,
-        default: 0.4,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("viscous"),
-        unit: Unit::NMSPerRad,
-        count: Count::AllDrives,
-        role: Role::Linear,
-        default: 0.4,
-        range: (0.0, 50.0),
-    },
-    Parameter {
-        name: Cow::Borrowed("time_constant"),
-        unit: Unit::S,
-        count: Count::One,
-        role: Role::Shape,
-        default: 10.0,
-        range: (0.5, 1e4),
-    },
+    Parameter::new("coulomb", Unit::NM, Role::Linear, 0.4, (0.0, 50.0)).counted(Count::AllDrives),
+    Parameter::new("viscous", Unit::NMSPerRad, Role::Linear, 0.4, (0.0, 50.0)).counted(Count::AllDrives),
+    Parameter::new("time_constant", Unit::S, Role::Shape, 10.0, (0.5, 1e4)),
     STEEPNESS_PARAMETER,
-    Parameter {
-        name: Cow::Borrowed("saturation_speed"),
-        unit: Unit::RadPerS,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 8.5919,
-        range: (0.5, NONE),
-    },
+    Parameter::new("saturation_speed", Unit::RadPerS, Role::Fixed, 8.5919, (0.5, NONE)),
 ];
 
 static SPEC: Spec = Spec::new(
@@ -148,7 +118,7 @@ mod tests {
             .filter(|(_, b, ..)| *b == body)
             .map(|(.., moment)| moment.dot(&direction))
             .sum();
-        // −(1 + 8.5919·tanh(20/8.5919)), by hand: tanh 2.32777 = 0.981162
+        // −(1 + 8.5919·tanh(20/8.5919)) with tanh 2.32777 = 0.981162
         approx::assert_relative_eq!(torque, -9.43004, epsilon = 1e-5);
     }
 

@@ -1,6 +1,4 @@
-//! A drive reports its torque with an offset.
-
-use std::borrow::Cow;
+//! Offset of the reported drive torques.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::recording::Signals;
@@ -8,14 +6,8 @@ use crate::recording::Signals;
 /// Reported torque τ + b; b in N·m at the gear output, either sign.
 pub struct TorqueBias;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("bias"),
-    unit: Unit::NM,
-    count: Count::PerAxis,
-    role: Role::Linear,
-    default: 0.5,
-    range: (-50.0, 50.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("bias", Unit::NM, Role::Linear, 0.5, (-50.0, 50.0)).counted(Count::PerAxis)];
 
 static SPEC: Spec = Spec::new(
     "torque_bias",

@@ -1,21 +1,13 @@
-//! The torque constant of a drive is wrong.
-
-use std::borrow::Cow;
+//! Gain error of the reported drive torques, e.g. from a wrong torque constant.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
 use crate::recording::Signals;
 
-/// Reported torque (1 + g)·τ.
+/// Reported torque (1 + g)·τ; g dimensionless.
 pub struct TorqueGainError;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("gain"),
-    unit: Unit::One,
-    count: Count::PerAxis,
-    role: Role::Linear,
-    default: 0.05,
-    range: (-0.9, 9.0),
-}];
+const PARAMETERS: &[Parameter] =
+    &[Parameter::new("gain", Unit::One, Role::Linear, 0.05, (-0.9, 9.0)).counted(Count::PerAxis)];
 
 static SPEC: Spec = Spec::new(
     "torque_gain_error",

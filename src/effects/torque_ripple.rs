@@ -1,25 +1,16 @@
 //! Torque ripple of the arm motors.
 
-use std::borrow::Cow;
-
 use super::{About, Count, Effect, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 
-/// τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q), h = 1, 2, n the gear ratio.
+/// Torque τ = Σ_h a_h·sin(h·n·q) + b_h·cos(h·n·q) (N·m) with harmonics h = 1, 2 and gear ratio n.
 pub struct TorqueRipple;
 
-/// Parameter blocks: sine and cosine of harmonic 1 and 2.
+/// Parameter blocks of the sine and cosine amplitudes, per harmonic.
 const HARMONICS: [(usize, usize); 2] = [(0, 1), (2, 3)];
 const GEAR_RATIO: usize = 4;
 
 const fn amplitude(name: &'static str) -> Parameter {
-    Parameter {
-        name: Cow::Borrowed(name),
-        unit: Unit::NM,
-        count: Count::PerArm,
-        role: Role::Linear,
-        default: 0.35,
-        range: (-20.0, 20.0),
-    }
+    Parameter::new(name, Unit::NM, Role::Linear, 0.35, (-20.0, 20.0)).counted(Count::PerArm)
 }
 
 const PARAMETERS: &[Parameter] = &[
@@ -27,14 +18,7 @@ const PARAMETERS: &[Parameter] = &[
     amplitude("cosine_1"),
     amplitude("sine_2"),
     amplitude("cosine_2"),
-    Parameter {
-        name: Cow::Borrowed("gear_ratio"),
-        unit: Unit::GearRatio,
-        count: Count::One,
-        role: Role::Fixed,
-        default: 33.0,
-        range: (1e-3, 1e5),
-    },
+    Parameter::new("gear_ratio", Unit::GearRatio, Role::Fixed, 33.0, (1e-3, 1e5)),
 ];
 
 static SPEC: Spec = Spec::new(

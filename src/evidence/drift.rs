@@ -12,11 +12,11 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use statrs::statistics::{Data, OrderStatistics};
 
 use super::dot;
 use super::noise::NORMAL_QUARTILE;
 use super::project::pseudo_inverse;
+use crate::numerics::median;
 
 /// Number of cosines, without the constant, from which λ is estimated: up to 0.13 Hz in 20 s, hardly faster than
 /// motions.
@@ -59,7 +59,7 @@ impl Walk {
                 if k <= COSINES { slow.push([share(k), square]) } else { others.push(square) }
             }
         }
-        let level = Data::new(others).median() / NORMAL_QUARTILE.powi(2);
+        let level = median(others) / NORMAL_QUARTILE.powi(2);
         slow.iter_mut().for_each(|[_, square]| *square /= level);
         let lambda = if level > 0.0 { CAUTION * likeliest(&slow) } else { 0.0 };
         Self { sigma: (squares / n.max(1) as f64).sqrt(), lambda }

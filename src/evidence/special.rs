@@ -4,6 +4,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, StudentsT}
 use statrs::function::beta::beta_reg;
 use statrs::function::gamma::{gamma_ur, ln_gamma};
 
+use crate::numerics::bisect;
+
 /// `P(F(m, d) > f)`.
 pub fn f_tail(f: f64, m: f64, d: f64) -> f64 {
     if f.is_infinite() && f > 0.0 {
@@ -57,7 +59,7 @@ pub fn t_quantile(p: f64, d: f64) -> f64 {
 
 /// Non-centrality at which a test at level `alpha` on m degrees of freedom has the given power.
 ///
-/// The non-central χ² is a Poisson mixture of central ones; the root is bracketed and halved.
+/// The non-central χ² is a Poisson mixture of central ones.
 pub fn noncentrality(m: usize, alpha: f64, power: f64) -> f64 {
     let Ok(chi) = ChiSquared::new(m.max(1) as f64) else {
         return f64::INFINITY;
@@ -73,11 +75,7 @@ pub fn noncentrality(m: usize, alpha: f64, power: f64) -> f64 {
         }
         sum
     };
-    let (mut low, mut high) = (0.0, 200.0);
-    for _ in 0..50 {
-        let mid = 0.5 * (low + high);
-        if reached(mid) < power { low = mid } else { high = mid }
-    }
+    let [low, high] = bisect([0.0, 200.0], 50, |lambda| reached(lambda) < power);
     0.5 * (low + high)
 }
 

@@ -16,6 +16,7 @@ use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, averaged_columns, columns};
 use crate::kinematics::KinematicsError;
 use crate::model::Model;
+use crate::numerics::{bisect, halvings};
 
 /// Power that counts as certain.
 pub const SURE: f64 = 0.95;
@@ -197,14 +198,10 @@ pub fn prospect(
         all.min_by(|x, y| x.chance.total_cmp(&y.chance).then(x.noncentrality.total_cmp(&y.noncentrality)))
             .expect("something to compare")
     };
-    let [mut low, mut high] = STRETCH.map(f64::ln);
-    let seconds = (after(high.exp()).chance >= SURE).then(|| {
-        while high - low > RESOLUTION {
-            let middle = 0.5 * (low + high);
-            if after(middle.exp()).chance >= SURE { high = middle } else { low = middle }
-        }
-        high.exp() * experiment.length
-    });
+    let [low, high] = STRETCH.map(f64::ln);
+    let sure = |log: f64| after(log.exp()).chance >= SURE;
+    let last = || bisect([low, high], halvings(high - low, RESOLUTION), |log| !sure(log))[1];
+    let seconds = sure(high).then(|| last().exp() * experiment.length);
     Prospect { seconds, ..after(1.0) }
 }
 

@@ -2,6 +2,7 @@ use super::*;
 use crate::dynamics::inverse_dynamics;
 use crate::machine::AXES;
 use crate::model::testing::shipped;
+use crate::numerics::median;
 
 fn model() -> Model {
     shipped("irb360-6-1600")

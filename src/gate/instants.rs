@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use crate::dynamics::{Channel, Output, Plant, inverse_dynamics};
 use crate::effects::Kind;
 use crate::identification::Dataset;
+use crate::identification::dataset::stride_for;
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::Inertia;
 use crate::machine::bodies::END_EFFECTOR;
@@ -34,13 +35,13 @@ impl<'a> Instants<'a> {
         let inner =
             dataset.segments.iter().flat_map(|s| s.start + reach..s.end.saturating_sub(reach).max(s.start + reach));
         let inner: Vec<usize> = inner.collect();
-        let stride = inner.len().div_ceil(count.max(1)).max(1);
+        let stride = stride_for(inner.len(), count);
         Self { dataset, at: inner.into_iter().step_by(stride).collect(), reach }
     }
 
     /// Every `stride`-th instant.
     pub fn thinned(&self, stride: usize) -> Self {
-        Self { dataset: self.dataset, at: self.at.iter().step_by(stride.max(1)).copied().collect(), reach: self.reach }
+        Self { dataset: self.dataset, at: self.at.iter().step_by(stride).copied().collect(), reach: self.reach }
     }
 
     /// Joint motion at the instants, transformed by `change`.

@@ -2,6 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::identification::residuals::rms;
+
 /// Eigenvalue of the scaled normal equations, relative to the largest, below which features are collinear.
 const ALIKE: f64 = 1e-9;
 
@@ -76,11 +78,6 @@ impl Line {
             unexplained: unexplained.clamp(0.0, 1.0),
         })
     }
-}
-
-/// Root mean square.
-pub fn rms(x: &[f64]) -> f64 {
-    (x.iter().map(|v| v * v).sum::<f64>() / x.len().max(1) as f64).sqrt()
 }
 
 /// Standard deviation.

@@ -67,7 +67,7 @@ impl<'a> Series<'a> {
         if dataset.dt <= 0.0 {
             return None;
         }
-        let stride = (STEP / dataset.dt).round().max(1.0) as usize;
+        let stride = dataset.stride(STEP);
         let step = stride as f64 * dataset.dt;
         let skip = (memory / step).ceil() as usize;
         let inner = |s: &std::ops::Range<usize>| s.start + margin..s.end.saturating_sub(margin);

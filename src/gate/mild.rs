@@ -1,10 +1,11 @@
 //! Findings that do not prevent a fit: lag, an unstated load, constant torques.
 
 use super::instants::{Instants, Predicted, heavier};
-use super::line::{LeastSquares, least_squares, rms};
+use super::line::{LeastSquares, least_squares};
 use super::low_pass::low_pass;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::model::Model;
 
@@ -94,8 +95,7 @@ impl<'a> Context<'a> {
     }
 
     fn residual(&self, axis: usize, lag: isize) -> Vec<f64> {
-        let measured = self.instants.measured(axis, lag);
-        measured.iter().zip(&self.predicted.series[axis]).map(|(m, p)| m - p).collect()
+        difference(&self.instants.measured(axis, lag), &self.predicted.series[axis])
     }
 
     /// Regression of the measured torque on predicted torque, constant and friction.

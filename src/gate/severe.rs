@@ -2,10 +2,11 @@
 
 use super::arrangement::{Arrangement, Judgement, best, judge};
 use super::instants::{Instants, Predicted};
-use super::line::{Line, least_squares, rms};
+use super::line::{Line, least_squares};
 use super::mild::load;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Mechanism};
 use crate::model::Model;
@@ -216,15 +217,15 @@ impl Context<'_> {
 
     /// RMS of measured − predicted in the file's own arrangement and with the remedy, N·m.
     fn rms(&self, axis: usize, scale: f64) -> (Option<f64>, f64) {
-        let difference = |a: &Arrangement, scale: f64| {
+        let left = |a: &Arrangement, scale: f64| {
             let joints = self.instants.joints(|j| a.joints(j));
             let predicted = Predicted::new(self.plant, &self.instants.dataset.channels, 0.0, &joints);
-            let measured = predicted.of(self.instants.measured(a.torque[axis], 0));
-            let of = measured.iter().zip(&predicted.series[axis]).map(|(m, p)| scale * m - p);
-            rms(&of.collect::<Vec<_>>())
+            let mut measured = predicted.of(self.instants.measured(a.torque[axis], 0));
+            measured.iter_mut().for_each(|m| *m *= scale);
+            rms(&difference(&measured, &predicted.series[axis]))
         };
-        let before = self.plain.map(|p| difference(&p.arrangement, 1.0));
-        (before, difference(&self.judged.arrangement, scale))
+        let before = self.plain.map(|p| left(&p.arrangement, 1.0));
+        (before, left(&self.judged.arrangement, scale))
     }
 
     /// Finding: the torques of all arms are scaled alike, but weight and inertia by different factors.

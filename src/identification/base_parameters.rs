@@ -103,7 +103,7 @@ impl Structure {
     /// The base parameters with their standard errors.
     pub fn base_parameters(
         &self,
-        parameters: &[&PlantParameter],
+        parameters: &[PlantParameter],
         size: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> Vec<BaseParameter> {

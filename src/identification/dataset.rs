@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use super::derivatives::{Angles, Method};
 use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Channel;
+use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Configuration, Part, STRUTS, Setup};
 use crate::model::Model;
@@ -136,17 +137,18 @@ impl Dataset {
             (start < end).then(|| start - range.start..end - range.start)
         };
         Self {
-            name: self.name.clone(),
-            setup: self.setup,
             t: self.t[range.clone()].to_vec(),
             joints: self.joints[range.clone()].to_vec(),
             readings: self.readings.window(&range),
-            channels: self.channels.clone(),
             measured: self.measured.iter().map(|m| m[range.clone()].to_vec()).collect(),
             segments: self.segments.iter().filter_map(clip).collect(),
-            dt: self.dt,
-            half_width: self.half_width,
+            ..self.empty()
         }
+    }
+
+    /// Number of samples per `step` seconds, rounded, at least one. All decimation by a time step uses this rule.
+    pub fn stride(&self, step: f64) -> usize {
+        ((step / self.dt).round() as usize).max(1)
     }
 
     /// Consecutive blocks of `block` samples; a shorter rest at the end of a segment is dropped.
@@ -165,23 +167,14 @@ impl Dataset {
     pub fn averaged(&self, block: usize) -> Self {
         let blocks: Vec<Range<usize>> = self.blocks(block).collect();
         let middle = |b: &Range<usize>| b.start + block / 2;
-        let mut end = 0;
-        let segments = self.segments.iter().filter(|s| s.len() >= block).map(|s| {
-            let start = end;
-            end += s.len() / block;
-            start..end
-        });
         Self {
-            name: self.name.clone(),
-            setup: self.setup,
             t: blocks.iter().map(|b| self.t[middle(b)]).collect(),
             joints: blocks.iter().map(|b| self.joints[middle(b)]).collect(),
-            readings: EncoderReadings::default(),
-            channels: self.channels.clone(),
             measured: self.measured.iter().map(|m| self.means(m, block)).collect(),
-            segments: segments.collect(),
+            segments: averaged_segments(std::slice::from_ref(self), block),
             dt: block as f64 * self.dt,
             half_width: self.half_width.map(|m| (m / block).max(MIN_HALF_WIDTH)),
+            ..self.empty()
         }
     }
 
@@ -199,12 +192,28 @@ impl Dataset {
         let sigma = |c: usize| {
             let drive = self.channels[c].drive();
             let stated = drive.zip(self.setup.torque_noise).map(|(i, stated)| stated[i]).filter(|s| *s > 0.0);
-            let seen =
-                || crate::evidence::noise::difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
+            let seen = || difference_sigma(&self.measured[c], &self.segments, 4).filter(|s| *s > 0.0);
             stated.or_else(seen).unwrap_or(drive.map_or(model.noise.strut_force, |i| model.noise.torque[i]))
         };
         (0..self.channels.len()).map(sigma).collect()
     }
+}
+
+/// Segments of all datasets one after another, after averaging over blocks of `block` samples.
+pub fn averaged_segments(datasets: &[Dataset], block: usize) -> Vec<Range<usize>> {
+    let mut end = 0;
+    let averaged = datasets.iter().flat_map(|t| &t.segments).filter(|s| s.len() >= block).map(|s| {
+        let start = end;
+        end += s.len() / block;
+        start..end
+    });
+    averaged.collect()
+}
+
+/// Smallest stride that leaves at most `most` of `n` samples. It is for sums over a given number of instants, whatever the
+/// duration; decimation that depends on frequencies uses [`Dataset::stride`].
+pub fn stride_for(n: usize, most: usize) -> usize {
+    n.div_ceil(most.max(1)).max(1)
 }
 
 /// Noise standard deviation of each channel, averaged over the datasets.

@@ -5,133 +5,33 @@
 //! distance from the prior. If a body of the estimate is physically inconsistent, or an effect's parameter is outside
 //! the range of its law, the consistent parameters of least cost are taken instead.
 
-use nalgebra::{DMatrix, DVector};
-use thiserror::Error;
+mod answer;
+mod error;
+mod gauss_newton;
+mod possible;
+mod regression;
 
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use self::gauss_newton::Solution;
+use self::possible::Possible;
+use self::regression::Regression;
 use super::base_parameters::Structure;
-use super::consistency::{self, Cost, cones, log_cholesky};
-use super::estimator::{Estimator, PRIOR_INFORMATION};
-use super::filtering::MIN_HALF_WIDTH;
-use super::normal_equations::{ALIKE, NormalEquations, Weight};
-use super::prediction::{Channels, predict};
-use super::regularisation::{self, GroupWeight};
-use super::{BaseParameter, Dataset};
-use crate::dynamics::{Plant, PlantParameter, in_configuration, set_parameters};
-use crate::effects::{Param, Role, payload};
-use crate::evidence::{NEVER, Stop};
-use crate::kinematics::KinematicsError;
-use crate::machine::Unit;
+use super::consistency::complete;
+use super::normal_equations::{ALIKE, NormalEquations};
+use super::regularisation::GroupWeight;
+use super::{BaseParameter, Dataset, Residuals};
+use crate::dynamics::{Plant, PlantParameter, in_configuration};
+use crate::effects::{Param, Role};
+use crate::evidence::Stop;
 use crate::machine::bodies::END_EFFECTOR;
 use crate::model::Model;
 
-/// Reason why a fit is not possible.
-#[derive(Debug, Error)]
-pub enum FitError {
-    /// A measured pose is impossible for the model's geometry.
-    #[error("recording {recording}: {source}; is it this robot, in radians, with axes in order?")]
-    Kinematics {
-        /// Name of the recording.
-        recording: String,
-        /// Cause.
-        source: KinematicsError,
-    },
-    /// The recordings are of an assembled and of a disassembled robot, whose parameters differ.
-    #[error(
-        "recordings {first} and {second} are of an assembled and of a disassembled robot, which have different parameters; \
-         expected one configuration"
-    )]
-    Configurations {
-        /// Name of a recording.
-        first: String,
-        /// Name of another one.
-        second: String,
-    },
-    /// Too few samples.
-    #[error("recording {recording}: {samples} samples are left after differentiation, at least {needed} are needed")]
-    TooShort {
-        /// Name of the recording.
-        recording: String,
-        /// Number of samples left.
-        samples: usize,
-        /// Number of samples needed.
-        needed: usize,
-    },
-    /// Every parameter is fixed.
-    #[error("every parameter of the model is held; expected at least one to estimate")]
-    NothingToEstimate,
-    /// The machine has no flange for a payload.
-    #[error(
-        "recording {recording} is of a machine without a flange (a lone axis, or a robot that is taken apart), which carries no \
-         payload; expected an assembled delta robot"
-    )]
-    NoFlange {
-        /// Name of the recording.
-        recording: String,
-    },
-    /// A weight γ refers to a group without parameters.
-    #[error(
-        "no parameter to estimate belongs to {group:?}; expected torque, bodies, friction, a kind of body or an effect: {known}"
-    )]
-    NoSuchGroup {
-        /// The requested group.
-        group: String,
-        /// The existing groups.
-        known: String,
-    },
-    /// The normal equations are not finite or not positive definite.
-    #[error("the least-squares problem has no finite solution")]
-    NotFinite,
-}
-
-/// A parameter with its estimate.
-#[derive(Clone, Debug)]
-pub struct Estimate {
-    /// Printed name.
-    pub name: String,
-    /// Unit.
-    pub unit: Unit,
-    /// Value.
-    pub value: f64,
-    /// Standard error; infinite if the data do not determine the parameter individually.
-    pub std: f64,
-}
-
-impl Estimate {
-    /// Whether the data determine the parameter individually. If not, its value is the one before the fit.
-    pub fn identified(&self) -> bool {
-        self.std.is_finite()
-    }
-}
-
-/// A parameter that the data do not determine.
-#[derive(Clone, Debug)]
-pub struct Unidentified {
-    /// Printed name.
-    pub name: String,
-    /// Reason.
-    pub reason: Reason,
-}
-
-/// Reason why the data do not determine a parameter.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Reason {
-    /// It has no influence on any measured channel.
-    NotExcited,
-    /// It is determined only in combination with others.
-    OnlyTogether(Vec<String>),
-    /// Its standard error, as a share of its own size, is too large.
-    Uncertain(f64),
-}
-
-impl std::fmt::Display for Reason {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::NotExcited => write!(f, "the motion does not excite it"),
-            Self::OnlyTogether(names) => write!(f, "shows only together with {}", names.join(", ")),
-            Self::Uncertain(share) => write!(f, "uncertain by {:.0} % of its size", 100.0 * share),
-        }
-    }
-}
+pub use answer::{Correction, Estimate, Moved, Reason, Unidentified};
+pub use error::{FitError, kinematics};
+pub use regression::nominal_size;
 
 /// Weights of the rows of the regression.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -197,57 +97,14 @@ pub struct Fit {
     /// Constraint forces H·(p − p_free) by parameter, where they exceed noise: one vector for each kind of body and
     /// each range end that is active. Each is normal to its constraint, so no combination of parameters along all
     /// active constraints can absorb a missing effect.
-    pub edges: Vec<Vec<(String, f64)>>,
-    /// Residual (measured − predicted) per recording and channel, N·m or N.
-    pub residuals: Vec<Channels>,
-    /// Root mean square residual per channel over all recordings, N·m or N.
-    pub rms: Vec<f64>,
-}
-
-/// A parameter that was moved from its unconstrained estimate.
-#[derive(Clone, Debug)]
-pub struct Moved {
-    /// Printed name.
-    pub name: String,
-    /// Unit.
-    pub unit: Unit,
-    /// Unconstrained estimate.
-    pub free: f64,
-    /// Corrected value.
-    pub value: f64,
-    /// Standard error of the unconstrained estimate.
-    pub std: f64,
-}
-
-/// Cost of consistency.
-#[derive(Clone, Copy, Debug)]
-pub struct Correction {
-    /// Increase of the cost ½Σr²/σ² over the unconstrained estimate.
-    pub cost: f64,
-    /// Gap between the cost and the lower bound of the convex programme, relative to `cost`; `None` for log-Cholesky.
-    pub gap: Option<f64>,
+    pub edges: Vec<Vec<(Param, f64)>>,
+    /// What the model leaves of the recordings.
+    pub residuals: Arc<Residuals>,
 }
 
 /// Share of an effect's largest parameter by which another one may lie outside its range.
 const NEARLY_NOTHING: f64 = 0.2;
 const MIN_SAMPLES: usize = 200;
-/// Cost of consistency above which it is not due to noise: five standard errors of one parameter.
-const NOTABLE: f64 = 12.5;
-/// Largest relative gap at which the result of the convex programme is accepted.
-const CERTIFIED: f64 = 1e-5;
-const MAX_ITERATIONS: usize = 8;
-/// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's:
-/// moving a parameter by its standard error changes the cost by about one such unit.
-const PROGRESS: f64 = 0.01;
-/// Number of rounds of reweighting.
-const ROUNDS: usize = 4;
-/// Prior information on a mass without influence on the torques, per own size squared: known to 20 %.
-const SILENT_MASS: f64 = 25.0;
-/// Residual, in robust standard deviations, above which it is downweighted: 95 % efficiency for normal noise [Huber
-/// 1964].
-const HUBER: f64 = 1.345;
-/// Residual, in robust standard deviations, above which it is rejected.
-const TRIM: f64 = 3.0;
 
 /// Fit of all parameters of `model` to the datasets with default options; `noise[dataset][channel]` are the standard
 /// deviations of the channels.
@@ -271,350 +128,105 @@ pub fn fit(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>]) -> Result<Fi
 /// # Panics
 /// If `datasets` is empty.
 pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options: &Options) -> Result<Fit, FitError> {
-    for dataset in datasets {
-        if dataset.len() < MIN_SAMPLES {
-            return Err(FitError::TooShort {
-                recording: dataset.name.clone(),
-                samples: dataset.len(),
-                needed: MIN_SAMPLES,
-            });
-        }
+    check(datasets)?;
+    let mounted = in_configuration(model, &datasets[0].setup);
+    let regression = Regression::new(&mounted, datasets, noise, options)?;
+    let mut solution = regression.least_squares(mounted, ALIKE)?;
+    if options.robust || regression.is_clean() {
+        solution = regression.reweighted(solution, options.robust)?;
+    }
+    let normal = &solution.normal;
+    let estimated = regression.estimated(&solution.model);
+    let covariance = solution.estimator.covariance(normal, regression.white);
+    let structure = Structure::new(&normal.rows, normal.stride, &regression.size, regression.information);
+    let base = structure.base_parameters(&estimated, &regression.size, &covariance);
+    let possible = regression.possible(&estimated, &solution.estimator.curvature());
+    let said = regression.said(normal, &base, (&estimated, &possible.values), &covariance);
+    let impossible = regression.impossible(&estimated, &covariance);
+    let Solution { model: mut fitted, normal, .. } = solution;
+    let residuals = regression.take(&mut fitted, &possible, normal.residuals)?;
+    fitted.assembled = model.assembled;
+    Ok(Fit {
+        model: fitted,
+        parameters: said.parameters,
+        base,
+        structure,
+        unidentified: said.unidentified,
+        impossible,
+        correction: possible.correction,
+        moved: said.moved,
+        edges: possible.edges,
+        residuals,
+    })
+}
+
+fn check(datasets: &[Dataset]) -> Result<(), FitError> {
+    if let Some(short) = datasets.iter().find(|t| t.len() < MIN_SAMPLES) {
+        return Err(FitError::TooShort { recording: short.name.clone(), samples: short.len(), needed: MIN_SAMPLES });
     }
     if let Some(other) = datasets.iter().find(|t| t.setup.configuration != datasets[0].setup.configuration) {
         let [first, second] = [&datasets[0], other].map(|t| t.name.clone());
         return Err(FitError::Configurations { first, second });
     }
-    let assembled = model.assembled;
-    let mut model = in_configuration(model, &datasets[0].setup);
-    let problem = Regression::new(&model, datasets, noise, options)?;
-    let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE)?;
-    // Without encoder noise the remaining outliers are the few samples around reversals that the derivatives smooth.
-    let clean = datasets.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
-    if options.robust || clean {
-        for _ in 0..ROUNDS {
-            if (problem.stop)() {
-                break;
-            }
-            let scale = problem.scatter(&normal.residuals);
-            let huber = |c: usize, r: f64| (HUBER * scale[c] / r.abs()).min(1.0);
-            let trimmed = |c: usize, r: f64| f64::from(r.abs() <= TRIM * scale[c]);
-            let weight: Weight = if options.robust { &huber } else { &trimmed };
-            (normal, estimator) = problem.least_squares(&mut model, weight)?;
-        }
-    }
-    let mut fit = problem.finish(model, &normal, &estimator)?;
-    fit.model.assembled = assembled;
-    Ok(fit)
+    Ok(())
 }
 
-/// Regression problem with all quantities that do not depend on the parameters' present values.
-struct Regression<'a> {
-    datasets: &'a [Dataset],
-    sigma: Vec<Vec<f64>>,
-    /// Whether `sigma` is the noise.
-    white: bool,
-    /// Indices of the estimated parameters.
-    free: Vec<usize>,
-    /// Own size of each estimated parameter.
-    size: DVector<f64>,
-    /// Regularisation values of the estimated parameters.
-    prior: DVector<f64>,
-    /// The consistent machine before the fit.
-    before: Plant,
-    /// Its estimated parameters, in the order of `free`.
-    parameters: Vec<PlantParameter>,
-    information: f64,
-    /// γ of each estimated parameter.
-    weights: DVector<f64>,
-    consistency: Consistency,
-    stop: Stop<'a>,
+/// What is said of the parameters one by one.
+#[derive(Default)]
+struct Said {
+    parameters: Vec<Estimate>,
+    unidentified: Vec<Unidentified>,
+    moved: Vec<Moved>,
 }
 
-impl<'a> Regression<'a> {
-    fn new(
-        model: &Model,
-        datasets: &'a [Dataset],
-        noise: &[Vec<f64>],
-        options: &Options<'a>,
-    ) -> Result<Self, FitError> {
-        let setup = &datasets[0].setup;
-        let plant = Plant::new(model, setup);
-        let parameters = plant.parameters();
-        let regularised = options.prior.map_or_else(|| parameters.clone(), |p| Plant::new(p, setup).parameters());
-        let free = parameters.free(options.fixed);
-        if free.is_empty() {
-            return Err(FitError::NothingToEstimate);
-        }
-        let own: Vec<PlantParameter> = free.iter().map(|&k| parameters[k].clone()).collect();
-        let information = options.prior_information.unwrap_or(PRIOR_INFORMATION);
-        let samples = datasets.iter().map(Dataset::len).sum();
-        let weights = regularisation::weights(&own, information, options.weights, samples)?;
-        // The prior may be another model; parameters are matched by name.
-        let known = |k: usize| regularised.named(&parameters[k].name).map_or(&parameters[k], |i| &regularised[i]);
-        let sigma = match options.weighing {
-            Weighing::Noise => noise.to_vec(),
-            Weighing::Maximum => largest(datasets, noise),
-        };
-        Ok(Self {
-            datasets,
-            sigma,
-            white: options.weighing == Weighing::Noise,
-            size: DVector::from_iterator(free.len(), free.iter().map(|&k| nominal_size(known(k)))),
-            prior: DVector::from_iterator(free.len(), free.iter().map(|&k| known(k).value)),
-            parameters: own,
-            before: plant,
-            free,
-            information,
-            weights: DVector::from_vec(weights),
-            consistency: options.consistency,
-            stop: options.stop.unwrap_or(NEVER),
-        })
+impl Regression<'_> {
+    /// The estimated parameters as `model` has them.
+    fn estimated(&self, model: &Model) -> Vec<PlantParameter> {
+        let all = Plant::new(model, &self.datasets[0].setup).parameters();
+        self.free.iter().map(|&k| all[k].clone()).collect()
     }
 
-    fn values(&self, model: &Model) -> DVector<f64> {
-        let parameters = Plant::new(model, &self.datasets[0].setup).parameters();
-        DVector::from_iterator(self.free.len(), self.free.iter().map(|&k| parameters[k].value))
-    }
-
-    fn set(&self, model: &mut Model, values: &DVector<f64>) {
-        let mut all: Vec<f64> = Plant::new(model, &self.datasets[0].setup).parameters().values();
-        for (i, &k) in self.free.iter().enumerate() {
-            all[k] = values[i];
-        }
-        set_parameters(model, &all);
-    }
-
-    /// Cost of `residuals` with the given weights plus that of the prior at `values`.
-    fn cost(&self, residuals: &[Channels], values: &DVector<f64>, weight: Weight) -> f64 {
-        let series =
-            |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
-        let dataset = |(channels, sigma): (&Channels, &Vec<f64>)| -> f64 {
-            channels.iter().zip(sigma).enumerate().map(series).sum()
-        };
-        let data: f64 = residuals.iter().zip(&self.sigma).map(dataset).sum();
-        0.5 * data + self.prior_cost(values)
-    }
-
-    /// Part of the cost due to the prior.
-    fn prior_cost(&self, values: &DVector<f64>) -> f64 {
-        let apart = (values - &self.prior).component_div(&self.size);
-        0.5 * apart.component_mul(&apart).dot(&self.weights)
-    }
-
-    /// Gauss–Newton iteration from the present parameters of `model` to those of least cost.
-    fn least_squares(&self, model: &mut Model, weight: Weight) -> Result<(NormalEquations, Estimator), FitError> {
-        let pass = |model: &Model| NormalEquations::new(model, self.datasets, &self.sigma, &self.free, weight);
-        let solve =
-            |normal: &NormalEquations| Estimator::new(normal, &self.size, &self.weights).ok_or(FitError::NotFinite);
-        let mut normal = pass(model)?;
-        let mut values = self.values(model);
-        let mut estimator = solve(&normal)?;
-        if !is_nonlinear(model) {
-            let step = estimator.step(&normal, &(&values - &self.prior), &[]);
-            self.set(model, &(&values + &step));
-            normal.advance(&step);
-            normal.residuals = residuals(model, self.datasets)?;
-            return Ok((normal, estimator));
-        }
-        let mut cost = self.cost(&normal.residuals, &values, weight);
-        for iteration in 0..MAX_ITERATIONS {
-            if iteration > 0 && (self.stop)() {
-                break;
-            }
-            let progress = PROGRESS * self.scale(cost);
-            let offset = &values - &self.prior;
-            let free = estimator.step(&normal, &offset, &[]);
-            let step = estimator.step(&normal, &offset, &self.at_bound(&values, &free));
-            if 0.5 * step.dot(&(&normal.information * &step)) < progress {
-                break;
-            }
-            let before = cost;
-            let mut damping = 1.0;
-            let mut taken = None;
-            while damping > 1e-3 {
-                let mut next = model.clone();
-                let trial = self.moved(&values, &step, damping);
-                self.set(&mut next, &trial);
-                // Trials need no columns. A step to a machine that cannot be assembled is too long.
-                let there = residuals(&next, self.datasets).ok();
-                let trial_cost = there.as_ref().map_or(f64::INFINITY, |there| self.cost(there, &trial, weight));
-                if let Some(there) = there.filter(|_| trial_cost <= cost) {
-                    let step = &trial - &values;
-                    let promised = normal.score.dot(&step) - 0.5 * step.dot(&(&normal.information * &step))
-                        + self.prior_cost(&values)
-                        - self.prior_cost(&trial);
-                    taken = Some((step, promised));
-                    normal.residuals = there;
-                    (*model, values, cost) = (next, trial, trial_cost);
-                    break;
-                }
-                if iteration > 0 && (self.stop)() {
-                    break;
-                }
-                damping *= 0.25;
-            }
-            if !cost.is_finite() {
-                return Err(FitError::NotFinite);
-            }
-            let Some((step, promised)) = taken else { break };
-            let change = before - cost;
-            if (change - promised).abs() < progress {
-                // The columns at the previous iterate are accurate enough.
-                normal.advance(&step);
-                break;
-            }
-            if (self.stop)() {
-                // The columns are those of the previous iterate, which only affects the standard errors.
-                normal.advance(&step);
-                break;
-            }
-            normal = pass(model)?;
-            estimator = solve(&normal)?;
-            if change < progress.max(1e-12 * cost) {
-                break;
-            }
-        }
-        Ok((normal, estimator))
-    }
-
-    /// Ratio of the mean cost of a residual to that of the stated noise, at least one.
-    fn scale(&self, cost: f64) -> f64 {
-        let residuals: usize = self.datasets.iter().map(|t| t.len() * t.channels.len()).sum();
-        (2.0 * cost / residuals.max(1) as f64).max(1.0)
-    }
-
-    /// Shape parameters at a bound that the step would cross.
-    fn at_bound(&self, values: &DVector<f64>, step: &DVector<f64>) -> Vec<usize> {
-        let crosses = |&i: &usize| {
-            let p = &self.parameters[i];
-            let out = (values[i] <= p.range.0 && step[i] < 0.0) || (values[i] >= p.range.1 && step[i] > 0.0);
-            p.role == Role::Shape && out
-        };
-        (0..values.len()).filter(crosses).collect()
-    }
-
-    /// Values after a damped step; shape parameters change by at most half their value, those that may be zero by at
-    /// most half their usual size if that is larger, and stay within their range.
-    fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
-        DVector::from_fn(values.len(), |i, _| {
-            let p = &self.parameters[i];
-            let d = damping * step[i];
-            if p.role == Role::Shape {
-                let least = if p.range.0 <= 0.0 { p.usual } else { 0.0 };
-                let most = 0.5 * values[i].abs().max(least);
-                (values[i] + d.clamp(-most, most)).clamp(p.range.0, p.range.1)
-            } else {
-                values[i] + d
-            }
-        })
-    }
-
-    /// Robust standard deviation of each channel over all datasets, in units of its sigma.
-    fn scatter(&self, residuals: &[Channels]) -> Vec<f64> {
-        let channels = self.sigma.iter().map(Vec::len).min().unwrap_or(0);
-        let one = |c: usize| {
-            let scaled = |(r, s): (&Channels, &Vec<f64>)| r[c].iter().map(|x| (x / s[c]).abs()).collect::<Vec<f64>>();
-            let mut magnitude: Vec<f64> = residuals.iter().zip(&self.sigma).flat_map(scaled).collect();
-            let middle = magnitude.len() / 2;
-            (*magnitude.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(f64::MIN_POSITIVE)
-        };
-        (0..channels).map(one).collect()
-    }
-
-    /// Fit result: consistent parameters with their standard errors.
-    fn finish(&self, mut model: Model, normal: &NormalEquations, estimator: &Estimator) -> Result<Fit, FitError> {
-        let plant = Plant::new(&model, &self.datasets[0].setup);
-        let all = plant.parameters();
-        let estimated: Vec<&PlantParameter> = self.free.iter().map(|&k| &all[k]).collect();
-        let covariance = estimator.covariance(normal, self.white);
-        let structure = Structure::new(&normal.rows, normal.stride, &self.size, self.information);
-        // Largest linear parameter of the effect; the sign of one that is nearly zero is arbitrary.
+    /// Parameters that lie outside their range by more than chance.
+    fn impossible(&self, estimated: &[PlantParameter], covariance: &DMatrix<f64>) -> Vec<Param> {
+        // Largest linear parameter of the effect: one of several that is nearly nothing has either sign.
         let largest = |own: &PlantParameter| {
             let same =
-                |p: &&&PlantParameter| p.param.effect == own.param.effect && p.unit == own.unit && p.role == own.role;
+                |p: &&PlantParameter| p.param.effect == own.param.effect && p.unit == own.unit && p.role == own.role;
             estimated.iter().filter(same).map(|p| p.value.abs()).fold(0.0, f64::max)
         };
         let outside = |&i: &usize| {
-            let (p, margin) = (estimated[i], 3.0 * covariance[(i, i)].max(0.0).sqrt());
+            let (p, margin) = (&estimated[i], 3.0 * covariance[(i, i)].max(0.0).sqrt());
             let beyond = (p.range.0 - p.value).max(p.value - p.range.1);
             margin < 3.0 * self.size[i] && beyond > margin && beyond > NEARLY_NOTHING * largest(p)
         };
-        let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].param).collect();
-        let base = structure.base_parameters(&estimated, &self.size, &covariance);
-        let curvature = estimator.curvature();
-        let (values, classes, correction) = self.possible(&estimated, &curvature);
-        let edges = match correction {
-            Some(c) if c.cost > NOTABLE => self.edges(&estimated, &values, &curvature, &classes),
-            _ => Vec::new(),
-        };
-        let corrected = correction.is_some();
-        self.set(&mut model, &values.rows(0, self.free.len()).into_owned());
-        // The payload is not part of the machine.
-        let links: Vec<_> = classes.into_iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).collect();
-        consistency::complete(&links, &values, &mut model.bodies);
-        let residuals = if corrected { residuals(&model, self.datasets)? } else { normal.residuals.clone() };
-        let mut parameters = Vec::new();
-        let mut unidentified = Vec::new();
-        let mut moved = Vec::new();
+        (0..self.free.len()).filter(outside).map(|i| estimated[i].param).collect()
+    }
+
+    /// What the data say of each parameter, `estimated` and as it is possible.
+    fn said(
+        &self,
+        normal: &NormalEquations,
+        base: &[BaseParameter],
+        (estimated, values): (&[PlantParameter], &DVector<f64>),
+        covariance: &DMatrix<f64>,
+    ) -> Said {
+        let mut said = Said::default();
         for (i, p) in estimated.iter().enumerate() {
             let std = covariance[(i, i)].max(0.0).sqrt();
             let known = std < self.size[i];
+            let (param, name, unit, value) = (p.param, p.name.clone(), p.unit, values[i]);
             if !known {
-                unidentified.push(Unidentified { name: p.name.clone(), reason: self.reason(normal, &base, p, i, std) });
-            } else if (values[i] - p.value).abs() > std {
-                moved.push(Moved { name: p.name.clone(), unit: p.unit, free: p.value, value: values[i], std });
+                let reason = self.reason(normal, base, p, i, std);
+                said.unidentified.push(Unidentified { name: name.clone(), reason });
+            } else if (value - p.value).abs() > std {
+                said.moved.push(Moved { name: name.clone(), unit, free: p.value, value, std });
             }
-            parameters.push(Estimate {
-                name: p.name.clone(),
-                unit: p.unit,
-                value: values[i],
-                std: if known { std } else { f64::INFINITY },
-            });
+            said.parameters.push(Estimate { param, name, unit, value, std: if known { std } else { f64::INFINITY } });
         }
-        let rms = channel_rms(&residuals);
-        Ok(Fit {
-            model,
-            parameters,
-            base,
-            structure,
-            unidentified,
-            impossible,
-            correction,
-            moved,
-            edges,
-            residuals,
-            rms,
-        })
+        said
     }
 
-    /// Parameters at active constraints with the forces of these constraints.
-    ///
-    /// At the least cost H·(p − p_free) = Σ λ·n over the active constraints (Karush–Kuhn–Tucker conditions). No two
-    /// of them share a parameter: the constraint of a kind of body involves its parameters only, that of a range a
-    /// single one.
-    fn edges(
-        &self,
-        free: &[&PlantParameter],
-        values: &DVector<f64>,
-        curvature: &DMatrix<f64>,
-        classes: &[consistency::BodyClass],
-    ) -> Vec<Vec<(String, f64)>> {
-        /// Constraint force, relative to the largest, below which it is a residue of the iteration.
-        const RESIDUE: f64 = 1e-3;
-        let pull = curvature * DVector::from_fn(free.len(), |i, _| values[i] - free[i].value);
-        let scaled = |i: usize| (pull[i] * self.size[i]).abs();
-        let largest = (0..free.len()).map(scaled).fold(0.0, f64::max);
-        let mut owners: Vec<Vec<usize>> = classes.iter().map(consistency::BodyClass::variables).collect();
-        let alone = |i: &usize| !owners.iter().any(|o| o.contains(i));
-        let ranges: Vec<Vec<usize>> = (0..free.len()).filter(alone).map(|i| vec![i]).collect();
-        owners.extend(ranges);
-        let fixed = |owned: &Vec<usize>| -> Vec<(String, f64)> {
-            let pulled = owned.iter().filter(|&&i| i < free.len() && scaled(i) > RESIDUE * largest);
-            pulled.map(|&i| (free[i].name.clone(), pull[i])).collect()
-        };
-        owners.iter().map(fixed).filter(|edge| !edge.is_empty()).collect()
-    }
-
+    /// Why the data do not determine parameter `i`.
     fn reason(
         &self,
         normal: &NormalEquations,
@@ -638,68 +250,25 @@ impl<'a> Regression<'a> {
         if with.is_empty() { Reason::Uncertain(std / self.size[i]) } else { Reason::OnlyTogether(with) }
     }
 
-    /// Consistent values nearest to the present ones: the estimated parameters, then the masses without a parameter.
-    fn possible(
+    /// Gives `model` the possible values; the residuals then, those at the estimate where it was possible.
+    fn take(
         &self,
-        estimated: &[&PlantParameter],
-        curvature: &DMatrix<f64>,
-    ) -> (DVector<f64>, Vec<consistency::BodyClass>, Option<Correction>) {
-        let rigid = self.before.rigid_bodies();
-        let mut owners = vec![(0, &rigid)];
-        let mut first = rigid.values.len();
-        for active in &self.before.effects {
-            if active.effect.name() == payload::NAME {
-                owners.push((first, active));
-            }
-            first += active.values.len();
+        model: &mut Model,
+        possible: &Possible,
+        at_estimate: Arc<Residuals>,
+    ) -> Result<Arc<Residuals>, FitError> {
+        self.set(model, &possible.values.rows(0, self.free.len()).into_owned());
+        // The payload is no part of the machine.
+        let links: Vec<_> = possible.classes.iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).cloned().collect();
+        let stayed = complete(&links, &possible.values, &mut model.bodies);
+        match possible.correction.is_none() && stayed {
+            true => Ok(at_estimate),
+            false => Ok(Arc::new(Residuals::new(model, self.datasets)?)),
         }
-        // The links as in the model file, without contributions of effects and a stated payload; for the payload, its
-        // own inertia.
-        let mut bodies = self.before.links.clone();
-        bodies[END_EFFECTOR] = self.before.bodies[END_EFFECTOR];
-        let (classes, masses) = consistency::classes(&bodies, &owners, &self.free);
-        let (n, m) = (self.free.len(), masses.len());
-        let extended =
-            |own: &dyn Fn(usize) -> f64| DVector::from_fn(n + m, |i, _| if i < n { own(i) } else { masses[i - n] });
-        let size = extended(&|i| self.size[i]);
-        let cost = Cost {
-            centre: extended(&|i| estimated[i].value),
-            start: extended(&|i| self.parameters[i].value),
-            curvature: DMatrix::from_fn(n + m, n + m, |i, j| match (i < n, j < n) {
-                (true, true) => curvature[(i, j)],
-                _ if i == j => SILENT_MASS / (size[i] * size[i]),
-                _ => 0.0,
-            }),
-            range: (0..n + m).map(|i| estimated.get(i).map_or((0.0, f64::INFINITY), |p| p.range)).collect(),
-            size,
-            classes,
-        };
-        if cost.allows(&cost.centre) {
-            return (cost.centre, cost.classes, None);
-        }
-        let convex = match self.consistency {
-            Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= CERTIFIED * cost.of(&c.x)),
-            Consistency::LogCholesky => None,
-        };
-        let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
-        let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
-        let correction = Correction { cost: cost.of(&values), gap };
-        (values, cost.classes, Some(correction))
     }
 }
 
-/// Largest measured magnitude of every channel, scaled such that the mean weight of a row is that of the noise.
-fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let one = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
-        let peak = |m: &Vec<f64>| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
-        let peaks: Vec<f64> = dataset.measured.iter().map(peak).collect();
-        let ratio: f64 = sigma.iter().zip(&peaks).map(|(s, p)| (s / p).powi(2)).sum::<f64>() / peaks.len() as f64;
-        peaks.into_iter().map(|p| p * ratio.sqrt()).collect()
-    };
-    datasets.iter().zip(noise).map(one).collect()
-}
-
-/// Whether any parameter enters the prediction nonlinearly.
+/// Whether some parameter enters the prediction nonlinearly.
 pub fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
         a.effect.spec().reads.reactions
@@ -707,41 +276,4 @@ pub fn is_nonlinear(model: &Model) -> bool {
             || a.effect.kind().acts_on_the_whole()
             || a.effect.parameters().iter().any(|p| p.role == Role::Shape)
     })
-}
-
-/// Residuals (measured − predicted) of every dataset and channel, N·m or N.
-///
-/// # Errors
-/// [`FitError::Kinematics`] if a pose is impossible for the model's geometry or a law gives no finite value.
-pub fn residuals(model: &Model, datasets: &[Dataset]) -> Result<Vec<Channels>, FitError> {
-    datasets
-        .iter()
-        .map(|dataset| {
-            let predicted = predict(&Plant::new(model, &dataset.setup), dataset).map_err(kinematics(dataset))?;
-            let minus = |(m, p): (&Vec<f64>, Vec<f64>)| m.iter().zip(p).map(|(m, p)| m - p).collect();
-            Ok(dataset.measured.iter().zip(predicted).map(minus).collect())
-        })
-        .collect()
-}
-
-/// Conversion of a kinematic error into a [`FitError`] with the recording's name.
-pub fn kinematics(dataset: &Dataset) -> impl Fn(KinematicsError) -> FitError + '_ {
-    |source| FitError::Kinematics { recording: dataset.name.clone(), source }
-}
-
-/// Root mean square per channel over several recordings.
-pub fn channel_rms(residuals: &[Channels]) -> Vec<f64> {
-    let channels = residuals.iter().map(Vec::len).min().unwrap_or(0);
-    (0..channels)
-        .map(|c| {
-            let n: usize = residuals.iter().map(|r| r[c].len()).sum();
-            let sum: f64 = residuals.iter().flat_map(|r| &r[c]).map(|x| x * x).sum();
-            (sum / n.max(1) as f64).sqrt()
-        })
-        .collect()
-}
-
-/// Own size of a parameter for scaling: the magnitude of its value, or its usual magnitude where that is larger.
-pub fn nominal_size(p: &PlantParameter) -> f64 {
-    p.value.abs().max(p.usual).max(1e-9)
 }

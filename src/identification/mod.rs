@@ -15,6 +15,7 @@ pub mod normal_equations;
 pub mod payload;
 pub mod prediction;
 pub mod regularisation;
+pub mod residuals;
 pub mod smoother;
 mod swapped;
 
@@ -24,4 +25,5 @@ pub use derivatives::Method;
 pub use fit::{Estimate, Fit, FitError, fit, fit_with};
 pub use payload::{PayloadFit, identify_payload};
 pub use prediction::{averaged_columns, columns, predict};
+pub use residuals::Residuals;
 pub use swapped::swapped;

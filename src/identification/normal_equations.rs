@@ -4,13 +4,16 @@
 //! kept. Their total gives the Gauss–Newton step, their scatter over blocks the standard errors.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::Dataset;
+use super::dataset::stride_for;
 use super::fit::{FitError, kinematics};
 use super::prediction::{Channels, is_local, prediction_and_columns, surroundings};
+use super::residuals::difference;
+use super::{Dataset, Residuals};
 use crate::dynamics::Plant;
 use crate::model::Model;
 
@@ -49,8 +52,8 @@ pub struct NormalEquations {
     /// YᵀWr over all blocks.
     pub score: DVector<f64>,
     /// Measured − predicted, per recording and channel, N·m or N.
-    pub residuals: Vec<Channels>,
-    /// Weighted rows of Y at every `stride`-th sample, for ranks that the squared condition number of YᵀWY hides.
+    pub residuals: Arc<Residuals>,
+    /// Weighted rows of Y at every so many samples, for what products of Y with itself are too coarse to show.
     pub rows: Vec<Vec<f64>>,
     /// Number of samples per kept row of each channel.
     pub stride: usize,
@@ -73,13 +76,15 @@ impl NormalEquations {
             blocks: Vec::new(),
             information: DMatrix::zeros(n, n),
             score: DVector::zeros(n),
-            residuals: Vec::new(),
+            residuals: Arc::default(),
             rows: Vec::new(),
-            stride: datasets.iter().map(Dataset::len).sum::<usize>().div_ceil(ROWS).max(1),
+            stride: stride_for(datasets.iter().map(Dataset::len).sum(), ROWS),
         };
-        for (dataset, sigma) in datasets.iter().zip(sigma) {
-            all.pass(&Plant::new(model, &dataset.setup), dataset, sigma, free, weight)?;
-        }
+        let pass = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
+            all.pass(&Plant::new(model, &dataset.setup), dataset, sigma, free, weight)
+        };
+        let residuals = datasets.iter().zip(sigma).map(pass).collect::<Result<Vec<Channels>, _>>()?;
+        all.residuals = Arc::new(residuals.into());
         for b in all.blocks.iter().flatten() {
             all.information += &b.information;
             all.score += &b.score;
@@ -87,6 +92,7 @@ impl NormalEquations {
         Ok(all)
     }
 
+    /// Adds the blocks and rows of one dataset; its residuals.
     fn pass(
         &mut self,
         plant: &Plant,
@@ -94,7 +100,7 @@ impl NormalEquations {
         sigma: &[f64],
         free: &[usize],
         weight: Weight,
-    ) -> Result<(), FitError> {
+    ) -> Result<Channels, FitError> {
         let length = dataset.len().div_ceil(BLOCKS).max(MIN_BLOCK);
         let window = if is_local(plant) { length * (WINDOW / length).max(1) } else { dataset.len().max(1) };
         let starts: Vec<usize> = (0..dataset.len()).step_by(window).collect();
@@ -116,8 +122,7 @@ impl NormalEquations {
             }
         }
         self.blocks.push(blocks);
-        self.residuals.push(residuals);
-        Ok(())
+        Ok(residuals)
     }
 
     /// Updates the scores for a `step` of the parameters to first order; residuals are not changed.
@@ -154,12 +159,8 @@ fn part(plant: &Plant, dataset: &Dataset, range: Range<usize>, of: Rows) -> Resu
     let Rows { length, stride, sigma, free, weight } = of;
     let (around, shift) = surroundings(plant, dataset, &range);
     let (predicted, columns) = prediction_and_columns(plant, &around).map_err(kinematics(dataset))?;
-    let residual: Channels = dataset
-        .measured
-        .iter()
-        .zip(&predicted)
-        .map(|(m, p)| m[range.clone()].iter().zip(&p[shift..]).map(|(m, p)| m - p).collect())
-        .collect();
+    let here = |(m, p): (&Vec<f64>, &Vec<f64>)| difference(&m[range.clone()], &p[shift..]);
+    let residual: Channels = dataset.measured.iter().zip(&predicted).map(here).collect();
     let n = free.len();
     let mut blocks = Vec::new();
     for start in (0..range.len()).step_by(length) {

@@ -7,6 +7,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::Dataset;
+use super::dataset::stride_for;
 
 /// Number of features of the motion of one axis.
 const FEATURES: usize = 6;
@@ -60,8 +61,7 @@ pub fn swapped(dataset: &Dataset) -> Option<String> {
 
 /// Share of the variance of the torque of axis `i` that the motion of axis `j` does not explain.
 fn unexplained(dataset: &Dataset, i: usize, j: usize) -> f64 {
-    let stride = dataset.len().div_ceil(SAMPLES);
-    let rows = (0..dataset.len()).step_by(stride).map(|k| {
+    let rows = (0..dataset.len()).step_by(stride_for(dataset.len(), SAMPLES)).map(|k| {
         let m = &dataset.joints[k];
         let (s, c) = m.q[j].sin_cos();
         let friction = (STEEPNESS * m.qd[j]).tanh();

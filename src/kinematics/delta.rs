@@ -11,7 +11,7 @@ use thiserror::Error;
 
 use crate::machine::{ARMS, AXES, Geometry};
 
-/// Joint angles, rates and accelerations; rad.
+/// Joint angles (rad), rates and accelerations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointState {
     /// q = (φ1, φ2, φ3, ψ).
@@ -22,25 +22,25 @@ pub struct JointState {
     pub qdd: [f64; AXES],
 }
 
-/// Platform ball plane's centre and end-effector angle with their derivatives; m, rad.
+/// Motion of the centre of the platform's ball plane (inertial frame) and of the end-effector angle ψ.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlatformState {
-    /// Position.
+    /// Position, m.
     pub position: Vector3<f64>,
     /// Velocity, m/s.
     pub velocity: Vector3<f64>,
     /// Acceleration, m/s².
     pub acceleration: Vector3<f64>,
-    /// Angle ψ, its rate and acceleration.
+    /// ψ, its rate and its acceleration; rad, rad/s, rad/s².
     pub psi: [f64; 3],
 }
 
-/// Where a machine is to be.
+/// Commanded motion of a machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
-    /// Its platform and axis 4.
+    /// Motion of platform and axis 4.
     Platform(PlatformState),
-    /// Its joints.
+    /// Motion of the joints.
     Joints(JointState),
 }
 
@@ -57,7 +57,10 @@ impl From<JointState> for Target {
 }
 
 impl Target {
-    /// Motion of the joints.
+    /// Motion of the joints that realises the target.
+    ///
+    /// # Errors
+    /// Those of [`Geometry::inverse_motion`] for a platform target; none for a joint target.
     pub fn joints(&self, geometry: &Geometry) -> Result<JointState, KinematicsError> {
         match self {
             Self::Platform(platform) => geometry.inverse_motion(platform),
@@ -66,10 +69,10 @@ impl Target {
     }
 }
 
-/// A pose the mechanism cannot take.
+/// Why a motion is not feasible.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum KinematicsError {
-    /// No arm angle lets the strut reach the platform.
+    /// For no arm angle does the strut reach the platform.
     #[error("limb {}: platform position ({x:.4}, {y:.4}, {z:.4}) m is out of reach", .limb + 1)]
     OutOfReach {
         /// Limb, from 0.
@@ -81,7 +84,7 @@ pub enum KinematicsError {
         /// Platform position, m.
         z: f64,
     },
-    /// The elbows are too far apart for the struts to meet.
+    /// The three spheres of the struts do not intersect at these arm angles.
     #[error("arm angles ({:.4}, {:.4}, {:.4}) rad do not close the loop", .q[0], .q[1], .q[2])]
     NoClosure {
         /// Arm angles, rad.
@@ -105,10 +108,10 @@ pub enum KinematicsError {
         /// Upper limit, rad.
         max: f64,
     },
-    /// A force law gives no number.
+    /// The value of a force law is not finite.
     #[error("{0}")]
     Law(Box<LawFault>),
-    /// The telescope is too short or too long.
+    /// The distance of the telescope's Hooke joints is outside its limits.
     #[error("telescope length {length:.4} m is outside {min:.4}..{max:.4} m")]
     TelescopeLimit {
         /// Length, m.
@@ -121,7 +124,7 @@ pub enum KinematicsError {
 }
 
 impl KinematicsError {
-    /// The same error, of sample `k` (from 0).
+    /// The error with sample `k` (from 0) added; only [`Self::Law`] states a sample.
     pub fn at_sample(self, k: usize) -> Self {
         match self {
             Self::Law(fault) => Self::Law(Box::new(LawFault { sample: Some(k), ..*fault })),
@@ -129,7 +132,7 @@ impl KinematicsError {
         }
     }
 
-    /// The same error, of a sample `by` later.
+    /// The error with its sample increased by `by`; an error without a sample is unchanged.
     pub fn later(self, by: usize) -> Self {
         match &self {
             Self::Law(fault) => match fault.sample {
@@ -141,22 +144,22 @@ impl KinematicsError {
     }
 }
 
-/// Where a force law gives no number.
+/// Where the value of a force law is not finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LawFault {
     /// Name of the effect.
     pub effect: &'static str,
-    /// Name of the term, its coefficient's.
+    /// Name of the term, that of its coefficient.
     pub term: Cow<'static, str>,
-    /// What it gives per unit of its coefficient.
+    /// Value per unit of the coefficient.
     pub value: f64,
-    /// Sample, from 0, where the motion is sampled.
+    /// Sample, from 0, of a sampled motion.
     pub sample: Option<usize>,
     /// Time, s.
     pub t: f64,
-    /// Joint angles, rad (m on a slide).
+    /// Joint angles, rad (m on a prismatic axis).
     pub q: [f64; AXES],
-    /// Joint rates, rad/s (m/s on a slide).
+    /// Joint rates, rad/s (m/s on a prismatic axis).
     pub qd: [f64; AXES],
 }
 
@@ -178,10 +181,10 @@ fn listed(values: &[f64; AXES]) -> String {
     values.map(|x| format!("{x:.4}")).join(", ")
 }
 
-/// Axes of an arm's frame in the inertial frame.
+/// Axes of an arm's frame, in inertial axes.
 #[derive(Clone, Copy)]
 pub(super) struct ArmAxes {
-    /// To the elbow.
+    /// Unit vector from the shaft to the elbow.
     pub x: Vector3<f64>,
     /// −dx/dφ.
     pub z: Vector3<f64>,
@@ -199,7 +202,10 @@ impl ArmAxes {
 }
 
 impl Geometry {
-    /// Elbow (middle of the ball pair) of `limb`.
+    /// Elbow (middle of the ball pair) of `limb` at arm angle `angle` (rad), inertial frame, m.
+    ///
+    /// # Panics
+    /// If there is no `limb`.
     pub fn elbow(&self, limb: usize, angle: f64) -> Vector3<f64> {
         self.elbow_of(limb, &ArmAxes::new(limb, angle))
     }
@@ -208,7 +214,10 @@ impl Geometry {
         Geometry::radial(limb) * self.base_radius + arm.x * self.arm_length
     }
 
-    /// Arm angles for a platform position, elbows outward; no limits applied.
+    /// Arm angles (rad) for a platform position (m, inertial frame), elbows outward; joint limits are not checked.
+    ///
+    /// # Errors
+    /// [`KinematicsError::OutOfReach`] if a strut does not reach the position.
     pub fn inverse(&self, position: &Vector3<f64>) -> Result<[f64; ARMS], KinematicsError> {
         let mut q = [0.0; ARMS];
         for limb in 0..ARMS {
@@ -227,7 +236,14 @@ impl Geometry {
         Ok(q)
     }
 
-    /// Platform position for arm angles: the lower intersection of three spheres; no limits applied.
+    /// Platform position (m, inertial frame) for arm angles (rad): the lower intersection of three spheres; limits are
+    /// not checked.
+    ///
+    /// # Errors
+    /// [`KinematicsError::NoClosure`] if the spheres do not intersect.
+    ///
+    /// # Panics
+    /// If `q` has fewer than three elements.
     pub fn forward(&self, q: &[f64]) -> Result<Vector3<f64>, KinematicsError> {
         self.forward_of([q[0], q[1], q[2]], &ArmAxes::all(q))
     }
@@ -242,7 +258,7 @@ impl Geometry {
         let k2 = 0.5 * (r0 * r0 - r2 * r2 + e2.norm_squared());
         let n = e1.cross(&e2);
         let nn = n.norm_squared();
-        // Point of the line of both planes nearest to c₀, then along the normal to the sphere.
+        // The point nearest to c₀ on the intersection line of both planes, then along the normal to the sphere.
         let foot = (e2.cross(&n) * k1 + n.cross(&e1) * k2) / nn;
         let height2 = (r0 * r0 - foot.norm_squared()) / nn;
         if height2.is_nan() || height2 < 0.0 {
@@ -252,17 +268,26 @@ impl Geometry {
         Ok(c0 + foot + n * (side * height2.sqrt()))
     }
 
-    /// Strut vector of `limb`, upper to lower ball; its length is `strut_length` when the loop is closed.
+    /// Strut vector of `limb`, upper to lower ball, m; its length is `strut_length` if the loop is closed.
+    ///
+    /// # Panics
+    /// If there is no `limb`.
     pub fn strut_vector(&self, limb: usize, angle: f64, position: &Vector3<f64>) -> Vector3<f64> {
         self.strut_vector_of(limb, &ArmAxes::new(limb, angle), position)
     }
 
-    /// The same for the axes of the limb's arm.
+    /// [`Self::strut_vector`] for given axes of the arm.
     pub(super) fn strut_vector_of(&self, limb: usize, arm: &ArmAxes, position: &Vector3<f64>) -> Vector3<f64> {
         position + Geometry::radial(limb) * self.platform_radius - self.elbow_of(limb, arm)
     }
 
-    /// Jacobian ∂ṗ/∂φ̇ (m/rad) at a closed pose.
+    /// Jacobian ∂ṗ/∂φ̇ (3×3, m/rad) at a pose that closes the loops.
+    ///
+    /// # Errors
+    /// [`KinematicsError::Singular`] if the three strut vectors are linearly dependent.
+    ///
+    /// # Panics
+    /// If `q` has fewer than three elements.
     pub fn jacobian(&self, q: &[f64], position: &Vector3<f64>) -> Result<Matrix3<f64>, KinematicsError> {
         // l·ṗ = −l₁ (l·z_A) φ̇
         let mut parallel = Matrix3::zeros();
@@ -276,7 +301,10 @@ impl Geometry {
         Ok(inverse * Matrix3::from_diagonal(&serial))
     }
 
-    /// Platform motion for joint motion.
+    /// Platform motion for a joint motion.
+    ///
+    /// # Errors
+    /// [`KinematicsError::NoClosure`] as in [`Self::forward`], [`KinematicsError::Singular`] as in [`Self::jacobian`].
     pub fn forward_motion(&self, joints: &JointState) -> Result<PlatformState, KinematicsError> {
         let JointState { q, qd, qdd } = joints;
         let arms = ArmAxes::all(q);
@@ -299,7 +327,11 @@ impl Geometry {
         Ok(PlatformState { position, velocity, acceleration: inverse * rate, psi: [q[3], qd[3], qdd[3]] })
     }
 
-    /// Joint motion for platform motion, elbows outward.
+    /// Joint motion for a platform motion, elbows outward.
+    ///
+    /// # Errors
+    /// [`KinematicsError::OutOfReach`] as in [`Self::inverse`]; [`KinematicsError::Singular`] if a strut is
+    /// perpendicular to the motion of its elbow.
     pub fn inverse_motion(&self, platform: &PlatformState) -> Result<JointState, KinematicsError> {
         let angles = self.inverse(&platform.position)?;
         let mut joints = JointState::default();
@@ -323,8 +355,8 @@ impl Geometry {
         Ok(joints)
     }
 
-    /// Third derivatives of the arm angles, rad/s³, for the platform motion of [`Geometry::inverse_motion`] and its jerk,
-    /// m/s³.
+    /// Third derivatives of the arm angles (rad/s³) for the platform motion of [`Geometry::inverse_motion`] with jerk
+    /// `jerk` (m/s³).
     pub fn inverse_jerk(&self, platform: &PlatformState, joints: &JointState, jerk: &Vector3<f64>) -> [f64; ARMS] {
         std::array::from_fn(|i| {
             // d²/dt² of l·l̇ = 0: 3 l̇·l̈ + l·l⃛ = 0, with dx_A/dφ = −z_A and dz_A/dφ = x_A.
@@ -339,12 +371,20 @@ impl Geometry {
         })
     }
 
-    /// Distance of the telescope's Hooke joints for a platform position, m.
-    pub fn telescope_length(&self, position: &Vector3<f64>) -> f64 {
-        (self.upper_hooke() - position - Vector3::z() * self.lower_hooke_height).norm()
+    /// Vector (m) from the lower to the upper Hooke joint of the telescope for a platform position (m, inertial frame).
+    pub fn telescope_bar(&self, position: &Vector3<f64>) -> Vector3<f64> {
+        self.upper_hooke() - position - Vector3::z() * self.lower_hooke_height
     }
 
-    /// Checks the joint limits of arms.
+    /// Distance (m) between the telescope's Hooke joints for a platform position (m, inertial frame).
+    pub fn telescope_length(&self, position: &Vector3<f64>) -> f64 {
+        self.telescope_bar(position).norm()
+    }
+
+    /// Checks arm angles (rad) against their limits.
+    ///
+    /// # Errors
+    /// [`KinematicsError::ArmLimit`] for the first arm outside its limits.
     pub fn check_arms(&self, q: &[f64]) -> Result<(), KinematicsError> {
         let [min, max] = self.arm_limits;
         match q.iter().position(|angle| !(min..=max).contains(angle)) {
@@ -353,7 +393,13 @@ impl Geometry {
         }
     }
 
-    /// Checks joint and telescope limits of a pose.
+    /// Checks arm angles (rad) and telescope length of a pose against their limits.
+    ///
+    /// # Errors
+    /// [`KinematicsError::ArmLimit`] for the first arm outside its limits, else [`KinematicsError::TelescopeLimit`].
+    ///
+    /// # Panics
+    /// If `q` has fewer than three elements.
     pub fn check_limits(&self, q: &[f64], position: &Vector3<f64>) -> Result<(), KinematicsError> {
         self.check_arms(&q[..ARMS])?;
         let length = self.telescope_length(position);

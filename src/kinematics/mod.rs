@@ -1,9 +1,11 @@
-//! Where everything is: closed-form kinematics of the delta robot and the complete [`Motion`] of its bodies.
+//! Closed-form kinematics of the delta robot, and the complete [`Motion`] of its bodies.
 //!
-//! Kinematics knows no mass.
+//! Nothing here depends on inertia.
 
 pub mod delta;
 pub mod motion;
+mod telescope;
 
 pub use delta::{JointState, KinematicsError, LawFault, PlatformState, Target};
-pub use motion::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
+pub use motion::{BodyMotion, Motion, Reactions, SocketSet};
+pub use telescope::{HookeJoint, Telescope};

@@ -1,30 +1,31 @@
-//! [`Motion`]: pose, twist and acceleration of all bodies and the rates of all joints at one time.
+//! [`Motion`]: pose, twist and acceleration of all bodies, and the rates of all joints, at one time.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::delta::{ArmAxes, JointState, KinematicsError, PlatformState};
+use super::telescope::{Telescope, telescope_motion};
 use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
 
 /// Motion of one body frame in the inertial frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyMotion {
-    /// Rotation, maps body to world.
+    /// Rotation matrix, maps body axes to inertial axes.
     pub rotation: Matrix3<f64>,
-    /// Position of the body frame's origin, m.
+    /// Position of the frame origin, m.
     pub position: Vector3<f64>,
     /// Velocity of the origin, m/s.
     pub velocity: Vector3<f64>,
-    /// Angular velocity, rad/s, world axes.
+    /// Angular velocity in inertial axes, rad/s.
     pub angular_velocity: Vector3<f64>,
     /// Acceleration of the origin, m/s².
     pub acceleration: Vector3<f64>,
-    /// Angular acceleration, rad/s², world axes.
+    /// Angular acceleration in inertial axes, rad/s².
     pub angular_acceleration: Vector3<f64>,
 }
 
 impl BodyMotion {
-    /// At rest in the inertial frame's origin.
+    /// Frame at rest, coincident with the inertial frame.
     pub const REST: Self = Self {
         rotation: Matrix3::new(1., 0., 0., 0., 1., 0., 0., 0., 1.),
         position: Vector3::new(0., 0., 0.),
@@ -36,7 +37,7 @@ impl BodyMotion {
 }
 
 impl BodyMotion {
-    /// Sets pose and twist; accelerations stay.
+    /// Sets pose and twist; the accelerations are unchanged.
     pub fn place(
         &mut self,
         rotation: Matrix3<f64>,
@@ -51,17 +52,6 @@ impl BodyMotion {
     }
 }
 
-/// The telescope between its two Hooke joints.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Telescope {
-    /// Unit vector up along the bar.
-    pub axis: Vector3<f64>,
-    /// Distance of the Hooke joints, m.
-    pub length: f64,
-    /// Its rate, lengthening positive, m/s.
-    pub rate: f64,
-}
-
 /// Axial forces in the struts, tension positive, N.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reactions {
@@ -73,7 +63,7 @@ pub struct Reactions {
 
 /// Motion of all joints and bodies at one time.
 ///
-/// Of a disassembled robot only the arms and the rotor move; the other bodies rest.
+/// On a disassembled robot only the arms and the rotor move; the other bodies are at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Joint angles, rad.
@@ -84,9 +74,9 @@ pub struct Motion {
     pub qdd: [f64; AXES],
     /// Body frames, see [`crate::machine::Bodies`].
     pub bodies: [BodyMotion; BODIES],
-    /// Unit vector of each strut from the elbow to the platform.
+    /// Unit vector of each strut, from elbow to platform.
     pub strut_axis: [Vector3<f64>; STRUTS],
-    /// Distance of the two balls of each strut, m.
+    /// Distance between the two balls of each strut, m.
     pub strut_length: [f64; STRUTS],
     /// Telescope.
     pub telescope: Telescope,
@@ -95,33 +85,33 @@ pub struct Motion {
 /// Number of ball sockets: 0..6 at the elbows (struts 1–6), 6..12 at the platform.
 pub const SOCKETS: usize = 2 * STRUTS;
 
-/// A set of ball sockets.
+/// Set of ball sockets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SocketSet(u16);
 
 impl SocketSet {
-    /// All twelve.
+    /// All twelve sockets.
     pub const ALL: Self = Self((1 << SOCKETS) - 1);
 
-    /// Whether `socket` is in the set.
+    /// Whether `socket` (below [`SOCKETS`]) is in the set.
     pub fn contains(self, socket: usize) -> bool {
         self.0 >> socket & 1 == 1
     }
 
-    /// The set without `socket`.
+    /// The set without `socket` (below [`SOCKETS`]).
     #[must_use]
     pub fn without(self, socket: usize) -> Self {
         Self(self.0 & !(1 << socket))
     }
 
-    /// Its sockets in order.
+    /// Sockets of the set in ascending order.
     pub fn iter(self) -> impl Iterator<Item = usize> {
         (0..SOCKETS).filter(move |&s| self.contains(s))
     }
 }
 
 impl Motion {
-    /// Poses of the bodies' frames.
+    /// Poses of the body frames in the inertial frame, translation in m.
     pub fn poses(&self) -> [Isometry3<f64>; BODIES] {
         self.bodies.map(|b| {
             let rotation = Rotation3::from_matrix_unchecked(b.rotation);
@@ -129,7 +119,7 @@ impl Motion {
         })
     }
 
-    /// The same to be looked at: what slides on a prismatic axis stands where it is, along x.
+    /// Poses for display: the moving part of a prismatic axis is translated along x by its coordinate.
     pub fn shown(&self, machine: Mechanism) -> [Isometry3<f64>; BODIES] {
         let mut poses = self.poses();
         if machine == Mechanism::Axis(Joint::Prismatic) {
@@ -138,18 +128,18 @@ impl Motion {
         poses
     }
 
-    /// Body a drive acts on and its axis in the inertial frame.
+    /// Body on which the drive of `axis` (0..4) acts, and the drive axis as a unit vector in the inertial frame.
     pub fn drive(axis: usize) -> (usize, Vector3<f64>) {
         if axis < 3 { (ARM + axis, Geometry::tangential(axis)) } else { (ROTOR, Vector3::z()) }
     }
 
-    /// The strut at `socket` and the body that carries the ball.
+    /// Indices of the strut at `socket` and of the body that carries the ball.
     pub fn socket_bodies(socket: usize) -> (usize, usize) {
         let strut = socket % STRUTS;
         (STRUT + strut, if socket < STRUTS { ARM + strut / 2 } else { PLATFORM })
     }
 
-    /// Angular velocity of the strut relative to the ball at `socket`, rad/s.
+    /// Angular velocity of the strut relative to the body that carries the ball at `socket`, inertial axes, rad/s.
     pub fn socket_rate(&self, socket: usize) -> Vector3<f64> {
         let (strut, partner) = Self::socket_bodies(socket);
         self.bodies[strut].angular_velocity - self.bodies[partner].angular_velocity
@@ -157,7 +147,11 @@ impl Motion {
 }
 
 impl Motion {
-    /// Motion of the assembled robot for joint motion; the platform stays parallel and struts do not spin.
+    /// Motion of the assembled robot for a joint motion, with the platform in pure translation and struts that do not
+    /// spin.
+    ///
+    /// # Errors
+    /// Those of [`Geometry::forward_motion`].
     pub fn assembled(geometry: &Geometry, joints: &JointState) -> Result<Self, KinematicsError> {
         let platform = geometry.forward_motion(joints)?;
         Ok(Self::with_platform(geometry, joints, &platform))
@@ -187,7 +181,7 @@ impl Motion {
         motion
     }
 
-    /// Motion of the assembled robot for joint motion and the platform motion that belongs to it.
+    /// Motion of the assembled robot for a joint motion and the platform motion consistent with it.
     pub fn with_platform(geometry: &Geometry, joints: &JointState, platform: &PlatformState) -> Self {
         let mut motion = Self::disassembled(geometry, joints);
         let [psi, psi_rate, psi_acceleration] = platform.psi;
@@ -210,14 +204,19 @@ impl Motion {
             angular_acceleration: Vector3::z() * psi_acceleration,
             ..motion.bodies[PLATFORM]
         };
-        let (upper, lower, telescope) = telescope_motion(geometry, &motion.bodies[ROTOR], platform);
+        let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
+        let (rotor, hooke) = (&motion.bodies[ROTOR], geometry.upper_hooke());
+        let (upper, lower, telescope) =
+            telescope_motion(hooke, lower_hooke, rotor, platform.velocity, platform.acceleration);
         motion.bodies[TELESCOPE_UPPER] = upper;
         motion.bodies[TELESCOPE_LOWER] = lower;
         motion.telescope = telescope;
         motion
     }
 
-    /// Motion along a path at path speed ṡ and path acceleration s̈, of those at (1, 0), `first`, and at (0, 1), `second`.
+    /// Motion along a path at path speed `speed` (ṡ) and path acceleration `acceleration` (s̈).
+    ///
+    /// `first` is the motion at (ṡ, s̈) = (1, 0), `second` that at (0, 1).
     pub fn along(first: &Self, second: &Self, speed: f64, acceleration: f64) -> Self {
         let square = speed * speed;
         let mut motion = *first;
@@ -233,18 +232,6 @@ impl Motion {
         }
         motion.telescope.rate *= speed;
         motion
-    }
-
-    /// Relative rates of the two Hooke joints (upper, lower): about the cross axis on the rotor or end-effector side and
-    /// about the cross axis on the telescope side, rad/s.
-    pub fn hooke_rates(&self) -> [[f64; 2]; 2] {
-        let telescope = self.bodies[TELESCOPE_UPPER];
-        [ROTOR, END_EFFECTOR].map(|b| {
-            let (yoke, bar) =
-                (self.bodies[b].rotation.column(0).into_owned(), telescope.rotation.column(1).into_owned());
-            let relative = telescope.angular_velocity - self.bodies[b].angular_velocity;
-            [relative.dot(&yoke), relative.dot(&bar)]
-        })
     }
 }
 
@@ -276,7 +263,7 @@ fn strut_motion(
     let axes = ArmAxes { x: arm.rotation.column(0).into(), z: arm.rotation.column(2).into() };
     let axis = geometry.strut_vector_of(limb, &axes, &platform.position) / length;
     let v = Geometry::tangential(limb);
-    // The ball pair is parallel to the motor axis, so only the arm's length is a lever.
+    // The ball pair is parallel to the motor axis, so that only the arm length contributes to the lever.
     let lever = arm.rotation.column(0) * geometry.arm_length;
     let velocity = arm.angular_velocity.cross(&lever);
     let acceleration = arm.angular_acceleration.cross(&lever) + arm.angular_velocity.cross(&velocity);
@@ -293,52 +280,8 @@ fn strut_motion(
     (body, axis)
 }
 
-/// Strut frame: x along the strut, y as near to the pair direction `v` as possible.
+/// Strut frame: x along the strut, y the projection of the pair direction `v` normal to x.
 fn strut_rotation(axis: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
     let y = (v - axis * axis.dot(v)).normalize();
     Matrix3::from_columns(&[*axis, y, axis.cross(&y)])
-}
-
-/// Telescope frame: z up along the bar, y along the cross axis on the bar, normal to the rotor's cross axis x.
-pub(crate) fn telescope_rotation(axis: &Vector3<f64>, yoke: &Vector3<f64>) -> Matrix3<f64> {
-    let y = axis.cross(yoke).normalize();
-    Matrix3::from_columns(&[y.cross(axis), y, *axis])
-}
-
-fn telescope_motion(
-    geometry: &Geometry,
-    rotor: &BodyMotion,
-    platform: &PlatformState,
-) -> (BodyMotion, BodyMotion, Telescope) {
-    let lower_hooke = platform.position + Vector3::z() * geometry.lower_hooke_height;
-    let bar = geometry.upper_hooke() - lower_hooke;
-    let length = bar.norm();
-    let axis = bar / length;
-    let rate = -axis.dot(&platform.velocity);
-    let axis_rate = (-platform.velocity - axis * rate) / length;
-    // Swing ω = w × ẇ plus spin s·w; the Hooke joint passes rotation about the normal n of its cross:
-    // (ω_T − ω_R)·n = 0.
-    let yoke = rotor.rotation.column(0).into_owned();
-    let rotation = telescope_rotation(&axis, &yoke);
-    let cross_axis = rotation.column(1).into_owned();
-    let n = yoke.cross(&cross_axis);
-    let swing = axis.cross(&axis_rate);
-    let spin = (rotor.angular_velocity - swing).dot(&n) / axis.dot(&n);
-    let angular_velocity = swing + axis * spin;
-    let n_rate =
-        rotor.angular_velocity.cross(&yoke).cross(&cross_axis) + yoke.cross(&angular_velocity.cross(&cross_axis));
-    let swing_acceleration = axis.cross(&(-platform.acceleration - axis_rate * (2.0 * rate))) / length;
-    let spin_acceleration = ((rotor.angular_acceleration - swing_acceleration - axis_rate * spin).dot(&n)
-        + (rotor.angular_velocity - angular_velocity).dot(&n_rate))
-        / axis.dot(&n);
-    let upper = BodyMotion {
-        rotation,
-        position: geometry.upper_hooke(),
-        angular_velocity,
-        angular_acceleration: swing_acceleration + axis * spin_acceleration + axis_rate * spin,
-        ..BodyMotion::REST
-    };
-    let lower =
-        BodyMotion { position: lower_hooke, velocity: platform.velocity, acceleration: platform.acceleration, ..upper };
-    (upper, lower, Telescope { axis, length, rate })
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::{ARMS, STRUTS};
 
-/// Mass, first moment and inertia tensor of a rigid body about its frame origin, in the body frame (eq. 3–4).
+/// Mass, first moment and inertia tensor of a rigid body about its frame origin, in body axes ([Gnad 2024], eq. 3–4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inertia {
     /// Mass m, kg.
@@ -16,32 +16,36 @@ pub struct Inertia {
 }
 
 impl Inertia {
-    /// No inertia at all.
+    /// Zero mass, first moment and tensor.
     pub const ZERO: Self = Self {
         mass: 0.0,
         first_moment: Vector3::new(0.0, 0.0, 0.0),
         tensor: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.),
     };
 
-    /// Body with diagonal inertia tensor.
+    /// Inertia with a diagonal tensor: `mass` in kg, `first_moment` in kg·m, `moments` in kg·m² about the frame origin.
     pub fn diagonal(mass: f64, first_moment: [f64; 3], moments: [f64; 3]) -> Self {
         Self { mass, first_moment: first_moment.into(), tensor: Matrix3::from_diagonal(&moments.into()) }
     }
 
-    /// What moves on a lone axis: only the moment about the axis enters (of a prismatic axis it stands for the mass).
+    /// Inertia of the moving part of a single axis: `moment` about the axis, kg·m² (kg on a prismatic axis).
+    ///
+    /// Only the moment about the axis enters the equation of motion; mass and the other moments are set equal to it.
     pub fn lone(moment: f64) -> Self {
         Self { mass: moment, first_moment: Vector3::zeros(), tensor: Matrix3::identity() * moment }
     }
 
-    /// Point mass at `position`.
+    /// Inertia of a point mass (kg) at `position` (m, body frame).
     pub fn point(mass: f64, position: Vector3<f64>) -> Self {
         let x = position.cross_matrix();
         Self { mass, first_moment: mass * position, tensor: -mass * x * x }
     }
 
-    /// The same body about another point of it, in which its frame's origin stands at `origin`.
+    /// The inertia about another reference point of the same body; `origin` (m) is the present frame origin seen from
+    /// there.
     ///
-    /// With h the first moment and `x = [origin]×`: `h′ = h + m·origin` and `Θ′ = Θ − x[h]× − [h]×x − m·x²`.
+    /// The axes keep their directions. With h the first moment and `x = [origin]×`: `h′ = h + m·origin` and `Θ′ = Θ −
+    /// x[h]× − [h]×x − m·x²`.
     pub fn seen_from(&self, origin: &Vector3<f64>) -> Self {
         let (x, h) = (origin.cross_matrix(), self.first_moment.cross_matrix());
         Self {
@@ -51,7 +55,7 @@ impl Inertia {
         }
     }
 
-    /// Pseudo-inertia `[[½tr(Θ)·1 − Θ, m·c], [m·cᵀ, m]]`; positive semidefinite for every real body.
+    /// Pseudo-inertia matrix `[[½tr(Θ)·1 − Θ, m·c], [m·cᵀ, m]]`; positive semidefinite for every physical body.
     pub fn pseudo_inertia(&self) -> Matrix4<f64> {
         let second = Matrix3::identity() * (0.5 * self.tensor.trace()) - self.tensor;
         let mut j = Matrix4::zeros();
@@ -62,7 +66,7 @@ impl Inertia {
         j
     }
 
-    /// Smallest eigenvalue of the pseudo-inertia.
+    /// Smallest eigenvalue of [`Self::pseudo_inertia`]; negative if the inertia is not physically consistent.
     pub fn min_eigenvalue(&self) -> f64 {
         self.pseudo_inertia().symmetric_eigenvalues().min()
     }
@@ -83,24 +87,27 @@ impl std::ops::Mul<f64> for Inertia {
     }
 }
 
-/// Number of moving bodies.
+/// Number of moving bodies of the assembled robot.
 pub const BODIES: usize = 14;
-/// First arm; arms are bodies 0, 1, 2.
+/// Index of the first arm; the arms are bodies 0 to 2.
 pub const ARM: usize = 0;
-/// First strut; struts are bodies 3 to 8, struts 2i and 2i+1 (from 0) belong to limb i.
+/// Index of the first strut; the struts are bodies 3 to 8, struts 2i and 2i+1 (from 0) belong to limb i.
 pub const STRUT: usize = ARM + ARMS;
-/// Moving platform.
+/// Index of the moving platform.
 pub const PLATFORM: usize = STRUT + STRUTS;
-/// End effector with payload.
+/// Index of the end effector with payload.
 pub const END_EFFECTOR: usize = PLATFORM + 1;
-/// Rotor of motor 4 at the gear output.
+/// Index of the rotor of motor 4, with its inertia at the gear output.
 pub const ROTOR: usize = PLATFORM + 2;
-/// Upper part of the telescope.
+/// Index of the upper part of the telescope.
 pub const TELESCOPE_UPPER: usize = PLATFORM + 3;
-/// Lower part of the telescope.
+/// Index of the lower part of the telescope.
 pub const TELESCOPE_LOWER: usize = PLATFORM + 4;
 
-/// Name of body `b`, e.g. `strut4`.
+/// Name of body `b`, e.g. `strut4` (numbered from 1).
+///
+/// # Panics
+/// If `b` is not below [`BODIES`].
 pub fn body_name(b: usize) -> String {
     match b {
         ARM..STRUT => format!("arm{}", b - ARM + 1),
@@ -114,11 +121,11 @@ pub fn body_name(b: usize) -> String {
     }
 }
 
-/// Inertia of the 14 moving bodies.
+/// Inertia of the 14 moving bodies, each about the origin and in the axes of its own frame.
 ///
 /// Frames: arm at the shaft, x to the elbow, y along the motor axis; strut at the upper ball, x to the platform ball;
-/// platform at the ball plane's centre, z up; end effector at the flange centre; rotor and telescope upper part at the
-/// upper Hooke joint, telescope lower part at the lower Hooke joint, z up along the bar.
+/// platform at the centre of its ball plane, z up; end effector at the flange centre; rotor and upper part of the
+/// telescope at the upper Hooke joint, lower part of the telescope at the lower Hooke joint, z up along the bar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bodies(pub [Inertia; BODIES]);
 

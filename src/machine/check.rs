@@ -1,10 +1,10 @@
-//! Whether a machine can exist: physical bodies and struts that reach.
+//! Feasibility of a machine: physically consistent inertia, and struts long enough to close the loops.
 
 use nalgebra::Vector3;
 
 use super::{ARMS, Geometry, Inertia};
 
-/// The machine at q = 0, heights from the shaft plane.
+/// Pose of the machine at q = 0; heights are measured from the shaft plane, up positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Home {
     /// Centre of the platform's ball plane, m.
@@ -15,7 +15,7 @@ pub struct Home {
     pub telescope: f64,
 }
 
-/// The home pose, if the struts reach.
+/// The pose at q = 0; `None` if the struts do not reach.
 pub fn home(geometry: &Geometry) -> Option<Home> {
     let platform = platform_at(geometry, [0.0; ARMS])?;
     let lower_hooke = platform + Vector3::z() * geometry.lower_hooke_height;
@@ -26,7 +26,7 @@ pub fn home(geometry: &Geometry) -> Option<Home> {
     })
 }
 
-/// Lower intersection of the three spheres on which the struts keep the platform; none if the struts do not reach.
+/// Platform position (m) at given arm angles (rad): the lower intersection of three spheres; `None` if there is none.
 ///
 /// Sphere i: centre (R − r + l₁ cos φ_i)·u_i − l₁ sin φ_i·z, radius l₂,i.
 pub fn platform_at(geometry: &Geometry, arms: [f64; ARMS]) -> Option<Vector3<f64>> {
@@ -52,7 +52,7 @@ pub fn platform_at(geometry: &Geometry, arms: [f64; ARMS]) -> Option<Vector3<f64
     Some(a + x * along + y * across + height.sqrt() * down)
 }
 
-/// Longest horizontal distance a strut must span while the arms move together through their limits, m.
+/// Largest horizontal distance (m) that a strut spans while the arms move together through their limits.
 pub fn least_strut_length(geometry: &Geometry) -> f64 {
     let [low, high] = geometry.arm_limits;
     // |R − r + l₁ cos φ| has its maximum at an end of the range or at φ = 0
@@ -62,7 +62,7 @@ pub fn least_strut_length(geometry: &Geometry) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// The number of a body that makes it impossible.
+/// The inertial parameter that violates a consistency condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culprit {
     /// Its mass.
@@ -73,9 +73,11 @@ pub enum Culprit {
     Tensor,
 }
 
-/// Why no real body has this inertia: the condition that fails, in words, and the number to look at.
+/// The violated condition of physical consistency in words, with the parameter to correct; `None` for a consistent
+/// inertia.
 ///
-/// A body is possible if and only if its pseudo-inertia is positive semidefinite; rounding is forgiven.
+/// An inertia is consistent if and only if its pseudo-inertia is positive semidefinite; eigenvalues down to −1e-9 times
+/// the largest entry count as zero.
 pub fn inconsistency(inertia: &Inertia) -> Option<(Culprit, String)> {
     let pseudo = inertia.pseudo_inertia();
     if !pseudo.iter().all(|v| v.is_finite()) {

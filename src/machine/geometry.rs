@@ -1,4 +1,4 @@
-//! Lengths, placements and joint limits of the mechanism.
+//! Dimensions and joint limits of the mechanism.
 //!
 //! Inertial frame: origin on the vertical centre line in the plane of the motor shafts, z up.
 
@@ -6,30 +6,31 @@ use nalgebra::Vector3;
 
 use super::ARMS;
 
-/// Geometry of a delta robot with telescope, m and rad.
+/// Geometry of a delta robot with telescope; lengths in m, angles in rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometry {
-    /// Centre line to motor shaft.
+    /// Distance of the motor shafts from the centre line.
     pub base_radius: f64,
-    /// Shaft to elbow (ball line).
+    /// Distance of the elbow (middle of the ball pair) from the shaft.
     pub arm_length: f64,
-    /// Ball to ball, one length per limb (both struts of a pair are alike).
+    /// Distance of the two balls of a strut, per limb: both struts of a pair have equal length.
     pub strut_length: [f64; ARMS],
-    /// Platform centre to the middle of a ball pair.
+    /// Distance of the middle of a ball pair from the platform centre.
     pub platform_radius: f64,
-    /// Distance of the two balls of a pair.
+    /// Distance between the two balls of a pair.
     pub pair_distance: f64,
-    /// Mounting plane above the shaft plane.
+    /// Height of the mounting plane above the shaft plane.
     pub mounting_height: f64,
-    /// Upper Hooke joint above the shaft plane.
+    /// Height of the upper Hooke joint above the shaft plane.
     pub upper_hooke_height: f64,
-    /// Lower Hooke joint above the platform's ball plane.
+    /// Height of the lower Hooke joint above the platform's ball plane.
     pub lower_hooke_height: f64,
-    /// Flange face above the platform's ball plane (negative: below).
+    /// Height of the flange face above the platform's ball plane (negative: below).
     pub flange_height: f64,
-    /// Smallest and largest arm angle.
+    /// Lower and upper limit of the arm angles.
     pub arm_limits: [f64; 2],
-    /// Smallest and largest distance of the telescope's Hooke joints; unlimited where there is none.
+    /// Lower and upper limit of the distance between the telescope's Hooke joints; infinite upper limit without a
+    /// telescope.
     pub telescope_limits: [f64; 2],
 }
 
@@ -39,28 +40,34 @@ impl Geometry {
         self.telescope_limits[1].is_finite()
     }
 
-    /// Azimuth of limb `i`, rad.
+    /// Azimuth of limb `i` (from 0), rad.
     pub fn azimuth(i: usize) -> f64 {
         i as f64 * std::f64::consts::TAU / 3.0
     }
 
-    /// Horizontal unit vector from the centre line to the shaft of limb `i`.
+    /// Horizontal unit vector from the centre line to the shaft of limb `i` (from 0).
+    ///
+    /// # Panics
+    /// If there is no limb `i`.
     pub fn radial(i: usize) -> Vector3<f64> {
         RADIAL[i].into()
     }
 
-    /// Axis of motor `i`: horizontal, tangential, `z × radial`.
+    /// Unit vector along the axis of motor `i` (from 0): horizontal, tangential, `z × radial`.
+    ///
+    /// # Panics
+    /// If there is no motor `i`.
     pub fn tangential(i: usize) -> Vector3<f64> {
         let u = RADIAL[i];
         Vector3::new(-u[1], u[0], 0.0)
     }
 
-    /// Centre of the upper Hooke joint.
+    /// Centre of the upper Hooke joint in the inertial frame, m.
     pub fn upper_hooke(&self) -> Vector3<f64> {
         Vector3::new(0.0, 0.0, self.upper_hooke_height)
     }
 
-    /// Offset of strut `s` (0..6) from the middle of its pair, along the limb's tangential axis.
+    /// Offset (m) of `strut` (0..6) from the middle of its pair along the limb's tangential axis.
     pub fn pair_offset(&self, strut: usize) -> f64 {
         if strut.is_multiple_of(2) { 0.5 * self.pair_distance } else { -0.5 * self.pair_distance }
     }

@@ -1,48 +1,50 @@
-//! Which axes and parts a machine has.
+//! Kinds of machine, with their axes and parts.
 
 use super::Unit;
 
 /// The kind of machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mechanism {
-    /// Delta robot: three arms, and axis 4 if a telescope turns the end effector; without, it is fixed to the platform.
+    /// Delta robot with three arms; with a telescope axis 4 turns the end effector, without it the end effector is
+    /// rigidly attached to the platform.
     Delta {
         /// Whether there is a telescope with its drive.
         telescope: bool,
     },
-    /// A single axis on a bench, without gravity.
+    /// A single axis on a test bench, without gravity.
     ///
-    /// Inside, it is the first arm of a disassembled robot, all else at rest. Of a prismatic one, angles stand for
-    /// metres, torques for newtons and moments of inertia for masses: the equations are the same.
+    /// It is represented by the first arm of a disassembled robot, all other bodies at rest. On a prismatic axis,
+    /// angles stand for metres, torques for newtons and moments of inertia for masses; the equation of motion is the
+    /// same.
     Axis(Joint),
 }
 
-/// What an axis moves through.
+/// Joint type of a single axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Joint {
-    /// An angle: rad, N·m, kg·m².
+    /// The coordinate is an angle: rad, N·m, kg·m².
     Revolute,
-    /// A distance: m, N, kg.
+    /// The coordinate is a distance: m, N, kg.
     Prismatic,
 }
 
-/// A part of a machine that effects act on.
+/// Part of a machine on which an effect acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Drives and their sensors; every machine has them.
     Drives,
     /// The drive of the telescope.
     Axis4,
-    /// Bodies under gravity.
+    /// Bodies with weight.
     Weight,
-    /// Struts, platform and what it carries, all limbs moving together.
+    /// Struts and platform with its load, as a closed linkage.
     Linkage,
     /// The telescope between its drive and the end effector.
     Telescope,
 }
 
 impl Part {
-    /// In words.
+    /// The part in words.
     pub fn describe(self) -> &'static str {
         match self {
             Self::Drives => "the drives",
@@ -66,7 +68,7 @@ impl Mechanism {
         self.arms() + usize::from(self.has_telescope())
     }
 
-    /// Number of axes without the telescope's.
+    /// Number of axes without that of the telescope.
     pub fn arms(self) -> usize {
         match self {
             Self::Delta { .. } => super::ARMS,
@@ -79,7 +81,7 @@ impl Mechanism {
         self == Self::Delta { telescope: true }
     }
 
-    /// Whether the machine has `part` while it is assembled or not.
+    /// Whether the machine has `part`; linkage and telescope only while `assembled`.
     pub fn has(self, part: Part, assembled: bool) -> bool {
         let delta = matches!(self, Self::Delta { .. });
         match part {
@@ -91,7 +93,7 @@ impl Mechanism {
         }
     }
 
-    /// `unit` as this machine's drives have it: that of a prismatic axis without angles.
+    /// `unit` on this machine's axes: converted by [`Unit::on_slide`] for a prismatic axis, else unchanged.
     pub fn unit(self, unit: Unit) -> Unit {
         match self {
             Self::Axis(Joint::Prismatic) => unit.on_slide(),

@@ -1,4 +1,6 @@
-//! What the machine is made of: geometry, bodies, drives, sockets, stops, noise, and what it carries.
+//! Data of a machine: geometry, inertia, drives, sockets, stops, sensor noise and payload.
+//!
+//! Sources, here and in the other modules, are cited by the keys of `docs/bibliography.md`.
 
 pub mod bodies;
 pub mod check;
@@ -24,42 +26,45 @@ pub const ARMS: usize = 3;
 /// Number of struts.
 pub const STRUTS: usize = 6;
 
-/// What is taken as alike and symmetric among the links of an assembled robot. The default are the paper's assumptions
-/// (section 2.3): limbs alike, no deviation moments, struts and telescope parts symmetric about their axis.
+/// Symmetry assumptions about the links of an assembled robot.
+///
+/// The default are those of [Gnad 2024], section 2.3: equal limbs, no deviation moments, struts and telescope parts
+/// symmetric about their axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkParameters {
-    /// Every limb has arm and struts of its own.
+    /// Whether every limb has its own arm and strut parameters.
     pub each_limb: bool,
-    /// How many of its ten inertial parameters a body has.
+    /// Which of the ten inertial parameters of a body are free.
     pub bodies: BodyParameters,
 }
 
-/// How many of its ten inertial parameters a link has.
+/// Which of the ten inertial parameters of a link are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BodyParameters {
-    /// What the paper leaves of them: symmetry, no deviation moments, nothing that does not enter.
+    /// The reduced set of [Gnad 2024]: symmetric bodies, no deviation moments, no parameter that the dynamics do not
+    /// depend on.
     #[default]
     Symmetric,
-    /// Mass, first moments and moments of inertia: the joint frames are principal ones.
+    /// Mass, first moments and moments of inertia: the axes of the joint frame are principal axes.
     Aligned,
     /// All ten.
     Complete,
 }
 
-/// One drive, seen at the gear output.
+/// One drive, all quantities at the gear output.
 #[derive(Clone, Copy, Debug)]
 pub struct Drive {
-    /// Motor turns per output turn.
+    /// Motor revolutions per output revolution.
     pub gear_ratio: f64,
-    /// Encoder resolution on the motor side, bit per motor turn.
+    /// Resolution of the motor encoder in bit: 2^`encoder_bits` increments per motor revolution.
     pub encoder_bits: u32,
-    /// Largest torque at the gear output, N·m.
+    /// Torque limit, N·m.
     pub max_torque: f64,
-    /// Largest speed at the gear output, rad/s.
+    /// Speed limit, rad/s.
     pub max_speed: f64,
-    /// Largest acceleration, rad/s².
+    /// Acceleration limit, rad/s².
     pub max_acceleration: f64,
-    /// Largest jerk, rad/s³.
+    /// Jerk limit, rad/s³.
     pub max_jerk: f64,
 }
 
@@ -75,41 +80,42 @@ impl Drive {
 pub struct Sockets {
     /// Radius of the ball, m.
     pub ball_radius: f64,
-    /// Force of the clamp spring that presses the cup on the ball, N.
+    /// Preload of the clamp spring that presses the cup on the ball, N.
     pub preload: f64,
-    /// Force across the cup at which a healthy socket leaves its ball while nothing pulls along its opening, N.
+    /// Lateral force on the cup at which an undamaged socket dislocates under zero load along its opening, N.
     pub dislocation_force: f64,
-    /// Share of the clamp springs' own pull across the cup that counts against `dislocation_force`, 0 to 1.
+    /// Share of the clamp springs' own force across the cup that counts against `dislocation_force`, 0 to 1.
     ///
-    /// Where a pair is sheared, the springs pull along the pair and not along the cup: P·(u·v) of it acts along the strut.
-    /// With 0 the dislocation force is net, the load's reaction alone counts; with 1 the springs' part counts in full.
+    /// In a sheared pair the springs pull along the pair, not along the cup, so that P·(u·v) of the preload P acts
+    /// along the strut. With 0 the dislocation force is net, and only the load's reaction counts; with 1 the springs'
+    /// part counts in full.
     pub clamp_share: f64,
-    /// Damping of the strut's spin about its own axis against the frame, N·m·s/rad.
+    /// Damping of the strut's spin about its own axis relative to the inertial frame, N·m·s/rad.
     ///
-    /// Stands for the clamp springs, which keep the strut from spinning.
+    /// It represents the clamp springs, which prevent the strut from spinning.
     pub spin_damping: f64,
 }
 
-/// Hard stops: buffers at the ends of what the joints can do. Those of the telescope stand at its limits in [`Geometry`].
+/// Hard stops at the ends of the joint ranges. Those of the telescope are at its limits in [`Geometry`].
 ///
-/// A stiffness of zero is no stop.
+/// Zero stiffness means no stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stops {
-    /// Arm angles at which the stops are first touched, rad.
+    /// Arm angles of first contact with the stops, rad.
     pub arm: [f64; 2],
-    /// N·m/rad.
+    /// Stiffness of the arm stops, N·m/rad.
     pub arm_stiffness: f64,
-    /// Hunt and Crossley's damping χ, s/rad.
+    /// Damping χ of the arm stops ([Hunt 1975]), s/rad.
     pub arm_damping: f64,
-    /// Angle between the axes of a Hooke joint's parts at which it is stopped, rad.
+    /// Angle between the axes of a Hooke joint's parts at which its stop is reached, rad.
     pub hooke: f64,
-    /// N·m/rad.
+    /// Stiffness of the Hooke stops, N·m/rad.
     pub hooke_stiffness: f64,
-    /// s/rad.
+    /// Damping χ of the Hooke stops, s/rad.
     pub hooke_damping: f64,
-    /// Of both ends of the telescope, N/m.
+    /// Stiffness of the stops at both ends of the telescope, N/m.
     pub telescope_stiffness: f64,
-    /// s/m.
+    /// Damping χ of the telescope stops, s/m.
     pub telescope_damping: f64,
 }
 
@@ -127,11 +133,11 @@ impl Stops {
     };
 }
 
-/// Standard deviations of the sensors.
+/// Standard deviations of the sensor noise.
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
-    /// Torque at the gear output, N·m per axis.
+    /// Noise of the torque at the gear output, N·m per axis.
     pub torque: [f64; AXES],
-    /// Axial strut force, N.
+    /// Noise of the axial strut force, N.
     pub strut_force: f64,
 }

@@ -1,37 +1,41 @@
-//! What hangs at the flange.
+//! Payload at the flange.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::Inertia;
 use super::check::inconsistency;
 
-/// Load at the flange; frame: origin at the flange centre, z up, turns with ψ.
+/// Payload at the flange; frame: origin at the flange centre, z up, rotating with ψ.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Payload {
     /// Mass, kg.
     pub mass: f64,
     /// Centre of mass, m.
     pub com: Vector3<f64>,
-    /// Inertia tensor about the centre of mass, kg·m²; Θ_xy = −∫xy dm and so on (eq. 4).
+    /// Inertia tensor about the centre of mass, kg·m²; Θ_xy = −∫xy dm etc. ([Gnad 2024], eq. 4).
     pub tensor: Matrix3<f64>,
 }
 
 impl Payload {
-    /// Load of which the vertical moment about the centre of mass is known, kg·m². The two others are taken equal to it and
-    /// the products zero, which is possible for every body and which an intact robot feels only by the products.
+    /// Payload with a known moment about the vertical axis through its centre of mass, `inertia_zz` in kg·m².
+    ///
+    /// The other two moments are set equal to it and the products to zero. This is physically consistent, and an intact
+    /// robot depends on the tensor only through Θ_zz, Θ_xz and Θ_yz.
     pub fn new(mass: f64, com: impl Into<Vector3<f64>>, inertia_zz: f64) -> Self {
         Self { mass, com: com.into(), tensor: Matrix3::identity() * inertia_zz }
     }
 
-    /// Load with the whole tensor: xx, yy, zz, xy, xz, yz about the centre of mass, kg·m².
+    /// Payload with the full tensor xx, yy, zz, xy, xz, yz about the centre of mass, kg·m².
     pub fn with_tensor(mass: f64, com: [f64; 3], [xx, yy, zz, xy, xz, yz]: [f64; 6]) -> Self {
         Self { mass, com: com.into(), tensor: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) }
     }
 
-    /// Load as a file states it, with `inertia_zz`, with `inertia` (xx, yy, zz or xx, yy, zz, xy, xz, yz) or with both.
+    /// Payload from the keys of a file: `inertia_zz`, `inertia` (xx, yy, zz or xx, yy, zz, xy, xz, yz), or both, in
+    /// kg·m².
     ///
     /// # Errors
-    /// What is wrong, in words, if the two contradict each other or no body has such a tensor.
+    /// A description of the fault if `inertia` has neither 3 nor 6 numbers, if the two keys contradict each other, or
+    /// if the tensor is not physically consistent.
     pub fn stated(mass: f64, com: [f64; 3], inertia_zz: Option<f64>, inertia: Option<&[f64]>) -> Result<Self, String> {
         let payload = match inertia {
             None => return Ok(Self::new(mass, com, inertia_zz.unwrap_or(0.0))),
@@ -53,18 +57,18 @@ impl Payload {
         }
     }
 
-    /// Moment about the vertical axis through the centre of mass, kg·m².
+    /// Moment of inertia about the vertical axis through the centre of mass, kg·m².
     pub fn inertia_zz(&self) -> f64 {
         self.tensor[(2, 2)]
     }
 
-    /// The tensor as xx, yy, zz, xy, xz, yz, kg·m².
+    /// Entries xx, yy, zz, xy, xz, yz of the tensor, kg·m².
     pub fn moments(&self) -> [f64; 6] {
         let t = &self.tensor;
         [t[(0, 0)], t[(1, 1)], t[(2, 2)], t[(0, 1)], t[(0, 2)], t[(1, 2)]]
     }
 
-    /// Inertia about the flange centre, end-effector frame.
+    /// Inertia about the flange centre in the end-effector frame.
     pub fn inertia(&self) -> Inertia {
         let mut i = Inertia::point(self.mass, self.com);
         i.tensor += self.tensor;

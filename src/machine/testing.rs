@@ -1,8 +1,8 @@
-//! What unit tests need of the shipped robot.
+//! Geometry for unit tests.
 
 use super::Geometry;
 
-/// The shipped robot's geometry.
+/// Geometry of the shipped IRB 360-6/1600.
 pub(crate) fn geometry() -> Geometry {
     Geometry {
         base_radius: 0.2,

@@ -1,10 +1,11 @@
-//! Units of parameters, in SI, and what becomes of them on a slide.
+//! SI units of parameters, and their conversion to prismatic axes.
 
 use std::fmt;
 
 /// Unit of a parameter or of a limit.
 ///
-/// Laws and sizes are stated for drives that turn; [`Unit::on_slide`] and [`Unit::scale`] carry them over to other machines.
+/// Laws and default values are stated for revolute drives; [`Unit::on_slide`] and [`Unit::scale`] convert them to other
+/// machines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[rustfmt::skip]
 pub enum Unit {
@@ -12,9 +13,9 @@ pub enum Unit {
     One,
     /// bit.
     Bit,
-    /// rad of the motor per rad of the joint: a pure number on an axis that turns, rad/m on a slide.
+    /// Motor angle per joint coordinate: a pure number on a revolute axis, rad/m on a prismatic one.
     GearRatio,
-    /// rad/rad, the same where it is the key of a drive.
+    /// The same for the gear ratio of a drive, printed as rad/rad.
     RadPerRad,
     /// rad/m.
     RadPerM,
@@ -68,17 +69,25 @@ pub enum Unit {
     NMSPerRad,
     /// rad/(N·m).
     RadPerNM,
-    /// Of a formula's coefficient, or of what its law reads.
+    /// Unit of the coefficient or of the argument of a user-defined formula.
     Derived(Powers),
-    /// N per unit of a law whose own unit cannot be told.
+    /// N per unit of a law whose unit cannot be derived.
     NPerLaw,
-    /// N·m per unit of a law whose own unit cannot be told.
+    /// N·m per unit of a law whose unit cannot be derived.
     NMPerLaw,
 }
 
 impl Unit {
-    /// The unit on an axis that slides, where metres stand for radians and newtons for newton metres: what has no part in
-    /// the motion of a drive stays.
+    /// `value` followed by the unit; `value` alone if the unit is dimensionless.
+    pub fn quantity(self, value: impl fmt::Display) -> String {
+        match self {
+            Self::One | Self::GearRatio => value.to_string(),
+            _ => format!("{value} {self}"),
+        }
+    }
+
+    /// The unit on a prismatic axis: metres replace radians, newtons replace newton metres. Units that do not involve
+    /// the coordinate of a drive are unchanged.
     pub fn on_slide(self) -> Self {
         match self {
             Self::Rad => Self::M,
@@ -116,11 +125,12 @@ impl Unit {
         }
     }
 
-    /// Size of a parameter with this unit on a machine whose drives have `torque` times the torque (or force) and `speed`
-    /// times the speed of the stated ones; it is asked of the unit on that machine, see [`Self::on_slide`].
+    /// Factor on a parameter of this unit for drives with `torque` times the torque (or force) and `speed` times the
+    /// speed.
     ///
-    /// Torques grow with the one, what drives move through with the other; the motor's own speed stays. The coefficient
-    /// of a formula grows with the force alone, because its law is written for the machine.
+    /// The unit must be that on the target machine, see [`Self::on_slide`]. Forces scale with `torque`, displacements
+    /// and their derivatives with `speed`; the motor's own speed is unchanged. The coefficient of a formula scales with
+    /// `torque` alone, because its law is written for the machine.
     pub fn scale(self, torque: f64, speed: f64) -> f64 {
         match self {
             Self::NM | Self::N | Self::NMPerS | Self::NPerS => torque,
@@ -176,7 +186,7 @@ impl fmt::Display for Unit {
     }
 }
 
-/// N^`n` · m^`m` · s^`s` · rad^`rad`.
+/// Derived unit N^`n` · m^`m` · s^`s` · rad^`rad`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Powers {
     /// Power of N.
@@ -202,17 +212,17 @@ impl Powers {
         Some(Self { n: of(self.n, n)?, m: of(self.m, m)?, s: of(self.s, s)?, rad: of(self.rad, rad)? })
     }
 
-    /// Unit of a product; none beyond the range of the powers.
+    /// Unit of a product; `None` if an exponent overflows.
     pub fn times(self, other: Self) -> Option<Self> {
         self.each(other, i8::checked_add)
     }
 
-    /// Unit of a quotient; none beyond the range of the powers.
+    /// Unit of a quotient; `None` if an exponent overflows.
     pub fn over(self, other: Self) -> Option<Self> {
         self.each(other, i8::checked_sub)
     }
 
-    /// Unit of a power; none if it is no product of whole powers.
+    /// Unit of a power; `None` if an exponent is not an integer or overflows.
     pub fn to_the(self, exponent: f64) -> Option<Self> {
         self.each(self, |p, _| {
             let power = f64::from(p) * exponent;
@@ -220,7 +230,7 @@ impl Powers {
         })
     }
 
-    /// On a slide: of a product of a drive's torque with powers of its angle and of time.
+    /// Conversion to a prismatic axis, for a drive torque times powers of the angle and of time.
     fn on_slide(self) -> Self {
         let Self { n, m, s, rad } = self;
         Self { n, m: m.saturating_sub(n).saturating_add(rad), s, rad: 0 }
@@ -244,7 +254,7 @@ impl fmt::Display for Powers {
     }
 }
 
-/// `power` as a superscript; nothing for 1.
+/// `power` as a superscript; empty for 1.
 fn exponent(power: u8) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     match power {
@@ -276,6 +286,8 @@ mod tests {
         assert_eq!(derived(1, 1, 0, -1).on_slide().to_string(), Unit::NMPerRad.on_slide().to_string());
         assert_eq!(derived(1, 1, 0, 0).on_slide().to_string(), "N");
         assert_eq!(Unit::GearRatio.to_string(), "1");
+        assert_eq!(Unit::GearRatio.quantity(33), "33");
+        assert_eq!(Unit::NM.quantity("0.3 ± 0.1"), "0.3 ± 0.1 N·m");
         assert_eq!(Unit::GearRatio.on_slide().to_string(), "rad/m");
         assert_eq!(Unit::NMPerLaw.on_slide().to_string(), "N per unit of the law");
         assert_eq!(Unit::KgM2.on_slide(), Unit::Kg);
@@ -289,7 +301,7 @@ mod tests {
         assert_eq!([scale(Unit::NM), scale(Unit::RadPerS), scale(Unit::SPerRad)], [2.0, 0.25, 4.0]);
         assert_eq!([scale(Unit::NMSPerRad), scale(Unit::KgM2), scale(Unit::RadPerNM)], [8.0, 8.0, 0.125]);
         assert_eq!([scale(Unit::One), scale(Unit::GearRatio), scale(Unit::S)], [1.0; 3]);
-        // The motor turns as fast as it did, its load moves at a quarter of the speed: four times as many rad per metre.
+        // The motor speed is unchanged, the load moves at a quarter of the speed: four times as many rad per metre.
         assert_eq!(scale(Unit::GearRatio.on_slide()), 4.0);
         for unit in [Unit::NM, Unit::Rad, Unit::RadPerS, Unit::SPerRad, Unit::NMSPerRad, Unit::KgM2, Unit::RadPerNM] {
             assert_eq!(scale(unit), scale(unit.on_slide()), "{unit}");

@@ -1,4 +1,4 @@
-//! A machine with the effects that are switched on: what a model file says.
+//! Model of a machine: the content of a model file, with the effects that are switched on.
 //!
 //! A [`Model`] is constant after loading.
 
@@ -25,17 +25,17 @@ pub struct Model {
     pub name: String,
     /// File the model was read from.
     pub path: Option<PathBuf>,
-    /// Text of that file, with the user's comments.
+    /// Text of that file, with its comments.
     pub source: Option<Arc<str>>,
     /// Kind of machine.
     pub mechanism: Mechanism,
-    /// False for the disassembled robot, arms and rotor as independent axes, and for a lone axis.
+    /// Whether the robot is assembled; false for arms and rotor as independent axes, and for a single axis.
     pub assembled: bool,
     /// Lengths and joint limits.
     pub geometry: Geometry,
-    /// Inertia of every kind of body, without payload.
+    /// Inertia of every body, without payload.
     pub bodies: Bodies,
-    /// Which numbers of the bodies are parameters; no part of the file.
+    /// Which numbers of the bodies are parameters; not stored in the file.
     pub link_parameters: LinkParameters,
     /// Drives 1–3 (arms) and 4 (telescope).
     pub drives: [Drive; AXES],
@@ -49,19 +49,19 @@ pub struct Model {
     pub gravity: f64,
     /// Sampling and control period, s.
     pub sample_time: f64,
-    /// Effects that act, in the order of the registry.
+    /// Active effects in the order of the registry.
     pub effects: Effects,
-    /// Effects that were added to it, in order, with the error before and after.
+    /// Effects added to the model, in order, with the error before and after.
     pub history: Vec<Added>,
 }
 
 impl Model {
-    /// The machine as far as effects' parameters depend on it.
+    /// The properties of the machine on which units, counts and default values of effect parameters depend.
     pub fn host(&self) -> Host {
         Host::new(self.mechanism, &self.drives[0])
     }
 
-    /// The machine as far as constants of effects that are not in the model follow from it.
+    /// The data of the machine from which effects derive their constants.
     pub fn view(&self) -> MachineView<'_> {
         MachineView {
             mechanism: self.mechanism,

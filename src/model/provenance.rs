@@ -1,25 +1,25 @@
-//! Where the numbers of a fitted model come from.
+//! Origin of the numbers of a fitted model.
 
 use std::collections::BTreeMap;
 
-/// What a model file says of the numbers that a fit moved: made from which recordings, when and by what program.
+/// Origin of fitted numbers in a model file: recordings, date and program.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Provenance {
-    /// What moved them, e.g. `identify`.
+    /// Command that fitted them, e.g. `identify`.
     pub command: String,
     /// Program with its version, e.g. `deltatwin 0.1.0`.
     pub program: String,
-    /// Day of the fit, `2026-11-22`. Handed in: a library has no clock.
+    /// Date of the fit, `2026-11-22`; set by the caller, since the library reads no clock.
     pub date: String,
-    /// Recordings that were fitted to.
+    /// Recordings used for the fit.
     pub recordings: Vec<String>,
-    /// Standard error of each parameter, by its name with that of the effect before it (`drive_friction.coulomb_1`);
-    /// infinite where the data do not determine it alone.
+    /// Standard error of each parameter by its full name (`drive_friction.coulomb_1`); infinite if the data determine
+    /// the parameter only in combination with others.
     errors: BTreeMap<String, f64>,
 }
 
 impl Provenance {
-    /// Of a fit made by `command` on a day; `errors` are names of parameters with their standard errors.
+    /// Origin of a fit by `command` on `date`; `errors` pairs full parameter names with their standard errors.
     pub fn new(
         command: &str,
         date: String,
@@ -35,16 +35,16 @@ impl Provenance {
         }
     }
 
-    /// Standard error of a parameter that has one of some names, if it was fitted.
+    /// Standard error of the parameter with one of the given `names`; `None` if it was not fitted.
     pub fn error(&self, names: &[String]) -> Option<f64> {
         names.iter().find_map(|name| self.errors.get(name).copied())
     }
 
-    /// Recordings, day and program in words.
+    /// Recordings, date and program as one phrase.
     pub fn source(&self) -> String {
         format!("{}{} on {} by {}", FITTED, self.recordings.join(", "), self.date, self.program)
     }
 }
 
-/// How the source of a fitted number begins.
+/// First words of the source of a fitted number.
 pub const FITTED: &str = "fitted to ";

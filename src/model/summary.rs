@@ -1,11 +1,11 @@
-//! A model in one paragraph.
+//! Summary of a model in one paragraph.
 
 use super::Model;
 use crate::machine::bodies::{ARM, BODIES, ROTOR, STRUT, body_name};
 use crate::machine::check::home;
 use crate::machine::{ARMS, Inertia, Joint, Mechanism, STRUTS};
 
-/// The machine in one paragraph.
+/// Summary of the machine in one paragraph.
 pub fn summary(model: &Model) -> String {
     let mut text = format!("{}: ", model.name);
     let axes = model.mechanism.axes();
@@ -51,10 +51,10 @@ pub fn summary(model: &Model) -> String {
     text + "."
 }
 
-/// Arms, struts, platform with end effector.
+/// Number of arms, struts and platform with end effector.
 const BODIES_WITHOUT_TELESCOPE: usize = ARMS + STRUTS + 1;
 
-/// The body nearest to inconsistency among those that have inertia, and its smallest pseudo-inertia eigenvalue.
+/// The body with the smallest eigenvalue of the pseudo-inertia, among those with inertia, and that eigenvalue.
 fn least_eigenvalue(model: &Model) -> Option<(usize, f64)> {
     (0..BODIES)
         .filter(|&b| model.assembled || (ARM..STRUT).contains(&b) || b == ROTOR)

@@ -6,7 +6,7 @@ use super::{Added, Model};
 use crate::effects::{ActiveEffect, Effects, find};
 use crate::machine::{Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops};
 
-/// The fields of a struct of this crate from one with the same fields.
+/// A struct of this crate built from one with the same fields.
 macro_rules! copy {
     ($name:ident { $($field:ident),* $(,)? } of $from:expr) => {
         $name { $($field: $from.$field),* }
@@ -15,8 +15,8 @@ macro_rules! copy {
 
 /// The model in `models/<name>.toml`.
 ///
-/// The reader is built with the library as other crates see it, not as a unit test does: its types are others of the same
-/// names, from which every field is copied.
+/// The reader links the library as other crates do, not as built for unit tests: its types are distinct types of the
+/// same names, from which every field is copied.
 pub(crate) fn shipped(name: &str) -> Model {
     let read = deltatwin_io::model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model");
     let mechanism = match (read.mechanism.arms(), format!("{:?}", read.mechanism).as_str()) {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::PlanError;
 use super::limits::QUANTITIES;
 use super::plan::ALLOWED_USE;
-use super::rows::Slack;
+use super::rows::Tightening;
 use super::verify::{self, Use};
 use crate::machine::AXES;
 
@@ -13,7 +13,7 @@ use crate::machine::AXES;
 const TIGHTENED_USE: f64 = 1.0003;
 
 /// Whether a limit is exceeded; where it is, the usable share at both ends of the interval is divided by the excess.
-pub(super) fn tighten(uses: &[Use], slack: &mut Slack) -> bool {
+pub(super) fn tighten(uses: &[Use], tightening: &mut Tightening) -> bool {
     const JERK: usize = AXES + QUANTITIES;
     let mut worst: BTreeMap<(usize, usize), f64> = BTreeMap::new();
     // At rest at the ends of the path, separate rows apply.
@@ -27,9 +27,9 @@ pub(super) fn tighten(uses: &[Use], slack: &mut Slack) -> bool {
     for (&(interval, k), ratio) in &worst {
         for grid_point in [interval, interval + 1] {
             match k {
-                0..AXES => slack.share[grid_point][QUANTITIES] /= ratio.powi(2),
-                AXES..JERK => slack.share[grid_point][k - AXES] /= ratio,
-                _ => slack.jerk[grid_point][k - JERK] /= ratio,
+                0..AXES => tightening.share[grid_point][QUANTITIES] /= ratio.powi(2),
+                AXES..JERK => tightening.share[grid_point][k - AXES] /= ratio,
+                _ => tightening.jerk[grid_point][k - JERK] /= ratio,
             }
         }
     }

@@ -92,28 +92,25 @@ impl<'a> Machine<'a> {
             let step = SPEED_STEP * speed;
             let at = |speed: f64| Motion::along(&pace, &unit, speed, acceleration);
             let (here, ahead) = (at(speed), at(speed + step));
-            let mut loads = None;
-            let laws = |motion: &Motion, loads: Option<&Multipliers>| -> Result<_, KinematicsError> {
-                let mut wrenches = [STILL; BODIES];
+            let laws = |motion: &Motion, loads: Option<&Multipliers>, mut wrenches| -> Result<_, KinematicsError> {
                 add_effects(self.plant, 0.0, motion, &states, None, &mut wrenches)?;
                 if let Some(loads) = loads {
                     add_effects(self.plant, 0.0, motion, &states, Some(&loads.output()), &mut wrenches)?;
                 }
-                Ok(solver.solve(motion, &wrenches))
+                Ok(wrenches)
             };
+            let mut loads = None;
             if self.plant.effects.iter().any(reads_loads) {
                 let rigid = rigid_loads(self.plant, &here, Detail::Complete);
                 for _ in 0..LOAD_ITERATIONS {
-                    let mut wrenches = rigid;
-                    add_effects(self.plant, 0.0, &here, &states, None, &mut wrenches)?;
-                    if let Some(loads) = &loads {
-                        let loads: &Multipliers = loads;
-                        add_effects(self.plant, 0.0, &here, &states, Some(&loads.output()), &mut wrenches)?;
-                    }
+                    let wrenches = laws(&here, loads.as_ref(), rigid)?;
                     loads = Some(solver.complete.solve(&Loads::new(&here, &wrenches, Detail::Complete)));
                 }
             }
-            let (now, next) = (laws(&here, loads.as_ref())?, laws(&ahead, loads.as_ref())?);
+            let [now, next] = [&here, &ahead].map(|motion| {
+                laws(motion, loads.as_ref(), [STILL; BODIES]).map(|wrenches| solver.solve(motion, &wrenches))
+            });
+            let (now, next) = (now?, next?);
             for k in 0..LOADS {
                 d[k] = (next[k] - now[k]) / step;
                 c[k] += now[k] - d[k] * speed;

@@ -2,10 +2,12 @@
 
 use nalgebra::Vector4;
 
+use crate::numerics::bisect;
+
 /// Number of coefficients of a piece of degree seven.
 const TERMS: usize = 8;
 /// Bisection steps that determine a parameter to rounding.
-const BISECTIONS: usize = 60;
+const HALVINGS: usize = 60;
 
 /// Path r(s) over s from 0 to [`Curve::end`], m and rad.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,11 +97,7 @@ impl Curve {
         if !self.eased {
             return s;
         }
-        let (mut low, mut high) = (0.0, self.end);
-        for _ in 0..BISECTIONS {
-            let middle = 0.5 * (low + high);
-            if self.way(middle)[0] < s { low = middle } else { high = middle }
-        }
+        let [low, high] = bisect([0.0, self.end], HALVINGS, |x| self.way(x)[0] < s);
         0.5 * (low + high)
     }
 

@@ -9,7 +9,7 @@
 //! the backward pass √z at the end of an interval is replaced by its tangent, which is updated at the z reached until
 //! both agree; in the forward pass z is known and √z exact.
 
-use super::rows::{Grid, Row, Slack};
+use super::rows::{Grid, Row, Tightening};
 
 /// The result of the passes.
 #[derive(Clone, Debug)]
@@ -89,14 +89,14 @@ impl Strips {
     }
 
     /// Adds |a s̈ + b z + c + d √z| ≤ usable share.
-    fn add(&mut self, row: Row, slack: f64) {
+    fn add(&mut self, row: Row, share: f64) {
         let Row { a, b, c, d } = row;
         if a.abs() > f64::MIN_POSITIVE.sqrt() {
-            let (p, q) = ((slack - c) / a, (-slack - c) / a);
+            let (p, q) = ((share - c) / a, (-share - c) / a);
             self.list.push(Strip { slope: -b / a, bend: -d / a, low: p.min(q), high: p.max(q) });
         } else if b != 0.0 || d != 0.0 {
             for sign in [1.0, -1.0] {
-                self.bare.push(Curved { constant: slack - sign * c, slope: -sign * b, bend: -sign * d });
+                self.bare.push(Curved { constant: share - sign * c, slope: -sign * b, bend: -sign * d });
             }
         }
     }
@@ -154,10 +154,10 @@ impl Strips {
     }
 
     /// Adds the rows at grid point `i` in z of that point.
-    fn here(&mut self, grid: &Grid, slack: &Slack, i: usize) {
+    fn here(&mut self, grid: &Grid, tightening: &Tightening, i: usize) {
         let grid_point = &grid.points[i];
         for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
-            self.add(*row, slack.share[i][k]);
+            self.add(*row, tightening.share[i][k]);
         }
         for row in &grid_point.rest {
             self.add(*row, 1.0);
@@ -166,31 +166,31 @@ impl Strips {
 
     /// Adds the rows at grid point `i` + 1 in z of grid point `i`, z₊ = z + 2hs̈; √z₊ is replaced by its tangent at
     /// `z`.
-    fn ahead(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
+    fn ahead(&mut self, grid: &Grid, tightening: &Tightening, i: usize, z: f64) {
         let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
-        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
-        for (row, slack) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
+        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, tightening.share[i + 1][k]));
+        for (row, share) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
             let (a, b, c) = if z > 0.0 { row.tangent(z.sqrt()) } else { (row.a, row.b, row.c) };
-            self.add(Row { a: a + 2.0 * h * b, b, c, d: 0.0 }, slack);
+            self.add(Row { a: a + 2.0 * h * b, b, c, d: 0.0 }, share);
         }
     }
 
     /// Adds the rows at grid point `i` + 1 as bounds on its own z for a given z of grid point `i`.
-    fn arriving(&mut self, grid: &Grid, slack: &Slack, i: usize, z: f64) {
+    fn arriving(&mut self, grid: &Grid, tightening: &Tightening, i: usize, z: f64) {
         let (grid_point, h) = (&grid.points[i + 1], grid.length(i));
-        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, slack.share[i + 1][k]));
-        for (row, slack) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
+        let rows = grid_point.rows.iter().zip(&grid.quantities).map(|(row, &k)| (row, tightening.share[i + 1][k]));
+        for (row, share) in rows.chain(grid_point.rest.iter().map(|row| (row, 1.0))) {
             let a = 0.5 * row.a / h;
-            self.add(Row { a: 0.0, b: a + row.b, c: row.c - a * z, d: row.d }, slack);
+            self.add(Row { a: 0.0, b: a + row.b, c: row.c - a * z, d: row.d }, share);
         }
     }
 
     /// Adds the rows at grid point `i` with √z replaced by its tangent at the reference speed.
-    fn linear(&mut self, grid: &Grid, slack: &Slack, i: usize) {
+    fn linear(&mut self, grid: &Grid, tightening: &Tightening, i: usize) {
         let grid_point = &grid.points[i];
         for (row, &k) in grid_point.rows.iter().zip(&grid.quantities) {
             let (a, b, c) = row.tangent(grid_point.reference);
-            self.add(Row { a, b, c, d: 0.0 }, slack.share[i][k]);
+            self.add(Row { a, b, c, d: 0.0 }, tightening.share[i][k]);
         }
     }
 
@@ -216,26 +216,26 @@ const MAX_TANGENTS: usize = 10;
 /// # Errors
 ///
 /// [`Stuck`] with the grid point at which the limits permit no z.
-pub fn solve(grid: &Grid, slack: &Slack) -> Result<Passes, Stuck> {
-    let mvc = maximum_velocity_curve(grid, slack)?;
-    let controllable = backward(grid, slack, &mvc)?;
-    let (z, acceleration) = forward(grid, slack, &mvc, &controllable)?;
+pub fn solve(grid: &Grid, tightening: &Tightening) -> Result<Passes, Stuck> {
+    let mvc = maximum_velocity_curve(grid, tightening)?;
+    let controllable = backward(grid, tightening, &mvc)?;
+    let (z, acceleration) = forward(grid, tightening, &mvc, &controllable)?;
     Ok(Passes { z, acceleration, mvc })
 }
 
-/// Largest z at each grid point on its own.
-fn maximum_velocity_curve(grid: &Grid, slack: &Slack) -> Result<Vec<f64>, Stuck> {
+/// The largest z at each grid point alone.
+fn maximum_velocity_curve(grid: &Grid, tightening: &Tightening) -> Result<Vec<f64>, Stuck> {
     let mut strips = Strips::default();
     let largest = |i: usize| {
-        strips.clear(grid.points[i].cap * slack.cap(i));
-        strips.here(grid, slack, i);
+        strips.clear(grid.points[i].cap * tightening.cap(i));
+        strips.here(grid, tightening, i);
         strips.largest().ok_or(Stuck { grid_point: i })
     };
     (0..grid.points.len()).map(largest).collect()
 }
 
 /// Largest controllable z at each grid point, from which rest at the end of the path can be reached.
-fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> {
+fn backward(grid: &Grid, tightening: &Tightening, mvc: &[f64]) -> Result<Vec<f64>, Stuck> {
     let n = grid.intervals();
     let viscous = |i: usize| grid.points[i].rows.iter().any(|row| row.d != 0.0);
     let mut strips = Strips::default();
@@ -244,13 +244,13 @@ fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> 
         let (h, next) = (grid.length(i), controllable[i + 1]);
         strips.clear(mvc[i]);
         strips.reach(h, next);
-        strips.here(grid, slack, i);
+        strips.here(grid, tightening, i);
         let own = [strips.list.len(), strips.bare.len()];
         let mut tangent = next;
         let mut found = None;
         for _ in 0..MAX_TANGENTS {
             strips.truncate(own);
-            strips.ahead(grid, slack, i, tangent);
+            strips.ahead(grid, tightening, i, tangent);
             let Some(z) = strips.largest() else {
                 // A tangent at a much larger z overestimates √z.
                 tangent *= 0.25;
@@ -269,7 +269,12 @@ fn backward(grid: &Grid, slack: &Slack, mvc: &[f64]) -> Result<Vec<f64>, Stuck> 
 }
 
 /// z at each grid point and s̈ in each interval of the motion with the largest s̈ within the controllable z.
-fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Stuck> {
+fn forward(
+    grid: &Grid,
+    tightening: &Tightening,
+    mvc: &[f64],
+    controllable: &[f64],
+) -> Result<(Vec<f64>, Vec<f64>), Stuck> {
     let n = grid.intervals();
     let (mut z, mut acceleration) = (vec![0.0; n + 1], vec![0.0; n]);
     let (mut strips, mut arriving) = (Strips::default(), Strips::default());
@@ -277,11 +282,11 @@ fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Res
         let (h, limit) = (grid.length(i), controllable[i + 1]);
         strips.clear(mvc[i]);
         strips.reach(h, limit);
-        strips.here(grid, slack, i);
+        strips.here(grid, tightening, i);
         let mut reach = |z: f64, strips: &Strips| {
             let [(upper, _), (lower, _)] = strips.range(z, z.sqrt());
             arriving.clear((z + 2.0 * h * upper).clamp(0.0, limit));
-            arriving.arriving(grid, slack, i, z);
+            arriving.arriving(grid, tightening, i, z);
             let next = arriving.largest()?;
             (next >= (z + 2.0 * h * lower) * (1.0 - 1e-9)).then_some(next)
         };
@@ -291,7 +296,7 @@ fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Res
             None => {
                 // Close to the largest z, steep rows amplify rounding of z in s̈.
                 strips.cap = z[i];
-                strips.ahead(grid, slack, i, limit);
+                strips.ahead(grid, tightening, i, limit);
                 match strips.largest() {
                     Some(lower) if lower >= z[i] * (1.0 - 1e-6) => z[i] = lower,
                     _ => return Err(Stuck { grid_point: i }),
@@ -309,12 +314,12 @@ fn forward(grid: &Grid, slack: &Slack, mvc: &[f64], controllable: &[f64]) -> Res
 /// middles of the intervals.
 pub(super) fn relaxed(grid: &Grid) -> (Vec<f64>, Vec<f64>) {
     let n = grid.intervals() / 2;
-    let slack = Slack::full(grid.points.len());
+    let tightening = Tightening::none(grid.points.len());
     let mut strips = Strips::default();
     let mut above: Vec<f64> = (0..=n)
         .map(|i| {
             strips.clear(grid.points[2 * i].cap);
-            strips.linear(grid, &slack, 2 * i);
+            strips.linear(grid, &tightening, 2 * i);
             strips.largest().unwrap_or(grid.points[2 * i].cap)
         })
         .collect();

@@ -196,16 +196,16 @@ pub(super) struct Ramp {
 
 /// Usable share of each limit at each grid point: one, or less where the check on a finer grid found an excess.
 #[derive(Clone, Debug)]
-pub struct Slack {
+pub struct Tightening {
     /// Per grid point: share of each affine quantity, and as last entry of the cap on z.
     pub share: Vec<[f64; QUANTITIES + 1]>,
     /// Per grid point: share of each drive's jerk limit.
     pub jerk: Vec<[f64; AXES]>,
 }
 
-impl Slack {
-    /// Share one of every limit at `points` grid points.
-    pub fn full(points: usize) -> Self {
+impl Tightening {
+    /// No limit tightened at `points` grid points.
+    pub fn none(points: usize) -> Self {
         Self { share: vec![[1.0; QUANTITIES + 1]; points], jerk: vec![[1.0; AXES]; points] }
     }
 

@@ -10,7 +10,7 @@ use super::limits::{Limit, Limits};
 use super::linearise::{references, references_of_passes, reparametrised, resampled};
 use super::pass::{self, Passes, Stuck};
 use super::plan::{Options, Plan, TIGHTENED_GAP};
-use super::rows::{Grid, Slack};
+use super::rows::{Grid, Tightening};
 use super::verify::{self, Use};
 use super::{Curve, Objective, PathPoint, PlaceError, PlanError, Profile, certificate, refine, relaxation};
 use crate::machine::AXES;
@@ -52,7 +52,7 @@ struct Found {
 trait Solver {
     fn profile(&self) -> Profile;
 
-    fn slack(&mut self) -> &mut Slack;
+    fn tightening(&mut self) -> &mut Tightening;
 
     /// Solves again; the last motion is kept on an error.
     fn solve(&mut self, search: &mut Search) -> Result<(), PlanError>;
@@ -62,7 +62,7 @@ trait Solver {
 struct Unlimited {
     places: Vec<f64>,
     grid: Grid,
-    slack: Slack,
+    tightening: Tightening,
     passes: Passes,
 }
 
@@ -71,12 +71,12 @@ impl Solver for Unlimited {
         Profile::linear(&self.places, &self.passes.z)
     }
 
-    fn slack(&mut self) -> &mut Slack {
-        &mut self.slack
+    fn tightening(&mut self) -> &mut Tightening {
+        &mut self.tightening
     }
 
     fn solve(&mut self, search: &mut Search) -> Result<(), PlanError> {
-        self.passes = search.passes(&mut self.grid, &self.slack, Some(&self.passes))?;
+        self.passes = search.passes(&mut self.grid, &self.tightening, Some(&self.passes))?;
         Ok(())
     }
 }
@@ -86,8 +86,8 @@ impl Solver for Sequence {
         self.profile()
     }
 
-    fn slack(&mut self) -> &mut Slack {
-        &mut self.slack
+    fn tightening(&mut self) -> &mut Tightening {
+        &mut self.tightening
     }
 
     fn solve(&mut self, search: &mut Search) -> Result<(), PlanError> {
@@ -169,9 +169,9 @@ impl<'a> Search<'a> {
     fn unlimited(&mut self, places: Vec<f64>) -> Result<Unlimited, PlanError> {
         self.timed(|search| {
             let mut grid = Grid::new(search.machine, search.curve, search.limits, &places)?;
-            let slack = Slack::full(places.len());
-            let passes = search.passes(&mut grid, &slack, None)?;
-            Ok(Unlimited { places, grid, slack, passes })
+            let tightening = Tightening::none(places.len());
+            let passes = search.passes(&mut grid, &tightening, None)?;
+            Ok(Unlimited { places, grid, tightening, passes })
         })
     }
 
@@ -205,7 +205,7 @@ impl<'a> Search<'a> {
         let (mut round, mut fine) = (0, false);
         loop {
             let uses = self.check(curve, &solver.profile(), fine)?;
-            let done = !tighten(&uses, solver.slack()) || round == MAX_TIGHTENINGS;
+            let done = !tighten(&uses, solver.tightening()) || round == MAX_TIGHTENINGS;
             match (done, fine) {
                 (true, true) => return accept(uses),
                 (true, false) => fine = true,
@@ -300,10 +300,10 @@ impl<'a> Search<'a> {
     ///
     /// Tangents of other laws at speed may permit no motion at rest, so the reference speeds are reduced until the
     /// first passes succeed.
-    fn passes(&mut self, grid: &mut Grid, slack: &Slack, from: Option<&Passes>) -> Result<Passes, PlanError> {
+    fn passes(&mut self, grid: &mut Grid, tightening: &Tightening, from: Option<&Passes>) -> Result<Passes, PlanError> {
         let mut found = match from {
             Some(found) => found.clone(),
-            None => pass::solve(grid, slack).map_err(|e| stuck(e, grid))?,
+            None => pass::solve(grid, tightening).map_err(|e| stuck(e, grid))?,
         };
         let (mut speed_share, mut solved) = (1.0, 0);
         while solved < MAX_LINEARISATIONS {
@@ -311,7 +311,7 @@ impl<'a> Search<'a> {
             references.iter_mut().for_each(|r| r.speed *= speed_share);
             grid.load(self.machine, self.limits, &references)?;
             self.iterations += 1;
-            let next = match pass::solve(grid, slack) {
+            let next = match pass::solve(grid, tightening) {
                 Ok(next) => next,
                 Err(_) if solved > 0 => break,
                 Err(_) if speed_share > LEAST_SPEED_SHARE => {

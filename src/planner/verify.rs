@@ -1,11 +1,11 @@
 //! Check of a motion against the full nonlinear model on a grid finer than that of the plan.
 
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::limits::{Limit, Limits, QUANTITIES};
 use super::{Curve, Machine, PathPoint, PlaceError, PlanError, Profile};
 use crate::machine::AXES;
+use crate::numerics::bisect;
 
 /// Number of checked quantities: drive speeds, then as in [`Limit::affine`], then drive jerks.
 pub const CHECKED: usize = AXES + QUANTITIES + AXES;
@@ -63,19 +63,12 @@ fn places(machine: &Machine, curve: &Curve, profile: &Profile, i: usize, points:
     let rates = |sigma: f64| -> Option<[f64; AXES + 1]> {
         let point = PathPoint::new(geometry, curve, profile.s[i] + sigma).ok()?;
         let [a, b, c, d] = point.q[1];
-        let bar = geometry.upper_hooke() - point.r[0].xyz() - Vector3::z() * geometry.lower_hooke_height;
-        Some([a, b, c, d, -bar.normalize().dot(&point.r[1].xyz())])
+        let axis = geometry.telescope_bar(&point.r[0].xyz()).normalize();
+        Some([a, b, c, d, -axis.dot(&point.r[1].xyz())])
     };
     let (Some(start), Some(end)) = (rates(0.0), rates(h)) else { return out };
     for k in (0..=AXES).filter(|&k| start[k] * end[k] < 0.0) {
-        let (mut low, mut high) = (0.0, h);
-        for _ in 0..30 {
-            let middle = 0.5 * (low + high);
-            match rates(middle) {
-                Some(rate) if rate[k] * start[k] > 0.0 => low = middle,
-                _ => high = middle,
-            }
-        }
+        let [low, _] = bisect([0.0, h], 30, |sigma| rates(sigma).is_some_and(|rate| rate[k] * start[k] > 0.0));
         let bend = (end[k] - start[k]) / h;
         let width = REVERSAL_RATE / (bend.abs() * profile.at(i, low).z.sqrt()).max(f64::MIN_POSITIVE);
         out.extend(REVERSAL_OFFSETS.map(|x| low + x * width).into_iter().filter(|sigma| (0.0..=h).contains(sigma)));

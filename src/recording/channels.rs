@@ -1,16 +1,16 @@
-//! Channels that only a simulation has: multipliers of the constraint rows, and the links behind elastic gears.
+//! Names of the channels that only a simulation provides: the multipliers of the constraint rows.
 
 use crate::machine::{ARMS, STRUTS};
 
 /// Number of constraint rows of the assembled robot.
 pub const ROWS: usize = 74;
 
-/// Column of the multiplier of every row, in the order of the rows: `lambda_<joint>_<row>`.
+/// Column names `lambda_<joint>_<row>` of the constraint multipliers, in the order of the rows.
 ///
-/// Joints are `arm1 … arm3` and `rotor` (bearings), `strut1_upper`, `strut1_lower` … (sockets), `end_effector` (its bearing
-/// on the platform), `upper_hooke`, `slide` and `lower_hooke` of the telescope. Rows `x`, `y`, `z` hold two points together and
-/// their multipliers are forces in N along the inertial axes; rows with a number are scalar: moments in N·m about the cross
-/// product of two axes that they keep normal, and for `slide_4` and `slide_5` forces in N.
+/// Joints are `arm1 … arm3` and `rotor` (bearings), `strut1_upper`, `strut1_lower` … (sockets), `end_effector` (its
+/// bearing on the platform), and `upper_hooke`, `slide` and `lower_hooke` of the telescope. Rows `x`, `y`, `z` make two
+/// points coincide; their multipliers are forces (N) along the inertial axes. Numbered rows are scalar: moments (N·m)
+/// about the cross product of two axes that the row keeps perpendicular, and for `slide_4` and `slide_5` forces (N).
 pub fn multiplier_names() -> [String; ROWS] {
     let point = ["x", "y", "z"];
     let mut names = Vec::with_capacity(ROWS);
@@ -31,7 +31,7 @@ pub fn multiplier_names() -> [String; ROWS] {
     std::array::from_fn(|row| names[row].clone())
 }
 
-/// Whether a multiplier is a force, N; else a moment, N·m.
+/// Whether the multiplier of `row` is a force (N); otherwise it is a moment (N·m).
 pub fn is_force(row: usize) -> bool {
     let names = multiplier_names();
     ["_x", "_y", "_z"].iter().any(|end| names[row].ends_with(end))

@@ -1,62 +1,62 @@
-//! What a file holds of a run beside its samples: where it comes from, and what shows it in other programs.
+//! Data of a run besides its samples: provenance, and what other programs need for display.
 
 use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 
-/// Origin and pictures of a run; empty for a measurement of which nothing else is known.
+/// Provenance and display data of a run; empty for a measurement about which nothing else is known.
 #[derive(Clone, Debug, Default)]
 pub struct Context {
     /// Facts by name, such as `model`, `scenario`, `seed`, `version`, `command`.
     pub provenance: BTreeMap<String, String>,
-    /// The files that the run was made from.
+    /// Input files of the run.
     pub attachments: Vec<Attachment>,
     /// URDF of the robot.
     pub description: Option<String>,
-    /// Poses of the robot's links and of what stands around it, in order of time.
+    /// Poses of the robot's links and of the objects around it, in order of time.
     pub poses: Vec<Poses>,
-    /// What happened, in order of time.
+    /// Events in order of time.
     pub events: Vec<Note>,
 }
 
-/// A file as it was.
+/// A file, stored unchanged.
 #[derive(Clone, Debug)]
 pub struct Attachment {
-    /// Its name, without folders.
+    /// File name without folders.
     pub name: String,
-    /// Its media type, such as `application/toml`.
+    /// Media type, such as `application/toml`.
     pub media_type: String,
-    /// Its content.
+    /// Content.
     pub content: Vec<u8>,
 }
 
-/// Poses at one time.
+/// Poses of named frames at one time.
 #[derive(Clone, Debug)]
 pub struct Poses {
     /// Time, s.
     pub t: f64,
-    /// Frames by name, in the inertial frame, m.
+    /// Frame names with their poses in the inertial frame, translation in m.
     pub frames: Vec<(String, Isometry3<f64>)>,
 }
 
-/// Something that happened.
+/// An event.
 #[derive(Clone, Debug)]
 pub struct Note {
-    /// When, s.
+    /// Time, s.
     pub t: f64,
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
-    /// What, in words.
+    /// Description.
     pub text: String,
 }
 
-/// How bad an event is.
+/// Severity of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// Nothing bad.
+    /// Normal course of the run.
     Info,
-    /// The run goes on in another way.
+    /// The run continues in another way.
     Warning,
-    /// Something broke.
+    /// A failure, such as a broken part.
     Error,
 }

@@ -1,4 +1,4 @@
-//! How far two recordings of the same run are apart.
+//! Differences between two recordings of the same run.
 
 use super::{Recording, Signals};
 use crate::machine::Unit;
@@ -10,13 +10,13 @@ pub struct Difference {
     pub channel: String,
     /// Sample, from 0.
     pub sample: usize,
-    /// Size of the difference, in `unit`.
+    /// Absolute difference, in `unit`; infinite if the channel or the sample is missing in one recording.
     pub size: f64,
     /// Unit.
     pub unit: Unit,
 }
 
-/// A channel of a recording.
+/// A channel of a recording, as a function of the sample.
 struct Channel<'a> {
     family: &'static str,
     name: String,
@@ -25,7 +25,7 @@ struct Channel<'a> {
 }
 
 impl Recording {
-    /// Largest difference of every family of channels both have, over the samples both have.
+    /// Largest absolute difference per family of channels, over the channels and samples that both recordings have.
     pub fn differences(&self, other: &Self) -> Vec<Difference> {
         let samples = self.signals.len().min(other.signals.len());
         let theirs = channels(&other.signals);
@@ -46,8 +46,10 @@ impl Recording {
         out
     }
 
-    /// The first sample at which the two are not the same bit for bit; a missing channel or sample counts. Times are
-    /// compared to the nanosecond, which is what MCAP keeps of them.
+    /// The first sample at which the recordings differ, bit for bit; a missing channel or sample counts as a
+    /// difference.
+    ///
+    /// Times are compared after rounding to the nanosecond, the resolution of MCAP.
     pub fn first_difference(&self, other: &Self) -> Option<Difference> {
         let (mine, theirs) = (channels(&self.signals), channels(&other.signals));
         if let Some(c) = mine.iter().chain(&theirs).find(|c| {

@@ -1,4 +1,4 @@
-//! What was measured or simulated: joint angles, drive torques and optional channels over time.
+//! Measured or simulated signals: joint angles, drive torques and optional channels over time.
 
 mod channels;
 mod context;
@@ -15,24 +15,24 @@ use crate::machine::{AXES, Mechanism, STRUTS, Setup};
 /// One run of the machine, sampled at increasing times.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// Name for reports, usually the file's stem.
+    /// Name for reports, usually the file stem.
     pub name: String,
-    /// Signals of every sample.
+    /// Sampled signals.
     pub signals: Signals,
-    /// What is known about the run.
+    /// Known conditions of the run.
     pub setup: Setup,
 }
 
 /// Sampled signals; all channels have the length of `t`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signals {
-    /// Kind of machine: only its axes are measured, the others are zero.
+    /// Kind of machine; the channels of axes it does not have are zero.
     pub mechanism: Mechanism,
-    /// When t = 0 was, ns since 1970-01-01 UTC; `None` where it is not known, as of simulated runs.
+    /// Instant of t = 0, ns since 1970-01-01 UTC; `None` if unknown.
     pub start: Option<i64>,
     /// Time, s.
     pub t: Vec<f64>,
-    /// Joint angles q = (φ1, φ2, φ3, ψ) as the encoders see them, rad: of elastic gears on the motors' side.
+    /// Joint angles q = (φ1, φ2, φ3, ψ) measured by the encoders, rad; with elastic gears, on the motor side.
     pub q: Vec<[f64; AXES]>,
     /// Drive torques at the gear output, N·m.
     pub tau: Vec<[f64; AXES]>,
@@ -40,23 +40,23 @@ pub struct Signals {
     pub strut_upper: [Option<Vec<f64>>; STRUTS],
     /// Axial force at the platform end of each strut, tension positive, N.
     pub strut_lower: [Option<Vec<f64>>; STRUTS],
-    /// Platform ball plane's centre, m.
+    /// Position of the centre of the platform's ball plane in the inertial frame, m.
     pub ee: Option<Vec<[f64; 3]>>,
-    /// Rates of the same angles, rad/s.
+    /// Rates of `q`, rad/s.
     pub qd: Option<Vec<[f64; AXES]>>,
-    /// Accelerations of the same angles, rad/s².
+    /// Accelerations of `q`, rad/s².
     pub qdd: Option<Vec<[f64; AXES]>>,
-    /// What each ball socket could still take (six at the elbows, six at the platform), zero once open, N.
+    /// Remaining force margin of each ball socket (six at the elbows, six at the platform), zero once open, N.
     pub socket_margin: Option<Vec<[f64; 2 * STRUTS]>>,
-    /// Multipliers of all constraint rows, see [`multiplier_names`]; zero of joints that do not hold.
+    /// Multipliers of all constraint rows, see [`multiplier_names`]; zero for inactive joints.
     pub multipliers: Option<Vec<[f64; ROWS]>>,
-    /// Angles of the links, behind elastic gears, rad.
+    /// Link-side joint angles of elastic gears, rad.
     pub link_q: Option<Vec<[f64; AXES]>>,
-    /// Rates of the links, rad/s.
+    /// Link-side joint rates, rad/s.
     pub link_qd: Option<Vec<[f64; AXES]>>,
-    /// Stretches of samples without a gap in time between them; filters work on one at a time.
+    /// Index ranges without a gap in time; filters process each range separately.
     ///
-    /// Empty means a single stretch; read [`Signals::stretches`].
+    /// Empty means a single range; use [`Signals::stretches`].
     pub segments: Vec<Range<usize>>,
 }
 
@@ -71,7 +71,7 @@ impl Signals {
         self.t.is_empty()
     }
 
-    /// Index ranges of the uniformly sampled stretches, at least one unless there are no samples.
+    /// Index ranges of the uniformly sampled segments, at least one unless there are no samples.
     pub fn stretches(&self) -> Vec<Range<usize>> {
         if self.segments.is_empty() && !self.is_empty() {
             std::iter::once(0..self.len()).collect()
@@ -82,11 +82,16 @@ impl Signals {
 
     /// Median sampling period, s; zero with fewer than two samples.
     pub fn sample_time(&self) -> f64 {
-        let mut d: Vec<f64> = self.t.windows(2).map(|w| w[1] - w[0]).collect();
-        if d.is_empty() {
-            return 0.0;
-        }
-        let m = d.len() / 2;
-        *d.select_nth_unstable_by(m, f64::total_cmp).1
+        sample_time(&self.t)
     }
+}
+
+/// Median step of the times `t`, s, of two the greater; zero with fewer than two times.
+pub fn sample_time(t: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
+    if steps.is_empty() {
+        return 0.0;
+    }
+    let middle = steps.len() / 2;
+    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -1,6 +1,6 @@
-//! What a run does: desired motion, payload, things around the robot, sockets, supervision and sensors.
+//! Description of a run: desired motion, payload, surroundings, sockets, supervision and sensors.
 //!
-//! A [`Scenario`] only describes; `twin` runs it.
+//! A [`Scenario`] is data only; `twin` simulates it.
 
 pub mod motion;
 pub mod sockets;
@@ -21,17 +21,17 @@ use crate::model::Model;
 /// A run of the twin, as described by a scenario file.
 #[derive(Clone, Debug)]
 pub struct Scenario {
-    /// Name for reports, the file's stem.
+    /// Name for reports, the file stem.
     pub name: String,
     /// Model file of the machine.
     pub model: PathBuf,
-    /// Model file of the feed-forward, which also plans the motion; the machine's own without it.
+    /// Model file of the feed-forward, also used to plan the motion; `None` means the machine's own.
     pub controller_model: Option<PathBuf>,
-    /// Length, s.
+    /// Duration, s.
     pub duration: f64,
-    /// Seed of the sensor noise and of drawn socket holds.
+    /// Seed of the sensor noise and of randomly drawn socket hold forces.
     pub seed: u64,
-    /// Whether sensors are noisy and quantised.
+    /// Whether sensor signals are noisy and quantised.
     pub noise: bool,
     /// Integration steps per control period.
     pub substeps: usize,
@@ -49,40 +49,40 @@ pub struct Scenario {
     pub setup: Setup,
     /// Shape of the payload for collisions.
     pub payload_shape: Option<PayloadShape>,
-    /// Things around the robot, each with its own name.
+    /// Objects around the robot, with unique names.
     pub objects: Vec<Object>,
-    /// What the gripper does, in order of time.
+    /// Actions of the gripper, in order of time.
     pub actions: Vec<Action>,
     /// Ball sockets.
     pub sockets: SocketSetup,
-    /// When the drives trip.
+    /// Conditions under which the drives trip.
     pub supervision: Supervision,
-    /// What is recorded.
+    /// Recorded channels.
     pub sensors: Sensors,
 }
 
 /// Torque between two control instants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HoldTorque {
-    /// It changes linearly over the period, so that a recorded torque is the one that acts at its time stamp.
+    /// Linear over the period, so that a recorded torque is the one that acts at its time stamp.
     #[default]
     Ramp,
-    /// It stays constant over the period (zero-order hold).
+    /// Constant over the period (zero-order hold).
     Hold,
 }
 
-/// How the twin solves the equations of motion.
+/// Formulation of the equations of motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Formulation {
-    /// The rows of the joints are eliminated in closed form, as long as all sockets hold.
+    /// The constraint rows are eliminated in closed form while all sockets are closed.
     #[default]
     Eliminated,
-    /// Absolute coordinates: all bodies with six velocities each, all joints as rows with their multipliers.
+    /// Absolute coordinates: six velocities per body, all joints as constraint rows with multipliers.
     Absolute,
 }
 
 impl Formulation {
-    /// All of them by name.
+    /// All formulations by name.
     pub const NAMES: [(&str, Self); 2] = [("eliminated", Self::Eliminated), ("absolute", Self::Absolute)];
 
     /// Name in scenario files and on the command line.
@@ -100,91 +100,91 @@ impl std::str::FromStr for Formulation {
     }
 }
 
-/// Controller gains; what is `None` keeps its default.
+/// Controller gains; `None` keeps the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gains {
-    /// N·m/rad.
+    /// Proportional gain per axis, N·m/rad.
     pub proportional: Option<[f64; AXES]>,
-    /// N·m·s/rad.
+    /// Derivative gain per axis, N·m·s/rad.
     pub derivative: Option<[f64; AXES]>,
-    /// Cut-off of the low-pass on the differentiated error, Hz.
+    /// Cut-off frequency of the low-pass on the differentiated error, Hz.
     pub cutoff: Option<f64>,
 }
 
 /// Shape of the payload.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PayloadShape {
-    /// Shape with its axes along those of the flange.
+    /// Shape with its axes parallel to those of the flange.
     pub shape: Shape,
-    /// Its centre, m; origin at the flange centre, z up, turns with ψ.
+    /// Its centre, m; origin at the flange centre, z up, rotating with ψ.
     pub centre: Vector3<f64>,
 }
 
-/// Something the gripper does.
+/// An action of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Action {
-    /// When, s.
+    /// Time, s.
     pub t: f64,
-    /// What.
+    /// Kind.
     pub kind: ActionKind,
 }
 
-/// What the gripper can do.
+/// Kinds of gripper actions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ActionKind {
     /// Attaches an object, an index into [`Scenario::objects`].
     Pick(usize),
-    /// Lets go of the object it holds.
+    /// Releases the held object.
     Release,
 }
 
-/// When the drives trip and what they do then.
+/// Conditions under which the drives trip, and their state afterwards.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Supervision {
-    /// Largest torque of the feedback (not of the feed-forward) on an arm, N·m.
+    /// Largest feedback torque (without feed-forward) on an arm, N·m; `None` disables the check.
     pub torque: Option<f64>,
-    /// Largest distance between desired and measured angle of an arm, rad.
+    /// Largest difference between desired and measured angle of an arm, rad; `None` disables the check.
     pub tracking: Option<f64>,
-    /// Drives after a trip.
+    /// State of the drives after a trip.
     pub trip: Trip,
 }
 
-/// Drives after a trip.
+/// State of the drives after a trip.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Trip {
-    /// No torque.
+    /// Zero torque.
     #[default]
     Coast,
-    /// Brakes resist every motion.
+    /// Brakes engaged.
     Brake {
         /// Torque of each brake at the gear output, N·m.
         torque: f64,
     },
 }
 
-/// What is recorded beside time, joint angles and torques.
+/// Channels recorded besides time, joint angles and torques.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensors {
-    /// Struts that carry a force sensor at the elbow.
+    /// Struts with a force sensor at the elbow.
     pub strut_upper: [bool; STRUTS],
-    /// Struts that carry a force sensor at the platform.
+    /// Struts with a force sensor at the platform.
     pub strut_lower: [bool; STRUTS],
-    /// Platform ball plane's centre.
+    /// Position of the centre of the platform's ball plane.
     pub ee: bool,
     /// Joint rates.
     pub velocity: bool,
     /// Joint accelerations.
     pub acceleration: bool,
-    /// Margins of all sockets.
+    /// Force margins of all sockets.
     pub sockets: bool,
     /// Multipliers of all constraint rows.
     pub multipliers: bool,
-    /// Angles and rates of the links behind elastic gears.
+    /// Link-side angles and rates of elastic gears.
     pub links: bool,
 }
 
 impl Default for Sensors {
-    /// Only the platform's position.
+    /// Only the platform position.
     fn default() -> Self {
         let none = [false; STRUTS];
         Self {
@@ -201,12 +201,15 @@ impl Default for Sensors {
 }
 
 impl Scenario {
-    /// The desired motion for a machine like `planning`, refused if it is out of reach.
+    /// The desired motion for a machine like `planning`.
+    ///
+    /// # Errors
+    /// Those of [`Course::on`].
     pub fn motion(&self, planning: &Model) -> Result<DesiredMotion, MotionError> {
         self.motion.on(planning, &self.setup)
     }
 
-    /// Force at which each ball socket of `model` leaves its ball, N; 0..6 at the elbows, 6..12 at the platform.
+    /// Dislocation force of each ball socket of `model`, N; 0..6 at the elbows, 6..12 at the platform.
     pub fn socket_holds(&self, model: &Model) -> [f64; SOCKETS] {
         self.sockets.holds(model.sockets.dislocation_force, self.seed)
     }

@@ -1,4 +1,4 @@
-//! Ball sockets of a run: how hard each clamp holds and whether it may let go.
+//! Ball sockets of a run: hold forces, wear, missing springs, and whether sockets may dislocate.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -9,29 +9,30 @@ use crate::kinematics::motion::SOCKETS;
 /// Number of clamp spring units, one per pair of sockets: limbs 1–3 upper (elbow), then limbs 1–3 lower (platform).
 pub const SPRINGS: usize = SOCKETS / 2;
 
-/// Stream of the generator from which holds are drawn; the sensor noise has stream 0.
+/// Stream of the random generator for the hold forces; the sensor noise uses stream 0.
 const STREAM: u64 = 1;
 
 /// State of the ball sockets; 0..6 at the elbows (struts 1–6), 6..12 at the platform.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SocketSetup {
-    /// Whether a socket leaves its ball when the reaction across its cup exceeds its hold; else margins are reported.
+    /// Whether a socket dislocates when the lateral reaction exceeds its hold force; otherwise margins are only
+    /// reported.
     pub armed: bool,
-    /// Hold of each socket, N, instead of the model's.
+    /// Hold force of each socket, N, in place of the model's.
     pub hold: Option<[f64; SOCKETS]>,
-    /// Share of the hold that each socket has lost, 0 to 1.
+    /// Fraction of the hold force lost by each socket, 0 to 1.
     pub wear: [f64; SOCKETS],
-    /// Springs missing of the two in each unit, see [`spring_name`].
+    /// Number of missing springs, of the two in each unit, see [`spring_name`].
     pub missing: [u8; SPRINGS],
-    /// Standard deviation of the holds about the model's, N; drawn with the scenario's seed.
+    /// Standard deviation of the hold forces about the model's, N; drawn with the scenario's seed.
     pub sigma: Option<f64>,
 }
 
 impl SocketSetup {
-    /// Force at which each socket leaves its ball, N; `healthy` is the model's and `seed` the scenario's.
+    /// Dislocation force of each socket, N, never negative; `healthy` is the model's value and `seed` the scenario's.
     ///
-    /// Across the cup while nothing pulls along its opening; never negative. It is proportional to the clamp force: a unit
-    /// that has lost one of its two springs holds half. Wear of the cup's rim and scatter leave the clamp force as it is.
+    /// It is the lateral force at zero load along the cup's opening, and proportional to the clamp force: a unit with
+    /// one of its two springs missing holds half. Wear of the cup's rim and scatter do not change the clamp force.
     pub fn holds(&self, healthy: f64, seed: u64) -> [f64; SOCKETS] {
         let mut holds = self.hold.unwrap_or([healthy; SOCKETS]);
         if let Some(normal) = self.sigma.and_then(|sigma| Normal::new(0.0, sigma).ok()) {
@@ -44,18 +45,18 @@ impl SocketSetup {
         std::array::from_fn(|s| (holds[s] * self.springs(s) * (1.0 - self.wear[s])).max(0.0))
     }
 
-    /// Force that presses each cup on its ball, N; `healthy` is the model's.
+    /// Force that presses each cup on its ball, N; `healthy` is the model's value.
     pub fn preloads(&self, healthy: f64) -> [f64; SOCKETS] {
         std::array::from_fn(|s| healthy * self.springs(s))
     }
 
-    /// Share of the springs that are left at a socket.
+    /// Fraction of the springs remaining at a socket.
     fn springs(&self, socket: usize) -> f64 {
         1.0 - 0.5 * f64::from(self.missing[spring(socket)].min(2))
     }
 }
 
-/// The spring unit at `socket`.
+/// Index of the spring unit at `socket`.
 pub fn spring(socket: usize) -> usize {
     socket / 2
 }
@@ -85,7 +86,7 @@ mod tests {
         (expected[8], expected[9]) = (100.0, 100.0);
         (expected[10], expected[11]) = (0.0, 0.0);
         assert_eq!(sockets.holds(200.0, 7), expected);
-        // Worn cups are pressed on as before.
+        // Wear does not change the preload.
         expected[3] = 200.0;
         assert_eq!(sockets.preloads(200.0), expected);
         assert_eq!(spring_name(4), "limb2_lower");

@@ -1,10 +1,10 @@
-//! The machine in absolute coordinates as a system of differential equations: fourteen bodies, 84 velocities, every joint
-//! that holds as constraint rows.
+//! The machine in absolute coordinates as a system of differential equations: fourteen bodies, 84 velocities, every
+//! closed joint as constraint rows.
 //!
-//! Runs whole when it is asked for, and from the first dislocation on. Poses and velocities of all bodies are integrated,
-//! orientations as rotations exp(θ) of the orientation at the start of the step (Runge–Kutta–Munthe-Kaas: θ̇ = dexp⁻¹(ω)); after
-//! each step all are projected back on the rows. A robot that is taken apart has its bearings' rows only. Elastic struts
-//! have one more velocity each, the rate of their elongation.
+//! Used for a whole run on request, and from the first dislocation on. Poses and velocities of all bodies are
+//! integrated, orientations as rotations exp(θ) of the orientation at the start of the step (Runge–Kutta–Munthe-Kaas
+//! [Munthe-Kaas 1998]: θ̇ = dexp⁻¹(ω)); after each step the state is projected onto the rows. A disassembled robot has
+//! the rows of its bearings only. Elastic struts have one additional velocity each, the rate of their elongation.
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
@@ -23,36 +23,37 @@ use crate::kinematics::{BodyMotion, JointState, Motion, Reactions, SocketSet, Te
 use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER};
 use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
-/// Per body: position, quaternion at the start of the step, rotation θ since, velocity, angular velocity (world axes).
+/// Per body: position, quaternion at the start of the step, rotation θ since then, velocity, angular velocity (inertial
+/// axes).
 const BODY: usize = 16;
 const TURN: usize = 7;
 const VELOCITY: usize = 10;
 const OMEGA: usize = 13;
-/// Angles of the axes with all their turns; the bodies' orientations tell them but for whole turns.
+/// Axis angles including full turns, which the orientations of the bodies do not determine.
 const ANGLES: usize = BODY * BODIES;
-/// Elongations of the struts, then their rates.
+/// Elongations of the struts, followed by their rates.
 const STRETCH: usize = ANGLES + AXES;
 const STRETCH_RATE: usize = STRETCH + STRUTS;
-/// Length of positions and velocities.
+/// Number of positions and velocities.
 pub(super) const LENGTH: usize = STRETCH_RATE + STRUTS;
 
 /// The joints of a machine in absolute coordinates.
 pub(super) struct Joints {
     solver: Solver,
     rods: [Rod; STRUTS],
-    /// Elastic struts; rigid without.
+    /// Elastic struts; `None` if they are rigid.
     springs: Option<[StrutSpring; STRUTS]>,
 }
 
 enum Solver {
-    /// All joints of an assembled robot, but for open sockets.
+    /// All joints of an assembled robot, except open sockets.
     Loops(MaximalCoordinates),
-    /// Arms and rotor in their bearings.
+    /// Bearings of arms and rotor.
     Bearings(Box<Bearings>),
 }
 
 impl Joints {
-    /// Of a machine as it is mounted.
+    /// Joints of a machine in its configuration.
     pub fn new(plant: &Plant) -> Self {
         Self {
             solver: if plant.assembled {
@@ -65,13 +66,13 @@ impl Joints {
         }
     }
 
-    /// Energy of a state's elongations beyond that of rigid struts, J, without that of the springs.
+    /// Energy of a state in excess of that with rigid struts, J, without the energy of the springs.
     pub fn stretch_energy(&self, plant: &Plant, motion: &Motion, y: &[f64]) -> f64 {
         let rates = std::array::from_fn(|s| y[STRETCH_RATE + s]);
         self.springs.map_or(0.0, |_| rod::stretch_energy(&self.rods, plant, motion, &rates))
     }
 
-    /// Elastic struts at a state, without implicit terms.
+    /// Elastic struts at a state, without implicit terms; `None` if they are rigid.
     fn stretches(&self, y: &[f64]) -> Option<Stretches> {
         self.springs.map(|springs| {
             std::array::from_fn(|s| {
@@ -112,7 +113,7 @@ impl Joints {
         }
     }
 
-    /// Puts a state back on the rows of the joints that hold.
+    /// Projects a state onto the rows of the closed joints.
     pub fn close(&mut self, plant: &Plant, y: &mut [f64], closed: SocketSet) -> Result<(), SingularPose> {
         let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| body_state(&y[BODY * b..BODY * (b + 1)]));
         let mut stretches = self.stretches(y);
@@ -138,7 +139,7 @@ impl Joints {
         Ok(())
     }
 
-    /// λ of all rows for a motion whose accelerations these `wrenches` (drives included) bring about.
+    /// Multipliers λ of all rows for a motion whose accelerations result from `wrenches` (drives included).
     pub fn multipliers(
         &mut self,
         plant: &Plant,
@@ -157,7 +158,7 @@ impl Joints {
     }
 }
 
-/// Writes the poses and velocities of a motion, with the elongations of its struts.
+/// Writes poses and velocities of a motion, and the elongations of its struts.
 pub(super) fn store(y: &mut [f64], plant: &Plant, motion: &Motion) {
     for (b, m) in motion.bodies.iter().enumerate() {
         let orientation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m.rotation));
@@ -169,7 +170,8 @@ pub(super) fn store(y: &mut [f64], plant: &Plant, motion: &Motion) {
     }
 }
 
-/// Writes the velocities of a motion at the present poses; free ends of struts keep the rates of their elongations.
+/// Writes the velocities of a motion without changing the poses; struts with an open socket keep their elongation
+/// rates.
 pub(super) fn store_velocities(y: &mut [f64], plant: &Plant, motion: &Motion, closed: SocketSet) {
     for (b, m) in motion.bodies.iter().enumerate() {
         let at = &mut y[BODY * b..BODY * (b + 1)];
@@ -208,7 +210,7 @@ fn vector(y: &[f64]) -> Vector3<f64> {
     Vector3::new(y[0], y[1], y[2])
 }
 
-/// Orientation now: that at the start of the step, turned by θ.
+/// Present orientation: that at the start of the step, rotated by θ.
 fn orientation(at: &[f64]) -> UnitQuaternion<f64> {
     let start = UnitQuaternion::new_normalize(Quaternion::new(at[3], at[4], at[5], at[6]));
     UnitQuaternion::from_scaled_axis(vector(&at[TURN..])) * start
@@ -224,23 +226,24 @@ fn body_state(at: &[f64]) -> BodyState {
     }
 }
 
-/// θ̇ of R = exp(θ)·R₀ for the angular velocity ω (world axes), to the third power of θ: dexp⁻¹(ω) = ω − ½·θ×ω + 1/12·θ×(θ×ω).
+/// θ̇ of R = exp(θ)·R₀ for the angular velocity ω (inertial axes), up to third order in θ: dexp⁻¹(ω) = ω − ½·θ×ω +
+/// 1/12·θ×(θ×ω).
 fn turn_rate(turn: &Vector3<f64>, omega: &Vector3<f64>) -> Vector3<f64> {
     let once = turn.cross(omega);
     omega - once * 0.5 + turn.cross(&once) / 12.0
 }
 
-/// `angle` with the whole turns of `near`.
+/// `angle` plus the full turns of `near`.
 fn with_turns(angle: f64, near: f64) -> f64 {
     angle + std::f64::consts::TAU * ((near - angle) / std::f64::consts::TAU).round()
 }
 
-/// Angles of the axes with all their turns, rad.
+/// Axis angles including full turns, rad.
 pub(super) fn angles(y: &[f64]) -> [f64; AXES] {
     std::array::from_fn(|i| y[ANGLES + i])
 }
 
-/// Motion of all bodies at a state.
+/// Motion of all bodies at a state, without accelerations.
 pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
     let geometry = &plant.geometry;
     let mut out = Motion::disassembled(geometry, &JointState { q: angles(y), ..JointState::default() });
@@ -269,20 +272,17 @@ pub(super) fn motion(plant: &Plant, y: &[f64]) -> Motion {
             out.strut_length[s] = geometry.strut_length[s / 2] + y[STRETCH + s];
         }
         let lower = &out.bodies[TELESCOPE_LOWER];
-        let bar = geometry.upper_hooke() - lower.position;
-        let length = bar.norm();
-        let axis = bar / length;
-        out.telescope = Telescope { axis, length, rate: -axis.dot(&lower.velocity) };
+        out.telescope = Telescope::between(&lower.position, &lower.velocity, &geometry.upper_hooke());
     }
     out
 }
 
-/// Accelerations of all bodies and the forces of the joints.
+/// Accelerations of all bodies, and joint forces.
 pub(super) struct Solution {
     pub bodies: [Twist; BODIES],
-    /// Rates of the elongations' rates, m/s².
+    /// Second derivatives of the elongations, m/s².
     stretches: [f64; STRUTS],
-    /// λ of every row, N or N·m.
+    /// Multiplier λ of every row, N or N·m.
     pub multipliers: [f64; ROWS],
     pub reactions: Reactions,
     pub socket_force: [Vector3<f64>; 2 * STRUTS],
@@ -295,8 +295,8 @@ pub(super) struct Absolute<'a> {
 }
 
 impl Absolute<'_> {
-    /// Solves for accelerations and reactions at a motion; `implicit` are the stage's sum and hγ, which is zero where the
-    /// method is explicit.
+    /// Solves for accelerations and reactions at a motion; `implicit` holds the stage's sum and hγ (zero for an
+    /// explicit method).
     fn solve(
         &mut self,
         t: f64,
@@ -325,7 +325,8 @@ impl Absolute<'_> {
                 damping = Some(self.implicit_terms((t, y, motion), (sum, g), &mut moments, stretches.as_mut()));
             }
             Some(_) => {
-                // Nothing turns the struts where the method is explicit, and their restraint would be steep: they rest.
+                // An explicit method runs without loads on the spins; their stiff restraint is omitted, so that they
+                // stay at rest.
                 for s in 0..STRUTS {
                     let u = motion.strut_axis[s];
                     let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
@@ -356,8 +357,8 @@ impl Absolute<'_> {
         })
     }
 
-    /// The implicit terms of a Rosenbrock stage: adds moments and the springs' forces ahead; returns what damping adds to the
-    /// rotational blocks of the mass matrix, kg·m².
+    /// Adds the implicit terms of a Rosenbrock stage, moments and predicted spring forces; returns the contribution of
+    /// damping to the rotational blocks of the mass matrix, kg·m².
     fn implicit_terms(
         &self,
         (t, y, motion): (f64, &[f64], &Motion),
@@ -415,7 +416,7 @@ impl System for Absolute<'_> {
             self.context.measure_damping(t, y, &mut motion);
         }
         let solution = self.solve(t, y, &motion, Some((sum, g)))?;
-        // Poses change with the velocities, and where struts are elastic (their stiffness is implicit) with those one step ahead.
+        // Position rates are the velocities; with elastic struts, whose stiffness is implicit, those one step ahead.
         let ahead = self.joints.springs.is_some() && g > 0.0;
         let rate = |now: Vector3<f64>, at: usize, slope: Vector3<f64>| {
             if ahead { now + vector(&sum[at..]) + slope * g } else { now }

@@ -21,16 +21,16 @@ const SPIN: usize = NU + OPEN;
 /// Length of positions and velocities.
 pub(super) const LENGTH: usize = SPIN + STRUTS;
 
-/// The last frame that was built.
+/// The frame of the last evaluation.
 #[derive(Default)]
 pub(super) struct FrameCache {
     frame: Option<Box<Frame>>,
-    /// Time and torque for which frame and wrenches hold; forgotten when anything changes.
+    /// Time and torque for which frame and wrenches are valid; `None` after any change.
     fresh: Option<(f64, [f64; AXES])>,
 }
 
 impl FrameCache {
-    /// State, machine or surroundings are no longer those of the last evaluation.
+    /// Marks the cached frame as invalid, after a change of state, machine or surroundings.
     pub fn invalidate(&mut self) {
         self.fresh = None;
     }
@@ -77,7 +77,7 @@ pub(super) fn motion(mechanism: &Mechanism, y: &[f64]) -> Motion {
 }
 
 impl Assembled<'_> {
-    /// Runs `what` on the frame at a state, with the wrenches that do not read reactions in place.
+    /// Calls `what` with the frame at a state and the wrenches that do not depend on reactions.
     ///
     /// An evaluation and the step that starts from it share both.
     fn with_frame<T>(&mut self, t: f64, y: &[f64], start: bool, what: impl FnOnce(&mut Self, &mut Frame) -> T) -> T {
@@ -103,7 +103,7 @@ impl Assembled<'_> {
         })
     }
 
-    /// Accelerations and reactions at a state: motion of all bodies, and the solution.
+    /// Motion of all bodies with accelerations, and the solution of the equations of motion, at a state.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> Result<(Motion, Solution), SingularPose> {
         self.with_frame(t, y, true, |system, frame| {
             let solution = system.solve(t, y, frame, &Implicit::default())?;
@@ -137,7 +137,7 @@ impl Assembled<'_> {
         }
         if let Some(springs) = &self.mechanism.springs {
             let velocities = OpenVector::from_column_slice(&sum[NU..SPIN]);
-            // Changes of the open coordinates: angles, position and (of the quaternion) rotation vector.
+            // Increments of the open coordinates: angles, position and, from the quaternion, rotation vector.
             let (mut pose, ..) = pose(sum);
             let turned = pose.orientation;
             pose.orientation = quaternion_of(frame);
@@ -178,11 +178,11 @@ impl System for Assembled<'_> {
 }
 
 impl Assembled<'_> {
-    /// The stage at a frame.
+    /// Writes the stage derivative at a frame.
     fn stage_at(&mut self, stage: &Stage, frame: &mut Frame, k: &mut [f64]) -> Result<(), SingularPose> {
         let Stage { t, y, sum, g, first } = *stage;
         let (pose, nu, _) = pose(y);
-        // Position rates are ν, and ν one step ahead where struts are elastic (their stiffness is implicit).
+        // Position rates are ν; with elastic struts, whose stiffness is implicit, ν one step ahead.
         let elastic = g > 0.0 && self.mechanism.springs.is_some();
         let mut rate = nu;
         if elastic {
@@ -207,7 +207,8 @@ impl Assembled<'_> {
         k[ORIENTATION..ROLL].copy_from_slice(&[turning.w, turning.i, turning.j, turning.k]);
         k[ROLL..NU].copy_from_slice(&frame.roll_rate);
         k[NU..SPIN].copy_from_slice(solution.nu_rate.as_slice());
-        // Nothing turns the struts where the method is explicit, and their restraint would be steep: they rest.
+        // An explicit method runs without loads on the spins; their stiff restraint is omitted, so that they stay at
+        // rest.
         let spin_rate = if g > 0.0 { solution.spin_rate } else { [0.0; STRUTS] };
         k[SPIN..LENGTH].copy_from_slice(&spin_rate);
 

@@ -1,7 +1,7 @@
-//! Independent axes as a system of differential equations: arms and rotor of a disassembled robot, or a lone axis.
+//! Independent axes as a system of differential equations: arms and rotor of a disassembled robot, or a single axis.
 //!
-//! Every body turns about a fixed axis e through its origin, so each axis stands alone: with Θ its moment of inertia
-//! about e, h its first moment and M the moments of effects and contacts on it, Θ·q̈ = τ + e·(M + h × g).
+//! Every body rotates about a fixed axis e through its origin, so that the axes are decoupled: with Θ the moment of
+//! inertia about e, h the first moment and M the moments of effects and contacts, Θ·q̈ = τ + e·(M + h × g).
 
 use nalgebra::Vector3;
 
@@ -12,7 +12,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::{JointState, Motion};
 use crate::machine::AXES;
 
-/// Angles, then rates.
+/// Number of angles and rates, in this order.
 pub(super) const LENGTH: usize = 2 * AXES;
 
 /// Right-hand side for one step.
@@ -25,13 +25,13 @@ pub(super) fn store(y: &mut [f64], motion: &Motion) {
     y[AXES..LENGTH].copy_from_slice(&motion.qd);
 }
 
-/// Motion of all bodies at a state, with the given accelerations of the axes.
+/// Motion of all bodies at a state, with given axis accelerations.
 pub(super) fn motion(plant: &Plant, y: &[f64], qdd: [f64; AXES]) -> Motion {
     let (q, qd) = (std::array::from_fn(|i| y[i]), std::array::from_fn(|i| y[AXES + i]));
     Motion::disassembled(&plant.geometry, &JointState { q, qd, qdd })
 }
 
-/// Terms that a Rosenbrock stage adds to an axis: inertia, kg·m², and torque, N·m.
+/// Implicit terms of a Rosenbrock stage per axis: inertia (kg·m²) and torque (N·m).
 type Implicit = [(f64, f64); AXES];
 
 impl Axes<'_> {
@@ -99,7 +99,7 @@ impl System for Axes<'_> {
         Ok(())
     }
 
-    /// Nothing ties the axes together.
+    /// No constraints between the axes.
     fn project(&mut self, _y: &mut [f64]) -> Result<(), SingularPose> {
         Ok(())
     }

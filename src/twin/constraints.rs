@@ -1,4 +1,4 @@
-//! The 74 constraint rows in position and velocity.
+//! The 74 constraint rows at position and velocity level.
 //!
 //! Four revolute joints to the base (5 rows each), twelve spherical joints (3), the revolute joint of the end effector
 //! (5), two Hooke joints (4) and the prismatic joint of the telescope (5).
@@ -12,14 +12,17 @@ use crate::machine::{ARMS, Geometry, STRUTS};
 /// Number of constraint rows.
 pub const ROWS: usize = crate::recording::ROWS;
 
-/// The ball socket that a row belongs to.
+/// The ball socket to which a row belongs (0..6 at the elbows, 6..12 at the platform); `None` for another joint.
 pub fn socket(row: usize) -> Option<usize> {
-    // After three arms and the rotor, each strut's upper and lower socket with three rows each.
+    // After the bearings of three arms and the rotor, upper and lower socket of each strut with three rows each.
     let k = row.checked_sub(20).filter(|k| *k < 6 * STRUTS)?;
     Some(k / 6 + if k % 6 < 3 { 0 } else { STRUTS })
 }
 
-/// Violation (m or 1) and its rate (m/s or 1/s) of every row.
+/// Violation (m or 1) and violation rate (m/s or 1/s) of every row.
+///
+/// # Panics
+/// For no input: only an internal assertion on the number of rows can fail.
 pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     let mut out = Rows { values: [(0.0, 0.0); ROWS], n: 0 };
     let b = &motion.bodies;
@@ -63,7 +66,7 @@ pub fn rows(geometry: &Geometry, motion: &Motion) -> [(f64, f64); ROWS] {
     out.values
 }
 
-/// A vector and its rate.
+/// A vector and its time derivative.
 #[derive(Clone, Copy)]
 struct Moving {
     x: Vector3<f64>,

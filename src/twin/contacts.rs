@@ -1,12 +1,13 @@
-//! What the twin asks of whatever solves contacts: the robot with its surroundings, and with itself once it has fallen apart.
+//! Interface between the twin and a contact solver: robot against surroundings and, once it has broken, against itself.
 //!
-//! The twin is complete without: then nothing touches. What solves contacts keeps the free objects and their motion; the
-//! twin tells it where the robot is and takes the wrenches on the robot's bodies. A step goes
+//! Without a solver the twin runs without contacts. The solver holds the free objects and their motion; the twin passes
+//! the robot's motion and receives the wrenches on the robot's bodies. A step consists of
 //!
-//! 1. [`Contacts::near`]: whether anything can touch within it; if so it is cut to [`Contacts::longest_step`];
-//! 2. [`Contacts::wrenches`] at the poses ahead, towards which the wrenches go linearly over the step;
+//! 1. [`Contacts::near`]: whether a contact is possible within the step; if so, it is shortened to
+//!    [`Contacts::longest_step`];
+//! 2. [`Contacts::wrenches`] at the extrapolated poses; over the step the wrenches change linearly to these values;
 //! 3. the twin's own step;
-//! 4. [`Contacts::advance`] by as much for the free objects, which bear the opposite.
+//! 4. [`Contacts::advance`] by the same time for the free objects, under the opposite wrenches.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -17,88 +18,92 @@ use crate::machine::bodies::BODIES;
 use crate::machine::{Geometry, Inertia};
 use crate::scenario::PayloadShape;
 
-/// What solves contacts, and the free objects that it moves.
+/// Contact solver, with the free objects that it moves.
 ///
-/// Results depend on nothing but what is given here, so that a run is the same bit by bit. No method called in a step
-/// hands over memory: wrenches and touches are read where they are kept.
+/// Results must depend on the arguments alone, so that a run is reproducible bit by bit. Methods called in a step
+/// return references to buffers of the solver, without allocation.
 pub trait Contacts {
-    /// Whether anything could touch within `horizon` s at the present speeds while the sockets in `closed` hold, so that
-    /// steps must not be longer than [`Self::longest_step`].
+    /// Whether a contact is possible within `horizon` s at the present velocities, with the sockets in `closed`. If so,
+    /// steps must not exceed [`Self::longest_step`].
     fn near(&mut self, motion: &Motion, closed: SocketSet, horizon: f64) -> bool;
 
     /// Longest step that resolves the oscillation of the lightest body on its contacts, s.
     fn longest_step(&self) -> f64;
 
-    /// Contact wrenches on the robot's bodies, force (N) and moment about the body's origin (N·m), world axes, for the poses
-    /// and twists of `motion`, while the sockets in `closed` hold.
+    /// Contact wrenches on the robot's bodies, force (N) and moment about the body's origin (N·m), inertial axes, for
+    /// the poses and twists of `motion` with the sockets in `closed`.
     ///
-    /// The opposite loads act on the objects in the next [`Self::advance`]: momentum is conserved if the twin's wrenches go
-    /// linearly from those of the call before to these over that step.
+    /// The opposite loads act on the objects in the next [`Self::advance`]. Momentum is conserved if the twin changes
+    /// the wrenches linearly from those of the previous call to these over that step.
     fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES];
 
-    /// What touched at the last [`Self::wrenches`]: each pair once, links in order.
+    /// Contacts at the last [`Self::wrenches`]: each pair once, in the order of the links.
     fn touches(&self) -> &[Touch];
 
     /// Name of a body, for events.
     fn name(&self, body: ContactBody) -> String;
 
-    /// Moves the free objects on by `h` s under gravity, their own contacts and the opposite of the robot's contact
-    /// wrenches, which went linearly from those of the [`Self::wrenches`] before to the last one's and got as far as
-    /// `share` (0 to 1) of that way. Without a new call of [`Self::wrenches`] the robot touches nothing.
+    /// Advances the free objects by `h` s under gravity, their own contacts and the opposite of the robot's contact
+    /// wrenches.
+    ///
+    /// The latter change linearly from those of the previous call of [`Self::wrenches`] to those of the last one; the
+    /// step ends at the fraction `share` (0 to 1) of this change. Without a new call of [`Self::wrenches`] the robot
+    /// has no contact.
     fn advance(&mut self, h: f64, share: f64);
 
-    /// Takes a free object into the gripper, where it keeps its pose relative to the end effector.
+    /// Attaches a free object to the gripper at its present pose relative to the end effector.
     ///
     /// # Errors
-    /// If there is no such object, it is not free, or the gripper holds one.
+    /// [`CellError::Unknown`], [`CellError::NotFree`] or [`CellError::Occupied`].
     fn pick(&mut self, name: &str, motion: &Motion) -> Result<Held, CellError>;
 
-    /// Lets go of the held object with the pose and twist it has on the end effector; returns its name.
+    /// Releases the held object with the pose and twist it has on the end effector; returns its name.
     ///
     /// # Errors
-    /// If the gripper holds nothing.
+    /// [`CellError::Empty`] if the gripper holds nothing.
     fn release(&mut self, motion: &Motion) -> Result<String, CellError>;
 
-    /// Poses of the objects in the order of [`Surroundings::objects`]; a held one moves with the end effector of `motion`.
+    /// Poses of the objects in the order of [`Surroundings::objects`]; a held one moves with the end effector of
+    /// `motion`.
     fn poses(&self, motion: &Motion) -> Vec<Isometry3<f64>>;
 
     /// Kinetic energy of the free objects, J.
     fn kinetic_energy(&self) -> f64;
 }
 
-/// Makes what solves contacts for a run.
+/// Constructor of a contact solver for a run.
 ///
 /// # Errors
-/// If objects cannot be, or the robot stands in one of them at the start.
+/// A [`CellError`] if an object is not valid or overlaps with the robot at the start.
 pub type NewContacts = fn(&Surroundings<'_>) -> Result<Box<dyn Contacts>, CellError>;
 
-/// What there is to touch at the start of a run.
+/// Bodies and geometry at the start of a run.
 pub struct Surroundings<'a> {
-    /// Things around the robot, each with its own name.
+    /// Objects around the robot, with unique names.
     pub objects: &'a [Object],
-    /// Rigid shape on the flange.
+    /// Rigid shape on the flange, if any.
     pub payload: Option<&'a PayloadShape>,
-    /// Lengths of the robot.
+    /// Geometry of the robot.
     pub geometry: &'a Geometry,
-    /// m/s², inertial frame.
+    /// Gravitational acceleration in the inertial frame, m/s².
     pub gravity: Vector3<f64>,
-    /// Where the robot is.
+    /// Motion of the robot at the start.
     pub start: &'a Motion,
 }
 
-/// A body that can touch others.
+/// A body that can be in contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactBody {
-    /// Link of the robot, an index of its bodies.
+    /// Link of the robot, by its body index.
     Link(usize),
-    /// Object, an index into [`Surroundings::objects`]; those beyond are the solver's own.
+    /// Object, an index into [`Surroundings::objects`]; higher ones are the solver's own.
     Object(usize),
 }
 
-/// Two bodies that touch.
+/// Two bodies in contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
-    /// Link, or held object.
+    /// Link or held object.
     pub link: ContactBody,
     /// Object or other link.
     pub other: ContactBody,
@@ -106,14 +111,15 @@ pub struct Touch {
     pub force: f64,
 }
 
-/// An object at the moment it is picked up.
+/// An object at the time it is picked up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
-    /// Its inertia about the origin and along the axes of the end effector's frame.
+    /// Inertia about the origin and in the axes of the end effector's frame.
     pub inertia: Inertia,
-    /// Its centre of mass, m, inertial frame.
+    /// Centre of mass in the inertial frame, m.
     pub position: Vector3<f64>,
-    /// Its velocity there, m/s, and its angular velocity, rad/s, world axes; the end effector's own may differ, and the twin
-    /// shares out the momentum.
+    /// Velocity of the centre of mass (m/s) and angular velocity (rad/s), inertial axes.
+    ///
+    /// The end effector may move differently; the twin then conserves momentum.
     pub twist: Twist,
 }

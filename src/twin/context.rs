@@ -1,5 +1,5 @@
-//! What both formulations share within a step: what acts on the bodies, the reactions that friction reads, and the parts
-//! of the state that are not mechanics.
+//! Parts of a step that all formulations share: loads on the bodies, laws that depend on the solution, and states that
+//! are not mechanical.
 
 use nalgebra::Vector3;
 
@@ -15,12 +15,12 @@ use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
 
-/// Change of the answer at which the iteration over laws that read it stops, N, rad/s² or m/s².
+/// Change of the solution below which the iteration over laws that depend on it stops, N, rad/s² or m/s².
 const TOLERANCE: f64 = 1e-9;
-/// Enough for a contraction by two thirds per iteration.
+/// Iterations sufficient for a contraction factor of 2/3.
 const MAX_ITERATIONS: usize = 60;
 
-/// What the equations solve for and laws may read.
+/// Part of the solution on which laws may depend.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Answer {
     /// Strut forces, N.
@@ -31,26 +31,27 @@ pub(super) struct Answer {
     pub platform: Vector3<f64>,
 }
 
-/// Buffers that live as long as the twin.
+/// Buffers that are kept during a run.
 pub(super) struct Scratch {
-    /// Answer of the last evaluation, first guess of the next.
+    /// Solution of the last evaluation, initial guess of the next.
     pub answer: Answer,
-    /// Largest change in the last iteration over the answer that did not converge, N; zero if all did.
+    /// Largest change in the last iteration of evaluations that did not converge, N, rad/s² or m/s²; zero if all
+    /// converged.
     pub unconverged: f64,
-    /// Wrenches that do not depend on the answer, without the drives.
+    /// Wrenches that do not depend on the solution, without the drives.
     pub wrenches: [Twist; BODIES],
     /// All wrenches of the last evaluation, without the drives.
     pub total: [Twist; BODIES],
-    /// W of the present step.
+    /// Damping in W for the present step.
     pub damping: Damping,
-    /// What acts on the rotors of elastic gears; of laws that do not read the answer in `resting`.
+    /// Loads on the rotors of elastic gears; those that do not depend on the solution are in `resting`.
     pub motors: Motors,
     resting: [f64; ARMS],
-    /// The first law that gave no number.
+    /// The first law whose value was not finite.
     pub fault: Option<KinematicsError>,
     /// Power of each effect, W.
     powers: Vec<f64>,
-    /// Power of the spins' restraint and the brakes, W.
+    /// Power of the restraint of the spins and of the brakes, W.
     restraint_power: f64,
     /// Joints beyond their hard stops at the last evaluation.
     pub hits: [Option<Hit>; STOPS],
@@ -86,11 +87,11 @@ pub(super) struct Context {
     pub plant: Plant,
     pub forces: Forces,
     pub layout: Layout,
-    /// Of the drives.
+    /// Drive torques.
     pub torque: Torque,
-    /// Wrenches from outside.
+    /// External wrenches.
     pub external: Load,
-    /// Sockets that hold.
+    /// Closed sockets.
     pub closed: SocketSet,
     pub scratch: Scratch,
 }
@@ -100,7 +101,7 @@ impl Context {
         Scene { t, own: &y[self.layout.own()], torque: self.torque.at(t), closed: self.closed }
     }
 
-    /// Puts the wrenches of everything that does not read the answer into `scratch.wrenches`.
+    /// Writes the wrenches that do not depend on the solution to `scratch.wrenches`.
     pub fn prepare(&mut self, t: f64, y: &[f64], motion: &Motion) {
         let scene = self.scene(t, y);
         let scratch = &mut self.scratch;
@@ -123,7 +124,7 @@ impl Context {
             scratch.restraint_power -= damping * spin * spin;
         }
         if !self.plant.mechanism.has_telescope() {
-            // What touches the end effector touches the platform, of which it is a part.
+            // Without a telescope the end effector is part of the platform, and so are the loads on it.
             let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
             let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);
             wrenches[PLATFORM].0 += force;
@@ -131,7 +132,7 @@ impl Context {
         }
     }
 
-    /// Solves `equations` for wrenches on the bodies, and the laws that depend on their answer with them.
+    /// Solves `equations` for wrenches on the bodies, iterating over the laws that depend on the solution.
     pub fn solve<S>(
         &mut self,
         t: f64,
@@ -174,13 +175,13 @@ impl Context {
         }
     }
 
-    /// Rates and accelerations of the axes as the motors' encoders see them, for a motion with accelerations.
+    /// Rates and accelerations of the axes on the motor side, for a motion with accelerations.
     pub fn of_motors(&self, t: f64, y: &[f64], motion: &Motion) -> [[f64; AXES]; 2] {
         let seen = self.forces.of_motors(&self.scene(t, y), motion, &self.scratch.motors.torque);
         [seen.qd, seen.qdd]
     }
 
-    /// Chooses the damping in W for the coming step; `motion` is as before when it returns.
+    /// Determines the damping in W for the next step; `motion` is unchanged on return.
     pub fn measure_damping(&mut self, t: f64, y: &[f64], motion: &mut Motion) {
         let scene = self.scene(t, y);
         let scratch = &mut self.scratch;
@@ -188,9 +189,10 @@ impl Context {
         scratch.motors.damping = scratch.damping.motors;
     }
 
-    /// Writes the derivatives of what is not mechanics: the effects' own states, (1 − g·J)·k = rate + J·sum with their slopes
-    /// J at the first stage, and the work done. `motion` holds the
-    /// accelerations of the drives, `struts` is the power of elastic struts, W.
+    /// Writes the stage derivatives of the states that are not mechanical: internal states of the effects, with (1 −
+    /// g·J)·k = rate + J·sum and their slopes J at the first stage, and the work.
+    ///
+    /// `motion` must hold the accelerations of the drives; `struts` is the power of elastic struts, W.
     pub fn rest_of_stage(&mut self, stage: &Stage, motion: &Motion, struts: f64, k: &mut [f64]) {
         let Stage { t, y, sum, g, first } = *stage;
         let scene = self.scene(t, y);

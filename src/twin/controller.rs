@@ -1,4 +1,4 @@
-//! The drives' controller: feed-forward of a model plus PD on the encoders.
+//! Controller of the drives: model-based feed-forward plus PD control on the encoder angles.
 
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError};
@@ -9,11 +9,11 @@ use crate::model::Model;
 /// Gains of the position loop.
 #[derive(Clone, Copy, Debug)]
 pub struct Gains {
-    /// N·m/rad.
+    /// Proportional gain per axis, N·m/rad.
     pub proportional: [f64; AXES],
-    /// N·m·s/rad.
+    /// Derivative gain per axis, N·m·s/rad.
     pub derivative: [f64; AXES],
-    /// Cut-off of the low-pass on the differentiated error, Hz.
+    /// Cut-off frequency of the low-pass on the differentiated error, Hz.
     pub cutoff: f64,
 }
 
@@ -25,7 +25,7 @@ impl Default for Gains {
 }
 
 impl Gains {
-    /// For a machine; of a lone axis as of an arm, in proportion to what moves.
+    /// Gains for a machine; those of a single axis are the gains of an arm scaled by the ratio of inertias.
     pub fn of(model: &Model) -> Self {
         let gains = Self::default();
         match model.mechanism {
@@ -42,19 +42,19 @@ impl Gains {
     }
 }
 
-/// Inertia of an arm about its shaft, kg·m² (paper Table 3), for which the default gains are chosen.
+/// Inertia of an arm about its shaft, kg·m² ([Gnad 2024], Table 3), for which the default gains are chosen.
 const ARM_INERTIA: f64 = 0.258;
 
-/// What the controller asks for.
+/// Output of the controller.
 #[derive(Clone, Copy, Debug)]
 pub struct Command {
-    /// Torque at the gear output, within the drives' limits, N·m.
+    /// Torque at the gear output, within the drive limits, N·m.
     pub torque: [f64; AXES],
-    /// The feedback's part of it before the limits, N·m.
+    /// Feedback part of the torque before limitation, N·m.
     pub feedback: [f64; AXES],
 }
 
-/// Feed-forward plus PD at the sample time, with torque limits.
+/// Feed-forward plus PD control at the sample time, with torque limits.
 pub struct Controller<'a> {
     plant: &'a Plant,
     states: Vec<Vec<f64>>,
@@ -66,20 +66,29 @@ pub struct Controller<'a> {
 }
 
 impl<'a> Controller<'a> {
-    /// Controller that believes in `plant`, run every `step` seconds.
+    /// Controller with the feed-forward model `plant`, called every `step` seconds.
     pub fn new(plant: &'a Plant, drives: [Drive; AXES], gains: Gains, step: f64) -> Self {
         let states = plant.effects.iter().map(|a| a.initial_state()).collect();
         Self { plant, states, drives, gains, step, last_error: None, filtered: [0.0; AXES] }
     }
 
-    /// Torques of the model for a desired motion.
+    /// Feed-forward torques for a desired motion, N·m at the gear output.
+    ///
+    /// # Errors
+    /// Those of [`Plant::motion`] and [`inverse_dynamics`].
     pub fn feed_forward(&self, desired: &JointState) -> Result<[f64; AXES], KinematicsError> {
         let states: Vec<&[f64]> = self.states.iter().map(Vec::as_slice).collect();
         let motion = self.plant.motion(desired)?;
         Ok(inverse_dynamics(self.plant, 0.0, &motion, &states, false)?.tau)
     }
 
-    /// Torque to reach at the end of the coming period: `desired_now` against the encoders, `ahead` one period later.
+    /// Torque for the end of the next period.
+    ///
+    /// The feedback compares `desired_now` with `encoders` (rad), the feed-forward is that of `ahead`, one period
+    /// later.
+    ///
+    /// # Errors
+    /// Those of [`Self::feed_forward`].
     pub fn update(
         &mut self,
         desired_now: &JointState,
@@ -102,7 +111,7 @@ impl<'a> Controller<'a> {
     }
 }
 
-/// Angle an encoder reports.
+/// `angle` (rad) rounded to the encoder increments of `drive`.
 pub fn quantised(angle: f64, drive: &Drive) -> f64 {
     let step = drive.encoder_step();
     (angle / step).round() * step

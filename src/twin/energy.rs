@@ -4,7 +4,7 @@ use crate::dynamics::Plant;
 use crate::kinematics::{BodyMotion, Motion};
 use crate::machine::Inertia;
 
-/// Kinetic plus potential energy, J; potential zero in the shaft plane.
+/// Kinetic plus potential energy, J; the potential is zero in the shaft plane.
 pub fn total(plant: &Plant, motion: &Motion) -> f64 {
     let potential: f64 = plant
         .bodies

@@ -1,4 +1,4 @@
-//! Sums what acts on the bodies apart from joints and drives.
+//! Sum of the loads on the bodies apart from joints and drives.
 
 use nalgebra::Vector3;
 
@@ -9,17 +9,17 @@ use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSe
 use crate::machine::bodies::{BODIES, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
 
-/// What a force law may read besides plant, motion and reactions.
+/// Arguments of a force law besides plant, motion and reactions.
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub t: f64,
-    /// Own states of all effects.
+    /// Internal states of all effects.
     pub own: &'a [f64],
     pub torque: [f64; AXES],
     pub closed: SocketSet,
 }
 
-/// Where laws are evaluated.
+/// Arguments of an evaluation of the laws.
 #[derive(Clone, Copy)]
 pub(super) struct Evaluation<'a> {
     pub plant: &'a Plant,
@@ -28,36 +28,36 @@ pub(super) struct Evaluation<'a> {
     pub reactions: &'a Reactions,
 }
 
-/// Where what acts is added up.
+/// Accumulators of an evaluation.
 pub(super) struct Sums<'a> {
-    /// On the bodies, N and N·m.
+    /// Wrenches on the bodies, N and N·m.
     pub wrenches: &'a mut [Twist; BODIES],
-    /// On the rotors of elastic gears, N·m.
+    /// Torques on the rotors of elastic gears, N·m.
     pub motors: &'a mut [f64; ARMS],
     /// Power of each effect on the bodies, W.
     pub powers: &'a mut [f64],
 }
 
-/// The plant's effects and where their own states stand.
+/// The plant's effects and the layout of their internal states.
 pub(super) struct Forces {
     starts: Vec<usize>,
-    /// Which effects read what the equations solve for.
+    /// Whether each effect depends on the solution of the equations of motion.
     reads: Vec<bool>,
-    /// Whether one of them reads accelerations.
+    /// Whether one of these depends on accelerations.
     accelerations: bool,
-    /// Effects that damp drives and struts' spins, at the links.
+    /// Effects that damp the drives, and those that damp the strut spins, on the link side.
     damps: [Vec<usize>; 2],
     /// Effects that damp the rotors of elastic gears.
     motor_damps: Vec<usize>,
-    /// Elastic gears, and where their deflections stand among the own states; the rates follow.
+    /// Elastic gears, and the position of their deflections among the internal states; the rates follow.
     gears: Option<(usize, [GearSpring; ARMS])>,
-    /// Which effects act on the rotors of elastic gears instead of the arms.
+    /// Whether each effect acts on the rotors of elastic gears instead of the arms.
     at_motors: Vec<bool>,
-    /// Brakes on all drives, N·m.
+    /// Torque of the brakes on all drives, N·m.
     pub brake: f64,
 }
 
-/// Steepness of the brakes' Coulomb friction about rest, s/rad.
+/// Steepness of the brakes' Coulomb friction at rest, s/rad.
 const BRAKE_STEEPNESS: f64 = 100.0;
 
 impl Forces {
@@ -91,7 +91,7 @@ impl Forces {
         forces
     }
 
-    /// Number of own states of all effects.
+    /// Number of internal states of all effects.
     pub fn states(&self) -> usize {
         self.starts[self.starts.len() - 1]
     }
@@ -103,14 +103,14 @@ impl Forces {
         })
     }
 
-    /// Effects that act on the rotors: what acts on the drives, where the gears say so.
+    /// Whether each effect acts on the rotors: forces on the drives, if the gears have `friction_at_motor`.
     fn motor_effects(&self, plant: &Plant) -> Vec<bool> {
         let say_so = self.gears.iter().flat_map(|(_, gears)| gears).any(|g| g.is_elastic() && g.friction_at_motor);
         let on_drives = |a: &ActiveEffect| a.effect.acts_on() == Part::Drives && a.effect.kind() == Kind::Force;
         plant.effects.iter().map(|a| say_so && on_drives(a)).collect()
     }
 
-    /// Arms with elastic gears: number, gear, deflection (rad) and its rate (rad/s).
+    /// Arms with elastic gears: index, gear, deflection (rad) and deflection rate (rad/s).
     fn elastic<'a>(&'a self, own: &'a [f64]) -> impl Iterator<Item = (usize, &'a GearSpring, f64, f64)> + 'a {
         self.gears.iter().flat_map(move |(start, gears)| {
             let all = gears.iter().enumerate().filter(|(_, gear)| gear.is_elastic());
@@ -118,8 +118,8 @@ impl Forces {
         })
     }
 
-    /// The motion with angles and rates of the arms' axes as their motors have them, and accelerations under the drives'
-    /// torques and what else acts on the rotors, `motors`: J·q̈_m = τ + F − δ/c − d·δ̇.
+    /// The motion on the motor side: angles and rates of the motors, and their accelerations under the drive torques
+    /// and `motors`, the other loads F on the rotors (N·m): J·q̈_m = τ + F − δ/c − d·δ̇.
     pub fn of_motors(&self, scene: &Scene, motion: &Motion, motors: &[f64; ARMS]) -> Motion {
         let mut out = *motion;
         for (i, gear, deflection, rate) in self.elastic(scene.own) {
@@ -131,17 +131,18 @@ impl Forces {
         out
     }
 
-    /// Whether gears ring too fast for an explicit step; `g` is hγ.
+    /// Whether a gear oscillates too fast for an explicit step; `g` is hγ.
     pub fn are_gears_steep(&self, g: f64) -> bool {
         self.gears.iter().flat_map(|(_, gears)| gears).any(|gear| is_steep(gear, 0.0, g))
     }
 
-    /// Implicit terms of a stage for elastic gears that are steep: arm, inertia (kg·m²) and torque (N·m) to add to it.
+    /// Implicit terms of a stage for stiff elastic gears: arm index, and inertia (kg·m²) and torque (N·m) to be added
+    /// to the arm.
     ///
-    /// With P the gear's torque one step ahead but for the unknown k of the rotor's rate, κ = h²γ²/c + hγ·d, F what else acts
-    /// on the rotor, D its damping and J′ = J + hγ·D, rotor and arm have J′·(k + q̈) = τ + F − D·s − P − κ·k and
-    /// Θ·q̈ = … + P + κ·k, s the stage's sum of the rotor's rates; the rotor's row leaves k. Laws at the motors that read
-    /// accelerations or reactions enter F as they were at the last evaluation.
+    /// Let P be the gear's torque one step ahead without the unknown change k of the rotor rate, κ = h²γ²/c + hγ·d, F
+    /// the other loads on the rotor, D their damping and J′ = J + hγ·D. Then J′·(k + q̈) = τ + F − D·s − P − κ·k for
+    /// the rotor and Θ·q̈ = … + P + κ·k for the arm, with s the stage's sum of the rotor rates; k is eliminated by the
+    /// rotor's equation. Laws on the rotors that depend on accelerations or reactions enter F with their last values.
     pub fn gear_terms<'a>(
         &'a self,
         torque: &'a [f64; AXES],
@@ -163,9 +164,9 @@ impl Forces {
         })
     }
 
-    /// Stage derivatives of steep gears' states from their rates `k`; `drives` are the accelerations of the arms.
+    /// Stage derivatives of the states of stiff gears from their rates `k`; `drives` are the accelerations of the arms.
     ///
-    /// `own` are the states, `sum` the stage's sum of theirs.
+    /// `own` are the states, `sum` the stage's sums of these.
     pub fn gear_rates(
         &self,
         motors: &Motors,
@@ -209,8 +210,10 @@ impl Forces {
         }
     }
 
-    /// Adds the wrenches of the effects that read the equations' answer (`reading`) or of those that do not, and stores their
-    /// powers on the bodies, W. What acts on the rotors of elastic gears goes to `motors`, N·m, and does no work on a body.
+    /// Adds the wrenches of the effects that depend on the solution (`reading`), or of those that do not, and stores
+    /// their powers, W.
+    ///
+    /// Loads on the rotors of elastic gears are added to `motors` (N·m) and do no work on a body.
     pub fn add(&self, at: &Evaluation, reading: bool, sums: Sums) {
         let Evaluation { plant, scene, motion, .. } = *at;
         let Sums { wrenches, motors, powers } = sums;
@@ -245,7 +248,7 @@ impl Forces {
         }
     }
 
-    /// Adds the brakes' torques −T·tanh(k·q̇) and returns their power, W.
+    /// Adds the brake torques −T·tanh(k·q̇) and returns their power, W.
     pub fn add_brakes(&self, motion: &Motion, wrenches: &mut [Twist; BODIES]) -> f64 {
         let mut power = 0.0;
         if self.brake > 0.0 {
@@ -259,11 +262,11 @@ impl Forces {
         power
     }
 
-    /// The law that gave no number at the last [`Forces::add`], by its powers.
+    /// The law whose value was not finite at the last [`Forces::add`], found by its power.
     pub fn fault(&self, at: &Evaluation, powers: &[f64]) -> Option<KinematicsError> {
         let Evaluation { plant, motion, .. } = *at;
         let k = powers.iter().position(|p| !p.is_finite())?;
-        // Of a motion that is no number itself no law is at fault.
+        // If the motion itself is not finite, the cause is not a law.
         let speed: f64 = motion.bodies.iter().map(|b| b.velocity.sum() + b.angular_velocity.sum()).sum();
         if !(speed + motion.q.iter().sum::<f64>()).is_finite() {
             return None;
@@ -271,7 +274,7 @@ impl Forces {
         plant.effects[k].fault(&self.instant(k, at), false)
     }
 
-    /// Rates of all own states and their slopes; `motion` holds the accelerations of this instant, `motors` what acts on the
+    /// Writes rates and slopes of all internal states; `motion` holds the accelerations, `motors` the loads on the
     /// rotors of elastic gears, N·m.
     pub fn state_rates(&self, at: &Evaluation, motors: &[f64; ARMS], rates: &mut [f64], slopes: &mut [f64]) {
         let Evaluation { plant, scene, motion, .. } = *at;
@@ -290,7 +293,7 @@ impl Forces {
         }
     }
 
-    /// Angles the motor-side encoders see for joint angles `q`.
+    /// Encoder angles (motor side) for joint angles `q`, rad.
     pub fn encoders(&self, plant: &Plant, own: &[f64], q: &[f64; AXES]) -> [f64; AXES] {
         let mut angles = *q;
         for (k, active) in plant.effects.iter().enumerate() {
@@ -300,28 +303,28 @@ impl Forces {
     }
 }
 
-/// Change of a rotor's rate that its gear takes back within a step, beyond which the gear is solved implicitly: steps
-/// that resolve the ringing are more accurate without.
+/// Relative change of a rotor's rate by its gear within a step above which the gear is treated implicitly: explicit
+/// steps that resolve the oscillation are more accurate.
 const STEEP: f64 = 0.25;
 
-/// Whether gear or `friction` of the rotor (its damping, N·m·s/rad) is steep for a step with hγ = `g`.
+/// Whether the gear or `friction` (damping of the rotor, N·m·s/rad) is stiff for a step with hγ = `g`.
 fn is_steep(gear: &GearSpring, friction: f64, g: f64) -> bool {
     gear.is_elastic() && g * (g / gear.compliance + gear.damping + friction) > STEEP * gear.rotor_inertia
 }
 
-/// What acts on the rotors of elastic gears besides the drives.
+/// Loads on the rotors of elastic gears besides the drives.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Motors {
-    /// N·m.
+    /// Torque, N·m.
     pub torque: [f64; ARMS],
-    /// Its damping, N·m·s/rad, as measured for the present step.
+    /// Damping, N·m·s/rad, as measured for the present step.
     pub damping: [f64; ARMS],
     /// The stage's sums of the arms' rates, rad/s.
     pub sums: [f64; ARMS],
 }
 
-/// Torque of a gear now and one step ahead but for the rotor's own change of rate, and κ of that; states and sums from
-/// the arm's deflection on.
+/// Torque of a gear now and one step ahead without the rotor's own change of rate, and κ of that change; the slices of
+/// states and sums start at the arm's deflection.
 fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f64, f64) {
     let torque = |deflection: f64, rate: f64| deflection / gear.compliance + gear.damping * rate;
     let now = torque(own[0], own[ARMS]);
@@ -329,27 +332,27 @@ fn gear_torques(gear: &GearSpring, own: &[f64], sum: &[f64], g: f64) -> (f64, f6
     (now, ahead, g * (g / gear.compliance + gear.damping))
 }
 
-/// Damping that effects put on the steep freedoms, N·m·s/rad.
+/// Damping of the stiff degrees of freedom by effects, N·m·s/rad.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Damping {
     /// Arms and rotor.
     pub drives: [f64; AXES],
     /// Rotors of elastic gears.
     pub motors: [f64; ARMS],
-    /// Struts about their own axes, with their restraint.
+    /// Struts about their own axes, including the restraint.
     pub spins: [f64; STRUTS],
-    /// Steps for which the damping of the spins may be kept.
+    /// Remaining steps for which the damping of the spins is kept.
     keep: usize,
 }
 
-/// Damping that keeps strut `s` from spinning, N·m·s/rad: none once it has left both its balls.
+/// Damping of the spin of strut `s`, N·m·s/rad; zero once both its sockets are open.
 pub(super) fn spin_restraint(plant: &Plant, closed: SocketSet, s: usize) -> f64 {
     if closed.contains(s) || closed.contains(STRUTS + s) { plant.spin_damping } else { 0.0 }
 }
 
-/// Change of a rate by which the damping of effects is measured, rad/s.
+/// Increment of a rate for the measurement of damping, rad/s.
 const RATE: f64 = 1e-6;
-/// Steps without a new measurement where the restraint of the spins is ten times stronger than all friction.
+/// Steps without a new measurement if the restraint of the spins is ten times stronger than all friction.
 const KEEP: usize = 32;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -359,7 +362,7 @@ enum Freedom {
 }
 
 impl Forces {
-    /// Wrenches of `effects`, and with a freedom's rates a little higher. `motion` is as before when it returns.
+    /// Wrenches of `effects`, and the same with slightly higher rates of `freedom`; `motion` is unchanged on return.
     fn probe(
         &self,
         (plant, scene, reactions): (&Plant, &Scene, &Reactions),
@@ -395,7 +398,7 @@ impl Forces {
         })
     }
 
-    /// Effects whose wrenches change with the rates of drives and of spins, found by trying.
+    /// Effects whose wrenches depend on the rates of drives and of spins, determined by evaluation.
     fn damping_effects(&self, plant: &Plant) -> [Vec<usize>; 2] {
         let mut motion = Motion::disassembled(&plant.geometry, &JointState::default());
         motion.strut_axis = [Vector3::z(); STRUTS];
@@ -417,7 +420,8 @@ impl Forces {
         })
     }
 
-    /// Measures the damping of drives and spins by one-sided differences of the effects' wrenches; never negative.
+    /// Measures the damping of drives and spins by one-sided differences of the effects' wrenches; negative values are
+    /// set to zero.
     pub fn measure_damping(
         &self,
         plant: &Plant,

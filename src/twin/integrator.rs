@@ -1,8 +1,8 @@
-//! One-step integrators over a flat state: classical Runge–Kutta and a Rosenbrock W-method.
+//! One-step integrators for a flat state: the classical Runge–Kutta method and a Rosenbrock W-method.
 //!
-//! Stages: (1 − hγW) k_i = f(y_i) + W·h Σ_j γ_ij k_j, y_i = y + h Σ_j α_ij k_j; y ← y + h Σ b_i k_i. A W-method keeps its
-//! order for any matrix W, so W holds what is steep (damping of drives and spins, elastic struts, steep own states) and
-//! nothing else. With W = 0 and γ = 0 the same loop is an explicit Runge–Kutta method.
+//! Stages: (1 − hγW) k_i = f(y_i) + W·h Σ_j γ_ij k_j, y_i = y + h Σ_j α_ij k_j; y ← y + h Σ b_i k_i. The order of a
+//! W-method does not depend on W. W therefore contains the stiff terms only: damping of drives and spins, elastic
+//! struts, stiff internal states. With W = 0 and γ = 0 the same loop is an explicit Runge–Kutta method.
 
 use super::SingularPose;
 
@@ -27,7 +27,7 @@ pub(super) static RK4: Tableau = Tableau {
     b: [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
 };
 
-/// ROS34PW2 of Rang and Angermann (BIT 45, 2005): order 3 for any W, stiffly accurate, L-stable for the exact Jacobian.
+/// ROS34PW2 of [Rang 2005]: order 3 for any W, stiffly accurate, L-stable for the exact Jacobian.
 pub(super) static ROS34PW2: Tableau = Tableau {
     gamma: 4.358_665_215_084_59e-1,
     alpha: [
@@ -54,22 +54,22 @@ pub(super) struct Stage<'a> {
     pub y: &'a [f64],
     /// s.
     pub sum: &'a [f64],
-    /// hγ, s; zero where the method is explicit.
+    /// hγ, s; zero for an explicit method.
     pub g: f64,
-    /// Whether it is the first of its step: W is chosen there for the whole step.
+    /// Whether it is the first stage of its step, at which W is determined.
     pub first: bool,
 }
 
-/// What is integrated.
+/// System of differential equations to be integrated.
 pub(super) trait System {
     /// Writes the stage derivative k.
     fn stage(&mut self, stage: &Stage, k: &mut [f64]) -> Result<(), SingularPose>;
 
-    /// Puts a state back on the constraints.
+    /// Projects a state onto the constraints.
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose>;
 }
 
-/// Buffers of a method for states of one length.
+/// Buffers of a method for states of a given length.
 pub(super) struct Stepper {
     k: [Vec<f64>; STAGES],
     y: Vec<f64>,

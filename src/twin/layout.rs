@@ -1,16 +1,16 @@
-//! Where things stand in a flat state: positions and velocities, then own states of effects, then work done.
+//! Layout of a flat state: positions and velocities, then internal states of effects, then work.
 
 use std::ops::Range;
 
-/// Work entries: four drives first, then the restraint of the spins and the brakes.
+/// Index of the work of spin restraint and brakes, after that of the four drives.
 pub(super) const WORK_RESTRAINTS: usize = 4;
-/// Contacts and other wrenches from outside.
+/// Index of the work of contacts and other external wrenches.
 pub(super) const WORK_CONTACT: usize = 5;
-/// Elastic struts.
+/// Index of the work of elastic struts.
 pub(super) const WORK_STRUTS: usize = 6;
-/// Hard stops.
+/// Index of the work of hard stops.
 pub(super) const WORK_STOPS: usize = 7;
-/// Then one per effect.
+/// Index of the work of the first effect.
 pub(super) const WORK_EFFECTS: usize = 8;
 
 /// Layout of a flat state.
@@ -22,7 +22,7 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Layout with `mechanics` positions and velocities, `own` states of effects and `effects` effects.
+    /// Layout with `mechanics` positions and velocities, `own` internal states and `effects` effects.
     pub fn new(mechanics: usize, own: usize, effects: usize) -> Self {
         Self { mechanics, own, effects }
     }

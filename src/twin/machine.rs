@@ -24,56 +24,56 @@ use crate::machine::bodies::{BODIES, END_EFFECTOR};
 use crate::machine::{ARMS, AXES, Inertia};
 use crate::scenario::Formulation;
 
-/// What the equations of motion yield at one instant.
+/// Solution of the equations of motion at one instant.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// Motion of all bodies with accelerations; of elastic gears the links'.
+    /// Motion of all bodies with accelerations; the link side of elastic gears.
     pub motion: Motion,
-    /// Rates of the axes as the motors' encoders see them, rad/s.
+    /// Rates of the axes on the motor side, rad/s.
     pub encoder_rate: [f64; AXES],
-    /// Accelerations likewise, rad/s².
+    /// Accelerations of the axes on the motor side, rad/s².
     pub encoder_acceleration: [f64; AXES],
-    /// Axial strut forces.
+    /// Axial strut forces, N.
     pub reactions: Reactions,
-    /// Force on each strut at its sockets (six upper, six lower), N, world.
+    /// Force on each strut at its sockets (six upper, six lower), N, inertial axes.
     pub sockets: [Vector3<f64>; SOCKETS],
-    /// Applied wrenches on all bodies with the drives' torques.
+    /// Applied wrenches on all bodies, including the drive torques.
     wrenches: [Twist; BODIES],
-    /// λ of every row where the rows are not eliminated.
+    /// Multiplier λ of every row; `None` in the eliminated formulation.
     multipliers: Option<[f64; ROWS]>,
 }
 
 impl Snapshot {
-    /// What all joints transmit: 74 numbers.
+    /// Reactions of all joints: 74 independent numbers.
     pub fn joints(&self, plant: &Plant) -> JointReactions {
         JointReactions::new(plant, &self.motion, &self.wrenches, &self.sockets)
     }
 }
 
-/// The machine in motion.
+/// The machine with its state.
 pub struct Twin {
     context: Context,
     form: Form,
-    /// No force law and no elasticity: nothing is steep, nothing turns the struts.
+    /// Whether there is neither a force law nor elasticity: nothing is stiff, and the struts are not made to spin.
     smooth: bool,
     stepper: Stepper,
     t: f64,
     y: Vec<f64>,
-    /// Energy at the start and what was put in or lost at once since.
+    /// Energy at the start, plus energy added or lost instantaneously since then, J.
     reference_energy: f64,
 }
 
-/// How the equations are solved.
+/// Form of the equations of motion.
 enum Form {
     /// Rows of the assembled robot eliminated in closed form.
     Assembled(Box<Mechanism>, FrameCache),
-    /// Each axis by itself: what elimination leaves of bearings alone.
+    /// Independent axes: bearings only, eliminated.
     Axes,
     /// All bodies, all rows.
     Absolute(Box<Joints>),
 }
 
-/// A state to return to, as long as no socket opens in between.
+/// A stored state, valid while no further socket opens.
 #[derive(Clone, Debug, Default)]
 pub struct Checkpoint {
     t: f64,
@@ -83,10 +83,10 @@ pub struct Checkpoint {
 }
 
 impl Twin {
-    /// The machine at a motion at time 0, its rows eliminated; loops are closed exactly.
+    /// The machine at a motion at time 0 in the eliminated formulation; loops are closed exactly.
     ///
     /// # Errors
-    /// If the loops cannot be closed there.
+    /// [`SingularPose`] if the loops cannot be closed there.
     pub fn new(plant: Plant, motion: &Motion) -> Result<Self, SingularPose> {
         Self::formulated(plant, motion, Formulation::Eliminated)
     }
@@ -94,7 +94,7 @@ impl Twin {
     /// The machine at a motion at time 0 in either formulation; loops are closed exactly.
     ///
     /// # Errors
-    /// If the loops cannot be closed there.
+    /// [`SingularPose`] if the loops cannot be closed there.
     pub fn formulated(plant: Plant, motion: &Motion, formulation: Formulation) -> Result<Self, SingularPose> {
         let mut twin = Self::eliminated(plant, motion)?;
         if formulation == Formulation::Absolute {
@@ -149,7 +149,7 @@ impl Twin {
         Ok(twin)
     }
 
-    /// Lets elastic gears begin with a deflection, rad, instead of slack.
+    /// Sets the initial deflections of elastic gears, rad; they are zero otherwise.
     pub fn deflect_gears(&mut self, deflection: &[f64; AXES]) {
         let mut at = self.context.layout.own().start;
         for active in &self.context.plant.effects {
@@ -161,12 +161,16 @@ impl Twin {
         self.reference_energy = self.energy();
     }
 
-    /// Advances by `h` seconds under drive torques. On an error the state stays as it was.
+    /// Advances the state by `h` seconds under drive torques; on an error it is unchanged.
+    ///
+    /// # Errors
+    /// [`SingularPose`] if the equations of motion cannot be solved in a stage or the state cannot be projected onto
+    /// the constraints.
     pub fn step(&mut self, h: f64, torque: &Torque) -> Result<(), SingularPose> {
         let Self { context, form, stepper, y, t, smooth, .. } = self;
         context.torque = *torque;
         let steep = context.forces.are_gears_steep(ROS34PW2.gamma * h);
-        // Struts that have left a socket may spin, and their restraint is steep.
+        // Struts with an open socket may spin, and their restraint is stiff.
         let calm = *smooth && context.external.is_none() && context.closed == SocketSet::ALL;
         let tableau: &Tableau = if calm && !steep { &RK4 } else { &ROS34PW2 };
         match form {
@@ -181,7 +185,11 @@ impl Twin {
         Ok(())
     }
 
-    /// Accelerations, strut and joint forces now, under drive torques; what happens next does not depend on the asking.
+    /// Accelerations, strut forces and joint forces now, under drive torques; the evaluation does not influence later
+    /// results.
+    ///
+    /// # Errors
+    /// [`SingularPose`] if the equations of motion cannot be solved.
     pub fn evaluate(&mut self, torque: &Torque) -> Result<Snapshot, SingularPose> {
         let guess = self.context.scratch.answer;
         let snapshot = self.snapshot(torque);
@@ -215,14 +223,14 @@ impl Twin {
         Ok(Snapshot { motion, encoder_rate, encoder_acceleration, reactions, sockets, wrenches, multipliers })
     }
 
-    /// What was evaluated last no longer holds.
+    /// Invalidates the last evaluation.
     fn invalidate(&mut self) {
         if let Form::Assembled(_, cache) = &mut self.form {
             cache.invalidate();
         }
     }
 
-    /// Motion of all bodies now, without accelerations.
+    /// Present motion of all bodies, without accelerations.
     pub fn motion(&self) -> Motion {
         match &self.form {
             Form::Assembled(mechanism, _) => assembled::motion(mechanism, &self.y),
@@ -231,10 +239,10 @@ impl Twin {
         }
     }
 
-    /// Opens a ball socket: its rows drop out, the other joints' are no longer eliminated.
+    /// Opens a ball socket: its rows are removed, and the run continues in absolute coordinates.
     ///
     /// # Errors
-    /// If the present pose is singular.
+    /// [`SingularPose`] if the present pose is singular.
     pub fn open(&mut self, socket: usize) -> Result<(), SingularPose> {
         if matches!(self.form, Form::Assembled(..)) {
             self.go_absolute()?;
@@ -244,7 +252,7 @@ impl Twin {
         Ok(())
     }
 
-    /// Goes on in absolute coordinates.
+    /// Changes to absolute coordinates.
     fn go_absolute(&mut self) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
         let context = &mut self.context;
@@ -268,11 +276,12 @@ impl Twin {
         Ok(())
     }
 
-    /// λ of all rows at the instant of `snapshot`, which was evaluated last: N or N·m, in the order of
-    /// [`constraints::rows`](super::constraints::rows), zero of open sockets. Where the rows are eliminated, they are put back for this.
+    /// Multipliers λ of all rows at the instant of `snapshot`, which must be the last evaluation: N or N·m, in the
+    /// order of [`constraints::rows`](super::constraints::rows), zero for open sockets. In the eliminated formulation
+    /// they are computed here.
     ///
     /// # Errors
-    /// If the pose is singular.
+    /// [`SingularPose`] if the pose is singular.
     pub fn multipliers(&self, snapshot: &Snapshot) -> Result<[f64; ROWS], SingularPose> {
         let plant = &self.context.plant;
         match snapshot.multipliers {
@@ -281,14 +290,18 @@ impl Twin {
         }
     }
 
-    /// Sockets that hold.
+    /// Closed sockets.
     pub fn closed(&self) -> SocketSet {
         self.context.closed
     }
 
-    /// Fastens a body to the end effector: `inertia` in the end effector's frame, `twist` (world axes) the velocity of its
-    /// material point at the end effector's origin, m/s, and its angular velocity, rad/s. The velocities change at once
-    /// so that momentum is conserved.
+    /// Attaches a body to the end effector; the velocities change instantaneously such that momentum is conserved.
+    ///
+    /// `inertia` is in the end effector's frame; `twist` (inertial axes) is the velocity (m/s) of the body's material
+    /// point at the end effector's origin, and the body's angular velocity (rad/s).
+    ///
+    /// # Errors
+    /// [`SingularPose`] if the impulse equations cannot be solved or the loops cannot be closed.
     pub fn attach(&mut self, inertia: &Inertia, twist: &Twist) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
         let motion = self.motion();
@@ -317,7 +330,10 @@ impl Twin {
         Ok(())
     }
 
-    /// Lets go of a body of this inertia; the velocities stay.
+    /// Detaches a body with this inertia; the velocities are unchanged.
+    ///
+    /// # Errors
+    /// None at present: only a change of velocities can fail.
     pub fn detach(&mut self, inertia: &Inertia) -> Result<(), SingularPose> {
         let balance = self.energy_balance();
         let (carrier, inertia) = self.context.plant.carrier(END_EFFECTOR, *inertia);
@@ -346,13 +362,13 @@ impl Twin {
                     joints.close(&self.context.plant, &mut self.y, self.context.closed)?;
                 }
             }
-            // What hangs on the platform does not move the axes.
+            // Loads on the platform do not influence the axes.
             Form::Axes => {}
         }
         Ok(())
     }
 
-    /// Machine it runs.
+    /// The simulated machine.
     pub fn plant(&self) -> &Plant {
         &self.context.plant
     }
@@ -362,13 +378,13 @@ impl Twin {
         self.t
     }
 
-    /// Sets the clock without moving anything.
+    /// Sets the time without changing the state.
     pub fn set_time(&mut self, t: f64) {
         self.invalidate();
         self.t = t;
     }
 
-    /// Wrenches from outside on all bodies (about their origins, world axes), until set again.
+    /// Sets external wrenches on all bodies (about their origins, inertial axes), valid until the next call.
     pub fn set_external(&mut self, load: Load) {
         if !(self.context.external.is_none() && load.is_none()) {
             self.invalidate();
@@ -376,19 +392,19 @@ impl Twin {
         self.context.external = load;
     }
 
-    /// Wrenches from outside now.
+    /// Present external wrenches.
     pub fn external_now(&self) -> [Twist; BODIES] {
         if self.context.external.is_none() { [STILL; BODIES] } else { self.context.external.at(self.t) }
     }
 
-    /// Brakes on all drives that resist motion with up to `torque` N·m.
+    /// Applies brakes on all drives that resist motion with up to `torque` N·m.
     pub fn set_brake(&mut self, torque: f64) {
         self.invalidate();
         self.context.forces.brake = torque;
         self.smooth = false;
     }
 
-    /// Angles the motor-side encoders see, rad.
+    /// Encoder angles (motor side), rad.
     pub fn encoders(&self) -> [f64; AXES] {
         let q = match &self.form {
             Form::Assembled(..) | Form::Axes => [self.y[0], self.y[1], self.y[2], self.y[3]],
@@ -397,7 +413,7 @@ impl Twin {
         self.context.forces.encoders(&self.context.plant, &self.y[self.context.layout.own()], &q)
     }
 
-    /// The first law that gave no number, if one did.
+    /// Error of the first law whose value was not finite, if any.
     pub fn fault(&self) -> Option<KinematicsError> {
         self.context.scratch.fault.clone()
     }
@@ -407,7 +423,7 @@ impl Twin {
         self.energy_at(&self.motion())
     }
 
-    /// The same at the present motion, which the caller has at hand.
+    /// Energy for the present motion, passed to avoid its computation.
     fn energy_at(&self, motion: &Motion) -> f64 {
         let stretch = match &self.form {
             Form::Assembled(mechanism, _) => mechanism.stretch_energy(&self.context.plant, motion),
@@ -417,33 +433,34 @@ impl Twin {
         energy::total(&self.context.plant, motion) + stretch
     }
 
-    /// Work done on the bodies since the start, J: four drives, spin restraint, outside, elastic struts, hard stops, each
-    /// effect.
+    /// Work on the bodies since the start, J: four drives, spin restraint and brakes, external wrenches, elastic
+    /// struts, hard stops, each effect.
     pub fn work(&self) -> &[f64] {
         &self.y[self.context.layout.work()]
     }
 
-    /// Energy that no work accounts for, J: zero but for the integrator's error.
+    /// Energy minus initial energy minus work, J: zero except for the integration error.
     pub fn energy_balance(&self) -> f64 {
         self.energy_balance_at(&self.motion())
     }
 
-    /// The same at the present motion, which the caller has at hand.
+    /// [`Self::energy_balance`] for the present motion, passed to avoid its computation.
     pub fn energy_balance_at(&self, motion: &Motion) -> f64 {
         self.energy_at(motion) - self.reference_energy - self.work().iter().sum::<f64>()
     }
 
-    /// Joints beyond their hard stops at the last evaluation, which a step ends with.
+    /// Joints beyond their hard stops at the last evaluation; a step ends with one.
     pub fn hits(&self) -> &[Option<Hit>; STOPS] {
         &self.context.scratch.hits
     }
 
-    /// Largest change in the last iteration over laws that read forces or accelerations that did not converge, N.
+    /// Largest change in the last iteration over laws that depend on the solution, of evaluations that did not
+    /// converge, N, rad/s² or m/s²; zero if all converged.
     pub fn unconverged(&self) -> f64 {
         self.context.scratch.unconverged
     }
 
-    /// Remembers the state in `checkpoint`.
+    /// Stores the state in `checkpoint`.
     pub fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.t = self.t;
         checkpoint.y.clone_from(&self.y);
@@ -451,10 +468,10 @@ impl Twin {
         checkpoint.damping = self.context.scratch.damping;
     }
 
-    /// Returns to a state of the same mechanism.
+    /// Restores a stored state; the set of closed sockets is not part of it.
     ///
     /// # Panics
-    /// If a socket opened since.
+    /// If the run has changed to absolute coordinates since.
     pub fn restore(&mut self, checkpoint: &Checkpoint) {
         self.invalidate();
         self.t = checkpoint.t;

@@ -1,26 +1,28 @@
-//! The mechanism in absolute coordinates with any ball sockets open: M·a + Gᵀ·λ = W, G·a = γ.
+//! The mechanism in absolute coordinates with any set of open ball sockets: M·a + Gᵀ·λ = W, G·a = γ.
 //!
-//! Fourteen bodies with 84 velocities (of each body frame's origin and angular, world axes) and 74 rows, three fewer per
-//! open socket. It runs once sockets have left, and it checks the closed-form elimination of `mechanism`: nothing is
-//! shared with it but the inertia parameters.
+//! Fourteen bodies with 84 velocities (of each frame origin, and angular, inertial axes) and 74 rows, three fewer per
+//! open socket. Used after a dislocation, and to verify the closed-form elimination in `closed`, with which it shares
+//! the inertia parameters only.
 //!
-//! M is block diagonal, so S = G·M⁻¹·Gᵀ couples only joints of one body; it is factored along the mechanism's
-//! branches. The end effector may have no inertia of its own (M singular). Inertia is therefore shifted to it from
-//! platform and telescope *exactly*: for a row g_E·a_E + g_D·a_D = γ and any r,
+//! M is block diagonal, so that S = G·M⁻¹·Gᵀ couples only joints of the same body; it is factored along the branches of
+//! the mechanism. The end effector may have no inertia of its own (M singular). Inertia is therefore shifted to it from
+//! platform and telescope, *exactly*: for a row g_E·a_E + g_D·a_D = γ and any r,
 //!
 //! M_E + r·g_Eᵀg_E, M_D − r·g_Dᵀg_D, W_D − r·g_Dᵀγ give the same a, and λ = λ′ + r·g_E·a_E.
 //!
-//! With r at most half of the donor's inertia along g_D both stay positive definite. Any other body whose inertia is
-//! singular (a point mass, a bar) is lent a millionth of the mechanism's, removed again by iterative refinement. Where S
-//! has lost rank (redundant rows in a degenerate pose) it is relaxed and refined as well: a is unique then, λ one of
-//! many. What cannot be refined to 1e-9 of the terms of either equation is a [`SingularPose`], as is an inertia that no
-//! body can have.
+//! With r at most half of the donor's inertia along g_D both stay positive definite. Any other body with singular
+//! inertia (a point mass, a bar) is lent a millionth of the mechanism's, which iterative refinement removes again. If S
+//! has lost rank (redundant rows in a degenerate pose) it is regularised and refined as well; a is then unique, λ is
+//! not. The result is [`SingularPose`] if refinement does not reach 1e-9 of the terms of either equation, or if an
+//! inertia is not physically consistent.
 
 mod bearings;
 mod factor;
 mod flexible;
 mod rows;
 mod schur;
+#[cfg(test)]
+mod testing;
 #[cfg(test)]
 mod tests;
 
@@ -41,17 +43,19 @@ use crate::kinematics::{BodyMotion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT, TELESCOPE_LOWER};
 use crate::machine::{Bodies, Inertia, STRUTS};
 
-/// Two world vectors at a body's origin: velocity and angular velocity, their rates, or force and moment.
+/// Two vectors (inertial axes) at a body's origin: velocity and angular velocity, their derivatives, or force and
+/// moment.
 pub type Pair = (Vector3<f64>, Vector3<f64>);
 
 /// Accelerations (or velocities after an impulse) and multipliers.
 #[derive(Clone, Debug)]
 pub struct Solution {
-    /// Acceleration of the origin, m/s², and angular acceleration, rad/s², of every body, world axes.
+    /// Acceleration of the origin (m/s²) and angular acceleration (rad/s²) of every body, inertial axes.
     pub bodies: [Pair; BODIES],
-    /// λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets. Joints act with −Gᵀ·λ.
+    /// Multiplier λ of every row in the order of [`rows`](super::constraints::rows), N or N·m; zero at open sockets.
+    /// Joint forces are −Gᵀ·λ.
     pub multipliers: [f64; ROWS],
-    /// ë of elastic struts, m/s², or changes of what [`MaximalCoordinates::solve`] does not ask for; zero of rigid ones.
+    /// ë of elastic struts, m/s², or the corresponding changes in a projection; zero for rigid ones.
     pub(super) stretches: [f64; STRUTS],
 }
 
@@ -62,7 +66,7 @@ impl Solution {
     };
 }
 
-/// Workspace of the solver; nothing is allocated after [`MaximalCoordinates::new`].
+/// Solver with its workspace; nothing is allocated after [`MaximalCoordinates::new`].
 pub struct MaximalCoordinates(Box<Workspace>);
 
 struct Workspace {
@@ -71,12 +75,12 @@ struct Workspace {
     roots: [Root; BODIES],
     /// L⁻¹·Gᵀ block row by block row.
     y: [Six; BLOCK_ROWS],
-    /// The same component by component.
+    /// The same matrix component by component.
     y_columns: [[f64; BLOCK_ROWS]; 6],
     schur: Schur,
     /// Weights r of the inertia shifts.
     shifts: [f64; SHIFTS.len()],
-    /// M or S was regularised: refine until the equations hold.
+    /// Whether M or S was regularised, which requires refinement until the equations hold.
     regularised: bool,
     accelerations: [Six; BODIES],
     struts: [Eliminated; STRUTS],
@@ -84,14 +88,14 @@ struct Workspace {
     solution: Solution,
 }
 
-/// Donor, and the block rows of a row on donor and end effector.
+/// Donor, and the block rows of one row on donor and end effector.
 struct Shift {
     donor: usize,
     from: usize,
     to: usize,
 }
 
-/// Along the pivot's five rows from the platform, about the lower Hooke joint's normal from the telescope.
+/// Five shifts along the pivot's rows from the platform, one about the lower Hooke joint's normal from the telescope.
 const SHIFTS: [Shift; 6] = {
     let (p, e) = (PIVOT_ON_PLATFORM, PIVOT_ON_END_EFFECTOR);
     [
@@ -103,21 +107,23 @@ const SHIFTS: [Shift; 6] = {
         Shift { donor: TELESCOPE_LOWER, from: LOWER_HOOKE_ON_LOWER + 3, to: LOWER_HOOKE_ON_END_EFFECTOR + 3 },
     ]
 };
-/// Shifts by donor: the platform gives along five rows at once, 1/(2·5) of its inertia along each is safe.
+/// Fraction of the donor's inertia shifted along each row: the platform donates along five rows, for which 1/(2·5) each
+/// is safe.
 const PLATFORM_SHARE: f64 = 0.1;
 const TELESCOPE_SHARE: f64 = 0.5;
 
-/// Inertia lent to a body that has none, relative to the mechanism's mass and, for rotation, a lever of 0.1 m.
+/// Inertia lent to a body without inertia, relative to the mechanism's mass and, for rotation, with a lever of 0.1 m.
 const LENT: f64 = 1e-6;
 const LENT_LEVER: f64 = 0.1;
-/// Relaxation of S where it has lost rank.
+/// Relative regularisation of S if it has lost rank.
 const TIKHONOV: f64 = 1e-9;
-/// Residual, relative to the largest term of its equation, at which refinement stops; and beyond which a pose is singular.
+/// Residuals, relative to the largest term of their equation, at which refinement stops and above which a pose is
+/// singular.
 const REFINED: f64 = 1e-13;
 const ACCEPTED: f64 = 1e-9;
 const MAX_REFINEMENTS: usize = 8;
 
-/// Violation at which all rows count as closed, m or 1.
+/// Violation below which a row counts as satisfied, m or 1.
 const CLOSED: f64 = 1e-13;
 const MAX_PROJECTIONS: usize = 12;
 
@@ -127,17 +133,17 @@ impl Default for MaximalCoordinates {
     }
 }
 
-/// What is in the equations besides rigid bodies.
+/// Terms of the equations besides rigid bodies.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Extra<'a> {
-    /// Added to the rotational blocks of the mass matrix, kg·m².
+    /// Addition to the rotational blocks of the mass matrix, kg·m².
     pub damping: Option<&'a [Matrix3<f64>; BODIES]>,
-    /// Struts that give way; rigid without.
+    /// Elastic struts; `None` if they are rigid.
     pub stretches: Option<&'a Stretches>,
 }
 
 impl MaximalCoordinates {
-    /// An empty workspace.
+    /// A solver with an empty workspace.
     pub fn new() -> Self {
         Self(Box::new(Workspace {
             rows: Rows::new(),
@@ -157,9 +163,13 @@ impl MaximalCoordinates {
 
     /// Accelerations and multipliers of M·a + Gᵀ·λ = W, G·a = γ.
     ///
-    /// `bodies` gives poses and velocities; W is the sum of `wrenches` (applied forces and moments about the origins,
-    /// N and N·m, world axes: effects, drives, contacts), weight and velocity products. `damping` is added to M's
-    /// rotational blocks, kg·m², symmetric, world axes: h·γ·D of an implicit integrator.
+    /// `bodies` holds poses and velocities; W is the sum of `wrenches` (applied forces and moments about the origins, N
+    /// and N·m, inertial axes: effects, drives, contacts), weight and velocity products. `damping` is added to the
+    /// rotational blocks of M, kg·m², symmetric, inertial axes: h·γ·D of an implicit integrator.
+    ///
+    /// # Errors
+    /// [`SingularPose`] if an inertia is not physically consistent or the equations cannot be solved to 1e-9 of their
+    /// terms.
     pub fn solve(
         &mut self,
         plant: &Plant,
@@ -171,7 +181,7 @@ impl MaximalCoordinates {
         self.solve_with(plant, bodies, closed, wrenches, Extra { damping, stretches: None })
     }
 
-    /// The same with struts that give way.
+    /// [`Self::solve`] with elastic struts.
     pub(super) fn solve_with(
         &mut self,
         plant: &Plant,
@@ -196,11 +206,15 @@ impl MaximalCoordinates {
         self.0.equations(&loads, &gamma, &demand)
     }
 
-    /// Velocities after an impulsive load or a change of inertia, with all rows fulfilled: `solution.bodies` are twists
+    /// Velocities after an impulsive load or a change of inertia, with all rows satisfied: `solution.bodies` are twists
     /// (m/s, rad/s) and its multipliers impulses (N·s, N·m·s).
     ///
-    /// M₊·v⁺ = M₋·v⁻ + p − Gᵀ·λ, G·v⁺ = 0. M₊ is the inertia of `plant`, M₋ that of `before` (a body that joins brings
-    /// its own momentum in p), v⁻ the velocities in `bodies` and p the `impulses` about the origins, N·s and N·m·s.
+    /// M₊·v⁺ = M₋·v⁻ + p − Gᵀ·λ, G·v⁺ = 0. M₊ is the inertia of `plant`, M₋ that of `before` (the momentum of an
+    /// attached body is part of p), v⁻ the velocities in `bodies` and p the `impulses` about the origins, N·s and
+    /// N·m·s.
+    ///
+    /// # Errors
+    /// As for [`Self::solve`].
     pub fn impulse(
         &mut self,
         plant: &Plant,
@@ -217,10 +231,13 @@ impl MaximalCoordinates {
         self.0.equations(&loads, &[0.0; ROWS], &[0.0; STRUTS])
     }
 
-    /// Makes the rows of all joints hold: poses to 1e-13 m (or 1), velocities to rounding.
+    /// Projects poses and velocities onto the rows of all joints: poses to 1e-13 m (or 1), velocities to rounding.
     ///
-    /// Gauss–Newton on the poses in the metric of M, δ = −M⁻¹·Gᵀ·S⁻¹·c with rotations by exp(δω), then the orthogonal
-    /// projection of the velocities: M·v⁺ + Gᵀ·μ = M·v, G·v⁺ = 0.
+    /// Gauss–Newton iteration on the poses in the metric of M, δ = −M⁻¹·Gᵀ·S⁻¹·c with rotations exp(δω), then the
+    /// orthogonal projection of the velocities: M·v⁺ + Gᵀ·μ = M·v, G·v⁺ = 0.
+    ///
+    /// # Errors
+    /// [`SingularPose`] as for [`Self::solve`], or if the iteration does not converge.
     pub fn project(
         &mut self,
         plant: &Plant,
@@ -230,7 +247,7 @@ impl MaximalCoordinates {
         self.project_elastic(plant, bodies, closed, None)
     }
 
-    /// The same with struts that give way: elongations and their rates take part.
+    /// [`Self::project`] with elastic struts, including their elongations and elongation rates.
     pub(super) fn project_elastic(
         &mut self,
         plant: &Plant,
@@ -275,18 +292,18 @@ impl MaximalCoordinates {
         Err(SingularPose)
     }
 
-    /// Largest violation of a row, m or 1, at the pose last given.
+    /// Largest violation of a row at the last pose, m or 1.
     pub fn violation(&self) -> f64 {
         self.0.rows.values.iter().fold(0.0, |worst, c| worst.max(c.abs()))
     }
 
-    /// Force on the strut at each socket, N, world axes, from the last solution; zero where open.
+    /// Force on the strut at each socket from the last solution, N, inertial axes; zero where open.
     pub fn socket_forces(&self) -> [Vector3<f64>; SOCKETS] {
         let lambda = &self.0.solution.multipliers;
         std::array::from_fn(|k| -Vector3::from_fn(|i, _| lambda[socket(k) + i]))
     }
 
-    /// Axial forces of the struts, tension positive, N, from the last solution; `bodies` as given to it.
+    /// Axial strut forces from the last solution, tension positive, N; `bodies` as passed to it.
     pub fn axial_forces(&self, bodies: &[BodyMotion; BODIES]) -> Reactions {
         let forces = self.socket_forces();
         let along = |s: usize, k: usize| bodies[STRUT + s].rotation.column(0).dot(&forces[k]);
@@ -304,7 +321,7 @@ impl MaximalCoordinates {
     }
 }
 
-/// Inertia of body `b`, of an elastic strut at its present length.
+/// Inertia of body `b`; of an elastic strut at its present length.
 fn inertia(plant: &Plant, b: usize, stretches: Option<&Stretches>) -> Inertia {
     match stretches {
         Some(all) if (STRUT..PLATFORM).contains(&b) => all[b - STRUT].inertia(),
@@ -313,7 +330,7 @@ fn inertia(plant: &Plant, b: usize, stretches: Option<&Stretches>) -> Inertia {
 }
 
 impl Workspace {
-    /// Rows, masses and factors at a pose.
+    /// Computes rows, masses and factors at a pose.
     fn prepare(
         &mut self,
         plant: &Plant,
@@ -361,7 +378,7 @@ impl Workspace {
         Ok(())
     }
 
-    /// Factors a body's mass, lending inertia where it has none.
+    /// Factors the mass matrix of a body, lending inertia if it is singular.
     fn root(&mut self, b: usize, total: f64) -> Result<(), SingularPose> {
         if let Some(root) = Root::new(&self.mass[b]) {
             self.roots[b] = root;
@@ -391,7 +408,7 @@ impl Workspace {
         }
     }
 
-    /// Solves the equations for given W, γ and forces on the stretches with the factors at hand.
+    /// Solves the factored equations for given W, γ and forces on the elongations.
     fn equations(
         &mut self,
         loads: &[Six; BODIES],
@@ -420,7 +437,7 @@ impl Workspace {
                 break; // at rounding
             }
         }
-        let holds = loads_left.1 < ACCEPTED && rows_left.1 < ACCEPTED; // also false of NaN
+        let holds = loads_left.1 < ACCEPTED && rows_left.1 < ACCEPTED; // false for NaN
         if !holds {
             return Err(SingularPose);
         }
@@ -458,7 +475,7 @@ impl Workspace {
         }
     }
 
-    /// W − M·a − Gᵀ·λ and γ − G·a, each with its size relative to the largest terms of its kind.
+    /// W − M·a − Gᵀ·λ and γ − G·a, each with its magnitude relative to the largest terms of its kind.
     fn residuals(&self, w: &[Six; BODIES], gamma: &[f64; ROWS]) -> (([Six; BODIES], f64), ([f64; ROWS], f64)) {
         let (mut loads, mut rows) = (*w, *gamma);
         // Forces, moments, rows.
@@ -492,12 +509,12 @@ impl Workspace {
     }
 }
 
-/// The larger magnitude; NaN stays.
+/// The larger magnitude; NaN if one of the two is NaN.
 fn worst(a: f64, b: f64) -> f64 {
     if a.abs() < b.abs() || b.is_nan() { b.abs() } else { a }
 }
 
-/// Spatial inertia about the body's origin, world axes: [m, −h×; h×, Θ + D] with h = m·c.
+/// Spatial inertia about the body's origin, inertial axes: [m, −h×; h×, Θ + D] with h = m·c.
 fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Matrix3<f64>>) -> [Six; 6] {
     let h = r * inertia.first_moment;
     let mut tensor = r * inertia.tensor * r.transpose();
@@ -511,7 +528,7 @@ fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Matrix3<f64>>) 
             m[3 + k][3 + i] = 0.5 * (tensor[(i, k)] + tensor[(k, i)]);
         }
     }
-    // M = h × a: the moment per acceleration.
+    // M = h × a: moment per unit of acceleration.
     for (i, k, x) in [(0, 1, -h.z), (0, 2, h.y), (1, 0, h.z), (1, 2, -h.x), (2, 0, -h.y), (2, 1, h.x)] {
         m[k][3 + i] = x;
         m[3 + i][k] = x;
@@ -519,7 +536,7 @@ fn spatial(inertia: &Inertia, r: &Matrix3<f64>, damping: Option<&Matrix3<f64>>) 
     m
 }
 
-/// What `dynamics::inertial_wrench` gives at zero acceleration: F = ω × (ω × h) − m·g, M = ω × Θω − h × g.
+/// `dynamics::inertial_wrench` at zero acceleration: F = ω × (ω × h) − m·g, M = ω × Θω − h × g.
 fn velocity_products(inertia: &Inertia, b: &BodyMotion, gravity: &Vector3<f64>) -> Pair {
     let h = b.rotation * inertia.first_moment;
     let omega = &b.angular_velocity;

@@ -1,9 +1,10 @@
-//! The machine in motion: fourteen bodies, 84 velocities, 74 constraint rows.
+//! Simulation of the machine: fourteen bodies, 84 velocities, 74 constraint rows.
 //!
-//! Two formulations of the same equations. `absolute` integrates all bodies with all rows, which `maximal` solves for whatever
-//! joints hold. `assembled` integrates what is left when the rows are eliminated, which `mechanism` does in closed form while
-//! all sockets hold; `axes` is that for a robot taken apart or a lone axis. `integrator` steps each. The eliminated form is the
-//! default, being the faster one; from the first dislocation on every run is in absolute coordinates.
+//! There are two formulations of the same equations. `absolute` integrates all bodies with all rows, which `maximal`
+//! solves for any set of closed joints. `assembled` integrates the coordinates that remain after the elimination of the
+//! rows, in closed form by `closed`, while all sockets are closed; `axes` is its counterpart for a disassembled robot
+//! or a single axis. `integrator` advances each of them. The eliminated form is the default because it is faster; from
+//! the first dislocation on every run is in absolute coordinates.
 
 mod absolute;
 mod assembled;
@@ -45,6 +46,6 @@ pub use state::BodyState;
 pub use torque::Torque;
 pub use wrench::{Load, Twist};
 
-/// The mechanism has lost rank: a singular pose.
+/// The equations cannot be solved: the mechanism has lost rank (a singular pose), or an inertia is not consistent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SingularPose;

@@ -1,4 +1,4 @@
-//! How a run of the twin is made.
+//! Options of a run of the twin.
 
 use std::sync::Arc;
 
@@ -7,10 +7,10 @@ use crate::cell::Object;
 use crate::model::Model;
 use crate::scenario::{self, Action, Formulation, HoldTorque, PayloadShape, Scenario, Supervision};
 
-/// How a run is made.
+/// Options of a run.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Length of the run, s.
+    /// Duration of the run, s.
     pub duration: f64,
     /// Integration steps per sample time.
     pub substeps: usize,
@@ -18,51 +18,51 @@ pub struct Options {
     pub control_period: usize,
     /// Torque between two control instants.
     pub hold_torque: HoldTorque,
-    /// How the equations of motion are solved.
+    /// Formulation of the equations of motion.
     pub formulation: Formulation,
     /// Seed of the sensor noise; `None` switches noise and quantisation off.
     pub noise_seed: Option<u64>,
-    /// What is recorded.
+    /// Recorded channels.
     pub sensors: scenario::Sensors,
     /// Controller gains.
     pub gains: Gains,
-    /// Ball sockets; healthy and only watched without.
+    /// Ball sockets; `None` means healthy ones whose margins are only reported.
     pub clamps: Option<Clamps>,
-    /// When the drives trip.
+    /// Conditions under which the drives trip.
     pub supervision: Supervision,
-    /// Things around the robot.
+    /// Objects around the robot.
     pub objects: Vec<Object>,
     /// Shape of the payload.
     pub payload_shape: Option<PayloadShape>,
-    /// What the gripper does, in order of time.
+    /// Actions of the gripper, in order of time.
     pub actions: Vec<Action>,
-    /// What solves contacts where there are objects or sockets may leave their balls. Without it nothing touches, and
-    /// objects are refused.
+    /// Constructor of the contact solver, used if there are objects or if sockets may dislocate. Without one there are
+    /// no contacts, and objects are an error.
     pub contacts: Option<NewContacts>,
-    /// Keep the poses of all bodies and objects every so many seconds.
+    /// Interval at which the poses of all bodies and objects are kept, s; `None` keeps none.
     pub frames: Option<f64>,
-    /// Who looks on.
+    /// Observer of the run.
     pub watcher: Option<Watcher>,
 }
 
 type See = dyn Fn(Option<&Frame>, &[Event]) + Send + Sync;
 
-/// Sees a run while it goes on.
+/// Observer of a run in progress.
 #[derive(Clone)]
 pub struct Watcher {
-    /// Time between frames, s; [`Options::frames`] comes before it.
+    /// Time between frames, s; [`Options::frames`] takes precedence.
     pub spacing: f64,
     see: Arc<See>,
 }
 
 impl Watcher {
-    /// Calls `see` with a frame every `spacing` s and the events since the call before; the run waits for it. The last
-    /// call has no frame.
+    /// Calls `see` with a frame every `spacing` s and the events since the previous call; the run is blocked meanwhile.
+    /// The last call has no frame.
     pub fn new(spacing: f64, see: impl Fn(Option<&Frame>, &[Event]) + Send + Sync + 'static) -> Self {
         Self { spacing, see: Arc::new(see) }
     }
 
-    /// Shows it a frame and events.
+    /// Passes a frame and events on.
     pub fn see(&self, frame: Option<&Frame>, events: &[Event]) {
         (self.see)(frame, events);
     }
@@ -98,7 +98,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// As `scenario` says, for a machine like `model`, still without what solves contacts.
+    /// Options of `scenario` for a machine like `model`, without a contact solver.
     pub fn of(scenario: &Scenario, model: &Model) -> Self {
         let gains = Gains::of(model);
         Self {

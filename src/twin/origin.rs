@@ -1,4 +1,4 @@
-//! Where a simulated recording comes from, and what shows it in other programs: the [`Context`] of its bag.
+//! Provenance of a simulated recording and data for its display: the [`Context`] of its bag.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,10 +11,10 @@ use crate::model::Model;
 use crate::recording::{Attachment, Context, Level, Note, Poses};
 use crate::scenario::Scenario;
 
-/// Origin of a run, known before it: program, files and seed, and the files themselves.
+/// Provenance known before a run: program, files and seed, with the contents of the files.
 ///
-/// `text` is the content of the scenario's `file`, which is attached. Files go by their names without folders, so that the
-/// same run gives the same bytes wherever it is made.
+/// `text` is the content of the scenario's `file`, which is attached. Files are named without folders, so that the same
+/// run produces the same bytes in any folder.
 pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine: &Model, planning: &Model) -> Context {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let model_name = |model: &Model| model.path.as_deref().map_or(model.name.clone(), name);
@@ -50,7 +50,7 @@ pub fn origin(scenario: &Scenario, (file, text): (&Path, Option<&str>), machine:
     Context { provenance, attachments, description: urdf(machine), ..Context::default() }
 }
 
-/// What a run showed, added to its origin.
+/// The provenance with poses and events of the run added.
 pub fn with_run(mut origin: Context, machine: &Model, options: &Options, report: &Report) -> Context {
     if machine.assembled {
         origin.poses = report.frames.iter().map(|f| poses(machine.mechanism, options, f)).collect();
@@ -69,7 +69,7 @@ fn poses(mechanism: Mechanism, options: &Options, frame: &Frame) -> Poses {
     Poses { t: frame.t, frames: bodies.chain(objects).collect() }
 }
 
-/// An event as a line of a log.
+/// An event as a log entry.
 pub fn note(event: &Event) -> Note {
     let level = match event.kind {
         EventKind::Dislocation | EventKind::Singular => Level::Error,

@@ -9,20 +9,21 @@ use crate::kinematics::motion::SOCKETS;
 use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 use crate::machine::{ARMS, STRUTS};
 
-/// What every joint transmits: 74 independent numbers.
+/// Reactions of all joints: 74 independent numbers.
 ///
-/// Wrenches are (force in N, moment in N·m about the joint), world axes, on the body named second in each comment.
+/// Wrenches are (force in N, moment in N·m about the joint), inertial axes, on the body named second in each comment.
+/// The number of independent components is given at the end.
 #[derive(Clone, Copy, Debug)]
 pub struct JointReactions {
     /// Twelve ball sockets (six upper, six lower), ball on strut: 36.
     pub sockets: [Vector3<f64>; SOCKETS],
-    /// Bearings of the arms, frame on arm, at the shaft; the drive's torque not included: 3 · 5.
+    /// Bearings of the arms, frame on arm, at the shaft, without the drive torque: 3 · 5.
     pub arms: [Twist; ARMS],
-    /// Bearing of the rotor, frame on rotor, at the upper Hooke joint; the drive's torque not included: 5.
+    /// Bearing of the rotor, frame on rotor, at the upper Hooke joint, without the drive torque: 5.
     pub rotor: Twist,
     /// Upper Hooke joint, rotor on telescope: 4.
     pub upper_hooke: Twist,
-    /// Sliding joint, telescope's upper on lower part, at the lower Hooke joint: 5.
+    /// Sliding joint, upper on lower telescope part, at the lower Hooke joint: 5.
     pub slide: Twist,
     /// Lower Hooke joint, telescope on end effector: 4.
     pub lower_hooke: Twist,
@@ -31,8 +32,8 @@ pub struct JointReactions {
 }
 
 impl JointReactions {
-    /// From accelerations in `motion`, applied `wrenches` (effects, drives and contacts, about the bodies' origins, world
-    /// axes) and the forces in the sockets.
+    /// Reactions from the accelerations in `motion`, the applied `wrenches` (effects, drives and contacts, about the
+    /// bodies' origins, inertial axes) and the socket forces (N).
     pub fn new(plant: &Plant, motion: &Motion, wrenches: &[Twist], sockets: &[Vector3<f64>; SOCKETS]) -> Self {
         let gravity = plant.gravity_vector();
         let demand = |b: usize| -> Twist {
@@ -49,7 +50,7 @@ impl JointReactions {
             }
             (force, moment)
         });
-        // The platform carries its struts and the end effector; the end effector hangs on platform and telescope.
+        // The platform bears its struts and the end effector, the end effector is held by platform and telescope.
         let (mut force, mut moment) = demand(PLATFORM);
         for s in 0..STRUTS {
             let strut = &motion.bodies[crate::machine::bodies::STRUT + s];

@@ -1,4 +1,4 @@
-//! What a run of the twin showed besides its recording, or why it ended early.
+//! Report of a run of the twin besides its recording, and errors that end a run.
 
 use nalgebra::Isometry3;
 use thiserror::Error;
@@ -9,56 +9,56 @@ use crate::kinematics::{KinematicsError, Reactions, SocketSet};
 use crate::machine::bodies::BODIES;
 use crate::machine::{AXES, STRUTS};
 
-/// Where everything was at one time.
+/// Poses and forces at one time.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Time, s.
     pub t: f64,
-    /// Joint positions, rad.
+    /// Joint positions, rad (m on a prismatic axis).
     pub q: [f64; AXES],
     /// Torques at the gear outputs, N·m.
     pub tau: [f64; AXES],
-    /// Poses of the bodies' frames, world.
+    /// Poses of the body frames in the inertial frame.
     pub bodies: [Isometry3<f64>; BODIES],
     /// Poses of the objects, in the order of [`super::Options::objects`].
     pub objects: Vec<Isometry3<f64>>,
-    /// Sockets that held.
+    /// Closed sockets.
     pub closed: SocketSet,
-    /// Axial force at the elbow end and at the platform end of each strut, tension positive, N.
+    /// Axial forces at the elbow ends and at the platform ends of the struts, tension positive, N.
     pub strut_force: [[f64; STRUTS]; 2],
-    /// What each socket could still take, N; zero once open.
+    /// Remaining force margin of each socket, N; zero once open.
     pub socket_margin: [f64; SOCKETS],
 }
 
-/// Something that happened.
+/// An event.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {
-    /// When, s.
+    /// Time, s.
     pub t: f64,
-    /// What kind.
+    /// Kind.
     pub kind: EventKind,
-    /// What, in words.
+    /// Description.
     pub what: String,
 }
 
 /// Kinds of events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
-    /// A ball socket left its ball.
+    /// A ball socket dislocated.
     Dislocation,
     /// The drives tripped.
     Trip,
-    /// The robot touched something.
+    /// The robot came into contact.
     Contact,
-    /// A joint ran into its hard stop.
+    /// A joint reached its hard stop.
     Stop,
     /// An object was picked up.
     Pick,
-    /// An object was let go.
+    /// An object was released.
     Release,
     /// Everything has come to rest after a trip.
     Rest,
-    /// The mechanism reached a pose from which the equations go no further.
+    /// The mechanism reached a pose at which the equations cannot be continued.
     Singular,
 }
 
@@ -78,61 +78,61 @@ impl EventKind {
     }
 }
 
-/// What a run showed besides its recording.
+/// Report of a run besides its recording.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// Simulated time, s.
     pub simulated: f64,
     /// Integration steps.
     pub steps: usize,
-    /// Largest violation of a position row of the joints that hold, m (or 1).
+    /// Largest violation of a position row of the closed joints, m (or 1).
     pub max_loop_gap: f64,
     /// Largest violation of a velocity row, m/s (or 1/s).
     pub max_loop_rate: f64,
     /// Largest |energy − initial energy − work| relative to the work turned over.
     pub energy_error: f64,
-    /// Largest axial strut force at any sample or dislocation, N.
+    /// Largest absolute axial strut force at any sample or dislocation, N.
     pub peak_strut_force: f64,
-    /// Smallest margin of every socket while it held, N.
+    /// Smallest margin of every socket while closed, N.
     pub min_margin: [f64; SOCKETS],
-    /// Largest distance between desired and actual joint angle until the drives trip, rad.
+    /// Largest difference between desired and actual joint angle before the drives trip, rad.
     pub tracking_error: [f64; AXES],
-    /// What happened, in order.
+    /// Events in order of time.
     pub events: Vec<Event>,
-    /// Poses, as far as [`super::Options::frames`] asks for them.
+    /// Frames, if requested by [`super::Options::frames`].
     pub frames: Vec<Frame>,
-    /// Sockets that hold at the end.
+    /// Sockets closed at the end.
     pub closed: SocketSet,
     /// Kinetic energy of robot and objects at the end, J.
     pub kinetic_energy: f64,
-    /// Largest change in the last iteration over load-dependent friction that did not converge, N.
+    /// Largest change in the last iteration over laws that depend on the solution, of evaluations that did not
+    /// converge, N, rad/s² or m/s².
     pub unconverged: f64,
 }
 
 impl Report {
-    /// Raises the peak to the strut forces of one more instant: a sample, or a dislocation between two.
+    /// Updates the peak with the strut forces of one more instant, a sample or a dislocation between two.
     pub(super) fn see_strut_forces(&mut self, reactions: &Reactions) {
         let forces = reactions.upper.iter().chain(&reactions.lower);
         self.peak_strut_force = forces.fold(self.peak_strut_force, |peak, f| peak.max(f.abs()));
     }
 
-    /// Whether the energy balance closes, as that of a run whose numbers mean anything does: all but
-    /// [`LARGEST_ENERGY_ERROR`] of the work turned over is accounted for.
+    /// Whether the energy error is at most [`LARGEST_ENERGY_ERROR`], as it must be for a valid run.
     pub fn energy_closes(&self) -> bool {
         self.energy_error <= LARGEST_ENERGY_ERROR
     }
 }
 
-/// Share of the work turned over that may be unaccounted for. Shipped runs have at most 3e-6; a thousandth and more means that the
-/// step is too long for the motion, or that a law acts without being asked for its work.
+/// Largest admissible energy error, relative to the work turned over. Shipped runs reach at most 3e-6; 1e-3 and more
+/// means that the step is too long for the motion, or that the work of a law is not accounted for.
 pub const LARGEST_ENERGY_ERROR: f64 = 1e-3;
 
-/// Where a machine is.
+/// Pose of a machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Joint angles, rad (m on a slide); of axes that are not there zero.
+    /// Joint angles, rad (m on a prismatic axis); zero for axes that do not exist.
     pub q: [f64; AXES],
-    /// Centre of the platform's ball plane, m, if there is a platform.
+    /// Position of the centre of the platform's ball plane, m, if there is a platform.
     pub platform: Option<[f64; 3]>,
 }
 
@@ -144,12 +144,12 @@ impl std::fmt::Display for Pose {
     }
 }
 
-/// Why the equations of motion go no further.
+/// Why the equations of motion cannot be continued.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// The mechanism has lost rank.
     Rank,
-    /// The numbers do not follow the equations any more.
+    /// The numerical solution has diverged.
     Diverged,
 }
 
@@ -168,48 +168,48 @@ impl std::fmt::Display for Cause {
 /// Why a run ended early.
 #[derive(Debug, Error)]
 pub enum SimulationError {
-    /// The desired motion cannot be taken.
+    /// The desired motion is not feasible.
     #[error("desired motion at t = {t:.4} s: {source}")]
     Trajectory {
         /// Time, s.
         t: f64,
-        /// What is wrong with the pose.
+        /// Why the pose is not feasible.
         source: KinematicsError,
     },
-    /// The mechanism ran into a singular pose or beyond any number.
+    /// The mechanism reached a singular pose, or the solution diverged.
     #[error("at t = {t:.4} s {cause}; last pose: {pose}")]
     Singular {
         /// Time, s.
         t: f64,
-        /// Where it was last.
+        /// Last pose.
         pose: Pose,
-        /// Why it went no further.
+        /// Cause.
         cause: Cause,
     },
-    /// A force law gave no number.
+    /// The value of a force law is not finite.
     #[error(transparent)]
     Law {
-        /// Which law, when and where.
+        /// Law, time and place.
         source: KinematicsError,
     },
-    /// Payload and effects make a body that cannot be.
+    /// Payload and effects result in an inertia that is not physically consistent.
     #[error("{body}: payload and effects leave it with an inertia that no body has")]
     Body {
-        /// Its name.
+        /// Name of the body.
         body: String,
     },
-    /// The run needs what the machine does not have.
+    /// The run requires parts that the machine does not have.
     #[error("{what} need struts and platform, which this machine does not have")]
     Missing {
-        /// What needs them.
+        /// The options that require them.
         what: &'static str,
     },
-    /// The objects around the robot are impossible, or the gripper cannot do what it is told.
+    /// The objects around the robot are not valid, or the gripper cannot perform an action.
     #[error("t = {t:.4} s: {source}")]
     Cell {
         /// Time, s.
         t: f64,
-        /// What is wrong.
+        /// Cause.
         source: CellError,
     },
 }

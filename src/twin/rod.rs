@@ -1,4 +1,4 @@
-//! A strut as a rod between its balls: the masses that both formulations of an elastic strut share.
+//! Mass model of a strut as a rod between its balls, shared by both formulations of an elastic strut.
 
 use nalgebra::Vector3;
 
@@ -11,7 +11,7 @@ use crate::machine::{Geometry, Inertia, STRUTS};
 /// T = ½·m_aa·v_a² + m_ab·v_a·v_b + ½·m_bb·v_b², the integrals of (1 − ξ)², ξ·(1 − ξ) and ξ² over its mass.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rod {
-    /// Length without load, m.
+    /// Unloaded length, m.
     pub length: f64,
     /// m_aa, kg.
     pub aa: f64,
@@ -21,12 +21,12 @@ pub(super) struct Rod {
     pub bb: f64,
     /// Inertia about its own axis, kg·m².
     pub axial: f64,
-    /// Shares of the mass whose weight the two ends carry, kg.
+    /// Masses whose weight acts at the two ends, kg.
     pub weight: [f64; 2],
 }
 
 impl Rod {
-    /// Of a body that is symmetric about its x axis, in the frame at its upper ball.
+    /// Rod of a body symmetric about its x axis, in the frame at its upper ball; `length` in m.
     pub fn new(inertia: &Inertia, length: f64) -> Self {
         let (h, i) = (inertia.first_moment.x / length, inertia.tensor[(1, 1)] / (length * length));
         Self {
@@ -39,12 +39,12 @@ impl Rod {
         }
     }
 
-    /// All six of a machine.
+    /// Rods of all six struts of a machine.
     pub fn all(plant: &Plant) -> [Self; STRUTS] {
         std::array::from_fn(|s| Self::new(&plant.bodies[STRUT + s], plant.geometry.strut_length[s / 2]))
     }
 
-    /// Inertia about the upper ball at another length, in the strut's frame.
+    /// Inertia about the upper ball at another length (m), in the strut's frame.
     pub fn stretched(&self, length: f64) -> Inertia {
         let lateral = self.bb * length * length;
         Inertia::diagonal(
@@ -55,8 +55,8 @@ impl Rod {
     }
 }
 
-/// What stretched rods have beyond the energy of rigid ones with the same motion of the bodies, J; `rates` are those of their
-/// lengths, m/s.
+/// Energy of stretched rods in excess of rigid ones with the same motion of the bodies, J; `rates` are the rates of
+/// their lengths, m/s.
 pub(super) fn stretch_energy(rods: &[Rod; STRUTS], plant: &Plant, motion: &Motion, rates: &[f64; STRUTS]) -> f64 {
     let of_rod = |s: usize| {
         let (rod, u, length) = (&rods[s], motion.strut_axis[s], motion.strut_length[s]);
@@ -71,7 +71,7 @@ pub(super) fn stretch_energy(rods: &[Rod; STRUTS], plant: &Plant, motion: &Motio
     (0..STRUTS).map(of_rod).sum()
 }
 
-/// Rates of the struts' lengths while both their balls are held, m/s.
+/// Rates of the strut lengths while both balls are held, m/s.
 pub(super) fn length_rates(plant: &Plant, motion: &Motion) -> [f64; STRUTS] {
     let platform = &motion.bodies[PLATFORM];
     std::array::from_fn(|s| {
@@ -81,7 +81,7 @@ pub(super) fn length_rates(plant: &Plant, motion: &Motion) -> [f64; STRUTS] {
     })
 }
 
-/// Ball of strut `s` in the platform's frame.
+/// Ball of strut `s` in the platform's frame, m.
 pub(super) fn platform_ball(g: &Geometry, s: usize) -> Vector3<f64> {
     Geometry::radial(s / 2) * g.platform_radius + Geometry::tangential(s / 2) * g.pair_offset(s)
 }

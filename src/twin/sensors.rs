@@ -14,18 +14,18 @@ use crate::model::Model;
 use crate::recording::Signals;
 use crate::scenario;
 
-/// What measures the machine.
+/// Sensors of the machine.
 pub(super) struct Sensors<'a> {
     model: &'a Model,
     fitted: scenario::Sensors,
-    /// Whether there is a platform to be seen.
+    /// Whether there is a platform to be measured.
     assembled: bool,
     torque_noise: [f64; AXES],
     rng: Option<ChaCha8Rng>,
 }
 
 impl<'a> Sensors<'a> {
-    /// Without a seed, neither noise nor quantisation.
+    /// Sensors of a machine; without a seed neither noise nor quantisation.
     pub fn new(model: &'a Model, setup: &Setup, fitted: scenario::Sensors, assembled: bool, seed: Option<u64>) -> Self {
         Self {
             model,
@@ -36,7 +36,7 @@ impl<'a> Sensors<'a> {
         }
     }
 
-    /// Angles as the encoders report them.
+    /// Encoder readings for angles `q`, rad.
     pub fn angles(&self, q: &[f64; AXES]) -> [f64; AXES] {
         if self.rng.is_none() {
             return *q;
@@ -45,7 +45,7 @@ impl<'a> Sensors<'a> {
         std::array::from_fn(|i| if i < axes { quantised(q[i], &self.model.drives[i]) } else { q[i] })
     }
 
-    /// Reserves room for `samples` samples.
+    /// Reserves memory for `samples` samples.
     pub fn reserve(&self, signals: &mut Signals, samples: usize) {
         let fitted = &self.fitted;
         signals.t.reserve(samples);
@@ -64,7 +64,7 @@ impl<'a> Sensors<'a> {
         signals.link_qd = fitted.links.then(|| Vec::with_capacity(samples));
     }
 
-    /// Appends one sample, still without noise.
+    /// Appends one sample, without noise.
     pub fn record(
         &self,
         signals: &mut Signals,

@@ -1,48 +1,45 @@
-//! A closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and what the robot touches.
+//! Closed-loop run of the twin: trajectory, controller, machine, sensors, sockets and contacts.
 
-use nalgebra::{Rotation3, Vector3};
+mod advance;
+mod start;
 
-use super::contacts::{ContactBody, Contacts, Held, Surroundings};
+use self::advance::Meeting;
+use super::contacts::{Contacts, Held};
 use super::controller::Controller;
 use super::machine::{Checkpoint, Snapshot, Twin};
 use super::sensors::Sensors;
-use super::sockets::{Clamps, socket_name};
+use super::sockets::Clamps;
 use super::torque::Torque;
-use super::wrench::{Load, STILL, Twist};
+use super::wrench::Twist;
 use super::{
-    Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Options, Pose, Report, SimulationError, SingularPose,
-    constraints, energy, stops,
+    Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Options, Pose, Report, SimulationError, constraints, energy,
 };
-use crate::cell::CellError;
-use crate::dynamics::{Plant, inverse_dynamics};
+use crate::dynamics::Plant;
 use crate::kinematics::motion::SOCKETS;
-use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
-use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, body_name};
-use crate::machine::{ARMS, AXES, Configuration, Inertia, Mechanism, STRUTS, Setup, Unit};
+use crate::kinematics::{JointState, Motion, SocketSet, Target};
+use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM};
+use crate::machine::{AXES, Configuration, Inertia, Mechanism, STRUTS, Setup, Unit};
 use crate::model::Model;
 use crate::recording::{Recording, Signals};
 use crate::scenario::{ActionKind, HoldTorque, Trip};
 
-/// Time within which a dislocation is located, s.
-const EVENT_TIME: f64 = 1e-7;
-/// Kinetic energy below which everything rests, J, and for how long, s: what leans on regularised friction creeps.
+/// Kinetic energy below which everything counts as at rest, J, and the time for which it must stay below, s:
+/// regularised friction creeps.
 const REST_ENERGY: f64 = 1e-3;
 const REST_TIME: f64 = 0.1;
-/// Work to which the energy error is related at least, J.
+/// Lower bound of the work to which the energy error is related, J.
 const LEAST_WORK: f64 = 1e-3;
-/// A pair that has not touched for this long touches anew, s.
-const CONTACT_PAUSE: f64 = 0.05;
-/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is not rounding.
-const IMPOSSIBLE: f64 = 1e-9;
-/// Slack of time comparisons, s.
+/// Tolerance of time comparisons, s.
 const INSTANT: f64 = 1e-12;
 
-/// Recording and report of a run of `model` under `setup` along `desired`, controlled by `controller_plant`'s feed-forward.
+/// Recording and report of a run of `model` under `setup` along `desired`, with the feed-forward of `controller_plant`.
 ///
-/// With [`HoldTorque::Ramp`] the drives ramp the torque linearly over each period, so a recorded torque is the one that
-/// acts at its time stamp. `desired` says where platform or joints are to be; those of a machine without platform must be
-/// joints. `progress` is called with the simulated time once per sample; returning false ends the run
-/// there.
+/// With [`HoldTorque::Ramp`] the drive torques are linear over each period, so that a recorded torque is the one that
+/// acts at its time stamp. `desired` is the desired motion of platform or joints; a machine without platform requires
+/// joints. `progress` is called with the simulated time (s) once per sample; returning false ends the run.
+///
+/// # Errors
+/// Those of [`simulate_until_failure`], and the failure that ends a run early.
 pub fn simulate<T: Into<Target>>(
     model: &Model,
     setup: &Setup,
@@ -56,11 +53,11 @@ pub fn simulate<T: Into<Target>>(
     failure.map_or(Ok((recording, report)), Err)
 }
 
-/// The same, with what was recorded until the run failed, if it did: a failure under way is handed back beside the
-/// recording.
+/// Recording and report as from [`simulate`], with the failure if one ended the run early; they extend to that instant.
 ///
 /// # Errors
-/// If the run cannot begin.
+/// A [`SimulationError`] if the run cannot start: the desired motion, the loops at the start, the inertia of a body,
+/// the objects, or parts that the machine does not have.
 pub fn simulate_until_failure<T: Into<Target>>(
     model: &Model,
     setup: &Setup,
@@ -93,23 +90,7 @@ pub fn simulate_until_failure<T: Into<Target>>(
     Ok((recording, report, failure))
 }
 
-/// Refuses what only a platform or its struts can do.
-fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
-    let fitted = &options.sensors;
-    for (what, asked) in [
-        ("objects and what a gripper does", !options.objects.is_empty() || !options.actions.is_empty()),
-        ("sockets that may leave their balls", options.clamps.is_some_and(|c| c.armed)),
-        ("margins of sockets", fitted.sockets),
-        ("strut force sensors", fitted.strut_upper.iter().chain(&fitted.strut_lower).any(|s| *s)),
-    ] {
-        if asked {
-            return Err(SimulationError::Missing { what });
-        }
-    }
-    Ok(())
-}
-
-/// A run under way.
+/// A run in progress.
 struct Run<'a> {
     options: &'a Options,
     desired: &'a dyn Fn(f64) -> Target,
@@ -129,164 +110,25 @@ struct Run<'a> {
     checkpoint: Checkpoint,
     /// Contact wrenches at the present time.
     contact: [Twist; BODIES],
-    /// What has met so far, and when last, s.
+    /// Contacts and stops so far, with the time of the last one, s.
     touching: Vec<(Meeting, f64)>,
     rest_since: Option<f64>,
     rested: bool,
     work: Vec<f64>,
     turned_over: f64,
-    /// Frames so far, and events that the watcher has seen.
+    /// Number of frames so far; the number of events passed to the watcher follows.
     frames: usize,
     watched: usize,
     signals: Signals,
     report: Report,
 }
 
-/// What can meet again and again, of which only the beginnings are events.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Meeting {
-    /// Two bodies that touch.
-    Contact(ContactBody, ContactBody),
-    /// A freedom and its stop, the upper one or not.
-    Stop(usize, bool),
-}
-
-/// Whether `meeting`, which is on at time `t`, was not on all along; notes it in `known`.
-fn begins(known: &mut Vec<(Meeting, f64)>, meeting: Meeting, t: f64) -> bool {
-    match known.iter_mut().find(|(met, _)| *met == meeting) {
-        Some((_, last)) => t - std::mem::replace(last, t) >= CONTACT_PAUSE,
-        None => {
-            known.push((meeting, t));
-            true
-        }
-    }
-}
-
-/// What solves the contacts of a run; none where nothing can touch.
-fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<Box<dyn Contacts>>, CellError> {
-    if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
-        return Ok(None);
-    }
-    let Some(new) = options.contacts else {
-        return if options.objects.is_empty() { Ok(None) } else { Err(CellError::NoContacts) };
-    };
-    let surroundings = Surroundings {
-        objects: &options.objects,
-        payload: options.payload_shape.as_ref(),
-        geometry: &plant.geometry,
-        gravity: plant.gravity_vector(),
-        start,
-    };
-    new(&surroundings).map(Some)
-}
-
-/// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
-/// transmitted torque.
-fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
-    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
-    let mut deflection = [0.0; AXES];
-    for (k, active) in plant.effects.iter().enumerate() {
-        let Some(gears) = active.gear_springs() else { continue };
-        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
-        let torque = inverse_dynamics(plant, 0.0, &plant.motion(wanted)?, &states, false)?.tau;
-        for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
-            deflection[i] = gear.compliance * (torque[i] - gear.rotor_inertia * wanted.qdd[i]);
-        }
-        own[k][..ARMS].copy_from_slice(&deflection[..ARMS]);
-    }
-    let mut joints = *wanted;
-    let mut lead = [0.0; AXES];
-    for (active, state) in plant.effects.iter().zip(&own) {
-        active.encoder(state, &mut lead);
-    }
-    for (q, lead) in joints.q.iter_mut().zip(lead) {
-        *q -= lead;
-    }
-    Ok((joints, deflection))
-}
-
 impl<'a> Run<'a> {
-    fn new(
-        model: &'a Model,
-        setup: &Setup,
-        controller_plant: &'a Plant,
-        desired: &'a dyn Fn(f64) -> Target,
-        options: &'a Options,
-    ) -> Result<Self, SimulationError> {
-        let plant = Plant::new(model, setup);
-        let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
-        if !plant.assembled {
-            possible_without_platform(options)?;
-        }
-        let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
-        let (joints, deflection) = balance(&plant, &wanted).map_err(trajectory)?;
-        let motion = plant.motion(&joints).map_err(trajectory)?;
-        for (body, inertia) in plant.bodies.0.iter().enumerate() {
-            let size = inertia.mass.max(inertia.tensor.trace());
-            if inertia.min_eigenvalue() < -IMPOSSIBLE * size.max(1e-3) {
-                return Err(SimulationError::Body { body: body_name(body) });
-            }
-        }
-        let contacts = contacts(options, &plant, &motion).map_err(|source| SimulationError::Cell { t: 0.0, source })?;
-        let assembled = plant.assembled;
-        let mut twin =
-            Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
-        twin.deflect_gears(&deflection);
-        let step = model.sample_time * options.control_period as f64;
-        let controller = Controller::new(controller_plant, model.drives, options.gains, step);
-        let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
-        let clamps = match options.clamps {
-            _ if !assembled => Clamps::none(),
-            Some(clamps) => clamps,
-            None => Clamps::watched(&model.sockets),
-        };
-        Ok(Self {
-            options,
-            desired,
-            period: model.sample_time,
-            twin,
-            controller,
-            sensors: Sensors::new(model, setup, options.sensors, assembled, options.noise_seed),
-            clamps,
-            contacts,
-            held: None,
-            next_action: 0,
-            torque,
-            wanted,
-            tripped: false,
-            checkpoint: Checkpoint::default(),
-            contact: [STILL; BODIES],
-            touching: Vec::new(),
-            rest_since: None,
-            rested: false,
-            work: Vec::new(),
-            turned_over: 0.0,
-            frames: 0,
-            watched: 0,
-            signals: Signals { mechanism: model.mechanism, ..Signals::default() },
-            report: Report {
-                simulated: 0.0,
-                steps: 0,
-                max_loop_gap: 0.0,
-                max_loop_rate: 0.0,
-                energy_error: 0.0,
-                peak_strut_force: 0.0,
-                min_margin: clamps.hold,
-                tracking_error: [0.0; AXES],
-                events: Vec::new(),
-                frames: Vec::new(),
-                closed: SocketSet::ALL,
-                kinetic_energy: 0.0,
-                unconverged: 0.0,
-            },
-        })
-    }
-
     fn event(&mut self, t: f64, kind: EventKind, what: impl Into<String>) {
         self.report.events.push(Event { t, kind, what: what.into() });
     }
 
-    /// One sample time: record, control, move on. False if the run cannot go on.
+    /// One sample time: record, control, advance. False if the run has ended.
     fn sample(&mut self, k: usize) -> Result<bool, SimulationError> {
         let t = k as f64 * self.period;
         self.twin.set_time(t);
@@ -326,7 +168,7 @@ impl<'a> Run<'a> {
         Ok(true)
     }
 
-    /// An intact robot must not get stuck; a broken one may lie where the equations end.
+    /// An intact robot must not become singular; a broken one may end its run in a singular pose.
     fn stuck(&mut self, t: f64) -> Result<bool, SimulationError> {
         let failure = self.failure(t);
         if self.twin.closed() == SocketSet::ALL
@@ -338,7 +180,7 @@ impl<'a> Run<'a> {
         Ok(false)
     }
 
-    /// Why the twin goes no further: a law without a number, numbers that left the equations, or a singular pose.
+    /// Why the twin cannot be advanced: a law with a value that is not finite, a diverged solution, or a singular pose.
     fn failure(&self, t: f64) -> SimulationError {
         if let Some(source) = self.twin.fault() {
             return SimulationError::Law { source };
@@ -353,7 +195,7 @@ impl<'a> Run<'a> {
     fn watch(&mut self, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
         let closed = self.twin.closed();
         let plant = self.twin.plant();
-        // The length of an elastic strut is no constraint.
+        // The length of an elastic strut is not a constraint.
         let rigid = plant.effects.iter().all(|a| a.strut_spring().is_none());
         let report = &mut self.report;
         let joints = plant.assembled.then(|| constraints::rows(&plant.geometry, &snapshot.motion));
@@ -376,7 +218,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Chooses the torque of the coming control period.
+    /// Computes the torque of the next control period.
     fn control(&mut self, t: f64, encoders: &[f64; AXES], tau: &[f64; AXES]) -> Result<(), SimulationError> {
         if self.tripped {
             return Ok(());
@@ -421,126 +263,6 @@ impl<'a> Run<'a> {
             self.twin.set_brake(torque);
         }
         self.event(t, EventKind::Trip, why);
-    }
-
-    /// Moves on to `end`, opening sockets whose hold is exceeded.
-    fn advance(&mut self, end: f64) -> Result<(), SingularPose> {
-        let full = self.period / self.options.substeps as f64;
-        while end - self.twin.time() > INSTANT {
-            let mut h = full.min(end - self.twin.time());
-            if end - self.twin.time() - h < 1e-3 * full {
-                h = end - self.twin.time();
-            }
-            h = self.touch(h);
-            let t = self.twin.time();
-            if self.clamps.armed {
-                self.twin.save(&mut self.checkpoint);
-            }
-            self.twin.step(h, &self.torque)?;
-            self.report.steps += 1;
-            if self.clamps.armed && self.weakest()? < 0.0 {
-                self.open_sockets(h)?;
-            }
-            self.watch_stops();
-            if let Some(contacts) = &mut self.contacts {
-                contacts.advance(self.twin.time() - t, (self.twin.time() - t) / h);
-                self.contact = self.twin.external_now();
-            }
-        }
-        Ok(())
-    }
-
-    /// Contact wrenches over the coming step, which is shortened to resolve them.
-    fn touch(&mut self, h: f64) -> f64 {
-        let Some(contacts) = &mut self.contacts else { return h };
-        let motion = self.twin.motion();
-        let closed = self.twin.closed();
-        if !contacts.near(&motion, closed, h) && self.contact.iter().all(|w| *w == STILL) {
-            self.twin.set_external(Load::NONE);
-            return h;
-        }
-        let n = (h / contacts.longest_step()).ceil().max(1.0);
-        let h = h / n;
-        // Wrenches go linearly to what they will be at the end of the step, so reactions are continuous in time.
-        let ahead = extrapolated(&motion, h);
-        let next = *contacts.wrenches(&ahead, closed);
-        let t = self.twin.time();
-        let load = if next.iter().chain(&self.contact).all(|w| *w == STILL) {
-            Load::NONE
-        } else {
-            Load::ramp(t, &self.contact, &next, h)
-        };
-        self.twin.set_external(load);
-        self.note_touches(t);
-        h
-    }
-
-    /// Notes what touches since the contacts were last solved.
-    fn note_touches(&mut self, t: f64) {
-        let Self { contacts: Some(contacts), touching, report, .. } = self else { return };
-        for touch in contacts.touches() {
-            if begins(touching, Meeting::Contact(touch.link, touch.other), t) {
-                let what = format!("{} touches {}", contacts.name(touch.link), contacts.name(touch.other));
-                report.events.push(Event { t, kind: EventKind::Contact, what });
-            }
-        }
-    }
-
-    /// Notes joints that are in their hard stops.
-    fn watch_stops(&mut self) {
-        let (t, hits) = (self.twin.time(), *self.twin.hits());
-        for (k, hit) in hits.iter().enumerate() {
-            let Some(hit) = hit else { continue };
-            if begins(&mut self.touching, Meeting::Stop(k, hit.above), t) {
-                self.event(t, EventKind::Stop, stops::name(k, hit));
-            }
-        }
-    }
-
-    /// Smallest margin of the sockets that hold.
-    fn weakest(&mut self) -> Result<f64, SingularPose> {
-        let snapshot = self.twin.evaluate(&self.torque)?;
-        let closed = self.twin.closed();
-        let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
-        Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
-    }
-
-    /// Goes back to where a margin vanished within the last step of `h` and opens every socket that cannot hold there.
-    fn open_sockets(&mut self, h: f64) -> Result<(), SingularPose> {
-        let (mut before, mut after) = (0.0, h);
-        while after - before > EVENT_TIME {
-            let middle = 0.5 * (before + after);
-            self.twin.restore(&self.checkpoint);
-            self.twin.step(middle, &self.torque)?;
-            if self.weakest()? < 0.0 { after = middle } else { before = middle }
-        }
-        self.twin.restore(&self.checkpoint);
-        self.twin.step(after, &self.torque)?;
-        let t = self.twin.time();
-        // Each loss loads the others and takes the hold of its partner.
-        loop {
-            let snapshot = self.twin.evaluate(&self.torque)?;
-            let closed = self.twin.closed();
-            let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
-            let worst = closed.iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b]));
-            let Some(socket) = worst.filter(|&s| margins[s] < 0.0) else { return Ok(()) };
-            let load = self.clamps.load(&snapshot.motion, &snapshot.sockets[socket], socket);
-            let (hold, left) = (self.clamps.hold[socket], (margins[socket] + load.across).max(0.0));
-            self.report.see_strut_forces(&snapshot.reactions);
-            self.report.min_margin[socket] = self.report.min_margin[socket].min(margins[socket]);
-            self.event(
-                t,
-                EventKind::Dislocation,
-                format!(
-                    "{}: {:.3} N across, hold {left:.3} of {hold:.1} N, pull {:.1} N",
-                    socket_name(socket),
-                    load.across,
-                    load.pull
-                ),
-            );
-            self.twin.open(socket)?;
-            self.clamps.release(socket);
-        }
     }
 
     /// What the gripper does by time `t`.
@@ -639,25 +361,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The pose of a motion in words.
+/// Joint angles and platform position of a motion.
 fn pose(motion: &Motion, assembled: bool) -> Pose {
     Pose { q: motion.q, platform: assembled.then(|| motion.bodies[PLATFORM].position.into()) }
-}
-
-fn singular_start(motion: &Motion, assembled: bool) -> SimulationError {
-    SimulationError::Singular { t: 0.0, pose: pose(motion, assembled), cause: Cause::Rank }
-}
-
-/// Poses `h` seconds ahead at the present twists.
-fn extrapolated(motion: &Motion, h: f64) -> Motion {
-    let mut out = *motion;
-    for body in &mut out.bodies {
-        body.position += body.velocity * h;
-        let turn: Vector3<f64> = body.angular_velocity * h;
-        body.rotation = Rotation3::from_scaled_axis(turn).into_inner() * body.rotation;
-    }
-    for s in 0..STRUTS {
-        out.strut_axis[s] = out.bodies[crate::machine::bodies::STRUT + s].rotation.column(0).into_owned();
-    }
-    out
 }

@@ -1,20 +1,21 @@
-//! When ball sockets leave their balls.
+//! Dislocation of ball sockets.
 //!
 //! A cup is a spherical shell pressed on its ball by the clamp unit, which pulls it towards the other strut of the pair
-//! with the preload P. Let n be the unit vector along the cup's opening, perpendicular to the strut and towards the other
-//! one, and F the force of the ball on the cup that the load needs. The clamp needs −P·d besides (d its direction), so
-//! the cup and the ball transmit
+//! with the preload P. Let n be the unit vector along the cup's opening, perpendicular to the strut and towards the
+//! other strut, and F the force of the ball on the cup due to the load. The clamp adds −P·d with d its direction, so
+//! that the total force of the ball on the cup is
 //!
-//! C = F − P·d, N, on the cup.
+//! C = F − P·d, N.
 //!
-//! The ball can only push, from its centre towards the shell. The shell covers the ball up to an angle α from −n, and
-//! every direction of C within that cone has shell behind it; beyond, the rim slides over the ball. The socket holds while
+//! The contact is unilateral: the ball pushes from its centre towards the shell. The shell covers the ball up to an
+//! angle α from −n. A direction of C within that cone is supported by the shell; beyond it the rim slides over the
+//! ball. The socket holds while
 //!
 //! |C⊥| ≤ tan α·(−C·n), C⊥ = C − (C·n)·n.
 //!
-//! With d = n that is |F⊥| ≤ tan α·(P − Q) with the pull Q = F·n along the opening: Q lowers the hold and opens the cup
-//! alone once it reaches the preload, and a force the other way (Q < 0) seats the cup more firmly. Across the cup, Q = 0,
-//! the hold is tan α·P. It is the dislocation force of the model file; friction at the rim is contained in α.
+//! With d = n that is |F⊥| ≤ tan α·(P − Q) with the pull Q = F·n along the opening: Q reduces the hold force, and opens
+//! the cup by itself once it reaches the preload; a negative Q seats the cup more firmly. At Q = 0 the hold force is
+//! tan α·P, the dislocation force of the model file; friction at the rim is included in α.
 
 use nalgebra::Vector3;
 
@@ -23,30 +24,30 @@ use crate::kinematics::{Motion, SocketSet};
 use crate::machine::bodies::STRUT;
 use crate::machine::{STRUTS, Sockets};
 
-/// What holds the cups on the balls; 0..6 at the elbows, 6..12 at the platform.
+/// Clamps of the cups; 0..6 at the elbows, 6..12 at the platform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clamps {
-    /// Force across the cup at which each socket leaves its ball while nothing pulls along the opening, N: tan α·P.
+    /// Lateral force at which each socket dislocates under zero load along the opening, N: tan α·P.
     pub hold: [f64; SOCKETS],
-    /// Force P that presses each cup on its ball, N.
+    /// Preload P of each cup on its ball, N.
     pub preload: [f64; SOCKETS],
-    /// Share of the clamp's own pull across the cup that counts against the hold, see [`Sockets::clamp_share`].
+    /// Share of the clamp's own lateral force that counts against the hold force, see [`Sockets::clamp_share`].
     pub share: f64,
-    /// Whether they leave; else margins are only reported.
+    /// Whether sockets dislocate; otherwise margins are only reported.
     pub armed: bool,
 }
 
-/// Parts of the force of the ball on a cup, clamp included, N.
+/// Components of the total force of the ball on a cup, clamp included, N.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CupLoad {
-    /// |C⊥|, across the cup.
+    /// |C⊥|, lateral to the opening.
     pub across: f64,
-    /// Pull along the opening beyond what the clamp alone does, N; negative: seats the cup.
+    /// Force along the opening in addition to the clamp's, N; positive opens the cup, negative seats it.
     pub pull: f64,
 }
 
 impl Clamps {
-    /// Healthy clamps of a machine that are only watched.
+    /// Healthy clamps of a machine, not armed.
     pub fn watched(sockets: &Sockets) -> Self {
         Self {
             hold: [sockets.dislocation_force; SOCKETS],
@@ -56,14 +57,14 @@ impl Clamps {
         }
     }
 
-    /// Nothing to hold: a machine without struts.
+    /// Clamps of a machine without struts, with infinite hold force.
     pub fn none() -> Self {
         Self { hold: [f64::INFINITY; SOCKETS], preload: [f64::INFINITY; SOCKETS], share: 0.0, armed: false }
     }
 
-    /// What each socket could still take across its cup, N: tan α·(−C·n) − |C⊥|. Zero once open.
+    /// Remaining lateral force margin of each socket, N: tan α·(−C·n) − |C⊥|; zero once open.
     ///
-    /// `force` is that of the ball on the strut's cup without the clamps' own, world axes, N.
+    /// `force` is that of the ball on the strut's cup without the clamps' own, inertial axes, N.
     pub fn margins(&self, motion: &Motion, force: &[Vector3<f64>; SOCKETS], closed: SocketSet) -> [f64; SOCKETS] {
         std::array::from_fn(|s| {
             if !closed.contains(s) {
@@ -73,15 +74,15 @@ impl Clamps {
             if self.preload[s] > 0.0 {
                 self.hold[s] * (1.0 - load.pull / self.preload[s]) - load.across
             } else {
-                // Nothing presses the cup on: whatever does not seat it pushes it off.
+                // Without preload, any load that does not seat the cup removes it.
                 -load.across - load.pull.max(0.0)
             }
         })
     }
 
-    /// What pushes the cup of socket `s` off its ball under the force of the ball on the strut, N, world axes.
+    /// Load on the cup of socket `s` for the force of the ball on the strut, N, inertial axes.
     ///
-    /// The clamp pulls along the pair, from ball to ball, of which `share` counts and the rest is taken along n.
+    /// The clamp force acts along the pair, from ball to ball; `share` of its deviation from n is taken into account.
     pub fn load(&self, motion: &Motion, force: &Vector3<f64>, s: usize) -> CupLoad {
         let opening = opening(motion, s);
         let across = |f: &Vector3<f64>| f - opening * f.dot(&opening);
@@ -95,7 +96,11 @@ impl Clamps {
         CupLoad { across: off.norm(), pull }
     }
 
-    /// A socket has left: its clamp spring falls off, and the other strut of the pair is no longer held at this end.
+    /// Removes the clamp force at `socket` and at its partner, the other strut of the pair at the same end, after a
+    /// dislocation.
+    ///
+    /// # Panics
+    /// If there is no `socket`.
     pub fn release(&mut self, socket: usize) {
         for s in [socket, partner(socket)] {
             (self.hold[s], self.preload[s]) = (0.0, 0.0);
@@ -103,15 +108,15 @@ impl Clamps {
     }
 }
 
-/// Unit vector along the opening of a cup, world: ∓y of the strut, towards the other strut of the pair.
+/// Unit vector along the opening of a cup, inertial axes: ∓y of the strut, towards the other strut of the pair.
 ///
-/// The first strut of a pair stands at +v, so its cups open along −y.
+/// The first strut of a pair is at +v, so that its cups open along −y.
 fn opening(motion: &Motion, socket: usize) -> Vector3<f64> {
     let strut = socket % STRUTS;
     motion.bodies[STRUT + strut].rotation.column(1) * if strut.is_multiple_of(2) { -1.0 } else { 1.0 }
 }
 
-/// Centre of the ball that a socket holds, m, world.
+/// Centre of the ball of a socket in the inertial frame, m.
 fn ball(motion: &Motion, socket: usize) -> Vector3<f64> {
     let strut = socket % STRUTS;
     let along = if socket < STRUTS { 0.0 } else { motion.strut_length[strut] };
@@ -151,13 +156,13 @@ mod tests {
         // tan α = 200/100 = 2; 3-4-5 across the cup: 50 N. Strut 3 is the first of its pair, its cup opens along −y.
         let off = |y: f64| margin(&clamps, &motion, 2, [30.0, y, -40.0]);
         approx::assert_relative_eq!(off(0.0), 150.0, epsilon = 1e-12);
-        // Of 100 N of preload a pull of 60 N leaves 40: 2·40 − 50 = 30; pressed on with 60 N: 2·160 − 50 = 270.
+        // A pull of 60 N leaves 40 of 100 N preload: 2·40 − 50 = 30; seating with 60 N: 2·160 − 50 = 270.
         approx::assert_relative_eq!(off(-60.0), 30.0, epsilon = 1e-12);
         approx::assert_relative_eq!(off(60.0), 270.0, epsilon = 1e-12);
-        // The pull alone: 99.9 N holds, 100.1 N opens the cup.
+        // Pull alone: the cup opens between 99.9 N and 100.1 N.
         let alone = |y: f64| margin(&clamps, &motion, 2, [0.0, y, 0.0]);
         assert!(alone(-99.9) > 0.0 && alone(-100.1) < 0.0 && alone(1e4) > 0.0);
-        // The other strut of the pair, and the lower end of it, open along +y.
+        // The other strut of the pair, and its lower end, open along +y.
         for socket in [3, 9] {
             approx::assert_relative_eq!(margin(&clamps, &motion, socket, [0.0, 60.0, 50.0]), 30.0, epsilon = 1e-12);
         }
@@ -172,8 +177,8 @@ mod tests {
 
     #[test]
     fn a_sheared_pair_spends_a_part_of_its_clamps_on_the_struts_length() {
-        // A pair sheared by 30°: balls 100 mm apart along v, struts at 60° to v. Per newton of clamp force cos 30° press
-        // the cup on its ball and sin 30° push along the strut.
+        // A pair sheared by 30°: balls 100 mm apart along v, struts at 60° to v. Per newton of clamp force, cos 30°
+        // presses the cup on its ball and sin 30° acts along the strut.
         let mut motion = testing::still();
         let (sin, cos) = 30f64.to_radians().sin_cos();
         for (s, side) in [(0, 0.05), (1, -0.05)] {
@@ -205,7 +210,7 @@ mod tests {
         clamps.release(7);
         let held: Vec<usize> = (0..SOCKETS).filter(|&s| clamps.hold[s] > 0.0 && clamps.preload[s] > 0.0).collect();
         assert_eq!(held, [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]);
-        // A cup that nothing clamps leaves under any load that does not seat it.
+        // A cup without clamp force dislocates under any load that does not seat it.
         let motion = testing::still();
         assert!(margin(&clamps, &motion, 6, [0.0, -1e-3, 0.0]) < 0.0);
         assert!(margin(&clamps, &motion, 6, [1e-3, 1.0, 0.0]) < 0.0);

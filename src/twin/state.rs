@@ -5,17 +5,17 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 /// Pose and twist of one body frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyState {
-    /// Origin, m, world.
+    /// Position of the origin in the inertial frame, m.
     pub position: Vector3<f64>,
-    /// Orientation, body to world; of unit length after every step.
+    /// Orientation, body to inertial axes; a unit quaternion after every step.
     pub orientation: Quaternion<f64>,
-    /// Velocity of the origin, m/s, world.
+    /// Velocity of the origin in inertial axes, m/s.
     pub velocity: Vector3<f64>,
-    /// Angular velocity, rad/s, in the *body* frame.
+    /// Angular velocity in *body* axes, rad/s.
     pub angular_velocity: Vector3<f64>,
 }
 
-/// Rotation matrix of a quaternion that may be slightly off unit length.
+/// Rotation matrix of a quaternion, which is normalised first.
 pub(super) fn rotation(q: &Quaternion<f64>) -> Matrix3<f64> {
     UnitQuaternion::new_normalize(*q).to_rotation_matrix().into_inner()
 }

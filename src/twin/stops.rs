@@ -1,14 +1,14 @@
-//! Hard stops of arms, telescope and Hooke joints: where the mechanism cannot go whatever pushes it.
+//! Hard stops of arms, telescope and Hooke joints.
 //!
-//! Each stop is a buffer of stiffness k after Hunt and Crossley, f = k·x·max(0, 1 + χ·ẋ) with the depth x beyond the limit
-//! (see [`hunt_crossley`]), against the way in:
+//! Each stop is a buffer of stiffness k with the law of [Hunt 1975], f = k·x·max(0, 1 + χ·ẋ), where x is the depth
+//! beyond the limit (see [`hunt_crossley`]); f opposes the penetration:
 //!
 //! - arm i, x = φ − φ_max or φ_min − φ in rad: the torque ∓f in N·m about its shaft, from the base;
 //! - telescope, x = L − L_max or L_min − L in m: the force f in N along the bar, between its two parts;
-//! - Hooke joints, x = θ − θ_max in rad, θ the angle between the axes of the two parts that it joins: the moment f in N·m
+//! - Hooke joints, x = θ − θ_max in rad, with θ the angle between the axes of the two joined parts: the moment f in N·m
 //!   about their common normal, between them.
 //!
-//! A plan, an excitation and an inverse model stay within the limits and know nothing of the stops.
+//! Planning, excitation and inverse dynamics stay within the limits and do not include the stops.
 
 use nalgebra::Vector3;
 
@@ -19,24 +19,24 @@ use crate::kinematics::Motion;
 use crate::machine::ARMS;
 use crate::machine::bodies::{BODIES, END_EFFECTOR, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
-/// Number of freedoms that have stops: arms, telescope, two Hooke joints.
+/// Number of degrees of freedom with stops: arms, telescope, two Hooke joints.
 pub const STOPS: usize = ARMS + 3;
 const TELESCOPE: usize = ARMS;
 const UPPER_HOOKE: usize = ARMS + 1;
 const LOWER_HOOKE: usize = ARMS + 2;
 
-/// A freedom beyond its limit.
+/// State of a degree of freedom beyond its limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// How far beyond, m or rad; positive.
+    /// Depth beyond the limit, m or rad; positive.
     pub depth: f64,
-    /// How fast it goes deeper, m/s or rad/s.
+    /// Rate of the depth, m/s or rad/s.
     pub rate: f64,
-    /// Beyond the upper limit rather than the lower one.
+    /// Whether the upper limit is exceeded, not the lower one.
     pub above: bool,
 }
 
-/// Every freedom of `plant` that is beyond its limit.
+/// Every degree of freedom of `plant` beyond its limit.
 pub fn hits(plant: &Plant, motion: &Motion) -> [Option<Hit>; STOPS] {
     let stops = &plant.stops;
     let mut out = [None; STOPS];
@@ -70,13 +70,13 @@ fn beyond(x: f64, rate: f64, [low, high]: [f64; 2]) -> Option<Hit> {
     }
 }
 
-/// The two bodies of a Hooke joint: the outer one and the telescope's part.
+/// The two bodies of a Hooke joint: the outer one and the part of the telescope.
 fn joined(joint: usize) -> (usize, usize) {
     if joint == UPPER_HOOKE { (ROTOR, TELESCOPE_UPPER) } else { (END_EFFECTOR, TELESCOPE_LOWER) }
 }
 
-/// Angle between the z axes of a Hooke joint's bodies, rad, its rate, rad/s, and the axis about which the telescope's part
-/// is turned out of line.
+/// Angle between the z axes of a Hooke joint's bodies (rad), its rate (rad/s), and the axis about which the telescope
+/// part is rotated.
 fn bend(motion: &Motion, joint: usize) -> (f64, f64, Vector3<f64>) {
     let (outer, inner) = joined(joint);
     let [a, b] = [outer, inner].map(|k| &motion.bodies[k]);
@@ -84,12 +84,12 @@ fn bend(motion: &Motion, joint: usize) -> (f64, f64, Vector3<f64>) {
     let normal = za.cross(&zb);
     let sine = normal.norm();
     let angle = sine.atan2(za.dot(&zb));
-    // In line there is no axis, and no stop is near.
+    // At zero angle the axis is undefined, and no stop is near.
     let axis = if sine > 0.0 { normal / sine } else { Vector3::zeros() };
     (angle, (b.angular_velocity - a.angular_velocity).dot(&axis), axis)
 }
 
-/// Adds the loads of the stops in `hits` to the bodies and returns their power, W.
+/// Adds the loads of the stops in `hits` to the bodies; returns their power, W.
 pub(super) fn add(plant: &Plant, motion: &Motion, hits: &[Option<Hit>; STOPS], wrenches: &mut [Twist; BODIES]) -> f64 {
     let stops = &plant.stops;
     let mut power = 0.0;
@@ -102,7 +102,7 @@ pub(super) fn add(plant: &Plant, motion: &Motion, hits: &[Option<Hit>; STOPS], w
         };
         let push = stiffness * hunt_crossley(hit.depth, hit.rate, damping);
         power -= push * hit.rate;
-        // Along the coordinate.
+        // Sign along the coordinate.
         let push = if hit.above { -push } else { push };
         match k {
             TELESCOPE => {
@@ -125,7 +125,7 @@ pub(super) fn add(plant: &Plant, motion: &Motion, hits: &[Option<Hit>; STOPS], w
     power
 }
 
-/// What has run into its stop, in words.
+/// The stop that was reached, in words.
 pub fn name(stop: usize, hit: &Hit) -> String {
     let end = if hit.above { "upper" } else { "lower" };
     match stop {
@@ -143,6 +143,7 @@ mod tests {
     use crate::kinematics::JointState;
     use crate::machine::{Setup, Stops};
     use crate::model::testing::shipped;
+    use crate::numerics::{bisect, halvings};
     use crate::twin::{Torque, Twin};
 
     fn plant(name: &str, change: impl FnOnce(&mut Stops)) -> Plant {
@@ -152,14 +153,14 @@ mod tests {
         Plant::new(&model, &Setup::default())
     }
 
-    /// Lone arms, weightless: Θ·q̈ = −k·x·(1 + χ·ẋ) beyond the stop.
+    /// Independent arms without weight: Θ·q̈ = −k·x·(1 + χ·ẋ) beyond the stop.
     fn lone_arms(damping: f64) -> Plant {
         let mut plant = plant("irb360-6-1600", |stops| stops.arm_damping = damping);
         (plant.assembled, plant.gravity) = (false, 0.0);
         plant
     }
 
-    /// With v = ẋ: Θ·v·dv/(1 + χ·v) = −k·x·dx. Left side integrated from 0 to v, over Θ.
+    /// With v = ẋ: Θ·v·dv/(1 + χ·v) = −k·x·dx. The left side integrated from 0 to v, over Θ.
     fn potential(v: f64, damping: f64) -> f64 {
         if damping == 0.0 { 0.5 * v * v } else { v / damping - (damping * v).ln_1p() / (damping * damping) }
     }
@@ -180,19 +181,15 @@ mod tests {
                 deepest = deepest.max(x);
             }
             let motion = twin.motion();
-            // Deepest where v = 0: k·x²/2 = Θ·potential(v₀). Back out at v₁ < 0 of the same potential.
+            // Deepest at v = 0: k·x²/2 = Θ·potential(v₀). The rebound speed v₁ < 0 has the same potential.
             let expected = (2.0 * theta * potential(speed.abs(), damping) / stops.arm_stiffness).sqrt();
-            let (mut low, mut high) = (-speed.abs(), 0.0);
-            while high - low > 1e-12 {
-                let middle = 0.5 * (low + high);
-                let above = potential(middle, damping) > potential(speed.abs(), damping);
-                if above { low = middle } else { high = middle }
-            }
+            let above = |v: f64| potential(v, damping) > potential(speed.abs(), damping);
+            let [low, _] = bisect([-speed.abs(), 0.0], halvings(speed.abs(), 1e-12), above);
             let back = motion.qd[0] * speed.signum();
             println!("χ {damping}, {speed} rad/s: {deepest:.5} rad deep ({expected:.5}), back at {back:.4} ({low:.4})");
             approx::assert_relative_eq!(deepest, expected, max_relative = 2e-3);
             approx::assert_relative_eq!(back, low, max_relative = 1e-3);
-            // The work of the stop is what the arm has lost.
+            // The work of the stop equals the energy lost by the arm.
             let lost = 0.5 * theta * (speed * speed - back * back);
             assert!((twin.work()[7] + lost).abs() < 1e-3 * (lost + 0.1) && twin.energy_balance().abs() < 1e-2);
             assert_eq!((motion.qd[1], twin.hits()), (0.0, &[None; STOPS]));
@@ -206,7 +203,8 @@ mod tests {
         let mut motion = testing::still();
         motion.telescope.length = 1.372 + 2e-3;
         motion.telescope.rate = 0.5;
-        // The telescope's upper part bent by 0.02 rad more than the upper joint allows, about x, and bending on at 3 rad/s.
+        // The upper telescope part is inclined by 0.02 rad more than the upper joint allows, about x, increasing at 3
+        // rad/s.
         let bent = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), stops.hooke + 0.02);
         motion.bodies[TELESCOPE_UPPER].rotation = bent.into_inner();
         motion.bodies[TELESCOPE_UPPER].angular_velocity = Vector3::new(3.0, 7.0, 0.0);
@@ -222,7 +220,7 @@ mod tests {
         approx::assert_relative_eq!(power, -230.0 * 0.5 - 46.0 * 3.0, epsilon = 1e-7);
         let told: Vec<String> = hits.iter().enumerate().filter_map(|(k, h)| h.as_ref().map(|h| name(k, h))).collect();
         assert_eq!(told, ["telescope at its long end", "upper Hooke joint at its limit"]);
-        // Without the table there are none.
+        // Zero stiffness means no stops.
         let free = Plant { stops: Stops { telescope_stiffness: 0.0, hooke_stiffness: 0.0, ..stops }, ..plant };
         assert_eq!(super::hits(&free, &motion), [None; STOPS]);
     }

@@ -1,49 +1,49 @@
-//! Wrenches from outside.
+//! External wrenches.
 
 pub(super) use crate::dynamics::STILL;
 pub use crate::dynamics::Twist;
 use crate::kinematics::Motion;
 use crate::machine::bodies::BODIES;
 
-/// Wrenches from outside on all bodies that change linearly with time.
+/// External wrenches on all bodies, linear in time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
-    /// Time at which they are `start`, s.
+    /// Time of `start`, s.
     pub since: f64,
-    /// N and N·m.
+    /// Wrenches at `since`, N and N·m.
     pub start: [Twist; BODIES],
-    /// Per second.
+    /// Rates, N/s and N·m/s.
     pub rate: [Twist; BODIES],
     nothing: bool,
 }
 
 impl Load {
-    /// Nothing acts.
+    /// No wrenches.
     pub const NONE: Self = Self { since: 0.0, start: [STILL; BODIES], rate: [STILL; BODIES], nothing: true };
 
-    /// Wrenches that stay.
+    /// Constant wrenches.
     pub fn constant(wrenches: [Twist; BODIES]) -> Self {
         Self { start: wrenches, nothing: false, ..Self::NONE }
     }
 
-    /// Wrenches that go from `start` to `end` within `h` seconds.
+    /// Wrenches that change linearly from `start` to `end` within `h` seconds.
     pub fn ramp(since: f64, start: &[Twist; BODIES], end: &[Twist; BODIES], h: f64) -> Self {
         let rate = std::array::from_fn(|b| ((end[b].0 - start[b].0) / h, (end[b].1 - start[b].1) / h));
         Self { since, start: *start, rate, nothing: false }
     }
 
-    /// Whether nothing acts.
+    /// Whether there are no wrenches.
     pub fn is_none(&self) -> bool {
         self.nothing
     }
 
-    /// Wrenches at time `t`.
+    /// Wrenches at time `t` (s).
     pub fn at(&self, t: f64) -> [Twist; BODIES] {
         let s = t - self.since;
         std::array::from_fn(|b| (self.start[b].0 + self.rate[b].0 * s, self.start[b].1 + self.rate[b].1 * s))
     }
 
-    /// Power on the bodies, W.
+    /// Power on the bodies at time `t` (s), W.
     pub fn power(&self, t: f64, motion: &Motion) -> f64 {
         self.at(t).iter().zip(&motion.bodies).map(|(w, m)| w.0.dot(&m.velocity) + w.1.dot(&m.angular_velocity)).sum()
     }

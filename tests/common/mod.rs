@@ -3,8 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::dynamics::Plant;
+use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};
+use deltatwin::identification::{Dataset, EncoderReadings};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup, Stops};
 use deltatwin::model::Model;
@@ -27,6 +28,15 @@ pub fn at_root() {
 /// Whether a file describes a run of the twin.
 pub fn is_scenario(path: &Path) -> bool {
     kind(path).expect("a file of a known kind") == Kind::Scenario
+}
+
+/// Files of the shipped runs, by name.
+pub fn runs() -> Vec<PathBuf> {
+    let files = std::fs::read_dir("scenarios").expect("a folder").map(|e| e.expect("an entry").path());
+    let mut runs: Vec<_> = files.filter(|p| p.extension().is_some_and(|e| e == "toml") && is_scenario(p)).collect();
+    runs.sort();
+    assert!(runs.len() >= 12, "{runs:?}");
+    runs
 }
 
 /// The shipped model called `name`.
@@ -61,6 +71,29 @@ pub fn random_joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
             return JointState { q, qd, qdd };
         }
     }
+}
+
+/// Drive torques along `joints` every `dt`, none measured yet.
+pub fn planned(setup: Setup, t: Vec<f64>, joints: Vec<JointState>, dt: f64) -> Dataset {
+    let n = t.len();
+    Dataset {
+        name: "measured".into(),
+        setup,
+        t,
+        joints,
+        channels: Channel::TORQUES.to_vec(),
+        measured: vec![vec![0.0; n]; 4],
+        segments: std::iter::once(0..n).collect(),
+        dt,
+        readings: EncoderReadings::default(),
+        half_width: [3; 4],
+    }
+}
+
+/// What the encoders of `robot` read at `joints`: whole steps, rad.
+pub fn encoded(robot: &Model, joints: &[JointState]) -> Vec<[f64; 4]> {
+    let step = robot.drives.map(|d| d.encoder_step());
+    joints.iter().map(|j| std::array::from_fn(|i| (j.q[i] / step[i]).round() * step[i])).collect()
 }
 
 /// An effect with every parameter at its default, linear ones too.

@@ -1,23 +1,14 @@
 //! Damping of the platform by the medium it moves in.
 
-use std::borrow::Cow;
-
 use nalgebra::Vector3;
 
-use super::{About, Count, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
+use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::PLATFORM;
 
 /// F = −d·v on the platform; F in N, v in m/s, d in N·s/m. Dissipates d·|v|².
 pub struct PlatformDamper;
 
-const PARAMETERS: &[Parameter] = &[Parameter {
-    name: Cow::Borrowed("damping"),
-    unit: Unit::NSPerM,
-    count: Count::One,
-    role: Role::Linear,
-    default: 1.0,
-    range: (0.0, 100.0),
-}];
+const PARAMETERS: &[Parameter] = &[Parameter::new("damping", Unit::NSPerM, Role::Linear, 1.0, (0.0, 100.0))];
 
 static SPEC: Spec = Spec::new(
     "platform_damper",

@@ -34,7 +34,7 @@ fn refitted(campaign: &Campaign) -> (f64, bool) {
     let channel = campaign.hidden[0].rise.channel;
     let c = dataset.channels.iter().position(|x| *x == channel).unwrap();
     let fitted = fit(&campaign.model, std::slice::from_ref(&dataset), std::slice::from_ref(&noise)).unwrap();
-    (fitted.rms[c] / noise[c], fitted.correction.is_none())
+    (fitted.residuals.rms[c] / noise[c], fitted.correction.is_none())
 }
 
 /// A force law of one drive, one of all struts, a sensor, an inertia: what a refit leaves is what was asked for. Without the

@@ -9,10 +9,10 @@ use std::f64::consts::FRAC_PI_2;
 use std::fs;
 use std::path::Path;
 
-use common::model;
+use common::{encoded, model, planned};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
-use deltatwin::identification::{Dataset, EncoderReadings, predict};
+use deltatwin::identification::{Dataset, predict};
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
@@ -54,24 +54,12 @@ fn measured(robot: &Model, motion: &Motion, payload: Payload, seed: u64) -> Reco
     let n = (DURATION / PERIOD) as usize;
     let t: Vec<f64> = (0..n).map(|k| (1e6 * k as f64 * PERIOD).round() / 1e6).collect();
     let joints = t.iter().map(|&t| motion.at(t).joints(&robot.geometry).expect("in reach")).collect();
-    let exact = Dataset {
-        name: "measured".into(),
-        setup,
-        joints,
-        channels: Channel::TORQUES.to_vec(),
-        measured: vec![vec![0.0; n]; 4],
-        segments: std::iter::once(0..n).collect(),
-        dt: PERIOD,
-        readings: EncoderReadings::default(),
-        half_width: [3; 4],
-        t,
-    };
+    let exact = planned(setup, t, joints, PERIOD);
     let torque = predict(&Plant::new(robot, &setup), &exact).expect("a possible motion");
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noisy = |i: usize, k: usize| torque[i][k] + Normal::new(0.0, NOISE[i]).expect("a width").sample(&mut rng);
-    let step = robot.drives.map(|d| d.encoder_step());
     let signals = Signals {
-        q: exact.joints.iter().map(|j| std::array::from_fn(|i| (j.q[i] / step[i]).round() * step[i])).collect(),
+        q: encoded(robot, &exact.joints),
         tau: (0..n).map(|k| std::array::from_fn(|i| noisy(i, k))).collect(),
         t: exact.t,
         ..Signals::default()

@@ -6,7 +6,6 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use deltatwin::identification::fit::channel_rms;
 use deltatwin::machine::{ARMS, AXES};
 use deltatwin_validation::reproduce::page::{Comparison, Row};
 use deltatwin_validation::reproduce::runs::Campaign;
@@ -90,8 +89,7 @@ fn socket_friction_and_nothing_else_inflates_the_viscous_friction_of_the_drives(
         }
     }
     // What the paper's model cannot explain is there with socket friction only.
-    let [with, free, complete] =
-        [&found.paper, &found.free, &found.complete].map(|f| channel_rms(&f.residuals)[..ARMS].to_vec());
+    let [with, free, complete] = [&found.paper, &found.free, &found.complete].map(|f| f.residuals.rms[..ARMS].to_vec());
     for arm in 0..ARMS {
         assert!(with[arm] > 1.1 * sigma[arm], "{with:?}");
         assert!(free[arm] < 1.05 * sigma[arm] && complete[arm] < 1.05 * sigma[arm], "{free:?} {complete:?}");

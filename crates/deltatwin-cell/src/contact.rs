@@ -1,4 +1,4 @@
-//! Loads of all contact points between two bodies.
+//! Sum of the loads of all contact points between two bodies.
 
 use deltatwin::cell::Surface;
 use nalgebra::Vector3;
@@ -7,33 +7,34 @@ use super::hull::Point;
 use super::law;
 use super::placement::Placement;
 
-/// Force, N, and moment, N·m.
+/// Force (N) and moment (N·m).
 pub type Wrench = (Vector3<f64>, Vector3<f64>);
 
-/// Adds a wrench about the same point.
+/// Adds a wrench about the same point to `sum`.
 pub fn add(sum: &mut Wrench, wrench: &Wrench) {
     sum.0 += wrench.0;
     sum.1 += wrench.1;
 }
 
-/// Moves a wrench about the origin of `at` to `origin`.
+/// The wrench about `origin` that is equivalent to `wrench` about the origin of `at`.
 pub fn about(wrench: &Wrench, at: &Placement, origin: &Vector3<f64>) -> Wrench {
     (wrench.0, wrench.1 + (at.position - origin).cross(&wrench.0))
 }
 
-/// Loads of all contact points of a pair, each about the origin of its side.
+/// Loads of all contact points of a pair, each about the origin of its own body.
 pub struct Loads {
     /// Sum of the normal forces, N.
     pub normal: f64,
     /// Deepest penetration, m.
     pub depth: f64,
-    /// On `a`.
+    /// Wrench on the first body.
     pub on_first: Wrench,
-    /// On `b`.
+    /// Wrench on the second body.
     pub on_second: Wrench,
 }
 
-/// Loads at `points` of `a` on `b`, whose surface moves over it at `belt` m/s.
+/// Loads at the contact points of body `a` with body `b`, whose surface moves relative to it with velocity `belt`
+/// (m/s).
 pub fn press(points: &[Point], surface: &Surface, a: &Placement, b: &Placement, belt: &Vector3<f64>) -> Loads {
     let none = (Vector3::zeros(), Vector3::zeros());
     let mut loads = Loads { normal: 0.0, depth: 0.0, on_first: none, on_second: none };

@@ -1,4 +1,4 @@
-//! What Rapier is told about the contacts it solves: belts move, and friction acts against the sliding.
+//! Modification of Rapier's contacts: moving belts, and friction opposite to the sliding velocity.
 
 use nalgebra::Vector3;
 use rapier3d::dynamics::{RigidBody, RigidBodySet};
@@ -7,7 +7,7 @@ use rapier3d::prelude::{
 };
 use rapier3d::utils::AngularInertiaOps;
 
-/// Surface velocity of the conveyors, m/s, by body.
+/// Surface velocities of the conveyors, m/s, by body.
 #[derive(Default)]
 pub struct Surfaces(pub Vec<(RigidBodyHandle, Vector3<f64>)>);
 
@@ -19,17 +19,18 @@ impl Surfaces {
 }
 
 impl PhysicsHooks for Surfaces {
-    /// Leaves the contacts of the robot's parts, which alone ask, to our law.
+    /// Excludes the contacts of the robot's parts, the only ones with this hook, from Rapier's solver; the law in
+    /// [`crate::law`] applies.
     fn filter_contact_pair(&self, _: &PairFilterContext) -> Option<SolverFlags> {
         None
     }
 
-    /// Sets the velocity that friction is to bring to zero at every point.
+    /// Sets the target tangent velocity at every contact point.
     ///
-    /// Rapier cuts the impulse −K⁻¹u that would stop the sliding u at once down to μ times the normal one. K, the inverse
-    /// mass at the point, is no multiple of the identity off the line through the centre of mass, so what is left of the
-    /// impulse does not point against u: four corners of a sliding cube brake it with 0.936 μN. With K u/k in place of u,
-    /// k half the trace of K, the impulse is −u/k, along the sliding. At rest both vanish.
+    /// Rapier limits the impulse −K⁻¹u, which would stop the sliding velocity u, to μ times the normal impulse. K, the
+    /// inverse mass at the point, is not a multiple of the identity off the line through the centre of mass, so that
+    /// the limited impulse is not parallel to u: four corners of a sliding cube decelerate it with 0.936 μN. With K u/k
+    /// in place of u, k half the trace of K, the impulse is −u/k, parallel to the sliding. At rest both vanish.
     fn modify_solver_contacts(&self, context: &mut ContactModificationContext) {
         let belts = self.belt(context.rigid_body1) - self.belt(context.rigid_body2);
         let bodies: &RigidBodySet = context.bodies;
@@ -53,7 +54,7 @@ impl PhysicsHooks for Surfaces {
     }
 }
 
-/// Velocity of the body's point `at` after an impulse there, m/s.
+/// Velocity change of the body's point `at` after an impulse (N·s) there, m/s.
 fn response(body: &RigidBody, at: Vector, impulse: Vector) -> Vector {
     let mass = body.mass_properties();
     let arm = at - mass.world_com;

@@ -1,7 +1,7 @@
-//! Collision geometry: balls joined by ball-swept edges, and for objects the exact convex solid around them.
+//! Collision geometry: spheres joined by sphere-swept edges and, for objects, the exact convex solid.
 //!
-//! The compliant law needs penetrations that vary continuously with the poses. Balls against solids and edges against
-//! edges have closed forms that do; clipped contact manifolds and GJK witnesses jump.
+//! The compliant law requires penetrations that are continuous in the poses. Spheres against solids and edges against
+//! edges have closed forms with this property; clipped contact manifolds and witness points of GJK are discontinuous.
 
 use deltatwin::cell::{Mesh, Shape};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
@@ -14,73 +14,77 @@ use parry3d::shape::{Segment, SharedShape};
 use super::mesh;
 use super::placement::{Bounds, Placement};
 
-/// Corners and edges of solids are this round, m (at most a quarter of the smallest size).
+/// Radius of the corners and edges of solids, m (at most a quarter of the smallest dimension).
 const ROUNDING: f64 = 1e-3;
-/// Contacts of a solid's edges fade over this length towards their ends, m (at most a quarter of the smallest size). The
-/// fading does work like friction with a coefficient of penetration over twice this length: 0.01 at 0.1 mm.
+/// Length over which contacts of a solid's edges fade towards their ends, m (at most a quarter of the smallest
+/// dimension, of a mesh's edge a quarter of its length).
+///
+/// The fading is not conservative; its work corresponds to friction with the coefficient penetration / (2 · length):
+/// 0.01 at 0.1 mm.
 const FADE: f64 = 5e-3;
-/// Balls around the rim of a cylinder.
+/// Number of spheres on the rim of a cylinder.
 const RIM: usize = 12;
-/// Sine of the angle below which crossing edges count as parallel and meet at their ends instead.
+/// Sine of the angle below which crossing edges count as parallel and have contact at their ends instead.
 const PARALLEL: f64 = 0.05;
-/// Distance of centre lines at which their common normal is lost, m.
+/// Distance of centre lines below which their common normal is undefined, m.
 const COINCIDENT: f64 = 1e-9;
 
-/// A corner: ball about a point of the body.
+/// A corner: sphere about a point of the body.
 #[derive(Clone, Copy, Debug)]
 struct Ball {
     centre: Vector3<f64>,
     radius: f64,
 }
 
-/// A ball swept along a segment.
+/// A sphere swept along a segment.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
     ends: [Vector3<f64>; 2],
     radius: f64,
-    /// Length over which its contacts fade towards the ends, where balls take over, m.
+    /// Length over which contacts fade towards the ends, where spheres take over, m.
     fade: f64,
-    /// The side of a cylinder: no balls at its ends, so parallel edges meet at the ends of their overlap.
+    /// Whether it is the side of a cylinder, which has no spheres at its ends: parallel edges have contact at the ends
+    /// of their overlap.
     side: bool,
 }
 
 /// Exact solid.
 #[derive(Clone)]
 struct Solid {
-    /// As Rapier has it.
+    /// Shape passed to Rapier.
     shape: SharedShape,
-    /// Surface on which points are projected exactly.
+    /// Surface for exact projection of points.
     surface: SharedShape,
-    /// Turns the body's axes into the shape's: parry's cylinders stand along y.
+    /// Rotation from the body's axes to the shape's: parry's cylinders are along y.
     turn: Matrix3<f64>,
 }
 
-/// Collision geometry of a body or a part of it, in its frame.
+/// Collision geometry of a body or of a part of it, in its frame.
 #[derive(Clone, Default)]
 pub struct Hull {
     balls: Vec<Ball>,
     edges: Vec<Edge>,
     solid: Option<Solid>,
     sphere: bool,
-    /// Boxes around the edges and around the balls, where there are many.
+    /// Bounding volume hierarchies of edges and of spheres, if there are many.
     trees: Option<[Bvh; 2]>,
 }
 
-/// A point where two bodies press on each other.
+/// A contact point between two bodies.
 #[derive(Clone, Copy, Debug)]
 pub struct Point {
-    /// Middle of the overlap, m.
+    /// Middle of the overlap in the inertial frame, m.
     pub position: Vector3<f64>,
     /// Unit vector from the second body to the first.
     pub normal: Vector3<f64>,
     /// Penetration, m.
     pub depth: f64,
-    /// Share of the stiffness.
+    /// Share of the contact stiffness, 0 to 1.
     pub weight: f64,
 }
 
 impl Hull {
-    /// A chain of balls of `radius` about `centres`, joined by edges; `closed` joins the last to the first.
+    /// A chain of spheres of `radius` (m) about `centres` (m), joined by edges; `closed` joins the last to the first.
     pub fn chain(centres: &[Vector3<f64>], radius: f64, closed: bool) -> Self {
         let n = centres.len();
         let edges = if closed { n } else { n.saturating_sub(1) };
@@ -93,7 +97,7 @@ impl Hull {
         }
     }
 
-    /// Both hulls as one; neither may be solid.
+    /// Union of both hulls, neither of which may be a solid.
     pub fn and(mut self, other: Self) -> Self {
         self.balls.extend(other.balls);
         self.edges.extend(other.edges);
@@ -158,7 +162,7 @@ impl Hull {
         }
     }
 
-    /// Hull of a mesh: its sharp corners and edges, without rounding, and its surface.
+    /// Hull of a mesh: its convex corners and edges, without rounding, and its surface.
     fn of_mesh(mesh: &Mesh) -> Self {
         let edges: Vec<_> = mesh
             .sharp_edges()
@@ -177,7 +181,7 @@ impl Hull {
         }
     }
 
-    /// The shape for Rapier, and its pose in the body: of a chain a capsule for each edge.
+    /// The shape for Rapier, and its pose in the body; a chain is a compound of capsules, one per edge.
     pub fn shape(&self) -> (SharedShape, Isometry3<f64>) {
         if let Some(solid) = &self.solid {
             let turn = Rotation3::from_matrix_unchecked(solid.turn.transpose());
@@ -205,21 +209,21 @@ impl Hull {
         balls.chain(edges).fold(0.0, f64::max)
     }
 
-    /// Bounds of the hull at `at`.
+    /// Bounding box of the hull at `at`.
     pub fn bounds(&self, at: &Placement) -> Bounds {
         let mut bounds = Bounds::nothing();
         let mut include = |point: &Vector3<f64>, radius: f64| bounds.include(&at.to_world(point), radius);
         for ball in &self.balls {
             include(&ball.centre, ball.radius);
         }
-        // Other edges end in balls of their radius.
+        // Other edges end in spheres of their radius.
         for edge in self.edges.iter().filter(|e| e.side) {
             edge.ends.iter().for_each(|end| include(end, edge.radius));
         }
         bounds
     }
 
-    /// Whether the gap between the two hulls is below `margin`.
+    /// Whether the distance between the two hulls is below `margin` (m).
     pub fn within(&self, at: &Placement, other: &Self, there: &Placement, margin: f64) -> bool {
         match (&self.solid, &other.solid) {
             (Some(a), Some(b)) => query::distance(&a.pose(at), &*a.shape.0, &b.pose(there), &*b.shape.0)
@@ -242,7 +246,7 @@ impl Hull {
         }
     }
 
-    /// Contact points of this hull at `at` with `other` at `there`.
+    /// Appends the contact points of this hull at `at` with `other` at `there`.
     pub fn contacts(&self, at: &Placement, other: &Self, there: &Placement, out: &mut Vec<Point>) {
         if self.solid.is_some() && other.solid.is_none() {
             let first = out.len();
@@ -250,7 +254,7 @@ impl Hull {
             out[first..].iter_mut().for_each(|p| p.normal = -p.normal);
             return;
         }
-        // Of two solids a sphere has one ball that says it all.
+        // For two solids of which one is a sphere, the sphere's ball determines the contact.
         if !(other.sphere && !self.sphere && self.solid.is_some()) {
             self.corners_on(at, (other, there), (false, 1.0), out);
         }
@@ -267,7 +271,7 @@ impl Hull {
         }
     }
 
-    /// Calls `visit` for the edges (0) or balls (1) that may meet `region` of the hull's frame, in order.
+    /// Calls `visit` for the edges (`what` 0) or spheres (1) that may intersect `region` in the hull's frame, in order.
     fn near(&self, what: usize, region: &Aabb, mut visit: impl FnMut(usize)) {
         let Some(trees) = &self.trees else {
             return (0..[self.edges.len(), self.balls.len()][what]).for_each(visit);
@@ -277,8 +281,10 @@ impl Hull {
         found.into_iter().for_each(|i| visit(i as usize));
     }
 
-    /// Balls of this hull on the other; `sign` turns the normal. On a chain of edges each ball has one contact, and with
-    /// `fade` none at an edge's end, which is a ball of the other.
+    /// Appends the contacts of this hull's spheres with the other hull; `sign` is the orientation of the normal.
+    ///
+    /// On a chain of edges each sphere has one contact; with `fade` none at an edge's end, where the other hull has a
+    /// sphere.
     fn corners_on(
         &self,
         at: &Placement,
@@ -286,7 +292,7 @@ impl Hull {
         (fade, sign): (bool, f64),
         out: &mut Vec<Point>,
     ) {
-        // Only a mesh has so many balls that it pays to ask which are near.
+        // Only a mesh has enough spheres for the search to pay off.
         let region = if self.trees.is_some() { other.region(there, at) } else { Aabb::new_invalid() };
         self.near(1, &region, |i| {
             let ball = &self.balls[i];
@@ -326,7 +332,7 @@ impl Hull {
         });
     }
 
-    /// Box around the hull, which is at `there`, in the frame `at`.
+    /// Bounding box of the hull at `there`, in the frame `at`.
     fn region(&self, there: &Placement, at: &Placement) -> Aabb {
         let mut region = Aabb::new_invalid();
         for ball in &self.balls {
@@ -339,7 +345,7 @@ impl Hull {
     }
 }
 
-/// Box around points swept by a ball.
+/// Bounding box of points swept by a sphere.
 fn around(points: &[Vector3<f64>], radius: f64) -> Aabb {
     Aabb::from_points(points.iter().map(parry)).loosened(radius)
 }
@@ -350,13 +356,13 @@ impl Solid {
         nalgebra::Isometry3::from_parts(at.position.into(), rotation.into()).into()
     }
 
-    /// Signed distance of a point in the world from the surface, negative inside, and the outward normal there.
+    /// Signed distance (m) of a point from the surface, negative inside, and the outward normal there; inertial frame.
     fn distance(&self, at: &Placement, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let local = self.turn * at.rotation.tr_mul(&(point - at.position));
         let projection = self.surface.project_local_point(parry(&local), false);
         let gap = local - own(&projection.point);
         let distance = gap.norm();
-        // On the surface itself the direction from the middle stands in for the normal.
+        // On the surface itself the direction from the centre replaces the normal.
         let normal = if distance > 1e-12 { gap / distance } else { local.try_normalize(0.0).unwrap_or(Vector3::z()) };
         let outward = if projection.is_inside && distance > 1e-12 { -normal } else { normal };
         let signed = if projection.is_inside { -distance } else { distance };
@@ -378,7 +384,7 @@ impl Edge {
         (s.min(1.0 - s) * self.length() / self.fade).clamp(0.0, 1.0)
     }
 
-    /// Fraction along the edge and world position of its point nearest to `point`.
+    /// Fraction along the edge and position in the inertial frame of its point nearest to `point`.
     fn foot(&self, at: &Placement, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let start = at.to_world(&self.ends[0]);
         let along = at.to_world(&self.ends[1]) - start;
@@ -386,7 +392,7 @@ impl Edge {
         (s, start + along * s)
     }
 
-    /// Contact of two edges between their ends, both already in the world.
+    /// Appends the contact of two edges between their ends; both segments are in the inertial frame.
     fn crossing(&self, own_segment: &Segment, other: &Self, other_segment: &Segment, out: &mut Vec<Point>) {
         let [a, b] = [own(&own_segment.a), own(&own_segment.b)];
         let [c, d] = [own(&other_segment.a), own(&other_segment.b)];
@@ -425,7 +431,7 @@ impl Edge {
     }
 }
 
-/// Fractions and closest points of two segments.
+/// Fractions and positions of the closest points of two segments.
 fn closest(a: &Segment, b: &Segment) -> (f64, f64, Vector3<f64>, Vector3<f64>) {
     let (s, t) = details::closest_points_segment_segment_with_locations_nD((&a.a, &a.b), (&b.a, &b.b));
     let (s, t) = (s.barycentric_coordinates()[1], t.barycentric_coordinates()[1]);

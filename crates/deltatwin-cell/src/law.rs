@@ -1,26 +1,25 @@
-//! Contact law between a link of the robot and whatever it touches.
+//! Contact law between a link of the robot and another body.
 //!
-//! At a contact point with penetration δ (m, positive when pressed), its rate δ̇, sliding velocity v_t (m/s, of this body
-//! over the other) and relative angular velocity ω (rad/s):
+//! At a contact point with penetration δ (m, positive in contact), penetration rate δ̇, sliding velocity v_t (m/s, of
+//! this body relative to the other) and relative angular velocity ω (rad/s):
 //!
-//! - normal force, Hunt and Crossley: f = k δ (1 + d δ̇) ≥ 0, N, pushes the bodies apart;
-//! - sliding friction, regularised Coulomb: −μ f tanh(|v_t|/ε_v) v_t/|v_t|, N;
+//! - normal force [Hunt 1975], [`hunt_crossley`] with stiffness k and dissipation d: f = k δ (1 + d δ̇) ≥ 0, N, repulsive;
+//! - sliding friction, regularised Coulomb law: −μ f tanh(|v_t|/ε_v) v_t/|v_t|, N;
 //! - rolling resistance: −c_r f tanh(|ω|/ε_ω) ω/|ω|, N·m.
 //!
-//! Only k δ stores energy, ½ k δ²; the rest dissipates. The other body gets the exact opposite at the same point.
-//!
-//! K. H. Hunt, F. R. E. Crossley: Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42
-//! (1975).
+//! Only k δ stores energy, ½ k δ²; the other terms dissipate. The opposite load acts on the other body at the same
+//! point.
 
 use deltatwin::cell::Surface;
+use deltatwin::effects::hunt_crossley;
 use nalgebra::Vector3;
 
-/// Sliding speed below which friction falls off, m/s. Bounds the friction's damping μ f/ε_v and with it the step.
+/// Sliding speed ε_v of the regularisation, m/s. It bounds the damping μ f/ε_v by friction and thus the step.
 pub const SLIDING: f64 = 0.01;
-/// Angular velocity below which rolling resistance falls off, rad/s.
+/// Angular velocity ε_ω of the regularisation, rad/s.
 pub const ROLLING: f64 = 1.0;
 
-/// Load of one contact point on the body it pushes.
+/// Load of one contact point on a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
     /// Normal force f, N.
@@ -31,8 +30,9 @@ pub struct Load {
     pub moment: Vector3<f64>,
 }
 
-/// The law for a contact point with share `weight` of the stiffness; `normal` points to the body that gets the load,
-/// `velocity` and `spin` are its motion relative to the other at that point.
+/// Load of a contact point with the share `weight` of the stiffness.
+///
+/// `normal` points to the loaded body; `velocity` and `spin` are its motion relative to the other body at that point.
 pub fn load(
     surface: &Surface,
     weight: f64,
@@ -42,7 +42,8 @@ pub fn load(
     spin: &Vector3<f64>,
 ) -> Load {
     let approach = -normal.dot(velocity);
-    let f = (weight * surface.stiffness * depth * (1.0 + surface.dissipation * approach)).max(0.0);
+    // Linear in the depth, so k·δ in its place gives the force.
+    let f = hunt_crossley(weight * surface.stiffness * depth, approach, surface.dissipation);
     let sliding = velocity + normal * approach;
     Load {
         normal: f,
@@ -51,14 +52,14 @@ pub fn load(
     }
 }
 
-/// tanh(|v|/ε) v/|v|.
+/// Vector tanh(|v|/ε) v/|v|.
 fn saturated(v: &Vector3<f64>, epsilon: f64) -> Vector3<f64> {
     let x = v.norm() / epsilon;
     // tanh(x)/x → 1
     v / epsilon * if x > 1e-6 { x.tanh() / x } else { 1.0 }
 }
 
-/// Surface between two: the softer of them decides.
+/// Surface properties of a contact pair: those of the less stiff surface.
 pub fn between(a: &Surface, b: &Surface) -> Surface {
     if a.stiffness < b.stiffness { *a } else { *b }
 }

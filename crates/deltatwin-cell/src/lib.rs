@@ -1,11 +1,13 @@
-//! Contacts of the robot with its surroundings: table, conveyor, obstacles and products, and with itself once it has fallen
-//! apart.
+//! Contacts of the robot with its surroundings (table, conveyor, obstacles, products) and, once it has broken, with
+//! itself.
 //!
-//! [`contacts`] makes them for a run of the twin. All objects and the robot's links are bodies of Rapier. It moves the free objects, solves their contacts with each
-//! other, and finds what comes near the robot: its links are kinematic bodies that follow the twin. A kinematic body pushes
-//! as if it were infinitely heavy and takes no reaction, so where the robot touches objects, or itself once it has fallen
-//! apart, the compliant [`law`] acts on both sides with opposite sign: momentum crosses between twin and Rapier without
-//! loss.
+//! [`contacts`] creates the contact solver for a run of the twin. All objects and the robot's links are bodies of
+//! Rapier, which moves the free objects, solves the contacts between them, and finds bodies near the robot: its links
+//! are kinematic bodies that follow the twin. In Rapier a kinematic body acts like an infinite mass and has no
+//! reaction. Contacts of the robot with objects or with itself are therefore described by the compliant [`law`], which
+//! acts on both sides with opposite sign: momentum is conserved between twin and Rapier.
+//!
+//! Sources are cited by the keys of `docs/bibliography.md`.
 
 mod contact;
 mod hooks;
@@ -38,19 +40,19 @@ use world::{Collider, World};
 
 const UNLOADED: [Wrench; BODIES] = [(Vector3::new(0.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.0)); BODIES];
 
-/// Relative acceleration that `near` reckons with, m/s².
+/// Upper bound of the relative acceleration assumed by `near`, m/s².
 const ACCELERATION: f64 = 300.0;
-/// Longest step over √(m/k).
+/// Longest step, in units of √(m/k).
 const STEP: f64 = 0.1;
-/// Deepest contact at which a run may start, m.
+/// Largest penetration at the start of a run, m.
 const DEEPEST_START: f64 = 1e-3;
-/// Mass felt at the end of a strut, kg: a quarter of 0.179 kg (paper, Table 3).
+/// Effective mass at the end of a strut, kg: a quarter of 0.179 kg ([Gnad 2024], Table 3).
 const STRUT_END_MASS: f64 = 0.045;
 
-/// What solves the contacts of a robot with its surroundings and its own frame, for [`Options::contacts`].
+/// Contact solver of a robot with its surroundings and its own frame, for [`Options::contacts`].
 ///
 /// # Errors
-/// If an object cannot be, or the robot stands more than a millimetre deep in one at the start.
+/// A [`CellError`] if an object is not valid, or if the robot penetrates one by more than 1 mm at the start.
 ///
 /// [`Options::contacts`]: deltatwin::twin::Options::contacts
 pub fn contacts(surroundings: &Surroundings<'_>) -> Result<Box<dyn Contacts>, CellError> {
@@ -60,29 +62,35 @@ pub fn contacts(surroundings: &Surroundings<'_>) -> Result<Box<dyn Contacts>, Ce
     Ok(Box::new(cell))
 }
 
-/// The cell with everything in it but the robot's dynamics.
+/// Contact solver: the robot's surroundings and the shapes of its links.
 pub struct Cell {
     /// Number of objects given; the robot's frame follows.
     listed: usize,
     world: World,
     robot: Robot,
     neighbours: Neighbours,
-    /// Force, N, and moment about the origin of each body of the robot, N·m, world axes.
+    /// Force (N) and moment about the origin (N·m) on each body of the robot, inertial axes.
     wrenches: [Wrench; BODIES],
-    /// Loads on the objects, force and moment about the origin, at the last contact, and at the one before.
+    /// Loads on the objects, force and moment about the origin, at the last call of `wrenches`; those at the previous
+    /// call follow.
     reactions: Vec<Wrench>,
     earlier: Vec<Wrench>,
-    /// `wrenches` was called since the last `advance`.
+    /// Whether `wrenches` was called since the last `advance`.
     fresh: bool,
-    /// Pairs that touched at the last contact, and the deepest of them with its penetration, m.
+    /// Pairs in contact at the last call of `wrenches`; the one with the largest penetration (m) follows.
     touches: Vec<Touch>,
     deepest: Option<(Touch, f64)>,
     points: Vec<Point>,
 }
 
 impl Cell {
-    /// A cell with `objects` around a robot; `payload` is a rigid shape on the flange with its centre in the end effector's
-    /// frame, m; `gravity` in m/s², inertial frame.
+    /// Contact solver with `objects` around a robot.
+    ///
+    /// `payload` is a rigid shape on the flange with its centre in the end effector's frame (m); `gravity` is in m/s²,
+    /// inertial frame.
+    ///
+    /// # Errors
+    /// A [`CellError`] of the first object, or of the payload, that is not valid.
     pub fn new(
         objects: &[Object],
         geometry: &Geometry,
@@ -92,7 +100,10 @@ impl Cell {
         Self::around(objects, None, geometry, payload, gravity)
     }
 
-    /// The same with the robot's own frame, which loose parts can hit.
+    /// [`Self::new`] with the robot's own frame, with which loose parts can collide.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
     pub fn with_frame(
         objects: &[Object],
         geometry: &Geometry,
@@ -137,7 +148,7 @@ impl Cell {
         })
     }
 
-    /// Refuses a start in which the robot stands more than a millimetre deep in an object.
+    /// Checks that the robot penetrates no object by more than 1 mm at the start.
     fn check_start(&mut self, motion: &Motion) -> Result<(), CellError> {
         self.wrenches(motion, SocketSet::ALL);
         self.fresh = false;
@@ -149,7 +160,8 @@ impl Cell {
         }
     }
 
-    /// Objects in the order given, with pose and twist at their origins; a held one moves with the end effector of `motion`.
+    /// Objects in the order given, with pose and twist at their origins; a held one moves with the end effector of
+    /// `motion`.
     pub fn objects<'a>(&'a self, motion: &'a Motion) -> impl Iterator<Item = (&'a Object, Isometry3<f64>, Twist)> {
         self.world.objects[..self.listed].iter().enumerate().map(|(i, o)| {
             let at = self.robot.grip.filter(|g| g.object == i).map_or(o.at, |g| g.placement(motion));
@@ -162,7 +174,7 @@ impl Cell {
         self.robot.grip.map(|g| self.world.objects[g.object].object.name.as_str())
     }
 
-    /// Momentum, N·s, and angular momentum about the inertial frame's origin, N·m·s, of the free objects.
+    /// Momentum (N·s), and angular momentum about the origin of the inertial frame (N·m·s), of the free objects.
     pub fn momentum(&self) -> (Vector3<f64>, Vector3<f64>) {
         let mut sum = (Vector3::zeros(), Vector3::zeros());
         for o in self.world.free() {
@@ -202,7 +214,7 @@ impl Contacts for Cell {
     fn longest_step(&self) -> f64 {
         let default = Surface::default();
         let objects = self.world.objects.iter().map(|o| {
-            // A corner of a free body feels about a quarter of its mass.
+            // The effective mass at a corner of a free body is about a quarter of its mass.
             let own = if o.inertia.mass > 0.0 { 0.25 * o.inertia.mass } else { f64::INFINITY };
             own.min(STRUT_END_MASS) / o.object.surface.stiffness
         });

@@ -1,4 +1,4 @@
-//! Collision shapes of the robot's links, and which of them can meet.
+//! Collision shapes of the robot's links, and pairs of links that can collide.
 
 use deltatwin::cell::links::{
     ARM_RADIUS, ARM_TRIM, BALL_RADIUS, FLANGE_RADIUS, PLATFORM_INSET, PLATFORM_THICKNESS, ROD_CLEARANCE, ROD_RADIUS,
@@ -13,28 +13,29 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::hull::Hull;
 
-/// Gap between a strut's rounded end and the ball, m, so that neighbours do not touch.
+/// Gap between a strut's rounded end and the ball, m, so that adjacent links do not touch.
 const STRUT_GAP: f64 = 1e-3;
-/// Rounding of the flange's rim, m; estimate.
+/// Rounding radius of the flange's rim, m; estimated.
 const FLANGE_ROUNDING: f64 = 0.005;
-/// Underside of the frame's plate above the shaft plane, m, so that raised arms clear it; estimate from pictures.
+/// Height of the underside of the frame's plate above the shaft plane, m, which raised arms do not reach; estimated
+/// from pictures.
 const FRAME_BOTTOM: f64 = 0.1;
-/// Corners of the plate and of the flange's rim.
+/// Number of corners of the platform plate and of the flange's rim.
 const CORNERS: usize = 6;
 
 /// A part of a link.
 pub struct Part {
-    /// Body of the twin it belongs to.
+    /// Body of the twin to which it belongs.
     pub body: usize,
-    /// Pose of the hull's frame in the body.
+    /// Rotation from the hull's frame to the body's.
     pub rotation: Matrix3<f64>,
-    /// Its origin, m.
+    /// Origin of the hull's frame in the body, m.
     pub position: Vector3<f64>,
     /// Shape.
     pub hull: Hull,
-    /// Whether other links can meet it; balls and the like, which sit in their sockets, only meet objects.
+    /// Whether it can collide with other links; parts inside the sockets, such as balls, collide with objects only.
     pub meets_links: bool,
-    /// Socket that must have left its ball for the part to be there.
+    /// Socket that must be open for the part to be active.
     pub bared_by: Option<usize>,
 }
 
@@ -59,7 +60,8 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
         let trim = (BALL_RADIUS + STRUT_RADIUS + STRUT_GAP).min(0.4 * length);
         let ends = [Vector3::x() * trim, Vector3::x() * (length - trim)];
         parts.push(Part::new(STRUT + s, Hull::chain(&ends, STRUT_RADIUS, false), true));
-        // An end off its ball reaches to where the ball was; it starts inside the ball, so it only meets objects.
+        // An open end extends to the former place of the ball; it starts inside the ball, so that it collides with
+        // objects only.
         for (socket, end) in [(s, 0.0), (STRUTS + s, length)] {
             let tip = Part::new(STRUT + s, Hull::chain(&[Vector3::x() * end], STRUT_RADIUS, false), false);
             parts.push(Part { bared_by: Some(socket), ..tip });
@@ -95,10 +97,10 @@ pub fn parts(geometry: &Geometry) -> Vec<Part> {
     parts
 }
 
-/// The robot's frame: the base plate with the motors on it, a cylinder under the mounting plane. None where there is no
-/// room for it above the shafts.
+/// The robot's frame: the base plate with the motors, a cylinder below the mounting plane; `None` if there is no room
+/// for it above the shafts.
 ///
-/// An intact robot stays clear of it. The gears' housings, in which the arms' hubs turn, are left out.
+/// An intact robot does not reach it. The gear housings, in which the arms' hubs rotate, are omitted.
 pub fn frame(geometry: &Geometry) -> Option<Object> {
     let bottom = FRAME_BOTTOM.max(geometry.upper_hooke_height + TUBE_RADIUS);
     let height = geometry.mounting_height - bottom;
@@ -112,7 +114,7 @@ pub fn frame(geometry: &Geometry) -> Option<Object> {
     })
 }
 
-/// Regular polygon of `CORNERS` corners about z.
+/// Corners of a regular polygon about z, m.
 fn polygon(radius: f64, z: f64) -> Vec<Vector3<f64>> {
     (0..CORNERS)
         .map(|i| {
@@ -122,8 +124,9 @@ fn polygon(radius: f64, z: f64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Whether links `a` and `b` can meet while the sockets in `closed` hold: the mechanism keeps the links of an intact robot
-/// apart, and neighbours at a joint overlap by construction.
+/// Whether links `a` and `b` can collide with the sockets in `closed`.
+///
+/// On an intact robot the mechanism prevents collisions of links; links adjacent to a joint overlap by construction.
 pub fn can_meet(a: usize, b: usize, closed: SocketSet) -> bool {
     let (a, b) = (a.min(b), a.max(b));
     let is_strut = |x: usize| (STRUT..PLATFORM).contains(&x);
@@ -170,7 +173,7 @@ mod tests {
                 assert!(!part.hull.within(&there, &hull, &at, 0.01), "arm {} at {q:.3} rad", part.body + 1);
             }
         }
-        // A strut that points up beside the telescope, its end 30 mm inside the plate.
+        // A strut pointing up beside the telescope, its end 30 mm inside the plate.
         let strut = all.iter().find(|p| p.body == STRUT && p.meets_links).unwrap();
         let mut motion = scattered();
         let body = &mut motion.bodies[STRUT];

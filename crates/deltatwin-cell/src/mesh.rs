@@ -9,11 +9,11 @@ use parry3d::math::Vector;
 use parry3d::shape::{SharedShape, TriMesh, TriMeshFlags};
 use parry3d::transformation::try_convex_hull;
 
-/// Reads an STL or OBJ file whose lengths are `scale` m; of `convex` solids the hull of all points.
-/// Returns the mesh and where its centre of volume was in the file's frame, m.
+/// The mesh in an STL or OBJ file with the length unit `scale` (m), or with `convex` the convex hull of its points, and
+/// its centre of volume in the file's frame, m.
 ///
 /// # Errors
-/// If the file is unreadable or bounds no solid.
+/// A [`MeshError`] if the file cannot be read, or as for [`closed`].
 pub fn read(file: &Path, scale: f64, convex: bool) -> Result<(Mesh, Vector3<f64>), MeshError> {
     let scene = mesh_loader::Loader::default().merge_meshes(true).load(file)?;
     let mesh = scene.meshes.into_iter().next().unwrap_or_default();
@@ -21,11 +21,11 @@ pub fn read(file: &Path, scale: f64, convex: bool) -> Result<(Mesh, Vector3<f64>
     closed(corners, mesh.faces, convex)
 }
 
-/// A mesh of `triangles` between `corners`, m; of `convex` solids the hull of the corners. Returns the mesh and where
-/// its centre of volume was.
+/// The mesh of `triangles` between `corners` (m), or with `convex` the convex hull of the corners, and its centre of
+/// volume, m.
 ///
 /// # Errors
-/// If it bounds no solid.
+/// A [`MeshError`] if there are too few or too many triangles, or if they do not bound a solid.
 pub fn closed(
     corners: Vec<Vector3<f64>>,
     triangles: Vec<[u32; 3]>,
@@ -53,17 +53,18 @@ pub fn closed(
     Ok((mesh.centred(&centre, Matrix3::from_column_slice(&tensor) / whole.mass()), centre))
 }
 
-/// The solid for Rapier.
+/// The shape of a mesh for Rapier: a convex solid, or the surface.
 pub fn solid(mesh: &Mesh) -> SharedShape {
     let points = mesh.corners().iter().map(glam).collect();
     let convex = mesh.is_convex().then(|| SharedShape::convex_mesh(points, mesh.triangles())).flatten();
     convex.unwrap_or_else(|| surface(mesh))
 }
 
-/// The surface, which knows inside from outside.
+/// The oriented surface of a mesh, which distinguishes inside and outside.
 pub fn surface(mesh: &Mesh) -> SharedShape {
     let points: Vec<Vector> = mesh.corners().iter().map(glam).collect();
-    // Indices were checked when the mesh was made; a surface that cannot be oriented is none, and nothing touches it.
+    // The constructor of `Mesh` checked the indices; a surface that cannot be oriented is replaced by a sphere of
+    // radius zero.
     SharedShape::trimesh_with_flags(points, mesh.triangles().to_vec(), TriMeshFlags::ORIENTED)
         .unwrap_or_else(|_| SharedShape::ball(0.0))
 }
@@ -80,7 +81,7 @@ fn own(v: &Vector) -> Vector3<f64> {
 pub(super) mod tests {
     use super::*;
 
-    /// Corners of a box, m, and its twelve faces.
+    /// Corners of a box (m) and its twelve triangles.
     pub fn block(x: f64, y: f64, z: f64) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
         let corner = |i: u32| {
             let side = |axis: u32, length: f64| if i >> axis & 1 == 1 { length / 2.0 } else { -length / 2.0 };
@@ -103,7 +104,7 @@ pub(super) mod tests {
             // (y² + z²)/12 and so on
             let expected = Matrix3::from_diagonal(&Vector3::new(0.13, 0.1, 0.05)) / 12.0;
             approx::assert_relative_eq!(mesh.gyration(), expected, epsilon = 1e-9);
-            // The diagonals of the faces are no edges.
+            // The diagonals of the faces are not edges.
             assert_eq!((mesh.sharp_edges().len(), mesh.sharp_corners().len()), (12, 8));
         }
     }
@@ -125,7 +126,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_notch_is_no_edge_that_sticks_out() {
-        // An L: a box of 2 × 2 × 1 without its upper right quarter; 6 corners, 18 edges, one of them inward.
+        // An L: a box of 2 × 2 × 1 without its upper right quarter; 6 corners, 18 edges, one of them concave.
         let outline = [[0., 0.], [2., 0.], [2., 1.], [1., 1.], [1., 2.], [0., 2.]];
         let corner = |z: f64| move |p: &[f64; 2]| Vector3::new(p[0], p[1], z);
         let corners: Vec<_> = outline.iter().map(corner(0.0)).chain(outline.iter().map(corner(1.0))).collect();

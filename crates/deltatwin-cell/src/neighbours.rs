@@ -1,4 +1,4 @@
-//! Which pairs of colliders are near each other, asked of Rapier only when something may have come nearer.
+//! Pairs of colliders that are near each other, updated only after sufficient motion.
 
 use deltatwin::kinematics::{Motion, SocketSet};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
@@ -8,22 +8,22 @@ use super::placement::Placement;
 use super::robot::Robot;
 use super::world::{Collider, World};
 
-/// How much farther than asked for is looked, m: so long the answer holds while bodies move.
+/// Addition to the search distance, m: motion for which the result remains valid.
 const SKIN: f64 = 0.03;
-/// Farthest that is looked, m.
+/// Largest search distance, m.
 const FARTHEST: f64 = 20.0;
 
-/// Pairs that were near when last looked for, and how far everything was then.
+/// Pairs found by the last search, and the poses at that time.
 #[derive(Default)]
 pub struct Neighbours {
-    /// Part of the robot, or what it holds, and what it may touch; in order.
+    /// Collider of the robot, or of what it holds, and the collider it may touch; in order.
     pub pairs: Vec<(Collider, Collider)>,
-    /// All pairs nearer than this were found, m.
+    /// Distance up to which all pairs were found, m.
     reach: f64,
     then: Option<Then>,
 }
 
-/// What the pairs depend on.
+/// State on which the pairs depend.
 struct Then {
     closed: SocketSet,
     held: Option<usize>,
@@ -32,7 +32,7 @@ struct Then {
 }
 
 impl Neighbours {
-    /// Brings the pairs up to date: every pair closer than `margin`, m, is among them.
+    /// Updates the pairs, such that every pair closer than `margin` (m) is among them.
     pub fn look(&mut self, world: &mut World, robot: &Robot, motion: &Motion, closed: SocketSet, margin: f64) {
         let margin = margin.clamp(0.0, FARTHEST - SKIN).min(FARTHEST - SKIN);
         let bodies = motion.bodies.each_ref().map(Placement::from);
@@ -44,7 +44,7 @@ impl Neighbours {
             let links = links.map(|((now, then), extent)| now.moved(then, extent)).fold(0.0, most);
             let objects = world.objects.iter().zip(&then.objects).filter(|(o, _)| o.present);
             let objects = objects.map(|(o, then)| o.at.moved(then, o.extent)).fold(0.0, most);
-            // Two links approach each other by twice what one moves.
+            // Two links can approach each other by twice the motion of one.
             if links + most(links, objects) + margin <= self.reach {
                 return;
             }
@@ -64,19 +64,19 @@ impl Neighbours {
     }
 }
 
-/// Larger of two, NaN if one is.
+/// The larger of two numbers; NaN if one is NaN.
 fn most(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// Whether two parts of the robot can touch.
+/// Whether two parts of the robot can collide.
 fn meet(parts: &[Part], a: Collider, b: Collider, closed: SocketSet) -> bool {
     let body = |c| if let Collider::Part(p) = c { parts[p].body } else { END_EFFECTOR };
     can_meet(body(a), body(b), closed)
 }
 
 impl Collider {
-    /// Place among the robot's colliders: what it holds comes after its parts.
+    /// Sort key among the robot's colliders: a held object comes after the parts.
     fn order(self, held: Option<usize>) -> (bool, usize) {
         match self {
             Self::Part(p) => (false, p),

@@ -1,4 +1,4 @@
-//! The robot's side of contacts: the parts of its links and what it holds.
+//! The robot as seen by the contact solver: parts of its links and the held object.
 
 use deltatwin::kinematics::Motion;
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR};
@@ -14,9 +14,9 @@ use super::world::{Collider, World};
 pub struct Robot {
     /// Parts in order of the bodies.
     pub parts: Vec<Part>,
-    /// What it holds.
+    /// The held object, if any.
     pub grip: Option<Grip>,
-    /// Largest distance of a point of each body, and of what it holds, from the body's origin, m.
+    /// Largest distance of a point of each body from the body's origin, m; that of the held object follows.
     own: [f64; BODIES],
     held: f64,
 }
@@ -24,28 +24,28 @@ pub struct Robot {
 /// An object in the gripper: its index and its pose in the end effector's frame.
 #[derive(Clone, Copy)]
 pub struct Grip {
-    /// Which object.
+    /// Index of the object.
     pub object: usize,
-    /// Maps object to end effector.
+    /// Rotation from the object's to the end effector's axes.
     pub rotation: Matrix3<f64>,
-    /// Its origin, m.
+    /// Origin of the object in the end effector's frame, m.
     pub position: Vector3<f64>,
 }
 
-/// A part or held object in the world.
+/// A part or held object with its pose.
 pub struct Placed<'a> {
-    /// Body of the twin that bears its loads.
+    /// Body of the twin on which its loads act.
     pub body: usize,
     /// Shape.
     pub hull: &'a Hull,
-    /// Where it is.
+    /// Pose and twist.
     pub at: Placement,
-    /// Box around it.
+    /// Bounding box.
     pub bounds: Bounds,
 }
 
 impl Robot {
-    /// A robot that holds nothing.
+    /// A robot with an empty gripper.
     pub fn new(parts: Vec<Part>) -> Self {
         let mut own = [0.0_f64; BODIES];
         for part in &parts {
@@ -54,13 +54,13 @@ impl Robot {
         Self { parts, grip: None, own, held: 0.0 }
     }
 
-    /// Takes an object that reaches `extent` m from its origin.
+    /// Attaches an object that extends to `extent` m from its origin.
     pub fn hold(&mut self, grip: Grip, extent: f64) {
         self.held = grip.position.norm() + extent;
         self.grip = Some(grip);
     }
 
-    /// Lets go.
+    /// Releases the held object, if any.
     pub fn release(&mut self) -> Option<Grip> {
         self.held = 0.0;
         self.grip.take()
@@ -81,7 +81,7 @@ impl Robot {
         }
     }
 
-    /// The body that a collider belongs to.
+    /// The body to which a collider belongs.
     pub fn named(&self, collider: Collider) -> ContactBody {
         match collider {
             Collider::Part(p) => ContactBody::Link(self.parts[p].body),
@@ -89,7 +89,7 @@ impl Robot {
         }
     }
 
-    /// A part, or the held object, as it moves with the robot.
+    /// A part or the held object at `motion`; `None` for any other collider.
     pub fn placed<'a>(&'a self, world: &'a World, collider: Collider, motion: &Motion) -> Option<Placed<'a>> {
         let (body, hull, at) = match (collider, self.grip) {
             (Collider::Part(p), _) => {
@@ -107,7 +107,7 @@ impl Robot {
 }
 
 impl Grip {
-    /// Where the object is while the robot is at `motion`.
+    /// Pose and twist of the object at `motion`.
     pub fn placement(&self, motion: &Motion) -> Placement {
         Placement::from(&motion.bodies[END_EFFECTOR]).offset(&self.rotation, &self.position)
     }

@@ -44,7 +44,7 @@ fn cell(objects: &[Object]) -> Cell {
     Cell::new(objects, &geometry(), None, GRAVITY).unwrap()
 }
 
-/// All links at rest, far away and apart.
+/// All links at rest, far apart from each other and from everything else.
 pub fn scattered() -> Motion {
     let mut motion = Motion::disassembled(&geometry(), &JointState::default());
     for (b, body) in motion.bodies.iter_mut().enumerate() {
@@ -63,14 +63,14 @@ fn open(sockets: impl IntoIterator<Item = usize>) -> SocketSet {
     sockets.into_iter().fold(SocketSet::ALL, SocketSet::without)
 }
 
-/// A link that moves as a free rigid body: symplectic Euler on momentum and angular momentum.
+/// A link moving as a free rigid body: symplectic Euler integration of momentum and angular momentum.
 #[derive(Clone)]
 struct FreeLink {
     body: usize,
     mass: f64,
     /// Centre of mass in the body frame, m.
     centre: Vector3<f64>,
-    /// About the centre of mass, principal axes of the body frame, kg·m².
+    /// Principal moments about the centre of mass, along the axes of the body frame, kg·m².
     moments: Vector3<f64>,
     gravity: Vector3<f64>,
     rotation: Matrix3<f64>,
@@ -116,7 +116,7 @@ impl FreeLink {
     }
 
     fn step(&mut self, h: f64, cell: &mut Cell, motion: &mut Motion, closed: SocketSet) {
-        // As the twin does: wrenches go linearly to what they will be at the end of the step.
+        // As in the twin: wrenches are linear up to their values at the end of the step.
         let mut ahead = self.clone();
         ahead.position += self.momentum / self.mass * h;
         ahead.rotation = *(Rotation3::new(self.spin() * h) * Rotation3::from_matrix_unchecked(self.rotation)).matrix();
@@ -141,7 +141,7 @@ fn a_product_rides_at_belt_speed() {
         object("belt", cuboid(4.0, 0.4, 0.1), belt, [0.0, 0.0, -0.05]),
         object("bar", cuboid(0.08, 0.04, 0.02), Mobility::Free { mass: 0.1 }, [0.0, 0.0, 0.01]),
     ]);
-    // Friction 0.3 brings it to 0.3 m/s in 0.3/(0.3·9.81) = 0.102 s, after 15.3 mm; until 1 s it goes 0.285 m.
+    // Friction 0.3 accelerates it to 0.3 m/s in 0.3/(0.3·9.81) = 0.102 s, after 15.3 mm; until 1 s it moves 0.285 m.
     for _ in 0..2000 {
         cell.advance(5e-4, 1.0);
     }
@@ -157,7 +157,7 @@ fn a_link_hitting_a_free_box_conserves_momentum_and_creates_no_energy() {
     let mut cell =
         Cell::new(&[object("box", cuboid(0.1, 0.08, 0.06), free, [0.0; 3])], &geometry(), None, Vector3::zeros())
             .unwrap();
-    // The middle of the strut crosses the box's upper edge along y off its centre: everything turns.
+    // The middle of the strut crosses the box's upper edge along y off its centre: all angular momenta change.
     let mut link = FreeLink::strut(Vector3::new(-0.5, 0.02, 0.041));
     link.rotation = *Rotation3::from_axis_angle(&Vector3::y_axis(), 0.3).matrix();
     link.position = Vector3::new(0.06, 0.02, 0.045);
@@ -187,7 +187,7 @@ fn a_reaction_acts_for_one_step() {
     let objects = [object("ball", shape, Mobility::Free { mass: 0.2 }, [0.0; 3])];
     let mut cell = Cell::new(&objects, &geometry(), None, Vector3::zeros()).unwrap();
     let mut motion = scattered();
-    // The strut's middle 0.1 mm deep: from nothing to 20 N within 1 ms.
+    // The strut's middle is 0.1 mm deep: from zero to 20 N within 1 ms.
     motion.bodies[STRUT].position = Vector3::new(-0.5, 0.0, 0.058 - 1e-4);
     cell.wrenches(&motion, SocketSet::ALL);
     for _ in 0..3 {
@@ -233,13 +233,13 @@ fn tumbling_over_edges_and_corners_creates_no_energy() {
         for _ in 0..(1.5 / h) as usize {
             link.step(h, &mut cell, &mut motion, SocketSet::ALL);
             hits += cell.touches().len();
-            // Between contacts nothing is stored in them.
+            // Between contacts no energy is stored in them.
             if cell.touches().is_empty() {
                 gain = gain.max(total(&link) - lowest);
                 lowest = lowest.min(total(&link));
             }
         }
-        // The step's own error, up to 3 mJ; it falls in proportion to the step.
+        // The integration error, up to 3 mJ; proportional to the step.
         assert!(hits > 0 && gain < 5e-3, "{i}: {hits} hits, {gain} J gained");
     }
 }
@@ -262,7 +262,7 @@ fn at_rest_the_table_carries_the_weight_at_the_penetration_of_the_law() {
     for _ in 0..2000 {
         link.step(1e-5, &mut cell, &mut motion, SocketSet::ALL);
     }
-    // Off its balls the strut has its tips too: four points at the same depth.
+    // With open sockets the strut also has its tips: four points at the same depth.
     let two = cell.wrenches(&motion, SocketSet::ALL)[STRUT].0.z;
     let four = cell.wrenches(&motion, open([0, 6]))[STRUT].0.z;
     assert_relative_eq!(four, 2.0 * two, max_relative = 1e-9);
@@ -271,8 +271,8 @@ fn at_rest_the_table_carries_the_weight_at_the_penetration_of_the_law() {
 
 #[test]
 fn work_around_a_closed_path_in_contact_is_zero() {
-    // Without dissipation and friction the law is elastic; the path takes the strut's end over edge and corner, 0.1 mm
-    // deep. What the fading at edges does must be less than friction with a coefficient of 0.01.
+    // Without dissipation and friction the law is elastic; the path moves the strut's end over edge and corner, 0.1 mm
+    // deep. The work of the fading at edges must be less than that of friction with a coefficient of 0.01.
     let surface = Surface { stiffness: 1e5, dissipation: 0.0, friction: 0.0, rolling: 0.0 };
     let cylinder = Shape::Cylinder { radius: 0.05, height: 0.1 };
     for (shape, x) in [
@@ -310,7 +310,7 @@ fn work_around_a_closed_path_in_contact_is_zero() {
 
 #[test]
 fn every_face_carries_what_the_law_says() {
-    // A payload pressed 10 µm into a table at 2e5 N/m: four corners of a box, one ball, twelve points of a rim.
+    // A payload pressed 10 µm into a table at 2e5 N/m: four corners of a box, one sphere, twelve points of a rim.
     for (shape, half, points) in [
         (cuboid(0.1, 0.1, 0.06), 0.03, 4.0),
         (Shape::Sphere { radius: 0.03 }, 0.03, 1.0),
@@ -337,10 +337,11 @@ fn upright_cans_meet_side_to_side() {
             .unwrap();
     let mut motion = scattered();
     motion.bodies[END_EFFECTOR].position = Vector3::zeros();
-    // Half way between the balls of the rims.
+    // Half way between the spheres of the rims.
     motion.bodies[END_EFFECTOR].rotation = *Rotation3::from_axis_angle(&Vector3::z_axis(), 0.2618).matrix();
     let (force, moment) = cell.wrenches(&motion, SocketSet::ALL)[END_EFFECTOR];
-    // 2e5·1e-5 = 2 N at each end of the overlap, z = −0.03 and 0.06; one ball of the other's rim faces it at −0.029.
+    // 2e5·1e-5 = 2 N at each end of the overlap, z = −0.03 and 0.06; one sphere of the other's rim is opposite at
+    // −0.029.
     let ball = force.x + 4.0;
     assert_relative_eq!(force, Vector3::x() * (-4.0 + ball), epsilon = 1e-9);
     assert_relative_eq!(moment, Vector3::y() * (-0.06 - 0.029 * ball), epsilon = 1e-9);
@@ -406,7 +407,7 @@ fn pick_and_release_keep_pose_and_momentum() {
     assert_eq!(held.twist, twist);
     assert_eq!(held.inertia.mass, 0.5);
     assert_relative_eq!(momentum - cell.momentum().0, held.twist.0 * 0.5, epsilon = 1e-12);
-    // The centre of mass in the hand leads back to the box; about it the tensor is the box's: m(x² + y²)/12 about z.
+    // The held centre of mass must be that of the box; the tensor about it is the box's: m(x² + y²)/12 about z.
     let centre = held.inertia.first_moment / 0.5;
     let hand = motion.bodies[END_EFFECTOR];
     assert_relative_eq!(hand.position + hand.rotation * centre, pose.translation.vector, epsilon = 1e-12);
@@ -415,7 +416,7 @@ fn pick_and_release_keep_pose_and_momentum() {
     assert_eq!(cell.held(), Some("box"));
 
     assert_eq!(cell.pick("other", &motion), Err(CellError::Occupied { wanted: "other".into(), held: "box".into() }));
-    // In the hand it stays where it was, whatever the world does.
+    // While held it keeps its pose relative to the end effector.
     cell.advance(1e-3, 1.0);
     assert_relative_eq!(cell.objects(&motion).nth(1).unwrap().1, pose, epsilon = 1e-12);
     let hand = &mut motion.bodies[END_EFFECTOR];
@@ -525,7 +526,7 @@ fn bad_numbers_do_no_harm() {
 
 #[test]
 fn pairs_that_were_found_before_serve_until_something_has_moved() {
-    // A strut wanders among objects of every shape; who asks anew at every step sees the same contacts.
+    // A strut moves among objects of every shape; a new search at every step must find the same contacts.
     let objects = [
         table(),
         object("box", cuboid(0.2, 0.2, 0.2), Mobility::Fixed, [0.3, 0.0, TABLE_TOP + 0.1]),
@@ -567,7 +568,7 @@ fn what_is_held_may_touch_and_lies_still_once_it_is_put_down() {
     cell.pick("part", &motion).unwrap();
     motion.bodies[END_EFFECTOR].position.z += 0.02;
     assert_eq!(cell.wrenches(&motion, SocketSet::ALL)[END_EFFECTOR].0, Vector3::zeros());
-    // Four corners of 2e5 N/m, 10 µm deeper than Rapier left them.
+    // Four corners of 2e5 N/m, 10 µm deeper than Rapier's equilibrium.
     motion.bodies[END_EFFECTOR].position.z -= 0.02 + 1e-5;
     let depth = start[2] - cell.objects(&motion).nth(1).unwrap().1.translation.z;
     let force = cell.wrenches(&motion, SocketSet::ALL)[END_EFFECTOR].0;

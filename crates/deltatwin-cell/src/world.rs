@@ -1,4 +1,4 @@
-//! All collision bodies as bodies of Rapier: objects, and the robot's links as kinematic bodies that follow the twin.
+//! All colliding bodies as bodies of Rapier: objects, and the robot's links as kinematic bodies that follow the twin.
 
 use deltatwin::cell::{Mobility, Object};
 use deltatwin::kinematics::SocketSet;
@@ -17,22 +17,23 @@ use super::hull::Hull;
 use super::links::Part;
 use super::placement::{Bounds, Placement};
 
-/// Typical size of an object, m; scales Rapier's tolerances.
+/// Typical dimension of an object, m; scales Rapier's tolerances.
 const LENGTH_UNIT: f64 = 0.05;
-/// Penetration that Rapier leaves uncorrected, m. Small, because a picked object takes it into our stiffer contact law.
+/// Penetration that Rapier leaves uncorrected, m; small, because a picked object keeps it under the stiffer law of this
+/// crate.
 const ALLOWED_PENETRATION: f64 = 1e-6;
 /// Natural frequency of Rapier's contacts, Hz; for the same reason above its default of 30 Hz.
 const CONTACT_FREQUENCY: f64 = 200.0;
-/// Above any speed in the cell, m/s.
+/// Upper bound of all speeds in the cell, m/s.
 const MAX_SPEED: f64 = 1e3;
 /// Longest step of Rapier, s.
 const MAX_STEP: f64 = 1e-3;
-/// Distance from which on Rapier expects contacts of objects, m; its default for this size.
+/// Distance below which Rapier anticipates contacts of objects, m; its default for this length unit.
 const PREDICTION: f64 = 0.02 * LENGTH_UNIT;
 
 /// An object and its state.
 pub struct Body {
-    /// As described by the scenario.
+    /// Description in the scenario.
     pub object: Object,
     /// Collision geometry.
     pub hull: Hull,
@@ -42,9 +43,9 @@ pub struct Body {
     pub present: bool,
     /// Pose and twist.
     pub at: Placement,
-    /// Bounds at this pose.
+    /// Bounding box at this pose.
     pub bounds: Bounds,
-    /// Largest distance of its points from its origin, m.
+    /// Largest distance of a point from the origin, m.
     pub extent: f64,
     handle: RigidBodyHandle,
     collider: ColliderHandle,
@@ -72,7 +73,7 @@ impl Body {
         }
     }
 
-    /// Lets it be an object among others, whose contacts Rapier solves.
+    /// Makes it an object among others, whose contacts Rapier solves.
     fn join(&mut self, rapier: &mut PhysicsWorld) {
         self.present = true;
         if let Some(collider) = rapier.colliders.get_mut(self.collider) {
@@ -81,7 +82,7 @@ impl Body {
         }
     }
 
-    /// Velocity of the surface over the body, m/s.
+    /// Velocity of the surface relative to the body, m/s.
     pub fn belt(&self) -> Vector3<f64> {
         if let Mobility::Conveyor { velocity } = self.object.mobility { velocity } else { Vector3::zeros() }
     }
@@ -91,20 +92,20 @@ impl Body {
         matches!(self.object.mobility, Mobility::Free { .. })
     }
 
-    /// Angular momentum about its origin, N·m·s, world axes.
+    /// Angular momentum about the origin, inertial axes, N·m·s.
     pub fn angular_momentum(&self) -> Vector3<f64> {
         self.at.rotation * (self.inertia.tensor * self.at.rotation.tr_mul(&self.at.angular_velocity))
     }
 }
 
-/// Objects, which may touch everything.
+/// Collision group of the objects, which may collide with everything.
 const OBJECTS: Group = Group::GROUP_1;
-/// Links of the robot and what it holds.
+/// Collision group of the robot's links and of the object it holds.
 const LINKS: Group = Group::GROUP_2;
-/// Parts of the robot that sit in their sockets and only meet objects.
+/// Collision group of parts inside the sockets, which collide with objects only.
 const SOCKETS: Group = Group::GROUP_3;
 
-/// What a collider belongs to; kept in Rapier's user data.
+/// Owner of a collider; stored in Rapier's user data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Collider {
     /// Part of a link, by index.
@@ -127,19 +128,19 @@ impl Collider {
     }
 }
 
-/// Everything that can collide.
+/// All bodies that can collide.
 pub struct World {
-    /// In the order given.
+    /// Objects in the order given.
     pub objects: Vec<Body>,
     rapier: PhysicsWorld,
     surfaces: Surfaces,
-    /// Kinematic bodies of the robot's bodies, and the colliders of their parts.
+    /// Kinematic bodies of the robot's bodies; the colliders of their parts follow.
     links: [RigidBodyHandle; BODIES],
     parts: Vec<ColliderHandle>,
 }
 
 impl World {
-    /// Objects at their starts under `gravity`, m/s², and the parts of a robot.
+    /// Objects at their initial poses under `gravity` (m/s²), and the parts of a robot.
     pub fn new(objects: &[Object], parts: &[Part], gravity: Vector3<f64>) -> Self {
         let mut rapier = PhysicsWorld::new();
         rapier.gravity = glam(&gravity);
@@ -177,7 +178,7 @@ impl World {
             .density(0.0)
             .user_data(Collider::Part(index).encode())
             .collision_groups(robot_groups(part.meets_links, false))
-            // Our law acts on what the robot touches, and finds the points itself.
+            // Contacts of the robot are found and solved by this crate.
             .solver_groups(InteractionGroups::none())
             .active_hooks(ActiveHooks::FILTER_CONTACT_PAIRS)
             .active_collision_types(ActiveCollisionTypes::all());
@@ -224,7 +225,7 @@ impl World {
         self.objects.iter().position(|o| o.object.name == name)
     }
 
-    /// Makes an object a part of the robot.
+    /// Makes an object part of the robot.
     pub fn take(&mut self, index: usize) {
         let object = &mut self.objects[index];
         object.present = false;
@@ -236,7 +237,7 @@ impl World {
         }
     }
 
-    /// Lets go of an object at `at`.
+    /// Releases an object with pose and twist `at`.
     pub fn put(&mut self, index: usize, at: Placement) {
         let object = &mut self.objects[index];
         object.at = at;
@@ -250,8 +251,8 @@ impl World {
         }
     }
 
-    /// Moves the robot's bodies, and an object it holds, to where they are while the sockets in `closed` hold. What is no
-    /// number stays where it was.
+    /// Sets the poses of the robot's bodies, and of the object it holds, with the sockets in `closed`; poses that are
+    /// not finite are ignored.
     pub fn mirror(
         &mut self,
         parts: &[Part],
@@ -264,7 +265,7 @@ impl World {
         for (handle, at) in moved.chain(held.map(|(i, at)| (self.objects[i].handle, at))) {
             if let Some(body) = self.rapier.bodies.get_mut(handle).filter(|_| at.is_finite()) {
                 let pose: Pose = at.isometry().into();
-                // Pairs are looked for anew where a pose was changed, and a pose that is the same is no change.
+                // Rapier searches for pairs again only after a change of pose, and an equal pose is not a change.
                 body.set_next_kinematic_position(Pose::from_translation(pose.translation + Vector::X));
                 body.set_position(pose, false);
             }
@@ -279,10 +280,11 @@ impl World {
         }
     }
 
-    /// Pairs of colliders closer to each other than `distance`, m; of those without the robot only what Rapier knows already.
+    /// Pairs of colliders closer to each other than `distance` (m); pairs without the robot only if Rapier already
+    /// knows them.
     pub fn pairs(&mut self, distance: f64) -> impl Iterator<Item = (Collider, Collider)> {
-        // A step of no length moves nothing and looks for pairs. Each side's box grows by half of the prediction, but those
-        // of objects may be older.
+        // A step of zero length searches for pairs without motion. Each box is extended by half of the prediction
+        // distance, but those of objects may be older.
         let parameters = &mut self.rapier.integration_parameters;
         parameters.dt = 0.0;
         parameters.normalized_prediction_distance = 2.0 * distance / LENGTH_UNIT;
@@ -292,13 +294,13 @@ impl World {
         self.rapier.contact_pairs().filter_map(move |pair| {
             let (a, b) = (colliders.get(pair.collider1)?, colliders.get(pair.collider2)?);
             let gap = query::distance(a.position(), a.shape(), b.position(), b.shape());
-            // Shapes whose distance is not to be had are near.
+            // If the distance cannot be computed, the shapes count as near.
             let near = gap.map_or(true, |gap| gap.distance <= distance);
             near.then(|| (Collider::decode(a.user_data), Collider::decode(b.user_data)))
         })
     }
 
-    /// Moves the free objects on by `h` s under `loads`: force, and moment about its origin, on each object.
+    /// Advances the free objects by `h` s under `loads`: force (N) and moment about its origin (N·m) on each object.
     pub fn advance(&mut self, h: f64, loads: &[(Vector3<f64>, Vector3<f64>)]) {
         if !(h > 0.0 && h.is_finite()) || self.free().next().is_none() {
             return;
@@ -332,7 +334,7 @@ impl World {
     }
 }
 
-/// Whom a part of the robot may meet: links meet each other once the robot is broken.
+/// Collision groups of a part of the robot: links collide with each other once the robot is broken.
 fn robot_groups(meets_links: bool, broken: bool) -> InteractionGroups {
     let (own, others) = match (meets_links, broken) {
         (false, _) => (SOCKETS, OBJECTS),

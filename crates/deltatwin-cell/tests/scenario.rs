@@ -1,4 +1,4 @@
-//! Solids of a scenario that come from files.
+//! Solids of a scenario read from files.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use deltatwin_cell::mesh;
 use deltatwin_io::scenario::{ScenarioError, parse_with};
 use nalgebra::Vector3;
 
-/// A scenario with `more`.
+/// A scenario with `more` appended.
 fn scenario(more: &str) -> String {
     format!(
         "model = \"../../models/irb360-6-1600.toml\"\nduration = 1.0\n[motion]\nkind = \"fourier\"\nfrequency = 0.5\n\
@@ -20,7 +20,7 @@ fn parse(more: &str) -> Result<Scenario, ScenarioError> {
     parse_with(&scenario(more), Path::new("test.toml"), mesh::read)
 }
 
-/// A pyramid of 60 mm edges and 40 mm height in mm, with its base's middle in the origin.
+/// A pyramid with a base of 60 mm × 60 mm centred at the origin and a height of 40 mm, in mm.
 const PYRAMID: &str = "v -30 -30 0\nv 30 -30 0\nv 30 30 0\nv -30 30 0\nv 0 0 40\n\
                        f 1 3 2\nf 1 4 3\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n";
 
@@ -41,7 +41,7 @@ fn solids_come_from_files() {
         let part = &scenario.objects[0];
         let Shape::Mesh(mesh) = &part.shape else { panic!("{part:?}") };
         assert_eq!((mesh.sharp_edges().len(), mesh.sharp_corners().len()), (8, 5));
-        // The centre of volume is a quarter of the height up.
+        // The centre of volume is at a quarter of the height.
         approx::assert_relative_eq!(part.position, Vector3::new(1.0, 0.0, 0.01), epsilon = 1e-8);
     }
     for (kind, name, more, expected) in [
@@ -57,7 +57,7 @@ fn solids_come_from_files() {
     let text = "\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nshape = \"hull\"\n";
     let e = parse(text).unwrap_err().to_string();
     assert!(e.contains("shape = \"hull\" lacks `objects.file`"), "{e}");
-    // A reader of dimensions alone names the place, too.
+    // Without a mesh reader the error has a position as well.
     let solid = "\n[[objects]]\nname = \"part\"\nposition = [1, 0, 0]\nshape = \"hull\"\nfile = \"part.stl\"\n";
     let e = deltatwin_io::scenario::parse(&scenario(solid), Path::new("test.toml")).unwrap_err().to_string();
     assert!(e.starts_with("test.toml:12:8: `objects.file` is \"part.stl\": nothing here reads meshes"), "{e}");

@@ -1,4 +1,4 @@
-//! Replacing a file as a whole.
+//! Atomic replacement of files.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -15,10 +15,10 @@ pub enum WriteError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The content or the name does not allow it.
+    /// The content or the file name is not valid.
     #[error("{}: cannot be written: {problem}", file.display())]
     Invalid {
         /// The file.
@@ -29,17 +29,19 @@ pub enum WriteError {
 }
 
 impl WriteError {
-    /// An error of what was to be written to `file`.
+    /// An error in the content for `file`.
     pub fn invalid(file: &Path, problem: impl Into<String>) -> Self {
         Self::Invalid { file: file.into(), problem: problem.into() }
     }
 }
 
-/// Replaces the file at `path` by what `write` writes, or leaves it as it was: the content goes to a temporary file in the
-/// same folder, which is then renamed. A symbolic link stays, its target is replaced; permissions stay.
+/// Replaces the file at `path` by the output of `write`; on an error the file is unchanged.
+///
+/// The content is written to a temporary file in the same folder, which is then renamed. Permissions are kept; of a
+/// symbolic link the target is replaced.
 ///
 /// # Errors
-/// What the system or `write` says; the file is then unchanged.
+/// [`WriteError::Io`] with the error of the operating system or of `write`.
 pub fn replace<E: Into<io::Error>>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
@@ -48,10 +50,10 @@ pub fn replace<E: Into<io::Error>>(
         .map_err(|source| WriteError::Io { file: path.into(), source })
 }
 
-/// Replaces the file at `path` by `text`, see [`replace`]; the error does not name the file.
+/// Replaces the file at `path` by `text`, see [`replace`].
 ///
 /// # Errors
-/// What the system says; the file is then unchanged.
+/// The error of the operating system, without the file name; the file is then unchanged.
 pub fn replace_text(path: &Path, text: &str) -> io::Result<()> {
     atomically(path, |out| out.write_all(text.as_bytes()))
 }
@@ -64,7 +66,7 @@ fn atomically(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Resu
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666)); // less the umask, as for any new file
+        builder.permissions(std::fs::Permissions::from_mode(0o666)); // minus the umask, as for any new file
     }
     let temporary = builder.tempfile_in(folder)?;
     let mut out = BufWriter::new(temporary.as_file());

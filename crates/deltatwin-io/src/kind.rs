@@ -1,4 +1,4 @@
-//! What a file is, by its name and content.
+//! Kind of a file, from its name and content.
 
 use std::path::Path;
 
@@ -7,18 +7,18 @@ use toml::de::DeTable;
 
 use crate::recording::bag::is_bag;
 
-/// Kinds of files deltatwin reads.
+/// Kinds of files read by deltatwin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Description of a machine.
     Model,
     /// Description of a run.
     Scenario,
-    /// Path to plan a motion along.
+    /// Path along which a motion is planned.
     Path,
-    /// What is known about a measurement.
+    /// Setup of a measurement.
     Setup,
-    /// Measurement or simulated run.
+    /// Measured or simulated run.
     Recording,
 }
 
@@ -34,10 +34,10 @@ impl std::fmt::Display for Kind {
     }
 }
 
-/// What `path` is: TOML by its keys, everything else is a recording.
+/// Kind of the file at `path`: a TOML file by its keys, any other file is a recording.
 ///
 /// # Errors
-/// A folder, a file that cannot be read, and TOML of no known kind.
+/// If `path` is a folder, a file that cannot be read, or a TOML file of no known kind.
 pub fn kind(path: &Path) -> Result<Kind> {
     if path.is_dir() {
         return Err(miette!("{}: is a folder; expected a file", path.display()));
@@ -51,7 +51,7 @@ pub fn kind(path: &Path) -> Result<Kind> {
     if path.to_string_lossy().ends_with(".setup.toml") {
         return Ok(Kind::Setup);
     }
-    // The model reader reports what is wrong with the TOML itself.
+    // Syntax errors are reported by the model reader.
     let Ok(table) = DeTable::parse(&text) else { return Ok(Kind::Model) };
     let has = |keys: &[&str]| keys.iter().any(|k| table.get_ref().contains_key(*k));
     if has(&["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]) {

@@ -1,4 +1,4 @@
-//! Files of deltatwin: everything that is read from disk or written to it goes through this crate.
+//! Reading and writing of all files of deltatwin.
 
 pub mod file;
 pub mod kind;

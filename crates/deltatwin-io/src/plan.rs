@@ -1,4 +1,4 @@
-//! Path files: TOML → [`Task`], with errors that name file, line, key, value and what was expected.
+//! Path files: TOML → [`Task`], with errors that state file, line, key, value and what was expected.
 
 use std::ops::Range;
 use std::path::Path;
@@ -86,35 +86,34 @@ struct ArchKeys {
     turn_radius: Option<Spanned<f64>>,
 }
 
-/// A turn by 1 rad counts as 100 mm by default.
+/// Default path length of a rotation by 1 rad, m.
 const TURN_RADIUS: f64 = 0.1;
-/// Intervals without jerk limits by default: they cost little.
+/// Default number of intervals without jerk limits, at which computation is fast.
 const WITHOUT_JERK: usize = 1000;
-/// Neighbouring waypoints are at least this far apart, m.
+/// Smallest distance between consecutive waypoints, m.
 const NEAREST: f64 = 1e-3;
 
-/// Reads a path file; limits it leaves out are those `given`, and its payload has no mesh.
+/// Reads a path file without meshes; limits that it omits are taken from `given`.
 ///
 /// # Errors
-/// The mistake with its place in the file.
+/// A [`ScenarioError`]: the file cannot be read, or the first error in it, with its position.
 pub fn read(path: &Path, given: Limits) -> Result<Task> {
     read_with(path, given, no_meshes)
 }
 
-/// Reads a path file as [`read`], and with `meshes` the solid of its payload.
+/// Reads a path file like [`read`], with `meshes` as reader of the payload's solid.
 ///
 /// # Errors
-/// The mistake with its place in the file.
+/// As for [`read`].
 pub fn read_with(path: &Path, given: Limits, meshes: MeshReader) -> Result<Task> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+    let text = ScenarioError::text(path)?;
     parse_with(&text, path, given, meshes)
 }
 
-/// Reads a path file from `text`; `path` names it in errors.
+/// Reads a path file from `text`; `path` is named in errors.
 ///
 /// # Errors
-/// The mistake with its place in the text.
+/// The first error in the text, with its position.
 pub fn parse(text: &str, path: &Path, given: Limits) -> Result<Task> {
     parse_with(text, path, given, no_meshes)
 }
@@ -253,7 +252,7 @@ fn pose(file: &Source, key: &str, value: &Spanned<[f64; 4]>) -> Checked<[f64; 4]
     file.numbers(key, value, Interval(-1e3, 1e3, "in m (x, y, z) and rad (ψ)"))
 }
 
-/// First of two neighbours that are too near.
+/// Index of the first of two consecutive points that are too close.
 fn too_near(points: &[[f64; 4]], turn_radius: f64) -> Option<usize> {
     points.windows(2).position(|w| {
         let turn = turn_radius * (w[1][3] - w[0][3]);
@@ -304,7 +303,7 @@ mod tests {
         let task = parse(GOOD).unwrap();
         assert_eq!(task.limits.strut_upper, 120.0);
         assert_eq!(task.limits.bearing_force, f64::INFINITY);
-        // Without limits there is none on jerk.
+        // Without other limits there is no jerk limit.
         let expected = Options { intervals: 1000, ..Options::default() };
         let chosen = |o: &Options| (o.intervals, o.objective, o.certify, o.tighten, o.refine);
         assert_eq!((chosen(&task.options), task.setup.payload.mass), (chosen(&expected), 1.0));

@@ -1,4 +1,4 @@
-//! A text file whose mistakes are reported with file, line and column, and checks of the values in it.
+//! A text file with checks of its values, whose errors are reported with file, line and column.
 
 use std::fmt;
 use std::ops::Range;
@@ -13,7 +13,7 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, Deserializer, ValueDeserializer};
 
-/// A mistake in a text file.
+/// An error in a text file.
 #[derive(Clone, Debug, Error, Diagnostic)]
 #[error("{place}: {message}")]
 pub struct Problem {
@@ -21,10 +21,10 @@ pub struct Problem {
     pub place: String,
     /// Key, value and what was expected.
     pub message: String,
-    /// The file's text.
+    /// Text of the file.
     #[source_code]
     text: Arc<NamedSource<String>>,
-    /// Where the mistake is.
+    /// Position of the error in the text.
     #[label("{label}")]
     span: SourceSpan,
     label: String,
@@ -33,7 +33,7 @@ pub struct Problem {
 /// Result of a check.
 pub(crate) type Checked<T> = std::result::Result<T, Problem>;
 
-/// Numbers from the first to the second, in a unit.
+/// Closed interval of numbers, with their unit.
 #[derive(Clone, Copy)]
 pub(crate) struct Interval<'a>(pub f64, pub f64, pub &'a str);
 
@@ -55,10 +55,10 @@ impl fmt::Display for Interval<'_> {
 
 /// A TOML file as text.
 pub(crate) struct Source<'a> {
-    /// What the file is called in errors.
+    /// Name of the file in errors.
     pub name: String,
     pub text: &'a str,
-    /// What reads the solids that the file names.
+    /// Reader of the solids that the file names.
     pub meshes: MeshReader,
 }
 
@@ -72,7 +72,7 @@ impl<'a> Source<'a> {
         self.labelled(span, message, "here".into())
     }
 
-    /// The same with a label under the text at `span`.
+    /// An error about the text at `span`, with a label.
     pub fn labelled(&self, span: Range<usize>, message: String, label: String) -> Problem {
         let before = self.text.get(..span.start).unwrap_or(self.text);
         let line = before.matches('\n').count() + 1;
@@ -91,7 +91,7 @@ impl<'a> Source<'a> {
         self.problem(error.span().unwrap_or(0..0), error.message().trim().replace('\n', ", "))
     }
 
-    /// The whole file as a `T`, but for the table `apart`, whose keys depend on its `kind`.
+    /// The file as a `T` without the table `apart`, whose keys depend on its `kind`, and that table.
     pub fn document<T: DeserializeOwned>(&self, apart: &str) -> Checked<(T, Option<Spanned<DeValue<'a>>>)> {
         let mut table = DeTable::parse(self.text).map_err(|e| self.broken(&e))?;
         let rest = table.get_mut().remove(apart);
@@ -99,7 +99,7 @@ impl<'a> Source<'a> {
         Ok((document, rest))
     }
 
-    /// Takes `kind` out of the table called `name`; `what` it is the kind of.
+    /// Removes `kind` from the table called `name`; `what` is the word for it in errors.
     pub fn kind(&self, name: &str, what: &str, table: &mut Spanned<DeValue>) -> Checked<Spanned<String>> {
         let span = table.span();
         let DeValue::Table(keys) = table.get_mut() else {
@@ -120,14 +120,14 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// The text of a value, on one line and not too long.
+    /// The text of a value on one line, shortened to 60 characters.
     pub fn quote(&self, span: Range<usize>) -> String {
         let text: Vec<&str> = self.text.get(span).unwrap_or("").split_whitespace().collect();
         let text = text.join(" ");
         if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
     }
 
-    /// A number within an interval.
+    /// A number, which must be within `interval`.
     pub fn within(&self, key: &str, value: &Spanned<f64>, interval: Interval) -> Checked<f64> {
         let v = *value.get_ref();
         if interval.contains(v) {
@@ -136,17 +136,17 @@ impl<'a> Source<'a> {
         Err(self.problem(value.span(), format!("`{key}` is {v}; expected a number {interval}")))
     }
 
-    /// The same, or `default` for a key that is left out.
+    /// [`Self::within`], or `default` for a missing key.
     pub fn optional(&self, key: &str, value: &Option<Spanned<f64>>, default: f64, interval: Interval) -> Checked<f64> {
         value.as_ref().map_or(Ok(default), |v| self.within(key, v, interval))
     }
 
-    /// The same, if the key is there.
+    /// [`Self::within`], or `None` for a missing key.
     pub fn maybe(&self, key: &str, value: &Option<Spanned<f64>>, interval: Interval) -> Checked<Option<f64>> {
         value.as_ref().map(|v| self.within(key, v, interval)).transpose()
     }
 
-    /// An array of numbers, each within an interval.
+    /// An array of numbers, each of which must be within `interval`.
     pub fn numbers<const N: usize>(
         &self,
         key: &str,
@@ -159,7 +159,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// One number per axis of the machine, which may have fewer than four: what is missing is zero.
+    /// One number per axis of the machine; those of missing axes are zero.
     pub fn per_axis(&self, key: &str, value: &Spanned<Vec<f64>>, interval: Interval) -> Checked<[f64; AXES]> {
         let given = value.get_ref();
         let problem = match given.iter().find(|v| !interval.contains(**v)) {
@@ -174,7 +174,7 @@ impl<'a> Source<'a> {
         Ok(std::array::from_fn(|i| given.get(i).copied().unwrap_or(0.0)))
     }
 
-    /// A whole number from `low` to `high`.
+    /// An integer, which must be within `low` to `high`.
     pub fn count(&self, key: &str, value: &Spanned<i64>, low: i64, high: i64) -> Checked<usize> {
         let v = *value.get_ref();
         if (low..=high).contains(&v) {
@@ -197,7 +197,7 @@ impl<'a> Source<'a> {
         Err(self.problem(value.span(), format!("`{key}` is \"{word}\"; expected {names}")))
     }
 
-    /// A key that `context` needs.
+    /// The value of a key that `context` requires.
     pub fn needed<'v, T>(
         &self,
         key: &str,
@@ -208,7 +208,7 @@ impl<'a> Source<'a> {
         value.as_ref().ok_or_else(|| self.problem(at, format!("{context} lacks `{key}`; expected it beside")))
     }
 
-    /// Refuses a key that has no meaning in `context`.
+    /// Rejects a key that is not applicable in `context`.
     pub fn foreign<T>(&self, key: &str, value: &Option<Spanned<T>>, context: &str) -> Checked<()> {
         match value {
             None => Ok(()),
@@ -218,7 +218,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// The payload of a table `[payload]`, whose keys but the tensor are checked already.
+    /// The payload of a table `[payload]`, whose keys except the tensor have been checked.
     pub fn payload(
         &self,
         mass: f64,

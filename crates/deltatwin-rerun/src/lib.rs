@@ -1,4 +1,4 @@
-//! The robot, its surroundings and its signals in Rerun: as a file, or live in a viewer while the twin runs.
+//! Display of robot, surroundings and signals in Rerun: as a file, or live in a viewer during a run.
 
 pub mod replay;
 pub mod scene;

@@ -1,4 +1,4 @@
-//! A recording as a moving robot with measured and predicted torques in Rerun.
+//! Display of a recording in Rerun: moving robot with measured and predicted torques.
 
 use std::path::Path;
 
@@ -6,40 +6,43 @@ use miette::IntoDiagnostic;
 
 use crate::scene::{Scene, Series, measured, write_rrd};
 use deltatwin::dynamics::Plant;
-use deltatwin::identification::{Dataset, predict};
+use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::machine::{AXES, Unit};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 
-/// Frames per second of the moving robot.
+/// Frame rate of the moving robot, Hz.
 const FRAMES: f64 = 50.0;
 const PREDICTED: [u8; 3] = [225, 225, 225];
 const RESIDUAL: [u8; 3] = [200, 60, 60];
 
-/// Writes `recording` as an `.rrd` file beside what `model` predicts for it.
+/// Writes `recording` with the prediction of `model` as an `.rrd` file.
+///
+/// # Errors
+/// If the prediction or the kinematics fail, or the file cannot be written.
 pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Result<()> {
     let dataset = Dataset::new(recording);
     let plant = Plant::new(model, &recording.setup);
     let predicted = predict(&plant, &dataset).into_diagnostic()?;
     let noise = dataset.noise(model);
+    let left = Residuals::of(&dataset, &predicted).series.remove(0);
     let mut series = measured(recording);
     let axes = plant.mechanism.axes();
     let unit = plant.mechanism.unit(Unit::NM);
     for axis in 0..axes {
-        let left = dataset.measured[axis].iter().zip(&predicted[axis]).map(|(m, p)| m - p).collect();
         let mut add = |path: String, values: Vec<f64>, color, label: &str| {
             series.push(Series { path, times: dataset.t.clone(), values, color, label: label.into() });
         };
         let axis_name = format!("axis{}", axis + 1);
         add(format!("torque/{axis_name}/model"), predicted[axis].clone(), PREDICTED, &format!("model [{unit}]"));
-        add(format!("residual/{axis_name}/residual"), left, RESIDUAL, &format!("residual [{unit}]"));
+        add(format!("residual/{axis_name}/residual"), left[axis].clone(), RESIDUAL, &format!("residual [{unit}]"));
     }
-    let stride = (1.0 / FRAMES / dataset.dt).round().max(1.0) as usize;
+    let stride = dataset.stride(1.0 / FRAMES);
     let frames: Vec<usize> = (0..dataset.len()).step_by(stride).collect();
     let times: Vec<f64> = frames.iter().map(|&k| dataset.t[k]).collect();
     let poses = frames.iter().map(|&k| plant.motion(&dataset.joints[k]).map(|m| m.shown(plant.mechanism)));
     let poses = poses.collect::<Result<Vec<_>, _>>().into_diagnostic()?;
-    // Mean over a frame: single samples are noise.
+    // Mean over a frame, which reduces the noise of single samples.
     let residual: Vec<[f64; AXES]> = frames
         .iter()
         .map(|&k| {
@@ -48,8 +51,7 @@ pub fn write(path: &Path, recording: &Recording, model: &Model) -> miette::Resul
                 if i >= axes {
                     return 0.0;
                 }
-                let sum: f64 = window.clone().map(|k| dataset.measured[i][k] - predicted[i][k]).sum();
-                sum / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
+                left[i][window.clone()].iter().sum::<f64>() / window.len() as f64 / noise[i].max(f64::MIN_POSITIVE)
             })
         })
         .collect();

@@ -1,4 +1,4 @@
-//! A run for Rerun, with everything where it really was.
+//! Display of a simulated run in Rerun, with the true poses.
 
 use std::path::Path;
 
@@ -10,7 +10,10 @@ use deltatwin::twin::origin::note;
 use deltatwin::twin::{Event, Frame, Options, Report};
 use deltatwin_io::file::WriteError;
 
-/// Writes the frames of `report` as an `.rrd` file, with curves of what was recorded and of the loads on the struts.
+/// Writes the frames of `report` as an `.rrd` file, with curves of the recorded signals and of the strut loads.
+///
+/// # Errors
+/// As for [`write_rrd`].
 pub fn write(
     path: &Path,
     plant: &Plant,
@@ -24,7 +27,10 @@ pub fn write(
     write_rrd(path, &recording.name, &scene)
 }
 
-/// Frames and events of a run without curves.
+/// Scene of frames and events, without curves.
+///
+/// # Panics
+/// If a frame has fewer objects than `options`.
 pub fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], events: &[Event]) -> Scene<'a> {
     let times = frames.iter().map(|f| f.t).collect();
     let mut scene = Scene::new(plant.mechanism, &plant.geometry, times, frames.iter().map(|f| f.bodies).collect());
@@ -36,7 +42,7 @@ pub fn scene<'a>(plant: &'a Plant, options: &'a Options, frames: &[Frame], event
     scene
 }
 
-/// Curves of the true loads on struts and sockets, where `signals` measure none.
+/// Curves of the true loads on struts and sockets that `signals` do not contain.
 pub fn loads(plant: &Plant, frames: &[Frame], signals: &Signals) -> Vec<Series> {
     if !plant.has(Part::Linkage) {
         return Vec::new();
@@ -69,7 +75,7 @@ mod tests {
     use deltatwin::twin::{NewContacts, simulate};
     use deltatwin_io::{model, scenario};
 
-    /// The platform has run into the block and two limbs have come off.
+    /// The platform has collided with the block and two limbs are detached.
     #[test]
     fn a_crash_is_shown_as_it_was() {
         let scenario = scenario::read(Path::new("../../scenarios/crash.toml")).unwrap();

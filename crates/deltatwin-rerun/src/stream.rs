@@ -1,7 +1,7 @@
-//! A run in a viewer while it goes on.
+//! Streaming of a run to a viewer while it is simulated.
 //!
-//! Frames go through a queue of bounded length to a thread of their own, which sends all that wait as one piece. A viewer
-//! that is slow costs frames, one that goes away costs the rest; neither stops the run.
+//! Frames pass through a queue of bounded length to a separate thread, which sends all waiting frames as one piece.
+//! With a slow viewer frames are dropped, and the rest is dropped if the viewer disconnects; the run is not affected.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -14,17 +14,17 @@ use deltatwin::dynamics::Plant;
 use deltatwin::recording::Signals;
 use deltatwin::twin::{Event, Frame, Options, Watcher};
 
-/// Frames that wait at most.
+/// Capacity of the queue, frames.
 const QUEUE: usize = 1000;
-/// How long the thread waits for frames before it looks whether the run is over, s.
+/// Interval at which the thread checks for the end of the run, s.
 const PAUSE: Duration = Duration::from_millis(50);
-/// How long the end of a run waits for the viewer, s: longer than its own patience.
+/// Time limit for the viewer at the end of a run, s: longer than that of [`Live::finish`].
 const PATIENCE: Duration = Duration::from_secs(8);
 
-/// A frame, and what happened since the one before.
+/// A frame, and the events since the previous one.
 type Update = (Option<Frame>, Vec<Event>);
 
-/// A stream of one run.
+/// A stream of one run to a viewer.
 pub struct Stream {
     done: Receiver<Result<(), String>>,
     over: Arc<AtomicBool>,
@@ -32,10 +32,10 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Opens a stream to `viewer`, with a frame every `spacing` s, and what is to watch the run.
+    /// Opens a stream to `viewer` with a frame every `spacing` s; also returns the watcher of the run.
     ///
     /// # Errors
-    /// If no viewer answers or none can be started.
+    /// If no viewer answers or none can be started, or the URL is not valid.
     pub fn open(
         viewer: &Viewer,
         name: &str,
@@ -55,7 +55,7 @@ impl Stream {
         Ok((Self { done, over, lost: lost.clone() }, watcher(queue, lost, spacing)))
     }
 
-    /// Waits for the viewer to take the rest of a run that is over; returns what to warn of.
+    /// Waits until the viewer has received the rest of a completed run; returns a warning if frames were lost.
     pub fn finish(self) -> Option<String> {
         self.over.store(true, Ordering::Relaxed);
         let answer = self.done.recv_timeout(PATIENCE);
@@ -69,7 +69,7 @@ impl Stream {
     }
 }
 
-/// Sends what comes until the run is over, then answers whether the viewer has got it.
+/// Sends updates until the run is over, then reports whether the viewer has received everything.
 fn forward(
     mut live: Live,
     plant: &Plant,
@@ -92,7 +92,7 @@ fn forward(
         }
     }
     let ended = sent.and_then(|()| live.finish()).map_err(|e| e.to_string());
-    // Dropping the stream may wait for a viewer that does not answer; nobody waits for this thread after the answer.
+    // Dropping the stream may block on a viewer that does not answer; the result has already been reported.
     answer.send(ended).ok();
 }
 

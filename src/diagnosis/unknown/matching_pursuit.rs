@@ -12,6 +12,7 @@ use super::Sight;
 use super::library::{Atom, Number};
 use crate::effects::formula::{Expression, Variable};
 use crate::evidence::{Stop, dot};
+use crate::identification::dataset::stride_for;
 
 /// Number of instants for the screening of the library.
 const SCREENED: usize = 2500;
@@ -197,8 +198,7 @@ pub struct Pursuit<'a> {
 impl<'a> Pursuit<'a> {
     /// Prepares a search: `find` gives a sight and its instants for training, `judge` those for validation.
     pub fn new(atoms: &'a [Atom], find: (&'a Sight, Vec<usize>), judge: (&'a Sight, Vec<usize>)) -> Self {
-        let stride = find.1.len().div_ceil(SCREENED).max(1);
-        let few: Vec<usize> = find.1.iter().copied().step_by(stride).collect();
+        let few: Vec<usize> = find.1.iter().copied().step_by(stride_for(find.1.len(), SCREENED)).collect();
         let screen = Ground::new(find.0, few);
         let screened = atoms.par_iter().filter_map(|atom| screened(&screen, atom)).collect();
         Self { screen, find: Ground::new(find.0, find.1), judge: Ground::new(judge.0, judge.1), screened }

@@ -13,14 +13,13 @@ pub use sight::Sight;
 use std::sync::Arc;
 
 use super::fitting::{Fitting, Stage};
-use super::judge::{Judge, is_relevant, relative_energy, wanders_in};
+use super::judge::{Judge, Judged, is_relevant, relative_energy, wanders_in};
 use super::left::Rest;
 use super::search::Found as Outcome;
-use crate::effects::ActiveEffect;
 use crate::effects::formula::{Formula, NAME, Place, Term, Variable};
-use crate::identification::dataset::noise_floor;
-use crate::identification::fit::{Estimate, FitError, channel_rms, residuals};
-use crate::identification::{Dataset, Fit};
+use crate::effects::{ActiveEffect, Param};
+use crate::identification::fit::{Estimate, FitError};
+use crate::identification::{Dataset, Fit, Residuals};
 use crate::machine::Unit;
 use crate::model::Model;
 use library::{Atom, Cover, harmonic_disturbances, library};
@@ -64,8 +63,8 @@ pub struct Unexplained {
     pub replaces: bool,
     /// Fit of the model with the formula.
     pub fit: Fit,
-    /// RMS residual with the formula, N·m or N; on held-out data where given.
-    pub rms: Vec<f64>,
+    /// Residuals with the formula, on the held-out data where given.
+    pub residuals: Arc<Residuals>,
 }
 
 impl Unexplained {
@@ -97,7 +96,7 @@ pub(super) fn explain(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Option<Unexplained>, FitError> {
     progress("is it explained?");
-    let after = Search::new(&found.end.fit.model, judge)?;
+    let after = Search::new(&found.end, judge)?;
     let with_named = after.formula();
     if with_named.terms.is_empty() {
         return Ok(None);
@@ -107,11 +106,11 @@ pub(super) fn explain(
         0 => None,
         _ => {
             progress("is there a better explanation?");
-            Some(Search::new(&found.start.fit.model, judge)?)
+            Some(Search::new(&found.start, judge)?)
         }
     };
     let alone = before.as_ref().map_or_else(|| with_named.clone(), Search::formula);
-    let is_more_than_noise = judge.is_more_than_noise(&found.end.rms);
+    let is_more_than_noise = judge.is_more_than_noise(found.end.rms());
     let Some(choice) = Choice::between(alone, with_named, &after.find.places, named, is_more_than_noise) else {
         return Ok(None);
     };
@@ -121,8 +120,11 @@ pub(super) fn explain(
     };
     progress("where it acts");
     let terms = &choice.formula.terms;
-    let fit = judge.fitting.fit(&with_formula(base, &search.find, terms))?;
-    let Some(rms) = confirmed(&found.end.fit, &fit, judge)? else { return Ok(None) };
+    let with = judge.fit(&with_formula(base, &search.find, terms))?;
+    if !is_confirmed(&found.end, &with, judge)? {
+        return Ok(None);
+    }
+    let Judged { fit, residuals } = with;
     let place = strongest(&search.find, terms);
     Ok(Some(Unexplained {
         location: location(&search.find, terms),
@@ -134,7 +136,7 @@ pub(super) fn explain(
         beside_named: choice.keeps_named && named > 0,
         replaces: choice.replaces,
         fit,
-        rms,
+        residuals,
     }))
 }
 
@@ -183,36 +185,34 @@ impl Choice {
     }
 }
 
-/// RMS residuals of the fit `with` a formula on the validation data; `None` unless it explains more of the residual
-/// of the fit `without` than smoothing errors and drift.
-fn confirmed(without: &Fit, with: &Fit, judge: &Judge) -> Result<Option<Vec<f64>>, FitError> {
-    let datasets = judge.data();
-    let (before, after) = (residuals(&without.model, datasets)?, residuals(&with.model, datasets)?);
-    let rms = channel_rms(&after);
-    let floor = noise_floor(&without.model, datasets);
-    let energy = |rms: &[f64]| relative_energy(rms, &floor);
-    let unexplained = energy(&channel_rms(&before)) - floor.len() as f64;
-    let takes_enough = energy(&channel_rms(&before)) - energy(&rms) >= WORTH_SHOWING * unexplained
-        && is_relevant(&channel_rms(&before), &rms)
-        && !wanders_in(datasets, &before, &after)
-        && !judge.fitting.wanders(without, with)?;
-    Ok(takes_enough.then_some(rms))
+/// Whether a formula explains more of the residual of the fit `without` it than smoothing errors and drift do, on the
+/// validation data.
+fn is_confirmed(without: &Judged, with: &Judged, judge: &Judge) -> Result<bool, FitError> {
+    let energy = |judged: &Judged| relative_energy(judged.rms(), &judge.floor);
+    let unexplained = energy(without) - judge.floor.len() as f64;
+    Ok(energy(without) - energy(with) >= WORTH_SHOWING * unexplained
+        && is_relevant(without.rms(), with.rms())
+        && !wanders_in(judge.data(), &without.residuals, &with.residuals)
+        && !judge.fitting.wanders(&without.fit, &with.fit)?)
 }
 
-/// Description of the residual of a fit on a drive in the validation data; `None` without data there.
-pub(super) fn look(fit: &Fit, judge: &Judge, drive: usize) -> Result<Option<Rest>, FitError> {
-    let sight = sight(&fit.model, judge.data(), judge.fitting)?;
+/// What is left of a fit on a drive in the data to judge by, where no formula explains it; none without data there.
+pub(super) fn look(judged: &Judged, judge: &Judge, drive: usize) -> Result<Option<Rest>, FitError> {
+    let model = &judged.fit.model;
+    let sight = judge.fitting.sight(model, judge.data(), &judged.residuals)?;
     let Some(place) = sight.places.iter().position(|p| *p == Place::Drive(drive)) else { return Ok(None) };
-    let machine = fit.model.mechanism;
     Ok(Some(Rest {
         location: sight.places[place].region(),
-        shape: Shape::new(&sight, &[], place, machine),
-        unit: machine.unit(sight.places[place].unit()),
+        shape: Shape::new(&sight, &[], place, model.mechanism),
+        unit: model.mechanism.unit(sight.places[place].unit()),
     }))
 }
 
-fn sight(model: &Model, datasets: &[Dataset], fitting: &Fitting) -> Result<Sight, FitError> {
-    Sight::new(model, datasets, &fitting.noise, &|parameter| fitting.is_fixed(parameter))
+impl Fitting<'_> {
+    /// What a model leaves of datasets, with everything that may explain it.
+    fn sight(&self, model: &Model, datasets: &[Dataset], residuals: &Residuals) -> Result<Sight, FitError> {
+        Sight::new(model, datasets, residuals, &self.noise, self.fixed)
+    }
 }
 
 /// A number with six significant digits as text.
@@ -233,10 +233,13 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(model: &Model, judge: &Judge<'a>) -> Result<Self, FitError> {
-        let fitting = judge.fitting;
-        let find = sight(model, fitting.datasets, fitting)?;
-        let judge = if judge.held_out.is_empty() { None } else { Some(sight(model, judge.held_out, fitting)?) };
+    fn new(judged: &Judged, judge: &Judge<'a>) -> Result<Self, FitError> {
+        let (fitting, fit) = (judge.fitting, &judged.fit);
+        let find = fitting.sight(&fit.model, fitting.datasets, &fit.residuals)?;
+        let judge = match judge.held_out {
+            [] => None,
+            held_out => Some(fitting.sight(&fit.model, held_out, &judged.residuals)?),
+        };
         let (found, judged) = match &judge {
             Some(judge) => ((0..find.len()).collect(), (0..judge.len()).collect()),
             None => find.halves(),
@@ -338,10 +341,11 @@ fn with_formula(base: &Model, sight: &Sight, terms: &[Found]) -> Model {
 /// Estimates of the terms of the fitted formula.
 fn estimates(fit: &Fit) -> Vec<(Place, String, Estimate)> {
     let Some(formula) = fit.model.effects.iter().find_map(|a| a.effect.formula()) else { return Vec::new() };
-    let estimate = |term: &Term| {
-        let name = format!("{}.{}", NAME, term.name);
-        let found = fit.parameters.iter().find(|p| p.name == name)?;
+    // Each term has one number, its coefficient.
+    let estimate = |(block, term): (usize, &Term)| {
+        let coefficient = Param { effect: NAME, block, item: 0 };
+        let found = fit.parameters.iter().find(|p| p.param == coefficient)?;
         Some((term.at, term.law.text().to_string(), Estimate { name: term.name.clone(), ..found.clone() }))
     };
-    formula.terms.iter().filter_map(estimate).collect()
+    formula.terms.iter().enumerate().filter_map(estimate).collect()
 }

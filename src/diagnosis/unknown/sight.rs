@@ -8,9 +8,9 @@ use rayon::prelude::*;
 use crate::dynamics::{Plant, inverse_dynamics};
 use crate::effects::formula::{Expression, Formula, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Instant};
-use crate::identification::fit::{FitError, kinematics, residuals};
+use crate::identification::fit::{FitError, kinematics};
 use crate::identification::prediction::Channels;
-use crate::identification::{Dataset, columns};
+use crate::identification::{Dataset, Residuals, columns};
 use crate::kinematics::{KinematicsError, SocketSet};
 use crate::machine::Mechanism;
 use crate::model::Model;
@@ -46,12 +46,13 @@ impl Sight {
     pub fn new(
         model: &Model,
         datasets: &[Dataset],
+        residuals: &Residuals,
         noise: &[f64],
-        fixed: &dyn Fn(&str) -> bool,
+        fixed: &[String],
     ) -> Result<Self, FitError> {
         let mut sight = Self::default();
-        for (number, (dataset, full)) in datasets.iter().zip(residuals(model, datasets)?).enumerate() {
-            sight.add(model, (number, dataset), &full, noise, fixed)?;
+        for (number, (dataset, full)) in datasets.iter().zip(&residuals.series).enumerate() {
+            sight.add(&Plant::new(model, &dataset.setup), (number, dataset), full, noise, fixed)?;
         }
         Ok(sight)
     }
@@ -75,15 +76,14 @@ impl Sight {
 
     fn add(
         &mut self,
-        model: &Model,
+        plant: &Plant,
         (number, dataset): (usize, &Dataset),
         full: &Channels,
         noise: &[f64],
-        fixed: &dyn Fn(&str) -> bool,
+        fixed: &[String],
     ) -> Result<(), FitError> {
-        let stride = ((STEP / dataset.dt).round() as usize).max(1);
+        let stride = dataset.stride(STEP);
         let thin = dataset.averaged(stride);
-        let plant = Plant::new(model, &dataset.setup);
         let failed = kinematics(dataset);
         let scaled = |mut channels: Channels| {
             for (series, sigma) in channels.iter_mut().zip(noise) {
@@ -93,15 +93,14 @@ impl Sight {
         };
         let averaged = full.iter().map(|series| dataset.means(series, stride)).collect();
         append(&mut self.residual, scaled(averaged));
-        let base = columns(&plant, &thin, None).map_err(&failed)?;
-        let free = plant.parameters().into_iter().zip(base).filter(|(p, _)| !fixed(&p.name)).map(|(_, column)| column);
+        let mut base = columns(plant, &thin, None).map_err(&failed)?;
+        let free = plant.parameters().free(fixed).into_iter().map(|k| std::mem::take(&mut base[k]));
         append_all(&mut self.base, free.map(scaled));
-        self.places = mounted(model.mechanism, plant.assembled);
-        let unit = unit_forces(&self.places, &plant);
-        let responses = columns(&plant, &thin, Some(&unit)).map_err(&failed)?;
+        self.places = mounted(plant.mechanism, plant.assembled);
+        let unit = unit_forces(&self.places, plant);
+        let responses = columns(plant, &thin, Some(&unit)).map_err(&failed)?;
         append_all(&mut self.responses, responses.into_iter().map(scaled));
-        let variables = variables(&plant, &thin).map_err(&failed)?;
-        append(&mut self.variables, variables);
+        append(&mut self.variables, variables(plant, &thin).map_err(&failed)?);
         let from = self.recording.len();
         self.segments.extend(thin.segments.iter().map(|s| s.start + from..s.end + from));
         self.recording.extend(std::iter::repeat_n(number, thin.len()));

@@ -1,30 +1,30 @@
 //! Units of expressions.
 //!
-//! Constants of a law carry units that are not written down. A constant is therefore taken as a pure number where it is a
-//! factor, as what it is added to or compared with in a sum, `min` and `max`, and as what makes the argument of a function
-//! pure: `-tanh(50*qd1)` has no unit, `0.1 + abs(qd1)` that of `qd1`.
+//! The constants of a law carry units that are not written. A constant is therefore taken as a pure number if it is a
+//! factor; as having the unit of the other operand in a sum, `min` or `max`; and as making the argument of a function
+//! dimensionless: `-tanh(50*qd1)` is dimensionless, `0.1 + abs(qd1)` has the unit of `qd1`.
 
 use crate::machine::unit::Powers;
 
-/// What is known of the unit of an intermediate result.
+/// Unit of an intermediate result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Dimension {
-    /// A constant, whose unit is what fits.
+    /// A constant, which takes the unit required by its context.
     Number(f64),
     /// A known unit.
     Of(Powers),
-    /// A sum of different units, or a power that is not whole.
+    /// Undetermined: a sum of different units, or a power with a non-integer exponent.
     Unknown,
 }
 
-/// What a function of one argument hands back.
+/// Unit of the value of a function of one argument.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Yields {
-    /// A pure number, whatever the argument.
+    /// Dimensionless for any argument.
     Number,
-    /// The argument's unit.
+    /// That of the argument.
     Same,
-    /// Its square root.
+    /// The square root of that of the argument.
     Root,
 }
 
@@ -33,7 +33,7 @@ impl Dimension {
         powers.map_or(Self::Unknown, Self::Of)
     }
 
-    /// Powers of the unit; a constant by itself is a pure number.
+    /// Exponents of the unit (zero for a constant); `None` if undetermined.
     pub fn powers(self) -> Option<Powers> {
         match self {
             Self::Number(_) => Some(Powers::ONE),
@@ -42,12 +42,12 @@ impl Dimension {
         }
     }
 
-    /// A constant changed by `of`; a unit stays.
+    /// Applies `of` to a constant; a unit is unchanged.
     pub fn map(self, of: impl Fn(f64) -> f64) -> Self {
         if let Self::Number(x) = self { Self::Number(of(x)) } else { self }
     }
 
-    /// Of a sum, difference, minimum or maximum, which `of` forms.
+    /// Dimension of a sum, difference, minimum or maximum; `of` evaluates it for two constants.
     pub fn with(self, other: Self, of: impl Fn(f64, f64) -> f64) -> Self {
         match (self, other) {
             (Self::Number(a), Self::Number(b)) => Self::Number(of(a, b)),
@@ -57,7 +57,7 @@ impl Dimension {
         }
     }
 
-    /// Of a product.
+    /// Dimension of a product.
     pub fn times(self, other: Self) -> Self {
         match (self, other) {
             (Self::Number(a), Self::Number(b)) => Self::Number(a * b),
@@ -65,7 +65,7 @@ impl Dimension {
         }
     }
 
-    /// Of a quotient.
+    /// Dimension of a quotient.
     pub fn over(self, other: Self) -> Self {
         match (self, other) {
             (Self::Number(a), Self::Number(b)) => Self::Number(a / b),
@@ -73,7 +73,7 @@ impl Dimension {
         }
     }
 
-    /// Of a power: that of a unit needs a constant as exponent.
+    /// Dimension of a power; a base with a unit requires a constant exponent.
     pub fn to_the(self, exponent: Self) -> Self {
         match (self, exponent) {
             (Self::Number(x), Self::Number(n)) => Self::Number(x.powf(n)),
@@ -83,7 +83,7 @@ impl Dimension {
         }
     }
 
-    /// Of a function of one argument.
+    /// Dimension of a function of one argument.
     pub fn of(self, function: fn(f64) -> f64, yields: Yields) -> Self {
         match (self, yields) {
             (Self::Number(x), _) => Self::Number(function(x)),

@@ -1,7 +1,8 @@
-//! Expressions of a formula: parsed once into a program that is run without allocation.
+//! Expressions of a formula, compiled to a stack program that is evaluated without allocation.
 //!
-//! Grammar, from loose to tight: `+ -`, `* /`, sign, `^` (to the right), then numbers, names, `name(…)` and `(…)`. A sign
-//! binds less than a power, −v^2 = −(v²), as on paper; that, and errors that point into the text, is why no crate does it.
+//! Grammar in order of increasing precedence: `+ -`, `* /`, sign, `^` (right-associative), then numbers, names,
+//! `name(…)` and `(…)`. A sign binds less than a power, −v^2 = −(v²), as in mathematical notation; this precedence and
+//! error positions within the text are the reasons for a parser of its own.
 
 use std::ops::Range;
 
@@ -10,24 +11,24 @@ use super::variables::Variable;
 use crate::machine::unit::Powers;
 use crate::text::nearest;
 
-/// A law as text, ready to be evaluated.
+/// A compiled law with its text.
 #[derive(Clone, Debug)]
 pub struct Expression {
     text: String,
     program: Vec<Step>,
 }
 
-/// What is wrong with an expression, and where.
+/// Fault of an expression, and its position.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{problem}")]
 pub struct ExpressionError {
-    /// Bytes of the text.
+    /// Range in the text, bytes.
     pub at: Range<usize>,
     /// What was found and what was expected.
     pub problem: String,
 }
 
-/// One step on a stack of numbers.
+/// Instruction of the stack program.
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Number(f64),
@@ -48,7 +49,7 @@ enum Function {
     Two(fn(f64, f64) -> f64),
 }
 
-/// Sign of x, and zero at zero, unlike [`f64::signum`].
+/// Sign of x; zero at zero, unlike [`f64::signum`].
 fn sign(x: f64) -> f64 {
     if x == 0.0 { 0.0 } else { x.signum() }
 }
@@ -68,14 +69,18 @@ const FUNCTIONS: [(&str, Function); 10] = [
 
 const CONSTANTS: [(&str, f64); 1] = [("pi", std::f64::consts::PI)];
 
-/// Numbers an expression may keep at a time.
+/// Largest stack depth of an expression.
 const STACK: usize = 32;
 
-/// Parentheses within parentheses that the parser follows.
+/// Largest nesting depth of parentheses.
 const NESTING: usize = 64;
 
 impl Expression {
-    /// Parses `text`.
+    /// Parses and compiles `text`.
+    ///
+    /// # Errors
+    /// A syntax error, an unknown name, a wrong number of arguments, or an expression that exceeds the nesting or stack
+    /// limit.
     pub fn parse(text: &str) -> Result<Self, ExpressionError> {
         let mut parser = Parser { text, at: 0, nesting: 0, program: Vec::new() };
         parser.sum()?;
@@ -91,12 +96,12 @@ impl Expression {
         Ok(Self { text: text.trim().into(), program })
     }
 
-    /// The text it was read from.
+    /// Text of the expression.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Value with the variables that `read` gives.
+    /// Value for the variables given by `read`.
     pub fn value(&self, mut read: impl FnMut(Variable) -> f64) -> f64 {
         let mut stack = [0.0; STACK];
         let mut top = 0;
@@ -130,7 +135,7 @@ impl Expression {
         stack[0]
     }
 
-    /// Its unit as powers of N, m, s and rad; none where that cannot be told.
+    /// Unit of the value as powers of N, m, s and rad; `None` if undetermined.
     pub fn powers(&self) -> Option<Powers> {
         let mut stack: Vec<Dimension> = Vec::new();
         for step in &self.program {
@@ -162,13 +167,13 @@ impl Expression {
         stack.pop()?.powers()
     }
 
-    /// Variables it reads.
+    /// Variables that occur in it, in order of occurrence.
     pub fn variables(&self) -> impl Iterator<Item = Variable> {
         self.program.iter().filter_map(|s| if let Step::Variable(v) = s { Some(*v) } else { None })
     }
 }
 
-/// Result of a step that takes one number.
+/// Result of an instruction with one operand; `None` for another instruction.
 fn of_one(step: &Step, x: f64) -> Option<f64> {
     match step {
         Step::Negate => Some(-x),
@@ -178,7 +183,7 @@ fn of_one(step: &Step, x: f64) -> Option<f64> {
     }
 }
 
-/// Most numbers a program keeps at a time.
+/// Stack depth that a program needs.
 fn depth(program: &[Step]) -> usize {
     let (mut now, mut most) = (0, 0);
     for step in program {
@@ -210,7 +215,7 @@ impl Parser<'_> {
         self.text[self.at..].chars().next()
     }
 
-    /// Takes `wanted` if it comes next.
+    /// Consumes `wanted` if it is next; returns whether it was.
     fn take(&mut self, wanted: char) -> bool {
         let found = self.peek() == Some(wanted);
         self.at += if found { wanted.len_utf8() } else { 0 };
@@ -287,7 +292,7 @@ impl Parser<'_> {
         let exponent = self.program.len();
         self.signed()?;
         self.nesting -= 1;
-        // A whole exponent is exact and fast.
+        // An integer exponent is evaluated by `powi`, exact and fast.
         let whole = match self.program[exponent..] {
             [Step::Number(x)] => Some(x),
             [Step::Number(x), Step::Negate] => Some(-x),
@@ -392,7 +397,7 @@ fn unknown(what: &str, name: &str, known: &[&str], at: Range<usize>) -> Expressi
 mod tests {
     use super::*;
 
-    /// Value with q1 = 0.5 and qd1 = −3, all else zero.
+    /// Value at q1 = 0.5 and qd1 = −3, all other variables zero.
     fn value(text: &str) -> f64 {
         let (q1, qd1) = (Variable::named("q1").unwrap(), Variable::named("qd1").unwrap());
         let read = |v: Variable| {

@@ -1,15 +1,15 @@
-//! What the expressions of a formula may read.
+//! Variables of formula expressions.
 
 use crate::effects::Instant;
 use crate::machine::bodies::PLATFORM;
 use crate::machine::unit::Powers;
 use crate::machine::{Mechanism, Part, Unit};
 
-/// A quantity of an instant.
+/// Quantity of an instant, by its index in the list of names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variable(u8);
 
-/// Which quantity: family and number within it.
+/// Family of a quantity and its index within the family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Time,
@@ -70,12 +70,12 @@ impl Variable {
         ALL.iter().position(|(known, _)| *known == name).map(|i| Self(i as u8))
     }
 
-    /// All names.
+    /// Names of all variables.
     pub fn names() -> impl Iterator<Item = &'static str> {
         ALL.iter().map(|(name, _)| *name)
     }
 
-    /// Its place among all.
+    /// Index among all variables.
     pub fn index(self) -> usize {
         self.0 as usize
     }
@@ -89,7 +89,7 @@ impl Variable {
         ALL[self.0 as usize].1
     }
 
-    /// Its value at an instant, SI units.
+    /// Value at an instant, SI units.
     pub fn read(self, at: &Instant) -> f64 {
         let motion = at.motion;
         match self.kind() {
@@ -107,7 +107,7 @@ impl Variable {
         }
     }
 
-    /// Its unit as powers of N, m, s and rad, on a machine whose drives turn.
+    /// Unit as powers of N, m, s and rad, on a machine with revolute drives.
     pub fn powers(self) -> Powers {
         let [angle, length] = [Powers { rad: 1, ..Powers::ONE }, Powers { m: 1, ..Powers::ONE }];
         match self.kind() {
@@ -122,7 +122,7 @@ impl Variable {
         }
     }
 
-    /// Its unit on a machine whose drives turn.
+    /// Unit on a machine with revolute drives.
     pub fn unit(self) -> Unit {
         Unit::Derived(self.powers())
     }
@@ -137,7 +137,7 @@ impl Variable {
         matches!(self.kind(), Kind::Acceleration(_) | Kind::PlatformAcceleration(_))
     }
 
-    /// The part of the machine that it belongs to.
+    /// The part of the machine required by the variable.
     pub fn part(self) -> Part {
         match self.kind() {
             Kind::Angle(3) | Kind::Rate(3) | Kind::Acceleration(3) => Part::Axis4,
@@ -147,7 +147,7 @@ impl Variable {
         }
     }
 
-    /// Whether `machine`, assembled, has it.
+    /// Whether the assembled `machine` has the variable.
     pub fn exists_on(self, machine: Mechanism) -> bool {
         match self.kind() {
             Kind::Angle(i) | Kind::Rate(i) | Kind::Acceleration(i) => i < machine.axes(),

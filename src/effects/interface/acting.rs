@@ -1,33 +1,33 @@
-//! The effects of one machine.
+//! List of the effects of one machine.
 
 use std::ops::{Deref, IndexMut};
 
 use super::ActiveEffect;
 use crate::effects::REGISTRY;
 
-/// The effects that act on a machine, always in the order of the registry, whatever the order they were added in.
+/// The effects that act on a machine, always in the order of the registry.
 ///
 /// Model files, parameters, regressor columns and reports all follow this order.
 #[derive(Clone, Default)]
 pub struct Effects(Vec<ActiveEffect>);
 
-/// Place of an effect in the registry; what is not registered comes last.
+/// Index of an effect in the registry; unregistered effects come last.
 fn place(active: &ActiveEffect) -> usize {
     REGISTRY.iter().position(|e| e.name() == active.effect.name()).unwrap_or(REGISTRY.len())
 }
 
 impl Effects {
-    /// Puts an effect in its place, behind one of the same name.
+    /// Inserts an effect in registry order, after one of the same name.
     pub fn push(&mut self, active: ActiveEffect) {
         let own = place(&active);
         let at = self.0.partition_point(|a| place(a) <= own);
         self.0.insert(at, active);
     }
 
-    /// Takes effect `i` out.
+    /// Removes and returns effect `i`.
     ///
     /// # Panics
-    /// If there are not that many.
+    /// If `i` is out of range.
     pub fn remove(&mut self, i: usize) -> ActiveEffect {
         self.0.remove(i)
     }
@@ -37,12 +37,12 @@ impl Effects {
         self.0.retain(keep);
     }
 
-    /// Takes all effects out.
+    /// Removes all effects.
     pub fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// The effects, whose values may be changed.
+    /// Iterator over the effects, with mutable values.
     pub fn iter_mut(&mut self) -> std::slice::IterMut<'_, ActiveEffect> {
         self.0.iter_mut()
     }

@@ -1,4 +1,4 @@
-//! Effects that are switched on, on a machine.
+//! Effects switched on for a machine.
 
 use std::sync::Arc;
 
@@ -9,19 +9,19 @@ use crate::effects::{Effect, GearSpring, StrutSpring};
 use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, STRUTS, Sockets};
 use crate::recording::Signals;
 
-/// The machine that an effect is on, as far as its parameters depend on it: how many there are, their units, and their
-/// usual sizes, which are stated for an arm drive of the IRB 360.
+/// Properties of a machine on which the parameters of effects depend: their number, units and typical magnitudes, the
+/// latter stated for an arm drive of the IRB 360.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Host {
     /// Kind of machine.
     pub mechanism: Mechanism,
-    /// Largest torque (or force) of its drives relative to the stated one.
+    /// Torque (or force) limit of its drives relative to the reference drive.
     torque: f64,
-    /// Largest speed, likewise.
+    /// Speed limit of its drives relative to the reference drive.
     speed: f64,
 }
 
-/// A machine with its effects, as far as constants of other effects follow from it.
+/// Data of a machine from which effects derive their constants.
 #[derive(Clone, Copy)]
 pub struct MachineView<'a> {
     /// Kind of machine.
@@ -34,13 +34,13 @@ pub struct MachineView<'a> {
     pub drives: &'a [Drive; AXES],
     /// Ball sockets.
     pub sockets: &'a Sockets,
-    /// Effects that act.
+    /// Active effects.
     pub effects: &'a Effects,
 }
 
-/// Arm drive for which sizes are stated: N·m and rad/s.
+/// Torque (N·m) and speed limit (rad/s) of the reference arm drive.
 const STATED: (f64, f64) = (132.0, 18.989);
-/// Friction of the telescope's drive relative to an arm's: 0.53 N·m to 4.7 N·m (Gnad et al., Tables 2 and 4).
+/// Friction of the telescope drive relative to an arm drive: 0.53 N·m to 4.7 N·m ([Gnad 2024], Tables 2 and 4).
 const TELESCOPE_DRIVE: f64 = 0.11;
 
 impl Default for Host {
@@ -50,7 +50,7 @@ impl Default for Host {
 }
 
 impl Host {
-    /// Of a machine with drives like `drive`; all delta robots count as the stated one.
+    /// Properties of a machine with drives like `drive`; every delta robot counts as the reference machine.
     pub fn new(mechanism: Mechanism, drive: &Drive) -> Self {
         let (torque, speed) = match mechanism {
             Mechanism::Delta { .. } => (1.0, 1.0),
@@ -59,7 +59,7 @@ impl Host {
         Self { mechanism, torque, speed }
     }
 
-    /// `parameter` with unit, usual size and range on this machine.
+    /// `parameter` with unit, typical magnitude and range converted to this machine.
     pub fn parameter(&self, parameter: &Parameter) -> Parameter {
         let unit = self.mechanism.unit(parameter.unit);
         let factor = unit.scale(self.torque, self.speed);
@@ -76,29 +76,29 @@ impl Host {
 /// An effect that is switched on, with its parameter values.
 #[derive(Clone)]
 pub struct ActiveEffect {
-    /// The machine it is on.
+    /// Properties of the machine.
     pub host: Host,
     /// The law.
     pub effect: Arc<dyn Effect>,
-    /// Flat parameter values.
+    /// Flat parameter values, in the units of `host`.
     pub values: Vec<f64>,
-    /// Where each parameter stands in `values`.
+    /// Position of each parameter in `values`.
     pub layout: Arc<Layout>,
 }
 
 impl ActiveEffect {
-    /// `effect` on the four-axis robot with its default shape and zero linear parameters: present, but without action.
+    /// `effect` on the four-axis robot with default shape parameters and zero linear parameters, hence without action.
     pub fn absent(effect: Arc<dyn Effect>) -> Self {
         Self::absent_on(effect, Host::default())
     }
 
-    /// The same on another machine.
+    /// [`Self::absent`] on another machine.
     pub fn absent_on(effect: Arc<dyn Effect>, host: Host) -> Self {
         let (values, layout) = default_values(&*effect, host);
         Self { host, effect, values, layout: Arc::new(layout) }
     }
 
-    /// The same shape with the linear parameters at their usual values.
+    /// The effect with its linear parameters set to their typical magnitudes.
     pub fn at_nominal_size(&self) -> Self {
         let mut usual = self.clone();
         for (value, entry) in usual.values.iter_mut().zip(self.entries()) {
@@ -109,12 +109,12 @@ impl ActiveEffect {
         usual
     }
 
-    /// Whether the effect puts springs into gears, at its usual size if it is absent.
+    /// Whether the effect makes gears elastic, at its typical magnitude if it is absent.
     pub fn has_gears(&self) -> bool {
         self.at_nominal_size().gear_springs().is_some()
     }
 
-    /// `effect` with one slice of values per parameter.
+    /// `effect` on the four-axis robot, with one slice of values per parameter.
     ///
     /// # Panics
     /// If the number of blocks differs from the number of parameters.
@@ -124,53 +124,53 @@ impl ActiveEffect {
         Self { host: Host::default(), effect, values: blocks.concat(), layout: Arc::new(layout) }
     }
 
-    /// The values, by parameter.
+    /// Values by parameter.
     pub fn values(&self) -> Values<'_> {
         Values::new(&self.values, &self.layout)
     }
 
-    /// Number of the effect's own states.
+    /// Number of internal states.
     pub fn states(&self) -> usize {
         self.initial_state().len()
     }
 
-    /// Initial values of the effect's own states; empty without any.
+    /// Initial internal states; empty without any.
     pub fn initial_state(&self) -> Vec<f64> {
         self.effect.states().map_or_else(Vec::new, |own| own.initial_state(&self.values()))
     }
 
-    /// Time derivative of the effect's own states, see [`InternalStates::state_rate`].
+    /// Writes the time derivative of the internal states, see [`InternalStates::state_rate`].
     pub fn state_rate(&self, at: &Instant, rate: &mut [f64], slope: &mut [f64]) {
         if let Some(own) = self.effect.states() {
             own.state_rate(&self.values(), at, rate, slope);
         }
     }
 
-    /// Adds what the encoders read beyond the joint angles, rad.
+    /// Adds the difference between encoder readings and joint angles (rad) to `angles`.
     pub fn encoder(&self, state: &[f64], angles: &mut [f64; AXES]) {
         if let Some(sensor) = self.effect.sensor() {
             sensor.encoder(&self.values(), state, angles);
         }
     }
 
-    /// Changes what the sensors report.
+    /// Applies the sensor errors to the reported signals.
     pub fn observe(&self, signals: &mut Signals) {
         if let Some(sensor) = self.effect.sensor() {
             sensor.observe(&self.values(), signals);
         }
     }
 
-    /// Elastic gears between encoder and joint.
+    /// Elastic gears between encoder and joint; `None` if there are none.
     pub fn gear_springs(&self) -> Option<[GearSpring; AXES]> {
         self.effect.compliance()?.gear_springs(&self.values())
     }
 
-    /// Axial spring and damper of each strut.
+    /// Axial spring and damper of each strut; `None` if the struts are rigid.
     pub fn strut_spring(&self) -> Option<[StrutSpring; STRUTS]> {
         self.effect.compliance()?.strut_spring(&self.values())
     }
 
-    /// Parameter, its number within the parameter and its printed name for each flat value.
+    /// One entry per flat value: identity, parameter and printed name.
     pub fn entries(&self) -> Vec<Entry> {
         let mut out = Vec::with_capacity(self.values.len());
         for (b, p) in self.effect.parameters().iter().enumerate() {
@@ -194,7 +194,7 @@ impl ActiveEffect {
     }
 }
 
-/// Flat values of `effect` with its default shape and zero linear parameters, and their layout.
+/// Flat values of `effect` with default shape parameters and zero linear parameters, and their layout.
 pub(crate) fn default_values(effect: &dyn Effect, host: Host) -> (Vec<f64>, Layout) {
     let parameters = effect.parameters();
     let layout = Layout::new(parameters.iter().map(|p| p.count.on(host.mechanism)));
@@ -208,16 +208,16 @@ pub(crate) fn default_values(effect: &dyn Effect, host: Host) -> (Vec<f64>, Layo
 /// One flat value of an effect.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Its identity.
+    /// Identity.
     pub param: Param,
-    /// Its parameter, as it is on the machine.
+    /// Its parameter, converted to the machine.
     pub parameter: Parameter,
     /// Printed name, e.g. `coulomb_2`.
     pub name: String,
 }
 
 impl Entry {
-    /// Printed name with that of the effect, e.g. `drive_friction.coulomb_2`.
+    /// Printed name preceded by that of the effect, e.g. `drive_friction.coulomb_2`.
     pub fn full_name(&self) -> String {
         format!("{}.{}", self.param.effect, self.name)
     }

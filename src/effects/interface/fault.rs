@@ -1,4 +1,4 @@
-//! Laws that give no number where they are asked.
+//! Detection of laws with values that are not finite.
 
 use std::borrow::Cow;
 
@@ -6,8 +6,10 @@ use super::{ActiveEffect, Instant, Wrenches};
 use crate::kinematics::{KinematicsError, LawFault};
 
 impl ActiveEffect {
-    /// The first term of the law whose force or moment at an instant is no finite number, as an error that names it;
-    /// `along` asks the law along a given motion, see [`Effect::wrenches_along`](crate::effects::Effect::wrenches_along).
+    /// Error that names the first term whose force or moment is not finite at an instant; `None` if all are finite.
+    ///
+    /// `along` evaluates the law along a given motion, see
+    /// [`Effect::wrenches_along`](crate::effects::Effect::wrenches_along).
     pub fn fault(&self, at: &Instant, along: bool) -> Option<KinematicsError> {
         let mut first = None;
         let mut look = |k: usize, _: usize, force: nalgebra::Vector3<f64>, moment: nalgebra::Vector3<f64>| {

@@ -1,13 +1,10 @@
-//! A body that runs into something that gives way.
+//! Contact law of a compliant stop.
 
-/// Push per unit of stiffness, x·max(0, 1 + χ·ẋ): the depth x ≥ 0 in m (or rad), its rate ẋ in m/s (or rad/s) and the
-/// damping χ in s/m (or s/rad); zero outside, x ≤ 0.
+/// Contact force per unit of stiffness, x·max(0, 1 + χ·ẋ) ([Hunt 1975]); zero for x ≤ 0.
 ///
-/// Continuous at first touch because of the factor x, and never a pull. The stiffness stores ½·k·x²; what the damping
-/// takes, k·x·χ·ẋ², never comes back: a body that hits at v leaves at about v·(1 − ⅔·χ·v).
-///
-/// K. H. Hunt, F. R. E. Crossley: Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42
-/// (1975).
+/// x is the penetration depth in m (or rad), ẋ its rate in m/s (or rad/s), χ the damping in s/m (or s/rad). The factor
+/// x makes the force continuous at first contact; it is never tensile. The stiffness k stores ½·k·x², the damping
+/// dissipates k·x·χ·ẋ²: after an impact at speed v the rebound speed is about v·(1 − ⅔·χ·v).
 pub fn hunt_crossley(depth: f64, rate: f64, damping: f64) -> f64 {
     depth.max(0.0) * (1.0 + damping * rate).max(0.0)
 }

@@ -1,4 +1,4 @@
-//! What every law shares: its parameters, what it reads and hands back, and how it stands in a model.
+//! Common interface of all effects: parameters, inputs, outputs and properties.
 
 mod acting;
 mod active;

@@ -1,4 +1,4 @@
-//! Parameters of effects and where their values stand.
+//! Parameters of effects, and the layout of their values.
 
 use std::borrow::Cow;
 
@@ -7,44 +7,44 @@ use crate::machine::{Mechanism, Unit};
 /// Identity of one number among the parameters of a machine: value `item` of parameter `block` of an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Param {
-    /// Name of the effect; a machine has each once.
+    /// Name of the effect, unique on a machine.
     pub effect: &'static str,
-    /// Which of the effect's parameters.
+    /// Index of the parameter within the effect.
     pub block: usize,
-    /// Which of its values.
+    /// Index of the value within the parameter.
     pub item: usize,
 }
 
 /// How a parameter enters the law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Proportionally; zero switches the term off.
+    /// Proportional factor; zero removes the term.
     Linear,
-    /// Nonlinearly, estimated by an outer iteration.
+    /// Nonlinear, estimated in an outer iteration.
     Shape,
-    /// A constant of the law, taken from the model file.
+    /// Constant of the law, taken from the model file.
     Fixed,
 }
 
-/// How many values a parameter has.
+/// Number of values of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Count {
     /// A single number.
     One,
     /// One per arm (array of 3).
     PerArm,
-    /// One per drive (array of 3 or 4; three mean the arms).
+    /// One per drive (array of 3 or 4; three values mean the arms).
     PerDrive,
-    /// One per axis, the telescope's included.
+    /// One per axis, including that of the telescope.
     PerAxis,
-    /// The same for what grows with a drive; an array of three means the arms, without the telescope's.
+    /// One per axis, with a magnitude that scales with the drive; three values mean the arms.
     AllDrives,
     /// A fixed number of named values (array).
     Named(&'static [&'static str]),
 }
 
 impl Count {
-    /// Number of values on a machine; of one that may have more, the least.
+    /// Number of values on a machine; the smallest one if several are allowed.
     pub fn on(self, machine: Mechanism) -> usize {
         match self {
             Self::One => 1,
@@ -60,53 +60,58 @@ impl Count {
 pub struct Parameter {
     /// Key in the effect's table.
     pub name: Cow<'static, str>,
-    /// Unit on a machine whose drives turn.
+    /// Unit on a machine with revolute drives.
     pub unit: Unit,
-    /// How many values.
+    /// Number of values.
     pub count: Count,
     /// How it enters the law.
     pub role: Role,
-    /// Usual magnitude; the starting value of shape parameters and the default of optional ones. Of [`Count::AllDrives`]
-    /// that of an arm's drive.
+    /// Typical magnitude: the initial value of shape parameters and the default of optional ones. For
+    /// [`Count::AllDrives`] that of an arm drive.
     pub default: f64,
-    /// Allowed values.
+    /// Lower and upper bound.
     pub range: (f64, f64),
 }
 
 impl Parameter {
-    /// The same with another number of values.
+    /// A parameter of one value, with its nominal magnitude and its allowed range.
+    pub const fn new(name: &'static str, unit: Unit, role: Role, default: f64, range: (f64, f64)) -> Self {
+        Self { name: Cow::Borrowed(name), unit, count: Count::One, role, default, range }
+    }
+
+    /// The parameter with another number of values.
     pub const fn counted(mut self, count: Count) -> Self {
         self.count = count;
         self
     }
 
-    /// The same within another range.
+    /// The parameter with another range.
     pub const fn within(mut self, range: (f64, f64)) -> Self {
         self.range = range;
         self
     }
 
-    /// The same constant as a shape to be searched within a range.
+    /// The constant turned into a shape parameter, to be estimated within `range`.
     pub const fn searched(mut self, range: (f64, f64)) -> Self {
         self.role = Role::Shape;
         self.within(range)
     }
 
-    /// The same in another unit.
+    /// The parameter with another unit.
     pub const fn with_unit(mut self, unit: Unit) -> Self {
         self.unit = unit;
         self
     }
 }
 
-/// Where each parameter's values stand in the flat list.
+/// Position of each parameter's values in the flat list.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     pub(super) starts: Vec<usize>,
 }
 
 impl Layout {
-    /// Layout for parameter blocks of the given lengths.
+    /// Layout of parameter blocks with the given lengths.
     pub fn new(lengths: impl IntoIterator<Item = usize>) -> Self {
         let mut starts = vec![0];
         for n in lengths {
@@ -126,7 +131,7 @@ impl Layout {
     }
 }
 
-/// Values of an effect's parameters, addressed by parameter block.
+/// Parameter values of an effect, addressed by parameter block.
 #[derive(Clone, Copy)]
 pub struct Values<'a> {
     values: &'a [f64],
@@ -134,27 +139,39 @@ pub struct Values<'a> {
 }
 
 impl<'a> Values<'a> {
-    /// Flat `values` with their `layout`.
+    /// View of flat `values` with their `layout`.
     pub fn new(values: &'a [f64], layout: &'a Layout) -> Self {
         Self { values, layout }
     }
 
     /// All values of parameter `block`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn block(&self, block: usize) -> &'a [f64] {
         &self.values[self.layout.starts[block]..self.layout.starts[block + 1]]
     }
 
     /// The value of the scalar parameter `block`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn one(&self, block: usize) -> f64 {
         self.values[self.layout.starts[block]]
     }
 
     /// Number of values of parameter `block`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn len(&self, block: usize) -> usize {
         self.block(block).len()
     }
 
-    /// Flat index of value `i` of parameter `block`, as `wrenches` and `inertia` report it.
+    /// Flat index of value `i` of parameter `block`, as passed to the sinks of `wrenches` and `inertia`.
+    ///
+    /// # Panics
+    /// If there is no parameter `block`.
     pub fn index(&self, block: usize, i: usize) -> usize {
         self.layout.starts[block] + i
     }

@@ -1,7 +1,7 @@
-//! Parameters of the links without the paper's assumptions: limbs that differ, bodies without symmetry.
+//! Parameters of the links without the symmetry assumptions of [Gnad 2024]: unequal limbs, asymmetric bodies.
 //!
-//! Aligned bodies have seven parameters each, without deviation moments, complete ones ten: arm, strut, platform and both parts of the telescope with the rotor's moment are the
-//! paper's 51 (section 6.3.3).
+//! Aligned bodies have seven parameters each, without deviation moments, complete ones ten: for arm, strut, platform
+//! and both parts of the telescope, together with the rotor's moment, these are the 51 of [Gnad 2024], section 6.3.3.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -14,7 +14,7 @@ use crate::machine::{ARMS as LIMBS, BodyParameters, LinkParameters};
 
 const KINDS: [BodyParameters; 3] = [BodyParameters::Symmetric, BodyParameters::Aligned, BodyParameters::Complete];
 
-/// Without and with telescope; alike limbs and each its own; kinds of bodies.
+/// Tables by telescope (without, with), limbs (equal, each its own) and kind of body parameters.
 static TABLES: LazyLock<[[[Arc<RigidBodies>; 3]; 2]; 2]> = LazyLock::new(|| {
     [false, true].map(|telescope| {
         [false, true]
@@ -22,12 +22,12 @@ static TABLES: LazyLock<[[[Arc<RigidBodies>; 3]; 2]; 2]> = LazyLock::new(|| {
     })
 });
 
-/// The parameters of the links of an assembled robot.
+/// Parameters of the links of an assembled robot.
 pub(super) fn table(telescope: bool, links: LinkParameters) -> Arc<RigidBodies> {
     Arc::clone(&TABLES[usize::from(telescope)][usize::from(links.each_limb)][links.bodies as usize])
 }
 
-/// One number of one kind of body.
+/// One parameter of one kind of body.
 struct Entry {
     parameter: Parameter,
     bodies: Range<usize>,
@@ -57,7 +57,7 @@ fn build(telescope: bool, links: LinkParameters) -> RigidBodies {
     RigidBodies::new(Cow::Owned(parameters), Cow::Owned(units))
 }
 
-/// The paper's parameters.
+/// Parameters of [Gnad 2024].
 fn symmetric() -> Vec<Entry> {
     let entry = |(p, (bodies, unit)): (&Parameter, &(Range<usize>, UnitInertia))| Entry {
         parameter: p.clone(),
@@ -67,9 +67,9 @@ fn symmetric() -> Vec<Entry> {
     PARAMETERS.iter().zip(UNITS).map(entry).collect()
 }
 
-/// The first `count` of ten of every kind of body, and the rotor's moment.
+/// The first `count` of the ten parameters of every kind of body, and the rotor's moment.
 fn general(count: usize) -> Vec<Entry> {
-    /// Name, unit, usual magnitude where the paper has none, place.
+    /// Name, unit, default magnitude where [Gnad 2024] has none, position.
     const TEN: [(&str, Unit, f64, UnitInertia); 10] = [
         ("mass", Unit::Kg, 1.0, UnitInertia::Mass),
         ("first_moment_x", Unit::KgM, 0.01, UnitInertia::Moment(0)),

@@ -163,7 +163,8 @@ impl Arrow {
 
 /// Writes the bodies with the variables `x`. Differences between bodies of one class and deviation moments are kept
 /// as far as they leave a body consistent.
-pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
+pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) -> bool {
+    let mut stayed = true;
     for class in classes {
         let found = class.inertia(x);
         let mut change = found;
@@ -175,9 +176,12 @@ pub fn complete(classes: &[BodyClass], x: &DVector<f64>, bodies: &mut Bodies) {
         for &b in &class.bodies {
             let mut own = bodies[b];
             own += change;
-            bodies[b] = if own.min_eigenvalue() > 0.0 { own } else { found };
+            let is_possible = own.min_eigenvalue() > 0.0;
+            bodies[b] = if is_possible { own } else { found };
+            stayed &= is_possible;
         }
     }
+    stayed
 }
 
 /// Classes of the bodies whose parameters are among `free` (indices of the plant's parameters).

@@ -76,11 +76,11 @@ impl ActiveSet {
 
     /// Largest use of a load row outside the active set; rows close to their limit enter.
     fn update_loads(&mut self, constraints: Constraints, profile: &GridProfile) -> f64 {
-        let Constraints { grid, slack, .. } = constraints;
+        let Constraints { grid, tightening, .. } = constraints;
         let mut worst = 0.0f64;
         for i in 1..grid.intervals() {
             for (r, (row, &k)) in grid.points[i].rows.iter().zip(&grid.quantities).enumerate() {
-                let used = row.at(profile.z[i], profile.acceleration[i]) / slack.share[i][k];
+                let used = row.at(profile.z[i], profile.acceleration[i]) / tightening.share[i][k];
                 worst = worst.max(self.loads[i][r].update(used));
             }
         }

@@ -3,7 +3,7 @@
 use super::GridProfile;
 use crate::machine::AXES;
 use crate::planner::limits::Limits;
-use crate::planner::rows::{Grid, GridPoint, Ramp, Slack};
+use crate::planner::rows::{Grid, GridPoint, Ramp, Tightening};
 
 /// Constraints of a jerk-limited search: rows at the grid points, jerk limits, and the usable share of both.
 #[derive(Clone, Copy)]
@@ -13,7 +13,7 @@ pub struct Constraints<'a> {
     /// Limits, of which the drives' jerks in rad/s³ are used.
     pub limits: &'a Limits,
     /// Usable share of every limit.
-    pub slack: &'a Slack,
+    pub tightening: &'a Tightening,
 }
 
 /// A drive at one end of an interval.
@@ -34,7 +34,7 @@ impl Constraints<'_> {
         let slope = (profile.acceleration[interval + 1] - profile.acceleration[interval]) / self.grid.length(interval);
         let [third, second, first] = jerk_row(&self.grid.points[grid_point], self.limits, axis);
         let value = third * profile.z[grid_point] + second * profile.acceleration[grid_point] + first * slope;
-        value * profile.z[grid_point].sqrt() / self.slack.jerk[grid_point][axis]
+        value * profile.z[grid_point].sqrt() / self.tightening.jerk[grid_point][axis]
     }
 }
 
@@ -51,9 +51,9 @@ pub(in crate::planner) fn cap_at_rest(grid_point: &GridPoint, limits: &Limits) -
 }
 
 /// Largest z at the moving end of each ramp of `grid`, 1/s², for the usable shares of the jerk limits.
-pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, slack: &[[f64; AXES]]) -> Vec<f64> {
+pub(in crate::planner) fn ramp_caps(grid: &Grid, limits: &Limits, share: &[[f64; AXES]]) -> Vec<f64> {
     let cap = |ramp: Ramp| {
-        let at = |axis: usize| (slack[ramp.neighbour][axis] / ramp_use(grid, limits, ramp, axis)).powf(2.0 / 3.0);
+        let at = |axis: usize| (share[ramp.neighbour][axis] / ramp_use(grid, limits, ramp, axis)).powf(2.0 / 3.0);
         (0..AXES).map(at).fold(f64::INFINITY, f64::min)
     };
     grid.ramps().into_iter().map(cap).collect()

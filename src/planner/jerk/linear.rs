@@ -61,9 +61,9 @@ struct Linear<'a> {
 impl Linear<'_> {
     /// Adds the bounds on z and the rows of accelerations and loads, point by point.
     fn load_rows(&self, programme: &mut Programme, objective: Objective) {
-        let Constraints { grid, limits, slack } = self.constraints;
+        let Constraints { grid, limits, tightening } = self.constraints;
         let ramps = grid.ramps();
-        let caps = ramp_caps(grid, limits, &slack.jerk);
+        let caps = ramp_caps(grid, limits, &tightening.jerk);
         let least = match objective {
             Objective::Time => 0.0,
             Objective::Speed => SPEED_STEP,
@@ -72,7 +72,7 @@ impl Linear<'_> {
             let (z, acceleration) = (self.unknowns.z(i), self.unknowns.acceleration(i));
             let (z_unit, acceleration_unit) = (self.unknowns.z_unit(i), self.unknowns.acceleration_unit);
             let ramp_cap = ramps.iter().zip(&caps).filter(|(ramp, _)| ramp.neighbour == i).map(|(_, cap)| *cap);
-            let cap = ramp_cap.fold(grid.points[i].cap * slack.cap(i), f64::min);
+            let cap = ramp_cap.fold(grid.points[i].cap * tightening.cap(i), f64::min);
             programme.row(&[(z, -1.0)], -least);
             if cap.is_finite() {
                 programme.row(&[(z, z_unit / cap)], 1.0);
@@ -81,7 +81,7 @@ impl Linear<'_> {
                 let (a, b, c) = row.tangent(z_unit.sqrt());
                 for sign in self.active.load_signs(i, r) {
                     let terms = [(acceleration, sign * a * acceleration_unit), (z, sign * b * z_unit)];
-                    programme.row(&terms, slack.share[i][k] - sign * c);
+                    programme.row(&terms, tightening.share[i][k] - sign * c);
                 }
             }
         }
@@ -90,7 +90,7 @@ impl Linear<'_> {
     /// Adds |q‴ z + 3 q″ s̈ + q′ c| ≤ J/√z at both ends of the intervals, with the tangent at z₀ as right side, in
     /// units of J/√z₀.
     fn jerk_rows(&self, programme: &mut Programme) {
-        let Constraints { grid, limits, slack } = self.constraints;
+        let Constraints { grid, limits, tightening } = self.constraints;
         let (unknowns, unit) = (&self.unknowns, self.unknowns.acceleration_unit);
         let [offset, slope] = ROOT_TANGENT;
         for i in grid.inner() {
@@ -99,7 +99,7 @@ impl Linear<'_> {
                 let z0 = self.at.z[point];
                 for axis in (0..AXES).filter(|&k| limits.jerk[k].is_finite()) {
                     let [third, second, first] = jerk_row(&grid.points[point], limits, axis).map(|v| v * z0.sqrt());
-                    let share = slack.jerk[point][axis];
+                    let share = tightening.jerk[point][axis];
                     for sign in self.active.jerk_signs(i, side, axis) {
                         let mut terms = [
                             (unknowns.acceleration(i), -sign * first / h * unit),

@@ -21,7 +21,7 @@ pub use grid_profile::GridProfile;
 pub use linear::{Step, step};
 
 use super::limits::Limits;
-use super::rows::{Grid, Slack};
+use super::rows::{Grid, Tightening};
 use super::{Objective, PlanError, Profile};
 
 /// Relative gap between time and lower bound at which the programmes have converged.
@@ -40,8 +40,8 @@ pub struct Sequence {
     /// Rows at the grid points.
     pub grid: Grid,
     /// Usable share of every limit.
-    pub slack: Slack,
-    /// Rows that are part of the programmes.
+    pub tightening: Tightening,
+    /// Rows that are in the programmes.
     pub active: ActiveSet,
     /// The iterate: the optimum of the last programme.
     pub at: GridProfile,
@@ -54,20 +54,20 @@ pub struct Sequence {
 impl Sequence {
     /// Sequence started at `unlimited`, z without jerk limits, reduced near the ends of the path.
     pub fn begin(grid: Grid, limits: &Limits, unlimited: &[f64]) -> Self {
-        let slack = Slack::full(grid.points.len());
+        let tightening = Tightening::none(grid.points.len());
         let near = GridProfile { z: unlimited.to_vec(), acceleration: vec![0.0; unlimited.len()] };
-        let active = ActiveSet::new(Constraints { grid: &grid, limits, slack: &slack }, &near);
+        let active = ActiveSet::new(Constraints { grid: &grid, limits, tightening: &tightening }, &near);
         let at = constraint::first_iterate(&grid, limits, unlimited);
-        Self { grid, slack, active, at, bound: f64::NEG_INFINITY, near_feasible: false }
+        Self { grid, tightening, active, at, bound: f64::NEG_INFINITY, near_feasible: false }
     }
 
     /// Sequence started at `at`, a profile close to the optimum.
     pub fn near(grid: Grid, limits: &Limits, at: GridProfile) -> Self {
-        let slack = Slack::full(grid.points.len());
-        let constraints = Constraints { grid: &grid, limits, slack: &slack };
+        let tightening = Tightening::none(grid.points.len());
+        let constraints = Constraints { grid: &grid, limits, tightening: &tightening };
         let mut active = ActiveSet::new(constraints, &at);
         active.prune(constraints, &at);
-        Self { grid, slack, active, at, bound: f64::NEG_INFINITY, near_feasible: true }
+        Self { grid, tightening, active, at, bound: f64::NEG_INFINITY, near_feasible: true }
     }
 
     /// Motion of the last programme.
@@ -77,7 +77,7 @@ impl Sequence {
 
     /// Constraints of the programmes.
     pub fn constraints<'a>(&'a self, limits: &'a Limits) -> Constraints<'a> {
-        Constraints { grid: &self.grid, limits, slack: &self.slack }
+        Constraints { grid: &self.grid, limits, tightening: &self.tightening }
     }
 
     /// Number of programmes solved until convergence: the gap between time and lower bound, or with
@@ -112,7 +112,7 @@ impl Sequence {
                 Objective::Time if feasible => self.at.towards(&step.profile, &self.grid),
                 _ => step.profile,
             };
-            let constraints = Constraints { grid: &self.grid, limits, slack: &self.slack };
+            let constraints = Constraints { grid: &self.grid, limits, tightening: &self.tightening };
             let broken = self.active.update(constraints, &next);
             if broken && self.near_feasible && repeats < MAX_REPEATS {
                 repeats += 1;
@@ -135,7 +135,7 @@ impl Sequence {
                 feasible = false;
             }
             if programme == 0 && !self.near_feasible {
-                self.active.prune(Constraints { grid: &self.grid, limits, slack: &self.slack }, &self.at);
+                self.active.prune(Constraints { grid: &self.grid, limits, tightening: &self.tightening }, &self.at);
             }
         }
         Ok(MAX_PROGRAMMES)

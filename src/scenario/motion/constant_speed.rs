@@ -1,4 +1,5 @@
-//! One axis to and fro at constant speeds, the others held: points of a friction curve (paper section 6.3.1).
+//! Motion of one axis to and fro at constant speeds, the others at rest: points of a friction curve ([Gnad 2024],
+//! section 6.3.1).
 
 use nalgebra::Vector4;
 
@@ -6,36 +7,36 @@ use super::polynomial::Piecewise;
 
 /// Runs of one axis between two angles.
 ///
-/// Every run starts and ends at rest inside the two angles. While the axis speeds up or slows down, its rate follows
-/// v (3u² − 2u³): position, rate and acceleration are continuous.
+/// Every run starts and ends at rest within the two angles. During acceleration and deceleration the rate follows v
+/// (3u² − 2u³): position, rate and acceleration are continuous.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConstantSpeed {
     /// Axis, from 0.
     pub axis: usize,
-    /// Platform pose (x, y, z, ψ) whose joint angles the other axes hold, m and rad.
+    /// Platform pose (x, y, z, ψ) at which the other axes are held, m and rad.
     pub pose: [f64; 4],
-    /// Angles at which the axis turns around, rad; it starts at the first.
+    /// Angles at which the axis reverses, rad; it starts at the first.
     pub between: [f64; 2],
-    /// Speeds, each run to and fro, rad/s, positive.
+    /// Speeds, one run to and fro each, rad/s, positive.
     pub speeds: Vec<f64>,
-    /// Largest acceleration of a turn-around, rad/s².
+    /// Largest acceleration, rad/s².
     pub acceleration: f64,
-    /// Runs to and fro at each speed.
+    /// Number of runs to and fro at each speed.
     pub repeat: usize,
 }
 
 impl ConstantSpeed {
-    /// Angle needed to speed up to `speed` and to slow down again, rad.
+    /// Angle needed to accelerate to `speed` (rad/s) and to decelerate, rad.
     pub fn ramps(&self, speed: f64) -> f64 {
         speed * self.ramp_time(speed)
     }
 
     fn ramp_time(&self, speed: f64) -> f64 {
-        // 3u² − 2u³ is steepest in the middle, with 1.5.
+        // 3u² − 2u³ has its largest slope, 1.5, at u = 1/2.
         1.5 * speed / self.acceleration
     }
 
-    /// The joint angles over time, `held` the angles of the pose, rad.
+    /// Joint angles over time; `held` are those of the pose, rad.
     pub fn course(&self, held: [f64; 4]) -> Piecewise {
         let [from, to] = self.between;
         let direction = (to - from).signum();
@@ -56,7 +57,7 @@ impl ConstantSpeed {
     }
 }
 
-/// Pieces of one axis, each begun where the last one ended.
+/// Pieces of one axis, each starting where the previous one ended.
 struct Run {
     axis: usize,
     angles: Vector4<f64>,
@@ -97,7 +98,7 @@ mod tests {
             let states: Vec<_> = (0..50_000).map(|k| course.at(k as f64 * step)).collect();
             for v in [0.5, -0.5, 3.0, -3.0] {
                 let held = states.iter().filter(|[_, r, a]| (r[axis] - v).abs() < 1e-12 && a.norm() == 0.0).count();
-                // Twice the way between the angles less the ramps.
+                // Twice the angle between the reversals minus the ramps.
                 let expected = 2.0 * (2.5 - 1.5 * v * v / 20.0) / v.abs();
                 assert!((held as f64 * step - expected).abs() < 10.0 * step, "{v}: {}", held as f64 * step);
             }

@@ -1,4 +1,4 @@
-//! Periodic end-effector motion as Fourier series (paper section 3.2), drawn at random within all limits.
+//! Periodic end-effector motion as Fourier series ([Gnad 2024], section 3.2), drawn at random within all limits.
 
 use nalgebra::Vector3;
 use rand::RngExt;
@@ -14,15 +14,15 @@ use crate::model::Model;
 pub struct FourierMotion {
     /// Base frequency, Hz.
     pub frequency: f64,
-    /// Mean of x, y, z, ψ.
+    /// Mean of x, y, z (m) and ψ (rad).
     pub centre: [f64; 4],
-    /// Sine amplitudes per harmonic.
+    /// Sine amplitudes per harmonic, m and rad.
     pub sine: Vec<[f64; 4]>,
-    /// Cosine amplitudes per harmonic.
+    /// Cosine amplitudes per harmonic, m and rad.
     pub cosine: Vec<[f64; 4]>,
 }
 
-/// Bounds for a random motion, beside the joint and telescope limits of the geometry.
+/// Limits of a random motion besides the joint and telescope limits of the geometry.
 #[derive(Clone, Copy, Debug)]
 pub struct MotionLimits {
     /// Drive speeds, rad/s.
@@ -34,7 +34,7 @@ pub struct MotionLimits {
 }
 
 impl MotionLimits {
-    /// `share` of every limit of the model's drives; accelerations of axis 4 are bounded by its torque alone.
+    /// `share` of all limits of the model's drives; the acceleration of axis 4 is limited by its torque alone.
     pub fn of(model: &Model, share: f64) -> Self {
         Self {
             speed: model.drives.map(|d| share * d.max_speed),
@@ -45,7 +45,7 @@ impl MotionLimits {
 }
 
 impl FourierMotion {
-    /// The four coordinates, their rates and accelerations at time `t`, s.
+    /// Coordinates, rates and accelerations at time `t` (s).
     pub fn coordinates(&self, t: f64) -> [[f64; 4]; 3] {
         let mut x = [self.centre, [0.0; 4], [0.0; 4]];
         for (k, (a, b)) in self.sine.iter().zip(&self.cosine).enumerate() {
@@ -60,7 +60,7 @@ impl FourierMotion {
         x
     }
 
-    /// Desired platform state at time `t`, s.
+    /// Desired platform state at time `t` (s).
     pub fn at(&self, t: f64) -> PlatformState {
         let x = self.coordinates(t);
         let vector = |v: &[f64; 4]| Vector3::new(v[0], v[1], v[2]);
@@ -72,7 +72,7 @@ impl FourierMotion {
         }
     }
 
-    /// Random motion with `harmonics` harmonics, scaled down until the plant respects all limits on a fine grid.
+    /// Random motion with `harmonics` harmonics of `frequency` (Hz), scaled down until all limits hold on a fine grid.
     pub fn random(
         plant: &Plant,
         limits: &MotionLimits,
@@ -80,24 +80,11 @@ impl FourierMotion {
         harmonics: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let middle = middle(plant);
-        let mut motion = Self {
-            frequency,
-            centre: [0.0, 0.0, middle, 0.0],
-            sine: vec![[0.0; 4]; harmonics],
-            cosine: vec![[0.0; 4]; harmonics],
-        };
-        // Equal velocity amplitudes over the harmonics reach speed and acceleration limits together.
-        for k in 0..harmonics {
-            for i in 0..4 {
-                let psi = if plant.mechanism.has_telescope() { 12.0 } else { 0.0 };
-                let size = [0.5, 0.5, 0.2, psi][i] / (k + 1) as f64;
-                motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
-                motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
-            }
-        }
-        // Platform and axis 4 are scaled on their own: their limits have little to do with each other, but for a payload off
-        // the axis that axis 4 swings about.
+        let psi = if plant.mechanism.has_telescope() { 12.0 } else { 0.0 };
+        let mut motion = Self::still(frequency, [0.0, 0.0, middle(plant), 0.0], harmonics);
+        motion.draw(&[0.5, 0.5, 0.2, psi], rng);
+        // Platform and axis 4 are scaled separately: their limits are nearly independent, except for an eccentric
+        // payload, which axis 4 accelerates.
         let mut tries = 0;
         while tries < 200 {
             match motion.within(plant, limits) {
@@ -111,8 +98,8 @@ impl FourierMotion {
         motion
     }
 
-    /// Random motion of independent axes: the coordinates are their angles. Each is scaled down until it respects the limits
-    /// of its joint and its drive.
+    /// Random motion of independent axes, whose coordinates are their angles; each is scaled down until the limits of
+    /// its joint and drive hold.
     pub fn random_axes(
         plant: &Plant,
         limits: &MotionLimits,
@@ -122,19 +109,10 @@ impl FourierMotion {
     ) -> Self {
         let [low, high] = plant.geometry.arm_limits;
         let arms = plant.mechanism.arms();
-        let mut motion = Self {
-            frequency,
-            centre: std::array::from_fn(|i| if i < arms { 0.5 * (low + high) } else { 0.0 }),
-            sine: vec![[0.0; 4]; harmonics],
-            cosine: vec![[0.0; 4]; harmonics],
-        };
-        for k in 0..harmonics {
-            for i in 0..plant.mechanism.axes() {
-                let size = if i < arms { 0.5 * (high - low) } else { 12.0 } / (k + 1) as f64;
-                motion.sine[k][i] = size * rng.random_range(-1.0..1.0);
-                motion.cosine[k][i] = size * rng.random_range(-1.0..1.0);
-            }
-        }
+        let centre = std::array::from_fn(|i| if i < arms { 0.5 * (low + high) } else { 0.0 });
+        let sizes: [f64; AXES] = std::array::from_fn(|i| if i < arms { 0.5 * (high - low) } else { 12.0 });
+        let mut motion = Self::still(frequency, centre, harmonics);
+        motion.draw(&sizes[..plant.mechanism.axes()], rng);
         for _ in 0..200 {
             let bad = motion.axes_beyond(plant, limits);
             if bad == [false; AXES] {
@@ -147,7 +125,24 @@ impl FourierMotion {
         motion
     }
 
-    /// Axes that leave their joint's or their drive's limits.
+    /// A motion with `harmonics` harmonics of zero amplitude about `centre`.
+    fn still(frequency: f64, centre: [f64; 4], harmonics: usize) -> Self {
+        Self { frequency, centre, sine: vec![[0.0; 4]; harmonics], cosine: vec![[0.0; 4]; harmonics] }
+    }
+
+    /// Draws the amplitudes of the first coordinates, at most `sizes` divided by the number of the harmonic: with equal
+    /// velocity amplitudes the harmonics reach speed and acceleration limits together.
+    fn draw(&mut self, sizes: &[f64], rng: &mut ChaCha8Rng) {
+        for k in 0..self.sine.len() {
+            for (i, size) in sizes.iter().enumerate() {
+                let size = size / (k + 1) as f64;
+                self.sine[k][i] = size * rng.random_range(-1.0..1.0);
+                self.cosine[k][i] = size * rng.random_range(-1.0..1.0);
+            }
+        }
+    }
+
+    /// Whether each axis violates the limits of its joint or drive.
     fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> [bool; AXES] {
         let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
         let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
@@ -213,7 +208,8 @@ impl FourierMotion {
     }
 }
 
-/// Height about which the platform moves, m: amid the telescope's range, without one where the arms are amid theirs.
+/// Height (m) about which the platform moves: near the middle of the telescope's range, or of the arms' range without
+/// telescope.
 pub fn middle(plant: &Plant) -> f64 {
     let g = &plant.geometry;
     if plant.mechanism.has_telescope() {
@@ -224,7 +220,8 @@ pub fn middle(plant: &Plant) -> f64 {
     g.forward(&[0.5 * (low + high); ARMS]).map_or(-g.arm_length, |p| p.z)
 }
 
-/// Share of an arm's torque from which axis 4 alone, swinging the payload, is too much.
+/// Share of an arm's torque limit beyond which the motion of axis 4 with the payload, the platform at rest, is scaled
+/// down too.
 const SWUNG: f64 = 0.5;
 /// Instants per period at which limits are checked.
 const GRID: usize = 1000;

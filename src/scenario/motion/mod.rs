@@ -1,4 +1,5 @@
-//! Desired motions of the end effector: what a scenario asks for ([`Course`]) and the motion over time it becomes.
+//! Desired motions of the end effector: their description in a scenario ([`Course`]) and the resulting function of
+//! time.
 
 pub mod constant_speed;
 pub mod fourier;
@@ -24,7 +25,7 @@ use polynomial::Piecewise;
 use static_poses::StaticPoses;
 use table::Table;
 
-/// What a scenario asks the end effector to do.
+/// Description of a desired motion.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Course {
     /// A Fourier series drawn at random within a share of all limits.
@@ -51,7 +52,7 @@ pub enum Course {
 }
 
 impl Course {
-    /// The kind in words.
+    /// Kind in words.
     pub fn describe(&self) -> &'static str {
         match self {
             Self::RandomFourier { .. } => "a random Fourier series",
@@ -63,7 +64,7 @@ impl Course {
         }
     }
 
-    /// Time at which the motion is over, s; a Fourier series goes on for ever.
+    /// Time at which the motion ends, s; `None` for a Fourier series.
     pub fn length(&self) -> Option<f64> {
         match self {
             Self::RandomFourier { .. } | Self::Fourier(_) => None,
@@ -74,8 +75,11 @@ impl Course {
         }
     }
 
-    /// The motion over time for a machine like `planning` in the state that `setup` describes, refused if it is out of
-    /// reach.
+    /// The motion over time for a machine like `planning` in the configuration of `setup`.
+    ///
+    /// # Errors
+    /// A [`MotionError`] if the motion cannot be reached, exceeds a speed or joint limit, or needs an axis or platform
+    /// that the machine does not have.
     pub fn on(&self, planning: &Model, setup: &Setup) -> Result<DesiredMotion, MotionError> {
         let plant = Plant::new(planning, setup);
         let motion = self.motion(planning, &plant)?;
@@ -114,7 +118,7 @@ impl Course {
 }
 
 impl Course {
-    /// The same for independent axes, whose coordinates are their angles.
+    /// The motion of independent axes, whose coordinates are their angles.
     fn of_axes(&self, planning: &Model, plant: &Plant) -> Result<Series, MotionError> {
         Ok(match self {
             Self::RandomFourier { seed, frequency, harmonics, share } => Series::Fourier(FourierMotion::random_axes(
@@ -133,9 +137,9 @@ impl Course {
     }
 }
 
-/// Platform and ψ over time, or the angles of independent axes.
+/// Platform pose with ψ over time, or angles of independent axes over time.
 ///
-/// Position, velocity and acceleration are continuous, but for the ends of a table that begins or ends in motion.
+/// Position, velocity and acceleration are continuous, except at the ends of a table that starts or ends in motion.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DesiredMotion {
     /// A periodic Fourier series; all derivatives are continuous.
@@ -144,9 +148,9 @@ pub enum DesiredMotion {
     Platform(Piecewise),
     /// Polynomials of the joint angles.
     Joints {
-        /// (φ1, φ2, φ3, ψ).
+        /// (φ1, φ2, φ3, ψ), rad.
         course: Piecewise,
-        /// Geometry that turns them into a platform motion.
+        /// Geometry for the forward kinematics.
         geometry: Geometry,
     },
     /// Angles of independent axes.
@@ -158,7 +162,7 @@ pub enum DesiredMotion {
 pub enum Series {
     /// Periodic.
     Fourier(FourierMotion),
-    /// Piece by piece.
+    /// Piecewise polynomials.
     Pieces(Piecewise),
 }
 
@@ -177,7 +181,10 @@ fn platform([p, v, a]: [Vector4<f64>; 3]) -> PlatformState {
 }
 
 impl DesiredMotion {
-    /// Where the machine is to be at time `t`, s.
+    /// Desired state of the machine at time `t` (s).
+    ///
+    /// # Errors
+    /// Those of [`Geometry::forward_motion`] for a motion given by joint angles.
     pub fn state(&self, t: f64) -> Result<Target, KinematicsError> {
         Ok(match self {
             Self::Fourier(series) => series.at(t).into(),
@@ -190,7 +197,7 @@ impl DesiredMotion {
         })
     }
 
-    /// Where the machine is to be at time `t`, s; not numbers where the joint angles do not close the loop.
+    /// Desired state of the machine at time `t` (s); NaN where the joint angles do not close the loops.
     pub fn at(&self, t: f64) -> Target {
         let nowhere = Vector3::repeat(f64::NAN);
         let unreachable =
@@ -202,7 +209,7 @@ impl DesiredMotion {
         !matches!(self, Self::Axes(_))
     }
 
-    /// Times at which the motion is checked: their number and spacing, s.
+    /// Number and spacing (s) of the instants at which the motion is checked.
     fn grid(&self) -> (usize, f64) {
         match self {
             Self::Fourier(series) | Self::Axes(Series::Fourier(series)) => {
@@ -216,7 +223,7 @@ impl DesiredMotion {
         }
     }
 
-    /// Checks workspace, joint limits and speeds all along.
+    /// Checks workspace, joint limits and speeds at all instants of the grid.
     fn check(&self, planning: &Model, geometry: &Geometry) -> Result<(), MotionError> {
         let (steps, spacing) = self.grid();
         for k in 0..=steps {
@@ -239,7 +246,7 @@ impl DesiredMotion {
                 return Err(MotionError::NoAxis { t, axis });
             }
             if let Self::Joints { course, .. } = self {
-                // The platform position alone must give the same angles back.
+                // The platform position alone must determine the same angles.
                 let wanted = course.at(t)[0];
                 if (0..ARMS).any(|i| (wanted[i] - joints.q[i]).abs() > 1e-6) {
                     let q = [wanted[0], wanted[1], wanted[2]];
@@ -263,13 +270,13 @@ impl DesiredMotion {
     }
 }
 
-/// Instants per period at which a Fourier series is checked, per harmonic.
+/// Instants per period and harmonic at which a Fourier series is checked.
 const PER_HARMONIC: usize = 200;
-/// Spacing of the instants at which other motions are checked, s, and their largest number.
+/// Spacing (s) of the instants at which other motions are checked; their largest number follows.
 const SPACING: f64 = 5e-4;
 const MOST: f64 = 2e6;
 
-/// A desired motion that the machine cannot make.
+/// A desired motion that is not feasible.
 #[derive(Debug, Error)]
 pub enum MotionError {
     /// A pose is impossible or outside the joint limits.
@@ -277,40 +284,40 @@ pub enum MotionError {
     Unreachable {
         /// Time, s.
         t: f64,
-        /// What is wrong with the pose.
+        /// Why the pose is not feasible.
         source: KinematicsError,
     },
-    /// A drive would have to turn too fast.
+    /// The motion exceeds the speed limit of a drive.
     #[error("the desired motion needs {speed:.2} {unit} of axis {} at t = {t:.3} s; its limit is {limit:.2} {unit}", .axis + 1)]
     TooFast {
         /// Time, s.
         t: f64,
         /// Axis, from 0.
         axis: usize,
-        /// Speed, rad/s.
+        /// Speed, in `unit`.
         speed: f64,
-        /// Limit, rad/s.
+        /// Limit, in `unit`.
         limit: f64,
-        /// Unit of both, m/s for a prismatic axis.
+        /// Unit of both: rad/s, or m/s for a prismatic axis.
         unit: Unit,
     },
-    /// An independent axis would leave its range.
+    /// An independent axis leaves its range.
     #[error("the desired motion moves axis {} to {position:.4} {unit} at t = {t:.3} s, outside {min:.4}..{max:.4} {unit}", .axis + 1)]
     BeyondLimit {
         /// Time, s.
         t: f64,
         /// Axis, from 0.
         axis: usize,
-        /// Position, rad.
+        /// Position, in `unit`.
         position: f64,
-        /// Lower limit, rad.
+        /// Lower limit, in `unit`.
         min: f64,
-        /// Upper limit, rad.
+        /// Upper limit, in `unit`.
         max: f64,
-        /// Unit of all three, m for a prismatic axis.
+        /// Unit of all three: rad, or m for a prismatic axis.
         unit: Unit,
     },
-    /// An axis would have to move that the machine does not have.
+    /// The motion moves an axis that the machine does not have.
     #[error("the desired motion moves axis {} at t = {t:.3} s, which the machine does not have", .axis + 1)]
     NoAxis {
         /// Time, s.
@@ -330,7 +337,7 @@ pub enum MotionError {
 mod testing {
     use super::polynomial::Piecewise;
 
-    /// Largest position, rate and acceleration, also of phases shorter than any grid.
+    /// Largest position, rate and acceleration, sampled within every piece.
     fn scale(course: &Piecewise) -> [f64; 3] {
         let mut times: Vec<f64> = (0..=2000).map(|k| course.lap() * f64::from(k) / 2000.0).collect();
         times.extend(course.joints().windows(2).flat_map(|w| [w[0], 0.5 * (w[0] + w[1])]));
@@ -343,7 +350,7 @@ mod testing {
         for k in 1..500 {
             let t = course.lap() * k as f64 / 500.0;
             let h = 1e-6 * course.lap();
-            // Where pieces meet the jerk jumps, which a difference across it takes for an error.
+            // Across a junction of pieces the jerk jumps, which a difference quotient would show as an error.
             if course.joints().iter().any(|joint| (joint - t).abs() <= h) {
                 continue;
             }
@@ -364,7 +371,7 @@ mod testing {
         }
     }
 
-    /// A smooth motion that rests at both ends.
+    /// Checks smoothness and rest at both ends.
     pub fn check(course: &Piecewise) {
         smooth(course);
         let [_, rate, acceleration] = scale(course);

@@ -1,24 +1,26 @@
-//! Travel along waypoints: straight lines with blended corners, jerk-limited speed.
+//! Motion along waypoints: straight lines with blended corners and jerk-limited speed.
 //!
-//! The path lives in four coordinates (x, y, z, ρψ), so that one law limits translation and turning. On a line the speed
-//! changes with constant-jerk pieces ("double S"). A corner P between the directions d₀ and d₁ begins and ends at the
-//! distance b from P and is crossed in T = 2b/v:
+//! The path has the four coordinates (x, y, z, ρψ), so that one limit applies to translation and rotation. On a line
+//! the speed changes by pieces of constant jerk ("double S"). The blend of a corner P between the directions d₀ and d₁
+//! starts and ends at the distance b from P and takes T = 2b/v:
 //!
 //! r(u) = P − b d₀ + 2b [(u − W) d₀ + W d₁],  W = u³ − u⁴/2,  u = t/T
 //!
-//! It enters and leaves with speed v and without acceleration; |r̈| ≤ 1.5 v² |d₁ − d₀| / 2b, |r⃛| ≤ 6 v³ |d₁ − d₀| / (2b)².
-//! Position, velocity and acceleration are continuous, and no limit is exceeded anywhere.
+//! It starts and ends with speed v and zero acceleration; |r̈| ≤ 1.5 v² |d₁ − d₀| / 2b, |r⃛| ≤ 6 v³ |d₁ − d₀| / (2b)².
+//! Position, velocity and acceleration are continuous, and all limits hold everywhere.
 
 use nalgebra::Vector4;
 
 use super::polynomial::Piecewise;
+use crate::numerics::bisect;
 
 /// A path along waypoints, at rest at both ends.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path {
-    /// Platform positions and angles (x, y, z, ψ), m and rad; at least two, neighbours apart.
+    /// Platform positions and angles (x, y, z, ψ), m and rad; at least two, consecutive ones distinct.
     pub waypoints: Vec<[f64; 4]>,
-    /// Distance from a corner at which its blend begins, m; at most half of a line is used. Zero stops at every corner.
+    /// Distance from a corner at which its blend starts, m, reduced to half of a line if larger. Zero stops at every
+    /// corner.
     pub blend: f64,
     /// Largest speed, m/s.
     pub speed: f64,
@@ -26,20 +28,20 @@ pub struct Path {
     pub acceleration: f64,
     /// Largest jerk, m/s³.
     pub jerk: f64,
-    /// Length that a turn of ψ by 1 rad counts, m.
+    /// Path length ρ assigned to a rotation of ψ by 1 rad, m.
     pub turn_radius: f64,
-    /// Inner waypoints at which the platform rests, from 0.
+    /// Inner waypoints at which the platform stops, from 0.
     pub stops: Vec<usize>,
-    /// Length of every rest and of the one at the end, s.
+    /// Duration of every stop and of the one at the end, s.
     pub dwell: f64,
     /// Whether it returns to the first waypoint.
     pub closed: bool,
-    /// How often a closed path is travelled.
+    /// Number of laps of a closed path.
     pub laps: usize,
 }
 
 impl Path {
-    /// The travel over time.
+    /// The platform pose over time.
     pub fn course(&self) -> Piecewise {
         let scale = Vector4::new(1.0, 1.0, 1.0, self.turn_radius);
         let mut points: Vec<Vector4<f64>> =
@@ -70,7 +72,7 @@ impl Path {
         out.course.repeated(if self.closed { self.laps } else { 1 })
     }
 
-    /// Size of the blend and speed at every waypoint; both zero where it rests.
+    /// Blend distance (m) and speed (m/s) at every waypoint; both zero at a stop.
     fn corners(&self, lines: &[Line]) -> (Vec<f64>, Vec<f64>) {
         let n = lines.len();
         let (mut blends, mut speeds) = (vec![0.0; n + 1], vec![0.0; n + 1]);
@@ -86,7 +88,7 @@ impl Path {
                 .min((2.0 * b * self.acceleration / (1.5 * bend)).sqrt())
                 .min((4.0 * b * b * self.jerk / (6.0 * bend)).cbrt());
         }
-        // A line must be long enough to change from the speed at its start to that at its end.
+        // A line must be long enough for the change between its end speeds.
         let room: Vec<f64> = (0..n).map(|i| lines[i].length - blends[i] - blends[i + 1]).collect();
         for i in 0..n {
             speeds[i + 1] = f64::min(speeds[i + 1], self.reach(speeds[i], room[i]));
@@ -97,7 +99,7 @@ impl Path {
         (blends, speeds)
     }
 
-    /// Time of a change of speed and of each of its two jerks, s.
+    /// Duration of a change of speed, and of each of its two jerk phases, s.
     fn change(&self, from: f64, to: f64) -> (f64, f64) {
         let (a, j, d) = (self.acceleration, self.jerk, (to - from).abs());
         if d * j <= a * a {
@@ -112,15 +114,15 @@ impl Path {
         0.5 * (from + to) * self.change(from, to).0
     }
 
-    /// Largest speed after `from` within `room` m.
+    /// Largest speed (m/s) reachable from `from` within `room` m.
     fn reach(&self, from: f64, room: f64) -> f64 {
-        bisect(from, self.speed.max(from), |to| self.distance(from, to) <= room)
+        largest(from, self.speed.max(from), |to| self.distance(from, to) <= room)
     }
 
-    /// Travels `room` m along `line` from `start`, with `ends` the speeds at both ends.
+    /// Appends the motion over `room` m along `line` from `start` with the speeds `ends` at both ends.
     fn travel(&self, out: &mut Builder, start: Vector4<f64>, line: &Line, room: f64, ends: [f64; 2]) {
         let fastest = ends[0].max(ends[1]);
-        let peak = bisect(fastest, self.speed.max(fastest), |peak| {
+        let peak = largest(fastest, self.speed.max(fastest), |peak| {
             self.distance(ends[0], peak) + self.distance(peak, ends[1]) <= room
         });
         let slow_down = self.distance(peak, ends[1]);
@@ -134,7 +136,7 @@ impl Path {
         self.ramp(out, from + line.direction * cruise, line.direction, peak, ends[1]);
     }
 
-    /// Changes the speed along `direction` from `start`: jerk, constant acceleration, opposite jerk.
+    /// Appends a change of speed along `direction` from `start`: jerk, constant acceleration, opposite jerk.
     fn ramp(&self, out: &mut Builder, start: Vector4<f64>, direction: Vector4<f64>, from: f64, to: f64) {
         let (total, jerking) = self.change(from, to);
         let jerk = self.jerk.copysign(to - from);
@@ -176,7 +178,7 @@ impl Builder {
     }
 }
 
-/// Crosses `corner` with `b` the distance of both ends of the blend from it.
+/// Appends the blend of `corner`, with both ends at distance `b` (m) from it.
 fn blend(out: &mut Builder, corner: Vector4<f64>, before: Vector4<f64>, after: Vector4<f64>, b: f64, speed: f64) {
     let time = 2.0 * b / speed;
     let bend = after - before;
@@ -184,20 +186,9 @@ fn blend(out: &mut Builder, corner: Vector4<f64>, before: Vector4<f64>, after: V
     out.push(time, [corner - before * b, before * speed, ZERO, cubic, quartic]);
 }
 
-/// Largest value from `low` to `high` for which `fits` holds; it holds for `low` and, once not, never again.
-fn bisect(mut low: f64, mut high: f64, fits: impl Fn(f64) -> bool) -> f64 {
-    if fits(high) {
-        return high;
-    }
-    for _ in 0..80 {
-        let middle = 0.5 * (low + high);
-        if fits(middle) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
+/// Largest value in `low..high` for which `fits` holds; `fits` must hold at `low` and be monotonic.
+fn largest(low: f64, high: f64, fits: impl Fn(f64) -> bool) -> f64 {
+    if fits(high) { high } else { bisect([low, high], 80, fits)[0] }
 }
 
 #[cfg(test)]

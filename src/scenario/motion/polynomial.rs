@@ -1,13 +1,14 @@
-//! Four coordinates over time as polynomials, one piece after the other.
+//! Piecewise polynomials in time of four coordinates.
 
 use nalgebra::Vector4;
 
 /// Coefficients of one piece, Σₖ cₖ uᵏ with u = time since its start, s.
 pub(super) type Coefficients = [Vector4<f64>; 6];
 
-/// Polynomials of degree five at most, strung together; (x, y, z, ψ) in m, rad or (φ1, φ2, φ3, ψ) in rad.
+/// Sequence of polynomials of degree at most five; (x, y, z, ψ) in m, rad or (φ1, φ2, φ3, ψ) in rad.
 ///
-/// Before the start it rests at the first value. The builders join pieces with equal value, rate and acceleration.
+/// Before its start it is constant at the first value. The builders join pieces with equal value, rate and
+/// acceleration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piecewise {
     starts: Vec<f64>,
@@ -16,12 +17,12 @@ pub struct Piecewise {
     laps: usize,
     first: Vector4<f64>,
     last: Vector4<f64>,
-    /// Rate after the end, per s.
+    /// Rate after the end, 1/s.
     drift: Vector4<f64>,
 }
 
 impl Piecewise {
-    /// Nothing but rest at `value`.
+    /// An empty sequence, constant at `value`.
     pub(super) fn new(value: Vector4<f64>) -> Self {
         let (starts, pieces) = (Vec::new(), Vec::new());
         Self { starts, pieces, lap: 0.0, laps: 1, first: value, last: value, drift: Vector4::zeros() }
@@ -29,7 +30,7 @@ impl Piecewise {
 
     /// Appends a piece of `duration` s.
     pub(super) fn push(&mut self, duration: f64, coefficients: Coefficients) {
-        // A piece this short moves nothing.
+        // Shorter pieces have no influence.
         if duration > 1e-12 {
             self.starts.push(self.lap);
             self.pieces.push(coefficients);
@@ -38,19 +39,19 @@ impl Piecewise {
         }
     }
 
-    /// Appends a rest of `duration` s.
+    /// Appends a constant piece of `duration` s.
     pub(super) fn rest(&mut self, duration: f64) {
         let mut coefficients = [Vector4::zeros(); 6];
         coefficients[0] = self.last;
         self.push(duration, coefficients);
     }
 
-    /// Makes it `laps` times; it must end where it began.
+    /// The sequence `laps` times in succession; it must end at its first value.
     pub(super) fn repeated(self, laps: usize) -> Self {
         Self { laps: laps.max(1), ..self }
     }
 
-    /// Goes on beyond the end with the rate it has there.
+    /// The sequence continued beyond its end with the final rate.
     pub(super) fn drifting(mut self) -> Self {
         if let Some((start, piece)) = self.starts.last().zip(self.pieces.last()) {
             self.drift = evaluate(piece, self.lap - start)[1];
@@ -58,17 +59,17 @@ impl Piecewise {
         self
     }
 
-    /// Length of one lap, s.
+    /// Duration of one lap, s.
     pub fn lap(&self) -> f64 {
         self.lap
     }
 
-    /// Length of all laps, s.
+    /// Duration of all laps, s.
     pub fn length(&self) -> f64 {
         self.lap * self.laps as f64
     }
 
-    /// Value, rate and acceleration at time `t`, s.
+    /// Value, rate and acceleration at time `t` (s).
     pub fn at(&self, t: f64) -> [Vector4<f64>; 3] {
         let zero = Vector4::zeros();
         if t.is_nan() || t < 0.0 {
@@ -82,13 +83,13 @@ impl Piecewise {
         evaluate(&self.pieces[i], t - self.starts[i])
     }
 
-    /// Length and coefficients of every piece of a lap.
+    /// Duration (s) and coefficients of every piece of a lap.
     pub fn pieces(&self) -> impl Iterator<Item = (f64, &[Vector4<f64>; 6])> {
         let ends = self.starts.iter().skip(1).copied().chain([self.lap]);
         self.starts.iter().zip(ends).map(|(start, end)| end - start).zip(&self.pieces)
     }
 
-    /// Times at which one piece follows another, s.
+    /// Start times of the pieces, s.
     #[cfg(test)]
     pub(super) fn joints(&self) -> &[f64] {
         &self.starts
@@ -105,11 +106,11 @@ fn evaluate(c: &Coefficients, u: f64) -> [Vector4<f64>; 3] {
     [value, rate, half * 2.0]
 }
 
-/// Quintic of `duration` s between two values with rates and accelerations.
+/// Quintic of `duration` s between two values with given rates and accelerations.
 pub(super) fn quintic(duration: f64, from: [Vector4<f64>; 3], to: [Vector4<f64>; 3]) -> Coefficients {
     let h = duration;
     let d = to[0] - from[0];
-    // Rates and accelerations as displacements over the piece.
+    // Rates and accelerations scaled to displacements over the piece.
     let (v0, v1) = (from[1] * h, to[1] * h);
     let (a0, a1) = (from[2] * (h * h), to[2] * (h * h));
     [

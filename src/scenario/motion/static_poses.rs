@@ -1,12 +1,12 @@
-//! Poses held one after the other, for the noise at standstill (paper section 6.2.1).
+//! Sequence of static poses, for the torque noise at standstill ([Gnad 2024], section 6.2.1).
 
 use nalgebra::Vector4;
 
 use super::polynomial::{Piecewise, quintic};
 
-/// Poses held for a while, with quintic moves along straight lines between them.
+/// Poses held for a given time, with quintic moves along straight lines between them.
 ///
-/// Position, velocity and acceleration are continuous; moves begin and end without acceleration.
+/// Position, velocity and acceleration are continuous; moves start and end with zero acceleration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StaticPoses {
     /// Platform poses (x, y, z, ψ), m and rad.
@@ -18,7 +18,7 @@ pub struct StaticPoses {
 }
 
 impl StaticPoses {
-    /// The platform pose over time.
+    /// Platform pose over time.
     pub fn course(&self) -> Piecewise {
         let pose = |i: usize| self.poses.get(i).map_or(Vector4::zeros(), |p| Vector4::from(*p));
         let rest = |i: usize| [pose(i), Vector4::zeros(), Vector4::zeros()];

@@ -1,7 +1,8 @@
-//! Motion from a look-up table: times, and poses of the platform or joint angles.
+//! Motion from a look-up table of times with platform poses or joint angles.
 //!
-//! The rows are joined by the quintic spline, whose derivatives up to the fourth are continuous. Its two conditions at
-//! either end are rest (no rate, no acceleration), or rate and acceleration of the polynomial through the next rows.
+//! The rows are interpolated by the quintic spline, whose derivatives up to the fourth are continuous. The two
+//! conditions at either end are zero rate and acceleration, or rate and acceleration of the polynomial through the
+//! nearest rows.
 
 use std::path::PathBuf;
 
@@ -14,21 +15,21 @@ use super::polynomial::{Piecewise, quintic};
 pub struct Table {
     /// File it was read from.
     pub file: PathBuf,
-    /// Whether the rows are joint angles, rad, and not platform poses, m and rad.
+    /// Whether the rows are joint angles (rad) instead of platform poses (m and rad).
     pub joints: bool,
     /// Times from the first row, s, increasing.
     pub t: Vec<f64>,
     /// (x, y, z, ψ) or (φ1, φ2, φ3, ψ).
     pub rows: Vec<[f64; 4]>,
-    /// Whether it begins and ends in motion instead of at rest.
+    /// Whether the motion starts and ends with non-zero rate.
     pub moving: bool,
 }
 
-/// Rows that tell rate and acceleration at the end of a moving table.
+/// Number of rows from which rate and acceleration at the end of a moving table are computed.
 const END_ROWS: usize = 6;
 
 impl Table {
-    /// The rows, joined; beyond the end of a moving table it goes on with the last rate.
+    /// Interpolated rows over time; a moving table continues beyond its end with the final rate.
     pub fn course(&self) -> Piecewise {
         let rows: Vec<Vector4<f64>> = self.rows.iter().map(|r| Vector4::from(*r)).collect();
         let n = self.t.len().min(rows.len()).saturating_sub(1);
@@ -52,7 +53,7 @@ impl Table {
         if self.moving { course.drifting() } else { course }
     }
 
-    /// Rate and acceleration, at the first of the rows `at`, of the polynomial through them.
+    /// Rate and acceleration, at the first of the rows `at`, of the polynomial through these rows.
     fn derivatives(&self, rows: &[Vector4<f64>], at: &[usize]) -> Matrix2x4<f64> {
         let t = |k: usize| self.t[at[k]] - self.t[at[0]];
         let unit = t(at.len() - 1);
@@ -67,9 +68,9 @@ impl Table {
     }
 }
 
-/// Rates and accelerations at all knots of the quintic spline through `rows`, given those at both ends.
+/// Rates and accelerations at all knots of the quintic spline through `rows`, for given ones at both ends.
 ///
-/// At each inner knot the third and fourth derivatives of both pieces agree: a block-tridiagonal system.
+/// Continuity of the third and fourth derivatives at each inner knot is a block-tridiagonal system.
 fn spline(steps: &[f64], rows: &[Vector4<f64>], ends: [Matrix2x4<f64>; 2]) -> Vec<Matrix2x4<f64>> {
     let n = steps.len();
     // In units of the mean step all numbers are of order one.
@@ -128,7 +129,7 @@ mod tests {
 
     #[test]
     fn a_quintic_is_reproduced() {
-        // Not at rest at the ends, uneven rows.
+        // In motion at both ends, with unequal steps.
         let f = |t: f64| [1.0 + t - t.powi(5), t * t, 0.3 * t.powi(4) - t.powi(3), 2.0 - t];
         let times = [0.0, 0.1, 0.25, 0.3, 0.5, 0.62, 0.8, 1.0];
         let course = sampled(f, &times, true).course();

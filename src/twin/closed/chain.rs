@@ -1,4 +1,4 @@
-//! The telescope and the end effector, which hang between the rotor and the platform.
+//! Chain of telescope and end effector between rotor and platform.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -6,13 +6,14 @@ use super::super::wrench::{STILL, Twist};
 use super::Mechanism;
 use super::equations::Loads;
 use crate::dynamics::{Plant, inertial_wrench};
-use crate::kinematics::motion::telescope_rotation;
-use crate::kinematics::{BodyMotion, Motion, Telescope};
+use crate::kinematics::{BodyMotion, HookeJoint, Motion, Telescope};
 use crate::machine::Geometry;
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER, TELESCOPE_UPPER};
 
-/// The telescope and the end effector move with (v_h, Ω, ω): velocity of the lower Hooke joint, rotor rate and platform
-/// angular velocity. ω_T = A v_h + b Ω; end effector relative to the platform: κ = c_v·v_h + c_Ω Ω + c_ω·ω about z_P.
+/// Linear maps from (v_h, Ω, ω), the velocity of the lower Hooke joint, the rotor rate and the platform's angular
+/// velocity.
+///
+/// Telescope: ω_T = A v_h + b Ω. End effector relative to the platform: κ = c_v·v_h + c_Ω Ω + c_ω·ω about z_P.
 pub(super) struct Chain {
     pub hooke: Vector3<f64>,
     pub a: Matrix3<f64>,
@@ -23,7 +24,7 @@ pub(super) struct Chain {
     pub c_omega: Vector3<f64>,
 }
 
-/// Accelerations at zero ν̇ of the telescope's end and of end effector and telescope.
+/// Accelerations at ν̇ = 0 of the telescope's lower end, the telescope and the end effector.
 pub(super) struct ChainBias {
     pub hooke: Vector3<f64>,
     pub telescope: Vector3<f64>,
@@ -36,13 +37,13 @@ impl Chain {
         Self { hooke: z, a: Matrix3::zeros(), b: z, pivot: z, c_v: z, c_rotor: 0.0, c_omega: z }
     }
 
-    /// κ per unit of the platform's v and ω and of the rotor rate.
+    /// κ per unit of the platform's v and ω, and of the rotor rate.
     pub fn relative(&self) -> (Vector3<f64>, Vector3<f64>, f64) {
         // v_h = v + ω × r_h
         (self.c_v, self.c_omega + self.hooke.cross(&self.c_v), self.c_rotor)
     }
 
-    /// Mass of both telescope parts in (v_h, Ω): ½ m v_h² + ω_T·(h × v_h) + ½ ω_T·Θ ω_T.
+    /// Mass of both telescope parts in (v_h, Ω), from ½ m v_h² + ω_T·(h × v_h) + ½ ω_T·Θ ω_T.
     pub fn telescope_mass(&self, plant: &Plant, motion: &Motion) -> (Matrix3<f64>, Vector3<f64>, f64) {
         let (upper, lower) = (&plant.bodies[TELESCOPE_UPPER], &plant.bodies[TELESCOPE_LOWER]);
         let rotation = &motion.bodies[TELESCOPE_UPPER].rotation;
@@ -63,14 +64,12 @@ impl Chain {
         let w = telescope.axis;
         let w_rate = omega_t.cross(&w);
         let spin = omega_t.dot(&w);
-        let swing = -w.cross(&(hooke + w_rate * (2.0 * telescope.rate))) / telescope.length;
+        let swing = telescope.swing(&(hooke + w_rate * (2.0 * telescope.rate)));
         // (α_T − α_R)·n + (ω_T − ω_R)·ṅ = 0
-        let bar = motion.bodies[TELESCOPE_UPPER].rotation.column(1).into_owned();
-        let bar_rate = omega_t.cross(&bar);
+        let [upper, lower] = motion.hooke_joints();
         let rotor = &motion.bodies[ROTOR];
-        let yoke = rotor.rotation.column(0).into_owned();
-        let n = yoke.cross(&bar);
-        let n_rate = rotor.angular_velocity.cross(&yoke).cross(&bar) + yoke.cross(&bar_rate);
+        let n = upper.normal;
+        let n_rate = upper.normal_rate(&rotor.angular_velocity, &omega_t);
         let open = swing + w_rate * spin;
         let spin_rate = (-open.dot(&n) - (omega_t - rotor.angular_velocity).dot(&n_rate)) / w.dot(&n);
         let alpha = open + w * spin_rate;
@@ -78,9 +77,8 @@ impl Chain {
         let ee = &motion.bodies[END_EFFECTOR];
         let kappa = (ee.angular_velocity - omega).dot(&self.pivot);
         let precession = omega.cross(&self.pivot) * kappa;
-        let yoke = ee.rotation.column(0).into_owned();
-        let n = yoke.cross(&bar);
-        let n_rate = ee.angular_velocity.cross(&yoke).cross(&bar) + yoke.cross(&bar_rate);
+        let n = lower.normal;
+        let n_rate = lower.normal_rate(&ee.angular_velocity, &omega_t);
         let kappa_rate =
             ((alpha - precession).dot(&n) - (ee.angular_velocity - omega_t).dot(&n_rate)) / self.pivot.dot(&n);
         let flange = self.pivot * geometry.flange_height;
@@ -91,7 +89,7 @@ impl Chain {
         }
     }
 
-    /// Applied minus bias forces at zero ν̇ on the platform and the rotor.
+    /// Applied minus bias forces at ν̇ = 0 on platform and rotor.
     pub fn bias_force(&self, loads: &Loads, bias: &ChainBias, loaded: bool) -> ChainForce {
         let Loads { plant, frame, wrenches, gravity, .. } = loads;
         let motion = &frame.motion;
@@ -106,7 +104,7 @@ impl Chain {
         let turning = upper.1 + lower.1;
         let hooke = lower.0 + self.a.tr_mul(&turning);
         let mut out = ChainForce { force: hooke, moment: self.hooke.cross(&hooke), rotor: self.b.dot(&turning) };
-        // Wrenches of effects and contacts act on a massless end effector too.
+        // Wrenches of effects and contacts act on a massless end effector as well.
         if loaded || wrenches[END_EFFECTOR] != STILL {
             let (f, n) = net(END_EFFECTOR, bias.end_effector);
             let flange = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
@@ -120,7 +118,7 @@ impl Chain {
     }
 }
 
-/// Forces of the chain on what it hangs between: force and moment about the platform's origin, torque of the rotor.
+/// Forces of the chain on its neighbours: force and moment about the platform's origin, torque on the rotor.
 pub(super) struct ChainForce {
     pub force: Vector3<f64>,
     pub moment: Vector3<f64>,
@@ -128,7 +126,7 @@ pub(super) struct ChainForce {
 }
 
 impl Mechanism {
-    /// Telescope and end effector between the rotor and the platform.
+    /// Places telescope and end effector between rotor and platform.
     pub(super) fn place_chain(
         &self,
         bodies: &mut [BodyMotion; BODIES],
@@ -142,14 +140,13 @@ impl Mechanism {
         let hooke = pivot * g.lower_hooke_height;
         let lower = platform.position + hooke;
         let lower_velocity = platform.velocity + omega.cross(&hooke);
-        let bar = g.upper_hooke() - lower;
-        let length = bar.norm();
-        let axis = bar / length;
+        let telescope = Telescope::between(&lower, &lower_velocity, &g.upper_hooke());
+        let Telescope { axis, length, .. } = telescope;
         let yoke = bodies[ROTOR].rotation.column(0).into_owned();
-        let rotation = telescope_rotation(&axis, &yoke);
+        let rotation = telescope.rotation(&yoke);
         let cross = rotation.column(1).into_owned();
-        // The Hooke joint passes rotation about the normal n of its cross: (ω_T − Ω z)·n = 0.
-        let n = yoke.cross(&cross);
+        // The Hooke joint transmits rotation about the normal n of its cross: (ω_T − Ω z)·n = 0.
+        let n = HookeJoint::new(yoke, cross).normal;
         let passed = 1.0 / axis.dot(&n);
         chain.hooke = hooke;
         chain.a = (axis * (n.cross(&axis) * passed).transpose() - axis.cross_matrix()) / length;
@@ -157,7 +154,7 @@ impl Mechanism {
         let omega_t = chain.a * lower_velocity + chain.b * rotor_rate;
         // End effector: x normal to the telescope's cross axis and the pivot.
         let x = cross.cross(&pivot).normalize();
-        let n = x.cross(&cross);
+        let n = HookeJoint::new(x, cross).normal;
         let passed = 1.0 / pivot.dot(&n);
         chain.pivot = pivot;
         chain.c_v = chain.a.tr_mul(&n) * passed;
@@ -173,6 +170,6 @@ impl Mechanism {
         );
         bodies[TELESCOPE_UPPER].place(rotation, g.upper_hooke(), Vector3::zeros(), omega_t);
         bodies[TELESCOPE_LOWER].place(rotation, lower, lower_velocity, omega_t);
-        Telescope { axis, length, rate: -axis.dot(&lower_velocity) }
+        telescope
     }
 }

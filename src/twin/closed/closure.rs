@@ -1,4 +1,4 @@
-//! Closing the loops of the assembled mechanism.
+//! Closure of the loops of the assembled mechanism.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -10,12 +10,12 @@ use crate::kinematics::Motion;
 use crate::machine::bodies::{PLATFORM, STRUT};
 use crate::machine::{ARMS, Geometry, STRUTS};
 
-/// Change of strut length at which the loops count as closed, m.
+/// Change of strut length below which the loops count as closed, m.
 const CLOSURE_TOLERANCE: f64 = 1e-14;
 const MAX_CLOSURE_ITERATIONS: usize = 12;
 
 impl Mechanism {
-    /// Restores the struts' lengths by moving the platform, and their rates likewise. Drives and spins stay.
+    /// Restores strut lengths and their rates by moving the platform; drives and spins are unchanged.
     pub fn close(&self, pose: &mut Pose, nu: &mut OpenVector) -> Result<(), SingularPose> {
         if self.springs.is_some() {
             pose.orientation /= pose.orientation.norm();
@@ -65,7 +65,7 @@ impl Mechanism {
         Ok(())
     }
 
-    /// The pose of a motion, which must close its loops to within a few millimetres.
+    /// Pose, ν and spins of a motion, whose loops must be closed to within a few millimetres.
     pub fn pose(&self, motion: &Motion) -> (Pose, OpenVector, [f64; STRUTS]) {
         let platform = &motion.bodies[PLATFORM];
         let orientation =

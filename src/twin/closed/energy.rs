@@ -7,7 +7,7 @@ use crate::kinematics::Motion;
 use crate::machine::STRUTS;
 
 impl Mechanism {
-    /// What stretched struts have beyond the energy of rigid ones, J: they move linearly between their ends.
+    /// Energy of stretched struts in excess of rigid ones, J, for velocities linear between their ends.
     pub fn stretch_energy(&self, plant: &Plant, motion: &Motion) -> f64 {
         if self.springs.is_none() {
             return 0.0;

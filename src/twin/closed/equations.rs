@@ -1,4 +1,4 @@
-//! The equations of motion of the open mechanism, and their solution with rigid and with elastic struts.
+//! Equations of motion of the open mechanism, and their solution with rigid and with elastic struts.
 
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 
@@ -28,46 +28,46 @@ pub(in crate::twin) struct Implicit {
     pub tension_force: [f64; STRUTS],
 }
 
-/// What acts at one configuration and velocity.
+/// Loads at one configuration and velocity.
 pub(super) struct Loads<'a> {
     pub plant: &'a Plant,
     pub frame: &'a Frame,
-    /// On all bodies, about their origins, world axes.
+    /// Wrenches on all bodies about their origins, inertial axes.
     pub wrenches: &'a [Twist; BODIES],
-    /// Of the drives, N·m.
+    /// Drive torques, N·m.
     pub tau: &'a [f64; AXES],
     pub implicit: &'a Implicit,
     pub gravity: Vector3<f64>,
 }
 
-/// Applied forces on a strut as forces at its balls, N, world axes.
+/// Applied forces on a strut, reduced to its balls, N, inertial axes.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Ends {
     pub upper: Vector3<f64>,
     pub lower: Vector3<f64>,
 }
 
-/// M̂ ν̇ + Bᵀ T = f̂ and B ν̇ = c by their blocks: each drive couples with the platform only.
+/// Blocks of M̂ ν̇ + Bᵀ T = f̂ and B ν̇ = c; each drive is coupled with the platform only.
 pub(super) struct Equations {
-    /// Mass matrix of the platform's twist.
+    /// Mass matrix of the platform twist.
     platform: Matrix6,
     platform_force: Vector6,
     rotor: f64,
     rotor_coupling: Vector6,
     rotor_force: f64,
-    /// Inertia of the arms' drives.
+    /// Inertia of the arm drives, kg·m².
     drive: [f64; ARMS],
     drive_coupling: [Vector6; ARMS],
     drive_force: [f64; ARMS],
-    /// Rows of B: of the platform's twist, and of the arm that the strut hangs on.
+    /// Rows of B for the platform twist; the entry of the strut's arm follows.
     rows: [Vector6; STRUTS],
     row_drive: [f64; STRUTS],
-    /// c: changes of the struts' length rates at zero ν̇, negative.
+    /// c: negative rates of change of the struts' length rates at ν̇ = 0.
     target: Vector6,
     pub ends: [Ends; STRUTS],
 }
 
-/// Mass of the platform's side: blocks of v and ω, the rotor and its coupling with them.
+/// Mass matrix of the platform side: blocks of v and ω, the rotor and its coupling with them.
 struct PlatformMass {
     vv: Matrix3<f64>,
     vw: Matrix3<f64>,
@@ -78,7 +78,7 @@ struct PlatformMass {
 }
 
 impl PlatformMass {
-    /// Of the platform with the rods' masses at its balls, the telescope and the rotor.
+    /// Contribution of the platform with the rods' masses at its balls, the telescope and the rotor.
     fn new(loads: &Loads, first: &Vector3<f64>, tensor: &Matrix3<f64>, mass: f64) -> Self {
         let chain = &loads.frame.jacobians.chain;
         let mut vv = Matrix3::from_diagonal_element(mass);
@@ -94,7 +94,7 @@ impl PlatformMass {
         Self { vv, vw, ww, rotor, rotor_v: hvr, rotor_w: chain.hooke.cross(&hvr) }
     }
 
-    /// Adds the end effector, which turns by κ about the platform's normal.
+    /// Adds the end effector, which rotates by κ about the platform's normal.
     fn add_end_effector(&mut self, loads: &Loads, flange_height: f64) {
         let chain = &loads.frame.jacobians.chain;
         let ee = &loads.frame.motion.bodies[END_EFFECTOR];
@@ -132,7 +132,7 @@ impl PlatformMass {
 }
 
 impl Equations {
-    /// The platform with telescope, rotor and end effector: mass, and applied minus bias forces.
+    /// Equations of the platform with telescope, rotor and end effector: mass, and applied minus bias forces.
     pub fn of_platform(mechanism: &Mechanism, loads: &Loads) -> Self {
         let Loads { plant, frame, wrenches, gravity, .. } = loads;
         let (motion, jacobians) = (&frame.motion, &frame.jacobians);
@@ -170,7 +170,7 @@ impl Equations {
         }
     }
 
-    /// Adds inertia, weight and torque of the arms.
+    /// Adds inertia, weight and torques of the arms.
     pub fn add_arms(&mut self, loads: &Loads) {
         let Loads { plant, frame, wrenches, tau, implicit, gravity } = loads;
         for i in 0..ARMS {
@@ -183,7 +183,7 @@ impl Equations {
         }
     }
 
-    /// Adds the struts' masses and forces at their ends, and their length rows.
+    /// Adds masses and end forces of the struts, and their length rows.
     pub fn add_struts(&mut self, mechanism: &Mechanism, loads: &Loads) {
         let Frame { motion, jacobians, length_rate, .. } = loads.frame;
         let omega = motion.bodies[PLATFORM].angular_velocity;
@@ -195,7 +195,7 @@ impl Equations {
             self.drive[i] += rod.aa * e.norm_squared();
             self.drive_force[i] += e.dot(&(ends.upper - bias_a * rod.aa - bias_b * rod.ab));
             add(&mut self.drive_coupling[i], &(e * rod.ab), &(r.cross(&e) * rod.ab));
-            // The rods' m_bb is part of the laden platform.
+            // m_bb of the rods is contained in the laden platform.
             let lower = ends.lower - bias_a * rod.ab;
             add(&mut self.platform_force, &lower, &r.cross(&lower));
             self.ends[s] = ends;
@@ -208,7 +208,7 @@ impl Equations {
         }
     }
 
-    /// ν̇ and the tensions where elastic struts make them a force law: the drives are eliminated.
+    /// ν̇ and tensions with elastic struts, whose tensions follow from a force law; the drives are eliminated.
     pub fn solve_elastic(
         &self,
         mechanism: &Mechanism,
@@ -246,7 +246,7 @@ impl Equations {
         Ok((open_vector(&arms, rotor, &x), tension))
     }
 
-    /// ν̇ and the tensions with rigid struts: the platform follows the arms, in the null space of B.
+    /// ν̇ and tensions with rigid struts; the platform follows the arms, in the null space of B.
     pub fn solve_rigid(&self) -> Result<(OpenVector, Vector6), SingularPose> {
         let (mass, coupling) = (&self.platform, &self.drive_coupling);
         let pairs = Pairs::new(&self.rows)?;
@@ -289,13 +289,13 @@ fn open_vector(arms: &[f64; ARMS], rotor: f64, twist: &Vector6) -> OpenVector {
 }
 
 impl Mechanism {
-    /// Applied forces on a strut as forces at its upper and lower ball.
+    /// Applied forces on a strut, reduced to its upper and lower ball.
     fn strut_forces(&self, s: usize, loads: &Loads) -> Ends {
         let (rod, frame, wrench) = (&self.rods[s], loads.frame, &loads.wrenches[STRUT + s]);
         let u = frame.motion.strut_axis[s];
         let length = frame.motion.strut_length[s];
         let spin = frame.motion.bodies[STRUT + s].angular_velocity.dot(&u);
-        // The spin's angular momentum turns with the axis: moment Θ_xx·σ·u̇ is taken from the applied moment.
+        // Rotation of the axis changes the spin's angular momentum: the moment Θ_xx·σ·u̇ is subtracted.
         let axis_rate = (frame.jacobians.stretch[s] - u * frame.length_rate[s]) / length;
         let moment = wrench.1 - axis_rate * (rod.axial * spin);
         let couple = moment.cross(&u) / length;

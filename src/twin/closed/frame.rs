@@ -10,33 +10,33 @@ use crate::kinematics::{BodyMotion, Motion, Telescope};
 use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
 use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
-/// Linear maps and accelerations of one configuration that the mass matrix and the forces share.
+/// Linear maps and bias accelerations of one configuration, used by mass matrix and forces.
 pub(super) struct Jacobians {
-    /// Velocity of the elbow per unit arm rate.
+    /// Velocity of the elbow per unit of arm rate, m.
     pub elbow: [Vector3<f64>; ARMS],
-    /// Acceleration of the elbow at zero φ̈.
+    /// Acceleration of the elbow at φ̈ = 0, m/s².
     pub elbow_bias: [Vector3<f64>; ARMS],
-    /// Lower ball relative to the platform's origin.
+    /// Lower ball relative to the platform's origin, m.
     pub ball: [Vector3<f64>; STRUTS],
-    /// Velocity of the lower relative to the upper ball.
+    /// Velocity of the lower relative to the upper ball, m/s.
     pub stretch: [Vector3<f64>; STRUTS],
     pub chain: Chain,
     pub bias: ChainBias,
 }
 
-/// Everything the equations need at one configuration and velocity.
+/// Kinematic quantities of the equations at one configuration and velocity.
 pub(in crate::twin) struct Frame {
-    /// Motion of all bodies; accelerations not set.
+    /// Motion of all bodies, without accelerations.
     pub motion: Motion,
     /// Rate of the roll angles, rad/s.
     pub roll_rate: [f64; STRUTS],
-    /// Rate of each strut's length, m/s.
+    /// Rates of the strut lengths, m/s.
     pub length_rate: [f64; STRUTS],
     pub(super) jacobians: Jacobians,
 }
 
 impl Frame {
-    /// Room for a frame.
+    /// A frame with zero entries, to be filled.
     pub fn empty() -> Self {
         let none = Vector3::zeros();
         Self {
@@ -62,7 +62,7 @@ impl Frame {
         }
     }
 
-    /// Rate of strut `s`'s length for open velocities `x`.
+    /// Rate of the length of strut `s` for open velocities `x`, m/s.
     pub fn along(&self, s: usize, x: &OpenVector) -> f64 {
         let u = self.motion.strut_axis[s];
         let (v, omega) = platform_twist(x);
@@ -71,7 +71,7 @@ impl Frame {
 }
 
 impl Mechanism {
-    /// All bodies at a pose with velocities ν and spins.
+    /// Writes the frame at a pose with velocities ν and spins.
     pub fn frame(&self, pose: &Pose, nu: &OpenVector, spin: &[f64; STRUTS], out: &mut Frame) {
         let g = &self.geometry;
         let Frame { motion, roll_rate, length_rate, jacobians } = out;
@@ -110,7 +110,7 @@ impl Mechanism {
             let stretch = velocity + omega.cross(&ball) - upper_velocity;
             let along = axis.dot(&stretch);
             let swing = axis.cross(&stretch) / length;
-            // Facing frame: y as near to the pair direction v as possible.
+            // Facing frame: y is the projection of the pair direction v normal to the axis.
             let share = axis.dot(&v);
             let lateral = (1.0 - share * share).sqrt();
             let y = (v - axis * share) / lateral;

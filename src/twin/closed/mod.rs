@@ -1,15 +1,16 @@
-//! The assembled mechanism in closed form: from ten open velocities and six strut spins to every body and joint.
+//! Closed-form elimination for the assembled mechanism: all bodies and joints from ten open velocities and six strut
+//! spins.
 //!
-//! All joints but the lengths of the struts hold by construction: the state has three arm angles, the rotor's angle, the
-//! platform's pose and the roll of each strut. Struts are rods between two moving points a (elbow) and b (platform): with
-//! velocities linear between them their mass matrix ½(m_aa v_a² + 2 m_ab v_a·v_b + m_bb v_b²) is constant, so they
-//! leave the equations in closed form and bring no velocity products. What remains couples each drive with the
-//! platform only:
+//! All joints except the strut lengths are satisfied by construction: the state consists of three arm angles, the rotor
+//! angle, the platform pose and the roll of each strut. Struts are rods between two moving points a (elbow) and b
+//! (platform): with velocities linear between them, the mass matrix of ½(m_aa v_a² + 2 m_ab v_a·v_b + m_bb v_b²) is
+//! constant, so that they are eliminated in closed form and produce no velocity products. In the remaining equations
+//! each drive is coupled with the platform only:
 //!
-//! M̂ ν̇ + Bᵀ T = f̂, B ν̇ = c, ν = (φ̇ of three arms, ψ̇ of the rotor, platform v and ω), T the struts' tensions.
+//! M̂ ν̇ + Bᵀ T = f̂, B ν̇ = c, ν = (φ̇ of three arms, ψ̇ of the rotor, platform v and ω), T the strut tensions.
 //!
-//! B is square in the platform's twist. Rigid struts make the platform follow the arms (null space of B), elastic
-//! struts turn T into a force law.
+//! The platform part of B is square. With rigid struts the platform follows the arms (null space of B), with elastic
+//! struts T is given by a force law.
 
 mod chain;
 mod closure;
@@ -38,7 +39,7 @@ use crate::machine::{ARMS, AXES, Geometry, STRUTS};
 
 /// Open velocities ν.
 pub(super) const OPEN: usize = 10;
-/// Where the platform's velocity stands in ν; its angular velocity follows.
+/// Position of the platform velocity in ν; the angular velocity follows.
 pub(super) const PLATFORM_V: usize = 4;
 
 pub(super) type OpenVector = SVector<f64, OPEN>;
@@ -50,25 +51,25 @@ type Matrix6 = SMatrix<f64, 6, 6>;
 pub(super) struct Pose {
     /// Arm angles, rad.
     pub phi: [f64; ARMS],
-    /// Rotor angle with all its turns, rad.
+    /// Rotor angle including full turns, rad.
     pub psi: f64,
     /// Platform origin, m.
     pub position: Vector3<f64>,
-    /// Platform orientation, body to world; of unit length to rounding.
+    /// Platform orientation, body to inertial axes; a unit quaternion up to rounding.
     pub orientation: Quaternion<f64>,
-    /// Roll of each strut about its axis from where its y faces along its pair, rad.
+    /// Roll of each strut about its axis, relative to the orientation in which its y axis faces along the pair, rad.
     pub roll: [f64; STRUTS],
 }
 
-/// What does not change during a run.
+/// Data that are constant during a run.
 pub(super) struct Mechanism {
     geometry: Geometry,
     rods: [Rod; STRUTS],
     /// Platform with the rods' masses at its balls, platform frame.
     laden_platform: Inertia,
-    /// Whether the end effector weighs anything.
+    /// Whether the end effector has inertia.
     loaded: bool,
-    /// Elastic struts; rigid without.
+    /// Elastic struts; `None` if they are rigid.
     pub springs: Option<[StrutSpring; STRUTS]>,
 }
 
@@ -79,14 +80,14 @@ pub(super) struct Solution {
     pub nu_rate: OpenVector,
     /// Angular acceleration of each strut about its axis, rad/s².
     pub spin_rate: [f64; STRUTS],
-    /// Axial forces at the balls.
+    /// Axial strut forces at the balls.
     pub reactions: Reactions,
-    /// Force on each strut at its sockets (six upper, six lower), N, world.
+    /// Force on each strut at its sockets (six upper, six lower), N, inertial axes.
     pub socket_force: [Vector3<f64>; SOCKETS],
 }
 
 impl Solution {
-    /// What laws may read of it.
+    /// The part of the solution on which laws may depend.
     pub fn answer(&self) -> Answer {
         let rate = self.nu_rate.as_slice();
         let drives = std::array::from_fn(|axis| rate[axis]);
@@ -107,10 +108,11 @@ impl Mechanism {
         Self { geometry, rods, laden_platform, loaded: *end_effector != Inertia::ZERO, springs }
     }
 
-    /// Solves the equations of motion under wrenches on all bodies (about their origins, world axes) and drive torques.
+    /// Solves the equations of motion under wrenches on all bodies (about their origins, inertial axes) and drive
+    /// torques.
     ///
     /// # Errors
-    /// Where the struts' length rows are linearly dependent.
+    /// [`SingularPose`] if the length rows of the struts are linearly dependent.
     pub fn solve(
         &self,
         plant: &Plant,

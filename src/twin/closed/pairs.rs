@@ -1,4 +1,4 @@
-//! The six length rows, solved by the pairs of struts.
+//! Solution of the six length rows by pairs of struts.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -6,10 +6,10 @@ use super::super::SingularPose;
 use super::{Vector6, join};
 use crate::machine::STRUTS;
 
-/// The length rows' platform part B_P, factored by sums and differences of each pair's rows.
+/// Factorisation of B_P, the platform part of the length rows, by sums and differences of each pair's rows.
 ///
-/// The struts of a pair are all but parallel, so the sums (S_v S_w) see the platform's velocity, the differences (D_v D_w)
-/// its rotation alone, and two 3 × 3 inverses do.
+/// The struts of a pair are nearly parallel, so that the sums (S_v S_w) determine the platform's velocity and the
+/// differences (D_v D_w) mainly its rotation; two 3 × 3 inverses suffice.
 pub(super) struct Pairs {
     s_v_inverse: Matrix3<f64>,
     s_w: Matrix3<f64>,

@@ -1,4 +1,4 @@
-//! Forces in the sockets and accelerations of all bodies from a solution of the open equations.
+//! Recovery of socket forces and of the accelerations of all bodies from a solution of the open equations.
 
 use nalgebra::Vector3;
 
@@ -11,7 +11,7 @@ use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, 
 use crate::machine::{ARMS, Geometry, STRUTS};
 
 impl Mechanism {
-    /// The solution with the forces in the sockets and the struts' spins, from open accelerations and tensions.
+    /// The complete solution, with socket forces and strut spins, from open accelerations and tensions.
     pub(super) fn recover(
         &self,
         loads: &Loads,
@@ -45,7 +45,7 @@ impl Mechanism {
         solution
     }
 
-    /// Accelerations of all bodies for a solution, world axes.
+    /// Accelerations of all bodies for a solution, inertial axes.
     pub fn accelerations(&self, frame: &Frame, solution: &Solution) -> [Twist; BODIES] {
         let Frame { motion, jacobians, .. } = frame;
         let mut out = [STILL; BODIES];
@@ -65,7 +65,7 @@ impl Mechanism {
             let along = frame.length_rate[s];
             let axis_rate = (jacobians.stretch[s] - u * along) / length;
             let spin = motion.bodies[STRUT + s].angular_velocity.dot(&u);
-            // ω = u × Δv / ℓ + σ u; the change of ℓ only matters for elastic struts.
+            // ω = u × Δv / ℓ + σ u; the change of ℓ matters for elastic struts only.
             let swing = (u.cross(&(b - a)) + axis_rate.cross(&jacobians.stretch[s])
                 - u.cross(&jacobians.stretch[s]) * (along / length))
                 / length;

@@ -1,6 +1,6 @@
-//! Bodies in bearings only: the arms and the rotor of a robot that is taken apart, or a lone axis.
+//! Bodies in bearings only: arms and rotor of a disassembled robot, or a single axis.
 //!
-//! M·a + Gᵀ·λ = W, G·a = γ with five rows per body and six velocities: each body stands alone.
+//! M·a + Gᵀ·λ = W, G·a = γ with five rows and six velocities per body; the bodies are decoupled.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion};
 
@@ -14,11 +14,11 @@ use crate::twin::SingularPose;
 use crate::twin::constraints::ROWS;
 use crate::twin::state::BodyState;
 
-/// Rows of a bearing, and with the body's six velocities the equations of an axis.
+/// Number of rows of a bearing; with the six velocities of the body, the size of the equations of one axis follows.
 const BEARING: usize = 5;
 const SIZE: usize = 6 + BEARING;
 
-/// Violation at which a row counts as closed, m or 1.
+/// Violation below which a row counts as satisfied, m or 1.
 const CLOSED: f64 = 1e-13;
 const MAX_PROJECTIONS: usize = 12;
 
@@ -29,7 +29,7 @@ pub(in crate::twin) struct Bearings {
 }
 
 impl Bearings {
-    /// An empty workspace.
+    /// A solver with an empty workspace.
     pub fn new() -> Self {
         Self { rows: Rows::new(), solution: Solution::NONE }
     }
@@ -51,7 +51,7 @@ impl Bearings {
         })
     }
 
-    /// Makes the rows hold, see [`MaximalCoordinates::project`](super::MaximalCoordinates::project).
+    /// Projects onto the rows, see [`MaximalCoordinates::project`](super::MaximalCoordinates::project).
     pub fn project(&mut self, plant: &Plant, bodies: &mut [BodyState; BODIES]) -> Result<(), SingularPose> {
         for _ in 0..MAX_PROJECTIONS {
             let motion = motions(bodies);
@@ -80,7 +80,7 @@ impl Bearings {
         Err(SingularPose)
     }
 
-    /// Solves every body's equations for its load and γ.
+    /// Solves the equations of every body for its load and γ.
     fn each(
         &mut self,
         plant: &Plant,
@@ -120,7 +120,7 @@ impl Bearings {
     }
 }
 
-/// Bodies in bearings of the machine's axes.
+/// Bodies of the machine's axes.
 fn axes(plant: &Plant) -> impl Iterator<Item = usize> + use<> {
     (0..plant.mechanism.axes()).map(|axis| Motion::drive(axis).0)
 }

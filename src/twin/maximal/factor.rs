@@ -1,12 +1,12 @@
-//! Cholesky factors: 6×6 of one body, and the fronts of S = G·M⁻¹·Gᵀ.
+//! Cholesky factors: of 6×6 blocks of one body, and of the fronts of S = G·M⁻¹·Gᵀ.
 //!
-//! The graph of the joints is a star: three limbs (bearing, two elbows) and the chain of axis 4 meet in the joints of
-//! the platform. Each branch is a front whose inner rows are eliminated by themselves; what they leave on the platform's
-//! rows is added to the last, dense front of 23 rows. No fill arises outside of the fronts.
+//! The graph of the joints is a star: three limbs (bearing, two elbows) and the chain of axis 4 meet at the joints of
+//! the platform. Each branch is a front whose inner rows are eliminated independently; its Schur complement on the
+//! platform's rows is added to the last, dense front of 23 rows. There is no fill-in outside the fronts.
 
 use super::rows::BLOCK_ROWS;
 
-/// Rows of one body's block or of a twist: velocity of the origin, angular velocity.
+/// Six numbers of one body: translational part at its origin, then rotational part.
 pub(super) type Six = [f64; 6];
 
 #[inline]
@@ -22,7 +22,7 @@ pub(super) fn add(a: &mut Six, k: f64, b: &Six) {
     }
 }
 
-/// Pivot over diagonal below which a matrix counts as singular.
+/// Ratio of pivot to diagonal below which a matrix counts as singular.
 const BODY_RANK: f64 = 1e-11;
 const ROW_RANK: f64 = 1e-12;
 
@@ -36,10 +36,10 @@ pub(super) struct Root {
 impl Root {
     pub const ONE: Self = Self { columns: [[0.0; 6]; 6], inverse: [1.0; 6] };
 
-    /// Factor of the symmetric `m` (lower triangle by columns), `None` when it is not safely positive definite.
+    /// Factor of the symmetric `m` (lower triangle by columns); `None` if it is not safely positive definite.
     pub fn new(m: &[Six; 6]) -> Option<Self> {
         let mut root = Self { columns: *m, inverse: [0.0; 6] };
-        // Of a body nothing was shifted to or from, translation is m·1.
+        // For a body without shifted inertia the translational block is m·1.
         if m[0][1] == 0.0 && m[0][2] == 0.0 && m[1][2] == 0.0 && m[0][0] == m[1][1] && m[0][0] == m[2][2] {
             if m[0][0] <= 0.0 {
                 return None;
@@ -68,7 +68,7 @@ impl Root {
     fn eliminate<const FROM: usize>(&mut self, m: &[Six; 6]) -> Option<()> {
         for k in FROM..6 {
             let pivot = self.columns[k][k];
-            let regular = pivot > BODY_RANK * m[k][k]; // also false of NaN
+            let regular = pivot > BODY_RANK * m[k][k]; // false for NaN
             if !regular {
                 return None;
             }
@@ -117,7 +117,7 @@ impl Root {
 /// L⁻¹·Gᵀ component by component: six rows of block rows.
 pub(super) type Columns = [[f64; BLOCK_ROWS]; 6];
 
-/// target += Σ factor_b·source_b, entry by entry; all of one length.
+/// target += Σ factor_b·source_b, element-wise; all slices have the same length.
 #[inline(always)]
 fn add_all<const B: usize>(target: &mut [f64], factors: &[f64; B], sources: &[&[f64]; B]) {
     let n = target.len();
@@ -151,7 +151,7 @@ fn row_times(target: &mut [f64], y: &Columns, row: usize, others: usize) {
 pub(super) struct Front<const N: usize, const P: usize> {
     pub columns: [[f64; N]; N],
     inverse: [f64; P],
-    /// Rows of each joint, 3 to 5, and one past the last row that its elimination reaches.
+    /// Number of rows of each joint (3 to 5), and one past the last row reached by its elimination.
     panels: &'static [(usize, usize)],
 }
 
@@ -164,14 +164,14 @@ impl<const N: usize, const P: usize> Front<N, P> {
         self.columns = [[0.0; N]; N];
     }
 
-    /// Adds `Y·Yᵀ` at row `at` for `n` block rows of a body from `from` on.
+    /// Adds `Y·Yᵀ` at row `at` for `n` block rows of a body starting at `from`.
     pub fn gram(&mut self, y: &Columns, from: usize, n: usize, at: usize) {
         for j in 0..n {
             row_times(&mut self.columns[at + j][at + j..at + n], y, from + j, from + j);
         }
     }
 
-    /// Adds `Y_i·Y_jᵀ` at row `i` and column `j` for three block rows each of one body, i after j.
+    /// Adds `Y_i·Y_jᵀ` at row `i` and column `j` (i after j) for three block rows each of the same body.
     pub fn cross(&mut self, y: &Columns, from: [usize; 2], [i, j]: [usize; 2]) {
         for b in 0..3 {
             row_times(&mut self.columns[j + b][i..i + 3], y, from[1] + b, from[0]);
@@ -183,16 +183,16 @@ impl<const N: usize, const P: usize> Front<N, P> {
         std::array::from_fn(|k| self.columns[k][k])
     }
 
-    /// Partial Cholesky factorisation; the trailing rows hold the Schur complement.
+    /// Partial Cholesky factorisation; the trailing rows then hold the Schur complement.
     ///
-    /// False when a pivot vanishes against its `diagonal` entry in the whole matrix.
+    /// Returns false if a pivot is negligible relative to its `diagonal` entry in the whole matrix.
     pub fn eliminate(&mut self, diagonal: &[f64; N]) -> bool {
         let mut at = 0;
         for &(n, reach) in self.panels {
             for k in at..at + n {
                 let (done, rest) = self.columns.split_at_mut(k + 1);
                 let column = &mut done[k][k..reach];
-                let regular = column[0] > ROW_RANK * diagonal[k]; // also false of NaN
+                let regular = column[0] > ROW_RANK * diagonal[k]; // false for NaN
                 if !regular {
                     return false;
                 }
@@ -216,7 +216,7 @@ impl<const N: usize, const P: usize> Front<N, P> {
         true
     }
 
-    /// Subtracts what the panel of `B` columns at `at` gives to the columns behind it.
+    /// Subtracts the contribution of the panel of `B` columns at `at` from the columns after it.
     fn update<const B: usize>(&mut self, at: usize, reach: usize) {
         let (done, rest) = self.columns.split_at_mut(at + B);
         for j in at + B..reach {
@@ -230,7 +230,7 @@ impl<const N: usize, const P: usize> Front<N, P> {
         }
     }
 
-    /// x := L⁻¹·x on the eliminated rows, with what they leave on the others.
+    /// x := L⁻¹·x on the eliminated rows, with their contributions subtracted from the others.
     pub fn forward(&self, x: &mut [f64; N]) {
         let mut at = 0;
         for &(n, reach) in self.panels {
@@ -260,7 +260,7 @@ impl<const N: usize, const P: usize> Front<N, P> {
         add_all(rest, &factors, &panel);
     }
 
-    /// x := L⁻ᵀ·x on the eliminated rows, the others known.
+    /// x := L⁻ᵀ·x on the eliminated rows; the others must be known.
     pub fn backward(&self, x: &mut [f64; N]) {
         let mut at = P;
         for &(n, reach) in self.panels.iter().rev() {

@@ -1,14 +1,15 @@
-//! Struts that give way along their axis: one more velocity each, eliminated strut by strut.
+//! Axially elastic struts: one additional velocity each, eliminated strut by strut.
 //!
-//! A strut is a [`Rod`] from ball a (elbow) to ball b (platform): v_b = v + ω × ℓu + ė·u, u its axis and ℓ its present length.
-//! With s = m_ab + m_bb its stretch has the equation
+//! A strut is a [`Rod`] from ball a (elbow) to ball b (platform): v_b = v + ω × ℓu + ė·u with the axis u and the
+//! present length ℓ. With s = m_ab + m_bb the equation of its elongation is
 //!
-//! m·ë + s·u·a + u·λ_b = f, f = m_bb·ℓ·|ω⊥|² + s·u·g − T, m = m_bb (and what an implicit stage adds),
+//! m·ë + s·u·a + u·λ_b = f, f = m_bb·ℓ·|ω⊥|² + s·u·g − T, m = m_bb (plus the implicit terms of a stage),
 //!
-//! and acts with s·u·ë on the force equation, with u·ë in ball b's rows. Inserting ë leaves the equations of a rigid body:
+//! and ë enters the force equation with s·u·ë and the rows of ball b with u·ë. Eliminating ë yields the equations of a
+//! rigid body with
 //!
-//! M − s²/m·u·uᵀ for M, (1 − s/m·u·uᵀ) for the rows' block of the strut, W − s/m·f·u and γ − f/m·u on the right, and
-//! G·a − E·λ = γ with E = u·uᵀ/m at ball b. A rigid strut is the limit 1/m → 0.
+//! M − s²/m·u·uᵀ for M, (1 − s/m·u·uᵀ) applied to the strut's block of the rows, W − s/m·f·u and γ − f/m·u on the
+//! right-hand side, and G·a − E·λ = γ with E = u·uᵀ/m at ball b. A rigid strut is the limit 1/m → 0.
 
 use nalgebra::Vector3;
 
@@ -27,11 +28,11 @@ pub(in crate::twin) struct Stretch {
     pub rod: Rod,
     /// Elongation e, m.
     pub elongation: f64,
-    /// Its rate ė, m/s.
+    /// Elongation rate ė, m/s.
     pub rate: f64,
-    /// What drives it, −T with a stage's implicit terms, N.
+    /// Force on the elongation, −T with the implicit terms of a stage, N.
     pub force: f64,
-    /// What an implicit stage adds to m_bb: h·γ·damping + h²γ²·stiffness, kg.
+    /// Implicit addition to m_bb: h·γ·damping + h²γ²·stiffness, kg.
     pub added: f64,
 }
 
@@ -48,29 +49,30 @@ impl Stretch {
         self.rod.stretched(self.length())
     }
 
-    /// s, kg.
+    /// First moment per length, s, kg.
     fn first(&self) -> f64 {
         self.rod.ab + self.rod.bb
     }
 
-    /// f of the equations of motion, N.
+    /// Right-hand side f of the elongation equation, N.
     pub(super) fn demand(&self, b: &BodyMotion, gravity: &Vector3<f64>) -> f64 {
         let u = b.rotation.column(0);
         let swing = b.angular_velocity.norm_squared() - b.angular_velocity.dot(&u).powi(2);
         self.rod.bb * self.length() * swing + self.first() * u.dot(gravity) + self.force
     }
 
-    /// Momentum of the stretch, s·u·v + m_bb·ė, N·s.
+    /// Momentum of the elongation, s·u·v + m_bb·ė, N·s.
     pub(super) fn momentum(&self, b: &BodyMotion) -> f64 {
         self.first() * b.rotation.column(0).dot(&b.velocity) + self.rod.bb * self.rate
     }
 
-    /// What ė adds to the strut's momentum: s·u·ė, N·s.
+    /// Contribution of ė to the strut's momentum: s·u·ė, N·s.
     pub(super) fn carried(&self, b: &BodyMotion) -> Vector3<f64> {
         b.rotation.column(0) * (self.first() * self.rate)
     }
 
-    /// What ė adds to the velocity products of a rigid strut of this length, force and moment: the Coriolis acceleration 2·ė·ω × u of ball b.
+    /// Contribution of ė to the velocity products of a rigid strut of this length, force and moment: the Coriolis
+    /// acceleration 2·ė·ω × u of ball b.
     pub(super) fn coriolis(&self, b: &BodyMotion) -> (Vector3<f64>, Vector3<f64>) {
         let u = b.rotation.column(0);
         let a = b.angular_velocity.cross(&u) * (2.0 * self.rate);
@@ -78,13 +80,13 @@ impl Stretch {
     }
 }
 
-/// What elimination of a strut's stretch leaves in the equations.
+/// Result of eliminating the elongation of a strut.
 #[derive(Clone, Copy)]
 pub(super) struct Eliminated {
     pub u: Vector3<f64>,
     /// s, kg.
     first: f64,
-    /// 1/m, 1/kg; zero of a rigid strut.
+    /// 1/m, 1/kg; zero for a rigid strut.
     pub inverse: f64,
 }
 
@@ -97,7 +99,7 @@ impl Eliminated {
     }
 }
 
-/// Eliminates the stretches from masses and rows.
+/// Eliminates the elongations from mass matrices and rows.
 pub(super) fn eliminate(
     stretches: &Stretches,
     bodies: &[BodyMotion; BODIES],
@@ -123,7 +125,7 @@ pub(super) fn eliminate(
     })
 }
 
-/// Inserts ë = f/m + … into the right-hand sides.
+/// Adds the contributions of f to the right-hand sides.
 pub(super) fn load(
     eliminated: &[Eliminated; STRUTS],
     f: &[f64; STRUTS],
@@ -152,7 +154,7 @@ pub(super) fn give(eliminated: &[Eliminated; STRUTS], lambda: &[f64; ROWS], rows
     }
 }
 
-/// ë of every strut, m/s²; zero of rigid ones.
+/// ë of every strut, m/s²; zero for rigid ones.
 pub(super) fn rates(
     eliminated: &[Eliminated; STRUTS],
     f: &[f64; STRUTS],

@@ -1,7 +1,8 @@
 //! Rows of all joints at one pose: violations c, Jacobian G and the right-hand side γ of G·a = γ.
 //!
-//! G stands in blocks of one joint on one body: six numbers per row, velocity of the body's origin first, then angular
-//! velocity, world axes. Rows are numbered as in [`constraints`](crate::twin::constraints); block rows body by body.
+//! G is stored in blocks of one joint on one body: six numbers per row, for the velocity of the body's origin and its
+//! angular velocity, inertial axes. Rows are numbered as in [`constraints`](crate::twin::constraints), block rows body
+//! by body.
 
 use nalgebra::Vector3;
 
@@ -10,10 +11,10 @@ use crate::machine::bodies::{ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, 
 use crate::machine::{ARMS, Geometry, STRUTS};
 use crate::twin::constraints::ROWS;
 
-/// Number of block rows: 6 of 74 joints act on one body (the base rests), 54 on two.
+/// Number of block rows: 20 rows act on one body (the other is the fixed base), 54 on two.
 pub(super) const BLOCK_ROWS: usize = 128;
 
-/// Rows of each joint: bearings of arms and rotor, ball sockets, then the chain of axis 4.
+/// First row of each joint: bearings of arms and rotor, ball sockets, then the chain of axis 4.
 pub(super) const fn bearing(arm: usize) -> usize {
     5 * arm
 }
@@ -94,7 +95,7 @@ const fn joint(mut out: [usize; BLOCK_ROWS], block: usize, row: usize, n: usize)
     out
 }
 
-/// All rows at one pose. The rows of an open socket are zero.
+/// All rows at one pose; those of an open socket are zero.
 pub(super) struct Rows {
     /// Violation c, m or 1.
     pub values: [f64; ROWS],
@@ -109,7 +110,7 @@ impl Rows {
         Self { values: [0.0; ROWS], gamma: [0.0; ROWS], blocks: [[0.0; 6]; BLOCK_ROWS] }
     }
 
-    /// Writes the rows of all joints with the sockets in `closed`; `lengths` are those of the struts, m.
+    /// Computes the rows of all joints with the sockets in `closed`; `lengths` are the strut lengths, m.
     pub fn fill(&mut self, geometry: &Geometry, lengths: &[f64; STRUTS], b: &[BodyMotion; BODIES], closed: SocketSet) {
         for i in 0..ARMS {
             let (row, block, arm) = (bearing(i), bearing_block(i), &b[ARM + i]);
@@ -146,7 +147,7 @@ impl Rows {
         self.chain(geometry, b);
     }
 
-    /// Rows of pivot, Hooke joints and telescope.
+    /// Computes the rows of pivot, Hooke joints and telescope.
     fn chain(&mut self, geometry: &Geometry, b: &[BodyMotion; BODIES]) {
         let [platform, ee, rotor, upper, lower] =
             [PLATFORM, END_EFFECTOR, ROTOR, TELESCOPE_UPPER, TELESCOPE_LOWER].map(|k| &b[k]);
@@ -222,7 +223,7 @@ struct Point {
     /// First block row on its body.
     block: Option<usize>,
     x: Vector3<f64>,
-    /// From the body's origin.
+    /// Vector from the body's origin.
     r: Vector3<f64>,
     /// Centripetal acceleration ω × (ω × r).
     bias: Vector3<f64>,

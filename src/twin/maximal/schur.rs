@@ -1,4 +1,4 @@
-//! S = G·M⁻¹·Gᵀ of all 74 rows, assembled in fronts and factored.
+//! Assembly and factorisation of S = G·M⁻¹·Gᵀ of all 74 rows, in fronts.
 
 use super::factor::{Columns, Front};
 use super::flexible::Eliminated;
@@ -8,21 +8,23 @@ use crate::machine::bodies::{ARM, END_EFFECTOR, PLATFORM, ROTOR, TELESCOPE_LOWER
 use crate::machine::{ARMS, STRUTS};
 use crate::twin::constraints::ROWS;
 
-/// Rows of a limb: bearing, two elbows; on the platform two balls.
+/// Number of rows of a limb: bearing, two elbows, and two balls on the platform. The inner ones are those of bearing
+/// and elbows.
 const LIMB: usize = 17;
 const LIMB_INNER: usize = 11;
-/// Rows of the chain of axis 4: rotor bearing, upper Hooke joint, telescope, lower Hooke joint; on the platform the pivot.
+/// Number of rows of the chain of axis 4: rotor bearing, upper Hooke joint, telescope, lower Hooke joint, and the pivot
+/// on the platform. All but the pivot are inner ones.
 const CHAIN: usize = 23;
 const CHAIN_INNER: usize = 18;
-/// Rows on the platform: pivot and six balls.
+/// Number of rows on the platform: pivot and six balls.
 const HUB: usize = 23;
 const PIVOT_ROWS: usize = 5;
 
-/// Elbow and ball of a limb's strut 0 or 1 within its front.
+/// First row of elbow and ball of a limb's strut 0 or 1 within its front.
 const ELBOW: [usize; 2] = [5, 8];
 const BALL: [usize; 2] = [11, 14];
 
-/// Factored S. Rows of open sockets read 1·λ = 0.
+/// Factored S. Rows of open sockets are replaced by 1·λ = 0.
 pub(super) struct Schur {
     limbs: [Front<LIMB, LIMB_INNER>; ARMS],
     chain: Front<CHAIN, CHAIN_INNER>,
@@ -38,8 +40,8 @@ impl Schur {
         }
     }
 
-    /// Factors S + E + `tikhonov`·diag from the blocks of L⁻¹·Gᵀ (M = L·Lᵀ), E of the stretches of `struts`; false when rank
-    /// is lost.
+    /// Factors S + E + `tikhonov`·diag from the blocks of L⁻¹·Gᵀ (M = L·Lᵀ), with E from the elastic `struts`; returns
+    /// false on loss of rank.
     pub fn factor(&mut self, y: &Columns, closed: SocketSet, struts: &[Eliminated; STRUTS], tikhonov: f64) -> bool {
         self.hub.clear();
         self.hub.gram(y, BODY[PLATFORM], HUB, 0);
@@ -101,13 +103,13 @@ impl Schur {
                 self.hub.columns[k][k] = 1.0;
             }
         }
-        // What the branches passed on is relaxed already.
+        // The Schur complements of the branches are already regularised.
         let platform: [f64; HUB] = std::array::from_fn(|k| y.iter().map(|c| c[BODY[PLATFORM] + k].powi(2)).sum());
         relax(&mut self.hub, &platform, tikhonov);
         self.hub.eliminate(&hub_diagonal)
     }
 
-    /// b := S⁻¹·b, row by row as in `constraints`.
+    /// b := S⁻¹·b, rows numbered as in `constraints`.
     pub fn solve(&self, b: &mut [f64; ROWS]) {
         let mut hub: [f64; HUB] = std::array::from_fn(|k| b[HUB_ROWS[k]]);
         let mut limbs = [[0.0; LIMB]; ARMS];

@@ -31,8 +31,8 @@ fn the_table_carries_the_weight_of_a_box() {
     assert!(world.objects[1].at.velocity.norm() < 1e-6);
 }
 
-/// Slides a body of 2 kg along x at 2 m/s over a table with friction 0.3; returns how far it gets, m, where it was aside
-/// of the line and how it was turned, rad.
+/// Slides a body of 2 kg along x at 2 m/s over a table with friction 0.3; returns its displacement (m) and its change
+/// of yaw (rad).
 fn slid(shape: Shape, half_height: f64, yaw: f64) -> (Vector3<f64>, f64) {
     let object = |name: &str, shape, mobility, z, yaw| Object {
         name: name.into(),
@@ -62,7 +62,7 @@ fn slid(shape: Shape, half_height: f64, yaw: f64) -> (Vector3<f64>, f64) {
 
 #[test]
 fn sliding_is_braked_by_friction_times_weight() {
-    // v²/(2 μ g) = 4/(2·0.3·9.81) = 0.679579 m, straight on, whatever the body's inertia and how it is turned.
+    // v²/(2 μ g) = 4/(2·0.3·9.81) = 0.679579 m, straight, for any inertia and yaw.
     let cuboid = |x: f64, y: f64, z: f64| Shape::Box { size: Vector3::new(x, y, z) };
     let (corners, triangles) = block(0.2, 0.02, 0.02);
     let hull = Shape::Mesh(Arc::new(closed(corners, triangles, true).unwrap().0));
@@ -82,8 +82,8 @@ fn sliding_is_braked_by_friction_times_weight() {
 
 #[test]
 fn the_force_on_a_kinematic_link_is_that_of_an_infinite_mass() {
-    // Why our law and not Rapier acts between links and objects: a link of 0.179 kg at 1 m/s that does not bounce off a
-    // resting box of 0.2 kg leaves it with 0.0945 N·s (0.179·0.2/0.379); Rapier gives the box the whole 1 m/s.
+    // The reason for a separate law between links and objects: a plastic impact of a link of 0.179 kg at 1 m/s on a box
+    // of 0.2 kg at rest transfers 0.0945 N·s (0.179·0.2/0.379); in Rapier the box gets the full 1 m/s.
     let mut world = PhysicsWorld::new();
     world.gravity = Vector::ZERO;
     world.integration_parameters.dt = 5e-4;
@@ -98,7 +98,7 @@ fn the_force_on_a_kinematic_link_is_that_of_an_infinite_mass() {
     (0..400).for_each(|_| world.step());
     let momentum = 0.2 * world.bodies[free].linvel().x;
     assert!(momentum > 0.2 - 1e-6, "{momentum}");
-    // Against what stands still there is no force at all, although the link began half a millimetre inside.
+    // Against a fixed body there is no force at all, although the link starts half a millimetre inside.
     let impulse: f64 = world.contact_pairs_with(wall.1).map(|p| p.total_impulse_magnitude()).sum();
     assert_eq!(impulse, 0.0);
 }

@@ -6,7 +6,7 @@ use miette::IntoDiagnostic;
 use serde_json::{Map, Value, json};
 
 use crate::command::gate::{guard, json as gate_json};
-use crate::data::{Data, DataArgs};
+use crate::data::{Data, DataArgs, positive};
 use crate::terminal::{BAD_ANSWER, DONE, Table, channel_names, insert_channels, say, spinner, warn};
 use deltatwin::comparison::{Comparison, Finding, compare};
 use deltatwin_io::model;
@@ -20,18 +20,11 @@ pub struct Args {
     #[command(flatten)]
     data: DataArgs,
     /// Exit with status 1 if the RMS of any channel, fitted or held out, is above so many times the noise floor.
-    #[arg(long, value_name = "RATIO", value_parser = ratio)]
+    #[arg(long, value_name = "RATIO", value_parser = positive)]
     pub fail_above: Option<f64>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
-}
-
-fn ratio(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
-        _ => Err("expected a number above 0".into()),
-    }
 }
 
 /// Runs the command; returns the exit status.

@@ -141,7 +141,7 @@ fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
             100.0 * e.explained
         );
         for p in &e.parameters {
-            println!("    {:<18} {:>10.5} ± {:.5} {}", p.name, p.value, p.std, p.unit);
+            println!("    {:<18} {}", p.name, p.unit.quantity(format!("{:>10.5} ± {:.5}", p.value, p.std)));
         }
     }
     for set in &d.indistinguishable {

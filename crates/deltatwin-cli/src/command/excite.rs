@@ -12,9 +12,10 @@ use deltatwin::effects::{ActiveEffect, Role};
 use deltatwin::excitation::discriminate::{Discrimination, discriminate};
 use deltatwin::excitation::experiments::{Experiment, Kind};
 use deltatwin::excitation::prospect::{Prospect, duration, in_words};
-use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design, median};
+use deltatwin::excitation::{Design, Hemisphere, Merit, Objective, Options, design};
 use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
+use deltatwin::numerics::median;
 use deltatwin::text::significant;
 use deltatwin_io::{model, scenario};
 
@@ -187,7 +188,9 @@ fn tell(planned: &Discrimination, args: &Args, model: &Model, solve: f64) -> mie
     let [a, b] = planned.effects.each_ref().map(|e| e.effect.name());
     let sizes = |e: &ActiveEffect| {
         let linear = e.entries().into_iter().zip(&e.values).filter(|(e, _)| e.parameter.role == Role::Linear);
-        linear.map(|(e, v)| format!("{} = {} {}", e.name, significant(*v, 4), e.parameter.unit)).collect::<Vec<_>>()
+        linear
+            .map(|(e, v)| format!("{} = {}", e.name, e.parameter.unit.quantity(significant(*v, 4))))
+            .collect::<Vec<_>>()
     };
     let mut comments = vec![
         format!("To tell {a} from {b}, planned by `deltatwin excite --discriminate`: {}.", plan.what),

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use crate::terminal::{DONE, Table, assembled_robot, check_output, path, say, spinner, warn, write_figure};
 use deltatwin::constraint_forces::{Detail, MULTIPLIERS, Multipliers, constraint_forces};
 use deltatwin::dynamics::{Channel, Plant};
-use deltatwin::identification::Dataset;
+use deltatwin::identification::{Dataset, residuals};
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::{ARMS, STRUTS, Setup};
 use deltatwin::model::Model;
@@ -163,9 +163,8 @@ fn statistics(forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 3] {
 
 /// RMS of the difference between measured and computed values, and RMS of the measured ones.
 fn difference(measured: &[f64], forces: &[[f64; MULTIPLIERS]], k: usize) -> [f64; 2] {
-    let n = measured.len() as f64;
-    let square: f64 = measured.iter().zip(forces).map(|(m, f)| (m - f[k]).powi(2)).sum();
-    [(square / n).sqrt(), (measured.iter().map(|m| m * m).sum::<f64>() / n).sqrt()]
+    let computed: Vec<f64> = forces.iter().map(|f| f[k]).collect();
+    [residuals::rms(&residuals::difference(measured, &computed)), residuals::rms(measured)]
 }
 
 fn write_table(target: &Path, t: &[f64], forces: &[[f64; MULTIPLIERS]]) -> miette::Result<()> {

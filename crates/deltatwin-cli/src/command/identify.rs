@@ -17,8 +17,8 @@ use crate::terminal::{
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::dataset::noise_floor as floor;
-use deltatwin::identification::fit::{FitError, Moved, Unidentified, channel_rms, residuals};
-use deltatwin::identification::{BaseParameter, Estimate, Fit, fit_with};
+use deltatwin::identification::fit::{FitError, Moved, Unidentified};
+use deltatwin::identification::{BaseParameter, Estimate, Fit, Residuals, fit_with};
 use deltatwin::machine::bodies::{Inertia, body_name};
 use deltatwin::model::{Model, Provenance};
 use deltatwin::text::significant;
@@ -74,10 +74,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let fitted = fit_with(&model, &data.datasets, &vec![noise_floor.clone(); data.datasets.len()], &options);
     progress.finish_and_clear();
     let fitted = fitted.map_err(refusal)?;
-    warn(&much_is_left(data.channels(), &fitted.rms, &noise_floor));
+    warn(&much_is_left(data.channels(), &fitted.residuals.rms, &noise_floor));
     let held_out_rms = match data.held_out[..] {
         [] => None,
-        _ => Some(channel_rms(&residuals(&fitted.model, &data.held_out).into_diagnostic()?)),
+        _ => Some(Residuals::new(&fitted.model, &data.held_out).into_diagnostic()?.rms),
     };
     let answer = Answer { fitted, channels: data.channels(), noise_floor, held_out_rms };
     if args.json { say(answer.json(args)) } else { answer.print() }?;
@@ -138,7 +138,7 @@ impl Answer<'_> {
         object.insert("singular_values".into(), json!(structure.singular_values.as_slice()));
         object.insert("unidentified".into(), unidentified(&self.fitted));
         object.insert("channels".into(), channel_names(self.channels));
-        insert_channels(&mut object, "rms", self.channels, &self.fitted.rms);
+        insert_channels(&mut object, "rms", self.channels, &self.fitted.residuals.rms);
         match &self.held_out_rms {
             Some(rms) => insert_channels(&mut object, "held_out_rms", self.channels, rms),
             None => drop(object.insert("held_out_rms".into(), Value::Null)),
@@ -168,7 +168,7 @@ impl Answer<'_> {
         }
         print_unidentified(fitted)?;
         let series = [
-            ("fitted", Some(&fitted.rms[..])),
+            ("fitted", Some(&fitted.residuals.rms[..])),
             ("held out", self.held_out_rms.as_deref()),
             ("noise floor", Some(&self.noise_floor[..])),
         ];

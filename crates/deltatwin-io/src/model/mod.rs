@@ -1,4 +1,4 @@
-//! Models as TOML: read with the place of every mistake, written with the user's comments.
+//! Models as TOML: reading with the position of every error, writing with preserved comments.
 
 mod read;
 mod schema;

@@ -1,7 +1,7 @@
-//! TOML → [`Model`], with errors that name file, line, key, value and what was expected.
+//! TOML → [`Model`], with errors that state file, line, key, value and what was expected.
 //!
-//! The file is walked as a tree of spanned values rather than deserialized into structs, so that every message can
-//! quote the value, point at it and suggest the nearest known name.
+//! The file is traversed as a tree of spanned values instead of being deserialized into structs, so that every message
+//! can quote the value, state its position and suggest the nearest known name.
 
 use std::ops::Range;
 use std::path::Path;
@@ -24,7 +24,7 @@ mod formula;
 /// Reads a model file.
 ///
 /// # Errors
-/// The mistake with its place in the file.
+/// If the file cannot be read; else the first error in it, with its position.
 pub fn read(path: &Path) -> Result<Model> {
     let text = std::fs::read_to_string(path)
         .into_diagnostic()
@@ -32,10 +32,10 @@ pub fn read(path: &Path) -> Result<Model> {
     parse(&text, path)
 }
 
-/// Reads a model from `text`; `path` names it in errors.
+/// Reads a model from `text`; `path` is named in errors.
 ///
 /// # Errors
-/// The mistake with its place in the text.
+/// The first error in the text, with its position.
 pub fn parse(text: &str, path: &Path) -> Result<Model> {
     let source = Source::new(path.display(), text);
     let root = DeTable::parse(text).map_err(|e| {
@@ -98,7 +98,7 @@ fn read_model(top: &Table) -> Checked<Model> {
     })
 }
 
-/// Hard stops, which must leave the range of motion free; none without the table.
+/// Reads the hard stops, which must be outside the range of motion; [`Stops::NONE`] without the table.
 fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Checked<Stops> {
     let mut stops = Stops::NONE;
     let delta = matches!(mechanism, Mechanism::Delta { .. });
@@ -114,7 +114,7 @@ fn read_stops(top: &Table, geometry: &Geometry, mechanism: Mechanism) -> Checked
     Ok(stops)
 }
 
-/// What was added to the model so far, `[[history]]`.
+/// Reads the effects added to the model, `[[history]]`.
 fn read_history(top: &Table) -> Checked<Vec<Added>> {
     const KEYS: [&str; 6] = ["effect", "channels", "rms_before", "rms_after", "noise_floor", "held_out"];
     const EXPECTED: &str = "tables [[history]], one per effect that was added";
@@ -141,10 +141,10 @@ fn read_history(top: &Table) -> Checked<Vec<Added>> {
     items.iter().map(one).collect()
 }
 
-/// Limits of a telescope that is not there.
+/// Limits in place of those of a telescope.
 const NO_TELESCOPE: [f64; 2] = [0.0, f64::INFINITY];
 
-/// Which machine the file describes; refuses the keys that other machines have.
+/// Kind of machine described by the file; rejects the keys of other machines.
 fn read_mechanism(top: &Table) -> Checked<Mechanism> {
     let kind = top.string("mechanism", "\"delta\" or \"axis\"")?;
     let (mechanism, own): (_, &[&str]) = match kind {
@@ -167,7 +167,7 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
     Ok(mechanism)
 }
 
-/// Limits in order, struts that reach, a telescope that fits.
+/// Checks the order of limits, the reach of the struts and the length of the telescope.
 fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: bool) -> Checked<()> {
     let [low, high] = g.arm_limits;
     if matches!(mechanism, Mechanism::Axis(_)) {
@@ -220,27 +220,27 @@ fn check_geometry(table: &Table, g: &Geometry, mechanism: Mechanism, assembled: 
     Ok(())
 }
 
-/// Bodies that come in numbers share one table, e.g. `[bodies.arm]`; `[bodies.arm2]` overrides it for one of them.
+/// Bodies that share one table, e.g. `[bodies.arm]`; `[bodies.arm2]` overrides it for one of them.
 pub(super) const GROUPS: [(&str, Range<usize>); 2] =
     [("arm", bodies::ARM..bodies::STRUT), ("strut", bodies::STRUT..bodies::PLATFORM)];
 
-/// Whether the file may describe body `b` of a delta robot.
+/// Whether the file may describe body `b` of the machine.
 pub(super) fn body_known(b: usize, mechanism: Mechanism) -> bool {
     b < bodies::ROTOR || mechanism.has_telescope()
 }
 
-/// Whether it must.
+/// Whether the file must describe body `b`.
 pub(super) fn body_needed(b: usize, mechanism: Mechanism, assembled: bool) -> bool {
     let axis = (bodies::ARM..bodies::STRUT).contains(&b) || b == bodies::ROTOR;
     body_known(b, mechanism) && (axis || (assembled && b != bodies::END_EFFECTOR))
 }
 
-/// The shared table of body `b`, if it has one.
+/// Name of the shared table of body `b`, if any.
 pub(super) fn body_group(b: usize) -> Option<&'static str> {
     GROUPS.iter().find(|(_, range)| range.contains(&b)).map(|(name, _)| *name)
 }
 
-/// Name of the table of what moves on a lone axis.
+/// Name of the table of the moving part of a single axis.
 pub(super) const LONE_BODY: &str = "axis";
 
 fn read_bodies(table: &Table, mechanism: Mechanism, assembled: bool) -> Checked<Bodies> {
@@ -302,7 +302,7 @@ fn read_drives(table: &Table, mechanism: Mechanism) -> Checked<[Drive; AXES]> {
     Ok(drives)
 }
 
-/// Numbers per key of a drive table that describes `n` drives.
+/// Shape of the keys of a drive table that describes `n` drives.
 pub(super) fn drive_shape(n: usize) -> Shape {
     if n == 1 { Shape::One } else { Shape::OneOrArray(n) }
 }
@@ -323,7 +323,7 @@ fn read_effects(table: &Table, host: Host) -> Checked<Effects> {
     let mut active = Effects::default();
     for effect in REGISTRY.iter() {
         if let Some(own) = table.optional_table(effect.name())? {
-            // An effect on what is only dismounted may stay.
+            // An effect on a part that is only dismounted is allowed.
             let part = effect.acts_on();
             if !host.mechanism.has(part, true) {
                 let why =
@@ -336,7 +336,7 @@ fn read_effects(table: &Table, host: Host) -> Checked<Effects> {
     Ok(active)
 }
 
-/// The effect that needs no table.
+/// The effect without a table.
 pub(super) const ALWAYS_PRESENT: &str = "rigid_bodies";
 
 fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Checked<ActiveEffect> {
@@ -363,7 +363,7 @@ fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Checked<Ac
     Ok(ActiveEffect { host, ..ActiveEffect::new(effect, &blocks) })
 }
 
-/// Values of an optional parameter that the file leaves out.
+/// Values of an optional parameter that the file omits.
 pub(super) fn default_values(p: &Parameter, mechanism: Mechanism) -> Vec<f64> {
     vec![p.default; p.count.on(mechanism)]
 }

@@ -1,6 +1,6 @@
-//! Keys of a model file: unit, meaning, allowed values and the field of the model each one fills.
+//! Keys of a model file: unit, meaning, allowed values, and the field of the model that each key fills.
 //!
-//! `read.rs` and `write.rs` both walk these lists, so a key added here is read, checked and written.
+//! `read.rs` and `write.rs` both iterate over these lists, so that a key added here is read, checked and written.
 
 use std::fmt::Display;
 
@@ -15,27 +15,27 @@ pub(super) struct Field<T: ?Sized + 'static> {
     pub about: &'static str,
     pub shape: Shape,
     pub bounds: Bounds,
-    /// Whether a disassembled robot needs it; an assembled one needs every key without `default`.
+    /// Whether a disassembled robot needs the key; an assembled one needs every key without `default`.
     pub always: bool,
-    /// What a missing key means, for one that nobody needs.
+    /// Numbers assumed for a missing key; `None` if the key is required.
     pub default: Option<f64>,
     pub get: fn(&T) -> Vec<f64>,
     pub set: fn(&mut T, &[f64]),
 }
 
-/// How many numbers a key holds.
+/// Number of numbers of a key.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shape {
     One,
     Array(usize),
-    /// An array, or one number that stands for all.
+    /// An array, or one number for all.
     OneOrArray(usize),
     /// An array of either length.
     Arrays(usize, usize),
 }
 
 impl Shape {
-    /// Of an effect's parameter on a machine; a lone axis takes a number for an array of one.
+    /// Shape of an effect parameter on a machine; on a single axis a number may replace an array of one.
     pub fn of(parameter: &Parameter, machine: Mechanism) -> Self {
         let n = parameter.count.on(machine);
         match parameter.count {
@@ -48,12 +48,12 @@ impl Shape {
         }
     }
 
-    /// Whether a lone number will do.
+    /// Whether a single number is allowed.
     pub fn takes_number(self) -> bool {
         matches!(self, Shape::One | Shape::OneOrArray(_))
     }
 
-    /// Whether an array of `n` numbers will do.
+    /// Whether an array of `n` numbers is allowed.
     pub fn takes_array(self, n: usize) -> bool {
         match self {
             Shape::One => false,
@@ -77,7 +77,7 @@ impl Shape {
 pub(super) struct Bounds {
     pub low: f64,
     pub high: f64,
-    /// Whether `low` itself is refused.
+    /// Whether `low` itself is excluded.
     pub above: bool,
     pub integer: bool,
 }
@@ -110,12 +110,12 @@ impl Bounds {
     }
 }
 
-/// What a key must hold, in words.
+/// Description of the expected value of a key.
 pub(super) fn expectation(shape: Shape, bounds: &Bounds, unit: Option<impl Display>) -> String {
     shape.describe(&bounds.describe(unit))
 }
 
-/// The three numbers that belong to no table.
+/// The three top-level numbers.
 pub(super) struct Top {
     pub gravity: f64,
     pub sample_time: f64,
@@ -165,7 +165,7 @@ const TOP: &[Field<Top>] = &[
     number!(gravity, Unit::MPerS2, "gravitational acceleration along −z", Bounds::between(0.0, 100.0), true),
 ];
 
-/// Numbers that belong to no table; a lone axis has no gravity.
+/// Top-level numbers; a single axis has no gravity.
 pub(super) fn top(machine: Mechanism) -> &'static [Field<Top>] {
     match machine {
         Mechanism::Delta { .. } => TOP,
@@ -209,7 +209,7 @@ const GEOMETRY: &[Field<Geometry>] = &[
         false
     ),
 ];
-/// The last of them, those of the telescope.
+/// Number of keys at the end that belong to the telescope.
 const OF_TELESCOPE: usize = 3;
 
 const AXIS_LIMITS: &[Field<Geometry>] = &[Field {
@@ -274,7 +274,7 @@ const INERTIA: &[Field<Inertia>] = &[
     },
 ];
 
-/// The one number of a lone axis.
+/// The key of a single axis' inertia.
 const fn lone(key: &'static str, about: &'static str) -> Field<Inertia> {
     Field {
         key,
@@ -316,7 +316,7 @@ macro_rules! drive {
     };
 }
 
-/// Keys of `[drives.arm]`; `[drives.telescope]` and `[drives.axis]` have the same with one number each.
+/// Keys of `[drives.arm]`; `[drives.telescope]` and `[drives.axis]` have the same keys with one number each.
 pub(super) const DRIVE: &[Field<[Drive]>] = &[
     drive!(gear_ratio, Unit::RadPerRad, "motor turns per output turn", Bounds::positive(1e5)),
     drive!(
@@ -380,10 +380,10 @@ const STOPS: &[Field<Stops>] = &[
     number!(hooke_stiffness, Unit::NMPerRad, "of the Hooke joints' stops", STIFFNESS, true),
     number!(hooke_damping, Unit::SPerRad, "Hunt and Crossley's, of the Hooke joints' stops", DAMPING, true),
 ];
-/// The first of them, those of the arms.
+/// Number of keys at the beginning that belong to the arms.
 const OF_ARMS: usize = 3;
 
-/// Keys of `[stops]`, which may be left out.
+/// Keys of the optional table `[stops]`.
 pub(super) fn stops(machine: Mechanism) -> &'static [Field<Stops>] {
     if machine.has_telescope() { STOPS } else { STOPS.split_at(OF_ARMS).0 }
 }
@@ -418,7 +418,7 @@ pub(super) fn noise(machine: Mechanism) -> &'static [Field<Noise>] {
     }
 }
 
-/// Tables of `[drives]` and the drives each one describes.
+/// Tables of `[drives]` with the drives that each one describes.
 pub(super) fn drive_groups(machine: Mechanism) -> &'static [(&'static str, std::ops::Range<usize>)] {
     match machine {
         Mechanism::Delta { telescope: true } => &[("arm", 0..ARMS), ("telescope", ARMS..AXES)],

@@ -1,4 +1,4 @@
-//! A table of a TOML file and the checks of its values.
+//! A table of a TOML file, with checks of its values.
 
 use std::fmt::Display;
 use std::ops::Range;
@@ -16,14 +16,14 @@ pub(super) type Value<'a> = Spanned<DeValue<'a>>;
 /// A table of the file.
 pub(super) struct Table<'a> {
     pub source: &'a Source<'a>,
-    /// Dotted name, empty at the top.
+    /// Dotted name, empty for the root.
     pub path: String,
     pub span: Range<usize>,
     pub entries: &'a DeTable<'a>,
 }
 
 impl<'a> Table<'a> {
-    /// Keys and their spans in the order of the file.
+    /// Keys and their spans in file order.
     pub fn sorted(&self) -> Vec<(&'a str, Range<usize>)> {
         let mut keys: Vec<_> = self.entries.keys().map(|k| (k.get_ref().as_ref(), k.span())).collect();
         keys.sort_by_key(|(_, span)| span.start);
@@ -42,7 +42,7 @@ impl<'a> Table<'a> {
         if self.path.is_empty() { "the file".to_string() } else { format!("[{}]", self.path) }
     }
 
-    /// Refuses keys that are not in `known`.
+    /// Rejects keys that are not in `known`.
     pub fn only(&self, known: &[&str]) -> Checked<()> {
         match self.sorted().into_iter().find(|(key, _)| !known.contains(key)) {
             None => Ok(()),
@@ -53,7 +53,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The value of `key` will not do.
+    /// Error for the value of `key`.
     pub fn refuse(&self, key: &str, why: &str) -> Problem {
         match self.entry(key) {
             Some(value) => self.refuse_at(key, value.span(), why),
@@ -61,7 +61,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The part of `key`'s value at `span` will not do.
+    /// Error for the part of `key`'s value at `span`.
     pub fn refuse_at(&self, key: &str, span: Range<usize>, why: &str) -> Problem {
         let whole = self.entry(key).map_or(span.clone(), Spanned::span);
         let message = format!("{} = {}: {why}", self.place(key), self.source.quote(whole));
@@ -69,7 +69,7 @@ impl<'a> Table<'a> {
         self.source.labelled(span, message, label)
     }
 
-    /// `key` itself will not do.
+    /// Error for `key` itself.
     pub fn refuse_key(&self, key: &str, why: &str, hint: Option<String>) -> Problem {
         let span = self.entries.get_key_value(key).map_or(self.span.clone(), |(k, _)| k.span());
         let hint = hint.map_or(String::new(), |h| format!("; {h}"));
@@ -128,7 +128,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Fills `target` from this table; keys that a disassembled robot does not need may be missing from it.
+    /// Fills `target` from this table; a disassembled robot may omit some keys.
     pub fn fill<T: ?Sized>(
         &self,
         fields: &[Field<T>],
@@ -166,7 +166,7 @@ impl<'a> Table<'a> {
         Ok(())
     }
 
-    /// The numbers of `key`; a lone number that stands for several is repeated.
+    /// The numbers of `key`; a single number that stands for several is repeated.
     pub fn numbers(
         &self,
         key: &str,
@@ -231,7 +231,7 @@ pub(super) fn keys<T: ?Sized>(fields: &[Field<T>]) -> Vec<&'static str> {
     fields.iter().map(|f| f.key).collect()
 }
 
-/// The known name nearest to a misspelt one.
+/// Suggestion of the known name nearest to a misspelt one.
 pub(super) fn suggestion(wrong: &str, known: &[&str]) -> Option<String> {
     nearest(wrong, known.iter().copied()).map(|name| format!("did you mean `{name}`?"))
 }

@@ -1,4 +1,4 @@
-//! [`Model`] → TOML: the user's file with its comments, only changed numbers replaced.
+//! [`Model`] → TOML: the original file with its comments, in which only changed numbers are replaced.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -21,18 +21,18 @@ use crate::file::replace_text;
 mod formula;
 mod source;
 
-/// Writes the model file: the text it was read from with the numbers that changed, or a new one.
+/// Writes the model to `path`: the text from which it was read with the changed numbers, or a new text.
 ///
 /// # Errors
-/// Numbers that the file cannot hold, and whatever the system says; the file is then unchanged.
+/// If the file format does not admit a number of the model, or the file cannot be written; the file is then unchanged.
 pub fn write(model: &Model, path: &Path) -> Result<()> {
     write_text(model, path, None)
 }
 
-/// The same for a model that was fitted: each number that moved states its source.
+/// Writes a fitted model like [`write()`]; every changed number states its source.
 ///
 /// # Errors
-/// See [`write()`].
+/// As for [`write()`].
 pub fn write_fitted(model: &Model, path: &Path, provenance: &Provenance) -> Result<()> {
     write_text(model, path, Some(provenance))
 }
@@ -44,20 +44,22 @@ fn write_text(model: &Model, path: &Path, provenance: Option<&Provenance>) -> Re
 
 /// `original` with the numbers of `model`: changed values are replaced in place, effects added or removed.
 ///
-/// Comments and layout stay. Reading the result gives back every number of `model` exactly; if that is impossible,
-/// e.g. because a value lies outside its range, nothing is returned but the reason.
+/// Comments and layout are preserved. The result reads back as exactly the numbers of `model`.
 ///
 /// # Errors
-/// Text that is no TOML, and numbers that the file cannot hold.
+/// If `original` is not valid TOML, or if the file format does not admit a number of `model`, e.g. a value outside its
+/// range.
 pub fn updated_text(original: &str, model: &Model) -> Result<String> {
     text(original, model, None)
 }
 
-/// The same for a model that was fitted. Beside each number that moved stand recording, date, program and standard error,
-/// in place of what the comment said of the old number; numbers that did not move keep theirs.
+/// `original` with the numbers of a fitted `model`, see [`updated_text`].
+///
+/// Every changed number gets a comment with recording, date, program and standard error in place of its old comment;
+/// unchanged numbers keep theirs.
 ///
 /// # Errors
-/// See [`updated_text`].
+/// As for [`updated_text`].
 pub fn fitted_text(original: &str, model: &Model, provenance: &Provenance) -> Result<String> {
     text(original, model, Some(provenance))
 }
@@ -70,15 +72,15 @@ fn text(original: &str, model: &Model, provenance: Option<&Provenance>) -> Resul
     Ok(text)
 }
 
-/// A new model file for `model`, with unit and meaning of every key.
+/// Text of a new model file for `model`, with unit and meaning of every key.
 ///
 /// # Errors
-/// Numbers that the file cannot hold.
+/// If the file format does not admit a number of the model.
 pub fn full_text(model: &Model) -> Result<String> {
     updated_text("", model)
 }
 
-/// Puts the numbers and effects of `model` into a TOML document.
+/// Writes the numbers and effects of `model` to a TOML document.
 fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenance>) -> Result<()> {
     let root = document.as_table_mut();
     set_plain(root, "name", Value::from(model.name.as_str()));
@@ -110,7 +112,7 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
     Ok(())
 }
 
-/// A line above the first key that says what a fit changed.
+/// Adds a line above the first key that states what a fit changed.
 fn write_change(root: &mut Table, moved: usize, provenance: &Provenance) {
     let Some(mut key) = root.key_mut("name") else { return };
     let decor = key.leaf_decor_mut();
@@ -120,7 +122,7 @@ fn write_change(root: &mut Table, moved: usize, provenance: &Provenance) {
     decor.set_prefix(above + &what);
 }
 
-/// Appends what `[[history]]` lacks; a history that departs from the model's is written anew.
+/// Appends the entries that `[[history]]` lacks; a history that differs from the model's is rewritten.
 fn write_history(root: &mut Table, history: &[Added], provenance: Option<&Provenance>) -> Result<()> {
     let written = |t: &Table| t.get("effect").and_then(Item::as_str).map(str::to_string);
     let effects = |tables: &ArrayOfTables| tables.iter().map(written).collect::<Vec<_>>();
@@ -188,9 +190,9 @@ fn verify(text: &str, model: &Model) -> Result<()> {
 struct Section {
     path: Vec<String>,
     lines: Vec<Line>,
-    /// Comment above the table when it is new.
+    /// Comment above the table if it is new.
     comment: Option<String>,
-    /// Without the table all its numbers are zero.
+    /// Whether a missing table means that all its numbers are zero.
     optional: bool,
 }
 
@@ -198,16 +200,16 @@ struct Section {
 struct Line {
     key: Cow<'static, str>,
     numbers: Vec<f64>,
-    /// Names of the parameter that each number is, where it is one.
+    /// Names of the parameter that each number represents; empty if none.
     parameters: Vec<Vec<String>>,
-    /// Numbers that a missing key means.
+    /// Numbers assumed for a missing key.
     default: Option<Vec<f64>>,
     shape: Shape,
     integer: bool,
     comment: String,
 }
 
-/// Every table of the model's file; bodies in `own` have a table to themselves.
+/// All tables of the model's file; bodies in `own` have a table of their own.
 fn sections(model: &Model, own: &[usize]) -> Vec<Section> {
     let (mechanism, assembled) = (model.mechanism, model.assembled);
     let top = Top { gravity: model.gravity, sample_time: model.sample_time };
@@ -275,12 +277,12 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
         all.push(parameters.name(first, own));
     }
     for b in (0..BODIES).filter(|&b| body_known(b, mechanism)) {
-        // a body of a group gets its own table when it has one already or departs from the group
+        // a body of a group gets its own table if it already has one or differs from the group
         let shared = body_group(b).and_then(|name| GROUPS.iter().find(|(n, _)| *n == name)).and_then(|(_, range)| {
             range.clone().find(|b| !own.contains(b)).filter(|_| !own.contains(&b)).map(|first| model.bodies[first])
         });
         if shared != Some(model.bodies[b]) {
-            // a group's zero may be left out, but not the zero of a body that departs from its group
+            // zero inertia of a group may be omitted, but not that of a body that differs from its group
             let optional = !body_needed(b, mechanism, model.assembled) && shared.is_none();
             all.push(parameters.name(b, body(&body_name(b), &model.bodies[b], optional)));
         }
@@ -288,9 +290,9 @@ fn body_sections(model: &Model, own: &[usize]) -> Vec<Section> {
     all
 }
 
-/// Names of the links' parameters with the number of the file that each is.
+/// Names of the links' parameters, assigned to the numbers of the file.
 struct Parameters {
-    /// Of the machine as it is, and of one that was recorded taken apart.
+    /// Parameters of the machine in its configuration, and disassembled.
     tables: [(Arc<RigidBodies>, Vec<String>); 2],
 }
 
@@ -304,7 +306,7 @@ impl Parameters {
         Self { tables: [named(model.assembled), named(false)] }
     }
 
-    /// The section of body `b` with the names of its parameters.
+    /// The section of body `b` with the names of its parameters added.
     fn name(&self, b: usize, mut section: Section) -> Section {
         let all =
             self.tables.iter().flat_map(|(links, names)| names.iter().enumerate().map(move |(k, n)| (links, k, n)));
@@ -350,7 +352,7 @@ fn comment(unit: Option<Unit>, about: &str) -> String {
 }
 
 impl Section {
-    /// Puts the numbers into the document; says how many moved.
+    /// Writes the numbers to the document; returns how many changed.
     fn write(&self, root: &mut Table, provenance: Option<&Provenance>) -> Result<usize> {
         let path: Vec<&str> = self.path.iter().map(String::as_str).collect();
         let new = !has_table(root, &path);
@@ -361,7 +363,7 @@ impl Section {
         let mut moved = 0;
         for line in &self.lines {
             let assumed = line.default.as_ref() == Some(&line.numbers);
-            // a new effect shows its constants too; zeros of an incomplete geometry stay away
+            // a new effect also shows its constants; zeros of an incomplete geometry are omitted
             let shown = new && self.comment.is_some();
             match table.get_mut(&line.key) {
                 Some(item) => {
@@ -400,7 +402,7 @@ impl Line {
         text.parse().unwrap_or_else(|_| Value::from(v))
     }
 
-    /// The numbers as a value; one for all if they are alike and `short`.
+    /// The numbers as a value; a single number if `short` and all are equal.
     fn value(&self, short: bool) -> Value {
         let alike = self.numbers.windows(2).all(|w| w[0] == w[1]);
         match (self.shape, self.numbers.first()) {
@@ -410,7 +412,7 @@ impl Line {
         }
     }
 
-    /// Replaces the numbers that differ, keeping the comments around them.
+    /// Replaces the numbers that differ and keeps the comments around them.
     fn replace(&self, item: &mut Item) {
         let Item::Value(old) = item else {
             *item = Item::Value(self.value(true));
@@ -437,7 +439,7 @@ impl Line {
     }
 }
 
-/// Puts `new`, the text of `v`, in the place of another number; comments stay.
+/// Replaces a number by `new`, the text of `v`, and keeps the comments.
 fn replace_decorated(old: &mut Value, v: f64, new: Value) {
     let same = match old {
         Value::Float(f) => f.value().to_bits() == v.to_bits(),
@@ -482,9 +484,9 @@ fn has_table(root: &Table, path: &[&str]) -> bool {
     true
 }
 
-/// The table at `path`, made if it is not there; a new one gets `comment` above it.
+/// The table at `path`, created with `comment` above it if missing.
 ///
-/// Also tells whether it stands inline or as dotted keys, where comments and headers have no place.
+/// The second result is whether it is inline or has dotted keys, which admit neither comments nor headers.
 fn table_at<'a>(root: &'a mut Table, path: &[&str], comment: Option<&str>) -> Result<(&'a mut dyn TableLike, bool)> {
     let mut table: &mut dyn TableLike = root;
     let mut inline = false;

@@ -1,10 +1,10 @@
 //! Recordings as CSV: a header row with the names of the columns in any order.
 //!
-//! Required: `t`, and `q1…, tau1…` of every axis the machine has, one, three or four, in SI units; other names and units
-//! are understood as far as [`super::columns`] goes. Optional: `strut1_upper…strut6_upper`, `strut1_lower…strut6_lower`,
-//! `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper, margin1_lower…margin6_lower`,
-//! `link_q1…4`, `link_qd1…4` and the `lambda_…` of [`multiplier_names`](deltatwin::recording::multiplier_names). Comma, semicolon or tab
-//! between the cells.
+//! Required: `t`, and `q1…, tau1…` of every axis of the machine (one, three or four), in SI units; other names and
+//! units are recognised as far as [`super::columns`] supports them. Optional: `strut1_upper…strut6_upper`,
+//! `strut1_lower…strut6_lower`, `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper,
+//! margin1_lower…margin6_lower`, `link_q1…4`, `link_qd1…4` and the `lambda_…` of
+//! [`multiplier_names`](deltatwin::recording::multiplier_names). Cells are separated by comma, semicolon or tab.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -18,28 +18,29 @@ use super::columns::{Frame, Layout, Mapping};
 use super::epoch::Clock;
 use crate::file::{self, WriteError};
 
-/// What a machine's file must be.
+/// Description of the expected file of a machine.
 fn expected(axes: usize) -> String {
     let columns = if axes == 1 { "t, q1, tau1".into() } else { format!("t, q1…q{axes}, tau1…tau{axes}") };
     format!("CSV with the columns {columns} and numbers below")
 }
 
-/// Bytes in which a file shows what it is.
+/// Number of bytes from which the format of a file is determined.
 const HEAD: usize = 1 << 16;
 
-/// Reads and checks the signals of a machine, or of whatever machine the columns tell; `maps` say which column is which
-/// channel where the names do not.
+/// Signals of a CSV file, and warnings about what was repaired.
 ///
-/// Also returns what was noticed and repaired.
+/// `machine` is the expected machine; `None` means the one inferred from the columns. `maps` assign columns to channels
+/// where the names do not.
 ///
 /// # Errors
-/// Whatever makes the file no recording: columns, units, cells, times, with line and column.
+/// A [`ReadError`] if the file cannot be read, or for columns, units, cells or times that are not valid, with line and
+/// column.
 pub fn read(path: &Path, machine: Option<Mechanism>, maps: &[Mapping]) -> Result<(Signals, Vec<String>), ReadError> {
     let file = std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?;
     let bytes = file.metadata().map_or(0, |m| m.len()) as usize;
     let mut source = BufReader::with_capacity(HEAD, file);
     let head = source.fill_buf().map_err(|e| ReadError::io(path, e))?.to_vec();
-    // Columns that grow would leave the memory they grew out of behind.
+    // Growth of the columns would leave unused memory; reserve the estimated size.
     let lines = head.iter().filter(|b| **b == b'\n').count();
     let rows = bytes.checked_div(head.len().checked_div(lines).unwrap_or(0)).unwrap_or(0);
     let (table, mut warnings) = table(path, &head, source, rows + rows / 50, machine, maps)?;
@@ -48,10 +49,10 @@ pub fn read(path: &Path, machine: Option<Mechanism>, maps: &[Mapping]) -> Result
     Ok((signals, warnings))
 }
 
-/// Writes the signals with all their digits.
+/// Writes the signals with the shortest decimals that read back exactly.
 ///
 /// # Errors
-/// Signals that no machine has, and whatever the system says.
+/// [`WriteError::Invalid`] for inconsistent signals, [`WriteError::Io`] if the file cannot be written.
 pub fn write(path: &Path, signals: &Signals) -> Result<(), WriteError> {
     let columns = check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
     file::replace(path, |out| -> std::io::Result<()> {
@@ -78,8 +79,9 @@ fn shortest(v: f64) -> String {
     text
 }
 
-/// The table of `about` so many rows in `source`, whose first bytes are `head`. Cells go straight into columns: a long recording is never in memory as
-/// text.
+/// The table of about `about` rows in `source`, whose first bytes are `head`.
+///
+/// Cells are parsed directly into columns, so that the text of a long recording is never held in memory.
 fn table(
     path: &Path,
     head: &[u8],
@@ -159,7 +161,7 @@ fn table(
     Ok((layout.apply(t, &values, rows, Frame { file: path, row: "line", machine }), warnings))
 }
 
-/// Which column is which channel, of which machine; also what is left out or guessed.
+/// Assignment of columns to channels, the machine, and notes on what is omitted or guessed.
 fn layout(
     path: &Path,
     names: &[String],

@@ -1,31 +1,31 @@
-//! Times since 1970, in seconds down to nanoseconds, without loss of digits.
+//! Times since 1970, in units from seconds to nanoseconds, without loss of digits.
 
-/// Larger times count from somewhere far away, in whatever unit.
+/// Value from which a time counts as measured from a distant origin, in any unit (three years in seconds).
 const FAR: i64 = 100_000_000;
 
-/// Times of a column as they are read.
+/// State for parsing the times of one column.
 #[derive(Default)]
 pub(super) struct Clock {
-    /// Whole units of the first time, where it is far from zero.
+    /// Whole units of the first time, if it is far from zero.
     start: Option<Option<i64>>,
 }
 
 impl Clock {
-    /// The time in a cell counted from the whole units of the first one, exactly; none where the first one is not far
-    /// from zero, or the cell is no plain decimal.
+    /// The time in a cell relative to the whole units of the first one, exactly.
+    ///
+    /// `None` if the first time is not far from zero, or the cell is not a plain decimal.
     pub fn since_start(&mut self, cell: &str) -> Option<f64> {
         let (whole, fraction) = cell.split_once('.').unwrap_or((cell, ""));
         let whole: Option<i64> = whole.parse().ok();
         let start = *self.start.get_or_insert(whole.filter(|w| *w >= FAR));
         let fraction: f64 = if fraction.is_empty() { 0.0 } else { format!("0.{fraction}").parse().ok()? };
-        // Hundred million seconds are three years: whoever goes back that far is not counted from the start.
         let since = whole?.checked_sub(start?)?;
         Some(since as f64 + fraction)
     }
 
-    /// Seconds from what was read, and what was noticed; `stated` are the seconds per unit of the header.
+    /// The times `read` in seconds, and a note; `stated` is the header's unit in s.
     ///
-    /// Where the header states no unit, the distance from 1970 tells it.
+    /// If the header states no unit, it is inferred from the distance to 1970.
     pub fn seconds(&self, read: &[f64], stated: f64) -> (Vec<f64>, Option<String>) {
         let scaled = |factor: f64| match factor {
             1.0 => read.to_vec(),

@@ -1,4 +1,4 @@
-//! What can be wrong with a recording or its setup.
+//! Errors of recordings and setups.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use crate::source::Problem;
 
-/// Why a recording or setup was refused.
+/// Why a recording or setup was rejected.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ReadError {
     /// The file cannot be opened or read.
@@ -15,34 +15,34 @@ pub enum ReadError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The file as a whole is not what it should be.
+    /// The file as a whole is not valid.
     #[error("{}: {problem}; expected {expected}", file.display())]
     Content {
         /// The file.
         file: PathBuf,
         /// What is wrong.
         problem: String,
-        /// What should be there.
+        /// What was expected.
         expected: String,
     },
-    /// One value is not what it should be.
+    /// A single value is not valid.
     #[error("{}: {row}, column `{column}`: {problem}; expected {expected}", file.display())]
     Value {
         /// The file.
         file: PathBuf,
-        /// Where, e.g. `line 17`.
+        /// Row, e.g. `line 17`.
         row: String,
         /// Name of the channel.
         column: String,
         /// What is wrong, with the value.
         problem: String,
-        /// What should be there.
+        /// What was expected.
         expected: String,
     },
-    /// A setup file with a mistake.
+    /// An error in a setup file.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Setup(#[from] Problem),

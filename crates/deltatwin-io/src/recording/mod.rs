@@ -19,40 +19,41 @@ use deltatwin::recording::{Context, Recording};
 use self::setup::Sidecar;
 use crate::file::WriteError;
 
-/// How a file is read.
+/// Options for reading a file.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Reading<'a> {
-    /// Setup instead of the sidecar.
+    /// Setup file in place of the sidecar.
     pub setup: Option<&'a Path>,
-    /// Machine whose axes must be there; by the columns if none is given.
+    /// Machine whose axes must be present; inferred from the columns if `None`.
     pub machine: Option<Mechanism>,
-    /// Which column is which channel, one after the other.
+    /// Assignments of columns to channels, applied in order.
     pub maps: &'a [Mapping],
 }
 
-/// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, a bag's folder) of whatever machine it is by its axes: one, three or four.
+/// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, bag folder) of a machine inferred from its number of axes: one,
+/// three or four.
 ///
 /// # Errors
-/// See [`read_as`].
+/// As for [`read_as`].
 pub fn read(path: &Path, setup: Option<&Path>) -> Result<(Recording, Vec<String>), ReadError> {
     read_as(path, &Reading { setup, ..Reading::default() })
 }
 
-/// Reads a recording of a `machine`: its axes must be there, others are left out with a warning.
+/// Reads a recording of `machine`: its axes must be present, others are omitted with a warning.
 ///
 /// # Errors
-/// See [`read_as`].
+/// As for [`read_as`].
 pub fn read_of(path: &Path, setup: Option<&Path>, machine: Mechanism) -> Result<(Recording, Vec<String>), ReadError> {
     read_as(path, &Reading { setup, machine: Some(machine), ..Reading::default() })
 }
 
-/// Reads a recording, its format known by its content. Also returns what was noticed and repaired.
+/// Reads a recording, whose format is determined from its content; also returns warnings about what was repaired.
 ///
-/// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP file's metadata, else
-/// the default. The sidecar's `[columns]` come before `how.maps`.
+/// The setup is that of `how.setup`, else of the sidecar `<stem>.setup.toml`, else of the MCAP metadata, else the
+/// default. The sidecar's `[columns]` are applied before `how.maps`.
 ///
 /// # Errors
-/// What cannot be read or repaired, with file, row and column.
+/// A [`ReadError`] if a file cannot be read or a fault cannot be repaired, with file, row and column.
 pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), ReadError> {
     let beside = setup::sidecar(path);
     let outside = match how.setup {
@@ -84,18 +85,20 @@ pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), R
     Ok((recording, warnings))
 }
 
-/// Writes `.csv` with its sidecar, or `.mcap`. A file that is there is replaced as a whole.
+/// Writes a recording as `.csv` with its sidecar or as `.mcap`; an existing file is replaced.
 ///
 /// # Errors
-/// Names with another ending, signals that no machine has, and whatever the system says.
+/// As for [`write_with`].
 pub fn write(recording: &Recording, path: &Path) -> Result<(), WriteError> {
     write_with(recording, path, &Context::default())
 }
 
-/// The same with origin and pictures of the run, as far as the format keeps them: MCAP does, CSV does not.
+/// Writes a recording like [`write()`], with provenance and display data of the run, which MCAP stores and CSV does
+/// not.
 ///
 /// # Errors
-/// See [`write()`].
+/// [`WriteError::Invalid`] for another file extension or inconsistent signals, [`WriteError::Io`] if a file cannot be
+/// written.
 pub fn write_with(recording: &Recording, path: &Path, context: &Context) -> Result<(), WriteError> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "csv" {

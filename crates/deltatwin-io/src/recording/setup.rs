@@ -13,7 +13,7 @@ use super::{Mapping, ReadError};
 use crate::file::{self, WriteError};
 use crate::source::{Checked, Interval, Source};
 
-/// Where the setup of the recording `path` is kept.
+/// Path of the sidecar of the recording `path`.
 pub fn sidecar(path: &Path) -> PathBuf {
     path.with_extension("setup.toml")
 }
@@ -27,10 +27,10 @@ struct Document {
     columns: BTreeMap<String, Spanned<String>>,
 }
 
-/// A sidecar: what is known about a run, and which column of its file is which channel.
+/// Content of a sidecar: setup of the run, and assignment of columns to channels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sidecar {
-    /// What is known about the run.
+    /// Setup of the run.
     pub setup: Setup,
     /// `[columns]`: channel = "column[unit]".
     pub columns: Mapping,
@@ -82,7 +82,7 @@ impl Default for Load {
 /// Reads a setup file.
 ///
 /// # Errors
-/// The mistake with its place in the file.
+/// If the file cannot be read; else the first error in it, with its position.
 pub fn read(path: &Path) -> Result<Setup, ReadError> {
     Ok(Sidecar::read(path)?.setup)
 }
@@ -90,26 +90,26 @@ pub fn read(path: &Path) -> Result<Setup, ReadError> {
 /// Reads a setup from TOML; `name` stands for the text in errors.
 ///
 /// # Errors
-/// The mistake with its place in the text.
+/// The first error in the text, with its position.
 pub fn from_toml(text: &str, name: &str) -> Result<Setup, ReadError> {
     Ok(Sidecar::from_toml(text, name)?.setup)
 }
 
 impl Sidecar {
-    /// Reads a setup file with its columns.
+    /// Reads a setup file with its column assignments.
     ///
     /// # Errors
-    /// The mistake with its place in the file.
+    /// If the file cannot be read; else the first error in it, with its position.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
         let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
         let text = String::from_utf8(bytes).map_err(|_| ReadError::content(path, "is not text", "a setup in TOML"))?;
         Self::from_toml(&text, &path.display().to_string())
     }
 
-    /// Reads a setup with its columns from TOML; `name` stands for the text in errors.
+    /// Reads a setup with its column assignments from TOML; `name` stands for the text in errors.
     ///
     /// # Errors
-    /// The mistake with its place in the text.
+    /// The first error in the text, with its position.
     pub fn from_toml(text: &str, name: &str) -> Result<Self, ReadError> {
         let source = Source::new(name, text);
         let document: Document = toml::from_str(text).map_err(|e| source.broken(&e))?;
@@ -154,7 +154,7 @@ fn torque_noise(source: &Source, noise: &Noise) -> Checked<Option<[f64; AXES]>> 
     Ok(Some(sigma))
 }
 
-/// The setup as TOML, read back without loss by [`from_toml`].
+/// The setup as TOML, which [`from_toml`] reads back without loss.
 pub fn to_toml(setup: &Setup) -> String {
     let configuration = match setup.configuration {
         Configuration::Assembled => "assembled",
@@ -167,7 +167,7 @@ pub fn to_toml(setup: &Setup) -> String {
     text
 }
 
-/// The table `[payload]` of a setup or scenario, read back without loss.
+/// The table `[payload]` of a setup or scenario, which reads back without loss.
 pub(crate) fn payload_to_toml(payload: &Payload) -> String {
     let Payload { mass, com, .. } = payload;
     let mut text = format!(
@@ -191,7 +191,7 @@ pub(crate) fn payload_to_toml(payload: &Payload) -> String {
 /// Writes a setup file.
 ///
 /// # Errors
-/// What the system says.
+/// [`WriteError::Io`] if the file cannot be written.
 pub fn write(setup: &Setup, path: &Path) -> Result<(), WriteError> {
     file::replace(path, |out| out.write_all(to_toml(setup).as_bytes()))
 }

@@ -5,9 +5,10 @@ use std::path::{Component, Path, PathBuf};
 
 use deltatwin::dynamics::Channel;
 use deltatwin::excitation::experiments::Experiment;
-use deltatwin::excitation::{Design, Objective, Options, median};
+use deltatwin::excitation::{Design, Objective, Options};
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
+use deltatwin::numerics::median;
 use deltatwin::scenario::Course;
 use deltatwin::text::significant;
 use miette::{IntoDiagnostic, WrapErr, miette};
@@ -66,10 +67,10 @@ fn text(design: &Design, options: &Options, model_file: &Path, output: &Path) ->
     out
 }
 
-/// Writes the scenario after reading it back and checking its motion.
+/// Writes a designed motion as a scenario, after reading it back and checking its motion.
 ///
 /// # Errors
-/// A motion that the machine cannot follow, and whatever the system says.
+/// If the motion is not feasible for the machine, or the file cannot be written.
 pub fn write_design(
     design: &Design,
     options: &Options,
@@ -86,7 +87,8 @@ pub fn write_design(
 /// Writes a planned experiment as a scenario of `model_file`, after reading it back and checking its motion.
 ///
 /// # Errors
-/// A motion that is none, or that the machine cannot follow, and whatever the system says.
+/// If the motion cannot be written as a table `[motion]` or is not feasible for the machine, or the file cannot be
+/// written.
 pub fn write_experiment(
     plan: &Experiment,
     comments: &[String],
@@ -118,7 +120,7 @@ pub fn write_experiment(
     replace_text(output, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", output.display()))
 }
 
-/// `file` as seen from the folder of `output`; absolute if they have no folder in common.
+/// `file` relative to the folder of `output`; absolute if they have no common folder.
 fn relative(file: &Path, output: &Path) -> String {
     let folder = output.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let (Ok(file), Ok(folder)) = (file.canonicalize(), folder.canonicalize()) else {

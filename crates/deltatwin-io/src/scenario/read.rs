@@ -1,4 +1,4 @@
-//! TOML → [`Scenario`], with errors that name file, line, key, value and what was expected.
+//! TOML → [`Scenario`], with errors that state file, line, key, value and what was expected.
 
 pub(crate) mod cell;
 mod machine;
@@ -16,7 +16,7 @@ use toml::Spanned;
 use crate::source::{Checked, Interval, Problem, Source};
 use deltatwin::cell::{MeshReader, no_meshes};
 
-/// Why a scenario or a path file was refused.
+/// Why a scenario or a path file was rejected.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ScenarioError {
     /// The file cannot be read.
@@ -24,18 +24,25 @@ pub enum ScenarioError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         reason: String,
     },
-    /// A mistake in the file.
+    /// An error in the file.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Content(#[from] Problem),
 }
 
+impl ScenarioError {
+    /// The text of a file.
+    pub(crate) fn text(path: &Path) -> Result<String> {
+        std::fs::read_to_string(path).map_err(|e| Self::Io { file: path.into(), reason: e.to_string() })
+    }
+}
+
 type Result<T> = std::result::Result<T, ScenarioError>;
 
-/// All but `[motion]`, whose keys depend on its kind.
+/// All tables except `[motion]`, whose keys depend on its kind.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document {
@@ -63,36 +70,35 @@ const SUBSTEPS: usize = 2;
 /// Shortest and longest run, s.
 const DURATION: [f64; 2] = [0.01, 3600.0];
 
-/// Reads a scenario file whose shapes are given by dimensions; the files it names are relative to it.
+/// Reads a scenario file without meshes; the files it names are relative to it.
 ///
 /// # Errors
-/// The mistake with its place in the file.
+/// [`ScenarioError::Io`] if the file cannot be read; else the first error in it, with its position.
 pub fn read(path: &Path) -> Result<Scenario> {
     read_with(path, no_meshes)
 }
 
-/// Reads a scenario file, and with `meshes` the solids that it names; all files are relative to it.
+/// Reads a scenario file like [`read`], with `meshes` as reader of the solids it names.
 ///
 /// # Errors
-/// The mistake with its place in the file.
+/// As for [`read`].
 pub fn read_with(path: &Path, meshes: MeshReader) -> Result<Scenario> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
+    let text = ScenarioError::text(path)?;
     parse_with(&text, path, meshes)
 }
 
-/// Reads a scenario from `text`; `path` names it in errors and is where it looks for models and tables.
+/// Reads a scenario from `text` without meshes; `path` is named in errors, and models and tables are relative to it.
 ///
 /// # Errors
-/// The mistake with its place in the text.
+/// The first error in the text, with its position.
 pub fn parse(text: &str, path: &Path) -> Result<Scenario> {
     parse_with(text, path, no_meshes)
 }
 
-/// Reads a scenario from `text` as [`parse`], and with `meshes` the solids that it names.
+/// Reads a scenario from `text` like [`parse`], with `meshes` as reader of the solids it names.
 ///
 /// # Errors
-/// The mistake with its place in the text.
+/// The first error in the text, with its position.
 pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenario> {
     let file = &Source { meshes, ..Source::new(path.display(), text) };
     let (document, motion) = file.document::<Document>("motion")?;
@@ -154,7 +160,7 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
     })
 }
 
-/// Length of the run: as given, else that of the motion.
+/// Duration of the run (s): the stated one, else that of the motion.
 fn duration(file: &Source, given: &Option<Spanned<f64>>, motion: &Course) -> Checked<f64> {
     let [shortest, longest] = DURATION;
     match (given, motion.length()) {

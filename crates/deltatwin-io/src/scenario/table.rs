@@ -1,5 +1,5 @@
-//! Look-up tables of motions: CSV with `t` and either the platform's `x, y, z, psi` or the joints' `q1…q4`, as far as the
-//! machine has them.
+//! Look-up tables of motions: CSV with `t` and either `x, y, z, psi` of the platform or the joint angles `q1…q4`, as
+//! far as the machine has them.
 
 use std::path::Path;
 
@@ -9,23 +9,23 @@ const PLATFORM: [&str; 4] = ["x", "y", "z", "psi"];
 const JOINTS: [&str; 4] = ["q1", "q2", "q3", "q4"];
 const EXPECTED: &str =
     "expected CSV with the columns t, x, y, z, psi or t, q1, q2, q3, q4, as far as the machine has them";
-/// Rows nearer than this are out of order, s.
+/// Smallest time between rows, s.
 const NEAREST: f64 = 1e-9;
 
-/// Reads `file`; the error says what is wrong, with the line and column.
+/// Reads a look-up table from `file`; see [`Table`] for `moving`.
 ///
 /// # Errors
-/// What is wrong, in words.
+/// A description of the fault, with line and column where applicable.
 pub(super) fn read(file: &Path, moving: bool) -> Result<Table, String> {
     let content = std::fs::read(file).map_err(|e| format!("cannot be read: {e}"))?;
     let text = String::from_utf8(content).map_err(|_| format!("is not text; {EXPECTED}"))?;
     parse(&text, file, moving)
 }
 
-/// Reads a table from `text`, `file` its origin.
+/// Reads a look-up table from `text`, which is the content of `file`.
 ///
 /// # Errors
-/// What is wrong, in words.
+/// A description of the fault, with line and column where applicable.
 pub(super) fn parse(text: &str, file: &Path, moving: bool) -> Result<Table, String> {
     let mut reader = csv::ReaderBuilder::new()
         .comment(Some(b'#'))
@@ -33,7 +33,7 @@ pub(super) fn parse(text: &str, file: &Path, moving: bool) -> Result<Table, Stri
         .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
     let header = reader.headers().map_err(|e| e.to_string())?.clone();
     let column = |name: &str| header.iter().position(|h| h == name);
-    // The last columns may be missing where nothing else is there: the machine does not have them.
+    // The last columns may be missing if there are no others: the machine does not have these axes.
     let all = |names: [&str; 4], fewer: &[usize]| {
         let found: Vec<usize> = names.iter().map_while(|name| column(name)).collect();
         let alone = fewer.contains(&found.len()) && header.len() == found.len() + 1;

@@ -1,10 +1,10 @@
-//! A desired motion as the `[motion]` table of a scenario file.
+//! Desired motions as the table `[motion]` of a scenario file.
 
 use std::fmt::Write;
 
 use deltatwin::scenario::{Course, FourierMotion};
 
-/// The table, read back as the same motion; none for a look-up table, which is a file of its own.
+/// The table `[motion]`, which reads back as the same motion; `None` for a look-up table, which is a separate file.
 pub fn motion_text(course: &Course) -> Option<String> {
     let mut out = String::from("[motion]\n");
     match course {

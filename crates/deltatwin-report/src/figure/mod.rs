@@ -8,6 +8,7 @@ mod canvas;
 mod color;
 mod curve;
 mod falling_error;
+mod framed;
 mod legend;
 mod matrix;
 mod numbers;

@@ -1,10 +1,10 @@
 //! Scatter plots with binned means.
 
-use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
-use super::canvas::draw;
+use super::axis::{Axis, range};
 use super::curve::{Curve, usable};
-use super::legend::{Swatch, colours, head, legend};
-use super::{Figure, MAX_DOTS, RIGHT, WIDTH};
+use super::framed::framed;
+use super::legend::{Swatch, colours};
+use super::{Figure, MAX_DOTS};
 
 /// Abscissa, mean and standard deviation of the points in a bin.
 type Bin = (f64, f64, f64);
@@ -73,16 +73,8 @@ pub fn scatter_binned(title: &str, x_label: &str, y_label: &str, curves: &[Curve
     }
     let x = x_range.map(|r| Axis::linear(r, 0.01, 10));
     let y = extent.map(|r| Axis::linear(r, 0.05, 7));
-    let top = head(&entries);
-    let left = left_margin(y.as_ref().map_or(0.0, Axis::label_width));
-    let r = Rect { x0: left, y0: top, x1: WIDTH - RIGHT, y1: top + 280.0 };
-    draw(title, r.y1 + 44.0, |c| {
-        legend(c, &entries);
-        let none = Axis { hi: 1.0, ..Axis::default() };
-        let (xa, ya) = (x.as_ref().unwrap_or(&none), y.as_ref().unwrap_or(&none));
-        axes(c, r, xa, ya, Some(x_label), y_label);
-        let (Some(x), Some(y)) = (x, y) else { return no_data(c, r) };
-        let at = |vx: f64, vy: f64| Some((r.x(&x, vx)?, r.y(&y, vy)?)).filter(|p| r.has(*p));
+    framed(title, &entries, 0.0, (x, x_label), (y, y_label), |c, r, x, y| {
+        let at = |vx: f64, vy: f64| Some((r.x(x, vx)?, r.y(y, vy)?)).filter(|p| r.has(*p));
         for (curve, color) in curves.iter().zip(&colors) {
             for (vx, vy) in thinned(curve, MAX_DOTS / curves.len().max(1)) {
                 if let Some(p) = at(vx, vy) {

@@ -1,11 +1,12 @@
 //! Amplitude spectra.
 
-use super::axis::{Axis, Rect, axes, left_margin, no_data, range};
-use super::canvas::{Align, draw, text_width};
+use super::axis::{Axis, range};
+use super::canvas::{Align, text_width};
 use super::color::{Color, QUIET};
 use super::curve::{Curve, plot, usable};
-use super::legend::{colours, head, legend};
-use super::{Figure, RIGHT, TICK_SIZE, WIDTH};
+use super::framed::framed;
+use super::legend::colours;
+use super::{Figure, TICK_SIZE, WIDTH};
 
 /// Number of rows of marker labels above a spectrum.
 const MARKER_ROWS: usize = 2;
@@ -48,18 +49,11 @@ pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], mar
     let y = range(usable(&curves).map(|p| p.1)).map(|(lo, hi)| Axis::log((lo.max(hi * 1e-6) / 1.3, hi * 1.6), 7));
     // Overlapping labels are moved to further rows; those that do not fit are omitted.
     let mut rows: Vec<f64> = Vec::new();
-    let top = head(&entries) + 14.0 * markers.len().min(MARKER_ROWS) as f64;
-    let left = left_margin(y.as_ref().map_or(0.0, Axis::label_width));
-    let r = Rect { x0: left, y0: top, x1: WIDTH - RIGHT, y1: top + 280.0 };
-    draw(title, r.y1 + 44.0, |c| {
-        legend(c, &entries);
-        let none = Axis { hi: 1.0, ..Axis::default() };
-        let (xa, ya) = (x.as_ref().unwrap_or(&none), y.as_ref().unwrap_or(&none));
-        axes(c, r, xa, ya, Some(x_label), y_label);
-        let (Some(x), Some(y)) = (x, y) else { return no_data(c, r) };
+    let room = 14.0 * markers.len().min(MARKER_ROWS) as f64;
+    framed(title, &entries, room, (x, x_label), (y, y_label), |c, r, x, y| {
         let mut places: Vec<(f64, &str)> = markers
             .iter()
-            .filter_map(|m| Some((r.x(&x, m.at)?, m.label.as_str())))
+            .filter_map(|m| Some((r.x(x, m.at)?, m.label.as_str())))
             .filter(|(px, _)| (r.x0..=r.x1).contains(px))
             .collect();
         places.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -76,7 +70,7 @@ pub fn spectrum(title: &str, x_label: &str, y_label: &str, curves: &[Curve], mar
             }
         }
         for (curve, color) in curves.iter().zip(&colors) {
-            plot(c, (r, &x, &y), curve, *color, curves.len());
+            plot(c, (r, x, y), curve, *color, curves.len());
         }
     })
 }

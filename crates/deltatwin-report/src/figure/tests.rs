@@ -268,3 +268,15 @@ fn colours_are_distinct_and_follow_the_label() {
     assert!(all[0] != all[1] && all[1] != all[2] && all[0] != all[2]);
     assert_eq!(entries.len(), 3);
 }
+
+#[test]
+fn rounding_errors_do_not_fill_a_panel() {
+    let panel = |size: f64| {
+        let values = vec![-size, 0.5 * size, size];
+        Panel { y_label: "N·m".into(), curves: vec![Curve::new("c", vec![0.0, 1.0, 2.0], values)], ..Panel::default() }
+    };
+    let svg = |sizes: &[f64]| panels("t", "x", &sizes.iter().map(|s| panel(*s)).collect::<Vec<_>>()).svg().to_string();
+    assert!(!svg(&[100.0, 5e-9]).contains("10⁻⁹"));
+    assert!(svg(&[5e-9]).contains("10⁻⁹"), "alone it is what is shown");
+    assert!(svg(&[100.0, 0.01]).contains("0.01"));
+}

@@ -31,6 +31,25 @@ pub fn panels(title: &str, x_label: &str, panels: &[Panel]) -> Figure {
     stack(title, x_label, panels, 128.0)
 }
 
+/// Share of the largest value of a quantity in a stack below which a panel shows rounding errors.
+const ROUNDING: f64 = 1e-6;
+
+/// Ranges of the panels' values; none for a panel without any.
+///
+/// A panel with nothing but rounding errors gets a thousandth of the largest value of its quantity, so that it looks like the
+/// zero it is.
+fn ranges(panels: &[Panel]) -> Vec<Option<(f64, f64)>> {
+    let own = |panel: &Panel| range(usable(&panel.curves).map(|p| p.1));
+    let size = |range: Option<(f64, f64)>| range.map_or(0.0, |(low, high)| low.abs().max(high.abs()));
+    let one = |panel: &Panel| {
+        let same = panels.iter().filter(|p| p.y_label == panel.y_label);
+        let largest = same.map(|p| size(own(p))).fold(0.0, f64::max);
+        let is_rounding = size(own(panel)) < ROUNDING * largest;
+        own(panel).map(|own| if is_rounding { (-1e-3 * largest, 1e-3 * largest) } else { own })
+    };
+    panels.iter().map(one).collect()
+}
+
 fn stack(title: &str, x_label: &str, panels: &[Panel], height: f64) -> Figure {
     let (colors, entries) = colours(panels.iter().flat_map(|p| &p.curves));
     let total = colors.len();
@@ -42,7 +61,7 @@ fn stack(title: &str, x_label: &str, panels: &[Panel], height: f64) -> Figure {
     let x = x_range.map(|r| Axis::linear(r, 0.0, 10));
     let y_ticks = if height > 200.0 { 7 } else { 4 };
     let y: Vec<Option<Axis>> =
-        panels.iter().map(|p| range(usable(&p.curves).map(|p| p.1)).map(|r| Axis::linear(r, 0.05, y_ticks))).collect();
+        ranges(panels).into_iter().map(|range| range.map(|r| Axis::linear(r, 0.05, y_ticks))).collect();
     let left = left_margin(y.iter().flatten().fold(0.0, |w, a| a.label_width().max(w)));
     draw(title, full, |c| {
         legend(c, &entries);

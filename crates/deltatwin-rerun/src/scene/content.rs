@@ -1,4 +1,4 @@
-//! What is drawn, wherever it comes from.
+//! Content of a scene, independent of its source.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -9,44 +9,44 @@ use deltatwin::machine::{AXES, Geometry, Mechanism, STRUTS, Unit};
 use deltatwin::recording::Recording;
 pub use deltatwin::recording::{Level, Note};
 
-/// A moving robot, the things around it, and curves.
+/// A moving robot, the objects around it, and curves.
 pub struct Scene<'a> {
-    /// Time of each frame, s; increasing, some 50 per second are enough.
+    /// Time of each frame, s, increasing; 50 frames per second are sufficient.
     pub times: Vec<f64>,
-    /// Poses of the bodies' frames, world; one set per frame.
+    /// Poses of the body frames in the inertial frame, one set per frame.
     pub bodies: Vec<[Isometry3<f64>; BODIES]>,
     /// Kind of machine.
     pub machine: Mechanism,
-    /// Lengths of the bodies.
+    /// Geometry of the robot.
     pub geometry: &'a Geometry,
-    /// Torque residual per frame and axis in standard deviations of the sensor noise; colours arms and telescope from
+    /// Torque residual per frame and axis, in standard deviations of the sensor noise; colours arms and telescope from
     /// green (noise) to red (6 σ).
     pub residual: Option<Vec<[f64; AXES]>>,
-    /// Per frame, the struts with an open socket.
+    /// Struts with an open socket, per frame.
     pub loose: Option<Vec<[bool; STRUTS]>>,
-    /// Payload's shape and its centre in the end effector's frame, m.
+    /// Shape of the payload and its centre in the end effector's frame, m.
     pub payload: Option<(Shape, Vector3<f64>)>,
-    /// Things around the robot.
+    /// Objects around the robot.
     pub things: Vec<Thing<'a>>,
-    /// Curves beside the robot, at their own rate.
+    /// Curves, each with its own times.
     pub series: Vec<Series>,
-    /// What happened.
+    /// Events.
     pub notes: Vec<Note>,
-    /// Something may still happen: there is a place for notes.
+    /// Whether to reserve a view for events that may follow.
     pub eventful: bool,
 }
 
-/// An object and its pose in every frame.
+/// An object with its pose in every frame.
 pub struct Thing<'a> {
-    /// What it is.
+    /// The object.
     pub object: &'a Object,
-    /// Poses, one per frame.
+    /// Poses in the inertial frame, one per frame.
     pub poses: Vec<Isometry3<f64>>,
 }
 
 /// A curve over time.
 pub struct Series {
-    /// Place in the tree: tab, plot and curve, e.g. `torque/axis1/measured`.
+    /// Path of tab, plot and curve, e.g. `torque/axis1/measured`.
     pub path: String,
     /// Times, s.
     pub times: Vec<f64>,
@@ -54,12 +54,12 @@ pub struct Series {
     pub values: Vec<f64>,
     /// Red, green, blue.
     pub color: [u8; 3],
-    /// Legend with the unit, e.g. `measured [N·m]`.
+    /// Legend with unit, e.g. `measured [N·m]`.
     pub label: String,
 }
 
 impl<'a> Scene<'a> {
-    /// A machine alone, posed by `bodies` at `times`.
+    /// A machine without surroundings and curves, with poses `bodies` at `times` (s).
     pub fn new(
         machine: Mechanism,
         geometry: &'a Geometry,
@@ -81,7 +81,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// What is inconsistent, if anything.
+    /// Checks the consistency of the numbers of values.
     pub(super) fn check(&self) -> Result<(), String> {
         let frames = self.times.len();
         let expect = |what: &str, count: usize, wanted: usize| {
@@ -95,7 +95,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Curves of what was recorded: torques, joint angles, strut forces, socket margins.
+/// Curves of the recorded signals: torques, joint angles, strut forces, socket margins.
 pub fn measured(recording: &Recording) -> Vec<Series> {
     let s = &recording.signals;
     let mut series = Vec::new();
@@ -114,7 +114,7 @@ pub fn measured(recording: &Recording) -> Vec<Series> {
     series
 }
 
-/// Curves of torques and joint angles; `of` gives both for an axis.
+/// Curves of torques and joint angles; `of` returns both for an axis.
 pub fn drives(machine: Mechanism, times: &[f64], of: impl Fn(usize) -> (Vec<f64>, Vec<f64>)) -> Vec<Series> {
     let (torque, angle) = (machine.unit(Unit::NM), machine.unit(Unit::Rad));
     let curve =
@@ -131,7 +131,10 @@ pub fn drives(machine: Mechanism, times: &[f64], of: impl Fn(usize) -> (Vec<f64>
     torques
 }
 
-/// Axial force at the upper (0) or lower (1) end of strut `strut` (from 0).
+/// Curve of the axial force at the upper (`end` 0) or lower (1) end of strut `strut` (from 0).
+///
+/// # Panics
+/// If `end` is neither 0 nor 1.
 pub fn strut_force(strut: usize, end: usize, times: Vec<f64>, values: Vec<f64>) -> Series {
     let name = ["upper", "lower"][end];
     Series {
@@ -143,7 +146,7 @@ pub fn strut_force(strut: usize, end: usize, times: Vec<f64>, values: Vec<f64>) 
     }
 }
 
-/// Curves of the twelve sockets in one plot.
+/// Curves of the margins of the twelve sockets, in one plot.
 pub fn socket_margins(times: &[f64], margins: &[[f64; 2 * STRUTS]]) -> Vec<Series> {
     let curve = |s: usize| {
         let (strut, end) = (s % STRUTS, if s < STRUTS { "upper" } else { "lower" });

@@ -1,4 +1,4 @@
-//! Scenes piece by piece in a viewer that runs.
+//! Streaming of scenes to a running viewer, piece by piece.
 
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
@@ -7,29 +7,29 @@ use rerun::RecordingStream;
 
 use super::{APPLICATION, Outcome, Problem, Scene, layout, motion, shapes};
 
-/// How long a viewer may take to answer, s.
+/// Time limit for an answer of the viewer, s.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// The viewer to stream to.
+/// The viewer that receives the stream.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Viewer {
-    /// One that listens at this URL, such as `rerun+http://127.0.0.1:9876/proxy`.
+    /// A viewer that listens at this URL, such as `rerun+http://127.0.0.1:9876/proxy`.
     Connect(String),
-    /// One that is started, or runs already, on this machine; `rerun` must be in the path.
+    /// A viewer on this machine, started if none is running; `rerun` must be in the path.
     Spawn,
 }
 
-/// A stream to a viewer. What the viewer has not taken yet is bounded: sending waits for it.
+/// A stream to a viewer, with a bounded buffer: sending blocks while it is full.
 pub struct Live {
     rec: RecordingStream,
     staged: bool,
 }
 
 impl Live {
-    /// Opens a stream called `name`, laid out for pieces like `scene`.
+    /// Opens a stream called `name` with a layout for pieces like `scene`.
     ///
     /// # Errors
-    /// If there is no viewer, or the URL is none.
+    /// If no viewer answers or none can be started, or the URL is not valid.
     pub fn open(viewer: &Viewer, name: &str, scene: &Scene) -> Result<Self, Problem> {
         let builder = rerun::RecordingStreamBuilder::new(APPLICATION)
             .recording_name(name)
@@ -45,7 +45,7 @@ impl Live {
         Ok(Self { rec, staged: false })
     }
 
-    /// Sends a piece; the first one brings the robot and its surroundings.
+    /// Sends a piece; the first one is preceded by the shapes of robot and surroundings.
     ///
     /// # Errors
     /// If the stream is closed.
@@ -57,16 +57,16 @@ impl Live {
         motion(&self.rec, scene)
     }
 
-    /// Waits until the viewer has taken everything.
+    /// Waits until the viewer has received everything.
     ///
     /// # Errors
-    /// If it has gone away or does not answer.
+    /// If the viewer is gone or does not answer in time.
     pub fn finish(&self) -> Outcome {
         Ok(self.rec.flush_with_timeout(PATIENCE)?)
     }
 }
 
-/// Asks whether anybody listens at `url`: the SDK would try for ever.
+/// Checks that a server listens at `url`, since the SDK would retry without end.
 fn listens(url: &str) -> Result<(), Problem> {
     let expected = "expected an address like rerun+http://127.0.0.1:9876/proxy";
     let place = url.split_once("://").map(|(_, rest)| rest.split('/').next().unwrap_or_default());
@@ -90,7 +90,7 @@ mod tests {
     fn nobody_there_is_an_error_at_once() {
         let e = listens("nonsense").unwrap_err().to_string();
         assert!(e.contains("expected an address like rerun+http"), "{e}");
-        // A port that was free a moment ago.
+        // A port that was free immediately before.
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let e = listens(&format!("rerun+http://127.0.0.1:{port}/proxy")).unwrap_err().to_string();
         assert!(e.contains("refused"), "{e}");

@@ -1,4 +1,4 @@
-//! The moving robot, what is around it and its signals for Rerun: as a recording (`.rrd`), or live in a viewer.
+//! Scenes for Rerun, with moving robot, surroundings and signals: as a recording (`.rrd`), or live in a viewer.
 
 mod content;
 mod live;
@@ -18,21 +18,23 @@ pub use live::{Live, Viewer};
 use deltatwin::machine::AXES;
 use deltatwin_io::file::{self, WriteError};
 
-/// Name of the timeline, s.
+/// Name of the timeline (s).
 const TIME: &str = "time";
 const APPLICATION: &str = "deltatwin";
-/// Where the log of events is.
+/// Entity path of the log of events.
 const EVENTS: &str = "events";
 
 /// Colours of axes 1–4 in plots.
 const AXIS: [[u8; 3]; AXES] = [[76, 140, 220], [235, 125, 40], [90, 175, 95], [170, 105, 200]];
 
-/// Writes the robot, its surroundings, its curves and a layout for them. A file that is there is replaced as a whole.
+/// Writes a scene with a layout as an `.rrd` file; an existing file is replaced.
 ///
-/// The recording is made in memory: the SDK's own file writer gives no answer once a write has failed, as on a full disk.
+/// The recording is assembled in memory, because the SDK's own file writer does not report a failed write, e.g. on a
+/// full disk.
 ///
 /// # Errors
-/// If the scene is inconsistent, or the file cannot be written.
+/// [`WriteError::Invalid`] if the scene is inconsistent or cannot be encoded, [`WriteError::Io`] if the file cannot be
+/// written.
 pub fn write_rrd(path: &Path, name: &str, scene: &Scene) -> Result<(), WriteError> {
     scene.check().map_err(|problem| WriteError::invalid(path, problem))?;
     let bytes = encode(name, scene).map_err(|e| WriteError::invalid(path, e.to_string()))?;
@@ -54,7 +56,7 @@ fn encode(name: &str, scene: &Scene) -> Result<Vec<u8>, Problem> {
     Ok(storage.drain_as_bytes()?)
 }
 
-/// What does not change: the robot, its surroundings, the look of the curves.
+/// Logs the static content: robot, surroundings, and the style of the curves.
 fn shapes(rec: &RecordingStream, scene: &Scene) -> Outcome {
     rec.log_static("world", &a::ViewCoordinates::RIGHT_HAND_Z_UP())?;
     solids::base(rec, scene)?;
@@ -63,7 +65,7 @@ fn shapes(rec: &RecordingStream, scene: &Scene) -> Outcome {
     scene.series.iter().try_for_each(|s| style(rec, s))
 }
 
-/// What happens during the scene.
+/// Logs the time-dependent content.
 fn motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
     solids::robot_motion(rec, scene)?;
     solids::things_motion(rec, scene)?;
@@ -71,7 +73,7 @@ fn motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
     events(rec, &scene.notes)
 }
 
-/// Robot and events left; a tab per first part of the paths and in it a plot per second part.
+/// Layout: robot and events on the left; one tab per first part of the curves' paths, in it one plot per second part.
 fn layout(scene: &Scene) -> bp::Blueprint {
     let mut tabs: Vec<(&str, Vec<&str>)> = Vec::new();
     for s in &scene.series {
@@ -160,7 +162,7 @@ mod tests {
     use deltatwin::machine::{ARMS, Geometry, Mechanism};
     use deltatwin::recording::Recording;
 
-    /// Arms apart, axis 4 turning.
+    /// The machine with arms at angle `phi` (rad), and axis 4 rotating.
     fn lift(g: &Geometry, phi: f64) -> Motion {
         let joints = JointState { q: [phi, 0.8 * phi, phi + 0.1, 2.0 * phi], ..JointState::default() };
         Motion::assembled(g, &joints).expect("a pose within reach")
@@ -182,7 +184,7 @@ mod tests {
         }
     }
 
-    /// The SDK's file writer waited for ever here.
+    /// A write to a full disk must return an error; the SDK's file writer blocked in this case.
     #[test]
     #[cfg(target_os = "linux")]
     fn a_full_disk_is_an_error() {
@@ -193,7 +195,7 @@ mod tests {
         let scene = Scene::new(Mechanism::default(), &g, vec![0.0], vec![motion.poses()]);
         let bytes = encode("full", &scene).unwrap();
         assert!(out.write_all(&bytes).is_err());
-        // A folder that takes no file.
+        // A folder in which files cannot be created.
         assert!(write_rrd(Path::new("/proc/full.rrd"), "full", &scene).is_err());
     }
 

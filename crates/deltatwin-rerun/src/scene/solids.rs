@@ -1,4 +1,4 @@
-//! The solids of a scene: what is drawn of a link is what collides.
+//! Solids of a scene; those of the links have the collision dimensions.
 
 use nalgebra::{Isometry3, Vector3};
 use rerun::components::FillMode;
@@ -20,14 +20,14 @@ const STEEL: [u8; 3] = [150, 155, 165];
 const CARBON: [u8; 3] = [88, 92, 102];
 const ORANGE: [u8; 3] = [235, 125, 40];
 const BRASS: [u8; 3] = [215, 175, 80];
-/// A strut with an open socket.
+/// Colour of a strut with an open socket.
 const LOOSE: [u8; 3] = [225, 40, 60];
 const PAYLOAD: [u8; 3] = [110, 150, 190];
 const FIXED: [[u8; 3]; 3] = [[165, 150, 130], [110, 113, 116], [140, 140, 125]];
 const BELT: [u8; 3] = [60, 95, 120];
 const PRODUCTS: [[u8; 3]; 4] = [[200, 90, 110], [95, 170, 150], [205, 170, 90], [140, 120, 190]];
 
-/// The mounting ring and the motors, which stand still; of a lone axis its rail or its shaft.
+/// Logs the fixed parts: mounting ring and motors, or rail or shaft of a single axis.
 pub(super) fn base(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let g = scene.geometry;
     if let Mechanism::Axis(joint) = scene.machine {
@@ -62,19 +62,19 @@ pub(super) fn base(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// The bodies that are drawn.
+/// Bodies that are displayed.
 fn shown(scene: &Scene) -> impl Iterator<Item = usize> {
     let assembled = is_assembled(scene);
     let last = if scene.geometry.has_telescope() { BODIES } else { ROTOR };
     (0..last).filter(move |&b| b != ROTOR && (b < STRUT || assembled))
 }
 
-/// Bodies of a disassembled robot rest in the origin, where the platform never is.
+/// Whether the robot is assembled: bodies of a disassembled robot are at the origin, which the platform never reaches.
 fn is_assembled(scene: &Scene) -> bool {
     scene.bodies.iter().any(|b| b[PLATFORM].translation.vector.norm() > 0.0)
 }
 
-/// Where the moving bodies are and how they are coloured.
+/// Logs poses and colours of the moving bodies.
 pub(super) fn robot_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
     if let Mechanism::Axis(_) = scene.machine {
         follow(rec, &EntityPath::from(LONE), &scene.times, scene.bodies.iter().map(|poses| poses[ARM]))?;
@@ -88,7 +88,7 @@ pub(super) fn robot_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// The way of the platform.
+/// Logs the trajectory of the platform.
 pub(super) fn trail(rec: &RecordingStream, scene: &Scene) -> Outcome {
     if matches!(scene.machine, Mechanism::Axis(_)) || !is_assembled(scene) {
         return Ok(());
@@ -99,7 +99,7 @@ pub(super) fn trail(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// The moving bodies' shapes.
+/// Logs the shapes of the moving bodies.
 pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let g = scene.geometry;
     if let Mechanism::Axis(joint) = scene.machine {
@@ -133,12 +133,12 @@ pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// Length of what is drawn of a lone axis, m.
+/// Length of the displayed part of a single axis, m.
 const LONE_SIZE: f64 = 0.2;
-/// Where it is in the tree.
+/// Entity path of a single axis.
 const LONE: &str = "world/axis";
 
-/// The lever or the carriage of a lone axis.
+/// Logs the lever or carriage of a single axis.
 fn lone(rec: &RecordingStream, joint: Joint) -> Outcome {
     let end = match joint {
         Joint::Revolute => Vector3::x() * LONE_SIZE,
@@ -147,14 +147,14 @@ fn lone(rec: &RecordingStream, joint: Joint) -> Outcome {
     rod(rec, LONE, end, ARM_RADIUS)
 }
 
-/// A rod from the body's origin to `end`, still without colour.
+/// Logs a rod from the body's origin to `end` (m), without colour.
 fn rod(rec: &RecordingStream, entity: &str, end: Vector3<f64>, radius: f64) -> Outcome {
     let rod = a::Capsules3D::from_endpoints_and_radii([[0f32; 3]], [point(end)], [radius as f32]);
     rec.log_static(entity, &rod.with_fill_mode(FillMode::Solid))?;
     Ok(())
 }
 
-/// Colour of body `b`'s rod over time.
+/// Logs the colour of the rod of body `b` over time.
 fn paint(rec: &RecordingStream, entity: &str, scene: &Scene, b: usize) -> Outcome {
     let (usual, axis) = match b {
         ARM..STRUT => (STEEL, Some(b - ARM)),
@@ -193,7 +193,7 @@ fn platform(rec: &RecordingStream, entity: &str, g: &Geometry) -> Outcome {
     Ok(())
 }
 
-/// Flange with a mark that shows how far axis 4 has turned, and the payload.
+/// Logs the flange, with a mark that shows the rotation of axis 4, and the payload.
 fn end_effector(rec: &RecordingStream, entity: &str, scene: &Scene) -> Outcome {
     let height = (-scene.geometry.flange_height).max(0.01) as f32;
     let flange = a::Cylinders3D::from_lengths_and_radii([height], [FLANGE_RADIUS as f32])
@@ -218,7 +218,7 @@ fn entity_of(object: &Object) -> EntityPath {
     EntityPath::from(["world", "objects", &object.name].map(EntityPathPart::new).to_vec())
 }
 
-/// Where the free things around the robot are.
+/// Logs the poses of the free objects.
 pub(super) fn things_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
     for Thing { object, poses } in scene.things.iter().filter(|t| matches!(t.object.mobility, Mobility::Free { .. })) {
         follow(rec, &entity_of(object), &scene.times, poses.iter().copied())?;
@@ -226,7 +226,7 @@ pub(super) fn things_motion(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// The things around the robot, at their places if they have any.
+/// Logs the objects around the robot, at their initial poses if they have any.
 pub(super) fn things(rec: &RecordingStream, scene: &Scene) -> Outcome {
     for (i, Thing { object, poses }) in scene.things.iter().enumerate() {
         let entity = entity_of(object);
@@ -244,7 +244,7 @@ pub(super) fn things(rec: &RecordingStream, scene: &Scene) -> Outcome {
     Ok(())
 }
 
-/// A shape of an object, and its name where it hides little.
+/// Logs the shape of an object, with its name where the label hides little.
 fn solid(rec: &RecordingStream, entity: &EntityPath, shape: &Shape, rgb: [u8; 3], name: &str) -> Outcome {
     let (paint, fill) = ([color(rgb)], FillMode::Solid);
     let corner = match *shape {
@@ -284,7 +284,7 @@ fn balls(rec: &RecordingStream, entity: &str, centres: impl IntoIterator<Item = 
     Ok(())
 }
 
-/// Poses of `entity` over time.
+/// Logs the poses of `entity` over time.
 fn follow(
     rec: &RecordingStream,
     entity: &EntityPath,
@@ -311,7 +311,7 @@ fn point(v: Vector3<f64>) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// Green within the noise, yellow at 3 σ, red from 6 σ on.
+/// Colour of a residual: green within the noise, yellow at 3 σ, red from 6 σ.
 fn heat(sigma: f64) -> [u8; 3] {
     let stops = [[70.0, 170.0, 90.0], [240.0, 200.0, 60.0], [215.0, 50.0, 45.0]];
     let x = if sigma.is_finite() { (sigma.abs() - 1.0).clamp(0.0, 5.0) / 2.5 } else { 2.0 };

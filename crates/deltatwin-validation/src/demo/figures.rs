@@ -5,8 +5,7 @@ use crate::exam::Campaign;
 use deltatwin::diagnosis::Diagnosis;
 use deltatwin::diagnosis::candidates::Standing;
 use deltatwin::dynamics::Plant;
-use deltatwin::identification::fit::residuals;
-use deltatwin::identification::predict;
+use deltatwin::identification::{Residuals, predict};
 use deltatwin::machine::AXES;
 use deltatwin_report::{
     Callout, Color, Curve, ErrorGroup, Panel, RankRow, Report, Style, falling_error, panels, ranking, scatter_binned,
@@ -152,8 +151,8 @@ fn residual_figures(
     let dataset = &findings.validation;
     let before_model = &findings.identified.model;
     let predicted = predict(&Plant::new(before_model, &campaign.validation.setup), dataset).ok()?;
-    let before = residuals(before_model, std::slice::from_ref(dataset)).ok()?.remove(0);
-    let after = residuals(&findings.diagnosis.model, std::slice::from_ref(dataset)).ok()?.remove(0);
+    let before = Residuals::of(dataset, &predicted).series.remove(0);
+    let after = Residuals::new(&findings.diagnosis.model, std::slice::from_ref(dataset)).ok()?.series.remove(0);
     let stack: Vec<Panel> = (0..AXES)
         .map(|i| Panel {
             title: format!("axis {}", i + 1),

@@ -88,7 +88,7 @@ pub fn describe(campaign: &Campaign) -> String {
         .iter()
         .zip(&active.values)
         .filter(|(e, v)| e.parameter.role != Role::Fixed && **v != 0.0)
-        .map(|(e, v)| format!("{} = {} {}", e.name, significant(*v, 4), e.parameter.unit))
+        .map(|(e, v)| format!("{} = {}", e.name, e.parameter.unit.quantity(significant(*v, 4))))
         .collect();
     format!("{}: {}", active.effect.name(), values.join(", "))
 }

@@ -14,8 +14,7 @@ use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::rigid_bodies::{self, RigidBodies};
 use deltatwin::effects::{self, Effect, Role};
 use deltatwin::identification::dataset::noise_floor;
-use deltatwin::identification::fit::{channel_rms, residuals};
-use deltatwin::identification::{Dataset, FitError};
+use deltatwin::identification::{Dataset, FitError, Residuals};
 use deltatwin::machine::{AXES, Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
@@ -290,7 +289,7 @@ impl Prepared {
 /// differentiation.
 fn attainable(robot: &Model, recording: &Recording) -> Result<f64, FitError> {
     let datasets = [Dataset::new(recording)];
-    let rms = channel_rms(&residuals(robot, &datasets)?);
+    let rms = Residuals::new(robot, &datasets)?.rms;
     Ok(rms.iter().zip(noise_floor(robot, &datasets)).map(|(rms, floor)| rms / floor).fold(0.0, f64::max))
 }
 

@@ -122,7 +122,7 @@ impl From<&Diagnosis> for Answer {
                 let energy = |rms: &[f64]| -> f64 {
                     rms.iter().zip(&d.noise_floor).map(|(r, f)| (r / f).powi(2) - 1.0).sum::<f64>()
                 };
-                let (before, after) = (energy(&d.rms_before), energy(&u.rms));
+                let (before, after) = (energy(&d.rms_before), energy(&u.residuals.rms));
                 (before > 0.0).then(|| (1.0 - after / before).clamp(0.0, 1.0))
             }),
             ..Self::default()

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use deltatwin::numerics;
 use serde_json::{Map, Value, json};
 
 use super::judge::{Answer, Grade, Question, Truth};
@@ -227,9 +228,7 @@ pub struct Score {
 
 /// Median of the values, the larger of two middle ones; `None` without values.
 pub fn median(x: &[f64]) -> Option<f64> {
-    let mut all = x.to_vec();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied()
+    (!x.is_empty()).then(|| numerics::median(x.iter().copied()))
 }
 
 /// Edges of the bins of claimed probabilities.

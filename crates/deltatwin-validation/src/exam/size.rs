@@ -20,6 +20,7 @@ use deltatwin::identification::fit::{FitError, Options, fit_with, kinematics, no
 use deltatwin::identification::{Dataset, columns, predict};
 use deltatwin::machine::{AXES, Setup};
 use deltatwin::model::Model;
+use deltatwin::numerics::bisect;
 
 /// Size of a hidden effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, clap::ValueEnum)]
@@ -348,7 +349,7 @@ impl<'a> Sizer<'a> {
         dataset.measured = predict(&Plant::new(&with, self.setup), &dataset).map_err(kinematics(&dataset))?;
         let options = Options { prior_information: Some(self.prior), ..Options::default() };
         let refitted = fit_with(self.robot, &[dataset], std::slice::from_ref(&self.noise), &options)?;
-        Ok(refitted.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())
+        Ok(refitted.residuals.rms.iter().zip(&self.noise).map(|(r, s)| r / s).collect())
     }
 
     /// The robot with `scale` times `direction` of an effect.
@@ -374,15 +375,7 @@ impl<'a> Sizer<'a> {
             let bodies = Plant::new(&self.with(active, direction, scale), self.setup).bodies;
             bodies.0.iter().all(|b| b.min_eigenvalue() >= -POSSIBLE * b.mass.max(b.tensor.trace()).max(1e-3))
         };
-        if possible(high) {
-            return high;
-        }
-        let (mut low, mut high) = (0.0, high);
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if possible(middle) { low = middle } else { high = middle }
-        }
-        low
+        if possible(high) { high } else { bisect([0.0, high], 40, possible)[0] }
     }
 }
 

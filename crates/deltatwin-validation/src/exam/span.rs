@@ -15,8 +15,9 @@ use nalgebra::{DMatrix, DVector};
 use deltatwin::diagnosis::unknown::library::{Atom, Cover, harmonic_disturbances, library};
 use deltatwin::diagnosis::unknown::{MOST, Sight};
 use deltatwin::effects::formula::{Expression, Place, Variable};
-use deltatwin::identification::Dataset;
+use deltatwin::identification::dataset::stride_for;
 use deltatwin::identification::fit::FitError;
+use deltatwin::identification::{Dataset, Residuals};
 use deltatwin::model::Model;
 
 /// Largest residual share of the energy of a law in the span.
@@ -49,7 +50,8 @@ pub fn unspanned(
     at: Place,
     law: &Expression,
 ) -> Result<Option<f64>, FitError> {
-    let sight = Sight::new(model, std::slice::from_ref(dataset), noise, &|_| false)?;
+    let datasets = std::slice::from_ref(dataset);
+    let sight = Sight::new(model, datasets, &Residuals::new(model, datasets)?, noise, &[])?;
     let Some(place) = sight.places.iter().position(|p| *p == at) else { return Ok(None) };
     let ground = Ground::new(&sight);
     let mut atoms = library(&sight.places, &Cover::new(&sight.variables));
@@ -103,8 +105,7 @@ struct Taken<'a> {
 
 impl<'a> Ground<'a> {
     fn new(sight: &'a Sight) -> Self {
-        let stride = sight.len().div_ceil(INSTANTS).max(1);
-        let instants: Vec<usize> = (0..sight.len()).step_by(stride).collect();
+        let instants: Vec<usize> = (0..sight.len()).step_by(stride_for(sight.len(), INSTANTS)).collect();
         let gathered = |channels: &Vec<Vec<f64>>| {
             DVector::from_iterator(
                 channels.len() * instants.len(),

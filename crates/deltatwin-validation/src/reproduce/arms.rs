@@ -8,8 +8,7 @@ use super::least_squares::{Solution, Stack};
 use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::paper::{self, table_1};
 use super::runs::{Campaign, Run};
-use deltatwin::identification::Dataset;
-use deltatwin::identification::fit::channel_rms;
+use deltatwin::identification::{Dataset, Residuals};
 use deltatwin::machine::bodies::{ARM, ROTOR};
 use deltatwin::machine::{ARMS, AXES};
 use deltatwin::model::Model;
@@ -183,9 +182,7 @@ impl Table1 {
         let dataset = Dataset::new(&run.recording);
         let (stack, _) = Stack::new(model, &dataset).into_diagnostic()?.by_axis();
         let computed = stack.torques(&self.solution.values);
-        let residual: Vec<Vec<f64>> =
-            (0..AXES).map(|i| dataset.measured[i].iter().zip(&computed[i]).map(|(m, c)| m - c).collect()).collect();
-        let rms = channel_rms(&[residual]);
+        let rms = Residuals::of(&dataset, &computed).rms;
         let rows = (0..AXES)
             .map(|i| {
                 Row::new(format!("e_rms of axis {}", i + 1), "N·m", Estimate::plain(rms[i]))

@@ -128,7 +128,8 @@ impl Stack {
     }
 }
 
-/// R⁻¹ (Σ s sᵀ) R⁻ᵀ of the scores s of blocks of time, all axes together.
+/// R⁻¹ (Σ s sᵀ) R⁻ᵀ of the scores s of blocks of time, all axes together. Unlike that of the library's fit there is no prior,
+/// and no score is corrected for its block's own pull on the estimate.
 fn covariance(rows: &DMatrix<f64>, residual: &DVector<f64>, inverse: &DMatrix<f64>, samples: usize) -> DMatrix<f64> {
     let n = rows.ncols();
     let length = samples.div_ceil(BLOCKS).max(1);

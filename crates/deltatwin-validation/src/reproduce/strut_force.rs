@@ -7,7 +7,7 @@ use super::page::{Comparison, Estimate, Plot, Row, Section};
 use super::runs::Campaign;
 use super::{paper, robot};
 use deltatwin::dynamics::{Channel, Plant};
-use deltatwin::identification::fit::channel_rms;
+use deltatwin::identification::residuals::{self, difference};
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::model::Model;
 use deltatwin_report::{Color, Curve, Style, time_series};
@@ -48,9 +48,9 @@ pub fn section(campaign: &Campaign, assembled: &Assembled) -> miette::Result<Sec
     let (mut rms, mut mean) = (Vec::new(), Vec::new());
     for (label, model, color, style) in &variants {
         let computed = compute(model)?;
-        let residual: Vec<f64> = measured.iter().zip(&computed).map(|(m, c)| m - c).collect();
+        let residual = difference(measured, &computed);
         mean.push(residual.iter().sum::<f64>() / residual.len().max(1) as f64);
-        rms.push(channel_rms(&[vec![residual]])[0]);
+        rms.push(residuals::rms(&residual));
         curves.push(Curve::new(*label, dataset.t.clone(), computed).color(*color).style(*style));
     }
     let row = |what: &str, values: &[f64]| Row {

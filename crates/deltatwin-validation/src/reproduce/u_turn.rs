@@ -180,10 +180,10 @@ fn forces(variants: &[Variant; 3], titles: &[String], row: MakeRow) -> Section {
     let struts = |limit: Limit| matches!(limit, Limit::LambdaS(_));
     let torques = |limit: Limit| matches!(limit, Limit::Torque(_));
     let mut rows = vec![
-        row("largest planned |λ_S|".into(), "N", &Variant::planned_force),
+        row("largest magnitude of planned λ_S".into(), "N", &Variant::planned_force),
         row("way across: largest λ_S over its limit".into(), "", &move |v| v.used_across(struts)),
         row("way across: largest torque over its limit".into(), "", &move |v| v.used_across(torques)),
-        row("largest executed |λ_S|".into(), "N", &|v| v.executed.peak_strut),
+        row("largest magnitude of executed λ_S".into(), "N", &|v| v.executed.peak_strut),
         row("executed − planned λ_S, RMS of the worst strut".into(), "N", &|v| {
             v.executed.strut.iter().fold(0.0, |most, s| s[0].max(most))
         }),

@@ -10,8 +10,7 @@ use super::paper;
 use super::runs::{Campaign, Run};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};
-use deltatwin::identification::fit::{channel_rms, residuals};
-use deltatwin::identification::{Dataset, predict};
+use deltatwin::identification::{Dataset, Residuals, predict};
 use deltatwin::machine::{ARMS, AXES, STRUTS};
 use deltatwin::model::Model;
 use deltatwin_report::{Color, Curve, Panel, Style, panels};
@@ -37,17 +36,13 @@ fn base(prior: &Model, [excitation, check]: &[Run; 2], sigma: &[f64; AXES]) -> m
     let solution = Stack::new(&model, &torques(excitation)).into_diagnostic()?.solve(sigma);
     let dataset = torques(check);
     let computed = Stack::new(&model, &dataset).into_diagnostic()?.torques(&solution.values);
-    let residual = (0..AXES).map(|i| difference(&dataset.measured[i], &computed[i])).collect();
-    Ok(Base { count: solution.base.len(), computed, rms: channel_rms(&[residual]) })
-}
-
-fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
-    a.iter().zip(b).map(|(a, b)| a - b).collect()
+    let rms = Residuals::of(&dataset, &computed).rms;
+    Ok(Base { count: solution.base.len(), computed, rms })
 }
 
 fn rms(model: &Model, check: &Run) -> miette::Result<Vec<f64>> {
     let dataset = torques(check);
-    Ok(channel_rms(&residuals(model, std::slice::from_ref(&dataset)).into_diagnostic()?))
+    Ok(Residuals::new(model, std::slice::from_ref(&dataset)).into_diagnostic()?.rms)
 }
 
 /// Section on Fig. 10.
@@ -58,7 +53,9 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
     let check = &campaign.assembled[1];
     let with = base(&assembled.prior, &campaign.assembled, sigma)?;
     let free = base(&assembled.prior, &campaign.assembled_free, sigma)?;
-    let consistent = rms(&assembled.paper.model, check)?;
+    let dataset = torques(check);
+    let computed = predict(&Plant::new(&assembled.paper.model, &dataset.setup), &dataset).into_diagnostic()?;
+    let consistent = Residuals::of(&dataset, &computed).rms;
     let consistent_free = rms(&assembled.free.model, &campaign.assembled_free[1])?;
     let complete = rms(&assembled.complete.model, check)?;
     let mut rows = Vec::new();
@@ -76,8 +73,6 @@ pub fn torque(campaign: &Campaign, assembled: &Assembled, sigma: &[f64; AXES]) -
     add("base parameters", [Some(&with.rms), Some(&free.rms), None], paper::FIG_10_BASE);
     add("consistent", [Some(&consistent), Some(&consistent_free), Some(&complete)], paper::FIG_10_CONSISTENT);
     let titles = ["sockets with friction", "free sockets", "model with socket friction"].map(Into::into).into();
-    let dataset = torques(check);
-    let computed = predict(&Plant::new(&assembled.paper.model, &dataset.setup), &dataset).into_diagnostic()?;
     let figure = measured_and_computed(
         "Torques of the verification motion",
         &dataset,
@@ -146,11 +141,11 @@ pub fn strut_forces(campaign: &Campaign, assembled: &Assembled) -> miette::Resul
     let highest = everyone.map(|all| extreme(all, f64::max));
     add("lowest of all λ_P".into(), lowest, Some(low));
     add("highest of all λ_P".into(), highest, Some(high));
+    let errors = [&ours, &complete].map(|computed| Residuals::of(&dataset, computed).rms);
     let mut worst = [0.0, 0.0];
     let mut stack = Vec::new();
     for &(s, c) in &channels {
-        let error = |all: &[Vec<f64>]| channel_rms(&[vec![difference(&dataset.measured[c], &all[c])]])[0];
-        let errors = [error(&ours), error(&complete)];
+        let errors = [errors[0][c], errors[1][c]];
         worst = [f64::max(worst[0], errors[0]), f64::max(worst[1], errors[1])];
         add(format!("λ_P,{}: RMS error", s + 1), [errors[0], errors[1], f64::NAN], None);
         stack.push(Panel {

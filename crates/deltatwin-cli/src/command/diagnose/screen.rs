@@ -90,7 +90,10 @@ fn left(d: &Diagnosis) -> String {
 /// Parameters with their standard errors in one line.
 fn values(parameters: &[Estimate]) -> String {
     let value = |p: &Estimate| match p.identified() {
-        true => format!("{} = {} ± {} {}", p.name, significant(p.value, 4), significant(p.std, 2), p.unit),
+        true => {
+            let estimate = format!("{} ± {}", significant(p.value, 4), significant(p.std, 2));
+            format!("{} = {}", p.name, p.unit.quantity(estimate))
+        }
         false => format!("{} not determined alone", p.name),
     };
     parameters.iter().map(value).collect::<Vec<_>>().join(", ")

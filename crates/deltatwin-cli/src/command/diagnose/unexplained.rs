@@ -22,7 +22,7 @@ pub fn json(u: &Unexplained, explained: f64) -> Value {
         "explained": explained,
         "beside_named": u.beside_named,
         "in_model": u.replaces,
-        "rms": u.rms,
+        "rms": u.residuals.rms,
         "shape": shape(s, u.unit),
         "parity": s.parity(),
         "odd_in_speed": s.odd,

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::data::positive;
 use deltatwin::identification::Method;
 use deltatwin::identification::estimator::PRIOR_INFORMATION;
 use deltatwin::identification::fit::{Consistency, Options, Weighing};
@@ -162,13 +163,6 @@ impl How {
             Derivatives::Smoother => Method::Smoother,
             Derivatives::Reversals => Method::Reversals,
         }
-    }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
-        _ => Err("expected a number above 0".into()),
     }
 }
 

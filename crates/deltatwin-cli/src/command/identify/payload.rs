@@ -55,7 +55,7 @@ fn json(args: &Args, data: &Data, noise_floor: &[f64], found: &PayloadFit) -> Va
     object.insert("payload".into(), payload);
     object.insert("unidentified".into(), unidentified(&found.fit));
     object.insert("consistency".into(), correction(&found.fit));
-    insert_channels(&mut object, "rms", data.channels(), &found.fit.rms);
+    insert_channels(&mut object, "rms", data.channels(), &found.fit.residuals.rms);
     insert_channels(&mut object, "noise_floor", data.channels(), noise_floor);
     object.insert("setup".into(), args.output.as_deref().map_or(Value::Null, path));
     Value::Object(object)
@@ -68,7 +68,7 @@ fn print(data: &Data, noise_floor: &[f64], found: &PayloadFit) -> miette::Result
     }
     say(table)?;
     print_unidentified(&found.fit)?;
-    let series = [("fitted", Some(&found.fit.rms[..])), ("noise floor", Some(noise_floor))];
+    let series = [("fitted", Some(&found.fit.residuals.rms[..])), ("noise floor", Some(noise_floor))];
     say(format!("\n{}", Table::of_channels(data.channels(), &series)))?;
     print_correction(&found.fit)
 }

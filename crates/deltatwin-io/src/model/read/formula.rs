@@ -78,7 +78,7 @@ fn read_term(table: &Table, host: Host) -> Checked<(Term, f64)> {
     Ok((term, coefficient))
 }
 
-/// Place of a part of a string in the file: exact unless the string is written with escapes.
+/// Position in the file of a part of a string; exact unless the string contains escapes.
 fn within(file: &str, whole: Range<usize>, text: &str, part: &Range<usize>) -> Range<usize> {
     let written = file.get(whole.clone()).unwrap_or("");
     match written.find(text) {

@@ -1,4 +1,4 @@
-//! `[effects.formula]`: coefficients that changed, or all terms of a new formula.
+//! `[effects.formula]`: changed coefficients, or all terms of a new formula.
 
 use deltatwin::effects::ActiveEffect;
 use deltatwin::effects::formula::{Formula, NAME};
@@ -12,13 +12,13 @@ fn of(model: &Model) -> Option<(&ActiveEffect, &Formula)> {
     model.effects.iter().find_map(|active| Some((active, active.effect.formula()?)))
 }
 
-/// Text of one term.
+/// Keys of one term with their text.
 fn texts(formula: &Formula, i: usize) -> [(&'static str, String); 3] {
     let term = &formula.terms[i];
     [("name", term.name.clone()), ("at", term.at.name().into()), ("law", term.law.text().into())]
 }
 
-/// Whether both models have the same formula, with the same coefficients.
+/// Whether both models have the same formula with the same coefficients.
 pub(super) fn same(a: &Model, b: &Model) -> bool {
     match (of(a), of(b)) {
         (None, None) => true,
@@ -34,7 +34,7 @@ pub(super) fn same(a: &Model, b: &Model) -> bool {
     }
 }
 
-/// Puts the model's formula into the document; says how many of its coefficients moved.
+/// Writes the model's formula to the document; returns how many coefficients changed.
 pub(super) fn edit(root: &mut Table, model: &Model, provenance: Option<&Provenance>) -> Result<usize> {
     let Some((active, formula)) = of(model) else { return Ok(0) };
     let unit = |i: usize| model.mechanism.unit(formula.terms[i].unit());
@@ -76,7 +76,7 @@ pub(super) fn edit(root: &mut Table, model: &Model, provenance: Option<&Provenan
     Ok(active.values.len())
 }
 
-/// Updates the coefficients where the table already has these terms, and says how many moved.
+/// Updates the coefficients if the table already has these terms; returns how many changed.
 fn keep(
     table: &mut dyn TableLike,
     active: &ActiveEffect,

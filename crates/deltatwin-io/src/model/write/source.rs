@@ -1,4 +1,4 @@
-//! Comments beside fitted numbers: unit, recording, date, program, standard errors, and what the numbers were.
+//! Comments on fitted numbers: unit, recording, date, program and standard errors.
 
 use deltatwin::model::history::rounded_to;
 use deltatwin::model::provenance::{FITTED, Provenance};
@@ -6,12 +6,12 @@ use toml_edit::{Decor, Item, RawString, Value};
 
 use super::Line;
 
-/// Begins the comment of the numbers of an array that did not move.
+/// Separator before the comment on the unchanged numbers of an array.
 const UNMOVED: &str = "; unmoved: ";
-/// Stands for the standard error of a number that did not move.
+/// Placeholder for the standard error of an unchanged number.
 const STAYED: &str = "–";
 
-/// What stood at a key before it was written: its numbers and its comments.
+/// Numbers and comments of a key before it was written.
 pub(super) struct Before {
     numbers: Vec<f64>,
     comment: String,
@@ -32,7 +32,7 @@ impl Before {
         Self { numbers, comment: comments.join("; ") }
     }
 
-    /// Which of `now` differ from what was there.
+    /// Whether each of `now` differs from the previous number.
     fn moved(&self, now: &[f64]) -> Vec<bool> {
         let old = |i: usize| if self.numbers.len() == 1 { self.numbers.first() } else { self.numbers.get(i) };
         now.iter().enumerate().map(|(i, v)| old(i).is_none_or(|o| o.to_bits() != v.to_bits())).collect()
@@ -52,9 +52,9 @@ fn comments(decor: &Decor) -> Vec<String> {
     [text(decor.prefix()), text(decor.suffix())].concat()
 }
 
-/// States where the numbers of a line come from that differ from what was there `before`; says how many do.
+/// Writes the source of the numbers of a line that differ from `before`; returns how many do.
 ///
-/// The comment of what moved is replaced; that of what did not stays behind it.
+/// The comment on changed numbers is replaced, that on unchanged numbers is kept after it.
 pub(super) fn restate(item: &mut Item, line: &Line, before: &Before, provenance: &Provenance) -> usize {
     let moved = before.moved(&line.numbers);
     let count = moved.iter().filter(|m| **m).count();
@@ -67,7 +67,7 @@ pub(super) fn restate(item: &mut Item, line: &Line, before: &Before, provenance:
     if let Value::Array(items) = value
         && (items.iter().any(|v| !comments(v.decor()).is_empty()) || !text(Some(items.trailing())).is_empty())
     {
-        // Comments between the numbers would outlive them.
+        // Comments between the numbers would become outdated.
         *value = line.value(false);
     }
     if gap.is_empty() {
@@ -87,20 +87,20 @@ pub(super) fn restate(item: &mut Item, line: &Line, before: &Before, provenance:
 }
 
 impl Before {
-    /// What the comment said of numbers that do not move now.
+    /// The part of the comment that refers to unchanged numbers.
     fn kept(&self, moved: &[bool], line: &Line) -> String {
         let comment = self.comment.strip_prefix(&line.comment).unwrap_or(&self.comment).trim_start_matches("; ");
         let Some((own, rest)) = comment.strip_prefix(FITTED).map(|c| c.split_once(UNMOVED).unwrap_or((c, ""))) else {
             return comment.to_string();
         };
-        // An earlier fit's word is superseded where all that it moved has moved again.
+        // The statement of an earlier fit is obsolete if all numbers it changed have changed again.
         let errors = own.split_once(": ").map_or("", |(_, e)| e.split(';').next().unwrap_or(""));
         let again = errors.split(", ").zip(moved).all(|(error, now)| error == STAYED || *now);
         if again { rest.to_string() } else { comment.to_string() }
     }
 }
 
-/// Unit and meaning of a line with the source and standard errors of its numbers that moved.
+/// Unit and meaning of a line, with the source and standard errors of its changed numbers.
 pub(super) fn sourced(line: &Line, moved: &[bool], provenance: &Provenance) -> String {
     let error = |(i, moved): (usize, &bool)| match line.parameters.get(i) {
         Some(names) if *moved => error(provenance.error(names)),

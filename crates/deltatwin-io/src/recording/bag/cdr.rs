@@ -1,6 +1,6 @@
-//! CDR, the wire format of ROS 2 messages (OMG DDS-XTypes 7.4.1, plain CDR version 1).
+//! CDR, the serialisation format of ROS 2 messages ([DDS-XTypes], 7.4.1, plain CDR version 1).
 
-/// Little-endian CDR; alignment counts from after the header.
+/// Little-endian CDR writer; alignment is relative to the end of the header.
 #[derive(Default)]
 pub(super) struct Writer(Vec<u8>);
 
@@ -41,13 +41,13 @@ impl Writer {
         v.iter().for_each(|x| self.f64(*x));
     }
 
-    /// The message with its header.
+    /// The complete message with its header.
     pub fn finish(self) -> Vec<u8> {
         [&[0, 1, 0, 0], &self.0[..]].concat()
     }
 }
 
-/// CDR of either byte order; every read is `None` past the end.
+/// CDR reader for either byte order; every read past the end is `None`.
 pub(super) struct Reader<'a> {
     data: &'a [u8],
     at: usize,

@@ -1,22 +1,22 @@
-//! What every kind of bag comes down to: messages by topic, and the metadata of the run.
+//! Content of a bag of any kind: messages by topic, and the metadata of the run.
 
 use std::collections::BTreeMap;
 
 use super::messages::{JOINT_STATE, is_type};
 use super::topics;
 
-/// Messages worth reading, whatever file they were in.
+/// Usable messages of a bag, independent of its file format.
 #[derive(Default)]
 pub(super) struct Content {
     /// Metadata records by name.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
-    /// Topics that may be of use, in the order of the file.
+    /// Usable topics in file order.
     pub streams: Vec<Stream>,
     /// Names of all topics.
     pub topics: Vec<String>,
-    /// Encoding of a topic with joint states that cannot be read.
+    /// Encoding of a topic with joint states that cannot be decoded.
     pub unread: Option<String>,
-    /// Whether the file is cut short or damaged.
+    /// Whether the file is truncated or damaged.
     pub cut: bool,
 }
 
@@ -24,11 +24,11 @@ pub(super) struct Content {
 pub(super) struct Stream {
     pub topic: String,
     pub encoding: Encoding,
-    /// Log time in ns and data, in the order of the file.
+    /// Log time (ns) and data in file order.
     pub messages: Vec<(u64, Vec<u8>)>,
 }
 
-/// How the messages of a topic are written down.
+/// Encoding of the messages of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Cdr,
@@ -36,7 +36,7 @@ pub(super) enum Encoding {
 }
 
 impl Content {
-    /// Notes a topic; returns the place of its stream if it may be of use.
+    /// Registers a topic; returns the index of its stream if it is usable.
     pub fn announce(&mut self, topic: &str, type_name: &str, encoding: &str) -> Option<usize> {
         if !self.topics.iter().any(|t| t == topic) {
             self.topics.push(topic.into());
@@ -59,7 +59,7 @@ impl Content {
         }))
     }
 
-    /// Appends what a later part of the same bag holds.
+    /// Appends the content of a later part of the same bag.
     pub fn append(&mut self, part: Self) {
         self.metadata.extend(part.metadata);
         for stream in part.streams {

@@ -1,4 +1,4 @@
-//! Bags that are a folder: `metadata.yaml` and the files it lists.
+//! Bag folders: `metadata.yaml` and the files it lists.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::recording::ReadError;
 
 const METADATA: &str = "metadata.yaml";
 
-/// Reads all files of a bag in their order.
+/// Reads all files of a bag in order.
 pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Content, ReadError> {
     let mut found = Content::default();
     for file in files(path)? {
@@ -28,7 +28,7 @@ pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Content, R
     Ok(found)
 }
 
-/// The files that `metadata.yaml` lists, or without one all bag files in the order of their numbers.
+/// The files listed in `metadata.yaml`; without it, all bag files in the order of their numbers.
 fn files(folder: &Path) -> Result<Vec<PathBuf>, ReadError> {
     let metadata = folder.join(METADATA);
     if metadata.is_file() {
@@ -61,7 +61,7 @@ fn listed(folder: &Path, metadata: &Path) -> Result<Vec<PathBuf>, ReadError> {
     let Some(paths) = information["relative_file_paths"].as_vec() else {
         return Err(ReadError::content(metadata, "lists no files", expected));
     };
-    // Older bags hold paths from the folder above.
+    // Older bags state paths relative to the parent folder.
     let place = |relative: &str| {
         let inside = folder.join(relative);
         let name = Path::new(relative).file_name().map_or_else(|| inside.clone(), |name| folder.join(name));

@@ -1,4 +1,4 @@
-//! Bags in MCAP, also cut short or damaged.
+//! Bags in MCAP, including truncated or damaged ones.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::recording::ReadError;
 
 /// First bytes of an MCAP file.
 pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
-/// Larger records and chunks are taken for damage, bytes.
+/// Size above which records and chunks count as damaged, bytes.
 const LARGEST_RECORD: usize = 256 << 20;
 
 /// Reads a file up to its end or its last complete chunk.
@@ -73,7 +73,7 @@ fn collect(bytes: &[u8], warnings: &mut Vec<String>) -> Content {
     found
 }
 
-/// The records of a file, with those inside chunks.
+/// Iterator over the records of a file, including those inside chunks.
 struct Records<'a> {
     rest: &'a [u8],
     reader: LinearReader,

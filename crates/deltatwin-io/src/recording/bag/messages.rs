@@ -1,6 +1,6 @@
-//! The ROS 2 messages that a recording consists of, each with its definition.
+//! ROS 2 messages of a recording, with their definitions.
 //!
-//! Definitions follow `common_interfaces`, `geometry2` and `rcl_interfaces` of ROS 2 Humble to Jazzy, where they are the same.
+//! Definitions follow `common_interfaces`, `geometry2` and `rcl_interfaces` of ROS 2 Humble to Jazzy, which agree.
 
 use nalgebra::Isometry3;
 
@@ -9,7 +9,7 @@ use super::cdr::{Reader, Writer};
 /// Nanoseconds per second.
 pub(super) const SECOND: i64 = 1_000_000_000;
 
-/// Definition of a message type as MCAP keeps it: its own fields, then those of every type in it.
+/// Definition of a message type as stored in MCAP: its own fields, then those of every nested type.
 pub(super) struct Definition {
     pub name: &'static str,
     pub text: &'static str,
@@ -70,7 +70,7 @@ pub(super) const LOG: Definition = Definition {
 
 pub(super) const STRING: Definition = Definition { name: "std_msgs/msg/String", text: "string data\n" };
 
-/// Whether a type is the one named, with or without `/msg/` between package and name.
+/// Whether `name` is the known type, with or without `/msg/` between package and name.
 pub(super) fn is_type(name: &str, known: &Definition) -> bool {
     name == known.name || name == known.name.replace("/msg/", "/")
 }
@@ -94,7 +94,7 @@ fn read_header(r: &mut Reader) -> Option<i64> {
 /// One `sensor_msgs/msg/JointState`.
 #[derive(Default)]
 pub(super) struct JointState {
-    /// ns since 1970.
+    /// ns since 1970-01-01 UTC.
     pub stamp: i64,
     pub name: Vec<String>,
     pub position: Vec<f64>,
@@ -120,7 +120,7 @@ impl JointState {
     }
 }
 
-/// One `geometry_msgs/msg/PointStamped` in `frame`.
+/// Encodes a `geometry_msgs/msg/PointStamped` in `frame`.
 pub(super) fn point(time: i64, frame: &str, point: [f64; 3]) -> Vec<u8> {
     let mut w = Writer::default();
     header(&mut w, time, frame);
@@ -135,7 +135,7 @@ pub(super) fn parse_point(data: &[u8]) -> Option<[f64; 3]> {
     Some([r.f64()?, r.f64()?, r.f64()?])
 }
 
-/// One `trajectory_msgs/msg/JointTrajectory` of a single point that holds accelerations only.
+/// Encodes a `trajectory_msgs/msg/JointTrajectory` with a single point that has accelerations only.
 pub(super) fn accelerations(time: i64, joints: &[String], accelerations: &[f64]) -> Vec<u8> {
     let mut w = Writer::default();
     header(&mut w, time, "");
@@ -162,7 +162,7 @@ pub(super) fn parse_accelerations(data: &[u8]) -> Option<Vec<f64>> {
     r.f64s()
 }
 
-/// One `tf2_msgs/msg/TFMessage`: poses of frames in `parent`.
+/// Encodes a `tf2_msgs/msg/TFMessage` with poses of frames in `parent`.
 pub(super) fn transforms<'a>(
     time: i64,
     parent: &str,
@@ -174,13 +174,13 @@ pub(super) fn transforms<'a>(
         header(&mut w, time, parent);
         w.string(child);
         pose.translation.vector.iter().for_each(|x| w.f64(*x));
-        // nalgebra keeps (i, j, k, w), the order of the message.
+        // nalgebra stores (i, j, k, w), the order of the message.
         pose.rotation.coords.iter().for_each(|x| w.f64(*x));
     }
     w.finish()
 }
 
-/// One `rcl_interfaces/msg/Log`; `level` is 10, 20, 30, 40 or 50.
+/// Encodes a `rcl_interfaces/msg/Log`; `level` is 10, 20, 30, 40 or 50.
 pub(super) fn log(time: i64, level: u8, text: &str) -> Vec<u8> {
     let mut w = Writer::default();
     stamp(&mut w, time);
@@ -193,7 +193,7 @@ pub(super) fn log(time: i64, level: u8, text: &str) -> Vec<u8> {
     w.finish()
 }
 
-/// One `std_msgs/msg/String`.
+/// Encodes a `std_msgs/msg/String`.
 pub(super) fn string(text: &str) -> Vec<u8> {
     let mut w = Writer::default();
     w.string(text);

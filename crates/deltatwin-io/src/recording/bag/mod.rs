@@ -1,7 +1,7 @@
 //! Recordings as ROS 2 bags: MCAP is written and read, SQLite (`.db3`) and bag folders are read.
 //!
-//! [`topics`] says what is where. MCAP metadata: `setup` holds the setup as TOML, `run` the time that counts as zero,
-//! `machine` the kind of machine, `provenance` where a run comes from.
+//! [`topics`] lists the topics. MCAP metadata: `setup` holds the setup as TOML, `run` the instant of t = 0, `machine`
+//! the kind of machine, `provenance` the origin of the run.
 
 mod cdr;
 mod content;
@@ -27,8 +27,8 @@ use super::ReadError;
 
 const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, or a bag of ROS 2";
 
-/// Time zero of a run that has no real one, ns since 1970: 2023-11-14, a recognisable constant, so that the same run
-/// gives the same bytes.
+/// Instant of t = 0 for a run without a real one, ns since 1970: 2023-11-14, a constant, so that the same run produces
+/// the same bytes.
 const EPOCH: i64 = 1_700_000_000 * SECOND;
 
 const MECHANISMS: [(&str, Mechanism); 4] = [
@@ -45,7 +45,7 @@ enum Kind {
     Sqlite,
 }
 
-/// Kind of a file by its first bytes or, when it has none that tell, by its name.
+/// Kind of a file by its first bytes, or by its name if these are not conclusive.
 fn kind_of(path: &Path) -> Option<Kind> {
     let mut start = [0; mcap_file::MAGIC.len()];
     let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut start));

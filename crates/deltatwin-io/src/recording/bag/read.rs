@@ -1,4 +1,4 @@
-//! From a bag's messages to checked signals.
+//! Conversion of a bag's messages to checked signals.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -13,14 +13,14 @@ use crate::recording::check::{self, Column, Table};
 use crate::recording::columns::{self, Mapping};
 use crate::recording::{ReadError, setup};
 
-/// Reads and checks the signals of a machine, or of whatever machine the bag tells, and the setup if it holds one.
+/// Signals of a bag, its setup if it contains one, and warnings about what was repaired.
 ///
-/// `path` is an MCAP or SQLite file, or the folder of a bag. What was cut short is read up to its last complete chunk.
-/// `maps` say which column is which
-/// channel. Also returns what was noticed and repaired.
+/// `path` is an MCAP or SQLite file, or a bag folder; a truncated file is read up to its last complete chunk. `machine`
+/// is the expected machine; `None` means the one stated in the bag or inferred from its joints. `maps` assign columns
+/// to channels.
 ///
 /// # Errors
-/// Files that cannot be read, bags without usable joint states, signals that no machine has.
+/// A [`ReadError`] if a file cannot be read, the bag contains no usable joint states, or the signals fail the checks.
 pub fn read(
     path: &Path,
     machine: Option<Mechanism>,
@@ -44,7 +44,7 @@ pub fn read(
     Ok((signals, setup, warnings))
 }
 
-/// Takes the topic with the robot's joint states out of a bag.
+/// Removes and returns the stream with the robot's joint states.
 fn joint_states(path: &Path, content: &mut Content, warnings: &mut Vec<String>) -> Result<Stream, ReadError> {
     let is_state = |s: &Stream| !topics::is_optional(&s.topic) && s.encoding == Encoding::Cdr;
     let filled: Vec<usize> = (0..content.streams.len())
@@ -67,7 +67,7 @@ fn joint_states(path: &Path, content: &mut Content, warnings: &mut Vec<String>) 
     Ok(content.streams.swap_remove(chosen))
 }
 
-/// The machine that is noted in the bag, or else the one with as many axes as there are joints.
+/// The machine stated in the bag, else the one with as many axes as there are joints.
 fn machine_of(content: &Content, joints: &Stream) -> Mechanism {
     let noted = content.metadata.get("machine").and_then(|m| m.get("mechanism"));
     if let Some((_, known)) = noted.and_then(|n| MECHANISMS.iter().find(|(name, _)| name == n)) {
@@ -86,10 +86,10 @@ fn machine_of(content: &Content, joints: &Stream) -> Mechanism {
     }
 }
 
-/// The joint states of a machine, its axes in order.
+/// Joint states of a machine, axes in order.
 struct Samples {
     states: Vec<JointState>,
-    /// Log time of each, ns.
+    /// Log time of each state, ns.
     times: Vec<u64>,
     /// Number of each message on its topic, from 1.
     rows: Vec<u64>,
@@ -163,8 +163,8 @@ impl Samples {
         Ok(out)
     }
 
-    /// Columns of the joint states and of the topics that go with them, and the time that counts as zero, ns since 1970:
-    /// `zero`, or else that of the first sample.
+    /// Table of the joint states and of the accompanying topics, and the instant of t = 0, ns since 1970: `zero`, or
+    /// that of the first sample.
     fn table(
         &self,
         path: &Path,
@@ -199,7 +199,7 @@ impl Samples {
         (Table { file: path.into(), row: "JointState message", rows: self.rows.clone(), t, columns, machine }, zero)
     }
 
-    /// Columns of a topic whose messages have the times of the joint states.
+    /// Columns of a topic whose messages have the same times as the joint states.
     fn beside(&self, stream: &Stream, axes: usize, warnings: &mut Vec<String>) -> Vec<Column> {
         let names = topics::columns(&stream.topic, axes);
         let by_time: HashMap<u64, &Vec<u8>> = stream.messages.iter().map(|(time, data)| (*time, data)).collect();
@@ -222,7 +222,7 @@ impl Samples {
     }
 }
 
-/// Place of each axis among joints called `axis1`, `q1`, `joint1`, `joint_1`….
+/// Index of each axis among joints named `axis1`, `q1`, `joint1`, `joint_1`….
 fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
     let number = |name: &String| {
         let name: String = name.chars().filter(char::is_ascii_alphanumeric).collect();

@@ -1,4 +1,4 @@
-//! Bags in SQLite (`.db3`), as rosbag2 writes them by default up to ROS 2 Humble.
+//! Bags in SQLite (`.db3`), the default format of rosbag2 up to ROS 2 Humble.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::recording::ReadError;
 /// First bytes of an SQLite file.
 pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";
 
-/// Reads a file; one that is damaged is read as far as it goes.
+/// Reads a file; a damaged one as far as possible.
 pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Content, ReadError> {
     let bad = |e: rusqlite::Error| ReadError::content(path, format!("cannot be read as a bag: {e}"), EXPECTED);
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -29,7 +29,7 @@ pub(super) fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Content, R
             streams.insert(id, stream);
         }
     }
-    // In the order of the file, not of time: sorting would need all of a damaged file.
+    // In file order, not in order of time: sorting would need all of a damaged file.
     let mut messages = connection.prepare("SELECT topic_id, timestamp, data FROM messages").map_err(bad)?;
     let mut rows = messages.query([]).map_err(bad)?;
     loop {

@@ -1,20 +1,20 @@
-//! Topics of a recording and what their messages mean.
+//! Topics of a recording, with the meaning of their messages.
 //!
 //! | topic | message | content |
 //! |---|---|---|
 //! | `/joint_states` | `sensor_msgs/msg/JointState` | `axis1…4`: angle, rate, torque at the gear output |
 //! | `/strut_forces` | `sensor_msgs/msg/JointState` | `strut1_upper…strut6_lower`, effort: axial force, tension positive, N |
-//! | `/socket_margins` | `sensor_msgs/msg/JointState` | `margin1_upper…margin6_lower`, effort: what a socket could still take, N |
+//! | `/socket_margins` | `sensor_msgs/msg/JointState` | `margin1_upper…margin6_lower`, effort: remaining force margin, N |
 //! | `/multipliers` | `sensor_msgs/msg/JointState` | `lambda_…` of [`multiplier_names`], effort: N or N·m |
 //! | `/links` | `sensor_msgs/msg/JointState` | `link1…4`: angle and rate of the links behind elastic gears |
 //! | `/end_effector` | `geometry_msgs/msg/PointStamped` | centre of the platform's ball plane in `base`, m |
 //! | `/joint_acceleration` | `trajectory_msgs/msg/JointTrajectory` | one point with accelerations, rad/s² |
 //! | `/tf` | `tf2_msgs/msg/TFMessage` | poses of links and objects in `base` |
 //! | `/robot_description` | `std_msgs/msg/String` | URDF |
-//! | `/events` | `rcl_interfaces/msg/Log` | what happened |
+//! | `/events` | `rcl_interfaces/msg/Log` | events |
 //!
-//! Strut forces, margins, end effector and accelerations are read as JSON, too:
-//! `{"upper": [6], "lower": [6]}`, `{"x", "y", "z"}`, `{"acceleration": [axes]}`.
+//! Strut forces, margins, end effector and accelerations are also read as JSON: `{"upper": [6], "lower": [6]}`, `{"x",
+//! "y", "z"}`, `{"acceleration": [axes]}`.
 
 use serde::Deserialize;
 
@@ -39,15 +39,15 @@ pub(super) const EVENTS: &str = "/events";
 /// Frame in which poses and points are given.
 pub(super) const BASE: &str = "base";
 
-/// The topics that may go with the joint states.
+/// Topics that may accompany the joint states.
 pub(super) const OPTIONAL: [&str; 6] = [STRUT_FORCES, END_EFFECTOR, ACCELERATION, SOCKET_MARGINS, MULTIPLIERS, LINKS];
 
-/// Whether a topic goes with the joint states.
+/// Whether a topic accompanies the joint states.
 pub(super) fn is_optional(topic: &str) -> bool {
     OPTIONAL.contains(&topic)
 }
 
-/// Columns that a topic may fill, by their CSV names.
+/// Columns of a topic, by their CSV names.
 pub(super) fn columns(topic: &str, axes: usize) -> Vec<String> {
     match topic {
         STRUT_FORCES => strut_names(),
@@ -65,7 +65,7 @@ pub(super) fn strut_names() -> Vec<String> {
     names("upper").chain(names("lower")).collect()
 }
 
-/// Values of [`columns`] in one message, missing where they were not measured; `None` if it cannot be decoded.
+/// Values of [`columns`] in one message, `None` where not measured; `None` as a whole if it cannot be decoded.
 pub(super) fn decode(topic: &str, encoding: Encoding, columns: &[String], data: &[u8]) -> Option<Vec<Option<f64>>> {
     match (encoding, topic) {
         (Encoding::Cdr, STRUT_FORCES | SOCKET_MARGINS | MULTIPLIERS) => {

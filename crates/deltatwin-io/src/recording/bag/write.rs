@@ -1,4 +1,4 @@
-//! Writes a recording as MCAP under the profile `ros2`: every message is CDR of a standard type.
+//! Recordings as MCAP with the profile `ros2`: every message is CDR of a standard type.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,13 +12,14 @@ use super::{EPOCH, MECHANISMS, topics};
 use crate::file::{self, WriteError};
 use crate::recording::{check, setup};
 
-/// Last second that a ROS 2 time can hold.
+/// Last second that a ROS 2 time can represent.
 const LAST: i64 = i32::MAX as i64;
 
-/// Writes a recording with what else is known of the run; times are rounded to nanoseconds.
+/// Writes a recording with its context; times are rounded to nanoseconds.
 ///
 /// # Errors
-/// Signals that no machine has, times that ROS 2 cannot hold, and whatever the system says.
+/// [`WriteError::Invalid`] for inconsistent signals or a time that ROS 2 cannot represent, [`WriteError::Io`] if the
+/// file cannot be written.
 pub fn write(path: &Path, recording: &Recording, context: &Context) -> Result<(), WriteError> {
     let signals = &recording.signals;
     check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
@@ -69,7 +70,7 @@ fn write_records<W: std::io::Write + std::io::Seek>(
     Ok(())
 }
 
-/// The samples with the poses and events between them.
+/// Writes the samples, with poses and events in order of time.
 fn samples<W: std::io::Write + std::io::Seek>(
     bag: &mut Bag<W>,
     signals: &Signals,
@@ -97,7 +98,7 @@ fn samples<W: std::io::Write + std::io::Seek>(
     let events = bag.channel_if(!context.events.is_empty(), topics::EVENTS, &messages::LOG)?;
     let (mut poses, mut notes) = (context.poses.iter().peekable(), context.events.iter().peekable());
     for i in 0..=signals.len() {
-        // Whatever comes after the last sample follows it.
+        // Poses and events after the last sample are written at the end.
         let until = signals.t.get(i).map_or(i64::MAX, |t| bag.time(*t));
         while let (Some(id), Some(p)) = (tf, poses.next_if(|p| bag.time(p.t) <= until)) {
             let time = bag.time(p.t);
@@ -111,7 +112,7 @@ fn samples<W: std::io::Write + std::io::Seek>(
         if i == signals.len() {
             break;
         }
-        // The joints come last: a sample whose joints arrived is complete.
+        // The joint states come last: they complete a sample.
         if let Some(id) = struts {
             let forces: Vec<f64> = strut_forces.iter().map(|f| f[i]).collect();
             bag.message(id, until, &JointState::encode(until, &strut_names, [&[], &[], &forces]))?;
@@ -149,13 +150,13 @@ fn severity(level: Level) -> u8 {
     }
 }
 
-/// An MCAP file that is being written; a chunk ends with each second.
+/// An MCAP file being written, with one chunk per second.
 struct Bag<W: std::io::Write + std::io::Seek> {
     writer: mcap::Writer<W>,
-    /// ns since 1970 at t = 0.
+    /// Instant of t = 0, ns since 1970.
     zero: i64,
     second: Option<i64>,
-    /// Messages so far on each channel.
+    /// Number of messages so far per channel.
     sequence: BTreeMap<u16, u32>,
 }
 
@@ -184,7 +185,7 @@ impl<W: std::io::Write + std::io::Seek> Bag<W> {
         present.then(|| self.channel(topic, definition)).transpose()
     }
 
-    /// Time of the bag at time `t` of the run, ns since 1970.
+    /// Bag time of time `t` (s) of the run, ns since 1970.
     fn time(&self, t: f64) -> i64 {
         self.zero + (t * 1e9).round() as i64
     }

@@ -1,18 +1,18 @@
-//! Which channel a column is, by its name: `position_1`, `effort_1`, `time`, `joint_1`, …
+//! Recognition of channels by column names: `position_1`, `effort_1`, `time`, `joint_1`, …
 
 use deltatwin::machine::Mechanism;
 
 use super::unit::{Quantity, Unit};
 use crate::recording::check::known;
 
-/// A column's name taken apart.
+/// Parts of a column name.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Header {
-    /// The whole text.
+    /// The complete text.
     pub text: String,
-    /// Without its unit.
+    /// The text without its unit.
     pub base: String,
-    /// Text of the unit: in brackets or parentheses, or behind the last underscore if it is a unit's name.
+    /// Text of the unit: in brackets or parentheses, or after the last underscore if it is a known unit.
     pub unit: Option<String>,
 }
 
@@ -31,7 +31,7 @@ impl Header {
                 && let Some(unit) = rest.trim_end().strip_suffix(close)
                 && !base.trim().is_empty()
             {
-                // `position[0]` counts, it states no unit.
+                // `position[0]` is an index, not a unit.
                 return if unit.trim().parse::<u32>().is_ok() { of(text, None) } else { of(base, Some(unit)) };
             }
         }
@@ -44,16 +44,16 @@ impl Header {
     }
 }
 
-/// What a name says of a channel.
+/// Channel inferred from a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Guess {
     Time,
-    /// Position, rate, acceleration or torque (`q`, `qd`, `qdd`, `tau`) of an axis as the name counts it; none if it has
-    /// no number.
+    /// Position, rate, acceleration or torque (`q`, `qd`, `qdd`, `tau`) of an axis, with the number in the name if
+    /// there is one.
     Axis(&'static str, Option<usize>),
 }
 
-/// What the words of a name that is not the format's own mean; none where a word is not understood.
+/// Channel inferred from the words of a name outside the file format; `None` if a word is unknown.
 pub(super) fn guess(base: &str) -> Option<Guess> {
     let words = words(base);
     let (mut stem, mut weak, mut number, mut time) = (None, None, None, false);
@@ -78,7 +78,7 @@ pub(super) fn guess(base: &str) -> Option<Guess> {
     }
 }
 
-/// Words and numbers of a name, in small letters: `ActPos_1` is act, pos, 1.
+/// Words and numbers of a name in lower case: `ActPos_1` gives act, pos, 1.
 fn words(base: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut before = ' ';
@@ -100,7 +100,7 @@ fn words(base: &str) -> Vec<String> {
     words
 }
 
-/// What a channel may be measured in, SI first, on a machine if it is known.
+/// Quantities in which a channel may be measured, SI first, on a machine if it is known.
 pub(super) fn quantities(channel: &str, machine: Option<Mechanism>) -> &'static [Quantity] {
     use Quantity::*;
     let linear = match machine {

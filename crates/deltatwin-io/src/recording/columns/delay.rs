@@ -1,22 +1,23 @@
-//! Signals that arrive late, put back in their place.
+//! Compensation of signal delays.
+
+use deltatwin::recording::sample_time;
 
 use super::Column;
-use crate::recording::check::median_step;
 
-/// Gaps wider than this many sampling periods are not interpolated across.
+/// Width of a gap, in sampling periods, above which it is not interpolated.
 const GAP: f64 = 3.5;
 
-/// Replaces every column's value at t by the one at t + its delay. Samples that have no such value in some column, at the
-/// ends and around gaps, are dropped.
+/// Replaces every column's value at t by that at t + its delay (s).
 ///
-/// `t` must increase; where it does not, nothing is done and the reader's checks say so. A delay of whole samples is
-/// exact, others are interpolated linearly.
+/// Samples without such a value in some column, at the ends and around gaps, are dropped. A delay of whole samples is
+/// exact, others are interpolated linearly. If `t` does not increase, nothing is changed and the later checks report
+/// the error.
 pub(super) fn remove(t: &mut Vec<f64>, rows: &mut Vec<u64>, columns: &mut [Column], delays: &[f64]) {
     let n = t.len();
     if n < 2 || !t.is_sorted_by(|a, b| a < b) || columns.iter().any(|c| c.values.len() != n) {
         return;
     }
-    let step = median_step(t);
+    let step = sample_time(t);
     let mut kept = vec![true; n];
     for (column, &delay) in columns.iter_mut().zip(delays).filter(|(_, d)| **d != 0.0) {
         let mut j = 0;

@@ -1,13 +1,14 @@
-//! [`Mapping`]: which column of a file is which channel, in words: `t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12`.
+//! [`Mapping`]: assignment of a file's columns to channels, in text form: `t=Time[ms], q1=ActPos[deg],
+//! tau1=Iq[A]*0.12`.
 //!
 //! ```text
 //! mapping    = assignment { "," assignment }
 //! assignment = channel "=" ["-"] [number "*"] column ["[" unit "]"] { ("*" | "/") number } [("+" | "-") number] ["@" delay]
 //! ```
 //!
-//! `column` is the name of a column of the file, in quotes if it holds any of `,=[]*@` or ends like arithmetic, or that of a
-//! channel that has been read already. Arithmetic is done in the column's unit, before the conversion to SI. `@4ms` takes
-//! the value that stands 4 ms later in the file, which repairs a signal that arrives 4 ms late.
+//! `column` is the name of a column of the file, in quotes if it contains any of `,=[]*@` or ends like arithmetic, or
+//! that of a channel that has already been assigned. Arithmetic is done in the column's unit, before conversion to SI.
+//! `@4ms` uses the value stored 4 ms later in the file, which compensates a delay of 4 ms.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,11 +16,11 @@ use std::str::FromStr;
 use super::unit::Unit;
 use crate::recording::check::known;
 
-/// Which column is which channel; channels that are not mentioned are found by their names.
+/// Assignment of columns to channels; channels not mentioned are found by their names.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mapping(pub(super) Vec<Assignment>);
 
-/// A channel and where it comes from: value = `factor`·column + `offset`, in `unit`, `delay` later.
+/// A channel and its source: value = `factor`·column + `offset` in `unit`, `delay` later.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Assignment {
     pub channel: String,
@@ -27,7 +28,7 @@ pub(super) struct Assignment {
     pub unit: Option<Unit>,
     pub factor: f64,
     pub offset: f64,
-    /// s.
+    /// Delay, s.
     pub delay: f64,
 }
 
@@ -49,10 +50,10 @@ impl FromStr for Mapping {
 }
 
 impl Mapping {
-    /// Adds `channel = source`.
+    /// Adds the assignment `channel = source`.
     ///
     /// # Errors
-    /// What was expected, in words.
+    /// A description of what was expected, for an unknown channel or a `source` that cannot be parsed.
     pub fn assign(&mut self, channel: &str, source: &str) -> Result<(), String> {
         if !known(channel) {
             return Err(format!(
@@ -67,7 +68,7 @@ impl Mapping {
         Ok(())
     }
 
-    /// Whether nothing is mapped.
+    /// Whether there are no assignments.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -82,7 +83,7 @@ impl fmt::Display for Mapping {
     }
 }
 
-/// Assignments between commas outside quotes and brackets.
+/// The assignments, separated by commas outside quotes and brackets.
 fn split(text: &str) -> Result<Vec<&str>, String> {
     let mut parts = Vec::new();
     let (mut start, mut quote, mut depth) = (0, None, 0);
@@ -108,7 +109,7 @@ fn split(text: &str) -> Result<Vec<&str>, String> {
     Ok(parts)
 }
 
-/// What is left of a source.
+/// The remaining text of a source.
 struct Parser<'a>(&'a str);
 
 impl<'a> Parser<'a> {
@@ -212,7 +213,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// The unsigned number at the start of `text` and what follows it.
+/// The unsigned number at the start of `text`, and the remaining text.
 fn leading_number(text: &str) -> Option<(f64, &str)> {
     let mut end = 0;
     let mut before = ' ';

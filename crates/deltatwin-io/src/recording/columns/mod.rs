@@ -1,7 +1,7 @@
-//! Which column of a file is which channel, and in which unit: by its name, by `[columns]` of the sidecar, by `--map`.
+//! Assignment of a file's columns to channels, with units: by column names, by `[columns]` of the sidecar, by `--map`.
 //!
-//! Names come first; then each mapping replaces the channels it mentions, reading columns of the file or channels as they
-//! are by then. Everything is affine: channel = `factor`·column + `offset`, with a delay.
+//! Names are evaluated first; then each mapping replaces the channels it mentions, based on columns of the file or on
+//! the channels assigned so far. Every assignment is affine: channel = `factor`·column + `offset`, with a delay.
 
 mod channel;
 mod delay;
@@ -20,32 +20,33 @@ use self::mapping::Assignment;
 use super::ReadError;
 use super::check::{Column, Table, known};
 
-/// Where a channel comes from.
+/// Source of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Source {
     /// Index of the column in the file.
     column: usize,
     factor: f64,
     offset: f64,
-    /// How much later the value stands in the file, s.
+    /// Delay after which the value is stored in the file, s.
     delay: f64,
 }
 
-/// The channels of a file and the columns they come from.
+/// Channels of a file with their source columns.
 pub(super) struct Layout {
     headers: Vec<Header>,
     channels: Vec<(String, Source)>,
-    /// What is not plain, in words.
+    /// Descriptions of assignments that are not obvious from the names.
     pub notes: Vec<String>,
-    /// Columns that no channel comes from.
+    /// Columns that are the source of no channel.
     pub unused: Vec<usize>,
 }
 
 impl Layout {
-    /// The layout of a file with columns of these `names`, for a machine if it is known.
+    /// Layout of a file with columns of these `names`, for a machine if it is known.
     ///
     /// # Errors
-    /// Two columns for one channel, an unknown or unsuitable unit, a mapping that names a column which is not there.
+    /// A [`ReadError`] for two columns of one channel, an unknown or unsuitable unit, or a mapping from a column that
+    /// does not exist.
     pub fn new(file: &Path, names: &[String], maps: &[Mapping], machine: Option<Mechanism>) -> Result<Self, ReadError> {
         let headers: Vec<Header> = names.iter().map(|n| Header::new(n)).collect();
         let claims = claims(&headers);
@@ -64,22 +65,22 @@ impl Layout {
         Ok(Self { headers, channels, notes, unused })
     }
 
-    /// Whether a channel is there.
+    /// Whether the channel exists.
     pub fn has(&self, channel: &str) -> bool {
         self.channels.iter().any(|(name, _)| name == channel)
     }
 
-    /// Leaves out the channels that `keep` refuses.
+    /// Removes the channels for which `keep` is false.
     pub fn retain(&mut self, keep: impl Fn(&str) -> bool) {
         self.channels.retain(|(name, _)| keep(name));
     }
 
-    /// The column of a channel and SI seconds per unit of it, for time.
+    /// Column index of the time, and its unit in s.
     pub fn time(&self) -> Option<(usize, f64)> {
         self.channels.iter().find(|(name, _)| name == "t").map(|(_, s)| (s.column, s.factor))
     }
 
-    /// Columns that are read.
+    /// Indices of the columns that are read.
     pub fn used(&self) -> Vec<usize> {
         let mut used: Vec<usize> = self.channels.iter().map(|(_, s)| s.column).collect();
         used.sort_unstable();
@@ -87,12 +88,12 @@ impl Layout {
         used
     }
 
-    /// Text of a column's header.
+    /// Header text of a column.
     pub fn text(&self, column: usize) -> &str {
         &self.headers[column].text
     }
 
-    /// Channels of the table made of the file's columns, in the order of the file; `t` is in seconds already.
+    /// Table of the channels, in file order; `t` is already in seconds.
     pub fn apply(&self, t: Vec<f64>, columns: &[Vec<f64>], rows: Vec<u64>, into: Frame) -> Table {
         let channels = || self.channels.iter().filter(|(name, _)| name != "t");
         let delays: Vec<f64> = channels().map(|(_, s)| s.delay).collect();
@@ -106,14 +107,14 @@ impl Layout {
     }
 }
 
-/// What is known of a table beside its samples.
+/// Properties of a table besides its samples.
 pub(super) struct Frame<'a> {
     pub file: &'a Path,
     pub row: &'static str,
     pub machine: Mechanism,
 }
 
-/// The table with its channels mapped anew; also says what was done.
+/// The table with remapped channels, and descriptions of the assignments.
 pub(super) fn remap(table: Table, maps: &[Mapping]) -> Result<(Table, Vec<String>), ReadError> {
     if maps.is_empty() {
         return Ok((table, Vec::new()));
@@ -138,7 +139,7 @@ fn affine(values: &[f64], s: &Source) -> Vec<f64> {
     values.iter().map(|v| s.factor * v + s.offset).collect()
 }
 
-/// The channel each column claims by its name.
+/// The channel inferred for each column from its name.
 fn claims(headers: &[Header]) -> Vec<Option<String>> {
     let guesses: Vec<Option<Guess>> =
         headers.iter().map(|h| if known(&h.base) { None } else { guess(&h.base) }).collect();
@@ -155,7 +156,7 @@ fn claims(headers: &[Header]) -> Vec<Option<String>> {
         .map(|(h, g)| match g {
             None => known(&h.base).then(|| h.base.clone()),
             Some(Guess::Time) => Some("t".into()),
-            // Some count from zero. What has no number belongs to the only axis.
+            // Some files number axes from zero. A name without number belongs to the only axis.
             Some(Guess::Axis(stem, n)) => {
                 let numbers = numbers(stem);
                 let first = usize::from(numbers.contains(&0));
@@ -170,7 +171,7 @@ fn claims(headers: &[Header]) -> Vec<Option<String>> {
         .collect()
 }
 
-/// In words, where a channel comes from, if its name alone does not tell.
+/// Description of a channel's source; `None` if the column name is that of the channel.
 fn note(channel: &str, s: &Source, headers: &[Header]) -> Option<String> {
     let header = &headers[s.column];
     if header.base == channel && (s.factor, s.offset, s.delay) == (1.0, 0.0, 0.0) {
@@ -191,7 +192,7 @@ fn note(channel: &str, s: &Source, headers: &[Header]) -> Option<String> {
     Some(text)
 }
 
-/// Finds columns of one file.
+/// Lookup of columns of one file.
 struct Reader<'a> {
     file: &'a Path,
     headers: &'a [Header],
@@ -206,7 +207,7 @@ impl Reader<'_> {
         ReadError::content(self.file, problem, expected)
     }
 
-    /// Channels by the names of their columns, without those that a mapping sets.
+    /// Channels assigned by column names, without those set by a mapping.
     fn by_name(&self, maps: &[Mapping]) -> Result<Channels, ReadError> {
         let mapped = |channel: &str| maps.iter().flat_map(|m| &m.0).any(|a| a.channel == channel);
         let mut channels: Channels = Vec::new();
@@ -238,7 +239,7 @@ impl Reader<'_> {
         self.refuse(problem, format!("one of them, such as with --map \"{channel}='{a}'\""))
     }
 
-    /// SI units per unit of column `i`, which stands for `channel`, as its header states it.
+    /// SI units per unit of column `i`, the source of `channel`, as stated in its header.
     fn stated(&self, channel: &str, i: usize) -> Result<f64, ReadError> {
         let header = &self.headers[i];
         let Some(text) = &header.unit else { return Ok(1.0) };
@@ -282,7 +283,7 @@ impl Reader<'_> {
         Ok(channels)
     }
 
-    /// Where an assignment finds its values: a channel read so far, or a column of the file.
+    /// Source of an assignment: a channel assigned so far, or a column of the file.
     fn source(&self, before: &Channels, a: &Assignment) -> Result<Source, ReadError> {
         let channel = before.iter().find(|(name, _)| *name == a.column).map(|(_, s)| *s);
         if let (Some(s), None) = (channel, a.unit) {
@@ -291,7 +292,7 @@ impl Reader<'_> {
         }
         let texts = self.headers.iter().position(|h| h.text == a.column);
         let bases = self.headers.iter().position(|h| h.base == a.column);
-        // A channel by another name than its column's, such as `q1` for `position_1`.
+        // A channel whose column has another name, such as `q1` for `position_1`.
         let plain = channel.filter(|s| self.claims[s.column].as_deref() == Some(&a.column)).map(|s| s.column);
         let Some(column) = texts.or(bases).or(plain) else {
             let columns: Vec<&str> = self.headers.iter().map(|h| h.text.as_str()).collect();

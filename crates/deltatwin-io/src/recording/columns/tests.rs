@@ -26,10 +26,10 @@ fn names_and_units_are_told_apart() {
     assert_eq!(source(&l, "tau1"), (2, 1e-3, 0.0));
     assert_eq!(l.unused, [3]);
     assert!(l.notes[0].contains("`position_1 [deg]`"), "{:?}", l.notes);
-    // Counted from zero.
+    // Numbered from zero.
     let l = layout(&["t", "position[0]", "position[1]", "position[2]", "effort[0]"], &[]).unwrap();
     assert_eq!((source(&l, "q1").0, source(&l, "q3").0, source(&l, "tau1").0), (1, 3, 4));
-    // The format's own names say nothing.
+    // The format's own names produce no notes.
     assert!(layout(&["t", "q1", "tau1 [Nm]"], &[]).unwrap().notes.is_empty());
     assert_eq!(source(&layout(&["t", "position", "torque"], &[]).unwrap(), "tau1").0, 2);
 }

@@ -1,6 +1,6 @@
-//! Units that columns of a recording may be in, and their factors to SI.
+//! Units of recorded columns, with their factors to SI.
 
-/// What a unit measures.
+/// Physical quantity of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// s.
@@ -21,16 +21,16 @@ pub enum Quantity {
     Torque,
     /// N.
     Force,
-    /// What stands for a torque only with a factor: ampere, percent, volt, increments.
+    /// A signal proportional to torque: ampere, percent, volt, increments.
     Signal,
 }
 
-/// A unit by its usual name: value in SI = `factor` × value in the unit.
+/// A unit: value in SI = `factor` × value in the unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unit {
     /// Usual name.
     pub name: &'static str,
-    /// What it measures.
+    /// Physical quantity.
     pub quantity: Quantity,
     /// SI units per unit.
     pub factor: f64,
@@ -43,7 +43,7 @@ const fn unit(name: &'static str, quantity: Quantity, factor: f64) -> Unit {
     Unit { name, quantity, factor }
 }
 
-/// Every unit, SI first among those of a quantity.
+/// All units, SI first among those of a quantity.
 const UNITS: &[Unit] = &[
     unit("s", Quantity::Time, 1.0),
     unit("ms", Quantity::Time, 1e-3),
@@ -82,7 +82,7 @@ const UNITS: &[Unit] = &[
     unit("inc", Quantity::Signal, 1.0),
 ];
 
-/// Other names of units, as they stand in headers.
+/// Alternative names of units in headers.
 const OTHER_NAMES: &[(&str, &str)] = &[
     ("sec", "s"),
     ("secs", "s"),
@@ -119,7 +119,7 @@ const OTHER_NAMES: &[(&str, &str)] = &[
 ];
 
 impl Unit {
-    /// The unit called `text`: spaces, dots and the case of letters do not matter.
+    /// The unit called `text`; spaces, dots and case are ignored.
     pub fn find(text: &str) -> Option<Self> {
         let plain: String = text.chars().filter(|c| !c.is_whitespace() && !"·*.^-_".contains(*c)).collect();
         let plain = plain.replace('²', "2").to_lowercase();
@@ -127,7 +127,7 @@ impl Unit {
         UNITS.iter().find(|u| u.name.eq_ignore_ascii_case(name)).copied()
     }
 
-    /// Names of all units of some quantities.
+    /// Names of all units of `quantities`, separated by commas.
     pub fn names(quantities: &[Quantity]) -> String {
         let names = UNITS.iter().filter(|u| quantities.contains(&u.quantity)).map(|u| u.name);
         names.collect::<Vec<_>>().join(", ")

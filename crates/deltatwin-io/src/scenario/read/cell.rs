@@ -100,13 +100,13 @@ enum ShapeKind {
     Mesh,
 }
 
-/// Smallest and largest measure, m.
+/// Smallest and largest dimension of a shape, m.
 const MEASURES: [f64; 2] = [1e-4, 20.0];
 
-/// Smallest and largest unit of a mesh file, m.
+/// Smallest and largest length unit of a mesh file, m.
 const SCALES: [f64; 2] = [1e-6, 1e3];
 
-/// A shape, and where its centre is in the frame of its file, m.
+/// A shape, and its centre in the frame of its file, m.
 fn shape(file: &Source, table: &str, kind: &Spanned<String>, measures: &Measures) -> Checked<(Shape, Vector3<f64>)> {
     let [low, high] = MEASURES;
     let key = |name: &str| format!("{table}.{name}");
@@ -156,7 +156,7 @@ fn shape(file: &Source, table: &str, kind: &Spanned<String>, measures: &Measures
     Ok((shape, Vector3::zeros()))
 }
 
-/// The solid in the file called `name`, relative to the scenario.
+/// The solid in the file `name`, relative to the scenario.
 fn mesh(file: &Source, key: &str, name: &Spanned<String>, scale: f64, convex: bool) -> Checked<(Shape, Vector3<f64>)> {
     let path = Path::new(&file.name).parent().unwrap_or(Path::new("")).join(name.get_ref());
     let (mesh, centre) = (file.meshes)(&path, scale, convex).map_err(|e| {
@@ -166,7 +166,7 @@ fn mesh(file: &Source, key: &str, name: &Spanned<String>, scale: f64, convex: bo
     Ok((Shape::Mesh(Arc::new(mesh)), centre))
 }
 
-/// The things around the robot.
+/// The objects around the robot.
 pub(super) fn objects(file: &Source, tables: &[ObjectKeys]) -> Checked<Vec<Object>> {
     let mut out: Vec<Object> = Vec::with_capacity(tables.len());
     for keys in tables {
@@ -252,7 +252,7 @@ fn mobility(file: &Source, keys: &ObjectKeys) -> Checked<Mobility> {
     }
 }
 
-/// What the gripper does with `objects` until `duration`, s.
+/// Actions of the gripper on `objects` until `duration` (s).
 pub(super) fn actions(file: &Source, tables: &[ActionKeys], objects: &[Object], duration: f64) -> Checked<Vec<Action>> {
     let mut out: Vec<Action> = Vec::with_capacity(tables.len());
     let mut held: Option<usize> = None;

@@ -134,7 +134,7 @@ fn struts(file: &Source, key: &str, numbers: &[Spanned<i64>]) -> Checked<[bool; 
     Ok(fitted)
 }
 
-/// Sets `flag`, unless it is set already.
+/// Sets `flag`; an error if it is already set.
 fn once<T: std::fmt::Display>(
     file: &Source,
     key: &str,

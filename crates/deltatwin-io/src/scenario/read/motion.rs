@@ -1,4 +1,4 @@
-//! `[motion]`: one structure per kind.
+//! `[motion]`: one struct per kind.
 
 use std::ops::Range;
 use std::path::Path as FilePath;
@@ -15,10 +15,10 @@ use deltatwin::scenario::motion::path::Path;
 use deltatwin::scenario::motion::static_poses::StaticPoses;
 use deltatwin::scenario::{Course, FourierMotion};
 
-/// Largest share of the limits by default: room for feedback and model error.
+/// Default share of the limits, which leaves room for feedback and model errors.
 const SHARE: f64 = 0.8;
 const HARMONICS: usize = 5;
-/// A turn by 1 rad counts as 100 mm by default.
+/// Default path length of a rotation by 1 rad, m.
 const TURN_RADIUS: f64 = 0.1;
 /// Longest motion, s.
 const LONGEST: f64 = 36000.0;
@@ -32,7 +32,7 @@ const KINDS: &[(&str, Reader)] = &[
     ("static_poses", static_poses),
 ];
 
-/// What a kind is read from.
+/// Input of the reader of one kind.
 struct Input<'a, 'i> {
     file: &'a Source<'a>,
     folder: &'a FilePath,
@@ -52,7 +52,7 @@ impl Input<'_, '_> {
     }
 }
 
-/// Reads `[motion]`; the files it names are in `folder`.
+/// Reads `[motion]`; the files it names are relative to `folder`.
 pub(super) fn course(file: &Source, folder: &FilePath, mut value: Spanned<DeValue>) -> Checked<Course> {
     let span = value.span();
     let read = file.choice("motion.kind", &file.kind("motion", "motion", &mut value)?, KINDS)?;
@@ -114,9 +114,10 @@ fn frequency(file: &Source, value: &Spanned<f64>) -> Checked<f64> {
     file.within("motion.frequency", value, Interval(1e-3, 20.0, "Hz"))
 }
 
-/// What the machine moves: x, y, z and ψ of a platform, of a three-axis robot without ψ; the angles of independent axes.
+/// Coordinates of the motion: x, y, z and ψ of a platform (no ψ on a three-axis robot), or the angles of independent
+/// axes.
 ///
-/// Radians of axis 4 may be many turns; metres are checked against the workspace later.
+/// Axis 4 may make many turns; lengths are checked against the workspace later.
 fn coordinates(file: &Source, key: &str, value: &Spanned<Vec<f64>>) -> Checked<[f64; 4]> {
     file.per_axis(key, value, Interval(-1e3, 1e3, "(m for x, y, z; rad for angles)"))
 }
@@ -162,7 +163,7 @@ fn path(input: Input) -> Checked<Course> {
     Ok(Course::Path(path))
 }
 
-/// Waypoints numbered from 1 in the file, from 0 inside; in order for the sake of the reader.
+/// Stops, numbered from 1 in the file and from 0 in the result; they must be in ascending order.
 fn stops(file: &Source, keys: &PathKeys) -> Checked<Vec<usize>> {
     let last = keys.waypoints.len() as i64 - i64::from(!keys.closed);
     let mut out: Vec<usize> = Vec::new();
@@ -181,7 +182,7 @@ fn stops(file: &Source, keys: &PathKeys) -> Checked<Vec<usize>> {
     Ok(out)
 }
 
-/// Poses of which neighbours differ.
+/// Poses of which consecutive ones must differ.
 fn waypoints(
     file: &Source,
     input: &Input,
@@ -211,7 +212,7 @@ fn waypoints(
 }
 
 const MOST_POSES: usize = 100_000;
-/// Poses nearer than this are the same, m or rad.
+/// Distance below which two poses count as equal, m or rad.
 const NEAREST: f64 = 1e-6;
 
 #[derive(Deserialize)]

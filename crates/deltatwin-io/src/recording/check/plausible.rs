@@ -1,0 +1,272 @@
+//! Values that a machine can have: units, channels that stand still, jumps, rates, faults of sensors.
+
+use std::ops::Range;
+
+use deltatwin::machine::{AXES, Joint, Mechanism, Unit};
+use deltatwin::recording::sample_time;
+
+use super::names::is_axis;
+use super::{Column, Table};
+use crate::recording::ReadError;
+
+/// Plausible arm angles, rad: the limits −0.9…1.9 with 40° of margin.
+const ARM_ANGLE: (f64, f64) = (-1.6, 2.6);
+/// Samples a torque may stay exactly the same while its axis moves.
+const FROZEN: usize = 50;
+
+impl Table {
+    pub(super) fn units(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
+        let step = sample_time(&self.t);
+        if step > 0.05 {
+            let problem = format!("steps of {step} s; looks like milliseconds");
+            return Err(self.value_error(
+                1,
+                "t",
+                problem,
+                "seconds, sampled at 20 Hz or more; --map \"t=t[ms]\" reads milliseconds",
+            ));
+        }
+        if step < 1e-6 {
+            let problem = format!("steps of {step:e} s");
+            return Err(self.value_error(1, "t", problem, "seconds, sampled at 1 MHz or less"));
+        }
+        let (low, high) = ARM_ANGLE;
+        let arms: &[&str] = if matches!(self.machine, Mechanism::Delta { .. }) { &["q1", "q2", "q3"] } else { &[] };
+        for &name in arms {
+            let Some(q) = self.column(name) else { continue };
+            let Some(i) = q.iter().position(|v| !(low..=high).contains(v)) else {
+                continue;
+            };
+            let (least, most) = span(q);
+            if least.abs().max(most.abs()) <= std::f64::consts::TAU {
+                warnings.push(format!(
+                    "`{name}` goes from {least:.3} to {most:.3} rad, where no arm gets with the format's zero and sense; \
+                     `check --model MODEL` tells which is meant"
+                ));
+                continue;
+            }
+            let degrees = least >= -100.0 && most <= 160.0 && most - least > 1.0;
+            let exchanged = self.column("q4").is_some_and(|q4| {
+                let (a, b) = span(q4);
+                a >= low && b <= high
+            });
+            let problem = format!(
+                "angle {} in a column from {least} to {most}{}",
+                q[i],
+                if degrees && !exchanged { "; looks like degrees" } else { "" }
+            );
+            let k = name.trim_start_matches('q');
+            let other = match degrees {
+                _ if exchanged => format!("; --map \"{name}=q4, q4={name}, tau{k}=tau4, tau4=tau{k}\" exchanges axes"),
+                true => format!("; --map \"{name}={name}[deg]\" reads degrees, \"{name}={name}/33\" a motor's side"),
+                false => format!("; --map \"{name}={name}-1.5708\" moves the zero, \"{name}=-{name}\" turns it round"),
+            };
+            return Err(self.value_error(i, name, problem, format!("{low} … {high} rad{other}")));
+        }
+        for c in &self.columns {
+            let (limit, unit, hint) = match c.name.as_str() {
+                n if n.starts_with("tau") && self.machine == Mechanism::Axis(Joint::Prismatic) => {
+                    (1e7, "N", "looks like mN")
+                }
+                n if n.starts_with("tau") => (1e4, "N·m", "looks like N·mm, which --map \"tau1=tau1[Nmm], …\" reads"),
+                n if n.starts_with("strut") || n.starts_with("margin") => (1e6, "N", "looks like mN"),
+                n if n.starts_with("ee") => (5.0, "m", "looks like millimetres"),
+                _ => continue,
+            };
+            if let Some(i) = c.values.iter().position(|v| v.abs() > limit) {
+                let problem = format!("{}; {hint}", c.values[i]);
+                return Err(self.value_error(i, &c.name, problem, format!("at most {limit} {unit}")));
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn constant(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
+        let stands = |name: String| self.column(&name).is_some_and(is_constant);
+        let axes = self.machine.axes();
+        if (1..=axes).all(|k| stands(format!("q{k}"))) {
+            let problem = "no joint angle ever changes";
+            return Err(ReadError::content(&self.file, problem, "a machine that moves"));
+        }
+        let arms_rest = axes == AXES && (1..AXES).all(|k| stands(format!("q{k}")));
+        for k in 1..=axes {
+            let (q, tau) = (stands(format!("q{k}")), stands(format!("tau{k}")));
+            if !q && !tau {
+                continue;
+            }
+            let name = if q { format!("q{k}") } else { format!("tau{k}") };
+            let value = self.column(&name).map_or(0.0, |v| v[0]);
+            let problem = format!("always {value}");
+            if k == 4 {
+                warnings.push(format!("`{name}` is {problem}: axis 4 stands still or is not recorded"));
+            } else if q && arms_rest {
+                warnings.push(format!("`{name}` is {problem}: only axis 4 moves"));
+            } else if q && tau {
+                warnings.push(format!("`q{k}` and `tau{k}` never change: axis {k} is not in use"));
+            } else {
+                return Err(self.value_error(0, &name, problem, "a channel that changes"));
+            }
+        }
+        // Margins, multipliers and links are no sensor's: a socket open from the start always has zero.
+        let computed = |name: &str| ["margin", "lambda_", "link_"].iter().any(|stem| name.starts_with(stem));
+        let sensor = |c: &&Column| !is_axis(&c.name) && !computed(&c.name);
+        for c in self.columns.iter().filter(sensor).filter(|c| is_constant(&c.values)) {
+            warnings.push(format!("`{}` is always {}: is the sensor connected?", c.name, c.values[0]));
+        }
+        Ok(())
+    }
+
+    /// Takes out the jumps of a wrapped angle of axis 4, which turns endlessly.
+    pub(super) fn unwrap_axis4(&mut self, warnings: &mut Vec<String>) {
+        use std::f64::consts::{PI, TAU};
+        let Some(c) = self.columns.iter_mut().find(|c| c.name == "q4") else {
+            return;
+        };
+        let mut turns = 0.0;
+        let mut first = None;
+        for i in 1..c.values.len() {
+            let step = c.values[i] + turns - c.values[i - 1];
+            if step.abs() > PI && (step.abs() - TAU).abs() < 0.3 {
+                turns -= TAU * step.signum();
+                first = first.or(Some(i));
+            }
+            // Adding zero would turn −0 into 0; what was written comes back bit for bit.
+            if turns != 0.0 {
+                c.values[i] += turns;
+            }
+        }
+        if let Some(i) = first {
+            let at = self.at(i);
+            warnings.push(format!("`q4` jumps by a full turn, first at {at}: unwrapped"));
+        }
+    }
+
+    pub(super) fn fast_axis4(&self, warnings: &mut Vec<String>) {
+        let step = sample_time(&self.t);
+        if let Some(q4) = self.column("q4") {
+            let k = ((0.02 / step) as usize).max(1);
+            let rate = |i: usize| (q4[i + k] - q4[i]).abs() / (self.t[i + k] - self.t[i]);
+            let fast = (0..q4.len().saturating_sub(k)).filter(|&i| rate(i) > 60.0).count();
+            if fast * 50 > q4.len() {
+                warnings.push("`q4` turns faster than 60 rad/s; is it in degrees? --map \"q4=q4[deg]\"".into());
+            }
+        }
+    }
+
+    pub(super) fn jumps(&self, warnings: &mut Vec<String>) {
+        let step = sample_time(&self.t);
+        let unit = self.machine.unit(Unit::Rad);
+        for k in 1..=self.machine.axes() {
+            let name = format!("q{k}");
+            let Some(q) = self.column(&name) else {
+                continue;
+            };
+            let jump = |i: &usize| {
+                let dt = (self.t[*i] - self.t[i - 1]).max(step);
+                (q[*i] - q[i - 1]).abs() > 200.0 * dt
+            };
+            let mut found = (1..q.len()).filter(jump);
+            if let Some(i) = found.next() {
+                let (size, n) = (q[i] - q[i - 1], 1 + found.count());
+                warnings.push(format!(
+                    "`{name}` jumps by {size:.3} {unit} at {} ({n} such steps): faulty encoder?",
+                    self.at(i)
+                ));
+            }
+        }
+    }
+
+    /// Recorded joint rates against the difference quotient of the angles.
+    pub(super) fn rates(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
+        let n = self.t.len();
+        let reach = ((5e-3 / sample_time(&self.t)) as usize).clamp(1, (n - 1) / 2);
+        for k in 1..=self.machine.axes() {
+            let name = format!("qd{k}");
+            let (Some(q), Some(qd)) = (self.column(&format!("q{k}")), self.column(&name)) else {
+                continue;
+            };
+            let (mut product, mut square) = (0.0, 0.0);
+            for i in reach..n - reach {
+                let d = (q[i + reach] - q[i - reach]) / (self.t[i + reach] - self.t[i - reach]);
+                product += qd[i] * d;
+                square += d * d;
+            }
+            let scale = product / square;
+            if square == 0.0 || !scale.is_finite() {
+                continue;
+            }
+            if (40.0..80.0).contains(&scale) && self.machine != Mechanism::Axis(Joint::Prismatic) {
+                let problem = format!("{scale:.1} times the slope of `q{k}`; looks like degrees/s");
+                return Err(self.value_error(0, &name, problem, "rad/s"));
+            }
+            if !(0.8..1.25).contains(&scale) {
+                warnings.push(format!("`{name}` is {scale:.2} times the slope of `q{k}`"));
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn clipped(&self, k: usize, warnings: &mut Vec<String>) {
+        let name = format!("tau{k}");
+        let Some(tau) = self.column(&name).filter(|tau| !is_constant(tau)) else {
+            return;
+        };
+        let (least, most) = span(tau);
+        for (extreme, what) in [(most, "largest"), (least, "smallest")] {
+            let runs = runs(tau).filter(|r| tau[r.start] == extreme && r.len() >= 3);
+            let runs: Vec<_> = runs.collect();
+            let count: usize = runs.iter().map(|r| r.len()).sum();
+            if count >= 10 {
+                warnings.push(format!(
+                    "`{name}` stays at its {what} value {extreme} {} for {count} samples, first at {}: clipped?",
+                    self.machine.unit(Unit::NM),
+                    self.at(runs[0].start)
+                ));
+            }
+        }
+    }
+
+    pub(super) fn frozen(&self, k: usize, warnings: &mut Vec<String>) {
+        let name = format!("tau{k}");
+        let (Some(tau), Some(q)) = (self.column(&name), self.column(&format!("q{k}"))) else {
+            return;
+        };
+        if is_constant(tau) {
+            return;
+        }
+        let (least, most) = span(tau);
+        let stuck = runs(tau).find(|r| {
+            let (low, high) = span(&q[r.clone()]);
+            let inside = tau[r.start] != least && tau[r.start] != most;
+            r.len() >= FROZEN && inside && high - low > 1e-3
+        });
+        if let Some(r) = stuck {
+            warnings.push(format!(
+                "`{name}` stays exactly {} {} from {} for {} samples while the axis moves: frozen sensor?",
+                tau[r.start],
+                self.machine.unit(Unit::NM),
+                self.at(r.start),
+                r.len()
+            ));
+        }
+    }
+}
+
+fn is_constant(values: &[f64]) -> bool {
+    values.windows(2).all(|w| w[0] == w[1])
+}
+
+fn span(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)))
+}
+
+/// Stretches of equal values.
+fn runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> + '_ {
+    let mut start = 0;
+    std::iter::from_fn(move || {
+        let first = values.get(start)?;
+        let length = values[start..].iter().take_while(|v| *v == first).count();
+        start += length;
+        Some(start - length..start)
+    })
+}

@@ -1,0 +1,179 @@
+//! The parameters of least cost: Gauss–Newton, damped where parameters enter nonlinearly.
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+
+use super::regression::Regression;
+use super::{FitError, is_nonlinear};
+use crate::effects::Role;
+use crate::identification::Residuals;
+use crate::identification::estimator::Estimator;
+use crate::identification::normal_equations::{NormalEquations, Weight};
+use crate::model::Model;
+
+const MAX_ITERATIONS: usize = 8;
+/// Fall of the cost that still counts as progress, in units of the mean cost of a residual if that is above the noise's:
+/// a parameter moved by its own standard error changes the cost by about one of them.
+const PROGRESS: f64 = 0.01;
+/// Rounds of reweighting.
+const ROUNDS: usize = 4;
+/// Residuals beyond this many scatters count less [Huber 1964: 95 % efficient for normal noise].
+const HUBER: f64 = 1.345;
+/// Residuals beyond this many scatters do not count.
+const TRIM: f64 = 3.0;
+
+/// A model with parameters of least cost, and what the data say about them.
+pub(super) struct Solution {
+    pub model: Model,
+    pub normal: NormalEquations,
+    pub estimator: Estimator,
+}
+
+/// Parameters with their cost.
+struct Point {
+    model: Model,
+    values: DVector<f64>,
+    residuals: Arc<Residuals>,
+    cost: f64,
+}
+
+impl Regression<'_> {
+    /// The solution from the present parameters of `model`.
+    pub fn least_squares(&self, model: Model, weight: Weight) -> Result<Solution, FitError> {
+        let solution = self.linearised(model, weight)?;
+        if is_nonlinear(&solution.model) { self.iterated(solution, weight) } else { self.one_step(solution) }
+    }
+
+    /// The solution when samples far outside the scatter of the residuals count less, with `robust`, or not at all.
+    pub fn reweighted(&self, mut solution: Solution, robust: bool) -> Result<Solution, FitError> {
+        for _ in 0..ROUNDS {
+            if (self.stop)() {
+                break;
+            }
+            let scale = self.scatter(&solution.normal.residuals);
+            let huber = |c: usize, r: f64| (HUBER * scale[c] / r.abs()).min(1.0);
+            let trimmed = |c: usize, r: f64| f64::from(r.abs() <= TRIM * scale[c]);
+            let weight: Weight = if robust { &huber } else { &trimmed };
+            solution = self.least_squares(solution.model, weight)?;
+        }
+        Ok(solution)
+    }
+
+    fn linearised(&self, model: Model, weight: Weight) -> Result<Solution, FitError> {
+        let normal = NormalEquations::new(&model, self.datasets, &self.sigma, &self.free, weight)?;
+        let estimator = Estimator::new(&normal, &self.size, &self.weights).ok_or(FitError::NotFinite)?;
+        Ok(Solution { model, normal, estimator })
+    }
+
+    /// Parameters that all enter linearly.
+    fn one_step(&self, mut solution: Solution) -> Result<Solution, FitError> {
+        let Solution { model, normal, estimator } = &mut solution;
+        let values = self.values(model);
+        let step = estimator.step(normal, &(&values - &self.prior), &[]);
+        self.set(model, &(&values + &step));
+        normal.advance(&step);
+        normal.residuals = Arc::new(Residuals::new(model, self.datasets)?);
+        Ok(solution)
+    }
+
+    fn iterated(&self, mut solution: Solution, weight: Weight) -> Result<Solution, FitError> {
+        let mut here = self.point(&solution, weight);
+        for iteration in 0..MAX_ITERATIONS {
+            if iteration > 0 && (self.stop)() {
+                break;
+            }
+            let progress = PROGRESS * self.scale(here.cost);
+            let step = self.step(&solution, &here.values);
+            if 0.5 * step.dot(&(&solution.normal.information * &step)) < progress {
+                break;
+            }
+            let next = self.search(&here, &step, weight, iteration > 0);
+            if !next.as_ref().unwrap_or(&here).cost.is_finite() {
+                return Err(FitError::NotFinite);
+            }
+            let Some(next) = next else { break };
+            let (step, change) = (&next.values - &here.values, here.cost - next.cost);
+            let promised = solution.normal.score.dot(&step) - 0.5 * step.dot(&(&solution.normal.information * &step))
+                + self.prior_cost(&here.values)
+                - self.prior_cost(&next.values);
+            here = next;
+            // The columns are as good as at the new place, or a little old; only the standard errors feel it.
+            if (change - promised).abs() < progress || (self.stop)() {
+                solution.normal.advance(&step);
+                break;
+            }
+            solution = self.linearised(here.model.clone(), weight)?;
+            here.residuals = Arc::clone(&solution.normal.residuals);
+            if change < progress.max(1e-12 * here.cost) {
+                break;
+            }
+        }
+        solution.model = here.model;
+        solution.normal.residuals = here.residuals;
+        Ok(solution)
+    }
+
+    fn point(&self, solution: &Solution, weight: Weight) -> Point {
+        let values = self.values(&solution.model);
+        let residuals = Arc::clone(&solution.normal.residuals);
+        let cost = self.cost(&residuals, &values, weight);
+        Point { model: solution.model.clone(), values, residuals, cost }
+    }
+
+    /// Step from `values`, without the shape parameters at a bound that it would cross.
+    fn step(&self, solution: &Solution, values: &DVector<f64>) -> DVector<f64> {
+        let Solution { normal, estimator, .. } = solution;
+        let offset = values - &self.prior;
+        let free = estimator.step(normal, &offset, &[]);
+        estimator.step(normal, &offset, &self.at_bound(values, &free))
+    }
+
+    /// The first point along a step, ever shorter, that costs no more; none if there is none, or if it `may_stop` and does.
+    fn search(&self, from: &Point, step: &DVector<f64>, weight: Weight, may_stop: bool) -> Option<Point> {
+        let mut damping = 1.0;
+        while damping > 1e-3 {
+            let mut model = from.model.clone();
+            let values = self.moved(&from.values, step, damping);
+            self.set(&mut model, &values);
+            // Trials need no columns. Where the machine cannot be assembled, the step was too long.
+            if let Ok(residuals) = Residuals::new(&model, self.datasets) {
+                let cost = self.cost(&residuals, &values, weight);
+                if cost <= from.cost {
+                    return Some(Point { model, values, residuals: Arc::new(residuals), cost });
+                }
+            }
+            if may_stop && (self.stop)() {
+                break;
+            }
+            damping *= 0.25;
+        }
+        None
+    }
+
+    /// Shape parameters at a bound that the step would cross.
+    fn at_bound(&self, values: &DVector<f64>, step: &DVector<f64>) -> Vec<usize> {
+        let crosses = |&i: &usize| {
+            let p = &self.parameters[i];
+            let out = (values[i] <= p.range.0 && step[i] < 0.0) || (values[i] >= p.range.1 && step[i] > 0.0);
+            p.role == Role::Shape && out
+        };
+        (0..values.len()).filter(crosses).collect()
+    }
+
+    /// Values after a damped step; shape parameters move by half their value at most, those that may be zero by half their
+    /// usual size if that is more, and stay in range.
+    fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
+        DVector::from_fn(values.len(), |i, _| {
+            let p = &self.parameters[i];
+            let d = damping * step[i];
+            if p.role == Role::Shape {
+                let least = if p.range.0 <= 0.0 { p.usual } else { 0.0 };
+                let most = 0.5 * values[i].abs().max(least);
+                (values[i] + d.clamp(-most, most)).clamp(p.range.0, p.range.1)
+            } else {
+                values[i] + d
+            }
+        })
+    }
+}

@@ -1,0 +1,104 @@
+//! Possible parameters: those of least cost if a body of the estimate cannot exist or a law does not allow a value.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::regression::Regression;
+use super::{Consistency, Correction};
+use crate::dynamics::PlantParameter;
+use crate::effects::{Param, payload};
+use crate::identification::consistency::{BodyClass, Cost, classes, cones, log_cholesky};
+use crate::machine::bodies::END_EFFECTOR;
+
+/// Cost of becoming possible beyond which it is no chance: five standard errors of one parameter.
+const NOTABLE: f64 = 12.5;
+/// Gap, relative to the cost, up to which the convex programme's answer is taken.
+const CERTIFIED: f64 = 1e-5;
+/// Information on a mass that does not enter the torques, per own size squared: weighed to 20 %.
+const SILENT_MASS: f64 = 25.0;
+
+/// Possible values nearest to an estimate.
+pub(super) struct Possible {
+    /// The estimated parameters, then masses that no parameter holds.
+    pub values: DVector<f64>,
+    /// Kinds of bodies that the values describe.
+    pub classes: Vec<BodyClass>,
+    pub correction: Option<Correction>,
+    /// See [`super::Fit::edges`].
+    pub edges: Vec<Vec<(Param, f64)>>,
+}
+
+impl Regression<'_> {
+    /// Possible values nearest to those `estimated`, with the curvature of the cost there.
+    pub fn possible(&self, estimated: &[PlantParameter], curvature: &DMatrix<f64>) -> Possible {
+        let cost = self.cost_of_leaving(estimated, curvature);
+        if cost.allows(&cost.centre) {
+            return Possible { values: cost.centre, classes: cost.classes, correction: None, edges: Vec::new() };
+        }
+        let convex = match self.consistency {
+            Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= CERTIFIED * cost.of(&c.x)),
+            Consistency::LogCholesky => None,
+        };
+        let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
+        let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
+        let correction = Correction { cost: cost.of(&values), gap };
+        let mut possible = Possible { values, classes: cost.classes, correction: Some(correction), edges: Vec::new() };
+        if correction.cost > NOTABLE {
+            possible.edges = self.edges(estimated, &possible, curvature);
+        }
+        possible
+    }
+
+    /// The cost of leaving an estimate, with what bodies and laws allow.
+    fn cost_of_leaving(&self, estimated: &[PlantParameter], curvature: &DMatrix<f64>) -> Cost {
+        let rigid = self.before.rigid_bodies();
+        let mut owners = vec![(0, &rigid)];
+        let mut first = rigid.values.len();
+        for active in &self.before.effects {
+            if active.effect.name() == payload::NAME {
+                owners.push((first, active));
+            }
+            first += active.values.len();
+        }
+        // The links as the model file has them, without what effects and a stated payload add; of the payload, its own.
+        let mut bodies = self.before.links.clone();
+        bodies[END_EFFECTOR] = self.before.bodies[END_EFFECTOR];
+        let (classes, masses) = classes(&bodies, &owners, &self.free);
+        let (n, m) = (self.free.len(), masses.len());
+        let extended =
+            |own: &dyn Fn(usize) -> f64| DVector::from_fn(n + m, |i, _| if i < n { own(i) } else { masses[i - n] });
+        let size = extended(&|i| self.size[i]);
+        Cost {
+            centre: extended(&|i| estimated[i].value),
+            start: extended(&|i| self.parameters[i].value),
+            curvature: DMatrix::from_fn(n + m, n + m, |i, j| match (i < n, j < n) {
+                (true, true) => curvature[(i, j)],
+                _ if i == j => SILENT_MASS / (size[i] * size[i]),
+                _ => 0.0,
+            }),
+            range: (0..n + m).map(|i| estimated.get(i).map_or((0.0, f64::INFINITY), |p| p.range)).collect(),
+            size,
+            classes,
+        }
+    }
+
+    /// Parameters that edges of the possible hold, with the pull on them.
+    ///
+    /// At the least cost H·(p − p_free) = Σ λ·n over the active constraints (Karush, Kuhn & Tucker), and no two of them share
+    /// a parameter: that of a kind of body has its parameters only, that of a range its own.
+    fn edges(&self, free: &[PlantParameter], possible: &Possible, curvature: &DMatrix<f64>) -> Vec<Vec<(Param, f64)>> {
+        /// Pull, relative to the largest, that is the end of an iteration.
+        const RESIDUE: f64 = 1e-3;
+        let pull = curvature * DVector::from_fn(free.len(), |i, _| possible.values[i] - free[i].value);
+        let scaled = |i: usize| (pull[i] * self.size[i]).abs();
+        let largest = (0..free.len()).map(scaled).fold(0.0, f64::max);
+        let mut owners: Vec<Vec<usize>> = possible.classes.iter().map(BodyClass::variables).collect();
+        let alone = |i: &usize| !owners.iter().any(|o| o.contains(i));
+        let ranges: Vec<Vec<usize>> = (0..free.len()).filter(alone).map(|i| vec![i]).collect();
+        owners.extend(ranges);
+        let fixed = |owned: &Vec<usize>| -> Vec<(Param, f64)> {
+            let pulled = owned.iter().filter(|&&i| i < free.len() && scaled(i) > RESIDUE * largest);
+            pulled.map(|&i| (free[i].param, pull[i])).collect()
+        };
+        owners.iter().map(fixed).filter(|edge| !edge.is_empty()).collect()
+    }
+}

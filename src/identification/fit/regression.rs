@@ -1,0 +1,151 @@
+//! The weighted problem that a fit solves.
+
+use nalgebra::DVector;
+
+use super::{Consistency, FitError, Options, Weighing};
+use crate::dynamics::{Plant, PlantParameter, set_parameters};
+use crate::evidence::{NEVER, Stop};
+use crate::identification::estimator::PRIOR_INFORMATION;
+use crate::identification::filtering::MIN_HALF_WIDTH;
+use crate::identification::normal_equations::Weight;
+use crate::identification::prediction::Channels;
+use crate::identification::{Dataset, Residuals, regularisation};
+use crate::model::Model;
+
+/// A regression with everything that stays the same while parameters move.
+pub(super) struct Regression<'a> {
+    pub datasets: &'a [Dataset],
+    pub sigma: Vec<Vec<f64>>,
+    /// Whether `sigma` is the noise itself.
+    pub white: bool,
+    /// Indices of the estimated parameters.
+    pub free: Vec<usize>,
+    /// Own size of each estimated parameter.
+    pub size: DVector<f64>,
+    /// Regularisation values of the estimated parameters.
+    pub prior: DVector<f64>,
+    /// The machine before the fit, a possible one.
+    pub before: Plant,
+    /// Its estimated parameters, in the order of `free`.
+    pub parameters: Vec<PlantParameter>,
+    pub information: f64,
+    /// γ of each estimated parameter.
+    pub weights: DVector<f64>,
+    pub consistency: Consistency,
+    pub stop: Stop<'a>,
+}
+
+impl<'a> Regression<'a> {
+    /// The problem for `model` as it is in the datasets' configuration.
+    pub fn new(
+        model: &Model,
+        datasets: &'a [Dataset],
+        noise: &[Vec<f64>],
+        options: &Options<'a>,
+    ) -> Result<Self, FitError> {
+        let setup = &datasets[0].setup;
+        let plant = Plant::new(model, setup);
+        let parameters = plant.parameters();
+        let regularised = options.prior.map_or_else(|| parameters.clone(), |p| Plant::new(p, setup).parameters());
+        let free = parameters.free(options.fixed);
+        if free.is_empty() {
+            return Err(FitError::NothingToEstimate);
+        }
+        let own: Vec<PlantParameter> = free.iter().map(|&k| parameters[k].clone()).collect();
+        let information = options.prior_information.unwrap_or(PRIOR_INFORMATION);
+        let samples = datasets.iter().map(Dataset::len).sum();
+        let weights = regularisation::weights(&own, information, options.weights, samples)?;
+        // The prior may be another model: its parameters are the same by name.
+        let known = |k: usize| regularised.named(&parameters[k].name).map_or(&parameters[k], |i| &regularised[i]);
+        let sigma = match options.weighing {
+            Weighing::Noise => noise.to_vec(),
+            Weighing::Maximum => largest(datasets, noise),
+        };
+        Ok(Self {
+            datasets,
+            sigma,
+            white: options.weighing == Weighing::Noise,
+            size: DVector::from_iterator(free.len(), free.iter().map(|&k| nominal_size(known(k)))),
+            prior: DVector::from_iterator(free.len(), free.iter().map(|&k| known(k).value)),
+            parameters: own,
+            before: plant,
+            free,
+            information,
+            weights: DVector::from_vec(weights),
+            consistency: options.consistency,
+            stop: options.stop.unwrap_or(NEVER),
+        })
+    }
+
+    /// Present values of the estimated parameters.
+    pub fn values(&self, model: &Model) -> DVector<f64> {
+        let parameters = Plant::new(model, &self.datasets[0].setup).parameters();
+        DVector::from_iterator(self.free.len(), self.free.iter().map(|&k| parameters[k].value))
+    }
+
+    /// Gives `model` the values.
+    pub fn set(&self, model: &mut Model, values: &DVector<f64>) {
+        let mut all: Vec<f64> = Plant::new(model, &self.datasets[0].setup).parameters().values();
+        for (i, &k) in self.free.iter().enumerate() {
+            all[k] = values[i];
+        }
+        set_parameters(model, &all);
+    }
+
+    /// Whether the datasets have no encoder noise: what is left then are the few samples around reversals that the
+    /// derivatives blur.
+    pub fn is_clean(&self) -> bool {
+        self.datasets.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH))
+    }
+
+    /// Cost at the present parameters.
+    pub fn cost(&self, residuals: &Residuals, values: &DVector<f64>, weight: Weight) -> f64 {
+        let series =
+            |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
+        let dataset = |(channels, sigma): (&Channels, &Vec<f64>)| -> f64 {
+            channels.iter().zip(sigma).enumerate().map(series).sum()
+        };
+        let data: f64 = residuals.series.iter().zip(&self.sigma).map(dataset).sum();
+        0.5 * data + self.prior_cost(values)
+    }
+
+    /// The prior's part of the cost.
+    pub fn prior_cost(&self, values: &DVector<f64>) -> f64 {
+        let apart = (values - &self.prior).component_div(&self.size);
+        0.5 * apart.component_mul(&apart).dot(&self.weights)
+    }
+
+    /// Mean cost of a residual over that of one of the stated noise; one if it is less.
+    pub fn scale(&self, cost: f64) -> f64 {
+        let residuals: usize = self.datasets.iter().map(|t| t.len() * t.channels.len()).sum();
+        (2.0 * cost / residuals.max(1) as f64).max(1.0)
+    }
+
+    /// Robust standard deviation of each channel in units of its sigma, over all datasets.
+    pub fn scatter(&self, residuals: &Residuals) -> Vec<f64> {
+        let channels = self.sigma.iter().map(Vec::len).min().unwrap_or(0);
+        let one = |c: usize| {
+            let scaled = |(r, s): (&Channels, &Vec<f64>)| r[c].iter().map(|x| (x / s[c]).abs()).collect::<Vec<f64>>();
+            let mut magnitude: Vec<f64> = residuals.series.iter().zip(&self.sigma).flat_map(scaled).collect();
+            let middle = magnitude.len() / 2;
+            (*magnitude.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(f64::MIN_POSITIVE)
+        };
+        (0..channels).map(one).collect()
+    }
+}
+
+/// Largest measured magnitude of every channel, in the proportion that leaves the mean weight of a row.
+fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let one = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
+        let peak = |m: &Vec<f64>| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
+        let peaks: Vec<f64> = dataset.measured.iter().map(peak).collect();
+        let ratio: f64 = sigma.iter().zip(&peaks).map(|(s, p)| (s / p).powi(2)).sum::<f64>() / peaks.len() as f64;
+        peaks.into_iter().map(|p| p * ratio.sqrt()).collect()
+    };
+    datasets.iter().zip(noise).map(one).collect()
+}
+
+/// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
+pub fn nominal_size(p: &PlantParameter) -> f64 {
+    p.value.abs().max(p.usual).max(1e-9)
+}

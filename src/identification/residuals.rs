@@ -1,0 +1,90 @@
+//! [`Residuals`]: what a model leaves of recordings. Measured and predicted series are subtracted here and nowhere else.
+
+use super::Dataset;
+use super::fit::{FitError, kinematics};
+use super::prediction::{Channels, predict};
+use crate::dynamics::Plant;
+use crate::model::Model;
+
+/// What a model leaves of recordings.
+#[derive(Clone, Debug, Default)]
+pub struct Residuals {
+    /// Measured − predicted, per recording and channel.
+    pub series: Vec<Channels>,
+    /// Root mean square of each channel over all recordings.
+    pub rms: Vec<f64>,
+}
+
+impl Residuals {
+    /// Residuals of `model` along `datasets`, without refitting.
+    ///
+    /// # Errors
+    /// If the model's geometry cannot take a measured pose.
+    pub fn new(model: &Model, datasets: &[Dataset]) -> Result<Self, FitError> {
+        let one = |dataset: &Dataset| {
+            let predicted = predict(&Plant::new(model, &dataset.setup), dataset).map_err(kinematics(dataset))?;
+            Ok(subtracted(dataset, &predicted))
+        };
+        datasets.iter().map(one).collect::<Result<Vec<_>, _>>().map(Self::from)
+    }
+
+    /// Residuals of what was `predicted` along one recording, channel by channel.
+    pub fn of(dataset: &Dataset, predicted: &[Vec<f64>]) -> Self {
+        vec![subtracted(dataset, predicted)].into()
+    }
+
+    /// One channel, recording after recording.
+    pub fn channel(&self, c: usize) -> Vec<f64> {
+        self.series.iter().flat_map(|recording| &recording[c]).copied().collect()
+    }
+
+    /// Residuals at the samples `kept` of each recording alone.
+    pub fn at(&self, kept: &[Vec<usize>]) -> Self {
+        let of = |(recording, kept): (&Channels, &Vec<usize>)| -> Channels {
+            recording.iter().map(|series| kept.iter().map(|&k| series[k]).collect()).collect()
+        };
+        self.series.iter().zip(kept).map(of).collect::<Vec<_>>().into()
+    }
+}
+
+impl From<Vec<Channels>> for Residuals {
+    fn from(series: Vec<Channels>) -> Self {
+        let channels = series.iter().map(Vec::len).min().unwrap_or(0);
+        let rms = (0..channels).map(|c| root_mean_square(series.iter().flat_map(|recording| &recording[c]))).collect();
+        Self { series, rms }
+    }
+}
+
+fn subtracted(dataset: &Dataset, predicted: &[Vec<f64>]) -> Channels {
+    dataset.measured.iter().zip(predicted).map(|(m, p)| difference(m, p)).collect()
+}
+
+/// Measured − predicted, sample by sample; as long as the shorter of both.
+pub fn difference(measured: &[f64], predicted: &[f64]) -> Vec<f64> {
+    measured.iter().zip(predicted).map(|(m, p)| m - p).collect()
+}
+
+/// Root mean square of a series; zero without samples.
+pub fn rms(series: &[f64]) -> f64 {
+    root_mean_square(series.iter())
+}
+
+fn root_mean_square<'a>(series: impl Iterator<Item = &'a f64> + Clone) -> f64 {
+    let n = series.clone().count().max(1);
+    (series.map(|x| x * x).sum::<f64>() / n as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_sample_of_every_recording_counts_alike() {
+        let series = vec![vec![vec![3.0, 3.0], vec![1.0, 0.0]], vec![vec![6.0], vec![0.0]]];
+        let residuals = Residuals::from(series);
+        assert_eq!(residuals.rms, [18f64.sqrt(), (1.0 / 3.0f64).sqrt()]);
+        assert_eq!(residuals.channel(0), [3.0, 3.0, 6.0]);
+        assert_eq!(residuals.at(&[vec![0], vec![]]).rms, [3.0, 1.0]);
+        assert_eq!((rms(&[]), difference(&[2.0, 5.0], &[1.5])), (0.0, vec![0.5]));
+    }
+}

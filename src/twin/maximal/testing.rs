@@ -1,0 +1,254 @@
+//! States, plants and balances for the tests of the solver.
+
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Quaternion, Rotation3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::dynamics::inertial_wrench;
+use crate::kinematics::{JointState, Motion};
+use crate::machine::bodies::{ROTOR, TELESCOPE_UPPER};
+use crate::machine::{ARMS, Geometry, Setup};
+use crate::model::testing::shipped;
+use crate::twin::absolute;
+
+/// Poses and twists of all bodies.
+#[derive(Clone)]
+pub(super) struct State {
+    pub(super) bodies: [BodyState; BODIES],
+}
+
+impl State {
+    pub(super) fn new(motion: &Motion) -> Self {
+        let bodies = motion.bodies.map(|b| BodyState {
+            position: b.position,
+            orientation: *UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(b.rotation)),
+            velocity: b.velocity,
+            angular_velocity: b.rotation.tr_mul(&b.angular_velocity),
+        });
+        Self { bodies }
+    }
+
+    pub(super) fn motion(&self, plant: &Plant) -> Motion {
+        let mut motion = Motion::disassembled(&plant.geometry, &JointState::default());
+        for (b, body) in self.bodies.iter().enumerate() {
+            let turned = rotation(&body.orientation);
+            motion.bodies[b] = BodyMotion {
+                rotation: turned,
+                position: body.position,
+                velocity: body.velocity,
+                angular_velocity: turned * body.angular_velocity,
+                ..BodyMotion::REST
+            };
+        }
+        let mut y = [0.0; absolute::LENGTH];
+        absolute::store(&mut y, plant, &motion);
+        y[absolute::LENGTH - 2 * STRUTS..].fill(0.0);
+        absolute::motion(plant, &y)
+    }
+}
+
+/// Forces of all joints on one of their two bodies, N and N·m, world axes, moments about that body's origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct JointReactions {
+    /// Bearings: on the arms.
+    pub(super) arms: [Pair; ARMS],
+    /// Bearing of motor 4: on the rotor.
+    pub(super) rotor: Pair,
+    /// Ball sockets (elbows, then platform): force on the strut.
+    pub(super) sockets: [Vector3<f64>; SOCKETS],
+    /// Revolute joint on the platform: on the end effector.
+    pub(super) pivot: Pair,
+    /// On the telescope's upper part, from the rotor.
+    pub(super) upper_hooke: Pair,
+    /// Prismatic joint: on the telescope's lower part.
+    pub(super) slide: Pair,
+    /// On the telescope's lower part, from the end effector.
+    pub(super) lower_hooke: Pair,
+}
+
+impl MaximalCoordinates {
+    /// Forces and moments of all joints from the last solution.
+    pub(super) fn reactions(&self) -> JointReactions {
+        JointReactions {
+            arms: std::array::from_fn(|i| self.wrench(bearing_block(i), 5)),
+            rotor: self.wrench(ROTOR_BEARING_BLOCK, 5),
+            sockets: self.socket_forces(),
+            pivot: self.wrench(PIVOT_ON_END_EFFECTOR, 5),
+            upper_hooke: self.wrench(UPPER_HOOKE_ON_TELESCOPE, 4),
+            slide: self.wrench(SLIDE_ON_LOWER, 5),
+            lower_hooke: self.wrench(LOWER_HOOKE_ON_LOWER, 4),
+        }
+    }
+}
+
+pub(super) const STILL: Pair = (Vector3::new(0., 0., 0.), Vector3::new(0., 0., 0.));
+
+/// The shipped model without effects: its end effector has no inertia.
+pub(super) fn plant() -> Plant {
+    let mut model = shipped("irb360-6-1600");
+    model.effects.clear();
+    Plant::new(&model, &Setup::default())
+}
+
+/// Plants of every kind: end effector without inertia, with a payload, with a full tensor; uneven links.
+pub(super) fn plants() -> [Plant; 4] {
+    let mut all = std::array::from_fn(|_| plant());
+    let payload =
+        crate::machine::Payload::with_tensor(2.5, [0.03, -0.02, -0.08], [0.02, 0.03, 0.025, 0.004, -0.005, 0.003]);
+    all[1].bodies[END_EFFECTOR] += payload.inertia();
+    all[2].bodies[END_EFFECTOR] += Inertia::point(1.5, Vector3::new(0.1, -0.05, -0.1));
+    all[3].bodies[END_EFFECTOR] += Inertia::diagonal(0.8, [0.0; 3], [0.01, 0.02, 0.025]);
+    for b in 0..BODIES {
+        if b != END_EFFECTOR && !(STRUT..PLATFORM).contains(&b) {
+            all[3].bodies[b] += Inertia::point(0.3, Vector3::new(0.02, 0.05, -0.04));
+        }
+    }
+    all[3].bodies[STRUT + 1] += Inertia::point(0.34, Vector3::new(0.5, 0.0, 0.0));
+    all
+}
+
+pub(super) fn joints(plant: &Plant, rng: &mut ChaCha8Rng) -> JointState {
+    loop {
+        let mut draw = |x: f64| rng.random_range(-x..x);
+        let q = [0.35 + draw(0.85), 0.35 + draw(0.85), 0.35 + draw(0.85), draw(3.0)];
+        let qd = [draw(4.0), draw(4.0), draw(4.0), draw(12.0)];
+        let Ok(p) = plant.geometry.forward(&q) else { continue };
+        if plant.geometry.check_limits(&q, &p).is_ok() {
+            return JointState { q, qd, qdd: [0.0; 4] };
+        }
+    }
+}
+
+pub(super) fn lengths(plant: &Plant) -> [f64; STRUTS] {
+    std::array::from_fn(|s| plant.geometry.strut_length[s / 2])
+}
+
+pub(super) fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| rng.random_range(-size..size))
+}
+
+/// An assembled pose with a random disturbance of every body; rows do not hold.
+pub(super) fn disturbed(plant: &Plant, rng: &mut ChaCha8Rng, size: f64) -> Motion {
+    let mut motion = plant.motion(&joints(plant, rng)).unwrap();
+    for b in &mut motion.bodies {
+        b.position += vector(rng, size);
+        b.rotation = Rotation3::from_scaled_axis(vector(rng, size)).into_inner() * b.rotation;
+        b.velocity += vector(rng, 3.0);
+        b.angular_velocity += vector(rng, 5.0);
+    }
+    motion
+}
+
+/// Pose and velocities after `h` at given accelerations, to second order.
+pub(super) fn moved(motion: &Motion, a: &[Pair; BODIES], h: f64) -> Motion {
+    let mut out = *motion;
+    for (b, (linear, angular)) in out.bodies.iter_mut().zip(a) {
+        b.position += b.velocity * h + linear * (0.5 * h * h);
+        let turn = b.angular_velocity * h + angular * (0.5 * h * h);
+        b.rotation = Rotation3::from_scaled_axis(turn).into_inner() * b.rotation;
+        b.velocity += linear * h;
+        b.angular_velocity += angular * h;
+    }
+    out
+}
+
+pub(super) fn times(rows: &Rows, x: &[Pair; BODIES]) -> [f64; ROWS] {
+    let mut out = [0.0; ROWS];
+    for b in 0..BODIES {
+        for k in BODY[b]..BODY[b + 1] {
+            out[ROW[k]] += dot(&rows.blocks[k], &six(&x[b]));
+        }
+    }
+    out
+}
+
+pub(super) fn velocities(motion: &Motion) -> [Pair; BODIES] {
+    motion.bodies.map(|b| (b.velocity, b.angular_velocity))
+}
+
+pub(super) fn torques(tau: &[f64; 4]) -> [Pair; BODIES] {
+    let mut out = [STILL; BODIES];
+    for (a, tau) in tau.iter().enumerate() {
+        let (body, axis) = Motion::drive(a);
+        out[body].1 += axis * *tau;
+    }
+    out
+}
+
+pub(super) fn without(open: &[usize]) -> SocketSet {
+    open.iter().fold(SocketSet::ALL, |set, &k| set.without(k))
+}
+
+pub(super) fn with_accelerations(motion: &Motion, solution: &Solution) -> [BodyMotion; BODIES] {
+    let mut bodies = motion.bodies;
+    for (b, a) in bodies.iter_mut().zip(&solution.bodies) {
+        (b.acceleration, b.angular_acceleration) = *a;
+    }
+    bodies
+}
+
+/// Force and moment about the world's origin that the inertia of `set` demands beyond weight.
+pub(super) fn demand(plant: &Plant, bodies: &[BodyMotion; BODIES], set: impl Iterator<Item = usize>) -> Pair {
+    set.fold(STILL, |sum, b| {
+        let (force, moment) = inertial_wrench(&plant.bodies[b], &bodies[b], &plant.gravity_vector());
+        (sum.0 + force, sum.1 + moment + bodies[b].position.cross(&force))
+    })
+}
+
+/// Four-stage Runge–Kutta without loads; the rows are restored after every step.
+pub(super) fn step(plant: &Plant, maximal: &mut MaximalCoordinates, state: &mut State, closed: SocketSet, h: f64) {
+    let mut stages = [(0.5, 1.0), (0.5, 2.0), (1.0, 2.0), (0.0, 1.0)].into_iter();
+    let start = state.bodies;
+    let mut sum = start;
+    let mut stage = state.clone();
+    for (ahead, weight) in &mut stages {
+        let motion = stage.motion(plant);
+        let a = maximal.solve(plant, &motion.bodies, closed, &[STILL; BODIES], None).unwrap();
+        for b in 0..BODIES {
+            let s = stage.bodies[b];
+            let turn = s.orientation * Quaternion::from_imag(s.angular_velocity) * 0.5;
+            let angular = motion.bodies[b].rotation.tr_mul(&a.bodies[b].1);
+            let add = |to: &mut BodyState, from: &BodyState, h: f64| {
+                to.position = from.position + s.velocity * h;
+                to.orientation = from.orientation + turn * h;
+                to.velocity = from.velocity + a.bodies[b].0 * h;
+                to.angular_velocity = from.angular_velocity + angular * h;
+            };
+            let so_far = sum[b];
+            add(&mut sum[b], &so_far, h * weight / 6.0);
+            add(&mut stage.bodies[b], &start[b], h * ahead);
+        }
+    }
+    state.bodies = sum;
+    maximal.project(plant, &mut state.bodies, closed).unwrap();
+}
+
+/// All struts and arms hang straight down: three of six strut rows say the same.
+pub(super) fn hanging() -> (Plant, [BodyMotion; BODIES]) {
+    let mut plant = plant();
+    let g = &mut plant.geometry;
+    g.base_radius = g.platform_radius;
+    g.upper_hooke_height = 0.3;
+    let g = plant.geometry;
+    let joints = JointState { q: [FRAC_PI_2; 4], qd: [0.0; 4], qdd: [0.0; 4] };
+    let mut bodies = Motion::disassembled(&g, &joints).bodies;
+    let height = -g.arm_length - g.strut_length[0];
+    for s in 0..STRUTS {
+        let foot = Geometry::radial(s / 2) * g.platform_radius + Geometry::tangential(s / 2) * g.pair_offset(s);
+        bodies[STRUT + s].position = foot - Vector3::z() * g.arm_length;
+        bodies[STRUT + s].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
+    }
+    // Rotor and cross axes are turned alike by q4.
+    for (b, z) in [
+        (END_EFFECTOR, height + g.flange_height),
+        (TELESCOPE_UPPER, g.upper_hooke_height),
+        (TELESCOPE_LOWER, height + g.lower_hooke_height),
+    ] {
+        bodies[b] = BodyMotion { position: Vector3::new(0.0, 0.0, z), ..bodies[ROTOR] };
+    }
+    bodies[PLATFORM].position.z = height;
+    (plant, bodies)
+}

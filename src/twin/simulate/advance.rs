@@ -1,0 +1,172 @@
+//! The steps between two samples: contacts, stops and sockets that leave their balls.
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::{INSTANT, Run};
+use crate::kinematics::Motion;
+use crate::machine::STRUTS;
+use crate::machine::bodies::STRUT;
+use crate::numerics::{halvings, try_bisect};
+use crate::twin::contacts::ContactBody;
+use crate::twin::sockets::socket_name;
+use crate::twin::wrench::{Load, STILL};
+use crate::twin::{Event, EventKind, SingularPose, stops};
+
+/// Time within which a dislocation is located, s.
+const EVENT_TIME: f64 = 1e-7;
+/// A pair that has not touched for this long touches anew, s.
+const CONTACT_PAUSE: f64 = 0.05;
+
+/// What can meet again and again, of which only the beginnings are events.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Meeting {
+    /// Two bodies that touch.
+    Contact(ContactBody, ContactBody),
+    /// A freedom and its stop, the upper one or not.
+    Stop(usize, bool),
+}
+
+impl Run<'_> {
+    /// Moves on to `end`, opening sockets whose hold is exceeded.
+    pub(super) fn advance(&mut self, end: f64) -> Result<(), SingularPose> {
+        let full = self.period / self.options.substeps as f64;
+        while end - self.twin.time() > INSTANT {
+            let mut h = full.min(end - self.twin.time());
+            if end - self.twin.time() - h < 1e-3 * full {
+                h = end - self.twin.time();
+            }
+            h = self.touch(h);
+            let t = self.twin.time();
+            if self.clamps.armed {
+                self.twin.save(&mut self.checkpoint);
+            }
+            self.twin.step(h, &self.torque)?;
+            self.report.steps += 1;
+            if self.clamps.armed && self.weakest()? < 0.0 {
+                self.open_sockets(h)?;
+            }
+            self.watch_stops();
+            if let Some(contacts) = &mut self.contacts {
+                contacts.advance(self.twin.time() - t, (self.twin.time() - t) / h);
+                self.contact = self.twin.external_now();
+            }
+        }
+        Ok(())
+    }
+
+    /// Contact wrenches over the coming step, which is shortened to resolve them.
+    fn touch(&mut self, h: f64) -> f64 {
+        let Some(contacts) = &mut self.contacts else { return h };
+        let motion = self.twin.motion();
+        let closed = self.twin.closed();
+        if !contacts.near(&motion, closed, h) && self.contact.iter().all(|w| *w == STILL) {
+            self.twin.set_external(Load::NONE);
+            return h;
+        }
+        let n = (h / contacts.longest_step()).ceil().max(1.0);
+        let h = h / n;
+        // Wrenches go linearly to what they will be at the end of the step, so reactions are continuous in time.
+        let ahead = extrapolated(&motion, h);
+        let next = *contacts.wrenches(&ahead, closed);
+        let t = self.twin.time();
+        let load = if next.iter().chain(&self.contact).all(|w| *w == STILL) {
+            Load::NONE
+        } else {
+            Load::ramp(t, &self.contact, &next, h)
+        };
+        self.twin.set_external(load);
+        self.note_touches(t);
+        h
+    }
+
+    /// Notes what touches since the contacts were last solved.
+    fn note_touches(&mut self, t: f64) {
+        let Self { contacts: Some(contacts), touching, report, .. } = self else { return };
+        for touch in contacts.touches() {
+            if begins(touching, Meeting::Contact(touch.link, touch.other), t) {
+                let what = format!("{} touches {}", contacts.name(touch.link), contacts.name(touch.other));
+                report.events.push(Event { t, kind: EventKind::Contact, what });
+            }
+        }
+    }
+
+    /// Notes joints that are in their hard stops.
+    fn watch_stops(&mut self) {
+        let (t, hits) = (self.twin.time(), *self.twin.hits());
+        for (k, hit) in hits.iter().enumerate() {
+            let Some(hit) = hit else { continue };
+            if begins(&mut self.touching, Meeting::Stop(k, hit.above), t) {
+                self.event(t, EventKind::Stop, stops::name(k, hit));
+            }
+        }
+    }
+
+    /// Smallest margin of the sockets that hold.
+    fn weakest(&mut self) -> Result<f64, SingularPose> {
+        let snapshot = self.twin.evaluate(&self.torque)?;
+        let closed = self.twin.closed();
+        let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
+        Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
+    }
+
+    /// Goes back to where a margin vanished within the last step of `h` and opens every socket that cannot hold there.
+    fn open_sockets(&mut self, h: f64) -> Result<(), SingularPose> {
+        let [_, after] = try_bisect([0.0, h], halvings(h, EVENT_TIME), |step| {
+            self.twin.restore(&self.checkpoint);
+            self.twin.step(step, &self.torque)?;
+            Ok(self.weakest()? >= 0.0)
+        })?;
+        self.twin.restore(&self.checkpoint);
+        self.twin.step(after, &self.torque)?;
+        let t = self.twin.time();
+        // Each loss loads the others and takes the hold of its partner.
+        loop {
+            let snapshot = self.twin.evaluate(&self.torque)?;
+            let closed = self.twin.closed();
+            let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, closed);
+            let worst = closed.iter().min_by(|&a, &b| margins[a].total_cmp(&margins[b]));
+            let Some(socket) = worst.filter(|&s| margins[s] < 0.0) else { return Ok(()) };
+            let load = self.clamps.load(&snapshot.motion, &snapshot.sockets[socket], socket);
+            let (hold, left) = (self.clamps.hold[socket], (margins[socket] + load.across).max(0.0));
+            self.report.see_strut_forces(&snapshot.reactions);
+            self.report.min_margin[socket] = self.report.min_margin[socket].min(margins[socket]);
+            self.event(
+                t,
+                EventKind::Dislocation,
+                format!(
+                    "{}: {:.3} N across, hold {left:.3} of {hold:.1} N, pull {:.1} N",
+                    socket_name(socket),
+                    load.across,
+                    load.pull
+                ),
+            );
+            self.twin.open(socket)?;
+            self.clamps.release(socket);
+        }
+    }
+}
+
+/// Whether `meeting`, which is on at time `t`, was not on all along; notes it in `known`.
+fn begins(known: &mut Vec<(Meeting, f64)>, meeting: Meeting, t: f64) -> bool {
+    match known.iter_mut().find(|(met, _)| *met == meeting) {
+        Some((_, last)) => t - std::mem::replace(last, t) >= CONTACT_PAUSE,
+        None => {
+            known.push((meeting, t));
+            true
+        }
+    }
+}
+
+/// Poses `h` seconds ahead at the present twists.
+fn extrapolated(motion: &Motion, h: f64) -> Motion {
+    let mut out = *motion;
+    for body in &mut out.bodies {
+        body.position += body.velocity * h;
+        let turn: Vector3<f64> = body.angular_velocity * h;
+        body.rotation = Rotation3::from_scaled_axis(turn).into_inner() * body.rotation;
+    }
+    for s in 0..STRUTS {
+        out.strut_axis[s] = out.bodies[STRUT + s].rotation.column(0).into_owned();
+    }
+    out
+}

@@ -1,0 +1,162 @@
+//! How a run begins: in balance, with what the machine can carry and touch.
+
+use super::{Run, pose};
+use crate::cell::CellError;
+use crate::dynamics::{Plant, inverse_dynamics};
+use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
+use crate::machine::bodies::{BODIES, body_name};
+use crate::machine::{ARMS, AXES, Setup};
+use crate::model::Model;
+use crate::recording::Signals;
+use crate::twin::contacts::{Contacts, Surroundings};
+use crate::twin::controller::Controller;
+use crate::twin::machine::{Checkpoint, Twin};
+use crate::twin::sensors::Sensors;
+use crate::twin::sockets::Clamps;
+use crate::twin::torque::Torque;
+use crate::twin::wrench::STILL;
+use crate::twin::{Cause, Options, Report, SimulationError};
+
+/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is not rounding.
+const IMPOSSIBLE: f64 = 1e-9;
+
+impl<'a> Run<'a> {
+    pub(super) fn new(
+        model: &'a Model,
+        setup: &Setup,
+        controller_plant: &'a Plant,
+        desired: &'a dyn Fn(f64) -> Target,
+        options: &'a Options,
+    ) -> Result<Self, SimulationError> {
+        let plant = Plant::new(model, setup);
+        let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
+        if !plant.assembled {
+            possible_without_platform(options)?;
+        }
+        let wanted = desired(0.0).joints(&plant.geometry).map_err(trajectory)?;
+        let (joints, deflection) = balance(&plant, &wanted).map_err(trajectory)?;
+        let motion = plant.motion(&joints).map_err(trajectory)?;
+        for (body, inertia) in plant.bodies.0.iter().enumerate() {
+            let size = inertia.mass.max(inertia.tensor.trace());
+            if inertia.min_eigenvalue() < -IMPOSSIBLE * size.max(1e-3) {
+                return Err(SimulationError::Body { body: body_name(body) });
+            }
+        }
+        let contacts = contacts(options, &plant, &motion).map_err(|source| SimulationError::Cell { t: 0.0, source })?;
+        let assembled = plant.assembled;
+        let mut twin =
+            Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
+        twin.deflect_gears(&deflection);
+        let step = model.sample_time * options.control_period as f64;
+        let controller = Controller::new(controller_plant, model.drives, options.gains, step);
+        let torque = Torque::constant(controller.feed_forward(&wanted).map_err(trajectory)?);
+        let clamps = match options.clamps {
+            _ if !assembled => Clamps::none(),
+            Some(clamps) => clamps,
+            None => Clamps::watched(&model.sockets),
+        };
+        Ok(Self {
+            options,
+            desired,
+            period: model.sample_time,
+            twin,
+            controller,
+            sensors: Sensors::new(model, setup, options.sensors, assembled, options.noise_seed),
+            clamps,
+            contacts,
+            held: None,
+            next_action: 0,
+            torque,
+            wanted,
+            tripped: false,
+            checkpoint: Checkpoint::default(),
+            contact: [STILL; BODIES],
+            touching: Vec::new(),
+            rest_since: None,
+            rested: false,
+            work: Vec::new(),
+            turned_over: 0.0,
+            frames: 0,
+            watched: 0,
+            signals: Signals { mechanism: model.mechanism, ..Signals::default() },
+            report: Report {
+                simulated: 0.0,
+                steps: 0,
+                max_loop_gap: 0.0,
+                max_loop_rate: 0.0,
+                energy_error: 0.0,
+                peak_strut_force: 0.0,
+                min_margin: clamps.hold,
+                tracking_error: [0.0; AXES],
+                events: Vec::new(),
+                frames: Vec::new(),
+                closed: SocketSet::ALL,
+                kinetic_energy: 0.0,
+                unconverged: 0.0,
+            },
+        })
+    }
+}
+
+/// Refuses what only a platform or its struts can do.
+fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
+    let fitted = &options.sensors;
+    for (what, asked) in [
+        ("objects and what a gripper does", !options.objects.is_empty() || !options.actions.is_empty()),
+        ("sockets that may leave their balls", options.clamps.is_some_and(|c| c.armed)),
+        ("margins of sockets", fitted.sockets),
+        ("strut force sensors", fitted.strut_upper.iter().chain(&fitted.strut_lower).any(|s| *s)),
+    ] {
+        if asked {
+            return Err(SimulationError::Missing { what });
+        }
+    }
+    Ok(())
+}
+
+/// What solves the contacts of a run; none where nothing can touch.
+fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<Box<dyn Contacts>>, CellError> {
+    if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
+        return Ok(None);
+    }
+    let Some(new) = options.contacts else {
+        return if options.objects.is_empty() { Ok(None) } else { Err(CellError::NoContacts) };
+    };
+    let surroundings = Surroundings {
+        objects: &options.objects,
+        payload: options.payload_shape.as_ref(),
+        geometry: &plant.geometry,
+        gravity: plant.gravity_vector(),
+        start,
+    };
+    new(&surroundings).map(Some)
+}
+
+/// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
+/// transmitted torque.
+fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
+    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
+    let mut deflection = [0.0; AXES];
+    for (k, active) in plant.effects.iter().enumerate() {
+        let Some(gears) = active.gear_springs() else { continue };
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+        let torque = inverse_dynamics(plant, 0.0, &plant.motion(wanted)?, &states, false)?.tau;
+        for (i, gear) in gears.iter().enumerate().filter(|(_, g)| g.is_elastic()) {
+            deflection[i] = gear.compliance * (torque[i] - gear.rotor_inertia * wanted.qdd[i]);
+        }
+        own[k][..ARMS].copy_from_slice(&deflection[..ARMS]);
+    }
+    let mut joints = *wanted;
+    let mut lead = [0.0; AXES];
+    for (active, state) in plant.effects.iter().zip(&own) {
+        active.encoder(state, &mut lead);
+    }
+    for (q, lead) in joints.q.iter_mut().zip(lead) {
+        *q -= lead;
+    }
+    Ok((joints, deflection))
+}
+
+fn singular_start(motion: &Motion, assembled: bool) -> SimulationError {
+    SimulationError::Singular { t: 0.0, pose: pose(motion, assembled), cause: Cause::Rank }
+}
