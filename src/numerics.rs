@@ -1,27 +1,27 @@
-//! Medians, and bisection: where along an interval a condition ceases to hold.
+//! Median of a series, and bisection for the value at which a condition becomes false.
 
 use std::convert::Infallible;
 
 use statrs::statistics::{Data, OrderStatistics};
 
-/// Median, of an even number of values the mean of the middle two; NaN of nothing.
+/// Median of `values`: the mean of the middle two for an even number, NaN without values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     Data::new(values.into_iter().collect::<Vec<f64>>()).median()
 }
 
-/// `bracket` halved so many times, about the value from which on `holds` no longer does.
+/// Subinterval of `bracket` after a number of `halvings`, around the largest value at which `holds` is true.
 ///
-/// It holds at the lower end and, once not, never again; the ends themselves are not asked.
+/// `holds` is assumed to be true at the lower end and false from some value to the upper end; it is not evaluated at
+/// the ends.
 pub fn bisect(bracket: [f64; 2], halvings: usize, mut holds: impl FnMut(f64) -> bool) -> [f64; 2] {
     let Ok(ends) = try_bisect(bracket, halvings, |x| Ok::<_, Infallible>(holds(x)));
     ends
 }
 
-/// The same of a condition that may fail.
+/// Subinterval as in [`bisect`], for a condition that may return an error.
 ///
 /// # Errors
-///
-/// The first failure of `holds`.
+/// The first error of `holds`.
 pub fn try_bisect<E>(
     [mut low, mut high]: [f64; 2],
     halvings: usize,
@@ -34,7 +34,7 @@ pub fn try_bisect<E>(
     Ok([low, high])
 }
 
-/// Halvings after which an interval of `width` is no wider than `tolerance`.
+/// Number of halvings after which an interval of `width` is not wider than `tolerance`, in the same unit.
 pub fn halvings(width: f64, tolerance: f64) -> usize {
     (width / tolerance).log2().ceil() as usize
 }

@@ -22,8 +22,9 @@ pub enum Detail {
     Complete,
 }
 
-/// Wrench on the end effector about the flange centre that does the work of `force` on the lower Hooke joint, `moment` on
-/// both telescope parts and `torque` on the rotor, for any twist of the end effector.
+/// Wrench on the end effector about the flange centre that is equivalent in power, for any twist of the end effector,
+/// to `force` on the lower Hooke joint, `moment` on both telescope parts and `torque` on the rotor; N and N·m, inertial
+/// axes.
 fn handed_on(motion: &Motion, force: &Vector3<f64>, moment: &Vector3<f64>, torque: f64) -> Twist {
     let telescope = &motion.telescope;
     let [upper, lower] = motion.hooke_joints();

@@ -1,4 +1,4 @@
-//! Validation of an effect on data it was not found in.
+//! Validation of effects on held-out recordings, or on the fitted ones without any.
 
 use std::sync::Arc;
 
@@ -28,7 +28,7 @@ const NO_MORE: f64 = 50.0;
 /// Ratio of the RMS residual to the noise floor above which it is not explained by controller or filter.
 pub(super) const UNEXPLAINED: f64 = 1.15;
 
-/// A fit with its RMS residuals on the validation data.
+/// A fit with its residuals on the validation data.
 #[derive(Clone)]
 pub(super) struct Judged {
     pub fit: Fit,
@@ -36,7 +36,7 @@ pub(super) struct Judged {
 }
 
 impl Judged {
-    /// RMS residual of each channel on the data it is judged by.
+    /// RMS residual of each channel on the validation data, N·m or N.
     pub fn rms(&self) -> &[f64] {
         &self.residuals.rms
     }
@@ -78,7 +78,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Refits a model.
+    /// Fit of a model with its residuals on the validation data.
     pub fn fit(&self, model: &Model) -> Result<Judged, FitError> {
         self.of(self.fitting.fit(model)?)
     }
@@ -94,7 +94,7 @@ impl<'a> Judge<'a> {
             && above(self.data(), &judged.residuals, &self.floor)
     }
 
-    /// RMS residuals of a fit on the validation data.
+    /// The fit with its residuals on the validation data.
     pub fn of(&self, fit: Fit) -> Result<Judged, FitError> {
         let residuals = match self.held_out {
             [] => Arc::clone(&fit.residuals),

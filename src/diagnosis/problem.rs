@@ -99,8 +99,9 @@ fn begun_at(active: &ActiveEffect, start: &Start) -> ActiveEffect {
 }
 
 impl Fitting<'_> {
-    /// Residuals of a fit with the columns of its parameters and of the candidates, averaged over [`BLOCK`] samples; without
-    /// the parameters that are fixed or held by physical consistency.
+    /// Linearised problem of a fit: residuals and columns of its parameters and of the candidates, averaged over
+    /// [`BLOCK`] samples. Fixed parameters are omitted; the others are restricted by the active consistency
+    /// constraints according to `edges`.
     pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
         let datasets = self.datasets;
         let (segments, samples) = segments(datasets);
@@ -131,12 +132,12 @@ fn label(active: &ActiveEffect) -> String {
     shape.map_or_else(String::new, |(e, v)| format!("{} = {v} {}", e.name, e.parameter.unit))
 }
 
-/// Column with the effect and role of its parameter.
+/// Column with the identity of its parameter.
 #[derive(Clone)]
 pub struct Owned {
     /// The parameter.
     pub param: Param,
-    /// Present value if the parameter enters linearly.
+    /// Present value; `None` for a parameter that enters nonlinearly.
     pub linear: Option<f64>,
     /// The column.
     pub column: Column,
@@ -150,7 +151,8 @@ pub fn owned_columns(model: &Model, datasets: &[Dataset]) -> Result<Vec<Owned>, 
 /// Contribution of a parameter of usual size below which it counts as not excited, N·m or N.
 const NOT_EXCITED: f64 = 1e-9;
 
-/// Columns of the parameters of a model, and of each candidate as if it were in the model with the values it has.
+/// Columns of the estimated parameters of a model, and of the linear parameters of each candidate, added to the model
+/// with its initial values.
 fn linearised(
     model: &Model,
     datasets: &[Dataset],
@@ -191,8 +193,8 @@ fn linearised(
 
 /// Restriction of the parameters by the active consistency constraints of a fit.
 ///
-/// With a missing effect in the model, parameters may leave some of these constraints; tests of a candidate cannot
-/// tell which.
+/// If the model lacks an effect, some of these constraints may become inactive after its addition; tests of a
+/// candidate do not determine which.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Edges {
     /// One restricted direction: the sum of all constraint normals.

@@ -387,8 +387,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The fit with the chosen effects. Elastic gears take long to fit: they must promise a sufficient gain before
-    /// and confirm it after the fit.
+    /// The fit with the chosen effects, or the reason that ends the selection. Fits of elastic gears take long, so a
+    /// relevant gain is required in the ranking before the fit and on the validation data after it.
     fn refit_worth_it(
         &self,
         chosen: &[Chosen],
@@ -554,7 +554,7 @@ pub(super) fn without_effects(model: &Model, names: &[&str]) -> Model {
     reduced
 }
 
-/// Whether the columns of a candidate promise a relevant gain on some channel after a fit.
+/// Whether the gain of a candidate in the ranking is relevant on some channel; true if it is not ranked.
 fn promises(ranking: &Ranking, chosen: &Chosen) -> bool {
     let rms = |squares: &[f64]| squares.iter().map(|s| s.sqrt()).collect::<Vec<_>>();
     ranking.of(chosen.candidate).is_none_or(|a| is_relevant(&rms(&ranking.sum_of_squares), &rms(&a.sum_of_squares)))

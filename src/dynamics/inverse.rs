@@ -20,9 +20,9 @@ pub struct Output {
 
 /// Loads of drives and struts in equilibrium with the wrenches on all bodies.
 pub(crate) trait Borne {
-    /// The part that the laws can read.
+    /// Drive torques and strut forces, on which force laws may depend.
     fn output(&self) -> Output;
-    /// Largest difference of a torque or force, N·m or N.
+    /// Largest absolute difference of a torque or force from `other`, N·m or N.
     fn change(&self, other: &Self) -> f64;
 }
 
@@ -61,8 +61,12 @@ pub fn inverse_dynamics(
     borne(plant, t, motion, states, rigid_wrenches(plant, motion), output)
 }
 
-/// Loads that `solve` gives for the `rigid` wrenches and those of all effects; fixed-point iteration where effects depend on
-/// the loads.
+/// Loads that `solve` returns for the sum of the `rigid` wrenches and those of all effects.
+///
+/// If effects depend on the loads, they are computed by fixed-point iteration.
+///
+/// # Errors
+/// [`KinematicsError::Law`] if the value of a force law is not finite.
 pub(crate) fn borne<T: Borne>(
     plant: &Plant,
     t: f64,

@@ -116,7 +116,7 @@ pub fn covariance(series: &[Vec<f64>], stretches: &[Range<usize>]) -> Option<DMa
 
 /// Integrated autocorrelation time in samples, at least one (1 for white noise), of a series in segments.
 ///
-/// The sum over lags stops at the first lag beyond five times the running value (Sokal's window).
+/// The sum over lags stops at the first lag beyond five times the running value [Sokal 1997].
 pub fn correlation_time(segments: &[Vec<f64>]) -> f64 {
     let covariance = |lag: usize| -> f64 {
         segments.iter().filter(|s| s.len() > lag).map(|s| super::gram::dot(&s[lag..], &s[..s.len() - lag])).sum()

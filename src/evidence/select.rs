@@ -9,9 +9,9 @@ use super::stop::{NEVER, Stop};
 /// One effect added.
 #[derive(Clone, Debug)]
 pub struct Step {
-    /// What was added.
+    /// The added effect.
     pub added: Chosen,
-    /// Assessment of all candidates before it was.
+    /// Assessment of all candidates before the addition.
     pub ranking: Ranking,
 }
 
@@ -73,9 +73,9 @@ pub fn select(problem: &Problem, settings: &Settings) -> Result<Outcome, Error> 
 /// may return the problem linearised at better parameters, with the same candidates in the same order. Once `stop`
 /// returns true, no effect is added or exchanged, and every effect is assessed given those added before it.
 ///
-/// A single effect that fails in the refitted problem is assessed as stated where `is_held`: there the base holds
-/// parameters at a bound that they leave with the effect, and with these parameters free the effect would explain
-/// nothing.
+/// If `is_held`, a single effect that fails in the refitted problem is assessed in the problem as stated. There,
+/// parameters are restricted by active constraints; without these constraints, the parameters would explain the
+/// contribution of the effect.
 ///
 /// # Errors
 /// As [`evaluate()`]; also if the refit fails or returns other candidates.
@@ -136,8 +136,8 @@ where
     Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short })
 }
 
-/// The findings of the steps, each with only the effects added before it in the base, the first one as stated where
-/// `is_held`.
+/// Findings of the steps, each with only the effects added before it in the base; the first one is marked as assessed
+/// in the problem as stated if `is_held`.
 fn as_added(steps: &[Step], is_held: bool) -> Vec<Finding> {
     let one = |(i, step): (usize, &Step)| Finding {
         chosen: step.added,

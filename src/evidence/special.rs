@@ -84,7 +84,7 @@ mod tests {
     use super::*;
     use approx::assert_relative_eq;
 
-    /// Tabulated non-centralities (Haynam, Govindarajulu & Leone 1970), to the digits printed there.
+    /// Tabulated non-centralities [Haynam 1970], to the digits printed there.
     #[test]
     fn noncentrality_matches_table() {
         for (m, table) in [(1, 12.995), (2, 15.443), (3, 17.170), (4, 18.572)] {

@@ -131,6 +131,9 @@ impl Dataset {
     }
 
     /// The samples of `range` only.
+    ///
+    /// # Panics
+    /// If `range` exceeds the dataset.
     pub fn window(&self, range: Range<usize>) -> Self {
         let clip = |s: &Range<usize>| {
             let (start, end) = (s.start.max(range.start), s.end.min(range.end));
@@ -210,8 +213,8 @@ pub fn averaged_segments(datasets: &[Dataset], block: usize) -> Vec<Range<usize>
     averaged.collect()
 }
 
-/// Smallest stride that leaves at most `most` of `n` samples. It is for sums over a given number of instants, whatever the
-/// duration; decimation that depends on frequencies uses [`Dataset::stride`].
+/// Smallest stride with which at most `most` of `n` samples remain. It is for sums over a given number of instants,
+/// independent of the duration; decimation that depends on frequencies uses [`Dataset::stride`].
 pub fn stride_for(n: usize, most: usize) -> usize {
     n.div_ceil(most.max(1)).max(1)
 }

@@ -98,7 +98,7 @@ pub struct Fit {
     /// each range end that is active. Each is normal to its constraint, so no combination of parameters along all
     /// active constraints can absorb a missing effect.
     pub edges: Vec<Vec<(Param, f64)>>,
-    /// What the model leaves of the recordings.
+    /// Residuals of the fitted model.
     pub residuals: Arc<Residuals>,
 }
 
@@ -171,7 +171,7 @@ fn check(datasets: &[Dataset]) -> Result<(), FitError> {
     Ok(())
 }
 
-/// What is said of the parameters one by one.
+/// Estimates of all parameters, with the undetermined and the moved ones.
 #[derive(Default)]
 struct Said {
     parameters: Vec<Estimate>,
@@ -180,15 +180,16 @@ struct Said {
 }
 
 impl Regression<'_> {
-    /// The estimated parameters as `model` has them.
+    /// The estimated parameters with their values in `model`.
     fn estimated(&self, model: &Model) -> Vec<PlantParameter> {
         let all = Plant::new(model, &self.datasets[0].setup).parameters();
         self.free.iter().map(|&k| all[k].clone()).collect()
     }
 
-    /// Parameters that lie outside their range by more than chance.
+    /// Determined parameters that lie outside their range by more than three standard errors and by more than the share
+    /// [`NEARLY_NOTHING`] of their effect's largest parameter.
     fn impossible(&self, estimated: &[PlantParameter], covariance: &DMatrix<f64>) -> Vec<Param> {
-        // Largest linear parameter of the effect: one of several that is nearly nothing has either sign.
+        // Largest linear parameter of the effect; the sign of one that is nearly zero is arbitrary.
         let largest = |own: &PlantParameter| {
             let same =
                 |p: &&PlantParameter| p.param.effect == own.param.effect && p.unit == own.unit && p.role == own.role;
@@ -202,7 +203,8 @@ impl Regression<'_> {
         (0..self.free.len()).filter(outside).map(|i| estimated[i].param).collect()
     }
 
-    /// What the data say of each parameter, `estimated` and as it is possible.
+    /// Estimates of all parameters with the consistent `values`, reasons for the undetermined parameters, and the
+    /// parameters that the correction moved by more than their standard error.
     fn said(
         &self,
         normal: &NormalEquations,
@@ -226,7 +228,7 @@ impl Regression<'_> {
         said
     }
 
-    /// Why the data do not determine parameter `i`.
+    /// Reason why the data do not determine parameter `i`, which has the standard error `std`.
     fn reason(
         &self,
         normal: &NormalEquations,
@@ -250,7 +252,8 @@ impl Regression<'_> {
         if with.is_empty() { Reason::Uncertain(std / self.size[i]) } else { Reason::OnlyTogether(with) }
     }
 
-    /// Gives `model` the possible values; the residuals then, those at the estimate where it was possible.
+    /// Sets the consistent values in `model` and returns its residuals, which are those at the estimate if no value was
+    /// corrected.
     fn take(
         &self,
         model: &mut Model,
@@ -258,7 +261,7 @@ impl Regression<'_> {
         at_estimate: Arc<Residuals>,
     ) -> Result<Arc<Residuals>, FitError> {
         self.set(model, &possible.values.rows(0, self.free.len()).into_owned());
-        // The payload is no part of the machine.
+        // The payload is not part of the machine.
         let links: Vec<_> = possible.classes.iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).cloned().collect();
         let stayed = complete(&links, &possible.values, &mut model.bodies);
         match possible.correction.is_none() && stayed {
@@ -268,7 +271,7 @@ impl Regression<'_> {
     }
 }
 
-/// Whether some parameter enters the prediction nonlinearly.
+/// Whether any parameter enters the prediction nonlinearly.
 pub fn is_nonlinear(model: &Model) -> bool {
     model.effects.iter().any(|a| {
         a.effect.spec().reads.reactions

@@ -1,4 +1,4 @@
-//! [`Residuals`]: what a model leaves of recordings. Measured and predicted series are subtracted here and nowhere else.
+//! [`Residuals`]: measured minus predicted channels of recordings.
 
 use super::Dataset;
 use super::fit::{FitError, kinematics};
@@ -6,12 +6,12 @@ use super::prediction::{Channels, predict};
 use crate::dynamics::Plant;
 use crate::model::Model;
 
-/// What a model leaves of recordings.
+/// Residuals of a model along recordings.
 #[derive(Clone, Debug, Default)]
 pub struct Residuals {
-    /// Measured − predicted, per recording and channel.
+    /// Measured − predicted, N·m or N, per recording and channel.
     pub series: Vec<Channels>,
-    /// Root mean square of each channel over all recordings.
+    /// Root mean square of each channel over all recordings, N·m or N.
     pub rms: Vec<f64>,
 }
 
@@ -19,7 +19,7 @@ impl Residuals {
     /// Residuals of `model` along `datasets`, without refitting.
     ///
     /// # Errors
-    /// If the model's geometry cannot take a measured pose.
+    /// [`FitError::Kinematics`] if the inverse dynamics fail at a measured pose.
     pub fn new(model: &Model, datasets: &[Dataset]) -> Result<Self, FitError> {
         let one = |dataset: &Dataset| {
             let predicted = predict(&Plant::new(model, &dataset.setup), dataset).map_err(kinematics(dataset))?;
@@ -28,17 +28,23 @@ impl Residuals {
         datasets.iter().map(one).collect::<Result<Vec<_>, _>>().map(Self::from)
     }
 
-    /// Residuals of what was `predicted` along one recording, channel by channel.
+    /// Residuals of one recording with the given `predicted` channels.
     pub fn of(dataset: &Dataset, predicted: &[Vec<f64>]) -> Self {
         vec![subtracted(dataset, predicted)].into()
     }
 
-    /// One channel, recording after recording.
+    /// Residuals of channel `c`, all recordings in sequence.
+    ///
+    /// # Panics
+    /// If a recording has no channel `c`.
     pub fn channel(&self, c: usize) -> Vec<f64> {
         self.series.iter().flat_map(|recording| &recording[c]).copied().collect()
     }
 
-    /// Residuals at the samples `kept` of each recording alone.
+    /// Residuals restricted to the samples `kept` of each recording.
+    ///
+    /// # Panics
+    /// If a recording lacks a sample of `kept`.
     pub fn at(&self, kept: &[Vec<usize>]) -> Self {
         let of = |(recording, kept): (&Channels, &Vec<usize>)| -> Channels {
             recording.iter().map(|series| kept.iter().map(|&k| series[k]).collect()).collect()
@@ -59,12 +65,12 @@ fn subtracted(dataset: &Dataset, predicted: &[Vec<f64>]) -> Channels {
     dataset.measured.iter().zip(predicted).map(|(m, p)| difference(m, p)).collect()
 }
 
-/// Measured − predicted, sample by sample; as long as the shorter of both.
+/// Measured − predicted, sample by sample; its length is that of the shorter series.
 pub fn difference(measured: &[f64], predicted: &[f64]) -> Vec<f64> {
     measured.iter().zip(predicted).map(|(m, p)| m - p).collect()
 }
 
-/// Root mean square of a series; zero without samples.
+/// Root mean square of a series; zero for an empty one.
 pub fn rms(series: &[f64]) -> f64 {
     root_mean_square(series.iter())
 }

@@ -4,8 +4,8 @@
 //! driven by white noise in q⁗ of intensity `snap` and by white noise in q⃛ of an intensity `jerk` per step, where q̈
 //! may jump. All quantities are in units of the reading's standard deviation. With jerk = 0 the estimate is the
 //! smoothing spline of degree 7 [Wahba 1978]; the intensities are estimated by maximum likelihood. A forward Kalman
-//! filter is followed by the backward recursion of Bryson and Frazier, which needs no matrix inverse and O(n)
-//! operations.
+//! filter is followed by the backward recursion of Bryson and Frazier [Bryson 1963], which needs no matrix inverse
+//! and O(n) operations.
 
 type Vector = [f64; STATES];
 type Matrix = [Vector; STATES];

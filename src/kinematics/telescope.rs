@@ -1,4 +1,4 @@
-//! The telescope and its two Hooke joints, through which the rotor turns the end effector.
+//! Telescope and its two Hooke joints, which transmit the rotation of the rotor to the end effector.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,16 +8,17 @@ use crate::machine::bodies::{END_EFFECTOR, ROTOR, TELESCOPE_UPPER};
 /// The telescope between its two Hooke joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Telescope {
-    /// Unit vector up along the bar.
+    /// Unit vector along the bar, from the lower to the upper Hooke joint.
     pub axis: Vector3<f64>,
-    /// Distance of the Hooke joints, m.
+    /// Distance between the Hooke joints, m.
     pub length: f64,
-    /// Its rate, lengthening positive, m/s.
+    /// Rate of `length`, m/s; positive while the telescope extends.
     pub rate: f64,
 }
 
 impl Telescope {
-    /// The telescope from the lower Hooke joint, which moves with `velocity`, to the upper one, which rests.
+    /// Telescope between its lower Hooke joint, which moves with `velocity`, m/s, and its upper one, which is at rest;
+    /// inertial axes.
     pub fn between(lower: &Vector3<f64>, velocity: &Vector3<f64>, upper: &Vector3<f64>) -> Self {
         let bar = upper - lower;
         let length = bar.norm();
@@ -25,47 +26,50 @@ impl Telescope {
         Self { axis, length, rate: -axis.dot(velocity) }
     }
 
-    /// Angular velocity across the bar, rad/s, while the lower end moves with `velocity`.
+    /// Angular velocity normal to the axis, rad/s, while the lower Hooke joint moves with `velocity`, m/s.
     pub fn swing(&self, velocity: &Vector3<f64>) -> Vector3<f64> {
         -self.axis.cross(velocity) / self.length
     }
 
-    /// Its frame: z up along the bar, y along the cross axis on the bar, normal to the rotor's cross axis `yoke`.
+    /// Rotation matrix of the telescope's frame: z along `axis`, y along the cross axis on the telescope, which is
+    /// normal to `axis` and to the rotor's cross axis `yoke`.
     pub fn rotation(&self, yoke: &Vector3<f64>) -> Matrix3<f64> {
         let y = self.axis.cross(yoke).normalize();
         Matrix3::from_columns(&[y.cross(&self.axis), y, self.axis])
     }
 }
 
-/// A Hooke joint of the telescope: it passes rotation about the normal n of its cross, (ω_T − ω)·n = 0 with ω of rotor or
-/// end effector.
+/// Hooke joint of the telescope. It transmits rotation about the normal n of its cross: (ω_T − ω)·n = 0, with ω of the
+/// rotor or the end effector.
 #[derive(Clone, Copy, Debug)]
 pub struct HookeJoint {
-    /// Cross axis on rotor or end effector.
+    /// Cross axis on the rotor or the end effector.
     pub yoke: Vector3<f64>,
     /// Cross axis on the telescope.
     pub bar: Vector3<f64>,
-    /// n = yoke × bar.
+    /// Normal of the cross, n = yoke × bar.
     pub normal: Vector3<f64>,
 }
 
 impl HookeJoint {
-    /// The joint with these cross axes.
+    /// Joint with the given cross axes.
     pub fn new(yoke: Vector3<f64>, bar: Vector3<f64>) -> Self {
         Self { yoke, bar, normal: yoke.cross(&bar) }
     }
 
-    /// ṅ while rotor or end effector turns with `outer`, the telescope with `inner`, rad/s.
+    /// Rate of n, 1/s, for the angular velocities `outer` of the rotor or end effector and `inner` of the telescope,
+    /// rad/s.
     pub fn normal_rate(&self, outer: &Vector3<f64>, inner: &Vector3<f64>) -> Vector3<f64> {
         outer.cross(&self.yoke).cross(&self.bar) + self.yoke.cross(&inner.cross(&self.bar))
     }
 
-    /// Rate s of a rotation about `axis` that makes up for `missing` angular velocity: (s·axis − missing)·n = 0.
+    /// Rate s of a rotation about `axis`, rad/s, with the same component along n as the angular velocity `missing`:
+    /// (s·axis − missing)·n = 0.
     pub fn spin(&self, missing: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
         missing.dot(&self.normal) / axis.dot(&self.normal)
     }
 
-    /// Moment along n that does the work of `moment` in a rotation about `axis`.
+    /// Moment along n, N·m, with the same power as `moment` in any rotation about `axis`.
     pub fn passed(&self, moment: &Vector3<f64>, axis: &Vector3<f64>) -> Vector3<f64> {
         self.normal * (moment.dot(axis) / axis.dot(&self.normal))
     }
@@ -78,8 +82,8 @@ impl Motion {
         [ROTOR, END_EFFECTOR].map(|b| HookeJoint::new(self.bodies[b].rotation.column(0).into_owned(), bar))
     }
 
-    /// Relative rates of the two Hooke joints (upper, lower): about the cross axis on the rotor or end-effector side and
-    /// about the cross axis on the telescope side, rad/s.
+    /// Relative rates of the Hooke joints (upper, lower), rad/s: about the cross axis on the side of the rotor or the
+    /// end effector, then about the cross axis on the telescope.
     pub fn hooke_rates(&self) -> [[f64; 2]; 2] {
         let [upper, lower] = self.hooke_joints();
         [(ROTOR, upper), (END_EFFECTOR, lower)].map(|(b, joint)| {
@@ -89,7 +93,8 @@ impl Motion {
     }
 }
 
-/// Motion of the telescope's upper and lower part.
+/// Motion of the upper and the lower telescope part, and the telescope; the lower Hooke joint moves with `velocity` and
+/// `acceleration`.
 pub(super) fn telescope_motion(
     upper_hooke: Vector3<f64>,
     lower_hooke: Vector3<f64>,

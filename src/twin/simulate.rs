@@ -265,7 +265,7 @@ impl<'a> Run<'a> {
         self.event(t, EventKind::Trip, why);
     }
 
-    /// What the gripper does by time `t`.
+    /// Performs the actions of the gripper up to time `t`.
     fn act(&mut self, t: f64) -> Result<(), SimulationError> {
         while let Some(action) = self.options.actions.get(self.next_action).filter(|a| a.t <= t + INSTANT) {
             self.next_action += 1;

@@ -1,12 +1,12 @@
-//! What a fit says about single parameters.
+//! Estimates of individual parameters, and reasons why data do not determine a parameter.
 
 use crate::effects::Param;
 use crate::machine::Unit;
 
-/// A parameter with what the data say about it.
+/// A parameter with its estimate.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    /// Its identity.
+    /// Identity of the parameter.
     pub param: Param,
     /// Printed name.
     pub name: String,
@@ -14,32 +14,32 @@ pub struct Estimate {
     pub unit: Unit,
     /// Value.
     pub value: f64,
-    /// Standard error; infinite where the data cannot tell the parameter alone.
+    /// Standard error; infinite if the data do not determine the parameter individually.
     pub std: f64,
 }
 
 impl Estimate {
-    /// Whether the data determine the parameter alone. If not, its value is what it was before.
+    /// Whether the data determine the parameter individually. If not, its value is the one before the fit.
     pub fn identified(&self) -> bool {
         self.std.is_finite()
     }
 }
 
-/// A parameter the data do not determine.
+/// A parameter that the data do not determine.
 #[derive(Clone, Debug)]
 pub struct Unidentified {
     /// Printed name.
     pub name: String,
-    /// Why.
+    /// Reason.
     pub reason: Reason,
 }
 
-/// Why data do not determine a parameter.
+/// Reason why the data do not determine a parameter.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
-    /// It has no part in any measured channel.
+    /// It has no influence on any measured channel.
     NotExcited,
-    /// It shows only in combination with others.
+    /// It is determined only in combination with others.
     OnlyTogether(Vec<String>),
     /// Its standard error, as a share of its own size, is too large.
     Uncertain(f64),
@@ -55,26 +55,26 @@ impl std::fmt::Display for Reason {
     }
 }
 
-/// A parameter that had to leave its unconstrained estimate.
+/// A parameter that was moved from its unconstrained estimate.
 #[derive(Clone, Debug)]
 pub struct Moved {
     /// Printed name.
     pub name: String,
     /// Unit.
     pub unit: Unit,
-    /// Estimate that no possible machine has.
+    /// Unconstrained estimate.
     pub free: f64,
-    /// Value it has now.
+    /// Corrected value.
     pub value: f64,
-    /// Standard error of the estimate.
+    /// Standard error of the unconstrained estimate.
     pub std: f64,
 }
 
-/// The price of possible parameters.
+/// Cost of consistency.
 #[derive(Clone, Copy, Debug)]
 pub struct Correction {
-    /// Rise of the cost ½Σr²/σ² over the impossible estimate.
+    /// Increase of the cost ½Σr²/σ² over the unconstrained estimate.
     pub cost: f64,
-    /// Gap between it and the lower bound that the convex programme proves, relative to `cost`; `None` for log-Cholesky.
+    /// Gap between the cost and the lower bound of the convex programme, relative to `cost`; `None` for log-Cholesky.
     pub gap: Option<f64>,
 }

@@ -1,11 +1,11 @@
-//! Why a fit cannot be made.
+//! Errors of a fit.
 
 use thiserror::Error;
 
 use crate::identification::Dataset;
 use crate::kinematics::KinematicsError;
 
-/// Why a fit cannot be made.
+/// Reason why a fit is not possible.
 #[derive(Debug, Error)]
 pub enum FitError {
     /// A measured pose is impossible for the model's geometry.
@@ -13,10 +13,10 @@ pub enum FitError {
     Kinematics {
         /// Name of the recording.
         recording: String,
-        /// What is wrong.
+        /// Cause.
         source: KinematicsError,
     },
-    /// The robot was taken apart between recordings: no set of parameters fits both.
+    /// The recordings are of an assembled and of a disassembled robot, whose parameters differ.
     #[error(
         "recordings {first} and {second} are of an assembled and of a disassembled robot, which have different parameters; \
          expected one configuration"
@@ -32,15 +32,15 @@ pub enum FitError {
     TooShort {
         /// Name of the recording.
         recording: String,
-        /// Samples left.
+        /// Number of samples left.
         samples: usize,
-        /// Samples needed.
+        /// Number of samples needed.
         needed: usize,
     },
     /// Every parameter is fixed.
     #[error("every parameter of the model is held; expected at least one to estimate")]
     NothingToEstimate,
-    /// There is nothing a payload could hang at.
+    /// The machine has no flange for a payload.
     #[error(
         "recording {recording} is of a machine without a flange (a lone axis, or a robot that is taken apart), which carries no \
          payload; expected an assembled delta robot"
@@ -49,22 +49,22 @@ pub enum FitError {
         /// Name of the recording.
         recording: String,
     },
-    /// A weight γ of something that is not there.
+    /// A weight γ refers to a group without parameters.
     #[error(
         "no parameter to estimate belongs to {group:?}; expected torque, bodies, friction, a kind of body or an effect: {known}"
     )]
     NoSuchGroup {
-        /// What was asked for.
+        /// The requested group.
         group: String,
-        /// What there is.
+        /// The existing groups.
         known: String,
     },
-    /// The numbers ran away.
+    /// The normal equations are not finite or not positive definite.
     #[error("the least-squares problem has no finite solution")]
     NotFinite,
 }
 
-/// Attaches the recording's name to a kinematic error.
+/// Conversion of a kinematic error into a [`FitError`] with the recording's name.
 pub fn kinematics(dataset: &Dataset) -> impl Fn(KinematicsError) -> FitError + '_ {
     |source| FitError::Kinematics { recording: dataset.name.clone(), source }
 }

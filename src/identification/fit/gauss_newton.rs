@@ -1,4 +1,4 @@
-//! The parameters of least cost: Gauss–Newton, damped where parameters enter nonlinearly.
+//! Parameters of least cost by Gauss–Newton iteration, damped where parameters enter nonlinearly.
 
 use std::sync::Arc;
 
@@ -13,24 +13,25 @@ use crate::identification::normal_equations::{NormalEquations, Weight};
 use crate::model::Model;
 
 const MAX_ITERATIONS: usize = 8;
-/// Fall of the cost that still counts as progress, in units of the mean cost of a residual if that is above the noise's:
-/// a parameter moved by its own standard error changes the cost by about one of them.
+/// Decrease of the cost that counts as progress, in units of the mean cost of a residual if that exceeds the noise's:
+/// moving a parameter by its standard error changes the cost by about one such unit.
 const PROGRESS: f64 = 0.01;
-/// Rounds of reweighting.
+/// Number of rounds of reweighting.
 const ROUNDS: usize = 4;
-/// Residuals beyond this many scatters count less [Huber 1964: 95 % efficient for normal noise].
+/// Residual, in robust standard deviations, above which it is downweighted: 95 % efficiency for normal noise
+/// [Huber 1964].
 const HUBER: f64 = 1.345;
-/// Residuals beyond this many scatters do not count.
+/// Residual, in robust standard deviations, above which it is rejected.
 const TRIM: f64 = 3.0;
 
-/// A model with parameters of least cost, and what the data say about them.
+/// A model with parameters of least cost, its normal equations and their solver.
 pub(super) struct Solution {
     pub model: Model,
     pub normal: NormalEquations,
     pub estimator: Estimator,
 }
 
-/// Parameters with their cost.
+/// Parameters with their residuals and their cost.
 struct Point {
     model: Model,
     values: DVector<f64>,
@@ -39,13 +40,14 @@ struct Point {
 }
 
 impl Regression<'_> {
-    /// The solution from the present parameters of `model`.
+    /// Solution of least cost, with the present parameters of `model` as initial values.
     pub fn least_squares(&self, model: Model, weight: Weight) -> Result<Solution, FitError> {
         let solution = self.linearised(model, weight)?;
         if is_nonlinear(&solution.model) { self.iterated(solution, weight) } else { self.one_step(solution) }
     }
 
-    /// The solution when samples far outside the scatter of the residuals count less, with `robust`, or not at all.
+    /// Iteratively reweighted solution: samples far outside the robust standard deviation of the residuals are
+    /// downweighted if `robust`, otherwise rejected.
     pub fn reweighted(&self, mut solution: Solution, robust: bool) -> Result<Solution, FitError> {
         for _ in 0..ROUNDS {
             if (self.stop)() {
@@ -66,7 +68,7 @@ impl Regression<'_> {
         Ok(Solution { model, normal, estimator })
     }
 
-    /// Parameters that all enter linearly.
+    /// Solution in one step, for parameters that all enter linearly.
     fn one_step(&self, mut solution: Solution) -> Result<Solution, FitError> {
         let Solution { model, normal, estimator } = &mut solution;
         let values = self.values(model);
@@ -98,7 +100,8 @@ impl Regression<'_> {
                 + self.prior_cost(&here.values)
                 - self.prior_cost(&next.values);
             here = next;
-            // The columns are as good as at the new place, or a little old; only the standard errors feel it.
+            // The columns are accurate enough, or those of the previous iterate, which only affects the standard
+            // errors.
             if (change - promised).abs() < progress || (self.stop)() {
                 solution.normal.advance(&step);
                 break;
@@ -121,7 +124,7 @@ impl Regression<'_> {
         Point { model: solution.model.clone(), values, residuals, cost }
     }
 
-    /// Step from `values`, without the shape parameters at a bound that it would cross.
+    /// Gauss–Newton step from `values`; shape parameters at a bound that the step would cross are held.
     fn step(&self, solution: &Solution, values: &DVector<f64>) -> DVector<f64> {
         let Solution { normal, estimator, .. } = solution;
         let offset = values - &self.prior;
@@ -129,14 +132,15 @@ impl Regression<'_> {
         estimator.step(normal, &offset, &self.at_bound(values, &free))
     }
 
-    /// The first point along a step, ever shorter, that costs no more; none if there is none, or if it `may_stop` and does.
+    /// First point along a step, which is repeatedly shortened to a quarter, whose cost is not larger; `None` without
+    /// such a point, or if `may_stop` and the fit is stopped.
     fn search(&self, from: &Point, step: &DVector<f64>, weight: Weight, may_stop: bool) -> Option<Point> {
         let mut damping = 1.0;
         while damping > 1e-3 {
             let mut model = from.model.clone();
             let values = self.moved(&from.values, step, damping);
             self.set(&mut model, &values);
-            // Trials need no columns. Where the machine cannot be assembled, the step was too long.
+            // Trials need no columns. A step to a machine that cannot be assembled is too long.
             if let Ok(residuals) = Residuals::new(&model, self.datasets) {
                 let cost = self.cost(&residuals, &values, weight);
                 if cost <= from.cost {
@@ -161,8 +165,8 @@ impl Regression<'_> {
         (0..values.len()).filter(crosses).collect()
     }
 
-    /// Values after a damped step; shape parameters move by half their value at most, those that may be zero by half their
-    /// usual size if that is more, and stay in range.
+    /// Values after a damped step; shape parameters change by at most half their value, those that may be zero by at
+    /// most half their usual size if that is larger, and stay within their range.
     fn moved(&self, values: &DVector<f64>, step: &DVector<f64>, damping: f64) -> DVector<f64> {
         DVector::from_fn(values.len(), |i, _| {
             let p = &self.parameters[i];

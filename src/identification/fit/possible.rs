@@ -1,4 +1,5 @@
-//! Possible parameters: those of least cost if a body of the estimate cannot exist or a law does not allow a value.
+//! Consistent parameters of least cost, for an estimate with an inconsistent body or with a value outside the range of
+//! its law.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,26 +10,26 @@ use crate::effects::{Param, payload};
 use crate::identification::consistency::{BodyClass, Cost, classes, cones, log_cholesky};
 use crate::machine::bodies::END_EFFECTOR;
 
-/// Cost of becoming possible beyond which it is no chance: five standard errors of one parameter.
+/// Cost of consistency above which it is not due to noise: five standard errors of one parameter.
 const NOTABLE: f64 = 12.5;
-/// Gap, relative to the cost, up to which the convex programme's answer is taken.
+/// Largest relative gap at which the result of the convex programme is accepted.
 const CERTIFIED: f64 = 1e-5;
-/// Information on a mass that does not enter the torques, per own size squared: weighed to 20 %.
+/// Prior information on a mass without influence on the torques, per own size squared: known to 20 %.
 const SILENT_MASS: f64 = 25.0;
 
-/// Possible values nearest to an estimate.
+/// Consistent values nearest to an estimate.
 pub(super) struct Possible {
-    /// The estimated parameters, then masses that no parameter holds.
+    /// The estimated parameters, then the masses without a parameter.
     pub values: DVector<f64>,
-    /// Kinds of bodies that the values describe.
+    /// Kinds of bodies described by the values.
     pub classes: Vec<BodyClass>,
     pub correction: Option<Correction>,
-    /// See [`super::Fit::edges`].
+    /// Constraint forces, see [`super::Fit::edges`].
     pub edges: Vec<Vec<(Param, f64)>>,
 }
 
 impl Regression<'_> {
-    /// Possible values nearest to those `estimated`, with the curvature of the cost there.
+    /// Consistent values nearest to `estimated`, with the `curvature` of the cost as metric.
     pub fn possible(&self, estimated: &[PlantParameter], curvature: &DMatrix<f64>) -> Possible {
         let cost = self.cost_of_leaving(estimated, curvature);
         if cost.allows(&cost.centre) {
@@ -48,7 +49,7 @@ impl Regression<'_> {
         possible
     }
 
-    /// The cost of leaving an estimate, with what bodies and laws allow.
+    /// Cost of a deviation from the estimate, with the constraints on bodies and ranges.
     fn cost_of_leaving(&self, estimated: &[PlantParameter], curvature: &DMatrix<f64>) -> Cost {
         let rigid = self.before.rigid_bodies();
         let mut owners = vec![(0, &rigid)];
@@ -59,7 +60,8 @@ impl Regression<'_> {
             }
             first += active.values.len();
         }
-        // The links as the model file has them, without what effects and a stated payload add; of the payload, its own.
+        // The links as in the model file, without contributions of effects and a stated payload; for the payload, its
+        // own inertia.
         let mut bodies = self.before.links.clone();
         bodies[END_EFFECTOR] = self.before.bodies[END_EFFECTOR];
         let (classes, masses) = classes(&bodies, &owners, &self.free);
@@ -81,12 +83,13 @@ impl Regression<'_> {
         }
     }
 
-    /// Parameters that edges of the possible hold, with the pull on them.
+    /// Parameters at active constraints with the forces of these constraints.
     ///
-    /// At the least cost H·(p − p_free) = Σ λ·n over the active constraints (Karush, Kuhn & Tucker), and no two of them share
-    /// a parameter: that of a kind of body has its parameters only, that of a range its own.
+    /// At the least cost H·(p − p_free) = Σ λ·n over the active constraints (Karush–Kuhn–Tucker conditions). No two of
+    /// them share a parameter: the constraint of a kind of body involves its parameters only, that of a range a single
+    /// one.
     fn edges(&self, free: &[PlantParameter], possible: &Possible, curvature: &DMatrix<f64>) -> Vec<Vec<(Param, f64)>> {
-        /// Pull, relative to the largest, that is the end of an iteration.
+        /// Constraint force, relative to the largest, below which it is a residue of the iteration.
         const RESIDUE: f64 = 1e-3;
         let pull = curvature * DVector::from_fn(free.len(), |i, _| possible.values[i] - free[i].value);
         let scaled = |i: usize| (pull[i] * self.size[i]).abs();

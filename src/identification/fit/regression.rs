@@ -1,4 +1,4 @@
-//! The weighted problem that a fit solves.
+//! Weighted regression problem of a fit.
 
 use nalgebra::DVector;
 
@@ -12,11 +12,11 @@ use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, regularisation};
 use crate::model::Model;
 
-/// A regression with everything that stays the same while parameters move.
+/// Regression problem with all quantities that do not depend on the parameters' present values.
 pub(super) struct Regression<'a> {
     pub datasets: &'a [Dataset],
     pub sigma: Vec<Vec<f64>>,
-    /// Whether `sigma` is the noise itself.
+    /// Whether `sigma` is the noise.
     pub white: bool,
     /// Indices of the estimated parameters.
     pub free: Vec<usize>,
@@ -24,7 +24,7 @@ pub(super) struct Regression<'a> {
     pub size: DVector<f64>,
     /// Regularisation values of the estimated parameters.
     pub prior: DVector<f64>,
-    /// The machine before the fit, a possible one.
+    /// The consistent machine before the fit.
     pub before: Plant,
     /// Its estimated parameters, in the order of `free`.
     pub parameters: Vec<PlantParameter>,
@@ -36,7 +36,7 @@ pub(super) struct Regression<'a> {
 }
 
 impl<'a> Regression<'a> {
-    /// The problem for `model` as it is in the datasets' configuration.
+    /// Regression problem of `model` in the configuration of the datasets.
     pub fn new(
         model: &Model,
         datasets: &'a [Dataset],
@@ -55,7 +55,7 @@ impl<'a> Regression<'a> {
         let information = options.prior_information.unwrap_or(PRIOR_INFORMATION);
         let samples = datasets.iter().map(Dataset::len).sum();
         let weights = regularisation::weights(&own, information, options.weights, samples)?;
-        // The prior may be another model: its parameters are the same by name.
+        // The prior may be another model; parameters are matched by name.
         let known = |k: usize| regularised.named(&parameters[k].name).map_or(&parameters[k], |i| &regularised[i]);
         let sigma = match options.weighing {
             Weighing::Noise => noise.to_vec(),
@@ -77,13 +77,13 @@ impl<'a> Regression<'a> {
         })
     }
 
-    /// Present values of the estimated parameters.
+    /// Present values of the estimated parameters in `model`.
     pub fn values(&self, model: &Model) -> DVector<f64> {
         let parameters = Plant::new(model, &self.datasets[0].setup).parameters();
         DVector::from_iterator(self.free.len(), self.free.iter().map(|&k| parameters[k].value))
     }
 
-    /// Gives `model` the values.
+    /// Sets the values of the estimated parameters in `model`.
     pub fn set(&self, model: &mut Model, values: &DVector<f64>) {
         let mut all: Vec<f64> = Plant::new(model, &self.datasets[0].setup).parameters().values();
         for (i, &k) in self.free.iter().enumerate() {
@@ -92,13 +92,13 @@ impl<'a> Regression<'a> {
         set_parameters(model, &all);
     }
 
-    /// Whether the datasets have no encoder noise: what is left then are the few samples around reversals that the
-    /// derivatives blur.
+    /// Whether the datasets have no encoder noise. Large residuals then occur only at the few samples around reversals,
+    /// where the derivatives are smoothed.
     pub fn is_clean(&self) -> bool {
         self.datasets.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH))
     }
 
-    /// Cost at the present parameters.
+    /// Cost ½Σ w·r²/σ² of weighted residuals plus the cost of the prior.
     pub fn cost(&self, residuals: &Residuals, values: &DVector<f64>, weight: Weight) -> f64 {
         let series =
             |(c, (r, s)): (usize, (&Vec<f64>, &f64))| r.iter().map(|x| weight(c, x / s) * x * x).sum::<f64>() / (s * s);
@@ -109,19 +109,19 @@ impl<'a> Regression<'a> {
         0.5 * data + self.prior_cost(values)
     }
 
-    /// The prior's part of the cost.
+    /// Part of the cost due to the prior.
     pub fn prior_cost(&self, values: &DVector<f64>) -> f64 {
         let apart = (values - &self.prior).component_div(&self.size);
         0.5 * apart.component_mul(&apart).dot(&self.weights)
     }
 
-    /// Mean cost of a residual over that of one of the stated noise; one if it is less.
+    /// Ratio of the mean cost of a residual to that of the stated noise, at least one.
     pub fn scale(&self, cost: f64) -> f64 {
         let residuals: usize = self.datasets.iter().map(|t| t.len() * t.channels.len()).sum();
         (2.0 * cost / residuals.max(1) as f64).max(1.0)
     }
 
-    /// Robust standard deviation of each channel in units of its sigma, over all datasets.
+    /// Robust standard deviation of each channel over all datasets, in units of its sigma.
     pub fn scatter(&self, residuals: &Residuals) -> Vec<f64> {
         let channels = self.sigma.iter().map(Vec::len).min().unwrap_or(0);
         let one = |c: usize| {
@@ -134,7 +134,7 @@ impl<'a> Regression<'a> {
     }
 }
 
-/// Largest measured magnitude of every channel, in the proportion that leaves the mean weight of a row.
+/// Largest measured magnitude of every channel, scaled such that the mean weight of a row is that of the noise.
 fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let one = |(dataset, sigma): (&Dataset, &Vec<f64>)| {
         let peak = |m: &Vec<f64>| m.iter().fold(f64::MIN_POSITIVE, |a, b| a.max(b.abs()));
@@ -145,7 +145,7 @@ fn largest(datasets: &[Dataset], noise: &[Vec<f64>]) -> Vec<Vec<f64>> {
     datasets.iter().zip(noise).map(one).collect()
 }
 
-/// Size of a parameter for scaling: its value, or the usual magnitude where that is larger.
+/// Own size of a parameter for scaling: the magnitude of its value, or its usual magnitude where that is larger.
 pub fn nominal_size(p: &PlantParameter) -> f64 {
     p.value.abs().max(p.usual).max(1e-9)
 }

@@ -1,4 +1,4 @@
-//! States, plants and balances for the tests of the solver.
+//! States, plants and reference computations for the tests of the solver.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -50,7 +50,7 @@ impl State {
     }
 }
 
-/// Forces of all joints on one of their two bodies, N and N·m, world axes, moments about that body's origin.
+/// Forces of all joints on one of their two bodies, N and N·m, inertial axes, moments about that body's origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct JointReactions {
     /// Bearings: on the arms.
@@ -61,11 +61,11 @@ pub(super) struct JointReactions {
     pub(super) sockets: [Vector3<f64>; SOCKETS],
     /// Revolute joint on the platform: on the end effector.
     pub(super) pivot: Pair,
-    /// On the telescope's upper part, from the rotor.
+    /// Rotor on upper telescope part.
     pub(super) upper_hooke: Pair,
-    /// Prismatic joint: on the telescope's lower part.
+    /// Prismatic joint: on the lower telescope part.
     pub(super) slide: Pair,
-    /// On the telescope's lower part, from the end effector.
+    /// End effector on lower telescope part.
     pub(super) lower_hooke: Pair,
 }
 
@@ -93,7 +93,7 @@ pub(super) fn plant() -> Plant {
     Plant::new(&model, &Setup::default())
 }
 
-/// Plants of every kind: end effector without inertia, with a payload, with a full tensor; uneven links.
+/// Plants with an end effector without inertia, with a payload, with a full tensor, and with unequal links.
 pub(super) fn plants() -> [Plant; 4] {
     let mut all = std::array::from_fn(|_| plant());
     let payload =
@@ -130,7 +130,7 @@ pub(super) fn vector(rng: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| rng.random_range(-size..size))
 }
 
-/// An assembled pose with a random disturbance of every body; rows do not hold.
+/// An assembled pose with random disturbances of every body, which violate the rows.
 pub(super) fn disturbed(plant: &Plant, rng: &mut ChaCha8Rng, size: f64) -> Motion {
     let mut motion = plant.motion(&joints(plant, rng)).unwrap();
     for b in &mut motion.bodies {
@@ -142,7 +142,7 @@ pub(super) fn disturbed(plant: &Plant, rng: &mut ChaCha8Rng, size: f64) -> Motio
     motion
 }
 
-/// Pose and velocities after `h` at given accelerations, to second order.
+/// Pose and velocities after `h` s at given accelerations, to second order.
 pub(super) fn moved(motion: &Motion, a: &[Pair; BODIES], h: f64) -> Motion {
     let mut out = *motion;
     for (b, (linear, angular)) in out.bodies.iter_mut().zip(a) {
@@ -190,7 +190,7 @@ pub(super) fn with_accelerations(motion: &Motion, solution: &Solution) -> [BodyM
     bodies
 }
 
-/// Force and moment about the world's origin that the inertia of `set` demands beyond weight.
+/// Force and moment about the inertial origin required by inertia and weight of `set`.
 pub(super) fn demand(plant: &Plant, bodies: &[BodyMotion; BODIES], set: impl Iterator<Item = usize>) -> Pair {
     set.fold(STILL, |sum, b| {
         let (force, moment) = inertial_wrench(&plant.bodies[b], &bodies[b], &plant.gravity_vector());
@@ -198,7 +198,7 @@ pub(super) fn demand(plant: &Plant, bodies: &[BodyMotion; BODIES], set: impl Ite
     })
 }
 
-/// Four-stage Runge–Kutta without loads; the rows are restored after every step.
+/// Four-stage Runge–Kutta step without loads; the rows are restored afterwards.
 pub(super) fn step(plant: &Plant, maximal: &mut MaximalCoordinates, state: &mut State, closed: SocketSet, h: f64) {
     let mut stages = [(0.5, 1.0), (0.5, 2.0), (1.0, 2.0), (0.0, 1.0)].into_iter();
     let start = state.bodies;
@@ -226,7 +226,7 @@ pub(super) fn step(plant: &Plant, maximal: &mut MaximalCoordinates, state: &mut 
     maximal.project(plant, &mut state.bodies, closed).unwrap();
 }
 
-/// All struts and arms hang straight down: three of six strut rows say the same.
+/// All struts and arms hang straight down: three of the six strut rows are redundant.
 pub(super) fn hanging() -> (Plant, [BodyMotion; BODIES]) {
     let mut plant = plant();
     let g = &mut plant.geometry;
@@ -241,7 +241,7 @@ pub(super) fn hanging() -> (Plant, [BodyMotion; BODIES]) {
         bodies[STRUT + s].position = foot - Vector3::z() * g.arm_length;
         bodies[STRUT + s].rotation = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
     }
-    // Rotor and cross axes are turned alike by q4.
+    // Rotor and cross axes are rotated equally by q4.
     for (b, z) in [
         (END_EFFECTOR, height + g.flange_height),
         (TELESCOPE_UPPER, g.upper_hooke_height),

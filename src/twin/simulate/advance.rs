@@ -1,4 +1,4 @@
-//! The steps between two samples: contacts, stops and sockets that leave their balls.
+//! Steps between two samples: contacts, stops and dislocations of ball sockets.
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -12,22 +12,22 @@ use crate::twin::sockets::socket_name;
 use crate::twin::wrench::{Load, STILL};
 use crate::twin::{Event, EventKind, SingularPose, stops};
 
-/// Time within which a dislocation is located, s.
+/// Time resolution of a dislocation, s.
 const EVENT_TIME: f64 = 1e-7;
-/// A pair that has not touched for this long touches anew, s.
+/// Time without contact after which a pair's next contact is a new event, s.
 const CONTACT_PAUSE: f64 = 0.05;
 
-/// What can meet again and again, of which only the beginnings are events.
+/// A contact or stop, of which only the beginnings are events.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Meeting {
     /// Two bodies that touch.
     Contact(ContactBody, ContactBody),
-    /// A freedom and its stop, the upper one or not.
+    /// A degree of freedom and whether it is at its upper stop.
     Stop(usize, bool),
 }
 
 impl Run<'_> {
-    /// Moves on to `end`, opening sockets whose hold is exceeded.
+    /// Advances to `end`, opening sockets whose hold force is exceeded.
     pub(super) fn advance(&mut self, end: f64) -> Result<(), SingularPose> {
         let full = self.period / self.options.substeps as f64;
         while end - self.twin.time() > INSTANT {
@@ -54,7 +54,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Contact wrenches over the coming step, which is shortened to resolve them.
+    /// Updates the contact wrenches for the next step and returns its length, shortened to resolve them.
     fn touch(&mut self, h: f64) -> f64 {
         let Some(contacts) = &mut self.contacts else { return h };
         let motion = self.twin.motion();
@@ -65,7 +65,7 @@ impl Run<'_> {
         }
         let n = (h / contacts.longest_step()).ceil().max(1.0);
         let h = h / n;
-        // Wrenches go linearly to what they will be at the end of the step, so reactions are continuous in time.
+        // Wrenches are linear up to their values at the end of the step, so that reactions are continuous in time.
         let ahead = extrapolated(&motion, h);
         let next = *contacts.wrenches(&ahead, closed);
         let t = self.twin.time();
@@ -79,7 +79,7 @@ impl Run<'_> {
         h
     }
 
-    /// Notes what touches since the contacts were last solved.
+    /// Records the contacts that are new since the last solution.
     fn note_touches(&mut self, t: f64) {
         let Self { contacts: Some(contacts), touching, report, .. } = self else { return };
         for touch in contacts.touches() {
@@ -90,7 +90,7 @@ impl Run<'_> {
         }
     }
 
-    /// Notes joints that are in their hard stops.
+    /// Records joints that have reached their hard stops.
     fn watch_stops(&mut self) {
         let (t, hits) = (self.twin.time(), *self.twin.hits());
         for (k, hit) in hits.iter().enumerate() {
@@ -101,7 +101,7 @@ impl Run<'_> {
         }
     }
 
-    /// Smallest margin of the sockets that hold.
+    /// Smallest margin of the closed sockets, N.
     fn weakest(&mut self) -> Result<f64, SingularPose> {
         let snapshot = self.twin.evaluate(&self.torque)?;
         let closed = self.twin.closed();
@@ -109,7 +109,7 @@ impl Run<'_> {
         Ok(closed.iter().map(|s| margins[s]).fold(f64::INFINITY, f64::min))
     }
 
-    /// Goes back to where a margin vanished within the last step of `h` and opens every socket that cannot hold there.
+    /// Returns to the zero of a margin within the last step of `h` s, and opens every socket that cannot hold there.
     fn open_sockets(&mut self, h: f64) -> Result<(), SingularPose> {
         let [_, after] = try_bisect([0.0, h], halvings(h, EVENT_TIME), |step| {
             self.twin.restore(&self.checkpoint);
@@ -119,7 +119,7 @@ impl Run<'_> {
         self.twin.restore(&self.checkpoint);
         self.twin.step(after, &self.torque)?;
         let t = self.twin.time();
-        // Each loss loads the others and takes the hold of its partner.
+        // Each open socket loads the others and removes the clamp force of its partner.
         loop {
             let snapshot = self.twin.evaluate(&self.torque)?;
             let closed = self.twin.closed();
@@ -146,7 +146,7 @@ impl Run<'_> {
     }
 }
 
-/// Whether `meeting`, which is on at time `t`, was not on all along; notes it in `known`.
+/// Whether `meeting`, active at time `t`, has begun anew; records it in `known`.
 fn begins(known: &mut Vec<(Meeting, f64)>, meeting: Meeting, t: f64) -> bool {
     match known.iter_mut().find(|(met, _)| *met == meeting) {
         Some((_, last)) => t - std::mem::replace(last, t) >= CONTACT_PAUSE,
@@ -157,7 +157,7 @@ fn begins(known: &mut Vec<(Meeting, f64)>, meeting: Meeting, t: f64) -> bool {
     }
 }
 
-/// Poses `h` seconds ahead at the present twists.
+/// The motion with poses extrapolated by `h` s at the present twists.
 fn extrapolated(motion: &Motion, h: f64) -> Motion {
     let mut out = *motion;
     for body in &mut out.bodies {

@@ -1,4 +1,4 @@
-//! How a run begins: in balance, with what the machine can carry and touch.
+//! Start of a run: checks of machine and options, contact solver, equilibrium.
 
 use super::{Run, pose};
 use crate::cell::CellError;
@@ -17,7 +17,7 @@ use crate::twin::torque::Torque;
 use crate::twin::wrench::STILL;
 use crate::twin::{Cause, Options, Report, SimulationError};
 
-/// Negative eigenvalue of a pseudo-inertia, relative to the body's size, that is not rounding.
+/// Negative eigenvalue of a pseudo-inertia, relative to the body's magnitude, beyond rounding errors.
 const IMPOSSIBLE: f64 = 1e-9;
 
 impl<'a> Run<'a> {
@@ -98,7 +98,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Refuses what only a platform or its struts can do.
+/// Rejects options that require a platform or struts.
 fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
     let fitted = &options.sensors;
     for (what, asked) in [
@@ -114,7 +114,7 @@ fn possible_without_platform(options: &Options) -> Result<(), SimulationError> {
     Ok(())
 }
 
-/// What solves the contacts of a run; none where nothing can touch.
+/// Contact solver of a run; `None` if contacts are impossible.
 fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<Box<dyn Contacts>>, CellError> {
     if options.objects.is_empty() && !options.clamps.is_some_and(|c| c.armed) {
         return Ok(None);
@@ -132,8 +132,8 @@ fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<B
     new(&surroundings).map(Some)
 }
 
-/// Joints in balance while the encoders read `wanted`, and the deflection of elastic gears there, rad: compliance times
-/// transmitted torque.
+/// Joint state in equilibrium with encoder readings `wanted`, and the deflections of elastic gears, rad: compliance
+/// times transmitted torque.
 fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
     let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
     let mut deflection = [0.0; AXES];

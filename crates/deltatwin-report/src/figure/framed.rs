@@ -1,11 +1,13 @@
-//! One plot with its axes below a legend.
+//! A single plot with axes and a legend.
 
 use super::axis::{Axis, Rect, axes, left_margin, no_data};
 use super::canvas::{Canvas, draw};
 use super::legend::{Entry, head, legend};
 use super::{Figure, RIGHT, WIDTH};
 
-/// A plot with labelled axes, `room` below its legend; `body` draws into it what there is, "no data" where an axis is missing.
+/// Figure of one plot with labelled axes and a legend, `room` pixels apart; `body` draws the content.
+///
+/// If an axis is `None`, the plot shows "no data" instead.
 pub(super) fn framed(
     title: &str,
     entries: &[Entry],

@@ -34,10 +34,10 @@ pub fn panels(title: &str, x_label: &str, panels: &[Panel]) -> Figure {
 /// Share of the largest value of a quantity in a stack below which a panel shows rounding errors.
 const ROUNDING: f64 = 1e-6;
 
-/// Ranges of the panels' values; none for a panel without any.
+/// Range of the values of each panel; `None` for a panel without values.
 ///
-/// A panel with nothing but rounding errors gets a thousandth of the largest value of its quantity, so that it looks like the
-/// zero it is.
+/// The range of a panel with rounding errors only is ± a thousandth of the largest value of its quantity, so that its
+/// curves appear as zero.
 fn ranges(panels: &[Panel]) -> Vec<Option<(f64, f64)>> {
     let own = |panel: &Panel| range(usable(&panel.curves).map(|p| p.1));
     let size = |range: Option<(f64, f64)>| range.map_or(0.0, |(low, high)| low.abs().max(high.abs()));

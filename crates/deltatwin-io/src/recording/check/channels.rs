@@ -1,4 +1,4 @@
-//! Columns as signals and signals as columns.
+//! Conversion of columns to signals and of signals to columns.
 
 use std::ops::Range;
 
@@ -66,7 +66,10 @@ impl Table {
     }
 }
 
-/// The columns of `signals` other than `t`; an error if their lengths differ or a value is not finite.
+/// Columns of `signals` other than `t`.
+///
+/// # Errors
+/// A description of the first column whose length differs from that of `t`, or of the first value that is not finite.
 pub(in crate::recording) fn columns(signals: &Signals) -> Result<Vec<Column>, String> {
     let mut columns = Vec::new();
     for (stem, values) in [

@@ -3,13 +3,14 @@
 use deltatwin::machine::{AXES, Joint, Mechanism, STRUTS};
 use deltatwin::recording::multiplier_names;
 
-/// Names of the columns a file must have.
+/// Names of the required columns: time, and angle and torque of every axis.
 pub(in crate::recording) fn required(axes: usize) -> impl Iterator<Item = String> {
     let of = move |name| (1..=axes).map(move |k| format!("{name}{k}"));
     std::iter::once("t".to_string()).chain(of("q")).chain(of("tau"))
 }
 
-/// The machine whose columns are there: four axes if there is anything of the fourth, and so on.
+/// Machine whose axes have columns: a single axis if only axis 1 has any, a delta robot without telescope if axis 4 has
+/// none.
 pub(in crate::recording) fn machine(has: impl Fn(&str) -> bool) -> Mechanism {
     let axis = |k: usize| has(&format!("q{k}")) || has(&format!("tau{k}"));
     match (axis(1), axis(2) || axis(3), axis(4)) {
@@ -19,12 +20,12 @@ pub(in crate::recording) fn machine(has: impl Fn(&str) -> bool) -> Mechanism {
     }
 }
 
-/// Whether a column is of an axis beyond the first `axes`.
+/// Whether a column belongs to an axis beyond the first `axes`.
 pub(in crate::recording) fn foreign(name: &str, axes: usize) -> bool {
     is_axis(name) && (axes + 1..=AXES).any(|k| name.ends_with(char::from(b'0' + k as u8)))
 }
 
-/// Names of all columns that are understood.
+/// Whether the name is that of a known column.
 pub(in crate::recording) fn known(name: &str) -> bool {
     let numbered = |stem: &str, n: usize| {
         name.strip_prefix(stem).is_some_and(|k| k.len() == 1 && k.parse().is_ok_and(|k: usize| (1..=n).contains(&k)))
@@ -43,7 +44,7 @@ pub(in crate::recording) fn known(name: &str) -> bool {
         || (name.starts_with("lambda_") && multiplier_names().iter().any(|n| n == name))
 }
 
-/// Columns of the socket margins: six upper, then six lower.
+/// Names of the columns of the socket margins: six upper, then six lower.
 pub(in crate::recording) fn margin_names() -> [String; 2 * STRUTS] {
     std::array::from_fn(|s| format!("margin{}_{}", s % STRUTS + 1, if s < STRUTS { "upper" } else { "lower" }))
 }

@@ -1,4 +1,4 @@
-//! Values that a machine can have: units, channels that stand still, jumps, rates, faults of sensors.
+//! Plausibility of values: units, constant channels, jumps, rates, sensor faults.
 
 use std::ops::Range;
 
@@ -9,9 +9,9 @@ use super::names::is_axis;
 use super::{Column, Table};
 use crate::recording::ReadError;
 
-/// Plausible arm angles, rad: the limits −0.9…1.9 with 40° of margin.
+/// Plausible arm angles, rad: −0.9…1.9, extended by 40° on either side.
 const ARM_ANGLE: (f64, f64) = (-1.6, 2.6);
-/// Samples a torque may stay exactly the same while its axis moves.
+/// Number of samples for which a torque may be exactly constant while its axis moves.
 const FROZEN: usize = 50;
 
 impl Table {
@@ -107,7 +107,8 @@ impl Table {
                 return Err(self.value_error(0, &name, problem, "a channel that changes"));
             }
         }
-        // Margins, multipliers and links are no sensor's: a socket open from the start always has zero.
+        // Margins, multipliers and links are computed: the margin of a socket that is open from the start is constant
+        // zero.
         let computed = |name: &str| ["margin", "lambda_", "link_"].iter().any(|stem| name.starts_with(stem));
         let sensor = |c: &&Column| !is_axis(&c.name) && !computed(&c.name);
         for c in self.columns.iter().filter(sensor).filter(|c| is_constant(&c.values)) {
@@ -116,7 +117,7 @@ impl Table {
         Ok(())
     }
 
-    /// Takes out the jumps of a wrapped angle of axis 4, which turns endlessly.
+    /// Unwraps the angle of axis 4, which rotates without limits.
     pub(super) fn unwrap_axis4(&mut self, warnings: &mut Vec<String>) {
         use std::f64::consts::{PI, TAU};
         let Some(c) = self.columns.iter_mut().find(|c| c.name == "q4") else {
@@ -130,7 +131,7 @@ impl Table {
                 turns -= TAU * step.signum();
                 first = first.or(Some(i));
             }
-            // Adding zero would turn −0 into 0; what was written comes back bit for bit.
+            // Adding zero would turn −0 into 0; values must be preserved bit for bit.
             if turns != 0.0 {
                 c.values[i] += turns;
             }
@@ -176,7 +177,7 @@ impl Table {
         }
     }
 
-    /// Recorded joint rates against the difference quotient of the angles.
+    /// Compares recorded joint rates with difference quotients of the angles.
     pub(super) fn rates(&self, warnings: &mut Vec<String>) -> Result<(), ReadError> {
         let n = self.t.len();
         let reach = ((5e-3 / sample_time(&self.t)) as usize).clamp(1, (n - 1) / 2);
@@ -260,7 +261,7 @@ fn span(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)))
 }
 
-/// Stretches of equal values.
+/// Ranges of equal consecutive values.
 fn runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> + '_ {
     let mut start = 0;
     std::iter::from_fn(move || {

@@ -1,4 +1,4 @@
-//! Stretches of even sampling.
+//! Segments with uniform sampling.
 
 use std::ops::Range;
 
@@ -7,16 +7,16 @@ use deltatwin::recording::sample_time;
 use super::{FEWEST, Table};
 use crate::recording::ReadError;
 
-/// Shorter pieces between gaps are dropped.
+/// Smallest number of samples of a segment between gaps; shorter ones are dropped.
 const SHORTEST_STRETCH: usize = 10;
 /// Largest relative deviation of a sampling step from the median that counts as uniform.
 const JITTER: f64 = 0.01;
 
 impl Table {
-    /// Splits at gaps and makes the sampling uniform where it is not.
+    /// Splits at gaps, and resamples segments that are not uniform.
     pub(super) fn sampling(&mut self, warnings: &mut Vec<String>) -> Result<Vec<Range<usize>>, ReadError> {
         let step = sample_time(&self.t);
-        // One or two lost samples are bridged, unless sampling is so slow that motion is lost with them.
+        // One or two lost samples are interpolated, unless the sampling period is too long for that.
         let gap = (1.5 * step).max((3.5 * step).min(5e-3));
         let mut stretches = Vec::new();
         let mut start = 0;
@@ -150,7 +150,8 @@ fn limit_number(warnings: &mut Vec<String>, pattern: &str, most: usize) {
     }
 }
 
-/// Uniform times of each stretch, if the recorded ones differ from them by no more than their last digit.
+/// Sampling period and uniform times of each segment, if the recorded times differ from them by at most their last
+/// digit.
 fn rounded(t: &[f64], stretches: &[Range<usize>]) -> Option<(f64, Vec<Vec<f64>>)> {
     let multiple = |digit: i32| {
         let k = 10f64.powi(digit);
@@ -170,7 +171,7 @@ fn rounded(t: &[f64], stretches: &[Range<usize>]) -> Option<(f64, Vec<Vec<f64>>)
     Some((unit, times))
 }
 
-/// Weights of the cubic through four points at `x`.
+/// Weights of cubic Lagrange interpolation through four points at `x`.
 fn lagrange(nodes: [f64; 4], x: f64) -> [f64; 4] {
     std::array::from_fn(|i| {
         let others = (0..4).filter(|&j| j != i);
