@@ -5,6 +5,7 @@ use super::candidates::CandidateReport;
 use super::conclusion::explained;
 use super::confidence::Confidence;
 use super::experiment::NextExperiment;
+use super::fitting::Work;
 use super::left::Left;
 use super::unknown::Unexplained;
 use crate::dynamics::Channel;
@@ -82,6 +83,8 @@ pub struct Diagnosis {
     pub sampling_lag: Option<f64>,
     /// The refitted model with the found effects, which its history tells of, and with a formula for what they do not explain.
     pub model: Model,
+    /// What it cost.
+    pub work: Work,
 }
 
 /// A missing effect.

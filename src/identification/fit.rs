@@ -201,6 +201,27 @@ pub struct Fit {
     pub residuals: Vec<Channels>,
     /// Root mean square residual per channel, over all recordings.
     pub rms: Vec<f64>,
+    /// What it cost.
+    pub work: Work,
+}
+
+/// Work of a fit, in counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Passes over the data in which the columns of all parameters were computed.
+    pub regressions: usize,
+    /// Passes over the data in which the torques alone were predicted.
+    pub predictions: usize,
+    /// Iterations, or Newton steps, of the convex programme that found possible parameters; zero where it was not needed.
+    pub corrections: usize,
+}
+
+impl std::ops::AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.regressions += other.regressions;
+        self.predictions += other.predictions;
+        self.corrections += other.corrections;
+    }
 }
 
 /// A parameter that had to leave its unconstrained estimate.
@@ -270,7 +291,8 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     let assembled = model.assembled;
     let mut model = in_configuration(model, &datasets[0].setup);
     let problem = Regression::new(&model, datasets, noise, options)?;
-    let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE)?;
+    let mut work = Work::default();
+    let (mut normal, mut estimator) = problem.least_squares(&mut model, ALIKE, &mut work)?;
     // Without encoder noise, what is left are the few samples around reversals that the derivatives blur.
     let clean = datasets.iter().all(|t| t.half_width.iter().all(|m| *m == MIN_HALF_WIDTH));
     if options.robust || clean {
@@ -282,10 +304,10 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
             let huber = |c: usize, r: f64| (HUBER * scale[c] / r.abs()).min(1.0);
             let trimmed = |c: usize, r: f64| f64::from(r.abs() <= TRIM * scale[c]);
             let weight: Weight = if options.robust { &huber } else { &trimmed };
-            (normal, estimator) = problem.least_squares(&mut model, weight)?;
+            (normal, estimator) = problem.least_squares(&mut model, weight, &mut work)?;
         }
     }
-    let mut fit = problem.finish(model, &normal, &estimator)?;
+    let mut fit = problem.finish(model, &normal, &estimator, work)?;
     fit.model.assembled = assembled;
     Ok(fit)
 }
@@ -385,18 +407,22 @@ impl<'a> Regression<'a> {
     }
 
     /// Gauss–Newton from the present parameters of `model` to those of least cost.
-    fn least_squares(&self, model: &mut Model, weight: Weight) -> Result<(NormalEquations, Estimator), FitError> {
-        let pass = |model: &Model| NormalEquations::new(model, self.datasets, &self.sigma, &self.free, weight);
+    fn least_squares(
+        &self,
+        model: &mut Model,
+        weight: Weight,
+        work: &mut Work,
+    ) -> Result<(NormalEquations, Estimator), FitError> {
         let solve =
             |normal: &NormalEquations| Estimator::new(normal, &self.size, &self.weights).ok_or(FitError::NotFinite);
-        let mut normal = pass(model)?;
+        let mut normal = self.pass(model, weight, work)?;
         let mut values = self.values(model);
         let mut estimator = solve(&normal)?;
         if !is_nonlinear(model) {
             let step = estimator.step(&normal, &(&values - &self.prior), &[]);
             self.set(model, &(&values + &step));
             normal.advance(&step);
-            normal.residuals = residuals(model, self.datasets)?;
+            normal.residuals = self.predict(model, work)?;
             return Ok((normal, estimator));
         }
         let mut cost = self.cost(&normal.residuals, &values, weight);
@@ -419,7 +445,7 @@ impl<'a> Regression<'a> {
                 let trial = self.moved(&values, &step, damping);
                 self.set(&mut next, &trial);
                 // Trials need no columns. Where the machine cannot be assembled, the step was too long.
-                let there = residuals(&next, self.datasets).ok();
+                let there = self.predict(&next, work).ok();
                 let trial_cost = there.as_ref().map_or(f64::INFINITY, |there| self.cost(there, &trial, weight));
                 if let Some(there) = there.filter(|_| trial_cost <= cost) {
                     let step = &trial - &values;
@@ -451,13 +477,25 @@ impl<'a> Regression<'a> {
                 normal.advance(&step);
                 break;
             }
-            normal = pass(model)?;
+            normal = self.pass(model, weight, work)?;
             estimator = solve(&normal)?;
             if change < progress.max(1e-12 * cost) {
                 break;
             }
         }
         Ok((normal, estimator))
+    }
+
+    /// Residuals with the columns of all parameters.
+    fn pass(&self, model: &Model, weight: Weight, work: &mut Work) -> Result<NormalEquations, FitError> {
+        work.regressions += 1;
+        NormalEquations::new(model, self.datasets, &self.sigma, &self.free, weight)
+    }
+
+    /// Residuals alone.
+    fn predict(&self, model: &Model, work: &mut Work) -> Result<Vec<Channels>, FitError> {
+        work.predictions += 1;
+        residuals(model, self.datasets)
     }
 
     /// Mean cost of a residual over that of one of the stated noise; one if it is less.
@@ -505,7 +543,13 @@ impl<'a> Regression<'a> {
     }
 
     /// Turns the estimate into possible parameters with their standard errors.
-    fn finish(&self, mut model: Model, normal: &NormalEquations, estimator: &Estimator) -> Result<Fit, FitError> {
+    fn finish(
+        &self,
+        mut model: Model,
+        normal: &NormalEquations,
+        estimator: &Estimator,
+        mut work: Work,
+    ) -> Result<Fit, FitError> {
         let plant = Plant::new(&model, &self.datasets[0].setup);
         let all = plant.parameters();
         let estimated: Vec<&PlantParameter> = self.free.iter().map(|&k| &all[k]).collect();
@@ -525,7 +569,7 @@ impl<'a> Regression<'a> {
         let impossible = (0..self.free.len()).filter(outside).map(|i| estimated[i].param).collect();
         let base = structure.base_parameters(&estimated, &self.size, &covariance);
         let curvature = estimator.curvature();
-        let (values, classes, correction) = self.possible(&estimated, &curvature);
+        let (values, classes, correction) = self.possible(&estimated, &curvature, &mut work);
         let edges = match correction {
             Some(c) if c.cost > NOTABLE => self.edges(&estimated, &values, &curvature, &classes),
             _ => Vec::new(),
@@ -535,7 +579,7 @@ impl<'a> Regression<'a> {
         // The payload is no part of the machine.
         let links: Vec<_> = classes.into_iter().filter(|c| !c.bodies.contains(&END_EFFECTOR)).collect();
         consistency::complete(&links, &values, &mut model.bodies);
-        let residuals = if corrected { residuals(&model, self.datasets)? } else { normal.residuals.clone() };
+        let residuals = if corrected { self.predict(&model, &mut work)? } else { normal.residuals.clone() };
         let mut parameters = Vec::new();
         let mut unidentified = Vec::new();
         let mut moved = Vec::new();
@@ -567,6 +611,7 @@ impl<'a> Regression<'a> {
             edges,
             residuals,
             rms,
+            work,
         })
     }
 
@@ -625,6 +670,7 @@ impl<'a> Regression<'a> {
         &self,
         estimated: &[&PlantParameter],
         curvature: &DMatrix<f64>,
+        work: &mut Work,
     ) -> (DVector<f64>, Vec<consistency::BodyClass>, Option<Correction>) {
         let rigid = self.before.rigid_bodies();
         let mut owners = vec![(0, &rigid)];
@@ -662,6 +708,7 @@ impl<'a> Regression<'a> {
             Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= CERTIFIED * cost.of(&c.x)),
             Consistency::LogCholesky => None,
         };
+        work.corrections += convex.as_ref().map_or(0, |c| c.iterations);
         let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
         let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
         let correction = Correction { cost: cost.of(&values), gap };

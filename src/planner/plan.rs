@@ -72,6 +72,8 @@ pub struct Plan {
     pub verify_s: f64,
     /// Passes or programmes solved.
     pub iterations: usize,
+    /// Iterations of the interior-point solver in the programmes of the search; zero without jerk limits.
+    pub solver_iterations: usize,
 }
 
 /// Largest use of a limit by a plan.

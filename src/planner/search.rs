@@ -110,13 +110,24 @@ pub(super) struct Search<'a> {
     solve_s: f64,
     verify_s: f64,
     iterations: usize,
+    solver_iterations: usize,
 }
 
 impl<'a> Search<'a> {
     /// A search that seeks jerk-limited motions over the eased parameter of the path.
     pub(super) fn new(machine: &'a Machine<'a>, curve: &'a Curve, limits: &'a Limits, options: &'a Options) -> Self {
         let eased = curve.clone().eased();
-        Self { machine, curve, eased, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 }
+        Self {
+            machine,
+            curve,
+            eased,
+            limits,
+            options,
+            solve_s: 0.0,
+            verify_s: 0.0,
+            iterations: 0,
+            solver_iterations: 0,
+        }
     }
 
     /// A search that seeks jerk-limited motions over the length of the path.
@@ -161,6 +172,7 @@ impl<'a> Search<'a> {
             solve_s: self.solve_s,
             verify_s: self.verify_s,
             iterations: self.iterations,
+            solver_iterations: self.solver_iterations,
         })
     }
 
@@ -290,8 +302,10 @@ impl<'a> Search<'a> {
     /// Programmes until the time stays the same, force laws linearised at the result of each.
     fn settle(&mut self, sequence: &mut Sequence, objective: Objective, settled: f64) -> Result<(), PlanError> {
         let (machine, limits) = (self.machine, self.limits);
-        self.iterations +=
+        let work =
             sequence.settle(limits, objective, settled, |grid, at| grid.load(machine, limits, &references(at)))?;
+        self.iterations += work.programmes;
+        self.solver_iterations += work.iterations;
         Ok(())
     }
 

@@ -37,6 +37,10 @@ pub(super) struct Scratch {
     pub answer: Answer,
     /// Largest change in the last iteration over the answer that did not converge, N; zero if all did.
     pub unconverged: f64,
+    /// Solutions of the equations of motion so far.
+    pub solutions: usize,
+    /// Newton corrections that closed the loops so far.
+    pub corrections: usize,
     /// Wrenches that do not depend on the answer, without the drives.
     pub wrenches: [Twist; BODIES],
     /// All wrenches of the last evaluation, without the drives.
@@ -65,6 +69,8 @@ impl Scratch {
         Self {
             answer: Answer::default(),
             unconverged: 0.0,
+            solutions: 0,
+            corrections: 0,
             wrenches: [STILL; BODIES],
             total: [STILL; BODIES],
             damping: Damping::default(),
@@ -163,6 +169,7 @@ impl Context {
             let (solution, answer) = equations(&self.plant, &scratch.total)?;
             let change = change(&answer, &scratch.answer);
             scratch.answer = answer;
+            scratch.solutions += 1;
             iteration += 1;
             if !reads || change < TOLERANCE {
                 return Ok(solution);

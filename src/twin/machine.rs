@@ -443,6 +443,16 @@ impl Twin {
         self.context.scratch.unconverged
     }
 
+    /// Solutions of the equations of motion so far.
+    pub fn solutions(&self) -> usize {
+        self.context.scratch.solutions
+    }
+
+    /// Newton corrections so far that put states back on the constraints after steps.
+    pub fn corrections(&self) -> usize {
+        self.context.scratch.corrections
+    }
+
     /// Remembers the state in `checkpoint`.
     pub fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.t = self.t;

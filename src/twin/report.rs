@@ -3,6 +3,7 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
+use super::contacts::ContactWork;
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
@@ -85,6 +86,13 @@ pub struct Report {
     pub simulated: f64,
     /// Integration steps.
     pub steps: usize,
+    /// Solutions of the equations of motion: one per stage of a step and per evaluation between steps, more where laws read
+    /// what is solved for.
+    pub solutions: usize,
+    /// Newton corrections that put states back on the constraints.
+    pub corrections: usize,
+    /// Work of what solves the contacts.
+    pub contacts: ContactWork,
     /// Largest violation of a position row of the joints that hold, m (or 1).
     pub max_loop_gap: f64,
     /// Largest violation of a velocity row, m/s (or 1/s).

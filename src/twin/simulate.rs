@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::contacts::{ContactBody, Contacts, Held, Surroundings};
+use super::contacts::{ContactBody, ContactWork, Contacts, Held, Surroundings};
 use super::controller::Controller;
 use super::machine::{Checkpoint, Snapshot, Twin};
 use super::sensors::Sensors;
@@ -267,6 +267,9 @@ impl<'a> Run<'a> {
             report: Report {
                 simulated: 0.0,
                 steps: 0,
+                solutions: 0,
+                corrections: 0,
+                contacts: ContactWork::default(),
                 max_loop_gap: 0.0,
                 max_loop_rate: 0.0,
                 energy_error: 0.0,
@@ -631,6 +634,9 @@ impl<'a> Run<'a> {
         self.report.energy_error /= self.turned_over.max(LEAST_WORK);
         self.report.closed = self.twin.closed();
         self.report.unconverged = self.twin.unconverged();
+        self.report.solutions = self.twin.solutions();
+        self.report.corrections = self.twin.corrections();
+        self.report.contacts = self.contacts.as_ref().map_or_else(ContactWork::default, |c| c.work());
         for active in &self.twin.plant().effects {
             active.observe(&mut self.signals);
         }

@@ -18,6 +18,8 @@ const FARTHEST: f64 = 20.0;
 pub struct Neighbours {
     /// Part of the robot, or what it holds, and what it may touch; in order.
     pub pairs: Vec<(Collider, Collider)>,
+    /// Times the pairs were looked for so far.
+    pub searches: usize,
     /// All pairs nearer than this were found, m.
     reach: f64,
     then: Option<Then>,
@@ -51,6 +53,7 @@ impl Neighbours {
         }
         let grip = robot.grip.map(|g| (g.object, g.placement(motion)));
         world.mirror(&robot.parts, &bodies, grip, closed);
+        self.searches += 1;
         self.reach = margin + SKIN;
         self.pairs.clear();
         let own = |c: &Collider| robot.owns(*c);

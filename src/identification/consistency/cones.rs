@@ -19,6 +19,8 @@ pub struct Certified {
     pub x: DVector<f64>,
     /// Cost of `x` minus the lower bound that the dual solution proves, in units of the cost.
     pub gap: f64,
+    /// Iterations of the solver, or Newton steps of the barrier.
+    pub iterations: usize,
 }
 
 /// Parameters of least cost among the possible ones; `None` if the solver finds no solution.
@@ -68,7 +70,11 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
         matches!(s.status, SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress);
     let gap = unit * (s.obj_val - s.obj_val_dual).abs();
     // The solver stays on either side of a bound by its tolerance.
-    usable.then(|| Certified { x: possible(cost, &DVector::from_fn(n, |i, _| s.x[i] * cost.size[i])), gap })
+    usable.then(|| Certified {
+        x: possible(cost, &DVector::from_fn(n, |i, _| s.x[i] * cost.size[i])),
+        gap,
+        iterations: s.iterations as usize,
+    })
 }
 
 /// Affine expression in the variables.

@@ -35,6 +35,15 @@ const SLOWDOWN: f64 = 0.25;
 /// Programmes about one iterate, each with the rows that its predecessor broke, at most.
 const MAX_REPEATS: usize = 6;
 
+/// What a sequence cost until it settled.
+#[derive(Clone, Copy, Default)]
+pub struct Settled {
+    /// Programmes solved.
+    pub programmes: usize,
+    /// Iterations of the solver in those that have a solution.
+    pub iterations: usize,
+}
+
 /// Linear programmes on one grid, each about the optimum of the last one.
 pub struct Sequence {
     /// Rows at the grid points.
@@ -80,7 +89,7 @@ impl Sequence {
         Constraints { grid: &self.grid, limits, slack: &self.slack }
     }
 
-    /// The number of programmes solved until the time changed by no more than `settled`, relative.
+    /// The work done until the time changed by no more than `settled`, relative.
     ///
     /// `reload` linearises the force laws in the rows at the iterate before each programme.
     ///
@@ -93,9 +102,11 @@ impl Sequence {
         objective: Objective,
         settled: f64,
         mut reload: impl FnMut(&mut Grid, &GridProfile) -> Result<(), PlanError>,
-    ) -> Result<usize, PlanError> {
+    ) -> Result<Settled, PlanError> {
         let (mut feasible, mut slowdowns, mut repeats) = (false, 0, 0);
-        for programme in 0..MAX_PROGRAMMES {
+        let mut work = Settled::default();
+        while work.programmes < MAX_PROGRAMMES {
+            work.programmes += 1;
             reload(&mut self.grid, &self.at)?;
             let before = self.at.time(&self.grid);
             let Some(step) = step(self.constraints(limits), &self.active, &self.at, objective) else {
@@ -106,6 +117,7 @@ impl Sequence {
                 self.slow_down();
                 continue;
             };
+            work.iterations += step.iterations;
             let next = match objective {
                 Objective::Time if feasible => self.at.towards(&step.profile, &self.grid),
                 _ => step.profile,
@@ -127,16 +139,16 @@ impl Sequence {
             };
             if feasible && change < settled * time {
                 if !self.active.update_dips(&self.grid, &self.at) {
-                    return Ok(programme + 1);
+                    return Ok(work);
                 }
                 // What was found is no motion, and nothing lies between it and one.
                 feasible = false;
             }
-            if programme == 0 && !self.near_feasible {
+            if work.programmes == 1 && !self.near_feasible {
                 self.active.prune(Constraints { grid: &self.grid, limits, slack: &self.slack }, &self.at);
             }
         }
-        Ok(MAX_PROGRAMMES)
+        Ok(work)
     }
 
     /// Makes the iterate slower: about a slower motion the tangents of the jerk limits are less tight.
