@@ -27,12 +27,12 @@ use crate::model::Model;
 #[derive(Debug, Error)]
 pub enum FitError {
     /// A measured pose is impossible for the model's geometry.
-    #[error("recording {recording}: {source}; is it this robot, in radians, with axes in order?")]
+    #[error("recording {recording}: {reason}; is it this robot, in radians, with axes in order?")]
     Kinematics {
         /// Name of the recording.
         recording: String,
         /// What is wrong.
-        source: KinematicsError,
+        reason: KinematicsError,
     },
     /// The robot was taken apart between recordings: no set of parameters fits both.
     #[error(
@@ -751,7 +751,7 @@ pub fn residuals(model: &Model, datasets: &[Dataset]) -> Result<Vec<Channels>, F
 
 /// Attaches the recording's name to a kinematic error.
 pub fn kinematics(dataset: &Dataset) -> impl Fn(KinematicsError) -> FitError + '_ {
-    |source| FitError::Kinematics { recording: dataset.name.clone(), source }
+    |reason| FitError::Kinematics { recording: dataset.name.clone(), reason }
 }
 
 /// Root mean square per channel over several recordings.

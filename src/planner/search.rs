@@ -396,7 +396,7 @@ impl<'a> Search<'a> {
         let geometry = &self.machine.plant().geometry;
         let mut worst: Option<(f64, PlanError)> = None;
         for &s in places {
-            let place = |e| PlanError::Place { s, at: self.curve.at(s)[0].into(), source: PlaceError::Pose(e) };
+            let place = |e| PlanError::Place { s, at: self.curve.at(s)[0].into(), reason: PlaceError::Pose(e) };
             let point = PathPoint::new(geometry, self.curve, s).map_err(place)?;
             for speed in [0.0, creeping] {
                 let loads = self.machine.loads(&point.motion(geometry, speed, 0.0)).map_err(place)?;

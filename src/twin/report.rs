@@ -177,12 +177,12 @@ impl std::fmt::Display for Cause {
 #[derive(Debug, Error)]
 pub enum SimulationError {
     /// The desired motion cannot be taken.
-    #[error("desired motion at t = {t:.4} s: {source}")]
+    #[error("desired motion at t = {t:.4} s: {reason}")]
     Trajectory {
         /// Time, s.
         t: f64,
         /// What is wrong with the pose.
-        source: KinematicsError,
+        reason: KinematicsError,
     },
     /// The mechanism ran into a singular pose or beyond any number.
     #[error("at t = {t:.4} s {cause}; last pose: {pose}")]
@@ -213,11 +213,11 @@ pub enum SimulationError {
         what: &'static str,
     },
     /// The objects around the robot are impossible, or the gripper cannot do what it is told.
-    #[error("t = {t:.4} s: {source}")]
+    #[error("t = {t:.4} s: {reason}")]
     Cell {
         /// Time, s.
         t: f64,
         /// What is wrong.
-        source: CellError,
+        reason: CellError,
     },
 }

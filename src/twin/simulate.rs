@@ -214,7 +214,7 @@ impl<'a> Run<'a> {
         options: &'a Options,
     ) -> Result<Self, SimulationError> {
         let plant = Plant::new(model, setup);
-        let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
+        let trajectory = |reason| SimulationError::Trajectory { t: 0.0, reason };
         if !plant.assembled {
             possible_without_platform(options)?;
         }
@@ -227,7 +227,7 @@ impl<'a> Run<'a> {
                 return Err(SimulationError::Body { body: body_name(body) });
             }
         }
-        let contacts = contacts(options, &plant, &motion).map_err(|source| SimulationError::Cell { t: 0.0, source })?;
+        let contacts = contacts(options, &plant, &motion).map_err(|reason| SimulationError::Cell { t: 0.0, reason })?;
         let assembled = plant.assembled;
         let mut twin =
             Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
@@ -389,7 +389,7 @@ impl<'a> Run<'a> {
             return Ok(());
         }
         let span = self.period * self.options.control_period as f64;
-        let trajectory = |source| SimulationError::Trajectory { t, source };
+        let trajectory = |reason| SimulationError::Trajectory { t, reason };
         let next = (self.desired)(t + span).joints(&self.twin.plant().geometry).map_err(trajectory)?;
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
         let limits = &self.options.supervision;
@@ -551,7 +551,7 @@ impl<'a> Run<'a> {
         while let Some(action) = self.options.actions.get(self.next_action).filter(|a| a.t <= t + INSTANT) {
             self.next_action += 1;
             let Some(contacts) = &mut self.contacts else { continue };
-            let failed = |source| SimulationError::Cell { t, source };
+            let failed = |reason| SimulationError::Cell { t, reason };
             let motion = self.twin.motion();
             let singular = SimulationError::Singular { t, pose: pose(&motion, true), cause: Cause::Rank };
             match action.kind {

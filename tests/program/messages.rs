@@ -70,7 +70,7 @@ const SCENARIOS: &[[&str; 3]] = &[
     ["text instead of a number", "duration = 0.5", "duration = \"0.5 s\""],
     ["negative duration", "duration = 0.5", "duration = -0.5"],
     ["model that is not there", "model = \"robot.toml\"\nc", "model = \"robbot.toml\"\nc"],
-    ["rows of the wrong length", "[0.02, 0.06, 0.01, 0.2]]", "[0.02, 0.06, 0.01]]"],
+    ["rows of the wrong length", "[0.02, 0.06, 0.01, 0.2]]", "[0.02, 0.06]]"],
     ["out of reach", "centre = [0.0, 0.0, -1.05, 0.0]", "centre = [0.9, 0.0, -1.05, 0.0]"],
     ["unknown strut", "strut_upper = [1]", "strut_upper = [7]"],
     ["missing key", "frequency = 1.0", "# frequency = 1.0"],
@@ -89,14 +89,14 @@ const CELLS: &[[&str; 3]] = &[
 
 /// `run.csv` with a replacement, and `check run.csv --model axis.toml`.
 const RECORDINGS: &[[&str; 3]] = &[
-    ["missing column", "t,q1,tau1\n", "t,q1,torque\n"],
+    ["missing column", "t,q1,tau1\n", "t,q1,temperature\n"],
     ["column given twice", "t,q1,tau1\n", "t,q1,q1\n"],
-    ["NaN in a row", "0.400,0.100,", "0.400,NaN,"],
-    ["empty cell", "0.400,0.100,", "0.400,,"],
-    ["decimal comma", "0.400,0.100,", "0,400,0,100,"],
-    ["no number", "0.400,0.100,", "0.400,0.1.0,"],
-    ["time that goes back", "0.400,0.100,", "0.300,0.100,"],
-    ["time that repeats with other values", "0.400,0.100,", "0.398,0.101,"],
+    ["NaN in a row", "0.400,-0.100,", "0.400,NaN,"],
+    ["empty cell", "0.400,-0.100,", "0.400,,"],
+    ["decimal comma", "0.400,-0.100,", "0,400,-0,100,"],
+    ["no number", "0.400,-0.100,", "0.400,-0.1.0,"],
+    ["time that goes back", "0.400,-0.100,", "0.300,-0.100,"],
+    ["time that repeats with other values", "0.400,-0.100,", "0.398,-0.101,"],
 ];
 
 /// A sidecar beside `run.csv`, and `check run.csv --model axis.toml`.
@@ -119,7 +119,7 @@ const PATHS: &[[&str; 3]] = &[
     ["negative limit", "strut_upper = 120.0", "strut_upper = -120.0"],
     ["margin of more than all", "margin = 0.1", "margin = 1.1"],
     ["point of the wrong length", "[0.0, 0.4, -0.94, 0.0]", "[0.0, 0.4, -0.94]"],
-    ["out of reach", "[0.0, 0.4, -0.94, 0.0]", "[0.0, 1.4, -0.94, 0.0]"],
+    ["out of reach", "[0.0, 0.4, -0.94, 0.0]", "[0.0, 4.4, -0.94, 0.0]"],
     ["too heavy at rest", "mass = 2.5", "mass = 40.0"],
 ];
 
@@ -135,10 +135,12 @@ const COMMAND_LINES: &[[&str; 2]] = &[
     ["unknown kind of file", "check run.xyz"],
     ["unknown effect with a near name", "effects ball_socket_colomb"],
     ["effect to add that is none", "add axis.toml drive_stribek run.csv -o better.toml"],
-    ["effect to hold that is none", "identify axis.toml run.csv --hold drive_fricton"],
+    ["effect to hold that is none", "identify axis.toml run.csv --no-gate --hold drive_fricton"],
     ["output of unknown kind", "simulate run.toml -o run.txt"],
     ["scenario instead of a model", "check run.csv --model run.toml"],
     ["model instead of a scenario", "simulate robot.toml"],
+    ["path instead of a model", "check run.csv --model path.toml"],
+    ["scenario instead of a path", "plan robot.toml run.toml"],
     ["recording of another machine", "compare robot.toml run.csv"],
     ["column of a map that is not there", "check run.csv --model axis.toml --map tau1=current"],
     ["map that is none", "check run.csv --model axis.toml --map tau1"],
@@ -267,7 +269,9 @@ fn block(case: &Case) -> String {
         .output()
         .expect("the program runs");
     let text = String::from_utf8(out.stderr).expect("text");
-    assert!(!text.contains("panicked") && out.stdout.is_empty(), "{}: {text}", case.name);
+    let (status, answer) = (out.status.code().expect("an exit status"), String::from_utf8_lossy(&out.stdout));
+    assert!(!text.contains("panicked"), "{}: {text}", case.name);
+    assert!(status != 0 && answer.is_empty(), "{} is not refused: {answer}{text}", case.name);
     let place = folder.path().display().to_string();
     let lines: Vec<String> = text.replace(&place, "<folder>").lines().map(|l| l.trim_end().to_string()).collect();
     format!(
@@ -275,7 +279,7 @@ fn block(case: &Case) -> String {
         case.name,
         described(&case.change),
         case.command,
-        out.status.code().expect("an exit status"),
+        status,
         lines.join("\n").trim_matches('\n')
     )
 }

@@ -13,6 +13,7 @@ use serde::Deserialize;
 use thiserror::Error;
 use toml::Spanned;
 
+use crate::kind::Kind;
 use crate::source::{Checked, Interval, Problem, Source};
 use deltatwin::cell::{MeshReader, no_meshes};
 
@@ -27,10 +28,28 @@ pub enum ScenarioError {
         /// What the system said.
         reason: String,
     },
+    /// The file is something else.
+    #[error("{}: is a {found}; expected a {expected}", file.display())]
+    Kind {
+        /// The file.
+        file: PathBuf,
+        /// What it is.
+        found: Kind,
+        /// What it should be.
+        expected: Kind,
+    },
     /// A mistake in the file.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Content(#[from] Problem),
+}
+
+impl ScenarioError {
+    /// The error, or that `text` is no file of the kind `expected` at all.
+    pub(crate) fn unless_other(self, expected: Kind, text: &str, path: &Path) -> Self {
+        let found = Kind::instead_of(expected, text);
+        found.map_or(self, |found| Self::Kind { file: path.into(), found, expected })
+    }
 }
 
 type Result<T> = std::result::Result<T, ScenarioError>;
@@ -78,7 +97,7 @@ pub fn read(path: &Path) -> Result<Scenario> {
 pub fn read_with(path: &Path, meshes: MeshReader) -> Result<Scenario> {
     let text =
         std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
-    parse_with(&text, path, meshes)
+    parse_with(&text, path, meshes).map_err(|e| e.unless_other(Kind::Scenario, &text, path))
 }
 
 /// Reads a scenario from `text`; `path` names it in errors and is where it looks for models and tables.
@@ -102,7 +121,9 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
         if target.is_file() {
             return Ok(target);
         }
-        let message = format!("`{key}` is \"{}\"; expected a model file, relative to the scenario", name.get_ref());
+        let name_of = name.get_ref();
+        let message =
+            format!("`{key}` is \"{name_of}\", which is no file; expected a model file, relative to the scenario");
         Err(file.problem(name.span(), message))
     };
     let model = beside("model", &document.model)?;
@@ -220,15 +241,15 @@ mod tests {
         for (from, to, expected) in [
             ("duration = 1.0", "duration = -1.0", "test.toml:2:12: `duration` is -1; expected"),
             ("\"fourier\"", "\"spiral\"", "test.toml:4:8: `motion.kind` is \"spiral\""),
-            ("centre", "center", "test.toml:6:1: [motion]: unknown field `center`"),
-            ("frequency = 0.5", "frequency = 0.5\nshare = 0.5", "test.toml:6:1: [motion]: unknown field `share`"),
+            ("centre", "center", "test.toml:6:1: unknown key `motion.center`"),
+            ("frequency = 0.5", "frequency = 0.5\nshare = 0.5", "test.toml:6:1: unknown key `motion.share`"),
             ("irb360-6-1600.toml", "nothing.toml", "test.toml:1:9: `model` is \"../models/nothing.toml\""),
             ("duration = 1.0", "duration = 1.0\nhold_torque = \"step\"", "test.toml:3:15: `hold_torque` is \"step\""),
             ("duration = 1.0", "duration = 1.0\nformulation = \"full\"", "test.toml:3:15: `formulation` is \"full\""),
             ("duration = 1.0", "duration = 1.0\ncontrol_period = 0", "test.toml:3:18: `control_period` is 0"),
-            ("duration = 1.0", "duration = 1.0\nduratoin = 1.0", "test.toml:3:1: unknown field `duratoin`"),
+            ("duration = 1.0", "duration = 1.0\nduratoin = 1.0", "test.toml:3:1: unknown key `duratoin`"),
             ("duration = 1.0", "duration = ", "test.toml:2:"),
-            ("[motion]", "[movement]", "test.toml:3:2: unknown field `movement`"),
+            ("[motion]", "[movement]", "test.toml:3:2: unknown key `movement`"),
             ("-1.0, 0.0]", "-1.0, inf]", "test.toml:6:10: `motion.centre` has inf"),
         ] {
             let e = refusal(from, to);
