@@ -33,8 +33,8 @@ fn main() -> Result<()> {
     for named in &diagnosis.effects {
         println!("missing:        {} (probability {:.2})", named.name, named.confidence.probability());
         let added = add(&identified.model, &named.name, &data, &[]).into_diagnostic()?;
-        for p in named.parameters.iter() {
-            println!("  {:<14}{:.4} ± {:.4} {}", p.name, p.value, p.std, p.unit);
+        for p in &named.parameters {
+            println!("  {:<16}{:.4} ± {:.4} {}", p.name, p.value, p.std, p.unit);
         }
         println!("with it:        RMS {:.2} N", added.fit.rms[0]);
         model::write(&added.fit.model, &folder.path().join("better.toml"))?;
@@ -49,7 +49,7 @@ fn measure(file: &Path) -> Result<()> {
     let mut machine = believed.clone();
     machine
         .effects
-        .push(ActiveEffect::new(find("drive_stribeck").expect("in the catalogue"), &[&[8.0], &[0.02], &[1900.0]]));
+        .push(ActiveEffect::new(find("drive_stribeck").expect("in the catalogue"), &[&[20.0], &[0.05], &[1900.0]]));
     let motion = scenario.motion(&believed).into_diagnostic()?;
     let (plant, options) = (Plant::new(&believed, &scenario.setup), Options::of(&scenario, &machine));
     let (recording, _) =

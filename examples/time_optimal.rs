@@ -30,7 +30,7 @@ fn main() -> Result<()> {
         let worst = found.worst();
         let margin = |of: fn(&Limit) -> bool| {
             let used = worst.iter().filter(|(limit, _)| of(limit)).map(|(_, used)| *used).fold(0.0, f64::max);
-            100.0 * (1.0 - used)
+            100.0 * (1.0 - used).max(0.0)
         };
         println!("  margin of torques {:6.1} %", margin(|l| matches!(l, Limit::Torque(_))));
         println!("  of strut forces   {:6.1} %", margin(|l| matches!(l, Limit::LambdaP(_) | Limit::LambdaS(_))));

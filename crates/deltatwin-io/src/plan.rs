@@ -11,7 +11,7 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use crate::kind::Kind;
+use crate::kind;
 use crate::scenario::ScenarioError;
 use crate::scenario::read::cell::{LoadKeys, payload};
 use crate::source::{Checked, Interval, Source};
@@ -109,7 +109,7 @@ pub fn read(path: &Path, given: Limits) -> Result<Task> {
 pub fn read_with(path: &Path, given: Limits, meshes: MeshReader) -> Result<Task> {
     let text =
         std::fs::read_to_string(path).map_err(|e| ScenarioError::Io { file: path.into(), reason: e.to_string() })?;
-    parse_with(&text, path, given, meshes).map_err(|e| e.unless_other(Kind::Path, &text, path))
+    parse_with(&text, path, given, meshes).map_err(|e| e.unless_other(kind::Kind::Path, &text, path))
 }
 
 /// Reads a path file from `text`; `path` names it in errors.
