@@ -27,6 +27,7 @@ const HEAD: &str = "\
 What fixed inputs cost, in counts: one line each with the count and the band around it that passes. Counts that no rounding
 reaches must be equal. Those of iterations that end at a threshold differ by a few from processor to processor, as sums are
 rounded differently: they may depart by a tenth, and by one at least where the count is two or more. A doubling always fails.
+Corrections of the loops are listed where at least every second step needs one; whether fewer are needed, rounding decides.
 ";
 
 /// A count, and by how much another machine may depart from it.

@@ -185,7 +185,7 @@ fn cases() -> Vec<Case> {
     all
 }
 
-/// 300 samples of an axis at 1 kHz in decimals that every machine writes alike.
+/// 300 samples of an axis at 500 Hz in decimals that every machine writes alike.
 fn recording() -> String {
     let row = |k: i64| {
         let angle = 100 - (k % 200 - 100).abs() * 2;
