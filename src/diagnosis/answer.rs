@@ -5,6 +5,7 @@ use super::candidates::CandidateReport;
 use super::conclusion::explained;
 use super::confidence::Confidence;
 use super::experiment::NextExperiment;
+use super::fitting::Work;
 use super::left::Left;
 use super::unknown::Unexplained;
 use crate::dynamics::Channel;
@@ -84,6 +85,8 @@ pub struct Diagnosis {
     /// The refitted model with the found effects, recorded in its history, and with a formula for the error that they
     /// do not explain.
     pub model: Model,
+    /// What it cost.
+    pub work: Work,
 }
 
 /// A missing effect.

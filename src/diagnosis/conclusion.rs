@@ -132,6 +132,7 @@ impl Conclusion {
             unexplained: self.unexplained,
             sampling_lag: found.sampling_lag,
             model,
+            work: judge.fitting.work(),
         })
     }
 }

@@ -1,11 +1,12 @@
 //! Fits of models to the recordings of a diagnosis within a time limit.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use crate::effects::Param;
 use crate::identification::Dataset;
 use crate::identification::dataset::noise_floor;
-use crate::identification::fit::{Fit, FitError, Options as FitOptions, fit_with};
+use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
 use crate::model::Model;
 
 /// Function that returns the share of the permitted time that has passed; 1 or more when it is up.
@@ -50,12 +51,31 @@ pub(super) struct Fitting<'a> {
     pub fixed: &'a [String],
     clock: Clock<'a>,
     has_tried: AtomicBool,
+    work: Mutex<Work>,
+}
+
+/// Work of a diagnosis, in counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Models fitted.
+    pub fits: usize,
+    /// Work of all these fits.
+    pub fitting: fit::Work,
+    /// Times all candidates were assessed.
+    pub rankings: usize,
 }
 
 impl<'a> Fitting<'a> {
     pub fn new(model: &Model, datasets: &'a [Dataset], options: &Options<'a>) -> Self {
         let noise = noise_floor(model, datasets);
-        Self { datasets, noise, fixed: options.fixed, clock: options.clock, has_tried: AtomicBool::new(false) }
+        Self {
+            datasets,
+            noise,
+            fixed: options.fixed,
+            clock: options.clock,
+            has_tried: AtomicBool::new(false),
+            work: Mutex::default(),
+        }
     }
 
     /// Refits the parameters of `model` that are not fixed.
@@ -63,7 +83,21 @@ impl<'a> Fitting<'a> {
         let weights = vec![self.noise.clone(); self.datasets.len()];
         let stop = || self.is_late();
         let options = FitOptions { fixed: self.fixed, stop: Some(&stop), ..FitOptions::default() };
-        fit_with(model, self.datasets, &weights, &options)
+        let fitted = fit_with(model, self.datasets, &weights, &options)?;
+        let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
+        work.fits += 1;
+        work.fitting += fitted.work;
+        Ok(fitted)
+    }
+
+    /// Counts assessments of all candidates.
+    pub fn count_rankings(&self, rankings: usize) {
+        self.work.lock().unwrap_or_else(PoisonError::into_inner).rankings += rankings;
+    }
+
+    /// The work so far.
+    pub fn work(&self) -> Work {
+        *self.work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether it is too late to search another effect.

@@ -25,7 +25,7 @@ use conclusion::Conclusion;
 pub use conclusion::parameters_of;
 pub use error::DiagnosisError;
 pub use experiment::NextExperiment;
-pub use fitting::{Clock, Options};
+pub use fitting::{Clock, Options, Work};
 use fitting::{Fitting, Stage};
 use judge::Judge;
 pub use left::Left;

@@ -335,7 +335,9 @@ impl<'a> Search<'a> {
         let mut stopped: Option<Selection> = None;
         let mut last: Option<Refitted> = None;
         let mut all = self.all.take();
+        let mut rankings = 0;
         let refit = |chosen: &[Chosen], ranking: &Ranking| {
+            rankings += 1;
             all.get_or_insert_with(|| ranking.clone());
             self.added(chosen, ranking, &stated, &mut last, progress).map_err(|selection| {
                 stopped = Some(selection);
@@ -345,6 +347,7 @@ impl<'a> Search<'a> {
         let is_held = self.is_held();
         let outcome = evidence::select_with(&stated, &self.settings, &|| fitting.is_late(), refit, is_held);
         self.all = all;
+        fitting.count_rankings(outcome.as_ref().map_or(rankings, |o| o.rankings));
         if let Some(stopped) = stopped {
             return Ok(stopped);
         }

@@ -52,6 +52,8 @@ pub struct Outcome {
     pub refitted: Option<Problem>,
     /// Whether the selection was stopped while a candidate still passed.
     pub cut_short: bool,
+    /// Times all candidates were assessed.
+    pub rankings: usize,
 }
 
 impl Outcome {
@@ -92,8 +94,9 @@ where
     let mut refitted: Option<Problem> = None;
     let mut chosen: Vec<Chosen> = Vec::new();
     let mut steps = Vec::new();
-    let mut cut_short = false;
+    let (mut cut_short, mut rankings) = (false, 0);
     let mut remaining = loop {
+        rankings += 1;
         let ranking = evaluate(refitted.as_ref().unwrap_or(problem), &chosen, settings)?;
         let Some(best) = ranking.winner().filter(|_| steps.len() < settings.max_steps) else {
             break ranking;
@@ -127,13 +130,14 @@ where
         true => (as_added(&steps, is_held), Vec::new()),
         false => {
             let stated = Some(problem).filter(|_| is_held && refitted.is_some());
-            prune((last, stated), &mut chosen, first, settings, stop)?
+            prune((last, stated), &mut chosen, first, (settings, stop), &mut rankings)?
         }
     };
     if steps.iter().map(|s| s.added).ne(chosen.iter().copied()) {
+        rankings += 1;
         remaining = evaluate(last, &chosen, settings)?;
     }
-    Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short })
+    Ok(Outcome { steps, findings, removed, remaining, refitted, cut_short, rankings })
 }
 
 /// Findings of the steps, each with only the effects added before it in the base; the first one is marked as assessed
@@ -165,12 +169,13 @@ fn judged(
 
 /// Assesses every chosen effect given the others: removes those that explain nothing more, and exchanges those for
 /// which another candidate has more evidence.
+/// Counts the assessments of all candidates in `rankings`.
 fn prune(
     (problem, stated): (&Problem, Option<&Problem>),
     chosen: &mut Vec<Chosen>,
     first: Option<&Step>,
-    settings: &Settings,
-    stop: Stop,
+    (settings, stop): (&Settings, Stop),
+    rankings: &mut usize,
 ) -> Result<(Vec<Finding>, Vec<Chosen>), Error> {
     let mut removed = Vec::new();
     if let ([one], Some(step)) = (chosen.as_slice(), first) {
@@ -180,7 +185,9 @@ fn prune(
         let mut findings = Vec::new();
         for (i, &c) in chosen.iter().enumerate() {
             let others: Vec<Chosen> = chosen.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, c)| *c).collect();
-            findings.push(judged(c, &others, problem, stated, settings)?);
+            let finding = judged(c, &others, problem, stated, settings)?;
+            *rankings += 1 + usize::from(finding.as_stated);
+            findings.push(finding);
         }
         let p = |f: &Finding| match f.ranking.of(f.chosen.candidate) {
             Some(a) if a.passes(settings) => a.p_adjusted,

@@ -10,6 +10,7 @@ mod error;
 mod gauss_newton;
 mod possible;
 mod regression;
+mod work;
 
 use std::sync::Arc;
 
@@ -32,6 +33,7 @@ use crate::model::Model;
 pub use answer::{Correction, Estimate, Moved, Reason, Unidentified};
 pub use error::{FitError, kinematics};
 pub use regression::nominal_size;
+pub use work::Work;
 
 /// Weights of the rows of the regression.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -100,6 +102,8 @@ pub struct Fit {
     pub edges: Vec<Vec<(Param, f64)>>,
     /// Residuals of the fitted model.
     pub residuals: Arc<Residuals>,
+    /// Work of the fit.
+    pub work: Work,
 }
 
 /// Share of an effect's largest parameter by which another one may lie outside its range.
@@ -157,6 +161,7 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
         moved: said.moved,
         edges: possible.edges,
         residuals,
+        work: regression.work.get(),
     })
 }
 
@@ -266,7 +271,7 @@ impl Regression<'_> {
         let stayed = complete(&links, &possible.values, &mut model.bodies);
         match possible.correction.is_none() && stayed {
             true => Ok(at_estimate),
-            false => Ok(Arc::new(Residuals::new(model, self.datasets)?)),
+            false => Ok(Arc::new(self.residuals(model)?)),
         }
     }
 }

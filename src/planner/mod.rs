@@ -69,14 +69,14 @@ pub enum Objective {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PlanError {
     /// The robot cannot follow the path.
-    #[error("the path cannot be followed at s = {s:.4}, (x, y, z) = ({:.4}, {:.4}, {:.4}) m: {source}", .at[0], .at[1], .at[2])]
+    #[error("the path cannot be followed at s = {s:.4}, (x, y, z) = ({:.4}, {:.4}, {:.4}) m: {reason}", .at[0], .at[1], .at[2])]
     Place {
         /// Path parameter.
         s: f64,
         /// (x, y, z, ψ), m and rad.
         at: [f64; 4],
         /// Cause.
-        source: PlaceError,
+        reason: PlaceError,
     },
     /// A limit is exceeded even at rest.
     #[error(

@@ -75,6 +75,8 @@ pub struct Plan {
     pub verify_s: f64,
     /// Number of passes or programmes solved.
     pub iterations: usize,
+    /// Iterations of the interior-point solver in the programmes of the search; zero without jerk limits.
+    pub solver_iterations: usize,
 }
 
 /// Largest use of a limit that a plan may have.

@@ -79,7 +79,7 @@ impl Grid {
             let point = PathPoint::new(geometry, curve, s)
                 .map_err(super::PlaceError::Pose)
                 .and_then(|p| p.check(geometry).map(|()| p))
-                .map_err(|source| PlanError::Place { s, at: curve.at(s)[0].into(), source })?;
+                .map_err(|reason| PlanError::Place { s, at: curve.at(s)[0].into(), reason })?;
             let [_, q1, q2, _] = &point.q;
             let cap_by_time = (curve.end() / LEAST_TIME).powi(2);
             let cap = (0..AXES).map(|i| (limits.speed[i] / q1[i]).powi(2)).fold(cap_by_time, f64::min);
@@ -119,7 +119,7 @@ impl Grid {
             let all = machine.coefficients(&grid_point.point, *reference).map_err(|e| PlanError::Place {
                 s,
                 at,
-                source: super::PlaceError::Pose(e),
+                reason: super::PlaceError::Pose(e),
             })?;
             grid_point.rows.truncate(kinematic);
             grid_point.reference = reference.speed;
@@ -133,7 +133,7 @@ impl Grid {
                 let all = machine.coefficients(&grid_point.point, still).map_err(|e| PlanError::Place {
                     s,
                     at,
-                    source: super::PlaceError::Pose(e),
+                    reason: super::PlaceError::Pose(e),
                 })?;
                 grid_point.rest = loads.iter().map(|&k| Row { d: 0.0, ..row(&all, k) }).collect();
             }

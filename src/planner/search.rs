@@ -111,13 +111,24 @@ pub(super) struct Search<'a> {
     solve_s: f64,
     verify_s: f64,
     iterations: usize,
+    solver_iterations: usize,
 }
 
 impl<'a> Search<'a> {
     /// Search for jerk-limited motions over the eased parameter of the path.
     pub(super) fn new(machine: &'a Machine<'a>, curve: &'a Curve, limits: &'a Limits, options: &'a Options) -> Self {
         let eased = curve.clone().eased();
-        Self { machine, curve, eased, limits, options, solve_s: 0.0, verify_s: 0.0, iterations: 0 }
+        Self {
+            machine,
+            curve,
+            eased,
+            limits,
+            options,
+            solve_s: 0.0,
+            verify_s: 0.0,
+            iterations: 0,
+            solver_iterations: 0,
+        }
     }
 
     /// Search for jerk-limited motions over the length of the path.
@@ -162,6 +173,7 @@ impl<'a> Search<'a> {
             solve_s: self.solve_s,
             verify_s: self.verify_s,
             iterations: self.iterations,
+            solver_iterations: self.solver_iterations,
         })
     }
 
@@ -291,8 +303,10 @@ impl<'a> Search<'a> {
     /// Programmes until convergence, with force laws linearised at the result of each.
     fn settle(&mut self, sequence: &mut Sequence, objective: Objective, settled: f64) -> Result<(), PlanError> {
         let (machine, limits) = (self.machine, self.limits);
-        self.iterations +=
+        let work =
             sequence.settle(limits, objective, settled, |grid, at| grid.load(machine, limits, &references(at)))?;
+        self.iterations += work.programmes;
+        self.solver_iterations += work.iterations;
         Ok(())
     }
 
@@ -385,7 +399,7 @@ impl<'a> Search<'a> {
         let geometry = &self.machine.plant().geometry;
         let mut worst: Option<(f64, PlanError)> = None;
         for &s in places {
-            let place = |e| PlanError::Place { s, at: self.curve.at(s)[0].into(), source: PlaceError::Pose(e) };
+            let place = |e| PlanError::Place { s, at: self.curve.at(s)[0].into(), reason: PlaceError::Pose(e) };
             let point = PathPoint::new(geometry, self.curve, s).map_err(place)?;
             for speed in [0.0, creeping] {
                 let loads = self.machine.loads(&point.motion(geometry, speed, 0.0)).map_err(place)?;

@@ -29,10 +29,10 @@ pub fn trajectory(
     let mut forces: [[Vec<f64>; STRUTS]; 2] = Default::default();
     let states = machine.states();
     for [s, speed, acceleration] in plan.profile.sample(times.iter().map(|t| t / stretch)) {
-        let place = |source| PlanError::Place {
+        let place = |pose| PlanError::Place {
             s: curve.way(s)[0],
             at: curve.at(s)[0].into(),
-            source: super::PlaceError::Pose(source),
+            reason: super::PlaceError::Pose(pose),
         };
         let plant = machine.plant();
         let point = PathPoint::new(&plant.geometry, curve, s).map_err(place)?;

@@ -97,7 +97,7 @@ pub fn uses(
     let one = |interval: usize, sigma: f64| {
         let s = profile.s[interval] + sigma;
         let pace = profile.at(interval, sigma);
-        let place = |source| PlanError::Place { s, at: curve.at(s)[0].into(), source };
+        let place = |reason| PlanError::Place { s, at: curve.at(s)[0].into(), reason };
         let point = PathPoint::new(geometry, curve, s).map_err(|e| place(PlaceError::Pose(e)))?;
         point.check(geometry).map_err(place)?;
         let speed = pace.z.sqrt();

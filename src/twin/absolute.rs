@@ -113,14 +113,14 @@ impl Joints {
         }
     }
 
-    /// Projects a state onto the rows of the closed joints.
-    pub fn close(&mut self, plant: &Plant, y: &mut [f64], closed: SocketSet) -> Result<(), SingularPose> {
+    /// Projects a state onto the rows of the closed joints; returns the number of Newton corrections.
+    pub fn close(&mut self, plant: &Plant, y: &mut [f64], closed: SocketSet) -> Result<usize, SingularPose> {
         let mut bodies: [BodyState; BODIES] = std::array::from_fn(|b| body_state(&y[BODY * b..BODY * (b + 1)]));
         let mut stretches = self.stretches(y);
-        match &mut self.solver {
+        let corrections = match &mut self.solver {
             Solver::Loops(maximal) => maximal.project_elastic(plant, &mut bodies, closed, stretches.as_mut())?,
             Solver::Bearings(bearings) => bearings.project(plant, &mut bodies)?,
-        }
+        };
         for (b, body) in bodies.iter().enumerate() {
             let orientation = UnitQuaternion::new_normalize(body.orientation);
             store_body(
@@ -136,7 +136,7 @@ impl Joints {
         }
         let q = motion(plant, y).q;
         y[ANGLES..STRETCH].copy_from_slice(&q);
-        Ok(())
+        Ok(corrections)
     }
 
     /// Multipliers λ of all rows for a motion whose accelerations result from `wrenches` (drives included).
@@ -450,6 +450,7 @@ impl System for Absolute<'_> {
     }
 
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
-        self.joints.close(&self.context.plant, y, self.context.closed)
+        self.context.scratch.corrections += self.joints.close(&self.context.plant, y, self.context.closed)?;
+        Ok(())
     }
 }

@@ -171,7 +171,7 @@ impl System for Assembled<'_> {
 
     fn project(&mut self, y: &mut [f64]) -> Result<(), SingularPose> {
         let (mut pose, mut nu, spin) = pose(y);
-        self.mechanism.close(&mut pose, &mut nu)?;
+        self.context.scratch.corrections += self.mechanism.close(&mut pose, &mut nu)?;
         store(y, &pose, &nu, &spin);
         Ok(())
     }

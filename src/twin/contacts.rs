@@ -69,6 +69,22 @@ pub trait Contacts {
 
     /// Kinetic energy of the free objects, J.
     fn kinetic_energy(&self) -> f64;
+
+    /// The work done so far; zero where it is not counted.
+    fn work(&self) -> ContactWork {
+        ContactWork::default()
+    }
+}
+
+/// Work of what solves contacts, in counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ContactWork {
+    /// Searches for pairs that are near each other.
+    pub searches: usize,
+    /// Pairs whose contact points were computed.
+    pub queries: usize,
+    /// Steps of the free objects.
+    pub steps: usize,
 }
 
 /// Constructor of a contact solver for a run.

@@ -38,6 +38,10 @@ pub(super) struct Scratch {
     /// Largest change in the last iteration of evaluations that did not converge, N, rad/s² or m/s²; zero if all
     /// converged.
     pub unconverged: f64,
+    /// Number of solutions of the equations of motion so far.
+    pub solutions: usize,
+    /// Number of Newton corrections of the loop closure so far.
+    pub corrections: usize,
     /// Wrenches that do not depend on the solution, without the drives.
     pub wrenches: [Twist; BODIES],
     /// All wrenches of the last evaluation, without the drives.
@@ -66,6 +70,8 @@ impl Scratch {
         Self {
             answer: Answer::default(),
             unconverged: 0.0,
+            solutions: 0,
+            corrections: 0,
             wrenches: [STILL; BODIES],
             total: [STILL; BODIES],
             damping: Damping::default(),
@@ -164,6 +170,7 @@ impl Context {
             let (solution, answer) = equations(&self.plant, &scratch.total)?;
             let change = change(&answer, &scratch.answer);
             scratch.answer = answer;
+            scratch.solutions += 1;
             iteration += 1;
             if !reads || change < TOLERANCE {
                 return Ok(solution);

@@ -460,6 +460,16 @@ impl Twin {
         self.context.scratch.unconverged
     }
 
+    /// Number of solutions of the equations of motion so far.
+    pub fn solutions(&self) -> usize {
+        self.context.scratch.solutions
+    }
+
+    /// Number of Newton corrections so far that project states onto the constraints after steps.
+    pub fn corrections(&self) -> usize {
+        self.context.scratch.corrections
+    }
+
     /// Stores the state in `checkpoint`.
     pub fn save(&self, checkpoint: &mut Checkpoint) {
         checkpoint.t = self.t;

@@ -231,7 +231,8 @@ impl MaximalCoordinates {
         self.0.equations(&loads, &[0.0; ROWS], &[0.0; STRUTS])
     }
 
-    /// Projects poses and velocities onto the rows of all joints: poses to 1e-13 m (or 1), velocities to rounding.
+    /// Projects poses and velocities onto the rows of all joints: poses to 1e-13 m (or 1), velocities to rounding; returns the
+    /// number of corrections of the poses.
     ///
     /// Gauss–Newton iteration on the poses in the metric of M, δ = −M⁻¹·Gᵀ·S⁻¹·c with rotations exp(δω), then the
     /// orthogonal projection of the velocities: M·v⁺ + Gᵀ·μ = M·v, G·v⁺ = 0.
@@ -243,7 +244,7 @@ impl MaximalCoordinates {
         plant: &Plant,
         bodies: &mut [BodyState; BODIES],
         closed: SocketSet,
-    ) -> Result<(), SingularPose> {
+    ) -> Result<usize, SingularPose> {
         self.project_elastic(plant, bodies, closed, None)
     }
 
@@ -254,9 +255,9 @@ impl MaximalCoordinates {
         bodies: &mut [BodyState; BODIES],
         closed: SocketSet,
         mut stretches: Option<&mut Stretches>,
-    ) -> Result<(), SingularPose> {
+    ) -> Result<usize, SingularPose> {
         let work = &mut *self.0;
-        for _ in 0..MAX_PROJECTIONS {
+        for corrections in 0..MAX_PROJECTIONS {
             let motion = motions(bodies);
             let now = stretches.as_deref();
             work.prepare(plant, &motion, closed, None, now)?;
@@ -276,7 +277,7 @@ impl MaximalCoordinates {
                 for (s, stretch) in stretches.into_iter().flatten().enumerate() {
                     stretch.rate = solution.stretches[s];
                 }
-                return Ok(());
+                return Ok(corrections);
             }
             let back = work.rows.values.map(|c| -c);
             let solution = work.equations(&[[0.0; 6]; BODIES], &back, &[0.0; STRUTS])?;

@@ -34,7 +34,7 @@ pub mod stops;
 mod torque;
 mod wrench;
 
-pub use contacts::{ContactBody, Contacts, Held, NewContacts, Surroundings, Touch};
+pub use contacts::{ContactBody, ContactWork, Contacts, Held, NewContacts, Surroundings, Touch};
 pub use controller::Gains;
 pub use machine::{Checkpoint, Snapshot, Twin};
 pub use options::{Options, Watcher};

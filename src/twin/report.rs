@@ -3,6 +3,7 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
+use super::contacts::ContactWork;
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
@@ -85,6 +86,13 @@ pub struct Report {
     pub simulated: f64,
     /// Integration steps.
     pub steps: usize,
+    /// Number of solutions of the equations of motion: one per stage of a step and per evaluation between steps, more if laws
+    /// depend on the solution.
+    pub solutions: usize,
+    /// Number of Newton corrections that project states onto the constraints.
+    pub corrections: usize,
+    /// Work of the contact solver.
+    pub contacts: ContactWork,
     /// Largest violation of a position row of the closed joints, m (or 1).
     pub max_loop_gap: f64,
     /// Largest violation of a velocity row, m/s (or 1/s).
@@ -169,12 +177,12 @@ impl std::fmt::Display for Cause {
 #[derive(Debug, Error)]
 pub enum SimulationError {
     /// The desired motion is not feasible.
-    #[error("desired motion at t = {t:.4} s: {source}")]
+    #[error("desired motion at t = {t:.4} s: {reason}")]
     Trajectory {
         /// Time, s.
         t: f64,
         /// Why the pose is not feasible.
-        source: KinematicsError,
+        reason: KinematicsError,
     },
     /// The mechanism reached a singular pose, or the solution diverged.
     #[error("at t = {t:.4} s {cause}; last pose: {pose}")]
@@ -205,11 +213,11 @@ pub enum SimulationError {
         what: &'static str,
     },
     /// The objects around the robot are not valid, or the gripper cannot perform an action.
-    #[error("t = {t:.4} s: {source}")]
+    #[error("t = {t:.4} s: {reason}")]
     Cell {
         /// Time, s.
         t: f64,
         /// Cause.
-        source: CellError,
+        reason: CellError,
     },
 }

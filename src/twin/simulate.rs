@@ -4,7 +4,7 @@ mod advance;
 mod start;
 
 use self::advance::Meeting;
-use super::contacts::{Contacts, Held};
+use super::contacts::{ContactWork, Contacts, Held};
 use super::controller::Controller;
 use super::machine::{Checkpoint, Snapshot, Twin};
 use super::sensors::Sensors;
@@ -228,7 +228,7 @@ impl<'a> Run<'a> {
             return Ok(());
         }
         let span = self.period * self.options.control_period as f64;
-        let trajectory = |source| SimulationError::Trajectory { t, source };
+        let trajectory = |reason| SimulationError::Trajectory { t, reason };
         let next = (self.desired)(t + span).joints(&self.twin.plant().geometry).map_err(trajectory)?;
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
         let limits = &self.options.supervision;
@@ -270,7 +270,7 @@ impl<'a> Run<'a> {
         while let Some(action) = self.options.actions.get(self.next_action).filter(|a| a.t <= t + INSTANT) {
             self.next_action += 1;
             let Some(contacts) = &mut self.contacts else { continue };
-            let failed = |source| SimulationError::Cell { t, source };
+            let failed = |reason| SimulationError::Cell { t, reason };
             let motion = self.twin.motion();
             let singular = SimulationError::Singular { t, pose: pose(&motion, true), cause: Cause::Rank };
             match action.kind {
@@ -353,6 +353,9 @@ impl<'a> Run<'a> {
         self.report.energy_error /= self.turned_over.max(LEAST_WORK);
         self.report.closed = self.twin.closed();
         self.report.unconverged = self.twin.unconverged();
+        self.report.solutions = self.twin.solutions();
+        self.report.corrections = self.twin.corrections();
+        self.report.contacts = self.contacts.as_ref().map_or_else(ContactWork::default, |c| c.work());
         for active in &self.twin.plant().effects {
             active.observe(&mut self.signals);
         }

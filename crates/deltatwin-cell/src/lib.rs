@@ -27,7 +27,7 @@ use deltatwin::kinematics::{Motion, SocketSet};
 use deltatwin::machine::bodies::{BODIES, END_EFFECTOR, body_name};
 use deltatwin::machine::{Geometry, Inertia};
 use deltatwin::scenario::PayloadShape;
-use deltatwin::twin::{ContactBody, Contacts, Held, Surroundings, Touch, Twist};
+use deltatwin::twin::{ContactBody, ContactWork, Contacts, Held, Surroundings, Touch, Twist};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use contact::{Wrench, about, add, press};
@@ -81,6 +81,8 @@ pub struct Cell {
     touches: Vec<Touch>,
     deepest: Option<(Touch, f64)>,
     points: Vec<Point>,
+    /// Pairs whose contact points were computed so far.
+    queries: usize,
 }
 
 impl Cell {
@@ -145,6 +147,7 @@ impl Cell {
             touches: Vec::new(),
             deepest: None,
             points: Vec::new(),
+            queries: 0,
         })
     }
 
@@ -222,7 +225,7 @@ impl Contacts for Cell {
     }
 
     fn wrenches(&mut self, motion: &Motion, closed: SocketSet) -> &[Twist; BODIES] {
-        let Self { world, robot, neighbours, wrenches, reactions, fresh, touches, deepest, points, .. } = self;
+        let Self { world, robot, neighbours, wrenches, reactions, fresh, touches, deepest, points, queries, .. } = self;
         *wrenches = UNLOADED;
         *fresh = true;
         reactions.fill((Vector3::zeros(), Vector3::zeros()));
@@ -249,6 +252,7 @@ impl Contacts for Cell {
             if !link.bounds.overlap(&bounds, 0.0) {
                 continue;
             }
+            *queries += 1;
             points.clear();
             link.hull.contacts(&link.at, hull, &at, points);
             let loads = press(points, &surface, &link.at, &at, &belt);
@@ -339,5 +343,9 @@ impl Contacts for Cell {
             o.inertia.mass * o.at.velocity.norm_squared() + o.at.angular_velocity.dot(&o.angular_momentum())
         };
         0.5 * self.world.free().map(energy).sum::<f64>()
+    }
+
+    fn work(&self) -> ContactWork {
+        ContactWork { searches: self.neighbours.searches, queries: self.queries, steps: self.world.steps }
     }
 }

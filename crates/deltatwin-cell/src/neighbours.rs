@@ -18,6 +18,8 @@ const FARTHEST: f64 = 20.0;
 pub struct Neighbours {
     /// Collider of the robot, or of what it holds, and the collider it may touch; in order.
     pub pairs: Vec<(Collider, Collider)>,
+    /// Number of searches so far.
+    pub searches: usize,
     /// Distance up to which all pairs were found, m.
     reach: f64,
     then: Option<Then>,
@@ -51,6 +53,7 @@ impl Neighbours {
         }
         let grip = robot.grip.map(|g| (g.object, g.placement(motion)));
         world.mirror(&robot.parts, &bodies, grip, closed);
+        self.searches += 1;
         self.reach = margin + SKIN;
         self.pairs.clear();
         let own = |c: &Collider| robot.owns(*c);

@@ -132,6 +132,8 @@ impl Collider {
 pub struct World {
     /// Objects in the order given.
     pub objects: Vec<Body>,
+    /// Steps of the free objects so far.
+    pub steps: usize,
     rapier: PhysicsWorld,
     surfaces: Surfaces,
     /// Kinematic bodies of the robot's bodies; the colliders of their parts follow.
@@ -156,6 +158,7 @@ impl World {
         let links = std::array::from_fn(|_| rapier.insert_body(RigidBodyBuilder::kinematic_position_based()));
         let mut world = Self {
             objects: objects.iter().map(Body::new).collect(),
+            steps: 0,
             rapier,
             surfaces: Surfaces::default(),
             links,
@@ -319,6 +322,7 @@ impl World {
         self.rapier.integration_parameters.dt = h / steps;
         for _ in 0..steps as usize {
             self.rapier.step_with_events(&self.surfaces, &());
+            self.steps += 1;
         }
         for object in self.objects.iter_mut().filter(|o| o.present && o.is_free()) {
             let Some(body) = self.rapier.bodies.get(object.handle) else { continue };

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use arguments::{Cli, Command};
 use clap::Parser;
+use clap::error::{ContextKind, ContextValue};
 use command::{
     add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce,
     shell, simulate,
@@ -24,7 +25,10 @@ fn main() -> ExitCode {
     let as_json = std::env::args_os().any(|a| a == "--json");
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(usage) => {
+        Err(mut usage) => {
+            if let Some(expected) = expected_number(&usage) {
+                usage.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![expected.into()]));
+            }
             if as_json && usage.use_stderr() {
                 print_json_error(&usage.render().to_string(), &[], None);
             }
@@ -42,6 +46,18 @@ fn main() -> ExitCode {
             }
             ExitCode::from(terminal::BAD_INPUT)
         }
+    }
+}
+
+/// What was expected where a number of the command line is none, which the parsers of numbers do not say.
+fn expected_number(usage: &clap::Error) -> Option<&'static str> {
+    let cause = std::error::Error::source(usage)?;
+    if cause.is::<std::num::ParseIntError>() {
+        Some("expected a whole number")
+    } else if cause.is::<std::num::ParseFloatError>() {
+        Some("expected a number")
+    } else {
+        None
     }
 }
 

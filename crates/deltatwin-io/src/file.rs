@@ -11,12 +11,12 @@ use thiserror::Error;
 #[derive(Debug, Error, Diagnostic)]
 pub enum WriteError {
     /// The file cannot be created, written or renamed.
-    #[error("{}: cannot be written: {source}", file.display())]
+    #[error("{}: cannot be written: {reason}", file.display())]
     Io {
         /// The file.
         file: PathBuf,
         /// Error of the operating system.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The content or the file name is not valid.
     #[error("{}: cannot be written: {problem}", file.display())]
@@ -47,7 +47,7 @@ pub fn replace<E: Into<io::Error>>(
     write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
 ) -> Result<(), WriteError> {
     atomically(path, |out| write(out).map_err(Into::into))
-        .map_err(|source| WriteError::Io { file: path.into(), source })
+        .map_err(|reason| WriteError::Io { file: path.into(), reason })
 }
 
 /// Replaces the file at `path` by `text`, see [`replace`].

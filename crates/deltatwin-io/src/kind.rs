@@ -53,20 +53,34 @@ pub fn kind(path: &Path) -> Result<Kind> {
     }
     // Syntax errors are reported by the model reader.
     let Ok(table) = DeTable::parse(&text) else { return Ok(Kind::Model) };
-    let has = |keys: &[&str]| keys.iter().any(|k| table.get_ref().contains_key(*k));
-    if has(&["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]) {
-        Ok(Kind::Model)
-    } else if has(&["path", "limits", "search"]) {
-        Ok(Kind::Path)
-    } else if has(&["motion", "duration", "controller_model", "model", "substeps"]) {
-        Ok(Kind::Scenario)
-    } else if has(&["configuration", "payload", "noise"]) {
-        Ok(Kind::Setup)
-    } else {
-        Err(miette!(
+    Kind::by_keys(table.get_ref()).ok_or_else(|| {
+        miette!(
             "{}: is TOML of no kind that is known; expected a model ([geometry], [bodies], …), a scenario (model, \
              duration, [motion], …), a path ([path], [limits], …) or a setup (configuration, [payload], …)",
             path.display()
-        ))
+        )
+    })
+}
+
+/// Keys that only one kind of TOML file has at its top, in the order in which they decide.
+const KEYS: [(Kind, &[&str]); 4] = [
+    (Kind::Model, &["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]),
+    (Kind::Path, &["path", "limits", "search"]),
+    (Kind::Scenario, &["motion", "duration", "controller_model", "model", "substeps"]),
+    (Kind::Setup, &["configuration", "payload", "noise"]),
+];
+
+impl Kind {
+    fn by_keys(table: &DeTable) -> Option<Self> {
+        let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
+        KEYS.iter().find(|(_, keys)| has(keys)).map(|(kind, _)| *kind)
+    }
+
+    /// What TOML is that has no key of the kind `expected`; none if it has one, or those of no other kind.
+    pub(crate) fn instead_of(expected: Self, text: &str) -> Option<Self> {
+        let table = DeTable::parse(text).ok()?;
+        let (_, own) = KEYS.iter().find(|(kind, _)| *kind == expected)?;
+        let is_own = own.iter().any(|k| table.get_ref().contains_key(*k));
+        Self::by_keys(table.get_ref()).filter(|_| !is_own)
     }
 }

@@ -11,6 +11,7 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeValue;
 
+use crate::kind;
 use crate::scenario::ScenarioError;
 use crate::scenario::read::cell::{LoadKeys, payload};
 use crate::source::{Checked, Interval, Source};
@@ -107,7 +108,7 @@ pub fn read(path: &Path, given: Limits) -> Result<Task> {
 /// As for [`read`].
 pub fn read_with(path: &Path, given: Limits, meshes: MeshReader) -> Result<Task> {
     let text = ScenarioError::text(path)?;
-    parse_with(&text, path, given, meshes)
+    parse_with(&text, path, given, meshes).map_err(|e| e.unless_other(kind::Kind::Path, &text, path))
 }
 
 /// Reads a path file from `text`; `path` is named in errors.
@@ -316,13 +317,13 @@ mod tests {
         for (from, to, expected) in [
             ("\"lines\"", "\"spiral\"", "p.toml:2:8: `path.kind` is \"spiral\""),
             ("blend = 0.02", "blend = -1", "p.toml:4:9: `path.blend` is -1"),
-            ("blend = 0.02", "blned = 1", "[path]: unknown field `blned`"),
+            ("blend = 0.02", "blned = 1", "unknown key `path.blned`"),
             ("[0.1, 0, -1, 0]", "[0, 0, -1, 0]", "p.toml:3:26: points 1 and 2 are less than 0.001 m apart"),
             ("strut_upper = 120.0", "strut_upper = -3", "p.toml:8:15: `limits.strut_upper` is -3"),
-            ("strut_upper = 120.0", "strut = 3", "p.toml:8:1: unknown field `strut`"),
+            ("strut_upper = 120.0", "strut = 3", "p.toml:8:1: unknown key `limits.strut`"),
             ("[limits]", "[search]\nintervals = 3\n[limits]", "p.toml:8:13: `search.intervals` is 3"),
             ("[limits]", "[search]\nobjective = \"fun\"\n[limits]", "`search.objective` is \"fun\""),
-            ("[path]", "[route]", "p.toml:1:2: unknown field `route`"),
+            ("[path]", "[route]", "p.toml:1:2: unknown key `route`"),
             ("mass = 1.0", "mass = nan", "`payload.mass` is NaN"),
         ] {
             assert!(GOOD.contains(from), "{from}");

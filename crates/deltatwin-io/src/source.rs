@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use deltatwin::cell::{MeshReader, no_meshes};
 use deltatwin::machine::{AXES, Payload};
+use deltatwin::text::nearest;
 use miette::{Diagnostic, NamedSource, SourceSpan};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -53,6 +54,35 @@ impl fmt::Display for Interval<'_> {
     }
 }
 
+/// The dotted name of the key at `span`, or of the one whose value is there.
+fn key_at(table: &DeTable, span: &Range<usize>, path: &str) -> Option<String> {
+    table.iter().find_map(|(key, value)| {
+        let own = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
+        let inside = match value.get_ref() {
+            DeValue::Table(inner) => key_at(inner, span, &own),
+            DeValue::Array(items) => {
+                items.iter().filter_map(|item| item.get_ref().as_table()).find_map(|inner| key_at(inner, span, &own))
+            }
+            _ => None,
+        };
+        let holds = |outer: Range<usize>| outer.start <= span.start && span.end <= outer.end;
+        let is_value = !value.get_ref().is_table() && holds(value.span());
+        inside.or_else(|| (key.span() == *span || is_value).then_some(own))
+    })
+}
+
+/// An expectation without the names of types.
+fn in_plain_words(expected: &str) -> &str {
+    match expected {
+        "f64" => "a number",
+        "i64" | "u64" | "usize" => "a whole number",
+        "a boolean" => "true or false",
+        "a sequence" => "an array",
+        _ if expected.starts_with("struct ") => "a table",
+        _ => expected,
+    }
+}
+
 /// A TOML file as text.
 pub(crate) struct Source<'a> {
     /// Name of the file in errors.
@@ -88,7 +118,38 @@ impl<'a> Source<'a> {
 
     /// An error of the TOML reader.
     pub fn broken(&self, error: &toml::de::Error) -> Problem {
-        self.problem(error.span().unwrap_or(0..0), error.message().trim().replace('\n', ", "))
+        self.problem(error.span().unwrap_or(0..0), self.worded(error))
+    }
+
+    /// What the TOML reader says, in the words of the other checks and with the key that it is about.
+    fn worded(&self, error: &toml::de::Error) -> String {
+        let said = error.message().trim().replace('\n', ", ");
+        let span = error.span().unwrap_or(0..0);
+        let Ok(table) = DeTable::parse(self.text) else {
+            let what = if said == "duplicate key" { format!(" `{}`", self.quote(span)) } else { String::new() };
+            return format!("not valid TOML: {said}{what}");
+        };
+        let key = key_at(table.get_ref(), &span, "");
+        let (problem, expected) = said.split_once(", expected ").unwrap_or((&said, ""));
+        let names: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
+        let quoted = |start: &str| problem.strip_prefix(start).and_then(|rest| rest.strip_suffix('`'));
+        let hint = |wrong: &str| match nearest(wrong, names.iter().copied()) {
+            Some(name) => format!("; did you mean `{name}`?"),
+            None => String::new(),
+        };
+        if let Some(wrong) = quoted("unknown field `") {
+            let key = key.as_deref().unwrap_or(wrong);
+            return format!("unknown key `{key}`; expected {expected}{}", hint(wrong));
+        }
+        if let Some(missing) = quoted("missing field `") {
+            return format!("missing key `{missing}`");
+        }
+        let Some(key) = key.filter(|_| !expected.is_empty()) else { return said };
+        match (quoted("unknown variant `"), problem.strip_prefix("invalid length ")) {
+            (Some(wrong), _) => format!("`{key}` is \"{wrong}\"; expected {expected}{}", hint(wrong)),
+            (_, Some(length)) => format!("`{key}` has {length} value(s); expected {expected}"),
+            _ => format!("`{key}` is {}; expected {}", self.quote(span), in_plain_words(expected)),
+        }
     }
 
     /// The file as a `T` without the table `apart`, whose keys depend on its `kind`, and that table.
@@ -116,7 +177,9 @@ impl<'a> Source<'a> {
         let whole = table.span();
         T::deserialize(ValueDeserializer::from(table)).map_err(|e| {
             let span = e.span().filter(|s| !s.is_empty()).unwrap_or(whole);
-            self.problem(span, format!("[{name}]: {}", e.message().trim().replace('\n', ", ")))
+            let said = self.worded(&e);
+            let of = if said.starts_with("missing") { format!("[{name}]: ") } else { String::new() };
+            self.problem(span, of + &said)
         })
     }
 
@@ -194,7 +257,9 @@ impl<'a> Source<'a> {
             Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
             _ => names.concat(),
         };
-        Err(self.problem(value.span(), format!("`{key}` is \"{word}\"; expected {names}")))
+        let near = nearest(word, choices.iter().map(|(name, _)| *name));
+        let hint = near.map_or(String::new(), |name| format!("; did you mean \"{name}\"?"));
+        Err(self.problem(value.span(), format!("`{key}` is \"{word}\"; expected {names}{hint}")))
     }
 
     /// The value of a key that `context` requires.
@@ -205,7 +270,7 @@ impl<'a> Source<'a> {
         context: &str,
         at: Range<usize>,
     ) -> Checked<&'v Spanned<T>> {
-        value.as_ref().ok_or_else(|| self.problem(at, format!("{context} lacks `{key}`; expected it beside")))
+        value.as_ref().ok_or_else(|| self.problem(at, format!("{context} lacks `{key}`; expected this key beside it")))
     }
 
     /// Rejects a key that is not applicable in `context`.

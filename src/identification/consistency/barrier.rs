@@ -23,8 +23,9 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
     let nu = problem.parameter();
     let mut x = problem.inside(possible(cost, &cost.start));
     let mut t = cost.of(&x).max(f64::MIN_POSITIVE);
+    let mut iterations = 0;
     loop {
-        x = problem.centred(x, t)?;
+        x = problem.centred(x, t, &mut iterations)?;
         if nu * t <= ACCURACY * cost.of(&x) || t < SMALLEST {
             break;
         }
@@ -33,7 +34,7 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
     let bound = cost.of(&x) - nu * t;
     let x = possible(cost, &x);
     let gap = cost.of(&x) - bound;
-    Some(Certified { x, gap })
+    Some(Certified { x, gap, iterations })
 }
 
 /// Relative gap of the cost at which the search ends.
@@ -75,9 +76,10 @@ impl Barrier<'_> {
         bodies + ends.sum::<f64>()
     }
 
-    /// Minimiser of cost/t + barrier, started at `x`.
-    fn centred(&self, mut x: DVector<f64>, t: f64) -> Option<DVector<f64>> {
+    /// Minimiser of cost/t + barrier, started at `x`; counts its steps in `iterations`.
+    fn centred(&self, mut x: DVector<f64>, t: f64, iterations: &mut usize) -> Option<DVector<f64>> {
         for _ in 0..MAX_STEPS {
+            *iterations += 1;
             let mut gradient = &self.cost.curvature * (&x - &self.cost.centre) / t;
             let mut hessian = &self.cost.curvature / t;
             self.pencils.iter().for_each(|p| p.add(&x, &mut gradient, &mut hessian));

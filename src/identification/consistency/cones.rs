@@ -20,6 +20,8 @@ pub struct Certified {
     pub x: DVector<f64>,
     /// Difference of the cost of `x` and the lower bound of the dual solution, in units of the cost.
     pub gap: f64,
+    /// Iterations of the solver, or Newton steps of the barrier.
+    pub iterations: usize,
 }
 
 /// Physically consistent parameters of least cost; `None` if the solver finds no solution.
@@ -69,7 +71,11 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
         matches!(s.status, SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress);
     let gap = unit * (s.obj_val - s.obj_val_dual).abs();
     // The solver may violate a bound by its tolerance.
-    usable.then(|| Certified { x: possible(cost, &DVector::from_fn(n, |i, _| s.x[i] * cost.size[i])), gap })
+    usable.then(|| Certified {
+        x: possible(cost, &DVector::from_fn(n, |i, _| s.x[i] * cost.size[i])),
+        gap,
+        iterations: s.iterations as usize,
+    })
 }
 
 /// Affine expression in the variables.

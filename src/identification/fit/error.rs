@@ -9,12 +9,12 @@ use crate::kinematics::KinematicsError;
 #[derive(Debug, Error)]
 pub enum FitError {
     /// A measured pose is impossible for the model's geometry.
-    #[error("recording {recording}: {source}; is it this robot, in radians, with axes in order?")]
+    #[error("recording {recording}: {reason}; is it this robot, in radians, with axes in order?")]
     Kinematics {
         /// Name of the recording.
         recording: String,
         /// Cause.
-        source: KinematicsError,
+        reason: KinematicsError,
     },
     /// The recordings are of an assembled and of a disassembled robot, whose parameters differ.
     #[error(
@@ -66,5 +66,5 @@ pub enum FitError {
 
 /// Conversion of a kinematic error into a [`FitError`] with the recording's name.
 pub fn kinematics(dataset: &Dataset) -> impl Fn(KinematicsError) -> FitError + '_ {
-    |source| FitError::Kinematics { recording: dataset.name.clone(), source }
+    |reason| FitError::Kinematics { recording: dataset.name.clone(), reason }
 }

@@ -63,7 +63,7 @@ impl Regression<'_> {
     }
 
     fn linearised(&self, model: Model, weight: Weight) -> Result<Solution, FitError> {
-        let normal = NormalEquations::new(&model, self.datasets, &self.sigma, &self.free, weight)?;
+        let normal = self.normal_equations(&model, weight)?;
         let estimator = Estimator::new(&normal, &self.size, &self.weights).ok_or(FitError::NotFinite)?;
         Ok(Solution { model, normal, estimator })
     }
@@ -75,7 +75,7 @@ impl Regression<'_> {
         let step = estimator.step(normal, &(&values - &self.prior), &[]);
         self.set(model, &(&values + &step));
         normal.advance(&step);
-        normal.residuals = Arc::new(Residuals::new(model, self.datasets)?);
+        normal.residuals = Arc::new(self.residuals(model)?);
         Ok(solution)
     }
 
@@ -141,7 +141,7 @@ impl Regression<'_> {
             let values = self.moved(&from.values, step, damping);
             self.set(&mut model, &values);
             // Trials need no columns. A step to a machine that cannot be assembled is too long.
-            if let Ok(residuals) = Residuals::new(&model, self.datasets) {
+            if let Ok(residuals) = self.residuals(&model) {
                 let cost = self.cost(&residuals, &values, weight);
                 if cost <= from.cost {
                     return Some(Point { model, values, residuals: Arc::new(residuals), cost });

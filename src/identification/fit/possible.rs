@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::regression::Regression;
-use super::{Consistency, Correction};
+use super::{Consistency, Correction, Work};
 use crate::dynamics::PlantParameter;
 use crate::effects::{Param, payload};
 use crate::identification::consistency::{BodyClass, Cost, classes, cones, log_cholesky};
@@ -39,6 +39,7 @@ impl Regression<'_> {
             Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= CERTIFIED * cost.of(&c.x)),
             Consistency::LogCholesky => None,
         };
+        self.count(Work { corrections: convex.as_ref().map_or(0, |c| c.iterations), ..Work::default() });
         let gap = convex.as_ref().map(|c| c.gap / cost.of(&c.x));
         let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
         let correction = Correction { cost: cost.of(&values), gap };

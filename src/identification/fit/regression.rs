@@ -1,13 +1,15 @@
 //! Weighted regression problem of a fit.
 
+use std::cell::Cell;
+
 use nalgebra::DVector;
 
-use super::{Consistency, FitError, Options, Weighing};
+use super::{Consistency, FitError, Options, Weighing, Work};
 use crate::dynamics::{Plant, PlantParameter, set_parameters};
 use crate::evidence::{NEVER, Stop};
 use crate::identification::estimator::PRIOR_INFORMATION;
 use crate::identification::filtering::MIN_HALF_WIDTH;
-use crate::identification::normal_equations::Weight;
+use crate::identification::normal_equations::{NormalEquations, Weight};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, regularisation};
 use crate::model::Model;
@@ -33,6 +35,8 @@ pub(super) struct Regression<'a> {
     pub weights: DVector<f64>,
     pub consistency: Consistency,
     pub stop: Stop<'a>,
+    /// Work so far.
+    pub work: Cell<Work>,
 }
 
 impl<'a> Regression<'a> {
@@ -74,6 +78,7 @@ impl<'a> Regression<'a> {
             weights: DVector::from_vec(weights),
             consistency: options.consistency,
             stop: options.stop.unwrap_or(NEVER),
+            work: Cell::default(),
         })
     }
 
@@ -90,6 +95,25 @@ impl<'a> Regression<'a> {
             all[k] = values[i];
         }
         set_parameters(model, &all);
+    }
+
+    /// Normal equations of all samples, linearised at the present parameters of `model`.
+    pub fn normal_equations(&self, model: &Model, weight: Weight) -> Result<NormalEquations, FitError> {
+        self.count(Work { regressions: 1, ..Work::default() });
+        NormalEquations::new(model, self.datasets, &self.sigma, &self.free, weight)
+    }
+
+    /// Residuals of `model`.
+    pub fn residuals(&self, model: &Model) -> Result<Residuals, FitError> {
+        self.count(Work { predictions: 1, ..Work::default() });
+        Residuals::new(model, self.datasets)
+    }
+
+    /// Adds to the work so far.
+    pub fn count(&self, more: Work) {
+        let mut work = self.work.get();
+        work += more;
+        self.work.set(work);
     }
 
     /// Whether the datasets have no encoder noise. Large residuals then occur only at the few samples around reversals,

@@ -20,6 +20,8 @@ pub struct Step {
     pub profile: GridProfile,
     /// Lower bound on the time within its rows, s; −∞ with [`Objective::Speed`].
     pub bound: f64,
+    /// Iterations of the solver.
+    pub iterations: usize,
 }
 
 /// Optimum of the programme about the iterate `at`; `None` if the solver finds none.
@@ -48,7 +50,7 @@ pub fn step(constraints: Constraints, active: &ActiveSet, at: &GridProfile, obje
         Objective::Time => linear.time_bound(&gradient, solution.obj_val_dual / scale),
         Objective::Speed => f64::NEG_INFINITY,
     };
-    Some(Step { profile, bound })
+    Some(Step { profile, bound, iterations: solution.iterations as usize })
 }
 
 struct Linear<'a> {

@@ -35,6 +35,15 @@ const SLOWDOWN: f64 = 0.25;
 /// Largest number of programmes about one iterate, each with the rows that its predecessor violated.
 const MAX_REPEATS: usize = 6;
 
+/// Work of a sequence of programmes until convergence.
+#[derive(Clone, Copy, Default)]
+pub struct Settled {
+    /// Programmes solved.
+    pub programmes: usize,
+    /// Iterations of the solver in those with a solution.
+    pub iterations: usize,
+}
+
 /// Linear programmes on one grid, each about the optimum of the previous one.
 pub struct Sequence {
     /// Rows at the grid points.
@@ -80,7 +89,7 @@ impl Sequence {
         Constraints { grid: &self.grid, limits, tightening: &self.tightening }
     }
 
-    /// Number of programmes solved until convergence: the gap between time and lower bound, or with
+    /// Work until convergence: the gap between time and lower bound, or with
     /// [`Objective::Speed`] the change of the time, is below `settled` relative to the time.
     ///
     /// Before each programme `reload` linearises the force laws in the rows at the iterate.
@@ -95,9 +104,11 @@ impl Sequence {
         objective: Objective,
         settled: f64,
         mut reload: impl FnMut(&mut Grid, &GridProfile) -> Result<(), PlanError>,
-    ) -> Result<usize, PlanError> {
+    ) -> Result<Settled, PlanError> {
         let (mut feasible, mut slowdowns, mut repeats) = (false, 0, 0);
-        for programme in 0..MAX_PROGRAMMES {
+        let mut work = Settled::default();
+        while work.programmes < MAX_PROGRAMMES {
+            work.programmes += 1;
             reload(&mut self.grid, &self.at)?;
             let before = self.at.time(&self.grid);
             let Some(step) = step(self.constraints(limits), &self.active, &self.at, objective) else {
@@ -108,6 +119,7 @@ impl Sequence {
                 self.slow_down();
                 continue;
             };
+            work.iterations += step.iterations;
             let next = match objective {
                 Objective::Time if feasible => self.at.towards(&step.profile, &self.grid),
                 _ => step.profile,
@@ -129,16 +141,16 @@ impl Sequence {
             };
             if feasible && change < settled * time {
                 if !self.active.update_dips(&self.grid, &self.at) {
-                    return Ok(programme + 1);
+                    return Ok(work);
                 }
                 // The profile found is no motion, so a convex combination with it is not feasible.
                 feasible = false;
             }
-            if programme == 0 && !self.near_feasible {
+            if work.programmes == 1 && !self.near_feasible {
                 self.active.prune(Constraints { grid: &self.grid, limits, tightening: &self.tightening }, &self.at);
             }
         }
-        Ok(MAX_PROGRAMMES)
+        Ok(work)
     }
 
     /// Reduces the speed of the iterate: about a slower motion the tangents of the jerk limits are less restrictive.

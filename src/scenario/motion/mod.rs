@@ -110,7 +110,7 @@ impl Course {
                 let [x, y, z, psi] = runs.pose;
                 let [a, b, c] = geometry
                     .inverse(&Vector3::new(x, y, z))
-                    .map_err(|source| MotionError::Unreachable { t: 0.0, source })?;
+                    .map_err(|reason| MotionError::Unreachable { t: 0.0, reason })?;
                 DesiredMotion::Joints { course: runs.course([a, b, c, psi]), geometry }
             }
         })
@@ -228,19 +228,19 @@ impl DesiredMotion {
         let (steps, spacing) = self.grid();
         for k in 0..=steps {
             let t = k as f64 * spacing;
-            let unreachable = |source| MotionError::Unreachable { t, source };
+            let unreachable = |reason| MotionError::Unreachable { t, reason };
             let target = self.state(t).map_err(unreachable)?;
             let joints = target.joints(geometry).map_err(unreachable)?;
             match target {
                 Target::Platform(platform) => geometry.check_limits(&joints.q, &platform.position),
                 Target::Joints(_) => geometry.check_arms(&joints.q[..planning.mechanism.arms()]),
             }
-            .map_err(|source| match source {
+            .map_err(|reason| match reason {
                 KinematicsError::ArmLimit { arm: axis, angle: position, min, max } if !self.is_of_platform() => {
                     let unit = planning.mechanism.unit(Unit::Rad);
                     MotionError::BeyondLimit { t, axis, position, min, max, unit }
                 }
-                source => MotionError::Unreachable { t, source },
+                reason => MotionError::Unreachable { t, reason },
             })?;
             if let Some(axis) = (planning.mechanism.axes()..AXES).find(|&i| joints.q[i] != 0.0 || joints.qd[i] != 0.0) {
                 return Err(MotionError::NoAxis { t, axis });
@@ -250,7 +250,7 @@ impl DesiredMotion {
                 let wanted = course.at(t)[0];
                 if (0..ARMS).any(|i| (wanted[i] - joints.q[i]).abs() > 1e-6) {
                     let q = [wanted[0], wanted[1], wanted[2]];
-                    return Err(MotionError::Unreachable { t, source: KinematicsError::Singular { q } });
+                    return Err(MotionError::Unreachable { t, reason: KinematicsError::Singular { q } });
                 }
             }
             for (axis, (rate, drive)) in joints.qd.iter().zip(&planning.drives).enumerate() {
@@ -280,12 +280,12 @@ const MOST: f64 = 2e6;
 #[derive(Debug, Error)]
 pub enum MotionError {
     /// A pose is impossible or outside the joint limits.
-    #[error("the desired motion cannot be reached at t = {t:.3} s: {source}")]
+    #[error("the desired motion cannot be reached at t = {t:.3} s: {reason}")]
     Unreachable {
         /// Time, s.
         t: f64,
         /// Why the pose is not feasible.
-        source: KinematicsError,
+        reason: KinematicsError,
     },
     /// The motion exceeds the speed limit of a drive.
     #[error("the desired motion needs {speed:.2} {unit} of axis {} at t = {t:.3} s; its limit is {limit:.2} {unit}", .axis + 1)]

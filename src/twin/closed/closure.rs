@@ -15,11 +15,12 @@ const CLOSURE_TOLERANCE: f64 = 1e-14;
 const MAX_CLOSURE_ITERATIONS: usize = 12;
 
 impl Mechanism {
-    /// Restores strut lengths and their rates by moving the platform; drives and spins are unchanged.
-    pub fn close(&self, pose: &mut Pose, nu: &mut OpenVector) -> Result<(), SingularPose> {
+    /// Restores strut lengths and their rates by moving the platform; returns the number of Newton corrections. Drives and
+    /// spins are unchanged.
+    pub fn close(&self, pose: &mut Pose, nu: &mut OpenVector) -> Result<usize, SingularPose> {
         if self.springs.is_some() {
             pose.orientation /= pose.orientation.norm();
-            return Ok(());
+            return Ok(0);
         }
         let g = &self.geometry;
         let mut orientation = UnitQuaternion::new_normalize(pose.orientation);
@@ -32,7 +33,7 @@ impl Mechanism {
             elbows[i] = u * (g.base_radius + g.arm_length * c) - Vector3::z() * (g.arm_length * s);
             elbow_jacobian[i] = Vector3::new(s * u.x, s * u.y, c) * -g.arm_length;
         }
-        let mut closed = false;
+        let (mut closed, mut corrections) = (false, 0);
         for _ in 0..MAX_CLOSURE_ITERATIONS {
             let rotation = orientation.to_rotation_matrix().into_inner();
             let mut gaps = Vector6::zeros();
@@ -48,6 +49,7 @@ impl Mechanism {
             if closed {
                 break;
             }
+            corrections += 1;
             let correction = Pairs::new(&rows)?.solve(&-gaps);
             pose.position += correction.fixed_rows::<3>(0);
             orientation = UnitQuaternion::from_scaled_axis(correction.fixed_rows::<3>(3).into_owned()) * orientation;
@@ -62,7 +64,7 @@ impl Mechanism {
         });
         let twist = Pairs::new(&rows)?.solve(&rates);
         nu.fixed_rows_mut::<6>(PLATFORM_V).copy_from(&twist);
-        Ok(())
+        Ok(corrections)
     }
 
     /// Pose, ν and spins of a motion, whose loops must be closed to within a few millimetres.

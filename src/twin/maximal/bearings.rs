@@ -52,8 +52,8 @@ impl Bearings {
     }
 
     /// Projects onto the rows, see [`MaximalCoordinates::project`](super::MaximalCoordinates::project).
-    pub fn project(&mut self, plant: &Plant, bodies: &mut [BodyState; BODIES]) -> Result<(), SingularPose> {
-        for _ in 0..MAX_PROJECTIONS {
+    pub fn project(&mut self, plant: &Plant, bodies: &mut [BodyState; BODIES]) -> Result<usize, SingularPose> {
+        for corrections in 0..MAX_PROJECTIONS {
             let motion = motions(bodies);
             self.rows.fill(&plant.geometry, &lengths(plant), &motion, SocketSet::ALL);
             let values = self.rows.values;
@@ -65,7 +65,7 @@ impl Bearings {
                     bodies[b].velocity = solution.bodies[b].0;
                     bodies[b].angular_velocity = motion[b].rotation.tr_mul(&solution.bodies[b].1);
                 }
-                return Ok(());
+                return Ok(corrections);
             }
             let back = self.rows.values.map(|c| -c);
             let nothing = Pair::default();

@@ -8,7 +8,7 @@ use crate::machine::bodies::{BODIES, body_name};
 use crate::machine::{ARMS, AXES, Setup};
 use crate::model::Model;
 use crate::recording::Signals;
-use crate::twin::contacts::{Contacts, Surroundings};
+use crate::twin::contacts::{ContactWork, Contacts, Surroundings};
 use crate::twin::controller::Controller;
 use crate::twin::machine::{Checkpoint, Twin};
 use crate::twin::sensors::Sensors;
@@ -29,7 +29,7 @@ impl<'a> Run<'a> {
         options: &'a Options,
     ) -> Result<Self, SimulationError> {
         let plant = Plant::new(model, setup);
-        let trajectory = |source| SimulationError::Trajectory { t: 0.0, source };
+        let trajectory = |reason| SimulationError::Trajectory { t: 0.0, reason };
         if !plant.assembled {
             possible_without_platform(options)?;
         }
@@ -42,7 +42,7 @@ impl<'a> Run<'a> {
                 return Err(SimulationError::Body { body: body_name(body) });
             }
         }
-        let contacts = contacts(options, &plant, &motion).map_err(|source| SimulationError::Cell { t: 0.0, source })?;
+        let contacts = contacts(options, &plant, &motion).map_err(|reason| SimulationError::Cell { t: 0.0, reason })?;
         let assembled = plant.assembled;
         let mut twin =
             Twin::formulated(plant, &motion, options.formulation).map_err(|_| singular_start(&motion, assembled))?;
@@ -82,6 +82,9 @@ impl<'a> Run<'a> {
             report: Report {
                 simulated: 0.0,
                 steps: 0,
+                solutions: 0,
+                corrections: 0,
+                contacts: ContactWork::default(),
                 max_loop_gap: 0.0,
                 max_loop_rate: 0.0,
                 energy_error: 0.0,

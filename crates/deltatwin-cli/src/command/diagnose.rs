@@ -21,6 +21,7 @@ use deltatwin::dynamics::Plant;
 use deltatwin::identification::Dataset;
 use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
+use deltatwin::text::nearest;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::drawing;
@@ -79,8 +80,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
-    guard(&model, &data, &args.data)?;
     known(&args.hold, &model, &data.datasets[0])?;
+    guard(&model, &data, &args.data)?;
     let progress = spinner("diagnose");
     let samples: usize = data.datasets.iter().chain(&data.held_out).map(Dataset::len).sum();
     let allowance = Allowance::new(args.time_limit, samples);
@@ -132,12 +133,13 @@ fn write(
 }
 
 /// Checks that the machine of the data has the effects to be held.
-fn known(held: &[String], model: &Model, dataset: &Dataset) -> miette::Result<()> {
+pub(super) fn known(held: &[String], model: &Model, dataset: &Dataset) -> miette::Result<()> {
     let parameters = Plant::new(model, &dataset.setup).parameters();
-    match held.iter().find(|name| !parameters.iter().any(|p| p.param.effect == *name)) {
-        Some(name) => Err(miette!("--hold {name}: the model has no such effect")),
-        None => Ok(()),
-    }
+    let mut own: Vec<&str> = parameters.iter().map(|p| p.param.effect).collect();
+    own.dedup();
+    let Some(name) = held.iter().find(|name| !own.contains(&name.as_str())) else { return Ok(()) };
+    let hint = nearest(name, own.iter().copied()).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
+    Err(miette!("--hold {name}: the model has no such effect; expected one of {}{hint}", own.join(", ")))
 }
 
 /// Whether a proposal can be written as a scenario: not if its motion is that of the data, or of the disassembled

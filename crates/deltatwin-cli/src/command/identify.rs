@@ -9,12 +9,13 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Map, Value, json};
 
 use self::how::How;
+use crate::command::diagnose::known;
 use crate::command::gate::{guard, much_is_left};
 use crate::data::{Data, DataArgs};
 use crate::terminal::{
     DONE, Table, channel_names, check_output, estimates, insert_channels, path, say, spinner, today, warn,
 };
-use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::dynamics::Channel;
 use deltatwin::identification::consistency::min_eigenvalue;
 use deltatwin::identification::dataset::noise_floor as floor;
 use deltatwin::identification::fit::{FitError, Moved, Unidentified};
@@ -58,14 +59,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     model.link_parameters = args.how.links();
     let data = Data::read_with(&args.data, &model, args.how.method())?;
     warn(&data.warnings);
+    known(args.how.fixed(), &model, &data.datasets[0])?;
     guard(&model, &data, &args.data)?;
     let noise_floor = floor(&model, &data.datasets);
     let prior = args.how.prior(&model)?;
-    for name in args.how.fixed() {
-        if !Plant::new(&model, &data.datasets[0].setup).parameters().iter().any(|p| p.param.effect == name) {
-            return Err(miette!("--hold {name}: the model has no such effect"));
-        }
-    }
     let options = args.how.options(prior.as_ref());
     if args.payload {
         return payload::run(args, &model, &data, &noise_floor, &options);

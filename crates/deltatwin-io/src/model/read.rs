@@ -12,11 +12,12 @@ use deltatwin::machine::bodies::{self, BODIES, body_name};
 use deltatwin::machine::check::{self, Culprit};
 use deltatwin::machine::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops};
 use deltatwin::model::{Added, Model};
-use miette::{IntoDiagnostic, Result, WrapErr};
+use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml::de::{DeTable, DeValue};
 
 use super::schema::{self, Bounds, Shape};
 use super::table::{Table, Value, keys, suggestion};
+use crate::kind::Kind;
 use crate::source::{Checked, Source};
 
 mod formula;
@@ -29,7 +30,9 @@ pub fn read(path: &Path) -> Result<Model> {
     let text = std::fs::read_to_string(path)
         .into_diagnostic()
         .wrap_err_with(|| format!("cannot read model file {}", path.display()))?;
+    let other = Kind::instead_of(Kind::Model, &text);
     parse(&text, path)
+        .map_err(|e| other.map_or(e, |other| miette!("{}: is a {other}; expected a model", path.display())))
 }
 
 /// Reads a model from `text`; `path` is named in errors.
@@ -38,10 +41,7 @@ pub fn read(path: &Path) -> Result<Model> {
 /// The first error in the text, with its position.
 pub fn parse(text: &str, path: &Path) -> Result<Model> {
     let source = Source::new(path.display(), text);
-    let root = DeTable::parse(text).map_err(|e| {
-        let message = e.message().trim_end().replace('\n', ", ");
-        source.problem(e.span().unwrap_or(0..0), format!("not valid TOML: {message}"))
-    })?;
+    let root = DeTable::parse(text).map_err(|e| source.broken(&e))?;
     let top = Table { source: &source, path: String::new(), span: 0..0, entries: root.get_ref() };
     let mut model = read_model(&top)?;
     model.path = Some(path.to_path_buf());

@@ -77,7 +77,11 @@ impl<'a> Table<'a> {
     }
 
     pub fn lacks(&self, what: &str) -> Problem {
-        self.source.labelled(self.span.clone(), format!("{} lacks {what}", self.title()), format!("expected {what}"))
+        let label = match what.split_once(": ") {
+            Some((_, expected)) => expected.to_string(),
+            None => format!("expected {what}"),
+        };
+        self.source.labelled(self.span.clone(), format!("{} lacks {what}", self.title()), label)
     }
 
     pub fn required(&self, key: &str, expected: &str) -> Checked<&'a Value<'a>> {

@@ -130,8 +130,8 @@ fn table(
             let cells = record.len();
             let last = !matches!(reader.read_record(&mut record), Ok(true));
             let hint = if last { "; was the file cut short?" } else { "" };
-            let problem = format!("line {line} has {cells} cells{hint}");
-            let expected = format!("{} cells as in the header", names.len());
+            let problem = format!("line {line} has {cells} cells");
+            let expected = format!("{} cells as in the header{hint}", names.len());
             return Err(ReadError::content(path, problem, expected));
         }
         rows.push(line);

@@ -11,12 +11,12 @@ use crate::source::Problem;
 #[derive(Debug, Error, Diagnostic)]
 pub enum ReadError {
     /// The file cannot be opened or read.
-    #[error("{}: cannot be read: {source}", file.display())]
+    #[error("{}: cannot be read: {reason}", file.display())]
     Io {
         /// The file.
         file: PathBuf,
         /// Error of the operating system.
-        source: std::io::Error,
+        reason: std::io::Error,
     },
     /// The file as a whole is not valid.
     #[error("{}: {problem}; expected {expected}", file.display())]
@@ -49,8 +49,8 @@ pub enum ReadError {
 }
 
 impl ReadError {
-    pub(super) fn io(file: &Path, source: std::io::Error) -> Self {
-        Self::Io { file: file.into(), source }
+    pub(super) fn io(file: &Path, reason: std::io::Error) -> Self {
+        Self::Io { file: file.into(), reason }
     }
 
     pub(super) fn content(file: &Path, problem: impl Into<String>, expected: impl Into<String>) -> Self {

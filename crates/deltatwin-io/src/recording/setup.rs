@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn mistakes_are_named_with_their_place() {
         let e = refused("configuration = \"assembled\"\n[payload]\nmas = 1.0\n");
-        assert!(e.starts_with("run.setup.toml:3:1: unknown field `mas`"), "{e}");
+        assert!(e.starts_with("run.setup.toml:3:1: unknown key `payload.mas`"), "{e}");
         let e = refused("[payload]\nmass = -1.0\n");
         assert!(e.starts_with("run.setup.toml:2:8: `payload.mass` is -1; expected"), "{e}");
         assert!(refused("[payload]\ncom = [0.0, nan, 0.0]").contains(":2:13: `payload.com` is NaN"));

@@ -13,6 +13,7 @@ use serde::Deserialize;
 use thiserror::Error;
 use toml::Spanned;
 
+use crate::kind::Kind;
 use crate::source::{Checked, Interval, Problem, Source};
 use deltatwin::cell::{MeshReader, no_meshes};
 
@@ -27,6 +28,16 @@ pub enum ScenarioError {
         /// Error of the operating system.
         reason: String,
     },
+    /// The file is of another kind.
+    #[error("{}: is a {found}; expected a {expected}", file.display())]
+    Kind {
+        /// The file.
+        file: PathBuf,
+        /// Kind of the file.
+        found: Kind,
+        /// Required kind.
+        expected: Kind,
+    },
     /// An error in the file.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -37,6 +48,12 @@ impl ScenarioError {
     /// The text of a file.
     pub(crate) fn text(path: &Path) -> Result<String> {
         std::fs::read_to_string(path).map_err(|e| Self::Io { file: path.into(), reason: e.to_string() })
+    }
+
+    /// The error that the file is of another kind if `text` is; otherwise this error.
+    pub(crate) fn unless_other(self, expected: Kind, text: &str, path: &Path) -> Self {
+        let found = Kind::instead_of(expected, text);
+        found.map_or(self, |found| Self::Kind { file: path.into(), found, expected })
     }
 }
 
@@ -84,7 +101,7 @@ pub fn read(path: &Path) -> Result<Scenario> {
 /// As for [`read`].
 pub fn read_with(path: &Path, meshes: MeshReader) -> Result<Scenario> {
     let text = ScenarioError::text(path)?;
-    parse_with(&text, path, meshes)
+    parse_with(&text, path, meshes).map_err(|e| e.unless_other(Kind::Scenario, &text, path))
 }
 
 /// Reads a scenario from `text` without meshes; `path` is named in errors, and models and tables are relative to it.
@@ -108,7 +125,9 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
         if target.is_file() {
             return Ok(target);
         }
-        let message = format!("`{key}` is \"{}\"; expected a model file, relative to the scenario", name.get_ref());
+        let name_of = name.get_ref();
+        let message =
+            format!("`{key}` is \"{name_of}\", which is no file; expected a model file, relative to the scenario");
         Err(file.problem(name.span(), message))
     };
     let model = beside("model", &document.model)?;
@@ -226,15 +245,15 @@ mod tests {
         for (from, to, expected) in [
             ("duration = 1.0", "duration = -1.0", "test.toml:2:12: `duration` is -1; expected"),
             ("\"fourier\"", "\"spiral\"", "test.toml:4:8: `motion.kind` is \"spiral\""),
-            ("centre", "center", "test.toml:6:1: [motion]: unknown field `center`"),
-            ("frequency = 0.5", "frequency = 0.5\nshare = 0.5", "test.toml:6:1: [motion]: unknown field `share`"),
+            ("centre", "center", "test.toml:6:1: unknown key `motion.center`"),
+            ("frequency = 0.5", "frequency = 0.5\nshare = 0.5", "test.toml:6:1: unknown key `motion.share`"),
             ("irb360-6-1600.toml", "nothing.toml", "test.toml:1:9: `model` is \"../models/nothing.toml\""),
             ("duration = 1.0", "duration = 1.0\nhold_torque = \"step\"", "test.toml:3:15: `hold_torque` is \"step\""),
             ("duration = 1.0", "duration = 1.0\nformulation = \"full\"", "test.toml:3:15: `formulation` is \"full\""),
             ("duration = 1.0", "duration = 1.0\ncontrol_period = 0", "test.toml:3:18: `control_period` is 0"),
-            ("duration = 1.0", "duration = 1.0\nduratoin = 1.0", "test.toml:3:1: unknown field `duratoin`"),
+            ("duration = 1.0", "duration = 1.0\nduratoin = 1.0", "test.toml:3:1: unknown key `duratoin`"),
             ("duration = 1.0", "duration = ", "test.toml:2:"),
-            ("[motion]", "[movement]", "test.toml:3:2: unknown field `movement`"),
+            ("[motion]", "[movement]", "test.toml:3:2: unknown key `movement`"),
             ("-1.0, 0.0]", "-1.0, inf]", "test.toml:6:10: `motion.centre` has inf"),
         ] {
             let e = refusal(from, to);

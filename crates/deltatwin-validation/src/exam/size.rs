@@ -143,7 +143,7 @@ impl<'a> Sizer<'a> {
         let n = (duration / SPACING).ceil() as usize;
         let t: Vec<f64> = (0..n).map(|k| k as f64 * SPACING).collect();
         let joints = t.iter().map(|&t| motion.at(t).joints(&plant.geometry)).collect::<Result<_, _>>();
-        let joints = joints.map_err(|source| FitError::Kinematics { recording: "desired".into(), source })?;
+        let joints = joints.map_err(|reason| FitError::Kinematics { recording: "desired".into(), reason })?;
         let dataset = Dataset {
             name: "desired".into(),
             setup: *setup,

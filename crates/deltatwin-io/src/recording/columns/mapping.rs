@@ -207,8 +207,8 @@ impl<'a> Parser<'a> {
         let Some(rest) = self.0.trim_start().strip_prefix('[') else { return Ok(None) };
         let (name, rest) = rest.split_once(']').ok_or("the bracket [ is not closed")?;
         self.0 = rest.trim_start();
-        let unit =
-            Unit::find(name).ok_or_else(|| format!("`{name}` is no unit that is known; such as rad, deg, ms, Nm"))?;
+        let unit = Unit::find(name)
+            .ok_or_else(|| format!("`{name}` is no unit that is known; expected one such as rad, deg, ms, Nm"))?;
         Ok(Some(unit))
     }
 }

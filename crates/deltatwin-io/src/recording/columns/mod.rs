@@ -300,7 +300,10 @@ impl Reader<'_> {
             if columns.chars().count() == 200 {
                 columns.push('…');
             }
-            let problem = format!("`{}` is to be the column `{}`, which is not there", a.channel, a.column);
+            let problem = format!(
+                "`{}` is mapped (--map, or [columns] of the setup) to the column `{}`, which is not there",
+                a.channel, a.column
+            );
             return Err(self.refuse(problem, format!("one of its columns (in quotes where need be): {columns}")));
         };
         let header = &self.headers[column];

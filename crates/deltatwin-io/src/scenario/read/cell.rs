@@ -369,8 +369,8 @@ mod tests {
             ("mass = 0.5\n", "", "mobility = \"free\" lacks `objects.mass`"),
             ("velocity = [0.1, 0, 0]\n", "", "mobility = \"conveyor\" lacks `objects.velocity`"),
             ("friction = 0.5", "friction = -1", "`objects.friction` is -1"),
-            ("position = [0, 0, -1.2]\n", "", "missing field `position`"),
-            ("yaw", "jaw", "unknown field `jaw`"),
+            ("position = [0, 0, -1.2]\n", "", "missing key `position`"),
+            ("yaw", "jaw", "unknown key `objects.jaw`"),
             (
                 "pick = \"can\"",
                 "pick = \"cap\"",

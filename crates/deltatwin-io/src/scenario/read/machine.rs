@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn mistakes_are_named_with_their_value() {
         for (tables, expected) in [
-            ("[sockets]\nwear = [0.5]".into(), "invalid length 1"),
+            ("[sockets]\nwear = [0.5]".into(), "`sockets.wear` has 1 value(s)"),
             (format!("[sockets]\nwear = {}", TWELVE.replace("0.5", "1.5")), "`sockets.wear` has 1.5"),
             (format!("[sockets]\nhold = {}", TWELVE.replace("0.5", "-1")), "`sockets.hold` has -1"),
             (format!("[sockets]\nhold = {TWELVE}\nwear = {TWELVE}"), "`sockets.wear` has no meaning"),
@@ -216,8 +216,8 @@ mod tests {
                 "limb1_upper a third time",
             ),
             ("[sockets]\ndraw = { sigma = -1 }".into(), "`sockets.draw.sigma` is -1"),
-            ("[sockets]\ndraw = { mean = 1 }".into(), "unknown field `mean`"),
-            ("[sockets]\narm = true".into(), "unknown field `arm`"),
+            ("[sockets]\ndraw = { mean = 1 }".into(), "unknown key `sockets.draw.mean`"),
+            ("[sockets]\narm = true".into(), "unknown key `sockets.arm`"),
             ("[supervision]\ntorque = nan".into(), "`supervision.torque` is NaN"),
             (
                 "[supervision]\ntrip = \"stop\"".into(),
