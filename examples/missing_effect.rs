@@ -49,7 +49,7 @@ fn measure(file: &Path) -> Result<()> {
     let mut machine = believed.clone();
     machine
         .effects
-        .push(ActiveEffect::new(find("drive_stribeck").expect("in the catalogue"), &[&[20.0], &[0.05], &[1900.0]]));
+        .push(ActiveEffect::new(find("drive_stribeck").expect("in the catalogue"), &[&[20.0], &[0.02], &[1900.0]]));
     let motion = scenario.motion(&believed).into_diagnostic()?;
     let (plant, options) = (Plant::new(&believed, &scenario.setup), Options::of(&scenario, &machine));
     let (recording, _) =
