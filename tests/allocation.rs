@@ -1,6 +1,6 @@
 //! The twin allocates nothing once it runs, and what is read is given back.
 
-mod common;
+use crate::common;
 
 use std::path::Path;
 

@@ -1,8 +1,7 @@
 //! Times against those of copp, at the same grid with the same rows.
 
-mod common;
-#[path = "common/oracle.rs"]
-mod oracle;
+use crate::common;
+use crate::oracle;
 
 use std::path::Path;
 

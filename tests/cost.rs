@@ -1,8 +1,7 @@
 //! What fixed inputs cost, in counts: a slowdown is a difference in `tests/snapshots/cost.txt`, on whatever machine.
 
-mod common;
-#[path = "common/snapshot.rs"]
-mod snapshot;
+use crate::common;
+use crate::snapshot;
 
 use std::fmt::Write;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Ball sockets that leave their balls: exact falls, the instant, the history before it, the cascade and the end.
 
-mod common;
+use crate::common;
 
 use std::path::Path;
 

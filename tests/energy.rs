@@ -1,8 +1,6 @@
 //! Energy audit of a moving machine under every registered effect.
 
-mod common;
-
-use common::{defaults, model, payload, reversing};
+use crate::common::{defaults, model, payload, reversing};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::{ActiveEffect, Kind, REGISTRY, find};
 use deltatwin::twin::{Torque, Twin};

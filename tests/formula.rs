@@ -1,10 +1,8 @@
 //! Laws written in the model file: read and written, in the twin, in inverse dynamics and in identification.
 
-mod common;
-
 use std::path::Path;
 
-use common::{payload, random_joints};
+use crate::common::{payload, random_joints};
 use deltatwin::diagnosis::{DiagnosisError, add};
 use deltatwin::dynamics::{Channel, Plant, Sample, inverse_dynamics, regressor};
 use deltatwin::effects::{ActiveEffect, find};

@@ -3,7 +3,7 @@
 //! Both integrate the same equations with the same method over different coordinates. They agree where the step resolves
 //! the motion: each scenario runs for a short time at a step at which the method's own error is below what is asked for.
 
-mod common;
+use crate::common;
 
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! What recordings say about parameters: standard errors, consistency, and what cannot be told.
 
-mod common;
+use crate::common;
 
 use deltatwin::dynamics::{Channel, Plant, set_parameters};
 use deltatwin::effects::{ActiveEffect, find};

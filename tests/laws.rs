@@ -1,15 +1,6 @@
 //! Laws that hold for every registered effect and for the shipped models, whoever wrote the effect.
 
-mod common;
-
-/// What a file of the library's effects sees around it, for the example of the README.
-mod effects {
-    pub use deltatwin::effects::*;
-    pub mod platform_damper;
-}
-mod machine {
-    pub use deltatwin::machine::bodies;
-}
+use crate::common;
 
 use common::{model, nominal_plant, random_joints};
 use deltatwin::dynamics::{Channel, Output, Plant, Sample, inverse_dynamics, regressor, set_parameters};
@@ -198,9 +189,14 @@ fn the_effect_of_the_readme_works_as_it_stands() {
     // 3 N·s/m at v: the drives give 3·|v|² more, wherever the robot stands and however it moves.
     let base = model(NOMINAL);
     let mut damped = base.clone();
-    damped.effects.push(ActiveEffect::new(Arc::new(effects::platform_damper::PlatformDamper), &[&[3.0]]));
+    damped.effects.push(ActiveEffect::new(Arc::new(crate::effects::platform_damper::PlatformDamper), &[&[3.0]]));
     let [plant, damped] = [base, damped].map(|m| Plant::new(&m, &payload()));
-    assert!(damped.parameters().iter().any(|p| p.name == "platform_damper.damping" && p.unit == effects::Unit::NSPerM));
+    assert!(
+        damped
+            .parameters()
+            .iter()
+            .any(|p| p.name == "platform_damper.damping" && p.unit == crate::effects::Unit::NSPerM)
+    );
     let joints = random_joints(&plant, &mut rng(21));
     let motion = plant.motion(&joints).unwrap();
     let [without, with] = [&plant, &damped].map(|p| inverse(p, &motion).tau);

@@ -1,6 +1,6 @@
 //! Parameters of the links with and without the paper's assumptions: how many there are, and how many data determine.
 
-mod common;
+use crate::common;
 
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};

@@ -1,8 +1,6 @@
 //! Machines with independent or fewer axes: laws, and the loop from a run of the twin to a diagnosis.
 
-mod common;
-
-use common::model;
+use crate::common::model;
 use deltatwin::diagnosis::{DiagnosisError, Verdict, add, diagnose};
 use deltatwin::dynamics::{Plant, Sample, in_configuration, inverse_dynamics, regressor, set_parameters};
 use deltatwin::effects::{ActiveEffect, REGISTRY, Role, find};

@@ -1,10 +1,8 @@
 //! The desired motions of the shipped scenarios: within reach, continuous, and what their runs need.
 
-mod common;
-
 use std::path::Path;
 
-use common::runs;
+use crate::common::runs;
 use deltatwin::cell::Mobility;
 use deltatwin::kinematics::{PlatformState, Target};
 use deltatwin::scenario::Scenario;

@@ -1,6 +1,6 @@
 //! A payload with all ten inertial parameters: what it loads, and what recordings say about it.
 
-mod common;
+use crate::common;
 
 use deltatwin::diagnosis::{self, Verdict, diagnose, diagnose_with};
 use deltatwin::dynamics::{Channel, Plant, inverse_dynamics};

@@ -1,7 +1,7 @@
 //! Plans: coefficients against the inverse dynamics, limits on an independent grid, optimality against a dynamic
 //! programme, the paper's U-turn, and what the twin makes of it.
 
-mod common;
+use crate::common;
 
 use std::path::Path;
 

@@ -1,12 +1,10 @@
 //! A thousand random runs: no panic, no hang, no number that is none.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 use std::time::Instant;
 
-use common::{defaults, model};
+use crate::common::{defaults, model};
 use deltatwin::cell::{Mobility, Object, Shape, Surface};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::REGISTRY;

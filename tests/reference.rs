@@ -1,6 +1,6 @@
 //! Agreement with numbers of an independent implementation (`tests/reference/README.md`).
 
-mod common;
+use crate::common;
 
 use std::collections::HashMap;
 

@@ -1,6 +1,6 @@
 //! The shipped scenarios run, and run the same again.
 
-mod common;
+use crate::common;
 
 use std::path::{Path, PathBuf};
 

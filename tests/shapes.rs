@@ -15,9 +15,7 @@
 //! | `ball_socket_load_dependent` | μ·\|F\|, μ·√(P² + F²) | – |
 //! | `backlash_hysteresis` | Dahl, LuGre, Bouc–Wen, Maxwell slip | – |
 
-mod common;
-
-use common::{encoded, model, planned};
+use crate::common::{encoded, model, planned};
 use deltatwin::diagnosis::{Diagnosis, Options, diagnose, diagnose_with};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::ActiveEffect;

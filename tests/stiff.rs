@@ -1,8 +1,6 @@
 //! Stable and accurate at every step a user may take, whatever effect is switched on.
 
-mod common;
-
-use common::{defaults, model, one_way, reversing};
+use crate::common::{defaults, model, one_way, reversing};
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::kinematics::{JointState, Target};

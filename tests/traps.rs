@@ -3,9 +3,7 @@
 //!
 //! Measurements are made by inverse dynamics along planned motions, with quantised angles and noise of the torques.
 
-mod common;
-
-use common::{encoded, model, planned};
+use crate::common::{encoded, model, planned};
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::dynamics::Plant;
 use deltatwin::effects::{ActiveEffect, find};

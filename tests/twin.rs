@@ -1,6 +1,6 @@
 //! The twin against the inverse dynamics, its own constraint Jacobian, energy and order of convergence.
 
-mod common;
+use crate::common;
 
 use common::random_joints;
 use deltatwin::dynamics::{Plant, inertial_wrench, inverse_dynamics};

@@ -1,11 +1,9 @@
 //! Laws outside the library: the diagnosis says that it knows no effect like that, where it acts, and a formula.
 
-mod common;
-
 use std::path::Path;
 use std::sync::Arc;
 
-use common::model;
+use crate::common::model;
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
 use deltatwin::effects::{ActiveEffect, Effect, find};

@@ -1,7 +1,6 @@
 //! The program itself: every command, its exit status, what it says and what it leaves behind.
 
-#[path = "../common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::path::{Path, PathBuf};
 use std::process::Output;

@@ -1,7 +1,6 @@
 //! Every model with every kind of recording and option: an answer or a refusal that says what of, never a panic.
 
-#[path = "../common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::path::Path;
 use std::process::Output;

@@ -1,7 +1,6 @@
 //! The exam: campaigns are what they are asked to be, their folders are read back, and the command resumes.
 
-#[path = "../common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::path::Path;
 use std::process::Output;

@@ -1,7 +1,6 @@
 //! Laws that give no number, steps that are too long, runs that fail under way: what is said, written and returned.
 
-#[path = "../common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::path::{Path, PathBuf};
 use std::process::Output;

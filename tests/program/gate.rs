@@ -2,8 +2,7 @@
 //!
 //! Measurements are made by inverse dynamics along planned motions, with quantised angles and noise of the torques.
 
-#[path = "../common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::f64::consts::FRAC_PI_2;
 use std::fs;

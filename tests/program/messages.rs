@@ -3,10 +3,8 @@
 //! On Unix, where the system's own words in them are the same.
 #![cfg(unix)]
 
-#[path = "../common/mod.rs"]
-mod common;
-#[path = "../common/snapshot.rs"]
-mod snapshot;
+use crate::common;
+use crate::snapshot;
 
 use std::path::Path;
 

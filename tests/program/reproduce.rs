@@ -1,7 +1,6 @@
 //! The paper's experiments on shortened scenarios: what the physics demands of their results.
 
-#[path = "../common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,14 @@
+//! Tests of the program, in one binary.
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../common/snapshot.rs"]
+mod snapshot;
+
+mod cli;
+mod combinations;
+mod exam;
+mod failures;
+mod gate;
+mod messages;
+mod reproduce;
