@@ -373,6 +373,50 @@ fn friction_at_low_speed_is_found_on_a_lone_slide() {
     assert!((values[0] - 8.0).abs() < 1.5 && (values[1] - 0.02).abs() < 0.003, "{values:?}");
 }
 
+/// Breakaway friction, N, that falls off over `speed`, m/s.
+fn stribeck(breakaway: f64, speed: f64) -> ActiveEffect {
+    ActiveEffect::new(find("drive_stribeck").unwrap(), &[&[breakaway], &[speed], &[1900.0]])
+}
+
+#[test]
+fn breakaway_friction_over_a_wide_range_of_speeds_is_found_on_a_lone_slide() {
+    let (names, values, _) = found(&model("servo-axis"), &Setup::default(), stribeck(20.0, 0.05), 1);
+    assert_eq!(names, ["drive_stribeck"]);
+    assert!((values[0] - 20.0).abs() < 0.5 && (values[1] - 0.05).abs() < 0.002, "{values:?}");
+}
+
+/// An effect of size zero has no column for its shape.
+#[test]
+fn a_shape_is_estimated_from_size_zero() {
+    let nominal = model("servo-axis");
+    let mut robot = nominal.clone();
+    robot.effects.push(stribeck(20.0, 0.05));
+    let (recording, _) = run(&robot, &nominal, &Setup::default(), 4.0, 2, true);
+    let dataset = [Dataset::new(&recording)];
+    for speed in [0.01, 0.02, 0.1] {
+        let mut believed = nominal.clone();
+        believed.effects.push(stribeck(0.0, speed));
+        let fitted = fit(&believed, &dataset, &[nominal.noise.torque[..1].to_vec()]).unwrap();
+        let wrong = off(&fitted, &robot, &Setup::default(), 4.0);
+        assert!(wrong.is_empty(), "from {speed} m/s: {wrong:?}");
+    }
+}
+
+/// A controller that holds its torques delays them by half the sampling period: no effect, whatever side of it the
+/// estimate falls on.
+#[test]
+fn a_delay_of_half_a_sample_is_the_recordings() {
+    let nominal = model("servo-axis");
+    let mut robot = nominal.clone();
+    robot.effects.push(ActiveEffect::new(find("signal_delay").unwrap(), &[&[0.5 * nominal.sample_time]]));
+    for seed in 31..35 {
+        let (recording, _) = run(&robot, &nominal, &Setup::default(), 4.0, seed, true);
+        let d = diagnose(&nominal, &[Dataset::new(&recording)], &[], &mut |_| {}).unwrap();
+        assert_eq!(d.verdict, Verdict::None, "{seed}: {:?}", d.effects);
+        assert!(d.sampling_lag.is_none_or(|late| (late - 2e-4).abs() < 2e-5), "{seed}: {:?}", d.sampling_lag);
+    }
+}
+
 #[test]
 fn torque_ripple_is_found_on_a_lone_turntable() {
     let nominal = turntable();

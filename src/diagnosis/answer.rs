@@ -80,7 +80,7 @@ pub struct Diagnosis {
     /// Error that no known effect explains: for [`Verdict::Unknown`] with the formula in the model, in addition to
     /// confirmed effects with the formula as a proposal.
     pub unexplained: Option<Unexplained>,
-    /// Delay of the torques, s, if it is less than half a sample: part of the model instead of an effect.
+    /// Delay of the torques, s, if it is at most half a sample: part of the model instead of an effect.
     pub sampling_lag: Option<f64>,
     /// The refitted model with the found effects, recorded in its history, and with a formula for the error that they
     /// do not explain.

@@ -102,7 +102,7 @@ enum Selection {
     Refused(String),
 }
 
-/// State of a delay of less than half a sample: a controller holds its torque from one sample to the next, so such a
+/// State of a delay of at most half a sample: a controller holds its torque from one sample to the next, so such a
 /// delay is a property of the recording and no effect.
 #[derive(Clone, Copy, PartialEq)]
 enum Lag {
@@ -157,7 +157,7 @@ fn find_along(
                 continue;
             }
         };
-        if search.sampling_lag(&end).is_some_and(|late| late.abs() >= search.half_sample()) {
+        if search.sampling_lag(&end).is_some() && search.recorded_lag(&end.fit).is_none() {
             search.exclude_lag();
             continue;
         }
@@ -281,11 +281,6 @@ impl<'a> Search<'a> {
         delay(&end.fit.model).filter(|_| self.lag == Lag::InModel).map(|late| late.values[0])
     }
 
-    /// Half the sampling period, s.
-    fn half_sample(&self) -> f64 {
-        0.5 * self.judge.fitting.datasets[0].dt
-    }
-
     /// The problem without the refused candidates.
     fn stated(&self) -> Problem {
         let mut stated = self.problem.clone();
@@ -403,7 +398,7 @@ impl<'a> Search<'a> {
             return Ok(Err(self.refusal(chosen)));
         }
         let fitted = self.refit(chosen, Some(ranking))?;
-        if let Some(late) = self.recorded_lag(&fitted.fit, chosen) {
+        if let Some(late) = self.chosen_lag(&fitted.fit, chosen) {
             return Ok(Err(Selection::Lag(late)));
         }
         let keeps = gears.is_none() || self.judge.confirms(before, &fitted)?;
@@ -434,7 +429,7 @@ impl<'a> Search<'a> {
                 }
             }
         };
-        Ok(match self.recorded_lag(&end.fit, &chosen) {
+        Ok(match self.chosen_lag(&end.fit, &chosen) {
             Some(late) => Selection::Lag(late),
             None => Selection::Complete(Box::new((outcome, end))),
         })
@@ -487,10 +482,19 @@ impl<'a> Search<'a> {
     }
 
     /// The recorder's delay among the chosen effects, if there is one.
-    fn recorded_lag(&self, fit: &Fit, chosen: &[Chosen]) -> Option<ActiveEffect> {
+    fn chosen_lag(&self, fit: &Fit, chosen: &[Chosen]) -> Option<ActiveEffect> {
         let is_chosen = chosen.iter().any(|c| self.shape(c).effect.name() == DELAY);
-        let late = delay(&fit.model).filter(|_| self.lag == Lag::Possible && is_chosen)?;
-        (late.values[0].abs() < self.half_sample()).then(|| late.clone())
+        self.recorded_lag(fit).filter(|_| self.lag == Lag::Possible && is_chosen)
+    }
+
+    /// The delay in a fit if sampling explains it: a controller that holds its torques delays them by half the sampling
+    /// period, within three standard errors of the estimate.
+    fn recorded_lag(&self, fit: &Fit) -> Option<ActiveEffect> {
+        let late = delay(&fit.model)?;
+        let own = fit.parameters.iter().find(|p| p.param.effect == DELAY);
+        let std = own.map(|p| p.std).filter(|std| std.is_finite()).unwrap_or(0.0);
+        let hold = 0.5 * self.judge.fitting.datasets[0].dt;
+        (late.values[0].abs() < hold + 3.0 * std).then(|| late.clone())
     }
 
     /// The problem linearised at the parameters fitted with the chosen effects; their linear contribution is added

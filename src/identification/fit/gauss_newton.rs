@@ -96,13 +96,14 @@ impl Regression<'_> {
             }
             let Some(next) = next else { break };
             let (step, change) = (&next.values - &here.values, here.cost - next.cost);
+            let is_accurate = !self.is_blind(&solution);
             let promised = solution.normal.score.dot(&step) - 0.5 * step.dot(&(&solution.normal.information * &step))
                 + self.prior_cost(&here.values)
                 - self.prior_cost(&next.values);
             here = next;
             // The columns are accurate enough, or those of the previous iterate, which only affects the standard
             // errors.
-            if (change - promised).abs() < progress || (self.stop)() {
+            if (is_accurate && (change - promised).abs() < progress) || (self.stop)() {
                 solution.normal.advance(&step);
                 break;
             }
@@ -130,6 +131,12 @@ impl Regression<'_> {
         let offset = values - &self.prior;
         let free = estimator.step(normal, &offset, &[]);
         estimator.step(normal, &offset, &self.at_bound(values, &free))
+    }
+
+    /// Whether some shape parameter has no column: that of an effect of size zero, which the next linearisation may have.
+    fn is_blind(&self, solution: &Solution) -> bool {
+        let mut shapes = (0..self.free.len()).filter(|&i| self.parameters[i].role == Role::Shape);
+        shapes.any(|i| solution.normal.information[(i, i)] == 0.0)
     }
 
     /// First point along a step, which is repeatedly shortened to a quarter, whose cost is not larger; `None` without
