@@ -8,7 +8,7 @@ mod common;
 use criterion::{Criterion, criterion_group, criterion_main};
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::estimator::{Estimator, PRIOR_INFORMATION};
-use deltatwin::identification::normal_equations::{ALIKE, NormalEquations};
+use deltatwin::identification::normal_equations::{NormalEquations, UNIT_WEIGHTS};
 use deltatwin::identification::{Dataset, fit, predict};
 use deltatwin::machine::Setup;
 use deltatwin::scenario::{FourierMotion, MotionLimits};
@@ -50,7 +50,8 @@ fn identification(c: &mut Criterion) {
     group.bench_function("regressor and base parameters, one core", |b| {
         b.iter(|| {
             one.install(|| {
-                let normal = NormalEquations::new(&model, &dataset, &noise, &free, ALIKE).expect("a regular motion");
+                let normal =
+                    NormalEquations::new(&model, &dataset, &noise, &free, UNIT_WEIGHTS).expect("a regular motion");
                 let size = DVector::from_element(parameters, 1.0);
                 let estimator = Estimator::new(&normal, &size, &size.map(|_| PRIOR_INFORMATION)).expect("finite");
                 estimator.step(&normal, &DVector::zeros(parameters), &[])

@@ -9,7 +9,7 @@ use thiserror::Error;
 /// Sine of the angle between two adjacent faces below which their edge counts as flat.
 const FLAT: f64 = 0.01;
 /// Smallest volume, m³: that of a cube with edges of 0.1 mm.
-const SMALLEST: f64 = 1e-12;
+const MIN_VOLUME: f64 = 1e-12;
 /// Largest number of triangles of a mesh; contact search treats single edges.
 pub const MOST_TRIANGLES: usize = 200_000;
 
@@ -76,7 +76,7 @@ impl Mesh {
         let mut mesh = Self { corners, triangles, convex, gyration: Matrix3::zeros() };
         mesh.check_closed()?;
         let volume = mesh.volume();
-        if volume.abs() < SMALLEST {
+        if volume.abs() < MIN_VOLUME {
             return Err(MeshError::Flat(volume.abs()));
         }
         if volume < 0.0 {

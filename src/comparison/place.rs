@@ -5,9 +5,9 @@ const BINS: usize = 24;
 /// Number of blocks of time assigned alternately to two halves; a pattern must occur in both.
 const BLOCKS: usize = 32;
 /// Least number of samples of each half in a bin that is used.
-const FEWEST: usize = 8;
+const MIN_SAMPLES: usize = 8;
 /// Ratio to the largest rate below which an axis is near a reversal.
-const NEAR: f64 = 0.05;
+const NEAR_REVERSAL: f64 = 0.05;
 
 /// A partition of the samples.
 pub struct Partition {
@@ -52,7 +52,7 @@ impl Partition {
         let mut means = vec![0.0; self.bins];
         for b in 0..self.bins {
             let (s, c) = (sums[b], counts[b]);
-            if c.iter().any(|&c| c < FEWEST) {
+            if c.iter().any(|&c| c < MIN_SAMPLES) {
                 continue;
             }
             // The product of two independent estimates of a mean of zero has expectation zero.
@@ -100,7 +100,7 @@ pub struct Reversal {
 
 /// Excess of `r` where |`rate`| is small; `None` if the axis never or mostly reverses.
 pub fn reversal(rate: &[f64], r: &[f64]) -> Option<Reversal> {
-    let near = NEAR * rate.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    let near = NEAR_REVERSAL * rate.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
     let (mut squares, mut counts) = ([0.0; 2], [0usize; 2]);
     for (v, r) in rate.iter().zip(r) {
         let far = usize::from(v.abs() > near);

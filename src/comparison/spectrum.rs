@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 /// Least number of samples for a spectrum.
-const FEWEST: usize = 1000;
+const MIN_SAMPLES: usize = 1000;
 /// Number of spectral lines on either side that belong to a peak.
 const WIDTH: usize = 2;
 
@@ -21,7 +21,7 @@ pub fn spectrum(series: &[f64], segments: &[Range<usize>], dt: f64) -> Option<Sp
     let segment = segments.iter().max_by_key(|s| s.len())?;
     let mut x = series.get(segment.clone())?.to_vec();
     let n = x.len();
-    if n < FEWEST || dt <= 0.0 {
+    if n < MIN_SAMPLES || dt <= 0.0 {
         return None;
     }
     let mean = x.iter().sum::<f64>() / n as f64;

@@ -23,7 +23,7 @@ const HELD_OUT_SHARE: f64 = 0.3;
 
 /// Gain, in units of the noise, below which drift may explain an effect: seven standard deviations of one parameter,
 /// because the drift intensity is estimated from a few slow cosines only.
-const NO_MORE: f64 = 50.0;
+const MAX_DRIFT_GAIN: f64 = 50.0;
 
 /// Ratio of the RMS residual to the noise floor above which it is not explained by controller or filter.
 pub(super) const UNEXPLAINED: f64 = 1.15;
@@ -118,7 +118,7 @@ impl<'a> Judge<'a> {
 impl Fitting<'_> {
     /// Whether drift explains the gain of `with` over `without` on the fitted data.
     pub fn wanders(&self, without: &Fit, with: &Fit) -> Result<bool, FitError> {
-        Ok(self.gain(without, with)? < NO_MORE)
+        Ok(self.gain(without, with)? < MAX_DRIFT_GAIN)
     }
 
     /// Decrease of the energy from one fit to the other that drift does not explain, in units of the noise.
@@ -178,7 +178,7 @@ pub(super) fn wanders_in(datasets: &[Dataset], without: &Residuals, with: &Resid
     let (segments, samples) = problem::segments(datasets);
     let left = problem::residual_series(datasets, with);
     let noise = Noise::of(&left, samples, &segments, drives(datasets));
-    noise.energy(&problem::residual_series(datasets, without)) - noise.energy(&left) < NO_MORE
+    noise.energy(&problem::residual_series(datasets, without)) - noise.energy(&left) < MAX_DRIFT_GAIN
 }
 
 /// Whether the variance of some channel decreases enough, relative to the residual with the effect.

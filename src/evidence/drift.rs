@@ -22,10 +22,10 @@ use crate::numerics::median;
 /// motions.
 const COSINES: usize = 5;
 /// Factor on the estimated λ, because a few coefficients may underestimate it.
-const CAUTION: f64 = 2.0;
+const SAFETY_FACTOR: f64 = 2.0;
 /// Share of the noise below which the drift is neglected, and the largest number of cosines.
-const LITTLE: f64 = 0.1;
-const MOST: usize = 100;
+const MIN_DRIFT_SHARE: f64 = 0.1;
+const MAX_COSINES: usize = 100;
 /// Grid of λ.
 const LAMBDA: [f64; 2] = [1e-2, 1e8];
 
@@ -61,13 +61,13 @@ impl Walk {
         }
         let level = median(others) / NORMAL_QUARTILE.powi(2);
         slow.iter_mut().for_each(|[_, square]| *square /= level);
-        let lambda = if level > 0.0 { CAUTION * likeliest(&slow) } else { 0.0 };
+        let lambda = if level > 0.0 { SAFETY_FACTOR * likeliest(&slow) } else { 0.0 };
         Self { sigma: (squares / n.max(1) as f64).sqrt(), lambda }
     }
 
-    /// Number of cosines whose drift exceeds the share [`LITTLE`] of the noise.
+    /// Number of cosines whose drift exceeds the share [`MIN_DRIFT_SHARE`] of the noise.
     fn last(&self) -> usize {
-        ((self.lambda / LITTLE).sqrt() as usize).min(MOST)
+        ((self.lambda / MIN_DRIFT_SHARE).sqrt() as usize).min(MAX_COSINES)
     }
 }
 
@@ -77,7 +77,7 @@ impl<'a> Noise<'a> {
     /// channel only.
     pub fn of(left: &[f64], samples: usize, segments: &'a [Range<usize>], alike: usize) -> Self {
         let all = |s: &Range<usize>| -> Vec<Vec<f64>> {
-            let last = if s.len() > 4 * COSINES { MOST.min(s.len() / 4) + 1 } else { 0 };
+            let last = if s.len() > 4 * COSINES { MAX_COSINES.min(s.len() / 4) + 1 } else { 0 };
             (0..last).map(|k| cosine(s.len(), k)).collect()
         };
         let cosines: Vec<Vec<Vec<f64>>> = segments.par_iter().map(all).collect();

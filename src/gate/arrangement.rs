@@ -34,7 +34,7 @@ const FLOOR: f64 = 1e-3;
 /// Stride of the instants by which arrangements are selected.
 const THINNED: usize = 4;
 /// Number of instants at which feasibility of the poses is tested.
-const FEW: usize = 20;
+const POSE_INSTANTS: usize = 20;
 /// Distance from a quarter turn within which a zero is set to it: effects missing in the model shift the best zero by
 /// up to 7°, and the remainder is diagnosed as a joint zero offset.
 const NEAR_QUARTER: f64 = 0.5 * ZERO_STEP;
@@ -144,7 +144,7 @@ pub fn judge(plant: &Plant, instants: &Instants, arrangement: Arrangement) -> Op
 /// The arrangement of least cost.
 pub fn best(plant: &Plant, instants: &Instants) -> Option<Judgement> {
     let some = instants.thinned(THINNED);
-    let few = some.thinned(stride_for(some.at.len(), FEW));
+    let few = some.thinned(stride_for(some.at.len(), POSE_INSTANTS));
     let all = Arrangement::candidates(plant.mechanism);
     let all = all.into_iter().filter(|a| judge(plant, &few, *a).is_some());
     let judged = all.filter_map(|a| judge(plant, &some, a));

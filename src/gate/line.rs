@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::identification::residuals::rms;
 
 /// Eigenvalue of the scaled normal equations, relative to the largest, below which features are collinear.
-const ALIKE: f64 = 1e-9;
+const COLLINEAR: f64 = 1e-9;
 
 /// y ≈ Σ β·features.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ pub fn least_squares(features: &[&[f64]], y: &[f64]) -> Option<LeastSquares> {
         return None;
     }
     let eigen = normal.symmetric_eigen();
-    let floor = ALIKE * eigen.eigenvalues.max();
+    let floor = COLLINEAR * eigen.eigenvalues.max();
     let inverse = eigen.eigenvalues.map(|l| if l > floor { 1.0 / l } else { 0.0 });
     let inverse = &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
     let scaled = &inverse * right;

@@ -19,9 +19,9 @@ const AROUND: isize = 4;
 /// Mean decrease of ln(unexplained) per axis from the best shift to the best low-pass required for a low-pass.
 const GAIN: f64 = 0.3;
 /// Time constants after the start of a segment until the initial state is negligible.
-const FORGOTTEN: f64 = 6.0;
+const SETTLING: f64 = 6.0;
 /// Least number of instants.
-const FEWEST: usize = 200;
+const MIN_INSTANTS: usize = 200;
 
 /// First-order low-pass.
 pub struct LowPass {
@@ -36,7 +36,7 @@ pub struct LowPass {
 pub fn low_pass(plant: &Plant, dataset: &Dataset, lag: isize) -> Option<LowPass> {
     let late = lag as f64 * dataset.dt;
     let series =
-        Series::new(plant, dataset, late * GRID.0.powi(GRID.1) * FORGOTTEN, lag.unsigned_abs() + AROUND as usize)?;
+        Series::new(plant, dataset, late * GRID.0.powi(GRID.1) * SETTLING, lag.unsigned_abs() + AROUND as usize)?;
     let shifted =
         (lag - AROUND..=lag + AROUND).map(|lag| series.cost(&series.features, lag)).fold(f64::INFINITY, f64::min);
     let tried = (-GRID.1..=GRID.1).map(|k| late * GRID.0.powi(k));
@@ -73,7 +73,7 @@ impl<'a> Series<'a> {
         let inner = |s: &std::ops::Range<usize>| s.start + margin..s.end.saturating_sub(margin);
         let stretches = dataset.segments.iter().map(|s| inner(s).step_by(stride).collect::<Vec<usize>>());
         let at: Vec<Vec<usize>> = stretches.filter(|s| s.len() > skip).collect();
-        if at.iter().map(|s| s.len() - skip).sum::<usize>() < FEWEST {
+        if at.iter().map(|s| s.len() - skip).sum::<usize>() < MIN_INSTANTS {
             return None;
         }
         let joints: Vec<JointState> = at.iter().flatten().map(|&k| dataset.joints[k]).collect();

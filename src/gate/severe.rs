@@ -23,9 +23,9 @@ const ODD: (f64, f64) = (0.03, 0.2);
 const CARRIED: f64 = 0.3;
 /// Correlation of an axis from which its slope is read as a factor: friction missing in the model may double a
 /// torque, but lowers the correlation.
-const CERTAIN: f64 = 0.95;
+const MIN_CORRELATION: f64 = 0.95;
 /// Correlation sufficient for slopes outside the range that effects cause, and that range.
-const FAR: (f64, std::ops::Range<f64>) = (0.8, 0.2..5.0);
+const SUFFICIENT_FAR: (f64, std::ops::Range<f64>) = (0.8, 0.2..5.0);
 /// Absolute correlation from which a negative slope is a sign error.
 const SIGN: f64 = 0.6;
 /// Decrease of the cost required for another arrangement, and correlation required of every arm in it.
@@ -108,7 +108,7 @@ impl Context<'_> {
         let Some(line) = &self.judged.lines[axis] else { return 1.0 };
         let sign = if line.slope < 0.0 && line.correlation < -SIGN { -1.0 } else { 1.0 };
         let size = line.slope.abs();
-        let certain = if FAR.1.contains(&size) { CERTAIN } else { FAR.0 };
+        let certain = if SUFFICIENT_FAR.1.contains(&size) { MIN_CORRELATION } else { SUFFICIENT_FAR.0 };
         if (SLOPE.0..SLOPE.1).contains(&size) || line.correlation.abs() < certain {
             return sign;
         }
@@ -236,7 +236,7 @@ impl Context<'_> {
         }
         let lines = self.judged.lines.iter().take(arms).copied();
         let lines: Vec<Line> = lines.collect::<Option<_>>()?;
-        let off = |l: &Line| !(SLOPE.0..SLOPE.1).contains(&l.slope) && l.correlation > CERTAIN;
+        let off = |l: &Line| !(SLOPE.0..SLOPE.1).contains(&l.slope) && l.correlation > MIN_CORRELATION;
         if !lines.iter().all(off) {
             return None;
         }

@@ -21,7 +21,7 @@ use self::possible::Possible;
 use self::regression::Regression;
 use super::base_parameters::Structure;
 use super::consistency::complete;
-use super::normal_equations::{ALIKE, NormalEquations};
+use super::normal_equations::{NormalEquations, UNIT_WEIGHTS};
 use super::regularisation::GroupWeight;
 use super::{BaseParameter, Dataset, Residuals};
 use crate::dynamics::{Plant, PlantParameter, in_configuration};
@@ -107,7 +107,7 @@ pub struct Fit {
 }
 
 /// Share of an effect's largest parameter by which another one may lie outside its range.
-const NEARLY_NOTHING: f64 = 0.2;
+const MIN_EXCESS: f64 = 0.2;
 const MIN_SAMPLES: usize = 200;
 
 /// Fit of all parameters of `model` to the datasets with default options; `noise[dataset][channel]` are the standard
@@ -135,7 +135,7 @@ pub fn fit_with(model: &Model, datasets: &[Dataset], noise: &[Vec<f64>], options
     check(datasets)?;
     let mounted = in_configuration(model, &datasets[0].setup);
     let regression = Regression::new(&mounted, datasets, noise, options)?;
-    let mut solution = regression.least_squares(mounted, ALIKE)?;
+    let mut solution = regression.least_squares(mounted, UNIT_WEIGHTS)?;
     if options.robust || regression.is_clean() {
         solution = regression.reweighted(solution, options.robust)?;
     }
@@ -192,7 +192,7 @@ impl Regression<'_> {
     }
 
     /// Determined parameters that lie outside their range by more than three standard errors and by more than the share
-    /// [`NEARLY_NOTHING`] of their effect's largest parameter.
+    /// [`MIN_EXCESS`] of their effect's largest parameter.
     fn impossible(&self, estimated: &[PlantParameter], covariance: &DMatrix<f64>) -> Vec<Param> {
         // Largest linear parameter of the effect; the sign of one that is nearly zero is arbitrary.
         let largest = |own: &PlantParameter| {
@@ -203,7 +203,7 @@ impl Regression<'_> {
         let outside = |&i: &usize| {
             let (p, margin) = (&estimated[i], 3.0 * covariance[(i, i)].max(0.0).sqrt());
             let beyond = (p.range.0 - p.value).max(p.value - p.range.1);
-            margin < 3.0 * self.size[i] && beyond > margin && beyond > NEARLY_NOTHING * largest(p)
+            margin < 3.0 * self.size[i] && beyond > margin && beyond > MIN_EXCESS * largest(p)
         };
         (0..self.free.len()).filter(outside).map(|i| estimated[i].param).collect()
     }

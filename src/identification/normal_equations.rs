@@ -31,7 +31,7 @@ const ROWS: usize = 2000;
 pub type Weight<'a> = &'a (dyn Fn(usize, f64) -> f64 + Sync);
 
 /// Unit weights.
-pub const ALIKE: Weight<'static> = &|_, _| 1.0;
+pub const UNIT_WEIGHTS: Weight<'static> = &|_, _| 1.0;
 
 /// Sums over one block of time.
 #[derive(Clone)]

@@ -18,7 +18,7 @@ const DECIDED: f64 = 1.0 / 3.0;
 /// Number of samples that suffices.
 const SAMPLES: usize = 20_000;
 /// Eigenvalue of the scaled normal equations, relative to the largest, below which features are collinear.
-const ALIKE: f64 = 1e-10;
+const COLLINEAR: f64 = 1e-10;
 
 type Features = SVector<f64, FEATURES>;
 
@@ -85,7 +85,7 @@ fn unexplained(dataset: &Dataset, i: usize, j: usize) -> f64 {
     let eigen =
         SMatrix::<f64, FEATURES, FEATURES>::from_fn(|a, b| normal[(a, b)] * scale[a] * scale[b]).symmetric_eigen();
     let projected = eigen.eigenvectors.tr_mul(&right.component_mul(&scale));
-    let floor = ALIKE * eigen.eigenvalues.max();
+    let floor = COLLINEAR * eigen.eigenvalues.max();
     let explained: f64 =
         projected.iter().zip(&eigen.eigenvalues).filter(|(_, l)| **l > floor).map(|(p, l)| p * p / l).sum();
     ((squares - explained) / variance).clamp(0.0, 1.0)

@@ -11,7 +11,7 @@ use super::world::{Collider, World};
 /// Addition to the search distance, m: motion for which the result remains valid.
 const SKIN: f64 = 0.03;
 /// Largest search distance, m.
-const FARTHEST: f64 = 20.0;
+const MAX_DISTANCE: f64 = 20.0;
 
 /// Pairs found by the last search, and the poses at that time.
 #[derive(Default)]
@@ -36,7 +36,7 @@ struct Then {
 impl Neighbours {
     /// Updates the pairs, such that every pair closer than `margin` (m) is among them.
     pub fn look(&mut self, world: &mut World, robot: &Robot, motion: &Motion, closed: SocketSet, margin: f64) {
-        let margin = margin.clamp(0.0, FARTHEST - SKIN).min(FARTHEST - SKIN);
+        let margin = margin.clamp(0.0, MAX_DISTANCE - SKIN).min(MAX_DISTANCE - SKIN);
         let bodies = motion.bodies.each_ref().map(Placement::from);
         let held = robot.grip.map(|g| g.object);
         if let Some(then) = &self.then

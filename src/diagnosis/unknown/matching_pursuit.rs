@@ -17,9 +17,9 @@ use crate::identification::dataset::stride_for;
 /// Number of instants for the screening of the library.
 const SCREENED: usize = 2500;
 /// Number of laws tried per step, best on the training data first.
-const TRIED: usize = 4;
+const LAWS_PER_STEP: usize = 4;
 /// Largest number of laws of one formula.
-pub const MOST: usize = 6;
+pub const MAX_LAWS: usize = 6;
 /// Number of golden-section steps for an inner number.
 const REFINEMENTS: usize = 14;
 /// Number of blocks of time for the test of a gain.
@@ -282,7 +282,7 @@ impl State {
         let mut tried: Vec<&Atom> = Vec::new();
         for (_, i) in order.into_iter().take_while(|(gain, _)| *gain > 0.0) {
             let atom = pursuit.screened[i].atom;
-            if tried.len() == 2 * TRIED {
+            if tried.len() == 2 * LAWS_PER_STEP {
                 break;
             }
             if tried.iter().all(|t| t.laws != atom.laws) {
@@ -297,7 +297,7 @@ impl State {
             let near = refined.iter().take_while(|r| r.gain >= AS_GOOD * best).count();
             refined[..near].sort_by_key(|r| (r.freedom, r.length));
         }
-        refined.truncate(TRIED);
+        refined.truncate(LAWS_PER_STEP);
         refined.into_iter().any(|candidate| self.accept(pursuit, candidate))
     }
 

@@ -6,7 +6,7 @@ mod matching_pursuit;
 mod shape;
 mod sight;
 
-pub use matching_pursuit::MOST;
+pub use matching_pursuit::MAX_LAWS;
 pub use shape::Shape;
 pub use sight::Sight;
 
@@ -263,7 +263,7 @@ impl<'a> Search<'a> {
     }
 
     fn formula(&self) -> Formulation {
-        self.pursuit().formula(MOST, |_| true, &|| self.is_late())
+        self.pursuit().formula(MAX_LAWS, |_| true, &|| self.is_late())
     }
 
     /// Share of the gain `all` that a formula at each part of the machine alone reaches; best first.

@@ -26,7 +26,7 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
     let mut iterations = 0;
     loop {
         x = problem.centred(x, t, &mut iterations)?;
-        if nu * t <= ACCURACY * cost.of(&x) || t < SMALLEST {
+        if nu * t <= ACCURACY * cost.of(&x) || t < MIN_WEIGHT {
             break;
         }
         t *= REDUCTION;
@@ -41,7 +41,7 @@ pub fn minimise(cost: &Cost) -> Option<Certified> {
 const ACCURACY: f64 = 1e-8;
 const REDUCTION: f64 = 0.1;
 /// Weight of the barrier below which the cost counts as zero.
-const SMALLEST: f64 = 1e-12;
+const MIN_WEIGHT: f64 = 1e-12;
 const MAX_STEPS: usize = 100;
 
 struct Barrier<'a> {

@@ -224,7 +224,7 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
     let d = [pseudo[(0, 0)], pseudo[(1, 1)], pseudo[(2, 2)]];
     if let Some(full) = Full::of(units) {
         // A payload without stated values gets the magnitudes of a small one.
-        let least = if *now == Inertia::ZERO { SMALL } else { Reference { second: 1e-9, mass: 1e-3 } };
+        let least = if *now == Inertia::ZERO { SMALL_PAYLOAD } else { Reference { second: 1e-9, mass: 1e-3 } };
         let second = d.iter().fold(least.second, |a: f64, b| a.max(*b));
         let reference = Reference { second, mass: now.mass.max(least.mass) };
         return BodyClass { bodies: vec![body], reference, shape: Shape::Full(full) };
@@ -242,9 +242,9 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
     let double = tensors.iter().find(|(_, axes)| axes.iter().filter(|a| **a).count() == 2);
     let by_mass = |k: usize| {
         if own_first[k].is_some() {
-            (Source::Constant, if d[k] > 0.0 { d[k] } else { SHAPELESS })
+            (Source::Constant, if d[k] > 0.0 { d[k] } else { POINT_SECOND_MOMENT })
         } else {
-            (Source::Mass, if now.mass > 0.0 && d[k] > 0.0 { d[k] / now.mass } else { SHAPELESS })
+            (Source::Mass, if now.mass > 0.0 && d[k] > 0.0 { d[k] / now.mass } else { POINT_SECOND_MOMENT })
         }
     };
     let of_axis = |k: usize| tensors.iter().find(|(_, axes)| *axes == std::array::from_fn(|j| j == k)).map(|(v, _)| *v);
@@ -283,6 +283,6 @@ fn class(body: usize, now: &Inertia, units: &[(usize, Inertia)], new_mass: impl 
 }
 
 /// Second moment per kilogram of a body without one, m².
-const SHAPELESS: f64 = 1e-2;
+const POINT_SECOND_MOMENT: f64 = 1e-2;
 /// Magnitudes of a small payload.
-const SMALL: Reference = Reference { second: 1e-4, mass: 0.1 };
+const SMALL_PAYLOAD: Reference = Reference { second: 1e-4, mass: 0.1 };

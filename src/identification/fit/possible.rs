@@ -11,9 +11,9 @@ use crate::identification::consistency::{BodyClass, Cost, classes, cones, log_ch
 use crate::machine::bodies::END_EFFECTOR;
 
 /// Cost of consistency above which it is not due to noise: five standard errors of one parameter.
-const NOTABLE: f64 = 12.5;
+const NOTABLE_COST: f64 = 12.5;
 /// Largest relative gap at which the result of the convex programme is accepted.
-const CERTIFIED: f64 = 1e-5;
+const MAX_GAP: f64 = 1e-5;
 /// Prior information on a mass without influence on the torques, per own size squared: known to 20 %.
 const SILENT_MASS: f64 = 25.0;
 
@@ -36,7 +36,7 @@ impl Regression<'_> {
             return Possible { values: cost.centre, classes: cost.classes, correction: None, edges: Vec::new() };
         }
         let convex = match self.consistency {
-            Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= CERTIFIED * cost.of(&c.x)),
+            Consistency::Cones => cones::minimise(&cost).filter(|c| c.gap <= MAX_GAP * cost.of(&c.x)),
             Consistency::LogCholesky => None,
         };
         self.count(Work { corrections: convex.as_ref().map_or(0, |c| c.iterations), ..Work::default() });
@@ -44,7 +44,7 @@ impl Regression<'_> {
         let values = convex.map_or_else(|| log_cholesky::minimise(&cost), |c| c.x);
         let correction = Correction { cost: cost.of(&values), gap };
         let mut possible = Possible { values, classes: cost.classes, correction: Some(correction), edges: Vec::new() };
-        if correction.cost > NOTABLE {
+        if correction.cost > NOTABLE_COST {
             possible.edges = self.edges(estimated, &possible, curvature);
         }
         possible

@@ -217,7 +217,7 @@ impl DesiredMotion {
                 (steps, 1.0 / steps as f64 / series.frequency)
             }
             Self::Platform(course) | Self::Joints { course, .. } | Self::Axes(Series::Pieces(course)) => {
-                let steps = (course.lap() / SPACING).ceil().clamp(1.0, MOST);
+                let steps = (course.lap() / SPACING).ceil().clamp(1.0, MAX_INSTANTS);
                 (steps as usize, course.lap() / steps)
             }
         }
@@ -274,7 +274,7 @@ impl DesiredMotion {
 const PER_HARMONIC: usize = 200;
 /// Spacing (s) of the instants at which other motions are checked; their largest number follows.
 const SPACING: f64 = 5e-4;
-const MOST: f64 = 2e6;
+const MAX_INSTANTS: f64 = 2e6;
 
 /// A desired motion that is not feasible.
 #[derive(Debug, Error)]

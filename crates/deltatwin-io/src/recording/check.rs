@@ -15,7 +15,7 @@ pub(super) use self::names::{foreign, known, machine, margin_names, required};
 use super::ReadError;
 
 /// Smallest number of samples of a recording.
-const FEWEST: usize = 100;
+const MIN_SAMPLES: usize = 100;
 
 /// Columns of a file, one per channel.
 pub(super) struct Table {
@@ -42,9 +42,9 @@ pub(super) fn signals(mut table: Table) -> Result<(Signals, Vec<String>), ReadEr
     table.finite()?;
     table.repeated(&mut warnings);
     table.increasing()?;
-    if table.t.len() < FEWEST {
+    if table.t.len() < MIN_SAMPLES {
         let problem = format!("has only {} samples", table.t.len());
-        return Err(ReadError::content(&table.file, problem, format!("at least {FEWEST}")));
+        return Err(ReadError::content(&table.file, problem, format!("at least {MIN_SAMPLES}")));
     }
     table.units(&mut warnings)?;
     table.constant(&mut warnings)?;

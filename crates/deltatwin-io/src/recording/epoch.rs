@@ -1,7 +1,7 @@
 //! Times since 1970, in units from seconds to nanoseconds, without loss of digits.
 
 /// Value from which a time counts as measured from a distant origin, in any unit (three years in seconds).
-const FAR: i64 = 100_000_000;
+const DISTANT_ORIGIN: i64 = 100_000_000;
 
 /// State for parsing the times of one column.
 #[derive(Default)]
@@ -17,7 +17,7 @@ impl Clock {
     pub fn since_start(&mut self, cell: &str) -> Option<f64> {
         let (whole, fraction) = cell.split_once('.').unwrap_or((cell, ""));
         let whole: Option<i64> = whole.parse().ok();
-        let start = *self.start.get_or_insert(whole.filter(|w| *w >= FAR));
+        let start = *self.start.get_or_insert(whole.filter(|w| *w >= DISTANT_ORIGIN));
         let fraction: f64 = if fraction.is_empty() { 0.0 } else { format!("0.{fraction}").parse().ok()? };
         let since = whole?.checked_sub(start?)?;
         Some(since as f64 + fraction)

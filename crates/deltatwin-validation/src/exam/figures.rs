@@ -67,9 +67,9 @@ fn power(judged: &[Judged]) -> Figure {
         .collect();
     known.sort_by(|a, b| a.0.total_cmp(&b.0));
     const GROUPS: usize = 8;
-    const FEWEST: usize = 10;
+    const MIN_OF_GROUP: usize = 10;
     let points: Vec<deltatwin_report::Rate> = known
-        .chunks(known.len().div_ceil(GROUPS).max(FEWEST))
+        .chunks(known.len().div_ceil(GROUPS).max(MIN_OF_GROUP))
         .map(|group| {
             let x = group.iter().map(|(x, _)| x.max(1e-3).ln()).sum::<f64>() / group.len() as f64;
             point(x.exp(), Rate::of(group, |(_, right)| *right))

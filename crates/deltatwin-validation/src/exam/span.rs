@@ -1,6 +1,6 @@
 //! Test whether a law outside the library of effects lies in the span of the laws of the search for unknown laws.
 //!
-//! A formula of that search is a sum of at most [`MOST`] of its laws, each with an inner number between neighbours of
+//! A formula of that search is a sum of at most [`MAX_LAWS`] of its laws, each with an inner number between neighbours of
 //! a grid. A law is fitted by such sums with least squares over the instants of a motion, after projection of the
 //! model's own parameters: laws are added one at a time, the best given the previous ones (orthogonal least squares),
 //! and after each the inner numbers are refined in turn. The residual share of the law's energy decides. All columns
@@ -13,7 +13,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use deltatwin::diagnosis::unknown::library::{Atom, Cover, harmonic_disturbances, library};
-use deltatwin::diagnosis::unknown::{MOST, Sight};
+use deltatwin::diagnosis::unknown::{MAX_LAWS, Sight};
 use deltatwin::effects::formula::{Expression, Place, Variable};
 use deltatwin::identification::dataset::stride_for;
 use deltatwin::identification::fit::FitError;
@@ -25,13 +25,13 @@ pub const WITHIN: f64 = 1e-6;
 /// Number of instants of the fit.
 const INSTANTS: usize = 1000;
 /// Number of laws of the search refined per step, best first.
-const TRIED: usize = 8;
+const LAWS_PER_STEP: usize = 8;
 /// Number of golden-section steps for an inner number.
 const SECTIONS: usize = 40;
 /// Number of laws without an inner number from which the pursuit is restarted, best first, and number of laws in a
 /// restart.
-const BEGINNINGS: usize = 6;
-const FEW: usize = 3;
+const RESTARTS: usize = 6;
+const LAWS_PER_RESTART: usize = 3;
 /// Number of passes over the inner numbers after each law.
 const PASSES: usize = 2;
 /// Share of its norm below which the part of a column outside the others counts as zero.
@@ -170,12 +170,12 @@ impl<'a> Ground<'a> {
             .collect();
         let grams: Vec<DMatrix<f64>> = atoms.iter().zip(&forces).map(|(a, f)| self.gram(a.place, f)).collect();
         let searched = Searched { atoms, forces, grams };
-        let mut best = self.pursue(&searched, &target, None, MOST);
+        let mut best = self.pursue(&searched, &target, None, MAX_LAWS);
         let first = self.ranked(&searched, &[], &target);
-        let beginnings = first.into_iter().filter(|i| atoms[*i].number.is_none()).take(BEGINNINGS);
+        let beginnings = first.into_iter().filter(|i| atoms[*i].number.is_none()).take(RESTARTS);
         for beginning in beginnings {
             if best >= WITHIN {
-                best = best.min(self.pursue(&searched, &target, Some(beginning), FEW));
+                best = best.min(self.pursue(&searched, &target, Some(beginning), LAWS_PER_RESTART));
             }
         }
         Some(best.min(1.0))
@@ -189,7 +189,7 @@ impl<'a> Ground<'a> {
             let others: Vec<DVector<f64>> = basis(&taken, None);
             let tried = match first.filter(|_| taken.is_empty()) {
                 Some(first) => vec![first],
-                None => self.ranked(searched, &others, &left).into_iter().take(TRIED).collect(),
+                None => self.ranked(searched, &others, &left).into_iter().take(LAWS_PER_STEP).collect(),
             };
             let refined = tried.into_iter().map(|i| self.refined(&searched.atoms[i], &others, &left));
             let Some((_, best)) = refined.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };

@@ -10,7 +10,7 @@ use deltatwin::identification::Estimate;
 use deltatwin::text::significant;
 
 /// Number of candidates shown in addition to those found and their rivals.
-const OTHERS: usize = 3;
+const MAX_OTHERS: usize = 3;
 
 /// Prints the diagnosis on one screen.
 pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
@@ -108,7 +108,7 @@ fn candidates(d: &Diagnosis) -> miette::Result<()> {
     let named = |c: &&CandidateReport| matches!(c.standing, Standing::Found | Standing::Rival | Standing::Doubted);
     let tested = |c: &&CandidateReport| !named(c) && c.standing != Standing::Untestable;
     let mut table = Table::new(&["Candidate", "probability", "alone", "outcome", "imitated by"], &[3, 4]);
-    for c in d.candidates.iter().filter(named).chain(d.candidates.iter().filter(tested).take(OTHERS)) {
+    for c in d.candidates.iter().filter(named).chain(d.candidates.iter().filter(tested).take(MAX_OTHERS)) {
         let cells = [format!("{:.2}", c.probability), percent(c.explained), c.standing.to_string()];
         table.row(std::iter::once(c.name.clone()).chain(cells).chain([grouped(&c.absorbed_by)]));
     }

@@ -7,7 +7,7 @@ use crate::terminal::interrupted;
 /// Default computing time in s per sample of all recordings, and its lower bound in s. On two idle cores this takes about
 /// 30 s for 100 000 samples; the elapsed time on a busy machine is longer.
 const PER_SAMPLE: f64 = 4.8e-4;
-const LEAST: f64 = 48.0;
+const MIN_SECONDS: f64 = 48.0;
 
 /// Time limit of a diagnosis.
 pub enum Allowance {
@@ -32,7 +32,7 @@ impl Allowance {
     pub fn new(limit: Option<f64>, samples: usize) -> Self {
         match limit {
             Some(seconds) => Self::Passing { begun: Instant::now(), seconds },
-            None => Self::Computing { before: computed(), seconds: (PER_SAMPLE * samples as f64).max(LEAST) },
+            None => Self::Computing { before: computed(), seconds: (PER_SAMPLE * samples as f64).max(MIN_SECONDS) },
         }
     }
 

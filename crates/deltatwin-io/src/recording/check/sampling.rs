@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use deltatwin::recording::sample_time;
 
-use super::{FEWEST, Table};
+use super::{MIN_SAMPLES, Table};
 use crate::recording::ReadError;
 
 /// Smallest number of samples of a segment between gaps; shorter ones are dropped.
@@ -38,9 +38,9 @@ impl Table {
         limit_number(warnings, "gap of", 10);
         limit_number(warnings, "samples from", 10);
         let total: usize = stretches.iter().map(|r| r.len()).sum();
-        if total < FEWEST {
+        if total < MIN_SAMPLES {
             let problem = format!("only {total} samples remain between gaps in time");
-            return Err(ReadError::content(&self.file, problem, format!("at least {FEWEST}")));
+            return Err(ReadError::content(&self.file, problem, format!("at least {MIN_SAMPLES}")));
         }
         let deviation = |r: &Range<usize>| {
             let steps = self.t[r.clone()].windows(2);
@@ -61,7 +61,7 @@ impl Table {
         warnings
             .push(format!("time steps vary by up to {percent:.1} %: resampled to {step:.6e} s by cubic interpolation"));
         let stretches = self.resample(&stretches, step);
-        if self.t.len() < FEWEST {
+        if self.t.len() < MIN_SAMPLES {
             let problem = "hardly any samples remain after resampling";
             return Err(ReadError::content(&self.file, problem, "evenly sampled signals"));
         }
