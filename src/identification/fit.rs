@@ -66,7 +66,7 @@ pub struct Options<'a> {
     pub consistency: Consistency,
     /// Regularisation values p_reg (eqs. 10–11); `None`: those of the model itself.
     pub prior: Option<&'a Model>,
-    /// γ: prior information, per own size of a parameter squared; `None`: [`PRIOR_INFORMATION`].
+    /// γ: prior information, per own size of a parameter squared; `None`: [`super::estimator::PRIOR_INFORMATION`].
     pub prior_information: Option<f64>,
     /// Weights γ of eq. 10 that differ from `prior_information`.
     pub weights: &'a [GroupWeight],
