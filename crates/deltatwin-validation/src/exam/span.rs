@@ -350,6 +350,7 @@ mod tests {
             ("drive2", "-qd2 - tanh(100*qd2)"),
         ] {
             let share = share(at, law);
+            println!("{law}: {share:e}");
             assert!(share < WITHIN, "{law}: {share:e}");
         }
     }
