@@ -34,7 +34,7 @@ fn main() -> Result<()> {
         println!("missing:        {} (probability {:.2})", named.name, named.confidence.probability());
         let added = add(&identified.model, &named.name, &data, &[]).into_diagnostic()?;
         for p in &named.parameters {
-            println!("  {:<16}{:.4} ± {:.4} {}", p.name, p.value, p.std, p.unit);
+            println!("  {:<16}{}", p.name, p.unit.quantity(format!("{:.4} ± {:.4}", p.value, p.std)));
         }
         println!("with it:        RMS {:.2} N", added.fit.residuals.rms[0]);
         model::write(&added.fit.model, &folder.path().join("better.toml"))?;

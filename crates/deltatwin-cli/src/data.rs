@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use deltatwin::dynamics::Channel;
+use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::Dataset;
 use deltatwin::identification::derivatives::Method;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
+use deltatwin::text::nearest;
 use deltatwin_io::recording::{self, Mapping, ReadError, Reading};
+use miette::miette;
 
 /// What several commands take as data.
 #[derive(clap::Args, Clone, Debug)]
@@ -59,6 +61,19 @@ pub struct Data {
 }
 
 impl Data {
+    /// Checks that the machine of the recordings has the effects to be held.
+    ///
+    /// # Errors
+    /// The first name that `model` lacks there, with those it has.
+    pub fn check_held(&self, held: &[String], model: &Model) -> miette::Result<()> {
+        let parameters = Plant::new(model, &self.datasets[0].setup).parameters();
+        let mut own: Vec<&str> = parameters.iter().map(|p| p.param.effect).collect();
+        own.dedup();
+        let Some(name) = held.iter().find(|name| !own.contains(&name.as_str())) else { return Ok(()) };
+        let hint = nearest(name, own.iter().copied()).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
+        Err(miette!("--hold {name}: the model has no such effect; expected one of {}{hint}", own.join(", ")))
+    }
+
     /// Channels of all datasets.
     pub fn channels(&self) -> &[Channel] {
         self.datasets.first().map_or(&[], |t| &t.channels)

@@ -10,18 +10,16 @@ mod unexplained;
 use std::path::{Path, PathBuf};
 
 use self::time::Allowance;
-use miette::{IntoDiagnostic, WrapErr, miette};
+use miette::{IntoDiagnostic, WrapErr};
 
 use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
 use crate::terminal::{DONE, catch_interrupt, check_output, say, spinner, warn, write_figure};
 use deltatwin::diagnosis::{Diagnosis, NextExperiment, Options, diagnose_with};
-use deltatwin::dynamics::Plant;
 use deltatwin::identification::Dataset;
 use deltatwin::machine::Configuration;
 use deltatwin::model::Model;
-use deltatwin::text::nearest;
 use deltatwin_io::model;
 use deltatwin_io::scenario::write_experiment;
 use deltatwin_report::drawing;
@@ -80,7 +78,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
-    known(&args.hold, &model, &data.datasets[0])?;
+    data.check_held(&args.hold, &model)?;
     guard(&model, &data, &args.data)?;
     let progress = spinner("diagnose");
     let samples: usize = data.datasets.iter().chain(&data.held_out).map(Dataset::len).sum();
@@ -130,16 +128,6 @@ fn write(
         crate::command::identify::write(&answer.model, output, &provenance, args.json)
     });
     [figure, next, model].into_iter().flatten().collect()
-}
-
-/// Checks that the machine of the data has the effects to be held.
-pub(super) fn known(held: &[String], model: &Model, dataset: &Dataset) -> miette::Result<()> {
-    let parameters = Plant::new(model, &dataset.setup).parameters();
-    let mut own: Vec<&str> = parameters.iter().map(|p| p.param.effect).collect();
-    own.dedup();
-    let Some(name) = held.iter().find(|name| !own.contains(&name.as_str())) else { return Ok(()) };
-    let hint = nearest(name, own.iter().copied()).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
-    Err(miette!("--hold {name}: the model has no such effect; expected one of {}{hint}", own.join(", ")))
 }
 
 /// Whether a proposal can be written as a scenario: not if its motion is that of the data, or of the disassembled

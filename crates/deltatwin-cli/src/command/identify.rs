@@ -9,7 +9,6 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use serde_json::{Map, Value, json};
 
 use self::how::How;
-use crate::command::diagnose::known;
 use crate::command::gate::{guard, much_is_left};
 use crate::data::{Data, DataArgs};
 use crate::terminal::{
@@ -59,7 +58,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     model.link_parameters = args.how.links();
     let data = Data::read_with(&args.data, &model, args.how.method())?;
     warn(&data.warnings);
-    known(args.how.fixed(), &model, &data.datasets[0])?;
+    data.check_held(args.how.fixed(), &model)?;
     guard(&model, &data, &args.data)?;
     let noise_floor = floor(&model, &data.datasets);
     let prior = args.how.prior(&model)?;

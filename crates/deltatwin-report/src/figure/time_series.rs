@@ -39,15 +39,14 @@ const ROUNDING: f64 = 1e-6;
 /// The range of a panel with rounding errors only is ± a thousandth of the largest value of its quantity, so that its
 /// curves appear as zero.
 fn ranges(panels: &[Panel]) -> Vec<Option<(f64, f64)>> {
-    let own = |panel: &Panel| range(usable(&panel.curves).map(|p| p.1));
-    let size = |range: Option<(f64, f64)>| range.map_or(0.0, |(low, high)| low.abs().max(high.abs()));
-    let one = |panel: &Panel| {
-        let same = panels.iter().filter(|p| p.y_label == panel.y_label);
-        let largest = same.map(|p| size(own(p))).fold(0.0, f64::max);
-        let is_rounding = size(own(panel)) < ROUNDING * largest;
-        own(panel).map(|own| if is_rounding { (-1e-3 * largest, 1e-3 * largest) } else { own })
+    let own: Vec<_> = panels.iter().map(|panel| (&panel.y_label, range(usable(&panel.curves).map(|p| p.1)))).collect();
+    let size = |(low, high): (f64, f64)| low.abs().max(high.abs());
+    let one = |(label, range): &(&String, Option<(f64, f64)>)| {
+        let same = own.iter().filter(|(other, _)| other == label).filter_map(|(_, range)| *range);
+        let largest = same.map(size).fold(0.0, f64::max);
+        range.map(|r| if size(r) < ROUNDING * largest { (-1e-3 * largest, 1e-3 * largest) } else { r })
     };
-    panels.iter().map(one).collect()
+    own.iter().map(one).collect()
 }
 
 fn stack(title: &str, x_label: &str, panels: &[Panel], height: f64) -> Figure {
