@@ -19,8 +19,7 @@ pub enum DiagnosisError {
     /// The recordings are too short for the statistics.
     #[error(
         "diagnosis: {used:.3} s of {recorded:.3} s are usable ({rows} means of {block} samples; the noise model needs the first \
-         {skip} of each of {stretches} stretches), expected at least {needed:.3} s ({means} means); record longer, or without gaps",
-        block = problem::BLOCK
+         {skip} of each of {stretches} stretches), expected at least {needed:.3} s ({means} means); record longer, or without gaps"
     )]
     TooShort {
         /// Duration of all segments, s.
@@ -29,6 +28,8 @@ pub enum DiagnosisError {
         stretches: usize,
         /// Duration that the statistics can use, s.
         used: f64,
+        /// Number of samples in a mean.
+        block: usize,
         /// Number of means in that duration.
         rows: usize,
         /// Number of means that the noise model needs of each segment.
@@ -80,12 +81,14 @@ impl DiagnosisError {
     /// Error of the statistics on means of samples, expressed in seconds of the recordings.
     pub(super) fn of_statistics(error: evidence::Error, datasets: &[Dataset]) -> Self {
         let evidence::Error::TooShort { rows, skip, needed: means } = error else { return error.into() };
-        let mean = problem::BLOCK as f64 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
+        let block = problem::block(datasets);
+        let mean = block as f64 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
         let (stretches, all) = problem::segments(datasets);
         Self::TooShort {
             recorded: all as f64 * mean,
             stretches: stretches.len(),
             used: rows as f64 * mean,
+            block,
             rows,
             skip,
             needed: means as f64 * mean,

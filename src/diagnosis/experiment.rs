@@ -174,7 +174,7 @@ pub(super) fn next(
         fixed: fitting.fixed,
         datasets: fitting.datasets,
         filters: &ranking.filters,
-        stride: problem::BLOCK,
+        stride: problem::block(fitting.datasets),
         blocks: ranking.blocks,
     };
     if conclusion.verdict == Verdict::Unknown {

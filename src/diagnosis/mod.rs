@@ -14,6 +14,7 @@ pub mod experiment;
 mod fitting;
 mod judge;
 pub mod left;
+mod orders;
 mod problem;
 mod search;
 pub mod unknown;
@@ -67,7 +68,8 @@ pub fn diagnose_with(
     progress("refit");
     let refitted = fitting.fit(model)?;
     let mounted = in_configuration(model, &datasets[0].setup);
-    let candidates = problem::absent(&mounted);
+    let mut candidates = problem::absent(&mounted);
+    candidates.extend(orders::cogging(&refitted.model, &refitted, datasets).map(|found| vec![found]));
     let found = search::find(refitted, &judge, &candidates, progress)?;
     progress("confidence");
     let mut conclusion = Conclusion::new(&found, &judge)?;

@@ -13,15 +13,22 @@ use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, averaged_columns};
 use crate::model::Model;
 
-/// Number of samples averaged into one: the dynamics is below 80 Hz, the sampling rate in the kilohertz range.
-pub const BLOCK: usize = 5;
+/// Time over which samples are averaged, s: it keeps nine tenths of the amplitude at 125 Hz.
+const AVERAGED: f64 = 2e-3;
+
+/// Number of samples averaged into one; one sample of slow recordings.
+pub fn block(datasets: &[Dataset]) -> usize {
+    datasets.iter().map(|t| t.stride(AVERAGED)).min().unwrap_or(1)
+}
 
 /// Share of its usual magnitude below which an effect is not of practical interest.
 const WORTH_CARING: f64 = 0.3;
 
-/// Effects that the model lacks on the mounted parts of the machine, each with its initial shapes.
+/// Effects that the model lacks on the mounted parts of the machine, each with its initial shapes; without cogging,
+/// whose orders are found in the residuals.
 pub fn absent(model: &Model) -> Vec<Vec<ActiveEffect>> {
-    missing(model).filter(|e| e.spec().identifiable).map(|e| variants(model, e)).collect()
+    let testable = missing(model).filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
+    testable.map(|e| variants(model, e)).collect()
 }
 
 /// Effects that the model lacks and that exist in the twin only: inverse dynamics along a measured motion does not
@@ -100,7 +107,7 @@ fn begun_at(active: &ActiveEffect, start: &Start) -> ActiveEffect {
 
 impl Fitting<'_> {
     /// Linearised problem of a fit: residuals and columns of its parameters and of the candidates, averaged over
-    /// [`BLOCK`] samples. Fixed parameters are omitted; the others are restricted by the active consistency
+    /// [`block`] samples. Fixed parameters are omitted; the others are restricted by the active consistency
     /// constraints according to `edges`.
     pub fn problem(&self, fit: &Fit, candidates: &[Vec<ActiveEffect>], edges: Edges) -> Result<Problem, FitError> {
         let datasets = self.datasets;
@@ -112,7 +119,7 @@ impl Fitting<'_> {
             let variant = |active| Variant { label: label(active), columns: columns.next().expect("one per shape") };
             Candidate { name: shapes[0].effect.name().into(), variants: shapes.iter().map(variant).collect() }
         };
-        let scale = (BLOCK as f64).sqrt();
+        let scale = (block(datasets) as f64).sqrt();
         let channels = datasets[0].channels.iter().zip(&self.noise);
         Ok(Problem {
             channels: channels
@@ -159,7 +166,8 @@ fn linearised(
     candidates: &[ActiveEffect],
 ) -> Result<(Vec<Owned>, Vec<Vec<Column>>), FitError> {
     let parameters = Plant::new(model, &datasets[0].setup).parameters();
-    let one = |t: &Dataset| averaged_columns(&Plant::new(model, &t.setup), t, candidates, BLOCK).map_err(kinematics(t));
+    let block = block(datasets);
+    let one = |t: &Dataset| averaged_columns(&Plant::new(model, &t.setup), t, candidates, block).map_err(kinematics(t));
     let all: Vec<Vec<Vec<Channels>>> = datasets.iter().map(one).collect::<Result<_, FitError>>()?;
     let own = all[0].len() - candidates.len();
     let owned = parameters
@@ -250,7 +258,7 @@ fn stack<'a>(datasets: impl Iterator<Item = &'a Channels>) -> Vec<f64> {
 
 /// Averaged segments of all datasets in sequence, and their total length.
 pub fn segments(datasets: &[Dataset]) -> (Vec<std::ops::Range<usize>>, usize) {
-    let averaged = averaged_segments(datasets, BLOCK);
+    let averaged = averaged_segments(datasets, block(datasets));
     let samples = averaged.last().map_or(0, |s| s.end);
     (averaged, samples)
 }
@@ -260,7 +268,7 @@ pub fn residual_series(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> 
     let mut out = Vec::new();
     for c in 0..datasets[0].channels.len() {
         for (dataset, series) in datasets.iter().zip(&residuals.series) {
-            out.extend(dataset.means(&series[c], BLOCK));
+            out.extend(dataset.means(&series[c], block(datasets)));
         }
     }
     out

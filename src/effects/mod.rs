@@ -24,6 +24,7 @@ mod ball_socket_load_dependent;
 mod ball_socket_viscous;
 mod base_tilt;
 mod clamp_springs;
+pub mod cogging;
 mod drive_coulomb_asymmetry;
 mod drive_elasticity;
 mod drive_friction;
@@ -78,6 +79,7 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(drive_elasticity::DriveElasticity),
         Arc::new(thermal_friction_drift::ThermalFrictionDrift),
         Arc::new(torque_ripple::TorqueRipple),
+        Arc::new(cogging::Cogging),
         Arc::new(rotor_inertia::RotorInertia),
         Arc::new(ball_socket_load_dependent::BallSocketLoadDependent),
         Arc::new(telescope_retract_friction::TelescopeRetractFriction),

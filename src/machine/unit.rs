@@ -86,6 +86,11 @@ impl Unit {
         }
     }
 
+    /// Whether quantities of this unit depend on the size of a machine, by forces, distances or angles of the joints.
+    pub fn has_dimension(self) -> bool {
+        self.scale(2.0, 3.0) != 1.0
+    }
+
     /// The unit on a prismatic axis: metres replace radians, newtons replace newton metres. Units that do not involve
     /// the coordinate of a drive are unchanged.
     pub fn on_slide(self) -> Self {

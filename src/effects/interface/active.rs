@@ -43,6 +43,15 @@ const STATED: (f64, f64) = (132.0, 18.989);
 /// Friction of the telescope drive relative to an arm drive: 0.53 N·m to 4.7 N·m ([Gnad 2024], Tables 2 and 4).
 const TELESCOPE_DRIVE: f64 = 0.11;
 
+/// Factors on the lower and upper end of a range on a lone axis. Its range follows from limits of torque and speed that
+/// are often estimates, so it restricts the sign of a coefficient, and other numbers to a factor of 30.
+fn wider(role: Role) -> (f64, f64) {
+    match role {
+        Role::Linear => (1e-6, 1e6),
+        Role::Shape | Role::Fixed => (1.0 / 30.0, 30.0),
+    }
+}
+
 impl Default for Host {
     fn default() -> Self {
         Self { mechanism: Mechanism::default(), torque: 1.0, speed: 1.0 }
@@ -64,10 +73,16 @@ impl Host {
         let unit = self.mechanism.unit(parameter.unit);
         let factor = unit.scale(self.torque, self.speed);
         let (low, high) = parameter.range;
+        let (narrower, wider) = match self.mechanism {
+            Mechanism::Axis(_) if unit.has_dimension() => wider(parameter.role),
+            _ => (1.0, 1.0),
+        };
+        // Away from zero, and for lower limits of positive numbers towards it.
+        let least = if low > 0.0 { narrower } else { wider };
         Parameter {
             unit,
             default: factor * parameter.default,
-            range: (factor * low, factor * high),
+            range: (factor * low * least, factor * high * wider),
             ..parameter.clone()
         }
     }
@@ -186,6 +201,12 @@ impl ActiveEffect {
                         format!("{}_{}", p.name, i + 1)
                     }
                     Count::Named(names) => format!("{}_{}", p.name, names[i]),
+                    Count::List => format!("{}_{}", p.name, i + 1),
+                    Count::PerArmOf(list) => {
+                        let arms = self.host.mechanism.arms();
+                        let name = format!("{}_{}", p.name, self.values().block(list)[i / arms]);
+                        if arms == 1 { name } else { format!("{name}_{}", i % arms + 1) }
+                    }
                 };
                 out.push(Entry { param: Param { effect: self.effect.name(), block: b, item: i }, parameter, name });
             }

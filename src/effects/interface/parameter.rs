@@ -41,14 +41,19 @@ pub enum Count {
     AllDrives,
     /// A fixed number of named values (array).
     Named(&'static [&'static str]),
+    /// Any number of values (array); one by default.
+    List,
+    /// One per arm for each value of the [`Self::List`] that is the given parameter block (array, all arms of the first
+    /// value first).
+    PerArmOf(usize),
 }
 
 impl Count {
-    /// Number of values on a machine; the smallest one if several are allowed.
+    /// Number of values on a machine; the smallest one if several are allowed, and that of lists of one value.
     pub fn on(self, machine: Mechanism) -> usize {
         match self {
-            Self::One => 1,
-            Self::PerArm | Self::PerDrive => machine.arms(),
+            Self::One | Self::List => 1,
+            Self::PerArm | Self::PerDrive | Self::PerArmOf(_) => machine.arms(),
             Self::PerAxis | Self::AllDrives => machine.axes(),
             Self::Named(names) => names.len(),
         }

@@ -65,6 +65,8 @@ fn count(p: &Parameter) -> String {
         Count::PerDrive => "one per drive".into(),
         Count::PerAxis | Count::AllDrives => "one per axis".into(),
         Count::Named(names) => names.join(", "),
+        Count::List => "any number".into(),
+        Count::PerArmOf(_) => "one per arm and value of the list".into(),
     }
 }
 

@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use deltatwin::effects::{ActiveEffect, Effect, Effects, Host, Parameter, REGISTRY, Role};
+use deltatwin::effects::{ActiveEffect, Count, Effect, Effects, Host, Parameter, REGISTRY, Role};
 use deltatwin::machine::bodies::{self, BODIES, body_name};
 use deltatwin::machine::check::{self, Culprit};
 use deltatwin::machine::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops};
@@ -347,7 +347,7 @@ fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Checked<Ac
     table.only(&parameters.iter().map(|p| &*p.name).collect::<Vec<_>>())?;
     let mut blocks = Vec::new();
     for p in &parameters {
-        let present = p.role == Role::Linear || table.entry(&p.name).is_some();
+        let present = p.role == Role::Linear || p.count == Count::List || table.entry(&p.name).is_some();
         blocks.push(if present {
             table.numbers(
                 &p.name,
@@ -359,8 +359,29 @@ fn read_effect(table: &Table, effect: Arc<dyn Effect>, host: Host) -> Checked<Ac
             default_values(p, host.mechanism)
         });
     }
+    check_lists(table, &parameters, &blocks, host)?;
     let blocks: Vec<&[f64]> = blocks.iter().map(Vec::as_slice).collect();
     Ok(ActiveEffect { host, ..ActiveEffect::new(effect, &blocks) })
+}
+
+/// Checks that values of lists differ, and that every parameter that refers to a list has its number of values.
+fn check_lists(table: &Table, parameters: &[Parameter], blocks: &[Vec<f64>], host: Host) -> Checked<()> {
+    for (p, values) in parameters.iter().zip(blocks) {
+        match p.count {
+            Count::List if (1..values.len()).any(|i| values[..i].contains(&values[i])) => {
+                return Err(table.refuse(&p.name, "expected numbers that all differ"));
+            }
+            Count::PerArmOf(list) => {
+                let (names, expected) = (&parameters[list].name, p.count.on(host.mechanism) * blocks[list].len());
+                if values.len() != expected {
+                    let why = format!("found {} values, expected {expected}: one per arm for each of `{names}`", values.len());
+                    return Err(table.refuse(&p.name, &why));
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Values of an optional parameter that the file omits.

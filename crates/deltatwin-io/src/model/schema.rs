@@ -32,6 +32,8 @@ pub(super) enum Shape {
     OneOrArray(usize),
     /// An array of either length.
     Arrays(usize, usize),
+    /// An array of at least one number, or of the given number for each value of another array.
+    List(usize),
 }
 
 impl Shape {
@@ -40,6 +42,7 @@ impl Shape {
         let n = parameter.count.on(machine);
         match parameter.count {
             Count::One => Shape::One,
+            Count::List | Count::PerArmOf(_) => Shape::List(n),
             Count::PerDrive | Count::AllDrives if machine.has_telescope() => {
                 Shape::Arrays(machine.arms(), machine.axes())
             }
@@ -59,6 +62,7 @@ impl Shape {
             Shape::One => false,
             Shape::Array(a) | Shape::OneOrArray(a) => n == a,
             Shape::Arrays(a, b) => n == a || n == b,
+            Shape::List(each) => n > 0 && n.is_multiple_of(each),
         }
     }
 
@@ -68,6 +72,8 @@ impl Shape {
             Shape::Array(n) => format!("an array of {n}, each {each}"),
             Shape::OneOrArray(n) => format!("{each}, or an array of {n} of them"),
             Shape::Arrays(a, b) => format!("an array of {a} or {b}, each {each}"),
+            Shape::List(1) => format!("an array, each {each}"),
+            Shape::List(n) => format!("an array of a multiple of {n}, each {each}"),
         }
     }
 }
