@@ -21,6 +21,10 @@ pub(super) const MIN_RELEVANCE: f64 = 0.1;
 /// nothing.
 const HELD_OUT_SHARE: f64 = 0.3;
 
+/// Least gain of an effect relative to the error above the noise that is left with it: a much smaller effect may be a
+/// part of what is left and not known.
+const ABOVE_THE_REST: f64 = 0.1;
+
 /// Gain, in units of the noise, below which drift may explain an effect: seven standard deviations of one parameter,
 /// because the drift intensity is estimated from a few slow cosines only.
 const MAX_DRIFT_GAIN: f64 = 50.0;
@@ -110,7 +114,9 @@ impl<'a> Judge<'a> {
         };
         let fitted = gain([&without.fit.residuals, &with.fit.residuals], &self.fitting.noise);
         let held_out = gain([&without.residuals, &with.residuals], &self.floor);
-        let stays = held_out >= HELD_OUT_SHARE * fitted && is_relevant(without.rms(), with.rms());
+        let left = relative_energy(with.rms(), &self.floor) - self.floor.len() as f64;
+        let stays = held_out >= (HELD_OUT_SHARE * fitted).max(ABOVE_THE_REST * left)
+            && is_relevant(without.rms(), with.rms());
         Ok(stays && !self.fitting.wanders(&without.fit, &with.fit)?)
     }
 }

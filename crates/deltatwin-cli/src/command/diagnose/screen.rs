@@ -63,7 +63,14 @@ pub fn verdict(d: &Diagnosis) -> String {
         (Verdict::Several, n) => format!("{n} effects are missing: {names}"),
         (Verdict::Ambiguous, _) => {
             let sets: Vec<String> = d.indistinguishable.iter().map(|set| set.join(" or ")).collect();
-            format!("Something is missing, and these data do not tell whether it is {}", sets.join("; nor whether "))
+            let open = |e: &&Named| d.indistinguishable.iter().any(|set| set.contains(&e.name));
+            let clear: Vec<String> = d.effects.iter().filter(|e| !open(e)).map(named).collect();
+            let first = if clear.is_empty() {
+                "Something is missing, and these".to_string()
+            } else {
+                format!("{} is missing, and something of which these", clear.join(", "))
+            };
+            format!("{first} data do not tell whether it is {}", sets.join("; nor whether "))
         }
         (Verdict::Unknown, 0) => "Something is missing that no known effect explains".to_string(),
         (Verdict::Unknown, _) => format!("Something is missing that no known effect explains, beside {names}"),
@@ -87,7 +94,10 @@ fn left(d: &Diagnosis) -> String {
     format!("{} times the noise is left on {}{others}", significant(*ratio, 2), worst.title())
 }
 
-/// Parameters with their standard errors in one line.
+/// Largest number of parameters of an effect on the screen.
+const MAX_VALUES: usize = 8;
+
+/// Parameters with their standard errors in one line; the first of many.
 fn values(parameters: &[Estimate]) -> String {
     let value = |p: &Estimate| match p.identified() {
         true => {
@@ -96,7 +106,11 @@ fn values(parameters: &[Estimate]) -> String {
         }
         false => format!("{} not determined alone", p.name),
     };
-    parameters.iter().map(value).collect::<Vec<_>>().join(", ")
+    let mut texts: Vec<String> = parameters.iter().take(MAX_VALUES).map(value).collect();
+    if parameters.len() > MAX_VALUES {
+        texts.push(format!("and {} more with --json", parameters.len() - MAX_VALUES));
+    }
+    texts.join(", ")
 }
 
 fn percent(share: f64) -> String {
