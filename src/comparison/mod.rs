@@ -31,7 +31,7 @@ pub struct Finding {
     /// Channel.
     pub channel: Channel,
     /// Kind of place: `mean`, `joint speed`, `joint angle`, `joint acceleration`, `time`, `reversal`, `workspace` or
-    /// `frequency`.
+    /// `frequency`; of a diagnosis also `order`, a line over the joint angle.
     pub place: String,
     /// Share of the channel's mean square residual explained by the place, beyond chance and beyond the preceding
     /// findings.
@@ -77,6 +77,25 @@ pub fn compare(model: &Model, datasets: &[Dataset], held_out: &[Dataset]) -> Res
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     Ok(Comparison { channels, rms, noise_floor, held_out_rms, findings: found })
+}
+
+/// Patterns of the residual of channel `c` of a model on recordings, largest share first.
+///
+/// # Errors
+/// If the model's geometry cannot reach a pose.
+///
+/// # Panics
+/// If there are no datasets or no channel `c`.
+pub fn patterns(
+    model: &Model,
+    datasets: &[Dataset],
+    residuals: &Residuals,
+    c: usize,
+) -> Result<Vec<Finding>, FitError> {
+    let (channel, noise) = (datasets[0].channels[c], noise_floor(model, datasets)[c]);
+    let mut found = findings::of_channel(channel, datasets, &platform(model, datasets)?, residuals.channel(c), noise);
+    found.sort_by(|a, b| b.share.total_cmp(&a.share));
+    Ok(found)
 }
 
 /// Centre of the platform at every sample of all datasets, m; empty without a platform.

@@ -107,16 +107,22 @@ impl<'a> Judge<'a> {
         Ok(Judged { fit, residuals })
     }
 
+    /// RMS residuals on the validation data, without reversals that the recordings do not resolve.
+    pub fn resolved_rms(&self, judged: &Judged) -> Vec<f64> {
+        resolved_rms(self.data(), &judged.residuals)
+    }
+
     /// Whether the validation data confirm the effect that `with` contains and `without` does not.
     pub fn confirms(&self, without: &Judged, with: &Judged) -> Result<bool, FitError> {
-        let gain = |[without, with]: [&Residuals; 2], floor: &[f64]| {
-            relative_energy(&without.rms, floor) - relative_energy(&with.rms, floor)
+        let rms = |judged: &Judged| resolved_rms(self.fitting.datasets, &judged.fit.residuals);
+        let gain = |without: &[f64], with: &[f64], floor: &[f64]| {
+            relative_energy(without, floor) - relative_energy(with, floor)
         };
-        let fitted = gain([&without.fit.residuals, &with.fit.residuals], &self.fitting.noise);
-        let held_out = gain([&without.residuals, &with.residuals], &self.floor);
-        let left = relative_energy(with.rms(), &self.floor) - self.floor.len() as f64;
-        let stays = held_out >= (HELD_OUT_SHARE * fitted).max(ABOVE_THE_REST * left)
-            && is_relevant(without.rms(), with.rms());
+        let fitted = gain(&rms(without), &rms(with), &self.fitting.noise);
+        let [before, after] = [self.resolved_rms(without), self.resolved_rms(with)];
+        let held_out = gain(&before, &after, &self.floor);
+        let left = relative_energy(&after, &self.floor) - self.floor.len() as f64;
+        let stays = held_out >= (HELD_OUT_SHARE * fitted).max(ABOVE_THE_REST * left) && is_relevant(&before, &after);
         Ok(stays && !self.fitting.wanders(&without.fit, &with.fit)?)
     }
 }
@@ -147,6 +153,15 @@ impl Fitting<'_> {
         left = refitted(&least, &noise);
         noise = Noise::of(&left, samples, &segments, drives(datasets));
         Ok(noise.energy(&refitted(&problem, &noise)) - noise.energy(&refitted(&least, &noise)))
+    }
+}
+
+/// RMS residuals per channel, without the reversals of recordings that do not resolve them.
+fn resolved_rms(datasets: &[Dataset], residuals: &Residuals) -> Vec<f64> {
+    if datasets.iter().any(Dataset::blurs_reversals) {
+        rms_away_from_reversals(datasets, residuals)
+    } else {
+        residuals.rms.clone()
     }
 }
 

@@ -4,7 +4,9 @@ use super::answer::Verdict;
 use super::conclusion::Conclusion;
 use super::judge::Judge;
 use super::judge::UNEXPLAINED;
+use super::orders;
 use super::unknown::{self, Shape};
+use crate::comparison::{self, Finding};
 use crate::dynamics::Channel;
 use crate::identification::fit::FitError;
 use crate::machine::Unit;
@@ -18,7 +20,15 @@ pub struct Left {
     pub beside: bool,
     /// Description of the residual where it exceeds the noise and has no formula.
     pub sight: Option<Rest>,
+    /// Strongest patterns of the channels of [`Self::channels`] beyond [`PLAIN`] without a formula, largest share
+    /// first.
+    pub patterns: Vec<Finding>,
 }
+
+/// Ratio to the noise floor above which the patterns of a residual are described.
+const PLAIN: f64 = 1.3;
+/// Largest number of patterns described per channel.
+const MOST_PATTERNS: usize = 3;
 
 /// Description of a residual without a formula.
 #[derive(Clone, Debug)]
@@ -42,6 +52,7 @@ impl Left {
                 Some(drive) => unknown::look(&conclusion.end, judge, drive)?,
                 None => None,
             };
+            left.patterns = patterns(&left.ratios, conclusion, judge)?;
         }
         Ok(left)
     }
@@ -49,7 +60,7 @@ impl Left {
     fn new(rms: &[f64], floor: &[f64], named: bool, verdict: Verdict) -> Self {
         let ratios: Vec<f64> = rms.iter().zip(floor).map(|(r, f)| r / f.max(f64::MIN_POSITIVE)).collect();
         let above = ratios.iter().any(|r| *r > UNEXPLAINED);
-        Self { ratios, beside: named && (above || verdict == Verdict::Unknown), sight: None }
+        Self { ratios, beside: named && (above || verdict == Verdict::Unknown), sight: None, patterns: Vec::new() }
     }
 
     /// Largest ratio; 1 is pure noise.
@@ -69,6 +80,22 @@ impl Left {
         above.sort_by(|a, b| b.1.total_cmp(&a.1));
         above
     }
+}
+
+/// Patterns of the validation residuals of all channels above [`PLAIN`], with the lines of drives over their angle.
+fn patterns(ratios: &[f64], conclusion: &Conclusion, judge: &Judge) -> Result<Vec<Finding>, FitError> {
+    let (end, datasets) = (&conclusion.end, judge.data());
+    let mut all = Vec::new();
+    for c in (0..ratios.len()).filter(|&c| ratios[c] > PLAIN) {
+        let channel = datasets[0].channels[c];
+        let mut own = comparison::patterns(&end.fit.model, datasets, &end.residuals, c)?;
+        let lines = channel.drive().filter(|i| *i < end.fit.model.mechanism.arms());
+        own.extend(lines.and_then(|arm| orders::strongest(&end.fit.model, &end.residuals, datasets, arm)));
+        own.sort_by(|a, b| b.share.total_cmp(&a.share));
+        own.truncate(MOST_PATTERNS);
+        all.extend(own);
+    }
+    Ok(all)
 }
 
 #[cfg(test)]

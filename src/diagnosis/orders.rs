@@ -7,10 +7,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::comparison::Finding;
 use crate::effects::{ActiveEffect, cogging};
-use crate::identification::{Dataset, Fit};
+use crate::identification::{Dataset, Fit, Residuals};
 use crate::model::Model;
 use crate::numerics::median;
+use crate::text::significant;
 
 /// Least number of periods within the travel.
 const LEAST_PERIODS: f64 = 4.0;
@@ -42,7 +44,7 @@ pub(super) fn cogging(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Option<
     let mut orders: Vec<(f64, f64)> = Vec::new();
     for arm in 0..model.mechanism.arms() {
         let gear_ratio = model.drives[arm].gear_ratio;
-        let series = Series::new(fit, datasets, arm, gear_ratio);
+        let series = Series::new(&fit.residuals, datasets, arm, gear_ratio);
         for (order, share) in series.orders() {
             match orders.iter_mut().find(|(known, _)| (known - order).abs() < series.width()) {
                 Some(known) => known.1 = known.1.max(share),
@@ -59,6 +61,19 @@ pub(super) fn cogging(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Option<
     Some(cogging::at_orders(&orders, model.drives[0].gear_ratio, model.host()))
 }
 
+/// The strongest line of the residual of arm drive `arm` over its angle, as a pattern; `None` without a line.
+pub(super) fn strongest(model: &Model, residuals: &Residuals, datasets: &[Dataset], arm: usize) -> Option<Finding> {
+    let (order, share) =
+        Series::new(residuals, datasets, arm, model.drives[arm].gear_ratio).orders().first().copied()?;
+    let channel = datasets[0].channels[arm];
+    let sentence = format!(
+        "{channel}: {:.0} % of the residual lies at order {} of the motor turn",
+        100.0 * share,
+        significant(order, 4)
+    );
+    Some(Finding { channel, place: "order".into(), share, sentence })
+}
+
 /// Residual of one drive over the motor angle.
 struct Series {
     /// Motor angle, rad, from its smallest value.
@@ -71,10 +86,10 @@ struct Series {
 }
 
 impl Series {
-    fn new(fit: &Fit, datasets: &[Dataset], arm: usize, gear_ratio: f64) -> Self {
+    fn new(residuals: &Residuals, datasets: &[Dataset], arm: usize, gear_ratio: f64) -> Self {
         let (mut angle, mut residual) = (Vec::new(), Vec::new());
         let (mut squares, mut count, mut step) = (0.0, 0usize, 0.0f64);
-        for (dataset, series) in datasets.iter().zip(&fit.residuals.series) {
+        for (dataset, series) in datasets.iter().zip(&residuals.series) {
             angle.extend(dataset.joints.iter().map(|joint| gear_ratio * joint.q[arm]));
             residual.extend(&series[arm]);
             squares += dataset.joints.iter().map(|joint| (gear_ratio * joint.qd[arm]).powi(2)).sum::<f64>();

@@ -220,8 +220,7 @@ impl<'a> Search<'a> {
         candidates: &'a [Vec<ActiveEffect>],
     ) -> Result<Self, DiagnosisError> {
         let block = problem::block(judge.fitting.datasets);
-        let mut settings =
-            Settings { min_relevance: MIN_RELEVANCE * (block as f64).sqrt(), ..Settings::default() };
+        let mut settings = Settings { min_relevance: MIN_RELEVANCE * (block as f64).sqrt(), ..Settings::default() };
         let problem = judge.fitting.problem(&start, candidates, edges)?;
         let start = judge.of(start)?;
         // No channel exceeds its noise, so nothing is to be explained.

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use super::{
-    About, ActiveEffect, Count, Effect, Host, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values,
-    Wrenches,
+    About, ActiveEffect, Count, Effect, Host, Instant, MachineView, Parameter, Part, Role, Spec, Unit, Values, Wrenches,
 };
 
 /// Name of the effect.
@@ -104,8 +103,7 @@ mod tests {
         assert_eq!(names(&axis)[2..6], ["sine_72_1", "sine_72_2", "sine_72_3", "sine_4.5_1"]);
         axis.host.mechanism = Mechanism::Axis(Joint::Revolute);
         let axis = at_orders(&[72.0, 4.5], 1.0, axis.host);
-        let expected =
-            ["orders_1", "orders_2", "sine_72", "sine_4.5", "cosine_72", "cosine_4.5", "gear_ratio"];
+        let expected = ["orders_1", "orders_2", "sine_72", "sine_4.5", "cosine_72", "cosine_4.5", "gear_ratio"];
         assert_eq!(names(&axis), expected);
     }
 }

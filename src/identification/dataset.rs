@@ -12,6 +12,11 @@ use crate::machine::{AXES, Configuration, Part, STRUTS, Setup};
 use crate::model::Model;
 use crate::recording::{Recording, Signals};
 
+/// Half width of the differentiation, s, up to which reversals are resolved.
+const RESOLVED: f64 = 0.03;
+/// Sampling period, s, above which reversals are not resolved.
+const SLOW: f64 = 4e-3;
+
 /// Smoothed joint motion with the measured channels at the same samples.
 #[derive(Clone, Debug)]
 pub struct Dataset {
@@ -147,6 +152,12 @@ impl Dataset {
             segments: self.segments.iter().filter_map(clip).collect(),
             ..self.empty()
         }
+    }
+
+    /// Whether the angles of an axis are so coarse, or sampled so slowly, that its reversals are not resolved: friction
+    /// jumps there, and its smoothing error resembles effects.
+    pub fn blurs_reversals(&self) -> bool {
+        self.half_width.iter().any(|m| *m > MIN_HALF_WIDTH && *m as f64 * self.dt > RESOLVED) || self.dt > SLOW
     }
 
     /// Number of samples per `step` seconds, rounded, at least one. All decimation by a time step uses this rule.

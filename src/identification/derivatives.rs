@@ -8,10 +8,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::filtering::{Kernel, MIN_HALF_WIDTH, half_width, noise_level};
+use super::filtering::{Kernel, MAX_HALF_WIDTH, MIN_HALF_WIDTH, half_width, noise_level};
 use super::smoother::{Likelihood, smooth, width};
 use crate::kinematics::JointState;
 use crate::machine::AXES;
+use crate::numerics::median;
 
 /// Method of differentiation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -139,22 +140,43 @@ impl<'a> Angles<'a> {
     fn smoothed(&self, half_widths: [usize; AXES], jumps: Option<Jumps>) -> Vec<Vec<Smoothed>> {
         let noisy: Vec<bool> = half_widths.iter().map(|m| *m > MIN_HALF_WIDTH).collect();
         let readings: Vec<Readings> = (0..AXES).into_par_iter().map(|i| Readings::new(self, i)).collect();
-        let smoothed = |apart: &[Vec<bool>], turns: &[Vec<bool>]| -> Vec<Vec<Smoothed>> {
+        let smoothed = |apart: &[Vec<bool>], turns: &[Vec<bool>], finest: [f64; AXES]| -> Vec<Vec<Smoothed>> {
             let axis = |i: usize| match noisy[i] {
-                true => readings[i].smoothed(apart, turns, jumps.map_or(JUMP[1], |j| j.most)),
+                true => readings[i].smoothed(apart, turns, jumps.map_or(JUMP[1], |j| j.most).min(finest[i])),
                 false => self.each(i, |x| polynomial(x, half_widths[i])),
             };
             (0..AXES).into_par_iter().map(axis).collect()
         };
         let nowhere: Vec<Vec<bool>> = self.stretches.iter().map(|s| no_turns(s.len())).collect();
-        let first = smoothed(&nowhere, &nowhere);
+        let first = smoothed(&nowhere, &nowhere, [JUMP[1]; AXES]);
         let Some(jumps) = jumps else { return first };
         let rates = |s: usize, i: usize| first[i][s].values.iter().map(|x| x[1] / self.dt).collect::<Vec<_>>();
         let turning = |ringing: f64| -> Vec<Vec<bool>> {
             let of = |s: usize| turns(&std::array::from_fn(|i| rates(s, i)), self.dt, ringing);
             (0..self.stretches.len()).map(of).collect()
         };
-        smoothed(&turning(0.0), &turning(jumps.ringing))
+        let finest = std::array::from_fn(|i| self.finest_jump(i, first[i].iter().flat_map(|s| &s.values)));
+        smoothed(&turning(0.0), &turning(jumps.ringing), finest)
+    }
+
+    /// Logarithm of the largest intensity of jumps of q̈ that the encoder of an axis resolves.
+    ///
+    /// An axis that reverses with the acceleration a stays within one encoder step Δ for √(2Δ/a). The readings of that
+    /// time are equal, not independent, and steeper jumps would follow their steps. Noise in q⃛ of intensity w is
+    /// smoothed over about w^(−1/6) samples.
+    fn finest_jump<'b>(&self, axis: usize, smoothed: impl Iterator<Item = &'b [f64; 3]>) -> f64 {
+        let mut before = None;
+        let mut turning = Vec::new();
+        for [_, rate, acceleration] in smoothed {
+            if before.is_some_and(|b: f64| (b < 0.0) != (*rate < 0.0)) {
+                turning.push(acceleration.abs());
+            }
+            before = Some(*rate);
+        }
+        // Uniform errors have the standard deviation Δ/√12. All quantities are per sample.
+        let step = 12f64.sqrt() * self.sigma[axis];
+        let samples = (2.0 * step / median(turning)).sqrt();
+        if samples > COARSE { -6.0 * samples.ln() } else { JUMP[1] }
     }
 }
 
@@ -168,7 +190,7 @@ fn paper(x: &[f64]) -> Smoothed {
 
 /// Derivatives of local polynomials of half width `m`.
 fn polynomial(x: &[f64], m: usize) -> Smoothed {
-    let kernel = Kernel::new(m);
+    let kernel = Kernel::new(m.min(MAX_HALF_WIDTH));
     let m = kernel.half_width;
     let mut values: Vec<[f64; 3]> = x.iter().map(|x| [*x, 0.0, 0.0]).collect();
     for d in 0..3 {
@@ -226,6 +248,8 @@ const BESIDE: usize = 40;
 const RESTING: f64 = 10.0;
 /// Logarithm of the largest intensity of the noise in q⁗, at which readings and motion are unrelated.
 const ROUGHEST: f64 = 30.0;
+/// Samples within one encoder step at a reversal above which the encoder, not the sampling, limits the resolution.
+const COARSE: f64 = 3.0;
 /// Logarithms of the least and largest intensity of the noise in q⃛ at reversals.
 const JUMP: [f64; 2] = [-30.0, 30.0];
 /// Intensity at which the motions before and after a step are unrelated.

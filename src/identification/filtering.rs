@@ -17,7 +17,7 @@ pub struct Kernel {
 const DEGREE: usize = 4;
 /// Smallest half width, samples.
 pub const MIN_HALF_WIDTH: usize = 3;
-/// Largest half width, samples.
+/// Largest half width of a polynomial, samples.
 pub const MAX_HALF_WIDTH: usize = 60;
 
 impl Kernel {
@@ -80,10 +80,13 @@ pub fn noise_level(series: &[Vec<f64>]) -> f64 {
 
 /// Smallest half width with an acceleration noise of at most `tolerance`, rad/s², for the angle noise `sigma`, rad,
 /// and the step `dt`, s.
+///
+/// Above [`MAX_HALF_WIDTH`] it is extrapolated: the noise decreases with the half width to the power of 5/2.
 pub fn half_width(sigma: f64, dt: f64, tolerance: f64) -> usize {
+    let excess = |m: usize| Kernel::new(m).noise_gain(2) * sigma / (dt * dt) / tolerance;
     (MIN_HALF_WIDTH..=MAX_HALF_WIDTH)
-        .find(|&m| Kernel::new(m).noise_gain(2) * sigma / (dt * dt) <= tolerance)
-        .unwrap_or(MAX_HALF_WIDTH)
+        .find(|&m| excess(m) <= 1.0)
+        .unwrap_or_else(|| (MAX_HALF_WIDTH as f64 * excess(MAX_HALF_WIDTH).powf(0.4)) as usize)
 }
 
 #[cfg(test)]

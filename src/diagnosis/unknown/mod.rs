@@ -188,10 +188,11 @@ impl Choice {
 /// Whether a formula explains more of the residual of the fit `without` it than smoothing errors and drift do, on the
 /// validation data.
 fn is_confirmed(without: &Judged, with: &Judged, judge: &Judge) -> Result<bool, FitError> {
-    let energy = |judged: &Judged| relative_energy(judged.rms(), &judge.floor);
-    let unexplained = energy(without) - judge.floor.len() as f64;
-    Ok(energy(without) - energy(with) >= WORTH_SHOWING * unexplained
-        && is_relevant(without.rms(), with.rms())
+    let [before, after] = [judge.resolved_rms(without), judge.resolved_rms(with)];
+    let energy = |rms: &[f64]| relative_energy(rms, &judge.floor);
+    let unexplained = energy(&before) - judge.floor.len() as f64;
+    Ok(energy(&before) - energy(&after) >= WORTH_SHOWING * unexplained
+        && is_relevant(&before, &after)
         && !wanders_in(judge.data(), &without.residuals, &with.residuals)
         && !judge.fitting.wanders(&without.fit, &with.fit)?)
 }

@@ -374,7 +374,10 @@ fn check_lists(table: &Table, parameters: &[Parameter], blocks: &[Vec<f64>], hos
             Count::PerArmOf(list) => {
                 let (names, expected) = (&parameters[list].name, p.count.on(host.mechanism) * blocks[list].len());
                 if values.len() != expected {
-                    let why = format!("found {} values, expected {expected}: one per arm for each of `{names}`", values.len());
+                    let why = format!(
+                        "found {} values, expected {expected}: one per arm for each of `{names}`",
+                        values.len()
+                    );
                     return Err(table.refuse(&p.name, &why));
                 }
             }

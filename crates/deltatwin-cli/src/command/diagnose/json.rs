@@ -44,7 +44,9 @@ fn left(d: &Diagnosis) -> Value {
     let channels: Vec<(deltatwin::dynamics::Channel, f64)> = d.left.channels(&d.channels);
     let looks = d.left.sight.as_ref();
     let looks = looks.map(|r| json!({"location": r.location, "shape": unexplained::shape(&r.shape, r.unit)}));
-    json!({"channels": channels.into_iter().map(channel).collect::<Vec<_>>(), "looks": looks})
+    let pattern = |p: &deltatwin::comparison::Finding| json!({"channel": p.channel.to_string(), "place": p.place, "share": p.share, "sentence": p.sentence});
+    let patterns = d.left.patterns.iter().map(pattern).collect::<Vec<_>>();
+    json!({"channels": channels.into_iter().map(channel).collect::<Vec<_>>(), "looks": looks, "patterns": patterns})
 }
 
 fn effect(e: &Named) -> Value {

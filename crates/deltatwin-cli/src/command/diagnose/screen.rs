@@ -44,6 +44,9 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
         (None, Some(rest)) => say(format!("\n{}", wrapped(&unexplained::rest(rest), 2)))?,
         (None, None) => {}
     }
+    for pattern in &d.left.patterns {
+        say(wrapped(&format!("{}.", pattern.sentence), 4))?;
+    }
     candidates(d)?;
     not_testable(d)?;
     if !d.not_tried.is_empty() {
