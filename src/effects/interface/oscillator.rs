@@ -92,9 +92,9 @@ mod tests {
         let support = |t: f64| 30.0 - 4000.0 * t;
         let rates = |t: f64, s: [f64; 2]| [s[1], oscillator.acceleration(s, support(t))];
         let ahead = |s: [f64; 2], k: [f64; 2], h: f64| [s[0] + h * k[0], s[1] + h * k[1]];
-        for length in [4e-4, 4e-3, 0.1] {
+        for length in [4e-4_f64, 4e-3, 0.1] {
             let start = [1e-3, -0.2];
-            let (mut state, h) = (start, 1e-6);
+            let (mut state, h) = (start, 1e-6_f64);
             for k in 0..(length / h).round() as usize {
                 let t = k as f64 * h;
                 let a = rates(t, state);
