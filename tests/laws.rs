@@ -271,6 +271,7 @@ fn instant<'a>(
         t: 0.0,
         motion,
         bodies: &plant.bodies,
+        payload: &plant.payload,
         gravity: plant.gravity,
         reactions,
         state,

@@ -4,10 +4,12 @@ use nalgebra::Vector3;
 
 use super::ParamTable;
 use crate::effects::rigid_bodies::RigidBodies;
-use crate::effects::{ActiveEffect, Host, Kind};
-use crate::kinematics::{JointState, KinematicsError, Motion};
+use crate::effects::{ActiveEffect, Host, Instant, Kind};
+use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
-use crate::machine::{Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, Setup, Stops};
+use crate::machine::{
+    AXES, Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, STRUTS, Setup, Stops,
+};
 use crate::model::Model;
 
 /// A machine in the configuration of one run.
@@ -126,6 +128,28 @@ impl Plant {
         } else {
             Ok(Motion::disassembled(&self.geometry, joints))
         }
+    }
+
+    /// The quantities that laws may depend on, without reactions and torques.
+    pub(crate) fn instant<'a>(&'a self, t: f64, motion: &'a Motion, state: &'a [f64]) -> Instant<'a> {
+        static NONE: Reactions = Reactions { upper: [0.0; STRUTS], lower: [0.0; STRUTS] };
+        Instant {
+            t,
+            motion,
+            bodies: &self.bodies,
+            payload: &self.payload,
+            gravity: self.gravity,
+            reactions: &NONE,
+            state,
+            torque: [0.0; AXES],
+            closed: SocketSet::ALL,
+        }
+    }
+
+    /// Internal states of every effect in equilibrium with a motion, for an instant without a past.
+    pub fn steady_states(&self, t: f64, motion: &Motion) -> Vec<Vec<f64>> {
+        let at = self.instant(t, motion, &[]);
+        self.effects.iter().map(|active| active.steady_state(&at)).collect()
     }
 
     /// All parameters: rigid bodies first, then the effects in order.

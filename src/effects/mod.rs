@@ -31,6 +31,7 @@ mod drive_friction;
 mod drive_stribeck;
 mod drive_viscous_asymmetry;
 pub mod formula;
+mod frame_compliance;
 mod gear_load_friction;
 mod hooke_friction;
 mod hose_spring;
@@ -39,6 +40,7 @@ mod joint_zero_offset;
 mod limb_asymmetry;
 pub mod payload;
 mod payload_com_offset;
+mod payload_compliance;
 mod payload_mass_error;
 pub mod rigid_bodies;
 mod rotor_inertia;
@@ -58,7 +60,7 @@ mod torque_ripple;
 pub use drive_elasticity::GearSpring;
 pub use interface::{
     About, ActiveEffect, Compliance, Count, Effects, Entry, Host, Instant, InternalStates, Kind, Layout, MachineView,
-    Param, Parameter, Reads, Role, Search, Sensor, Spec, Start, Values, Wrenches, hunt_crossley,
+    Oscillator, Param, Parameter, Reads, Role, Search, Sensor, Spec, Start, Sway, Values, Wrenches, hunt_crossley,
 };
 pub use strut_elasticity::StrutSpring;
 
@@ -87,11 +89,13 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(hooke_friction::HookeFriction),
         Arc::new(payload_mass_error::PayloadMassError),
         Arc::new(payload_com_offset::PayloadComOffset),
+        Arc::new(payload_compliance::PayloadCompliance),
         Arc::new(limb_asymmetry::LimbAsymmetry),
         Arc::new(strut_elasticity::StrutElasticity),
         Arc::new(clamp_springs::ClampSprings),
         Arc::new(strut_length_error::StrutLengthError),
         Arc::new(base_tilt::BaseTilt),
+        Arc::new(frame_compliance::FrameCompliance),
         Arc::new(hose_spring::HoseSpring),
         Arc::new(air_drag::AirDrag),
         Arc::new(joint_zero_offset::JointZeroOffset),

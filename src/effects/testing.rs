@@ -6,7 +6,7 @@ use super::interface::default_values;
 use super::{Effect, Host, Instant, Layout, Values, Wrenches};
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
 use crate::machine::bodies::BODIES;
-use crate::machine::{Bodies, Inertia, STRUTS};
+use crate::machine::{Bodies, Inertia, Payload, STRUTS};
 
 /// A wrench written by a law: parameter, body, force, moment.
 pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
@@ -47,6 +47,7 @@ pub(super) fn wrenches_with(
             t: 0.0,
             motion,
             bodies,
+            payload: &Payload::default(),
             gravity: 9.81,
             reactions,
             state: &state,
@@ -64,6 +65,7 @@ pub(super) fn wrenches_in_state(effect: &dyn Effect, motion: &Motion, state: &[f
             t: 0.0,
             motion,
             bodies: &bodies,
+            payload: &Payload::default(),
             gravity: 9.81,
             reactions: &reactions,
             state,
@@ -79,6 +81,7 @@ pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
         t: 0.0,
         motion,
         bodies: &no_bodies(),
+        payload: &Payload::default(),
         gravity: 9.81,
         reactions: &Reactions::default(),
         state,
@@ -113,11 +116,12 @@ pub(super) fn totals(
     motion: &Motion,
 ) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
     let (values, layout) = (blocks.concat(), Layout::new(blocks.iter().map(|b| b.len())));
-    let (bodies, reactions) = (no_bodies(), Reactions::default());
+    let (bodies, payload, reactions) = (no_bodies(), Payload::default(), Reactions::default());
     let at = Instant {
         t: 0.0,
         motion,
         bodies: &bodies,
+        payload: &payload,
         gravity: 9.81,
         reactions: &reactions,
         state: &[],

@@ -21,6 +21,8 @@ pub enum Unit {
     RadPerM,
     /// s.
     S,
+    /// Hz, of a vibration; not of a drive.
+    Hz,
     /// m.
     M,
     /// m/s.
@@ -43,6 +45,8 @@ pub enum Unit {
     SPerRad,
     /// kg.
     Kg,
+    /// 1/kg.
+    PerKg,
     /// kg·m.
     KgM,
     /// kg·m².
@@ -113,12 +117,14 @@ impl Unit {
             | Self::Bit
             | Self::RadPerM
             | Self::S
+            | Self::Hz
             | Self::M
             | Self::MPerS
             | Self::MPerS2
             | Self::MPerS3
             | Self::SPerM
             | Self::Kg
+            | Self::PerKg
             | Self::KgM
             | Self::N
             | Self::NPerS
@@ -148,6 +154,7 @@ impl Unit {
             Self::RadPerNM | Self::MPerN => speed / torque,
             Self::NS2PerM2 => torque / (speed * speed),
             Self::One | Self::Bit | Self::GearRatio | Self::RadPerRad | Self::S | Self::KgM => 1.0,
+            Self::Hz | Self::PerKg => 1.0,
         }
     }
 }
@@ -160,6 +167,7 @@ impl fmt::Display for Unit {
             Self::RadPerRad => "rad/rad",
             Self::RadPerM => "rad/m",
             Self::S => "s",
+            Self::Hz => "Hz",
             Self::M => "m",
             Self::MPerS => "m/s",
             Self::MPerS2 => "m/s²",
@@ -171,6 +179,7 @@ impl fmt::Display for Unit {
             Self::RadPerS3 => "rad/s³",
             Self::SPerRad => "s/rad",
             Self::Kg => "kg",
+            Self::PerKg => "1/kg",
             Self::KgM => "kg·m",
             Self::KgM2 => "kg·m²",
             Self::N => "N",

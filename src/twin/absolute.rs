@@ -352,7 +352,8 @@ impl Absolute<'_> {
                 let (body, direction) = Motion::drive(axis);
                 solution.bodies[body].1.dot(&direction)
             });
-            let answer = Answer { reactions: solution.reactions, drives, platform: solution.bodies[PLATFORM].0 };
+            let (reactions, bodies) = (solution.reactions, solution.bodies);
+            let answer = Answer { reactions, drives, platform: bodies[PLATFORM].0, bodies };
             Ok((solution, answer))
         })
     }

@@ -97,9 +97,14 @@ impl Assembled<'_> {
 
     fn solve(&mut self, t: f64, y: &[f64], frame: &Frame, implicit: &Implicit) -> Result<Solution, SingularPose> {
         let (mechanism, tau) = (self.mechanism, self.context.torque.at(t));
+        let with_bodies = self.context.forces.read_accelerations();
         self.context.solve(t, y, &frame.motion, |plant, wrenches| {
             let solution = mechanism.solve(plant, frame, wrenches, &tau, implicit)?;
-            Ok((solution, solution.answer()))
+            let mut answer = solution.answer();
+            if with_bodies {
+                answer.bodies = mechanism.accelerations(frame, &solution);
+            }
+            Ok((solution, answer))
         })
     }
 

@@ -38,6 +38,7 @@ impl Axes<'_> {
     /// Accelerations of the axes, rad/s².
     fn solve(&mut self, t: f64, y: &[f64], motion: &Motion, implicit: &Implicit) -> Result<[f64; AXES], SingularPose> {
         let torque = self.context.torque.at(t);
+        let with_bodies = self.context.forces.read_accelerations();
         self.context.solve(t, y, motion, |plant, wrenches| {
             let mut qdd = [0.0; AXES];
             for axis in 0..plant.mechanism.axes() {
@@ -50,7 +51,12 @@ impl Axes<'_> {
                 qdd[axis] = (torque[axis] + moment + e.dot(&(wrenches[body].1 + weight))) / theta;
             }
             if qdd.iter().all(|x| x.is_finite()) {
-                Ok((qdd, Answer { drives: qdd, ..Answer::default() }))
+                let mut answer = Answer { drives: qdd, ..Answer::default() };
+                if with_bodies {
+                    let moving = self::motion(plant, y, qdd);
+                    answer.bodies = moving.bodies.map(|b| (b.acceleration, b.angular_acceleration));
+                }
+                Ok((qdd, answer))
             } else {
                 Err(SingularPose)
             }

@@ -1,7 +1,7 @@
 //! Parts of a step that all formulations share: loads on the bodies, laws that depend on the solution, and states that
 //! are not mechanical.
 
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector3};
 
 use super::SingularPose;
 use super::forces::{Damping, Evaluation, Forces, Motors, Scene, Sums, spin_restraint};
@@ -21,7 +21,7 @@ const TOLERANCE: f64 = 1e-9;
 const MAX_ITERATIONS: usize = 60;
 
 /// Part of the solution on which laws may depend.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     /// Strut forces, N.
     pub reactions: Reactions,
@@ -29,6 +29,115 @@ pub(super) struct Answer {
     pub drives: [f64; AXES],
     /// Acceleration of the platform, m/s².
     pub platform: Vector3<f64>,
+    /// Accelerations of all bodies, m/s² and rad/s²; zero unless a law depends on accelerations.
+    pub bodies: [Twist; BODIES],
+}
+
+impl Default for Answer {
+    fn default() -> Self {
+        Self {
+            reactions: Reactions::default(),
+            drives: [0.0; AXES],
+            platform: Vector3::zeros(),
+            bodies: [STILL; BODIES],
+        }
+    }
+}
+
+impl Answer {
+    /// The motion with these accelerations.
+    fn on(&self, motion: &Motion) -> Motion {
+        let mut moving = *motion;
+        moving.qdd = self.drives;
+        for (body, (linear, angular)) in moving.bodies.iter_mut().zip(&self.bodies) {
+            (body.acceleration, body.angular_acceleration) = (*linear, *angular);
+        }
+        moving
+    }
+
+    /// All numbers: forces, then accelerations of drives and bodies.
+    fn numbers(&self) -> Numbers {
+        let mut out = Numbers::zeros();
+        let bodies = self.bodies.iter().flat_map(|(linear, angular)| linear.iter().chain(angular)).copied();
+        let all = self.reactions.upper.into_iter().chain(self.reactions.lower).chain(self.drives).chain(bodies);
+        out.iter_mut().zip(all).for_each(|(x, value)| *x = value);
+        out
+    }
+
+    /// The answer with these numbers.
+    fn of(numbers: &Numbers) -> Self {
+        let (forces, accelerations) = numbers.as_slice().split_at(2 * STRUTS);
+        let (drives, bodies) = accelerations.split_at(AXES);
+        let vector = |at: usize| Vector3::from_column_slice(&bodies[at..at + 3]);
+        let bodies: [Twist; BODIES] = std::array::from_fn(|b| (vector(6 * b), vector(6 * b + 3)));
+        Self {
+            reactions: Reactions {
+                upper: std::array::from_fn(|s| forces[s]),
+                lower: std::array::from_fn(|s| forces[STRUTS + s]),
+            },
+            drives: std::array::from_fn(|axis| drives[axis]),
+            platform: bodies[PLATFORM].0,
+            bodies,
+        }
+    }
+}
+
+/// The numbers of an [`Answer`].
+type Numbers = SVector<f64, { 2 * STRUTS + AXES + 6 * BODIES }>;
+
+/// Number of previous iterations that the acceleration remembers: the rank of two inertia-like laws in two directions.
+const DEPTH: usize = 4;
+/// Change relative to its part along other changes below which it is dependent on them.
+const DEPENDENT: f64 = 1e-6;
+
+/// Anderson acceleration of a fixed-point iteration x ← G(x) ([Anderson 1965]).
+///
+/// Laws that depend on accelerations like an additional mass are affine in them and of low rank: the iteration ends
+/// after one step more than the rank, even where x ← G(x) diverges.
+struct Mixing {
+    /// G(x) − x and G(x) of previous iterations, the newest last.
+    past: [(Numbers, Numbers); DEPTH],
+    count: usize,
+}
+
+impl Mixing {
+    fn new() -> Self {
+        Self { past: [(Numbers::zeros(), Numbers::zeros()); DEPTH], count: 0 }
+    }
+
+    /// Next x: the combination of all known G(x) whose combination of G(x) − x is smallest, by modified Gram–Schmidt.
+    fn next(&mut self, x: &Numbers, image: &Numbers) -> Numbers {
+        let (own, mut best) = (image - x, *image);
+        let mut left = own;
+        let mut basis = [(Numbers::zeros(), Numbers::zeros()); DEPTH];
+        let mut known = 0;
+        for (gap, other) in self.past[..self.count].iter().rev() {
+            let (mut change, mut moved) = (own - gap, image - other);
+            let size = change.norm();
+            for (direction, along) in &basis[..known] {
+                let share = change.dot(direction);
+                change -= direction * share;
+                moved -= along * share;
+            }
+            let norm = change.norm();
+            if norm <= DEPENDENT * size {
+                continue;
+            }
+            let (direction, along) = (change / norm, moved / norm);
+            let share = left.dot(&direction);
+            left -= direction * share;
+            best -= along * share;
+            basis[known] = (direction, along);
+            known += 1;
+        }
+        if self.count == DEPTH {
+            self.past.rotate_left(1);
+        } else {
+            self.count += 1;
+        }
+        self.past[self.count - 1] = (own, *image);
+        best
+    }
 }
 
 /// Buffers that are kept during a run.
@@ -129,13 +238,7 @@ impl Context {
             wrenches[STRUT + s].1 -= u * (damping * spin);
             scratch.restraint_power -= damping * spin * spin;
         }
-        if !self.plant.mechanism.has_telescope() {
-            // Without a telescope the end effector is part of the platform, and so are the loads on it.
-            let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
-            let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);
-            wrenches[PLATFORM].0 += force;
-            wrenches[PLATFORM].1 += moment + lever.cross(&force);
-        }
+        carry(&self.plant, motion, wrenches);
     }
 
     /// Solves `equations` for wrenches on the bodies, iterating over the laws that depend on the solution.
@@ -147,7 +250,7 @@ impl Context {
         mut equations: impl FnMut(&Plant, &[Twist; BODIES]) -> Result<(S, Answer), SingularPose>,
     ) -> Result<S, SingularPose> {
         let reads = self.forces.read_answer();
-        let mut moving = self.forces.read_accelerations().then_some(*motion);
+        let mut mixing = self.forces.read_accelerations().then(Mixing::new);
         let scene = self.scene(t, y);
         let mut iteration = 0;
         loop {
@@ -156,20 +259,18 @@ impl Context {
             if reads {
                 let (total, powers) = (&mut scratch.total, &mut scratch.powers);
                 let answer = &scratch.answer;
-                if let Some(moving) = &mut moving {
-                    moving.qdd = answer.drives;
-                    moving.bodies[PLATFORM].acceleration = answer.platform;
-                }
+                let moving = mixing.is_some().then(|| answer.on(motion));
                 let motion = moving.as_ref().unwrap_or(motion);
                 let (reactions, motors) = (&answer.reactions, &mut scratch.motors.torque);
                 *motors = scratch.resting;
                 let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
                 self.forces.add(&at, true, Sums { wrenches: total, motors, powers });
+                carry(&self.plant, motion, total);
                 scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
             }
             let (solution, answer) = equations(&self.plant, &scratch.total)?;
             let change = change(&answer, &scratch.answer);
-            scratch.answer = answer;
+            let before = std::mem::replace(&mut scratch.answer, answer);
             scratch.solutions += 1;
             iteration += 1;
             if !reads || change < TOLERANCE {
@@ -178,6 +279,9 @@ impl Context {
             if iteration == MAX_ITERATIONS {
                 scratch.unconverged = scratch.unconverged.max(change);
                 return Ok(solution);
+            }
+            if let Some(mixing) = &mut mixing {
+                scratch.answer = Answer::of(&mixing.next(&before.numbers(), &answer.numbers()));
             }
         }
     }
@@ -209,6 +313,8 @@ impl Context {
             let (rates, slopes) = (&mut k[own.clone()], &mut scratch.fresh_slopes);
             let motors = &scratch.motors;
             let reactions = &scratch.answer.reactions;
+            let moving = self.forces.read_accelerations().then(|| scratch.answer.on(motion));
+            let motion = moving.as_ref().unwrap_or(motion);
             let at = Evaluation { plant: &self.plant, scene: &scene, motion, reactions };
             self.forces.state_rates(&at, &motors.torque, rates, slopes);
             if first {
@@ -230,6 +336,16 @@ impl Context {
         work[WORK_STRUTS] = struts;
         work[WORK_STOPS] = scratch.stop_power;
         work[WORK_EFFECTS..].copy_from_slice(&scratch.powers);
+    }
+}
+
+/// Without a telescope the end effector is part of the platform, and so are the loads on it.
+fn carry(plant: &Plant, motion: &Motion, wrenches: &mut [Twist; BODIES]) {
+    if !plant.mechanism.has_telescope() {
+        let lever = motion.bodies[END_EFFECTOR].position - motion.bodies[PLATFORM].position;
+        let (force, moment) = std::mem::replace(&mut wrenches[END_EFFECTOR], STILL);
+        wrenches[PLATFORM].0 += force;
+        wrenches[PLATFORM].1 += moment + lever.cross(&force);
     }
 }
 

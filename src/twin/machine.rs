@@ -120,13 +120,8 @@ impl Twin {
             axes::store(&mut y, motion);
             Form::Axes
         };
-        let mut at = layout.own().start;
-        for active in &plant.effects {
-            for x in active.initial_state() {
-                y[at] = x;
-                at += 1;
-            }
-        }
+        let own = plant.steady_states(0.0, motion).concat();
+        y[layout.own()].copy_from_slice(&own);
         let smooth = plant.effects.iter().all(|a| a.effect.kind() != crate::effects::Kind::Force);
         let mut twin = Self {
             stepper: Stepper::new(layout.len()),
@@ -431,6 +426,11 @@ impl Twin {
             Form::Axes => 0.0,
         };
         energy::total(&self.context.plant, motion) + stretch
+    }
+
+    /// Internal states of all effects, in order.
+    pub fn internal_states(&self) -> &[f64] {
+        &self.y[self.context.layout.own()]
     }
 
     /// Work on the bodies since the start, J: four drives, spin restraint and brakes, external wrenches, elastic

@@ -154,6 +154,16 @@ impl ActiveEffect {
         self.effect.states().map_or_else(Vec::new, |own| own.initial_state(&self.values()))
     }
 
+    /// Internal states in equilibrium with the motion at an instant, see [`InternalStates::steady_state`].
+    pub fn steady_state(&self, at: &Instant) -> Vec<f64> {
+        self.effect.states().map_or_else(Vec::new, |own| own.steady_state(&self.values(), at))
+    }
+
+    /// Internal states after a step along a measured motion, see [`InternalStates::step_along`].
+    pub fn step_along(&self, from: &Instant, to: &Instant) -> Option<Vec<f64>> {
+        self.effect.states()?.step_along(&self.values(), from, to)
+    }
+
     /// Writes the time derivative of the internal states, see [`InternalStates::state_rate`].
     pub fn state_rate(&self, at: &Instant, rate: &mut [f64], slope: &mut [f64]) {
         if let Some(own) = self.effect.states() {

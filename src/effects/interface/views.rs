@@ -13,6 +13,18 @@ pub trait InternalStates {
     /// Writes the time derivative of the states to `rate`. For stiff states `slope` (1/s, zero on entry) receives the
     /// derivative of each rate with respect to its own state, which the twin integrates implicitly.
     fn state_rate(&self, values: &Values, at: &Instant, rate: &mut [f64], slope: &mut [f64]);
+
+    /// Internal states in equilibrium with the motion at an instant, whose own states are not used: those at the start
+    /// of a run or a recording, and those of an instant without a past.
+    fn steady_state(&self, values: &Values, _at: &Instant) -> Vec<f64> {
+        self.initial_state(values)
+    }
+
+    /// Internal states at the end of a step along a measured motion, from those at its start, for equations whose
+    /// solution is known; `None` leaves the step to a general method.
+    fn step_along(&self, _values: &Values, _from: &Instant, _to: &Instant) -> Option<Vec<f64>> {
+        None
+    }
 }
 
 /// Effect on the sensors.

@@ -4,7 +4,7 @@ use super::Joints;
 use crate::dynamics::Plant;
 use crate::effects::{ActiveEffect, Instant, Kind};
 use crate::identification::Dataset;
-use crate::kinematics::{KinematicsError, Reactions, SocketSet};
+use crate::kinematics::KinematicsError;
 
 /// Internal states of several effects at each sample.
 pub(super) struct InternalStates {
@@ -31,35 +31,29 @@ impl InternalStates {
         if width == 0 || dataset.is_empty() {
             return Ok(Self { starts, values: Vec::new() });
         }
-        let mut now: Vec<Vec<f64>> = effects.iter().map(|a| a.initial_state()).collect();
         let moving = |a: &ActiveEffect| a.states() > 0 && a.effect.kind() != Kind::Encoder;
         if !effects.iter().any(|a| moving(a)) {
-            return Ok(Self { starts, values: now.concat().repeat(dataset.len()) });
+            let initial: Vec<f64> = effects.iter().flat_map(|a| a.initial_state()).collect();
+            return Ok(Self { starts, values: initial.repeat(dataset.len()) });
         }
-        let none = Reactions::default();
         let mut motions = [joints.motion(0)?; 2];
+        let first = plant.instant(dataset.t[0], &motions[0], &[]);
+        let start = |a: &&ActiveEffect| if moving(a) { a.steady_state(&first) } else { a.initial_state() };
+        let mut now: Vec<Vec<f64>> = effects.iter().map(start).collect();
         let mut values = Vec::with_capacity(dataset.len() * width);
         for k in 0..dataset.len() {
             if k > 0 {
                 motions = [motions[1], joints.motion(k)?];
+                let ends: [Instant; 2] = std::array::from_fn(|i| plant.instant(dataset.t[k - 1 + i], &motions[i], &[]));
                 let rate = |active: &ActiveEffect, end: bool, state: &[f64]| {
                     let (mut rate, mut slope) = (vec![0.0; state.len()], vec![0.0; state.len()]);
-                    let at = Instant {
-                        t: dataset.t[k - 1 + usize::from(end)],
-                        motion: &motions[usize::from(end)],
-                        bodies: &plant.bodies,
-                        gravity: plant.gravity,
-                        reactions: &none,
-                        state,
-                        torque: [0.0; 4],
-                        closed: SocketSet::ALL,
-                    };
-                    active.state_rate(&at, &mut rate, &mut slope);
+                    active.state_rate(&Instant { state, ..ends[usize::from(end)] }, &mut rate, &mut slope);
                     (rate, slope)
                 };
                 let h = dataset.t[k] - dataset.t[k - 1];
                 for (active, x) in effects.iter().zip(&mut now).filter(|(a, _)| moving(a)) {
-                    *x = exponential_heun(x, h, |end, state| rate(active, end, state));
+                    let known = active.step_along(&Instant { state: x, ..ends[0] }, &ends[1]);
+                    *x = known.unwrap_or_else(|| exponential_heun(x, h, |end, state| rate(active, end, state)));
                 }
             }
             values.extend(now.iter().flatten());

@@ -91,7 +91,8 @@ impl Solution {
     pub fn answer(&self) -> Answer {
         let rate = self.nu_rate.as_slice();
         let drives = std::array::from_fn(|axis| rate[axis]);
-        Answer { reactions: self.reactions, drives, platform: Vector3::new(rate[4], rate[5], rate[6]) }
+        let platform = Vector3::new(rate[4], rate[5], rate[6]);
+        Answer { reactions: self.reactions, drives, platform, ..Answer::default() }
     }
 }
 
