@@ -16,6 +16,7 @@ mod machine {
 }
 
 mod allocation;
+mod axes;
 mod copp;
 mod cost;
 mod derivatives;

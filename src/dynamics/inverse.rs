@@ -151,6 +151,7 @@ fn instant<'a>(
         t,
         motion,
         bodies: &plant.bodies,
+        payload: &plant.payload,
         gravity: plant.gravity,
         reactions: &loads.reactions,
         state,

@@ -6,7 +6,7 @@ use super::interface::default_values;
 use super::{Effect, Host, Instant, Layout, Values, Wrenches};
 use crate::kinematics::{BodyMotion, Motion, Reactions, SocketSet, Telescope};
 use crate::machine::bodies::BODIES;
-use crate::machine::{Bodies, Inertia, STRUTS};
+use crate::machine::{Bodies, Inertia, Payload, STRUTS};
 
 /// A wrench written by a law: parameter, body, force, moment.
 pub(super) type Written = (usize, usize, Vector3<f64>, Vector3<f64>);
@@ -47,6 +47,7 @@ pub(super) fn wrenches_with(
             t: 0.0,
             motion,
             bodies,
+            payload: &Payload::default(),
             gravity: 9.81,
             reactions,
             state: &state,
@@ -64,6 +65,7 @@ pub(super) fn wrenches_in_state(effect: &dyn Effect, motion: &Motion, state: &[f
             t: 0.0,
             motion,
             bodies: &bodies,
+            payload: &Payload::default(),
             gravity: 9.81,
             reactions: &reactions,
             state,
@@ -79,6 +81,7 @@ pub(super) fn at(motion: &Motion, state: &[f64], read: impl FnOnce(&Instant)) {
         t: 0.0,
         motion,
         bodies: &no_bodies(),
+        payload: &Payload::default(),
         gravity: 9.81,
         reactions: &Reactions::default(),
         state,
@@ -106,11 +109,21 @@ pub(super) fn drive_torque(effect: &dyn Effect, motion: &Motion, axis: usize) ->
     all.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&direction)).sum()
 }
 
-/// Total force and moment on every body for given parameter values.
+/// Total force and moment on every body for given parameter values, without payload.
 pub(super) fn totals(
     effect: &dyn Effect,
     blocks: &[&[f64]],
     motion: &Motion,
+) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
+    carrying(effect, blocks, motion, Payload::default())
+}
+
+/// Total force and moment on every body for given parameter values, with a payload.
+pub(super) fn carrying(
+    effect: &dyn Effect,
+    blocks: &[&[f64]],
+    motion: &Motion,
+    payload: Payload,
 ) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
     let (values, layout) = (blocks.concat(), Layout::new(blocks.iter().map(|b| b.len())));
     let (bodies, reactions) = (no_bodies(), Reactions::default());
@@ -118,6 +131,7 @@ pub(super) fn totals(
         t: 0.0,
         motion,
         bodies: &bodies,
+        payload: &payload,
         gravity: 9.81,
         reactions: &reactions,
         state: &[],

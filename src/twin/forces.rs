@@ -202,6 +202,7 @@ impl Forces {
             t: scene.t,
             motion,
             bodies: &plant.bodies,
+            payload: &plant.payload,
             gravity: plant.gravity,
             reactions,
             state: &scene.own[self.starts[k]..self.starts[k + 1]],

@@ -149,6 +149,7 @@ fn variables(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsErr
             t,
             motion: &motion,
             bodies: &plant.bodies,
+            payload: &plant.payload,
             gravity: plant.gravity,
             reactions: &reactions,
             state: &[],

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::kinematics::{Motion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{AXES, Bodies};
+use crate::machine::{AXES, Bodies, Payload};
 
 /// Quantities on which a force law may depend.
 #[derive(Clone, Copy)]
@@ -16,6 +16,8 @@ pub struct Instant<'a> {
     pub motion: &'a Motion,
     /// Total inertia of the bodies, with payload.
     pub bodies: &'a Bodies,
+    /// Payload stated for the run.
+    pub payload: &'a Payload,
     /// Gravitational acceleration, m/s².
     pub gravity: f64,
     /// Strut reactions.

@@ -48,6 +48,7 @@ impl InternalStates {
                         t: dataset.t[k - 1 + usize::from(end)],
                         motion: &motions[usize::from(end)],
                         bodies: &plant.bodies,
+                        payload: &plant.payload,
                         gravity: plant.gravity,
                         reactions: &none,
                         state,
