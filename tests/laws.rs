@@ -146,6 +146,7 @@ fn effects_act_on_nothing_but_the_parts_they_name() {
             Part::Weight => true,
             Part::Linkage => b <= END_EFFECTOR,
             Part::Telescope => b >= END_EFFECTOR,
+            Part::TurningAxis => b == 0,
         };
         let mut active = at_random(Arc::clone(effect), &mut rng, true);
         let entries = active.entries();
@@ -367,12 +368,14 @@ fn regressor_times_parameters_is_inverse_dynamics_with_every_effect() {
 
 #[test]
 fn friction_only_removes_energy() {
-    let plant = nominal_plant();
+    let mut rigid = model(NOMINAL);
+    rigid.effects.clear();
+    let plant = Plant::new(&rigid, &payload());
     let frictions: Vec<_> = REGISTRY
         .iter()
-        .filter(|e| ["friction", "ball_socket", "stribeck"].iter().any(|part| e.name().contains(part)))
+        .filter(|e| ["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"].iter().any(|part| e.name().contains(part)))
         .collect();
-    assert!(frictions.len() >= 11, "{}", frictions.len());
+    assert!(frictions.len() >= 15, "{}", frictions.len());
     for effect in frictions {
         let mut rng = rng(4);
         let mut total = 0.0;

@@ -28,7 +28,7 @@ fn payload() -> Setup {
 }
 
 /// The shipped slide with another joint.
-fn turntable() -> Model {
+pub(crate) fn turntable() -> Model {
     let slide = std::fs::read_to_string("models/servo-axis.toml").unwrap();
     let text = slide
         .replace("name = \"servo-axis\"", "name = \"turntable\"")
@@ -62,7 +62,7 @@ fn machines() -> Vec<(Model, Setup)> {
 const HARMONICS: usize = 8;
 
 /// One period of a random motion, `duration` s; the controller believes in `believed`.
-fn run(robot: &Model, believed: &Model, setup: &Setup, duration: f64, seed: u64, noise: bool) -> (Recording, Report) {
+pub(crate) fn run(robot: &Model, believed: &Model, setup: &Setup, duration: f64, seed: u64, noise: bool) -> (Recording, Report) {
     let plant = Plant::new(believed, setup);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let limits = MotionLimits::of(believed, 0.6);
@@ -113,7 +113,7 @@ fn with_everything(base: &Model, setup: &Setup, rng: &mut ChaCha8Rng) -> Model {
 }
 
 /// `model` with every estimated parameter a few percent off, each arm on its own.
-fn perturbed(model: &Model, setup: &Setup, seed: u64) -> Model {
+pub(crate) fn perturbed(model: &Model, setup: &Setup, seed: u64) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut robot = in_configuration(model, setup);
     let values: Vec<f64> = Plant::new(&robot, setup)

@@ -16,7 +16,9 @@ mod machine {
 }
 
 mod allocation;
+mod axes;
 mod compliance;
+
 mod copp;
 mod cost;
 mod derivatives;

@@ -18,6 +18,7 @@ pub use crate::machine::{Part, Unit};
 
 mod air_drag;
 mod axis4_friction;
+mod axis_gravity;
 mod backlash_hysteresis;
 mod ball_socket_coulomb;
 mod ball_socket_load_dependent;
@@ -32,6 +33,7 @@ mod drive_stribeck;
 mod drive_viscous_asymmetry;
 pub mod formula;
 mod frame_compliance;
+mod gear_efficiency;
 mod gear_load_friction;
 mod hooke_friction;
 mod hose_spring;
@@ -41,6 +43,7 @@ mod limb_asymmetry;
 pub mod payload;
 mod payload_com_offset;
 mod payload_compliance;
+mod payload_drag;
 mod payload_mass_error;
 pub mod rigid_bodies;
 mod rotor_inertia;
@@ -54,8 +57,11 @@ mod telescope_retract_friction;
 pub(crate) mod testing;
 mod thermal_friction_drift;
 mod torque_bias;
+mod torque_filter;
 mod torque_gain_error;
 mod torque_ripple;
+mod torque_saturation;
+mod viscous_curve;
 
 pub use drive_elasticity::GearSpring;
 pub use interface::{
@@ -63,6 +69,7 @@ pub use interface::{
     Oscillator, Param, Parameter, Reads, Role, Search, Sensor, Spec, Start, Sway, Values, Wrenches, hunt_crossley,
 };
 pub use strut_elasticity::StrutSpring;
+pub use torque_filter::LowPassStep;
 
 /// All effects of deltatwin. The name of an effect is its table in the model file.
 pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
@@ -76,7 +83,9 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(drive_stribeck::DriveStribeck),
         Arc::new(drive_coulomb_asymmetry::DriveCoulombAsymmetry),
         Arc::new(drive_viscous_asymmetry::DriveViscousAsymmetry),
+        Arc::new(viscous_curve::ViscousCurve),
         Arc::new(gear_load_friction::GearLoadFriction),
+        Arc::new(gear_efficiency::GearEfficiency),
         Arc::new(backlash_hysteresis::BacklashHysteresis),
         Arc::new(drive_elasticity::DriveElasticity),
         Arc::new(thermal_friction_drift::ThermalFrictionDrift),
@@ -96,12 +105,16 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(strut_length_error::StrutLengthError),
         Arc::new(base_tilt::BaseTilt),
         Arc::new(frame_compliance::FrameCompliance),
+        Arc::new(axis_gravity::AxisGravity),
         Arc::new(hose_spring::HoseSpring),
         Arc::new(air_drag::AirDrag),
+        Arc::new(payload_drag::PayloadDrag),
         Arc::new(joint_zero_offset::JointZeroOffset),
         Arc::new(torque_gain_error::TorqueGainError),
+        Arc::new(torque_saturation::TorqueSaturation),
         Arc::new(torque_bias::TorqueBias),
         Arc::new(signal_delay::SignalDelay),
+        Arc::new(torque_filter::TorqueFilter),
         Arc::new(formula::Formula::default()),
     ]
 });

@@ -109,11 +109,21 @@ pub(super) fn drive_torque(effect: &dyn Effect, motion: &Motion, axis: usize) ->
     all.iter().filter(|(_, b, ..)| *b == body).map(|(.., m)| m.dot(&direction)).sum()
 }
 
-/// Total force and moment on every body for given parameter values.
+/// Total force and moment on every body for given parameter values, without payload.
 pub(super) fn totals(
     effect: &dyn Effect,
     blocks: &[&[f64]],
     motion: &Motion,
+) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
+    carrying(effect, blocks, motion, Payload::default())
+}
+
+/// Total force and moment on every body for given parameter values, with a payload.
+pub(super) fn carrying(
+    effect: &dyn Effect,
+    blocks: &[&[f64]],
+    motion: &Motion,
+    payload: Payload,
 ) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
     let (values, layout) = (blocks.concat(), Layout::new(blocks.iter().map(|b| b.len())));
     let (bodies, payload, reactions) = (no_bodies(), Payload::default(), Reactions::default());

@@ -7,6 +7,7 @@ use super::instants::Predicted;
 use super::line::least_squares;
 use super::mild::STEEPNESS;
 use crate::dynamics::Plant;
+use crate::effects::LowPassStep;
 use crate::identification::Dataset;
 use crate::kinematics::JointState;
 
@@ -91,9 +92,7 @@ impl<'a> Series<'a> {
 
     /// The low-pass filtered features; the filter starts each segment at its first value.
     fn filtered(&self, time_constant: f64) -> Vec<[Vec<f64>; 3]> {
-        // Exact for an input that is linear between instants: y' = (u − y)/T.
-        let decay = (-self.step / time_constant).exp();
-        let share = time_constant / self.step * (1.0 - decay);
+        let step = LowPassStep::new(self.step, time_constant);
         let one = |u: &Vec<f64>| {
             let mut out = Vec::with_capacity(u.len());
             let mut from = 0;
@@ -101,7 +100,7 @@ impl<'a> Series<'a> {
                 let mut y = u[from];
                 out.push(y);
                 for w in u[from..from + stretch.len()].windows(2) {
-                    y = decay * y + (share - decay) * w[0] + (1.0 - share) * w[1];
+                    y = step.output(y, [w[0], w[1]]);
                     out.push(y);
                 }
                 from += stretch.len();

@@ -59,8 +59,13 @@ pub fn is_local(plant: &Plant) -> bool {
 }
 
 /// Number of samples on either side that a local prediction needs; the shift of sensors is smaller.
-fn reach(plant: &Plant) -> usize {
-    if plant.observes() { 256 } else { 0 }
+fn reach(plant: &Plant, dataset: &Dataset) -> usize {
+    if !plant.observes() {
+        return 0;
+    }
+    let memory: f64 = plant.effects.iter().map(ActiveEffect::sensor_memory).sum();
+    let samples = if dataset.dt > 0.0 { (memory / dataset.dt).ceil() as usize } else { 0 };
+    samples.max(256)
 }
 
 /// Number of samples predicted together.
@@ -94,7 +99,7 @@ pub fn predict(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsE
 
 /// The samples that a local prediction in `range` needs, and the start of `range` in them.
 pub fn surroundings(plant: &Plant, dataset: &Dataset, range: &Range<usize>) -> (Dataset, usize) {
-    let reach = reach(plant);
+    let reach = reach(plant, dataset);
     if gear_springs(plant).is_some() {
         // Computed once for all windows.
         dataset.ringing();

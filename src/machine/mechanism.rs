@@ -41,6 +41,8 @@ pub enum Part {
     Linkage,
     /// The telescope between its drive and the end effector.
     Telescope,
+    /// A single turning axis with what it carries.
+    TurningAxis,
 }
 
 impl Part {
@@ -52,6 +54,7 @@ impl Part {
             Self::Weight => "bodies under gravity",
             Self::Linkage => "struts and platform",
             Self::Telescope => "the telescope",
+            Self::TurningAxis => "a single turning axis",
         }
     }
 }
@@ -90,6 +93,7 @@ impl Mechanism {
             Part::Weight => delta,
             Part::Linkage => delta && assembled,
             Part::Telescope => self.has_telescope() && assembled,
+            Part::TurningAxis => self == Self::Axis(Joint::Revolute),
         }
     }
 
@@ -124,6 +128,7 @@ mod tests {
                 assert_eq!(machine.has(Part::Weight, assembled), delta);
                 assert_eq!(machine.has(Part::Linkage, assembled), delta && assembled);
                 assert_eq!(machine.has(Part::Telescope, assembled), axes == 4 && assembled);
+                assert_eq!(machine.has(Part::TurningAxis, assembled), machine == Mechanism::Axis(Joint::Revolute));
             }
         }
     }

@@ -73,6 +73,10 @@ pub enum Unit {
     NMSPerRad,
     /// rad/(N·m).
     RadPerNM,
+    /// 1/(N·m)².
+    PerNM2,
+    /// 1/N².
+    PerN2,
     /// Unit of the coefficient or of the argument of a user-defined formula.
     Derived(Powers),
     /// N per unit of a law whose unit cannot be derived.
@@ -109,6 +113,7 @@ impl Unit {
             Self::NMPerRad => Self::NPerM,
             Self::NMSPerRad => Self::NSPerM,
             Self::RadPerNM => Self::MPerN,
+            Self::PerNM2 => Self::PerN2,
             Self::KgM2 => Self::Kg,
             Self::GearRatio | Self::RadPerRad => Self::RadPerM,
             Self::NMPerLaw => Self::NPerLaw,
@@ -132,6 +137,7 @@ impl Unit {
             | Self::NSPerM
             | Self::NS2PerM2
             | Self::MPerN
+            | Self::PerN2
             | Self::NPerLaw => self,
         }
     }
@@ -153,6 +159,7 @@ impl Unit {
             Self::NPerM | Self::NSPerM | Self::Kg => torque / speed,
             Self::RadPerNM | Self::MPerN => speed / torque,
             Self::NS2PerM2 => torque / (speed * speed),
+            Self::PerNM2 | Self::PerN2 => 1.0 / (torque * torque),
             Self::One | Self::Bit | Self::GearRatio | Self::RadPerRad | Self::S | Self::KgM => 1.0,
             Self::Hz | Self::PerKg => 1.0,
         }
@@ -193,6 +200,8 @@ impl fmt::Display for Unit {
             Self::NMPerRad => "N·m/rad",
             Self::NMSPerRad => "N·m·s/rad",
             Self::RadPerNM => "rad/(N·m)",
+            Self::PerNM2 => "1/(N·m)²",
+            Self::PerN2 => "1/N²",
             Self::NPerLaw => "N per unit of the law",
             Self::NMPerLaw => "N·m per unit of the law",
             Self::Derived(powers) => return f.pad(&powers.to_string()),
@@ -304,6 +313,7 @@ mod tests {
         assert_eq!(Unit::NM.quantity("0.3 ± 0.1"), "0.3 ± 0.1 N·m");
         assert_eq!(Unit::GearRatio.on_slide().to_string(), "rad/m");
         assert_eq!(Unit::NMPerLaw.on_slide().to_string(), "N per unit of the law");
+        assert_eq!(Unit::PerNM2.on_slide().to_string(), "1/N²");
         assert_eq!(Unit::KgM2.on_slide(), Unit::Kg);
         assert_eq!(Unit::N.on_slide(), Unit::N);
     }
@@ -315,6 +325,7 @@ mod tests {
         assert_eq!([scale(Unit::NM), scale(Unit::RadPerS), scale(Unit::SPerRad)], [2.0, 0.25, 4.0]);
         assert_eq!([scale(Unit::NMSPerRad), scale(Unit::KgM2), scale(Unit::RadPerNM)], [8.0, 8.0, 0.125]);
         assert_eq!([scale(Unit::One), scale(Unit::GearRatio), scale(Unit::S)], [1.0; 3]);
+        assert_eq!([scale(Unit::PerNM2), scale(Unit::PerN2)], [0.25; 2]);
         // The motor speed is unchanged, the load moves at a quarter of the speed: four times as many rad per metre.
         assert_eq!(scale(Unit::GearRatio.on_slide()), 4.0);
         for unit in [Unit::NM, Unit::Rad, Unit::RadPerS, Unit::SPerRad, Unit::NMSPerRad, Unit::KgM2, Unit::RadPerNM] {

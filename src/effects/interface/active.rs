@@ -185,6 +185,11 @@ impl ActiveEffect {
         }
     }
 
+    /// Time (s) over which earlier signals enter a reported one, beyond a few samples.
+    pub fn sensor_memory(&self) -> f64 {
+        self.effect.sensor().map_or(0.0, |sensor| sensor.memory(&self.values()))
+    }
+
     /// Elastic gears between encoder and joint; `None` if there are none.
     pub fn gear_springs(&self) -> Option<[GearSpring; AXES]> {
         self.effect.compliance()?.gear_springs(&self.values())

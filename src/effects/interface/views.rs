@@ -34,6 +34,11 @@ pub trait Sensor {
 
     /// Turns the ideal signals into the reported ones.
     fn observe(&self, _values: &Values, _signals: &mut Signals) {}
+
+    /// Time (s) over which earlier signals enter a reported one, beyond a few samples.
+    fn memory(&self, _values: &Values) -> f64 {
+        0.0
+    }
 }
 
 /// Elastic elements of an effect.
