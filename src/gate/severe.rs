@@ -2,10 +2,11 @@
 
 use super::arrangement::{Arrangement, Judgement, best, judge};
 use super::instants::{Instants, Predicted};
-use super::line::{Line, least_squares};
+use super::line::Line;
 use super::mild::load;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Mechanism};
