@@ -19,7 +19,10 @@ use super::schema::{self, Field, Shape, Top};
 use crate::file::replace_text;
 
 mod formula;
+mod notes;
 mod source;
+
+pub use notes::{Note, noted_text, write_noted};
 
 /// Writes the model to `path`: the text from which it was read with the changed numbers, or a new text.
 ///
