@@ -15,12 +15,28 @@ fn hidden(machine: &Model, name: &str, blocks: &[&[f64]], seed: u64) -> Diagnosi
     robot.effects.push(ActiveEffect::new(find(name).expect("registered"), blocks));
     let (recording, _) = run(&robot, machine, &Setup::default(), 4.0, seed, true);
     let d = diagnose(machine, &[Dataset::new(&recording)], &[], &mut |_| {}).expect("a diagnosis");
-    println!("{} {name} {blocks:?}: {:?} {:?} sets {:?} before {:?} floor {:?}", machine.name, d.verdict, names(&d), d.indistinguishable, d.rms_before, d.noise_floor);
+    println!(
+        "{} {name} {blocks:?}: {:?} {:?} sets {:?} before {:?} floor {:?}",
+        machine.name,
+        d.verdict,
+        names(&d),
+        d.indistinguishable,
+        d.rms_before,
+        d.noise_floor
+    );
     for e in &d.effects {
-        println!("    {} p {:.2}: {:?}", e.name, e.explained, e.parameters.iter().map(|p| (p.name.clone(), p.value, p.std)).collect::<Vec<_>>());
+        println!(
+            "    {} p {:.2}: {:?}",
+            e.name,
+            e.explained,
+            e.parameters.iter().map(|p| (p.name.clone(), p.value, p.std)).collect::<Vec<_>>()
+        );
     }
     for c in d.candidates.iter().take(5) {
-        println!("    candidate {} p {:.2} explained {:.2} padj {:.3} {:?} {:?}", c.name, c.probability, c.explained, c.p_adjusted, c.standing, c.untestable);
+        println!(
+            "    candidate {} p {:.2} explained {:.2} padj {:.3} {:?} {:?}",
+            c.name, c.probability, c.explained, c.p_adjusted, c.standing, c.untestable
+        );
     }
     println!("    unseen {:?}", d.unseen);
     d

@@ -1,9 +1,9 @@
 //! Energy audit of a moving machine under every registered effect.
 
 use crate::common::{defaults, model, payload, reversing};
+use crate::machines::turntable;
 use deltatwin::dynamics::{Plant, inverse_dynamics};
 use deltatwin::effects::{ActiveEffect, Effect, Kind, REGISTRY, find};
-use crate::machines::turntable;
 use deltatwin::kinematics::JointState;
 use deltatwin::machine::Setup;
 use deltatwin::twin::{Torque, Twin};
@@ -88,7 +88,10 @@ fn friction_takes_energy_all_the_time() {
         // The telescope retracts only where the platform rises.
         let torque = Torque::constant([-60.0, -50.0, -55.0, 0.4]);
         let name = effect.name();
-        if !["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"].iter().any(|part| name.contains(part)) {
+        if !["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"]
+            .iter()
+            .any(|part| name.contains(part))
+        {
             continue;
         }
         let plant = plant(vec![defaults(name)]);

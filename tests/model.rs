@@ -146,14 +146,14 @@ fn disassembled_robot_needs_arms_and_rotor_only() {
 #[test]
 fn a_lone_axis_is_a_mass_or_an_inertia() {
     let slide = parse(&text_of("servo-axis")).unwrap();
-    assert_eq!((slide.mechanism, slide.gravity), (Mechanism::Axis(Joint::Prismatic), 0.0));
+    assert_eq!((slide.mechanism, slide.gravity), (Mechanism::axis(Joint::Prismatic), 0.0));
     assert_eq!((slide.bodies[ARM], slide.noise.torque[0]), (Inertia::lone(12.0), 2.0));
     assert_eq!((slide.drives[0].gear_ratio, slide.geometry.arm_limits), (314.159265, [-0.4, 0.4]));
     assert_eq!(slide.effects[0].values, [30.0, 60.0, 1900.0]);
     // 0.02 m of lead by 2¹⁷ increments.
     approx::assert_relative_eq!(slide.drives[0].encoder_step(), 0.02 / 131072.0, max_relative = 1e-8);
     let turning = text_of("servo-axis").replace("prismatic\"\n", "revolute\"\n").replace("mass =", "inertia =");
-    assert_eq!(parse(&turning).unwrap().mechanism, Mechanism::Axis(Joint::Revolute));
+    assert_eq!(parse(&turning).unwrap().mechanism, Mechanism::axis(Joint::Revolute));
     let refused = |old: &str, new: &str| {
         let text = text_of("servo-axis");
         assert!(text.contains(old), "no {old:?}");

@@ -10,7 +10,7 @@ use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use crate::machine::{ARMS, AXES, Geometry, Joint, Mechanism, STRUTS};
+use crate::machine::{ARMS, AXES, Effort, Geometry, Joint, Mechanism, STRUTS};
 
 /// Measured quantity that the dynamics predict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -19,6 +19,8 @@ pub enum Channel {
     Torque(usize),
     /// Force of a prismatic axis, N.
     Force(usize),
+    /// Motor current of a single axis of either joint, A.
+    Current(usize, Joint),
     /// Axial force of strut 0..6 at the elbow, N.
     StrutUpper(usize),
     /// Axial force of strut 0..6 at the platform, N.
@@ -31,6 +33,7 @@ impl Channel {
         match self {
             Self::Torque(i) => format!("axis {} torque", i + 1),
             Self::Force(i) => format!("axis {} force", i + 1),
+            Self::Current(i, _) => format!("axis {} current", i + 1),
             Self::StrutUpper(i) => format!("strut {} upper force", i + 1),
             Self::StrutLower(i) => format!("strut {} lower force", i + 1),
         }
@@ -41,14 +44,19 @@ impl Channel {
 
     /// Channels measured by the drives of a machine, in order.
     pub fn of_drives(machine: Mechanism) -> Vec<Self> {
-        let channel = |i| if machine == Mechanism::Axis(Joint::Prismatic) { Self::Force(i) } else { Self::Torque(i) };
+        let joint = machine.joint();
+        let channel = |i| match (machine.effort(), joint) {
+            (Effort::Current, _) => Self::Current(i, joint),
+            (Effort::Force, Joint::Prismatic) => Self::Force(i),
+            (Effort::Force, Joint::Revolute) => Self::Torque(i),
+        };
         (0..machine.axes()).map(channel).collect()
     }
 
     /// Index of its drive, from 0; `None` for a strut force.
     pub fn drive(self) -> Option<usize> {
         match self {
-            Self::Torque(i) | Self::Force(i) => Some(i),
+            Self::Torque(i) | Self::Force(i) | Self::Current(i, _) => Some(i),
             Self::StrutUpper(_) | Self::StrutLower(_) => None,
         }
     }
@@ -56,19 +64,23 @@ impl Channel {
     /// Index of its drive, or of the strut's limb, from 0.
     pub fn limb(self) -> usize {
         match self {
-            Self::Torque(i) | Self::Force(i) => i,
+            Self::Torque(i) | Self::Force(i) | Self::Current(i, _) => i,
             Self::StrutUpper(s) | Self::StrutLower(s) => s / 2,
         }
     }
 
     /// Unit of the channel.
     pub fn unit(self) -> &'static str {
-        if matches!(self, Self::Torque(_)) { "N·m" } else { "N" }
+        match self {
+            Self::Torque(_) => "N·m",
+            Self::Current(..) => "A",
+            Self::Force(_) | Self::StrutUpper(_) | Self::StrutLower(_) => "N",
+        }
     }
 
     /// Unit of the joint coordinate: rad, or m for a prismatic axis.
     pub fn joint_unit(self) -> &'static str {
-        if matches!(self, Self::Force(_)) { "m" } else { "rad" }
+        if matches!(self, Self::Force(_) | Self::Current(_, Joint::Prismatic)) { "m" } else { "rad" }
     }
 
     fn sign(self) -> f64 {
@@ -79,7 +91,7 @@ impl Channel {
 impl std::fmt::Display for Channel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Torque(i) | Self::Force(i) => write!(f, "tau{}", i + 1),
+            Self::Torque(i) | Self::Force(i) | Self::Current(i, _) => write!(f, "tau{}", i + 1),
             Self::StrutUpper(i) => write!(f, "{}_upper", body_name(STRUT + i)),
             Self::StrutLower(i) => write!(f, "{}_lower", body_name(STRUT + i)),
         }
@@ -128,11 +140,11 @@ impl ChannelMap {
             let mut rotor = 0.0;
             let mut platform = STILL;
             match channel {
-                Channel::Torque(axis) | Channel::Force(axis) if axis < ARMS => {
+                Channel::Torque(axis) | Channel::Force(axis) | Channel::Current(axis, _) if axis < ARMS => {
                     arms[axis] = 1.0;
                     platform.0 = jacobian.column(axis).into_owned();
                 }
-                Channel::Torque(_) | Channel::Force(_) => rotor = 1.0,
+                Channel::Torque(_) | Channel::Force(_) | Channel::Current(..) => rotor = 1.0,
                 Channel::StrutUpper(s) | Channel::StrutLower(s) => {
                     let column = gaps.as_ref().map_or(Vector6::zeros(), |g| g.column(s).into_owned());
                     platform = (column.fixed_rows::<3>(0).into_owned(), column.fixed_rows::<3>(3).into_owned());

@@ -101,7 +101,7 @@ mod tests {
         let names = |active: &ActiveEffect| active.entries().into_iter().map(|e| e.name).collect::<Vec<_>>();
         let mut axis = at_orders(&[72.0, 4.5], 1.0, Host::default());
         assert_eq!(names(&axis)[2..6], ["sine_72_1", "sine_72_2", "sine_72_3", "sine_4.5_1"]);
-        axis.host.mechanism = Mechanism::Axis(Joint::Revolute);
+        axis.host.mechanism = Mechanism::Axis(Joint::Revolute.into());
         let axis = at_orders(&[72.0, 4.5], 1.0, axis.host);
         let expected = ["orders_1", "orders_2", "sine_72", "sine_4.5", "cosine_72", "cosine_4.5", "gear_ratio"];
         assert_eq!(names(&axis), expected);

@@ -261,7 +261,7 @@ mod tests {
         for (i, (entry, (_, law, unit))) in active.entries().into_iter().zip(laws).enumerate() {
             assert_eq!((entry.name, entry.parameter.unit.to_string()), (format!("term{i}"), unit.to_string()), "{law}");
         }
-        let slide = Mechanism::Axis(crate::machine::Joint::Prismatic);
+        let slide = Mechanism::axis(crate::machine::Joint::Prismatic);
         let on_slide = formula(&[("drive1", "-qd1^3")]).spec().parameters[0].unit;
         assert_eq!(slide.unit(on_slide).to_string(), "N·s³/m³");
     }

@@ -16,7 +16,7 @@ use std::sync::{Arc, LazyLock};
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Spec, Unit, Values};
 use crate::machine::Payload;
 use crate::machine::bodies::{ARM, Bodies, Inertia, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER};
-use crate::machine::{Joint, LinkParameters, Mechanism};
+use crate::machine::{Axis, Joint, LinkParameters, Mechanism};
 
 /// Name of the effect.
 pub const NAME: &str = "rigid_bodies";
@@ -150,8 +150,8 @@ impl RigidBodies {
             (Mechanism::Delta { telescope: false }, true) => without_telescope,
             (Mechanism::Delta { telescope: true }, false) => arms_and_rotor,
             (Mechanism::Delta { telescope: false }, false) => arms,
-            (Mechanism::Axis(Joint::Revolute), _) => turntable,
-            (Mechanism::Axis(Joint::Prismatic), _) => slide,
+            (Mechanism::Axis(Axis { joint: Joint::Revolute, .. }), _) => turntable,
+            (Mechanism::Axis(Axis { joint: Joint::Prismatic, .. }), _) => slide,
         })
     }
 

@@ -126,7 +126,7 @@ pub(super) fn carrying(
     payload: Payload,
 ) -> [(Vector3<f64>, Vector3<f64>); BODIES] {
     let (values, layout) = (blocks.concat(), Layout::new(blocks.iter().map(|b| b.len())));
-    let (bodies, payload, reactions) = (no_bodies(), Payload::default(), Reactions::default());
+    let (bodies, reactions) = (no_bodies(), Reactions::default());
     let at = Instant {
         t: 0.0,
         motion,

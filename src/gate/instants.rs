@@ -123,7 +123,7 @@ impl Predicted {
 
 fn value(channel: Channel, output: &Output) -> f64 {
     match channel {
-        Channel::Torque(i) | Channel::Force(i) => output.tau[i],
+        Channel::Torque(i) | Channel::Force(i) | Channel::Current(i, _) => output.tau[i],
         Channel::StrutUpper(s) => output.reactions.upper[s],
         Channel::StrutLower(s) => output.reactions.lower[s],
     }

@@ -4,11 +4,11 @@
 //! torques by T.
 
 use super::instants::Predicted;
-use super::line::least_squares;
 use super::mild::STEEPNESS;
 use crate::dynamics::Plant;
 use crate::effects::LowPassStep;
 use crate::identification::Dataset;
+use crate::identification::least_squares::least_squares;
 use crate::kinematics::JointState;
 
 /// Spacing of the instants of the comparison, s.

@@ -1,10 +1,10 @@
 //! Findings that do not prevent a fit: lag, an unstated load, constant torques.
 
 use super::instants::{Instants, Predicted, heavier};
-use super::line::{LeastSquares, least_squares};
 use super::low_pass::low_pass;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::identification::least_squares::{LeastSquares, least_squares};
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::model::Model;

@@ -4,6 +4,7 @@
 //! lag, offset and payload of the recording. Effects missing in the model leave slope and correlation near one and
 //! are not reported.
 
+mod alone;
 mod arrangement;
 mod instants;
 mod line;
@@ -13,6 +14,7 @@ mod severe;
 
 use std::fmt;
 
+pub use alone::inspect;
 pub use arrangement::Arrangement;
 pub use line::Line;
 
@@ -49,6 +51,16 @@ pub enum Problem {
     Payload,
     /// A constant torque.
     Offset,
+    /// Torques without the weight of the arms.
+    GravityRemoved,
+    /// A torque without noise: a command or a calculation.
+    Noiseless,
+    /// Coarse steps of an angle or a torque.
+    Quantised,
+    /// A line of the torque near half the sampling frequency.
+    Alias,
+    /// Angles in degrees.
+    Degrees,
 }
 
 impl fmt::Display for Problem {
@@ -67,6 +79,11 @@ impl fmt::Display for Problem {
             Self::LowPass => "low_pass",
             Self::Payload => "payload",
             Self::Offset => "offset",
+            Self::GravityRemoved => "gravity_removed",
+            Self::Noiseless => "noiseless",
+            Self::Quantised => "quantised",
+            Self::Alias => "alias",
+            Self::Degrees => "degrees",
         })
     }
 }

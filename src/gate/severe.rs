@@ -2,10 +2,11 @@
 
 use super::arrangement::{Arrangement, Judgement, best, judge};
 use super::instants::{Instants, Predicted};
-use super::line::{Line, least_squares};
+use super::line::Line;
 use super::mild::load;
 use super::{Evidence, Finding, Problem, Remedy, rounded};
 use crate::dynamics::Plant;
+use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::{difference, rms};
 use crate::kinematics::JointState;
 use crate::machine::{AXES, Mechanism};
@@ -32,6 +33,8 @@ const SIGN: f64 = 0.6;
 const BETTER: (f64, f64) = (4.0, 0.9);
 /// Ratio of the slopes over weight and over inertia from which no common factor explains them.
 const UNLIKE: f64 = 1.3;
+/// Slope over the weight below which torques are without it, and slopes over the inertia that they then have.
+const WEIGHTLESS: (f64, std::ops::Range<f64>) = (0.1, 0.5..2.0);
 /// Ratio of the RMS of measured − predicted to that of the measured torque, above which the model predicts nothing.
 const WORTHLESS: f64 = 2.0;
 
@@ -45,6 +48,9 @@ pub fn find(model: &Model, plant: &Plant, instants: &Instants) -> Vec<Finding> {
     let strange = plain.is_none() || all.iter().enumerate().any(odd);
     if !strange && all.iter().flatten().all(usual) {
         return Vec::new();
+    }
+    if let Some(finding) = plain.as_ref().and_then(|p| weightless(model, plant, instants, p)) {
+        return vec![finding];
     }
     let carried = || load(model, plant, instants).is_some_and(|l| l.after < CARRIED * l.before.min(l.measured));
     let other = if strange && !carried() { best(plant, instants) } else { None };
@@ -70,6 +76,35 @@ fn believable(other: &Judgement, plain: Option<&Judgement>, plant: &Plant) -> bo
     let arms = other.lines.iter().take(plant.mechanism.arms()).flatten();
     let correlated = arms.fold(f64::INFINITY, |least, l| least.min(l.correlation.abs())) > BETTER.1;
     correlated && plain.is_none_or(|p| other.cost < p.cost - BETTER.0)
+}
+
+/// Finding: the torques of all arms follow the model's inertia, but hold no weight.
+fn weightless(model: &Model, plant: &Plant, instants: &Instants, plain: &Judgement) -> Option<Finding> {
+    let arms = plant.mechanism.arms();
+    if !matches!(plant.mechanism, Mechanism::Delta { .. }) {
+        return None;
+    }
+    let context = Context { model, plant, instants, plain: Some(plain), judged: plain };
+    let slopes: Vec<[f64; 2]> = (0..arms).map(|i| context.weight_and_inertia(i)).collect::<Option<_>>()?;
+    let removed = |s: &[f64; 2]| s[0].abs() < WEIGHTLESS.0 && WEIGHTLESS.1.contains(&s[1]);
+    if !slopes.iter().all(removed) {
+        return None;
+    }
+    let text = |k: usize| slopes.iter().map(|s| rounded(s[k], 2).to_string()).collect::<Vec<_>>().join(", ");
+    let (before, _) = context.rms(0, 1.0);
+    Some(Finding {
+        recording: instants.dataset.name.clone(),
+        axis: None,
+        problem: Problem::GravityRemoved,
+        severe: true,
+        evidence: Evidence { line: plain.lines[0], rms_before: before, ..Evidence::default() },
+        sentence: format!(
+            "the torques hold {} times the model's weight and {} times its inertia: gravity was already removed from them",
+            text(0),
+            text(1)
+        ),
+        remedy: Remedy::Words("torques before gravity compensation, or a model with gravity = 0.0"),
+    })
 }
 
 /// Finding: too few poses of the recording are reachable for the machine.

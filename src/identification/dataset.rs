@@ -256,7 +256,7 @@ fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Cha
 
 fn measured_value(signals: &Signals, channel: Channel, k: usize) -> f64 {
     match channel {
-        Channel::Torque(axis) | Channel::Force(axis) => signals.tau[k][axis],
+        Channel::Torque(axis) | Channel::Force(axis) | Channel::Current(axis, _) => signals.tau[k][axis],
         Channel::StrutUpper(s) => signals.strut_upper[s].as_ref().map_or(0.0, |x| x[k]),
         Channel::StrutLower(s) => signals.strut_lower[s].as_ref().map_or(0.0, |x| x[k]),
     }

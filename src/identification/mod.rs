@@ -11,6 +11,8 @@ pub mod derivatives;
 pub mod estimator;
 pub mod filtering;
 pub mod fit;
+pub mod initial;
+pub mod least_squares;
 pub mod normal_equations;
 pub mod payload;
 pub mod prediction;

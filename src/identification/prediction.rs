@@ -191,7 +191,7 @@ fn at_motors(
 
 fn channel_value(channel: Channel, output: &Output) -> f64 {
     match channel {
-        Channel::Torque(axis) | Channel::Force(axis) => output.tau[axis],
+        Channel::Torque(axis) | Channel::Force(axis) | Channel::Current(axis, _) => output.tau[axis],
         Channel::StrutUpper(s) => output.reactions.upper[s],
         Channel::StrutLower(s) => output.reactions.lower[s],
     }

@@ -122,7 +122,7 @@ impl Motion {
     /// Poses for display: the moving part of a prismatic axis is translated along x by its coordinate.
     pub fn shown(&self, machine: Mechanism) -> [Isometry3<f64>; BODIES] {
         let mut poses = self.poses();
-        if machine == Mechanism::Axis(Joint::Prismatic) {
+        if machine.joint() == Joint::Prismatic {
             poses[ARM] = Isometry3::translation(self.q[0], 0.0, 0.0);
         }
         poses

@@ -15,12 +15,39 @@ pub enum Mechanism {
     ///
     /// It is represented by the first arm of a disassembled robot, all other bodies at rest. On a prismatic axis,
     /// angles stand for metres, torques for newtons and moments of inertia for masses; the equation of motion is the
-    /// same.
-    Axis(Joint),
+    /// same. On an axis whose current is recorded, amperes stand for newton metres or newtons.
+    Axis(Axis),
+}
+
+/// A single axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Axis {
+    /// Its joint.
+    pub joint: Joint,
+    /// What its recordings and its model state of its drive.
+    pub effort: Effort,
+}
+
+impl From<Joint> for Axis {
+    /// An axis whose torque or force is known.
+    fn from(joint: Joint) -> Self {
+        Self { joint, effort: Effort::Force }
+    }
+}
+
+/// Quantity in which the effort of a drive is stated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Effort {
+    /// Torque in N·m, or force in N.
+    #[default]
+    Force,
+    /// Motor current in A: torque, friction and inertia are those divided by the unknown torque constant (N·m/A at the
+    /// joint, or N/A).
+    Current,
 }
 
 /// Joint type of a single axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Joint {
     /// The coordinate is an angle: rad, N·m, kg·m².
     Revolute,
@@ -93,15 +120,39 @@ impl Mechanism {
             Part::Weight => delta,
             Part::Linkage => delta && assembled,
             Part::Telescope => self.has_telescope() && assembled,
-            Part::TurningAxis => self == Self::Axis(Joint::Revolute),
+            Part::TurningAxis => matches!(self, Self::Axis(axis) if axis.joint == Joint::Revolute),
         }
     }
 
-    /// `unit` on this machine's axes: converted by [`Unit::on_slide`] for a prismatic axis, else unchanged.
-    pub fn unit(self, unit: Unit) -> Unit {
+    /// A single axis whose torque or force is known.
+    pub const fn axis(joint: Joint) -> Self {
+        Self::Axis(Axis { joint, effort: Effort::Force })
+    }
+
+    /// Joint type of its axes, as far as their coordinates are concerned.
+    pub fn joint(self) -> Joint {
         match self {
-            Self::Axis(Joint::Prismatic) => unit.on_slide(),
-            Self::Axis(Joint::Revolute) | Self::Delta { .. } => unit,
+            Self::Axis(axis) => axis.joint,
+            Self::Delta { .. } => Joint::Revolute,
+        }
+    }
+
+    /// Quantity in which the efforts of its drives are stated.
+    pub fn effort(self) -> Effort {
+        match self {
+            Self::Axis(axis) => axis.effort,
+            Self::Delta { .. } => Effort::Force,
+        }
+    }
+
+    /// `unit` on this machine's axes: converted by [`Unit::on_slide`] for a prismatic axis, and by
+    /// [`Unit::per_torque_constant`] for one whose current is recorded.
+    pub fn unit(self, unit: Unit) -> Unit {
+        let joint = self.joint();
+        let unit = if joint == Joint::Prismatic { unit.on_slide() } else { unit };
+        match self.effort() {
+            Effort::Force => unit,
+            Effort::Current => unit.per_torque_constant(joint),
         }
     }
 }
@@ -113,8 +164,8 @@ mod tests {
     const MACHINES: [(Mechanism, usize); 4] = [
         (Mechanism::Delta { telescope: true }, 4),
         (Mechanism::Delta { telescope: false }, 3),
-        (Mechanism::Axis(Joint::Revolute), 1),
-        (Mechanism::Axis(Joint::Prismatic), 1),
+        (Mechanism::axis(Joint::Revolute), 1),
+        (Mechanism::axis(Joint::Prismatic), 1),
     ];
 
     #[test]
@@ -128,14 +179,30 @@ mod tests {
                 assert_eq!(machine.has(Part::Weight, assembled), delta);
                 assert_eq!(machine.has(Part::Linkage, assembled), delta && assembled);
                 assert_eq!(machine.has(Part::Telescope, assembled), axes == 4 && assembled);
-                assert_eq!(machine.has(Part::TurningAxis, assembled), machine == Mechanism::Axis(Joint::Revolute));
+                assert_eq!(
+                    machine.has(Part::TurningAxis, assembled),
+                    matches!(machine, Mechanism::Axis(axis) if axis.joint == Joint::Revolute)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn neither_newtons_nor_kilograms_are_left_on_an_axis_in_amperes() {
+        for joint in [Joint::Revolute, Joint::Prismatic] {
+            let axis = Mechanism::Axis(Axis { joint, effort: Effort::Current });
+            for effect in crate::effects::REGISTRY.iter().filter(|e| axis.has(e.acts_on(), true)) {
+                for p in effect.parameters() {
+                    let text = axis.unit(p.unit).to_string();
+                    assert!(!text.contains('N') && !text.contains("kg"), "{}.{}: {text}", effect.name(), p.name);
+                }
             }
         }
     }
 
     #[test]
     fn no_angle_is_left_in_the_units_of_a_prismatic_axis() {
-        let slide = Mechanism::Axis(Joint::Prismatic);
+        let slide = Mechanism::axis(Joint::Prismatic);
         for effect in crate::effects::REGISTRY.iter().filter(|e| slide.has(e.acts_on(), true)) {
             for p in effect.parameters() {
                 let unit = slide.unit(p.unit);

@@ -14,7 +14,7 @@ pub mod unit;
 
 pub use bodies::{Bodies, Inertia};
 pub use geometry::Geometry;
-pub use mechanism::{Joint, Mechanism, Part};
+pub use mechanism::{Axis, Effort, Joint, Mechanism, Part};
 pub use payload::Payload;
 pub use setup::{Configuration, Setup};
 pub use unit::Unit;

@@ -1,11 +1,13 @@
-//! SI units of parameters, and their conversion to prismatic axes.
+//! SI units of parameters, and their conversion to prismatic axes and to axes whose current is recorded.
 
 use std::fmt;
 
+use super::Joint;
+
 /// Unit of a parameter or of a limit.
 ///
-/// Laws and default values are stated for revolute drives; [`Unit::on_slide`] and [`Unit::scale`] convert them to other
-/// machines.
+/// Laws and default values are stated for revolute drives; [`Unit::on_slide`], [`Unit::per_torque_constant`] and
+/// [`Unit::scale`] convert them to other machines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[rustfmt::skip]
 pub enum Unit {
@@ -77,12 +79,36 @@ pub enum Unit {
     PerNM2,
     /// 1/N².
     PerN2,
+    /// 1/A².
+    PerA2,
+    /// A.
+    A,
+    /// A/s.
+    APerS,
+    /// A/rad.
+    APerRad,
+    /// A·s/rad.
+    ASPerRad,
+    /// A·s²/rad.
+    AS2PerRad,
+    /// rad/A.
+    RadPerA,
+    /// A/m.
+    APerM,
+    /// A·s/m.
+    ASPerM,
+    /// A·s²/m.
+    AS2PerM,
+    /// m/A.
+    MPerA,
     /// Unit of the coefficient or of the argument of a user-defined formula.
     Derived(Powers),
     /// N per unit of a law whose unit cannot be derived.
     NPerLaw,
     /// N·m per unit of a law whose unit cannot be derived.
     NMPerLaw,
+    /// A per unit of a law whose unit cannot be derived.
+    APerLaw,
 }
 
 impl Unit {
@@ -138,7 +164,43 @@ impl Unit {
             | Self::NS2PerM2
             | Self::MPerN
             | Self::PerN2
-            | Self::NPerLaw => self,
+            | Self::PerA2
+            | Self::NPerLaw
+            | Self::A
+            | Self::APerS
+            | Self::APerRad
+            | Self::ASPerRad
+            | Self::AS2PerRad
+            | Self::RadPerA
+            | Self::APerM
+            | Self::ASPerM
+            | Self::AS2PerM
+            | Self::MPerA
+            | Self::APerLaw => self,
+        }
+    }
+
+    /// The unit of a drive's quantity divided by the drive's torque constant (N·m/A), or force constant (N/A) on a
+    /// prismatic axis: amperes replace newton metres, or newtons. Units without force or mass are unchanged.
+    ///
+    /// The unit must be that on an axis with this `joint`, see [`Self::on_slide`].
+    pub fn per_torque_constant(self, joint: Joint) -> Self {
+        match self {
+            Self::NM | Self::N => Self::A,
+            Self::NMPerS | Self::NPerS => Self::APerS,
+            Self::NMPerRad => Self::APerRad,
+            Self::NMSPerRad => Self::ASPerRad,
+            // kg·m² = N·m·s²/rad, kg = N·s²/m
+            Self::KgM2 => Self::AS2PerRad,
+            Self::Kg => Self::AS2PerM,
+            Self::RadPerNM => Self::RadPerA,
+            Self::NPerM => Self::APerM,
+            Self::NSPerM => Self::ASPerM,
+            Self::MPerN => Self::MPerA,
+            Self::PerNM2 | Self::PerN2 => Self::PerA2,
+            Self::NMPerLaw | Self::NPerLaw => Self::APerLaw,
+            Self::Derived(powers) => Self::Derived(powers.per_torque_constant(joint)),
+            other => other,
         }
     }
 
@@ -150,16 +212,18 @@ impl Unit {
     /// `torque` alone, because its law is written for the machine.
     pub fn scale(self, torque: f64, speed: f64) -> f64 {
         match self {
-            Self::NM | Self::N | Self::NMPerS | Self::NPerS => torque,
-            Self::Derived(_) | Self::NMPerLaw | Self::NPerLaw => torque,
+            Self::NM | Self::N | Self::NMPerS | Self::NPerS | Self::A | Self::APerS => torque,
+            Self::Derived(_) | Self::NMPerLaw | Self::NPerLaw | Self::APerLaw => torque,
             Self::Rad | Self::RadPerS | Self::RadPerS2 | Self::RadPerS3 => speed,
             Self::M | Self::MPerS | Self::MPerS2 | Self::MPerS3 => speed,
             Self::SPerRad | Self::SPerM | Self::RadPerM => 1.0 / speed,
             Self::NMPerRad | Self::NMSPerRad | Self::KgM2 => torque / speed,
             Self::NPerM | Self::NSPerM | Self::Kg => torque / speed,
-            Self::RadPerNM | Self::MPerN => speed / torque,
+            Self::APerRad | Self::ASPerRad | Self::AS2PerRad => torque / speed,
+            Self::APerM | Self::ASPerM | Self::AS2PerM => torque / speed,
+            Self::RadPerNM | Self::MPerN | Self::RadPerA | Self::MPerA => speed / torque,
             Self::NS2PerM2 => torque / (speed * speed),
-            Self::PerNM2 | Self::PerN2 => 1.0 / (torque * torque),
+            Self::PerNM2 | Self::PerN2 | Self::PerA2 => 1.0 / (torque * torque),
             Self::One | Self::Bit | Self::GearRatio | Self::RadPerRad | Self::S | Self::KgM => 1.0,
             Self::Hz | Self::PerKg => 1.0,
         }
@@ -202,18 +266,32 @@ impl fmt::Display for Unit {
             Self::RadPerNM => "rad/(N·m)",
             Self::PerNM2 => "1/(N·m)²",
             Self::PerN2 => "1/N²",
+            Self::PerA2 => "1/A²",
+            Self::A => "A",
+            Self::APerS => "A/s",
+            Self::APerRad => "A/rad",
+            Self::ASPerRad => "A·s/rad",
+            Self::AS2PerRad => "A·s²/rad",
+            Self::RadPerA => "rad/A",
+            Self::APerM => "A/m",
+            Self::ASPerM => "A·s/m",
+            Self::AS2PerM => "A·s²/m",
+            Self::MPerA => "m/A",
             Self::NPerLaw => "N per unit of the law",
             Self::NMPerLaw => "N·m per unit of the law",
+            Self::APerLaw => "A per unit of the law",
             Self::Derived(powers) => return f.pad(&powers.to_string()),
         })
     }
 }
 
-/// Derived unit N^`n` · m^`m` · s^`s` · rad^`rad`.
+/// Derived unit N^`n` · A^`a` · m^`m` · s^`s` · rad^`rad`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Powers {
     /// Power of N.
     pub n: i8,
+    /// Power of A.
+    pub a: i8,
     /// Power of m.
     pub m: i8,
     /// Power of s.
@@ -224,15 +302,16 @@ pub struct Powers {
 
 impl Powers {
     /// A pure number.
-    pub const ONE: Self = Self { n: 0, m: 0, s: 0, rad: 0 };
+    pub const ONE: Self = Self { n: 0, a: 0, m: 0, s: 0, rad: 0 };
     /// N.
     pub const N: Self = Self { n: 1, ..Self::ONE };
     /// N·m.
     pub const NM: Self = Self { n: 1, m: 1, ..Self::ONE };
 
     fn each(self, other: Self, of: impl Fn(i8, i8) -> Option<i8>) -> Option<Self> {
-        let Self { n, m, s, rad } = other;
-        Some(Self { n: of(self.n, n)?, m: of(self.m, m)?, s: of(self.s, s)?, rad: of(self.rad, rad)? })
+        let Self { n, a, m, s, rad } = other;
+        let [force, current] = [of(self.n, n)?, of(self.a, a)?];
+        Some(Self { n: force, a: current, m: of(self.m, m)?, s: of(self.s, s)?, rad: of(self.rad, rad)? })
     }
 
     /// Unit of a product; `None` if an exponent overflows.
@@ -255,14 +334,23 @@ impl Powers {
 
     /// Conversion to a prismatic axis, for a drive torque times powers of the angle and of time.
     fn on_slide(self) -> Self {
-        let Self { n, m, s, rad } = self;
-        Self { n, m: m.saturating_sub(n).saturating_add(rad), s, rad: 0 }
+        let Self { n, a, m, s, rad } = self;
+        Self { n, a, m: m.saturating_sub(n).saturating_add(rad), s, rad: 0 }
+    }
+
+    /// Division by the torque constant: for a drive torque times powers of the angle and of time, N·m becomes A; with
+    /// [`Self::on_slide`] before it, N does.
+    fn per_torque_constant(self, joint: Joint) -> Self {
+        let Self { n, a, m, s, rad } = self;
+        // The coordinate of a revolute axis is in rad: metres belong to its torque.
+        let lever = if joint == Joint::Revolute { n } else { 0 };
+        Self { n: 0, a: a.saturating_add(n), m: m.saturating_sub(lever), s, rad }
     }
 }
 
 impl fmt::Display for Powers {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let factors = [("N", self.n), ("m", self.m), ("s", self.s), ("rad", self.rad)];
+        let factors = [("N", self.n), ("A", self.a), ("m", self.m), ("s", self.s), ("rad", self.rad)];
         let product = |sign: i8| {
             let side = factors.iter().filter(|(_, power)| power.signum() == sign);
             side.map(|(base, power)| format!("{base}{}", exponent(power.unsigned_abs()))).collect::<Vec<_>>()
@@ -292,7 +380,7 @@ mod tests {
 
     #[test]
     fn texts_of_derived_units() {
-        let text = |n, m, s, rad| Powers { n, m, s, rad }.to_string();
+        let text = |n, m, s, rad| Powers { n, m, s, rad, a: 0 }.to_string();
         assert_eq!(text(0, 0, 0, 0), "1");
         assert_eq!(text(1, 1, 0, 0), "N·m");
         assert_eq!(text(1, 1, 3, -3), "N·m·s³/rad³");
@@ -304,7 +392,7 @@ mod tests {
     #[test]
     fn on_a_slide_metres_stand_for_radians_and_newtons_for_torques() {
         // A cubic friction torque N·m·s³/rad³ becomes N·s³/m³, a stiffness N·m/rad becomes N/m.
-        let derived = |n, m, s, rad| Unit::Derived(Powers { n, m, s, rad });
+        let derived = |n, m, s, rad| Unit::Derived(Powers { n, m, s, rad, a: 0 });
         assert_eq!(derived(1, 1, 3, -3).on_slide(), derived(1, -3, 3, 0));
         assert_eq!(derived(1, 1, 0, -1).on_slide().to_string(), Unit::NMPerRad.on_slide().to_string());
         assert_eq!(derived(1, 1, 0, 0).on_slide().to_string(), "N");
@@ -316,6 +404,31 @@ mod tests {
         assert_eq!(Unit::PerNM2.on_slide().to_string(), "1/N²");
         assert_eq!(Unit::KgM2.on_slide(), Unit::Kg);
         assert_eq!(Unit::N.on_slide(), Unit::N);
+    }
+
+    #[test]
+    fn amperes_stand_for_torques_and_forces() {
+        // τ = k·i divided by k in N·m/A (or N/A): kg·m²/(N·m/A) = A·s²/rad, N·s/m/(N/A) = A·s/m.
+        let turning = |unit: Unit| unit.per_torque_constant(Joint::Revolute).to_string();
+        let sliding = |unit: Unit| unit.on_slide().per_torque_constant(Joint::Prismatic).to_string();
+        for (unit, on_turntable, on_slide) in [
+            (Unit::NM, "A", "A"),
+            (Unit::NMSPerRad, "A·s/rad", "A·s/m"),
+            (Unit::KgM2, "A·s²/rad", "A·s²/m"),
+            (Unit::NMPerRad, "A/rad", "A/m"),
+            (Unit::RadPerNM, "rad/A", "m/A"),
+            (Unit::NMPerS, "A/s", "A/s"),
+            (Unit::RadPerS, "rad/s", "m/s"),
+            (Unit::One, "1", "1"),
+            (Unit::NMPerLaw, "A per unit of the law", "A per unit of the law"),
+        ] {
+            assert_eq!((turning(unit).as_str(), sliding(unit).as_str()), (on_turntable, on_slide), "{unit}");
+        }
+        // The cubic friction N·m·s³/rad³, and a torque N·m of a formula.
+        let derived = |n, m, s, rad| Unit::Derived(Powers { n, m, s, rad, a: 0 });
+        assert_eq!(turning(derived(1, 1, 3, -3)), "A·s³/rad³");
+        assert_eq!(sliding(derived(1, 1, 3, -3)), "A·s³/m³");
+        assert_eq!((turning(derived(1, 1, 0, 0)), sliding(derived(1, 1, 0, 0))), ("A".into(), "A".into()));
     }
 
     #[test]

@@ -3,15 +3,18 @@
 use super::Model;
 use crate::machine::bodies::{ARM, BODIES, ROTOR, STRUT, body_name};
 use crate::machine::check::home;
-use crate::machine::{ARMS, Inertia, Joint, Mechanism, STRUTS};
+use crate::machine::{ARMS, Axis, Effort, Inertia, Joint, Mechanism, STRUTS};
 
 /// Summary of the machine in one paragraph.
 pub fn summary(model: &Model) -> String {
     let mut text = format!("{}: ", model.name);
     let axes = model.mechanism.axes();
     text += &match model.mechanism {
-        Mechanism::Axis(Joint::Revolute) => "a single revolute axis".to_string(),
-        Mechanism::Axis(Joint::Prismatic) => "a single prismatic axis".to_string(),
+        Mechanism::Axis(Axis { joint, effort }) => {
+            let joint = if joint == Joint::Revolute { "revolute" } else { "prismatic" };
+            let unit = if effort == Effort::Current { ", in A: everything per torque constant" } else { "" };
+            format!("a single {joint} axis{unit}")
+        }
         Mechanism::Delta { telescope } if model.assembled => {
             let bodies = if telescope { BODIES } else { BODIES_WITHOUT_TELESCOPE };
             let without = if telescope { "" } else { " without telescope" };

@@ -20,8 +20,8 @@ macro_rules! copy {
 pub(crate) fn shipped(name: &str) -> Model {
     let read = deltatwin_io::model::read(Path::new(&format!("models/{name}.toml"))).expect("a shipped model");
     let mechanism = match (read.mechanism.arms(), format!("{:?}", read.mechanism).as_str()) {
-        (1, "Axis(Revolute)") => Mechanism::Axis(Joint::Revolute),
-        (1, _) => Mechanism::Axis(Joint::Prismatic),
+        (1, text) if text.contains("Revolute") => Mechanism::axis(Joint::Revolute),
+        (1, _) => Mechanism::axis(Joint::Prismatic),
         _ => Mechanism::Delta { telescope: read.mechanism.has_telescope() },
     };
     let mut model = Model {

@@ -544,7 +544,7 @@ fn fewer_axes_when_asked_for() {
     let refused = recording::read_of(&path, None, Mechanism::default()).unwrap_err().to_string();
     contains(&refused, &["no column `q2`", "t, q1…q4, tau1…tau4"]);
     assert_eq!(recording::read(&path, None).unwrap().0.signals.mechanism.axes(), 1);
-    let (recording, warnings) = recording::read_of(&path, None, Mechanism::Axis(Joint::Prismatic)).unwrap();
+    let (recording, warnings) = recording::read_of(&path, None, Mechanism::axis(Joint::Prismatic)).unwrap();
     assert_eq!(warnings, [""; 0]);
     assert_eq!(recording.signals.q[7][1..], [0.0; 3]);
     assert_eq!(recording.signals.q[7][0], run(8).signals.q[7][0]);

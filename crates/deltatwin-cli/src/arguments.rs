@@ -3,7 +3,7 @@
 #[cfg(feature = "viewer")]
 use crate::command::replay;
 use crate::command::{
-    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
     shell, simulate,
 };
 use clap::{Parser, Subcommand};
@@ -26,6 +26,7 @@ pub enum Command {
     Demo(demo::Args),
     Reproduce(reproduce::Args),
     Simulate(simulate::Args),
+    New(new::Args),
     Import(convert::import::Args),
     Export(convert::export::Args),
     Excite(excite::Args),

@@ -12,6 +12,7 @@ pub mod excite;
 pub mod forces;
 pub mod gate;
 pub mod identify;
+pub mod new;
 pub mod noise;
 pub mod plan;
 #[cfg(feature = "viewer")]

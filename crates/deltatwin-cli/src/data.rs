@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::Dataset;
 use deltatwin::identification::derivatives::Method;
+use deltatwin::machine::Mechanism;
 use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::nearest;
@@ -23,16 +24,46 @@ pub struct DataArgs {
     /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
-    /// Which column is which channel, such as "t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12"; may be given several times,
-    /// each working on what the one before has read.
-    #[arg(long, value_name = "MAP")]
-    pub map: Vec<Mapping>,
+    #[command(flatten)]
+    pub columns: ColumnArgs,
     /// Mass of the payload in kg, instead of what the setup states.
     #[arg(long, value_name = "KG", value_parser = mass)]
     pub payload_mass: Option<f64>,
     /// Go on even if signs, factors, order or zeros of the columns say that the recording does not fit the model.
     #[arg(long)]
     pub no_gate: bool,
+}
+
+/// How the columns of recordings from elsewhere are read.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct ColumnArgs {
+    /// Which column is which channel, such as "t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12"; may be given several times,
+    /// each working on what the one before has read.
+    #[arg(long, value_name = "MAP")]
+    pub map: Vec<Mapping>,
+    /// Read one joint of several as a lone axis: its name in a bag, or its number in the names of the columns.
+    #[arg(long, value_name = "NAME")]
+    pub joint: Option<String>,
+    /// Samples per second, for a file without a column of time.
+    #[arg(long, value_name = "HZ", value_parser = positive)]
+    pub rate: Option<f64>,
+    /// The recording is of the motor's side of a gear: motor turns per turn of the joint, or rad of the motor per metre.
+    #[arg(long, value_name = "N", value_parser = positive)]
+    pub gear_ratio: Option<f64>,
+}
+
+impl ColumnArgs {
+    /// Options for reading a recording of `machine` (inferred if `None`) with the file `setup` in place of its sidecar.
+    pub fn reading<'a>(&'a self, setup: Option<&'a Path>, machine: Option<Mechanism>) -> Reading<'a> {
+        Reading {
+            setup,
+            machine,
+            maps: &self.map,
+            joint: self.joint.as_deref(),
+            rate: self.rate,
+            gear_ratio: self.gear_ratio,
+        }
+    }
 }
 
 /// The number above zero that `text` states.
@@ -92,7 +123,7 @@ impl Data {
     /// # Errors
     /// As [`Self::read`].
     pub fn read_with(args: &DataArgs, model: &Model, method: Method) -> Result<Self, ReadError> {
-        let how = Reading { setup: args.setup.as_deref(), machine: Some(model.mechanism), maps: &args.map };
+        let how = args.columns.reading(args.setup.as_deref(), Some(model.mechanism));
         Self::read_each(args, |file, warnings| dataset_of(file, &how, model, method, warnings))
     }
 
@@ -101,7 +132,7 @@ impl Data {
     /// # Errors
     /// As [`Self::read`].
     pub fn of_any_machine(args: &DataArgs) -> Result<Self, ReadError> {
-        let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
+        let how = args.columns.reading(args.setup.as_deref(), None);
         Self::read_each(args, |file, warnings| {
             dataset(recording::read_as(file, &how)?, file, Method::Reversals, warnings)
         })

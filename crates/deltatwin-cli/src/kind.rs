@@ -4,7 +4,7 @@ use std::path::Path;
 
 use miette::{IntoDiagnostic, WrapErr};
 
-use deltatwin::gate::{Finding, examine};
+use deltatwin::gate::{Finding, examine, inspect};
 use deltatwin::identification::{Dataset, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, summary};
@@ -104,6 +104,12 @@ fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Resul
     let (recording, mut warnings) = recording::read_as(path, how)?;
     let dataset = Dataset::new(&recording);
     let gate = model.map(|m| examine(m, &dataset));
+    // What the gate has said about an axis with the model's help is not said again.
+    let said = |f: &Finding| gate.iter().flatten().any(|g| g.axis == f.axis && g.problem == f.problem);
+    let alone = inspect(&recording, &dataset);
+    warnings.extend(
+        alone.iter().filter(|f| !said(f)).map(|f| format!("{}: {}; remedy: {}", path.display(), f.sentence, f.remedy)),
+    );
     if model.is_none() {
         warnings.extend(swapped(&dataset).map(|what| format!("{}: {what}", path.display())));
     }

@@ -12,7 +12,7 @@ use arguments::{Cli, Command};
 use clap::Parser;
 use clap::error::{ContextKind, ContextValue};
 use command::{
-    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, noise, plan, reproduce,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
     shell, simulate,
 };
 use miette::MietteHandlerOpts;
@@ -73,6 +73,7 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Demo(args) => demo::run(args),
         Command::Reproduce(args) => reproduce::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::New(args) => new::run(args),
         Command::Import(args) => convert::import::run(args),
         Command::Export(args) => convert::export::run(args),
         Command::Excite(args) => excite::run(args),

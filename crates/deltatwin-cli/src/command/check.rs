@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use crate::command::gate::{json as gate_json, line};
+use crate::data::ColumnArgs;
 use crate::kind::{Verified, check_as};
 use crate::terminal::{BAD_ANSWER, BAD_INPUT, DONE, path, say, warn};
 use deltatwin::gate::combined;
 use deltatwin_io::model;
-use deltatwin_io::recording::{Mapping, Reading};
 
 /// Validate files: models, scenarios, setups, recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -21,9 +21,8 @@ pub struct Args {
     /// Model that the recordings should fit: also examines sign, factor, order, zero, lag, offset and payload.
     #[arg(long, value_name = "MODEL")]
     pub model: Option<PathBuf>,
-    /// Which column of the recordings is which channel, such as "t=Time[ms], q1=ActPos[deg]"; may be given several times.
-    #[arg(long, value_name = "MAP")]
-    pub map: Vec<Mapping>,
+    #[command(flatten)]
+    pub columns: ColumnArgs,
     /// Setup of all recordings, instead of their sidecars `<stem>.setup.toml`.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
@@ -40,7 +39,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let mut entries = Vec::new();
     let model = args.model.as_deref().map(model::read).transpose()?;
     let machine = model.as_ref().map(|m| m.mechanism);
-    let how = Reading { setup: args.setup.as_deref(), machine, maps: &args.map };
+    let how = args.columns.reading(args.setup.as_deref(), machine);
     for file in &args.files {
         match check_as(file, &how, model.as_ref()) {
             Ok(v) => {

@@ -5,6 +5,7 @@ pub mod import;
 
 use std::path::Path;
 
+use deltatwin::machine::Mechanism;
 use miette::IntoDiagnostic;
 use serde_json::json;
 
@@ -30,6 +31,18 @@ fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: 
         }))?;
     } else {
         say(format!("Wrote {}: {} samples, {duration:.3} s", to.display(), signals.len()))?;
+        say(format!("  next: {}", next(signals.mechanism, to)))?;
     }
     Ok(DONE)
+}
+
+/// The command that makes use of a recording of a machine.
+fn next(machine: Mechanism, recording: &Path) -> String {
+    let name = recording.display();
+    match machine {
+        Mechanism::Axis(_) => format!("deltatwin new axis {name} -o axis.toml"),
+        Mechanism::Delta { .. } => {
+            format!("deltatwin check {name} --model MODEL, or deltatwin new delta {name} -o delta.toml")
+        }
+    }
 }

@@ -135,8 +135,8 @@ fn read(args: &Args, model: &Model) -> miette::Result<Motion> {
 /// Index of a measured channel among the multipliers.
 fn place(channel: Channel) -> usize {
     match channel {
-        Channel::Torque(i) | Channel::Force(i) if i < ARMS => 18 + i,
-        Channel::Torque(_) | Channel::Force(_) => 5,
+        Channel::Torque(i) | Channel::Force(i) | Channel::Current(i, _) if i < ARMS => 18 + i,
+        Channel::Torque(_) | Channel::Force(_) | Channel::Current(..) => 5,
         Channel::StrutLower(s) => 6 + s,
         Channel::StrutUpper(s) => 12 + s,
     }

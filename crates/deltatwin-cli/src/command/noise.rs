@@ -32,24 +32,24 @@ const ORDER: usize = 4;
 
 /// Torque noise of several recordings.
 pub struct TorqueNoise {
-    /// Covariance at rest, (N·m)²; `None` if the robot is never at rest.
+    /// Covariance at rest, in the squared unit of the channels (N·m)²; `None` if the robot is never at rest.
     pub at_rest: Option<DMatrix<f64>>,
     /// Number of intervals at rest.
     pub rests: usize,
     /// Time at rest, s.
     pub rest_time: f64,
-    /// Covariance from differences, (N·m)².
+    /// Covariance from differences, likewise.
     pub differences: Option<DMatrix<f64>>,
-    /// Drives of the rows and columns of the matrices.
-    pub drives: Vec<usize>,
+    /// Channels of the drives of the rows and columns of the matrices.
+    pub drives: Vec<Channel>,
 }
 
 impl TorqueNoise {
     /// Noise of all datasets together.
     pub fn of(datasets: &[Dataset]) -> Self {
-        let drive = |c: &Channel| if let Channel::Torque(i) = c { Some(*i) } else { None };
-        let drives: Vec<usize> =
-            datasets.first().map_or_else(Vec::new, |t| t.channels.iter().filter_map(drive).collect());
+        let is_drive = |c: &&Channel| c.drive().is_some();
+        let drives: Vec<Channel> =
+            datasets.first().map_or_else(Vec::new, |t| t.channels.iter().filter(is_drive).copied().collect());
         let mut torques = vec![Vec::new(); drives.len()];
         let (mut segments, mut still, mut rest_time) = (Vec::new(), Vec::new(), 0.0);
         for dataset in datasets {
@@ -114,13 +114,13 @@ impl TorqueNoise {
         };
         let mut table = Table::new(&["Torque noise", "at rest", "from differences", "unit"], &[3]);
         for (i, drive) in self.drives.iter().enumerate() {
-            let name = format!("axis {} standard deviation", drive + 1);
-            table.row([name, sigma(&self.at_rest, i), sigma(&self.differences, i), "N·m".into()]);
+            let name = format!("axis {} standard deviation", drive.limb() + 1);
+            table.row([name, sigma(&self.at_rest, i), sigma(&self.differences, i), drive.unit().into()]);
         }
         for i in 0..self.drives.len() {
             for j in i + 1..self.drives.len() {
                 let of = |m| correlation(m, i, j);
-                let name = format!("axes {} and {} correlation", self.drives[i] + 1, self.drives[j] + 1);
+                let name = format!("axes {} and {} correlation", self.drives[i].limb() + 1, self.drives[j].limb() + 1);
                 table.row([name, of(&self.at_rest), of(&self.differences), "".into()]);
             }
         }

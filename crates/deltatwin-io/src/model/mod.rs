@@ -6,4 +6,4 @@ mod table;
 mod write;
 
 pub use read::{parse, read};
-pub use write::{fitted_text, full_text, updated_text, write, write_fitted};
+pub use write::{Note, fitted_text, full_text, noted_text, updated_text, write, write_fitted, write_noted};

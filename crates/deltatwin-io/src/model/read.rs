@@ -10,7 +10,9 @@ use std::sync::Arc;
 use deltatwin::effects::{ActiveEffect, Count, Effect, Effects, Host, Parameter, REGISTRY, Role};
 use deltatwin::machine::bodies::{self, BODIES, body_name};
 use deltatwin::machine::check::{self, Culprit};
-use deltatwin::machine::{AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops};
+use deltatwin::machine::{
+    AXES, Axis, Bodies, Drive, Effort, Geometry, Inertia, Joint, LinkParameters, Mechanism, Stops,
+};
 use deltatwin::model::{Added, Model};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml::de::{DeTable, DeValue};
@@ -158,13 +160,28 @@ fn read_mechanism(top: &Table) -> Checked<Mechanism> {
                 "prismatic" => Joint::Prismatic,
                 _ => return Err(top.refuse("joint", "expected \"revolute\" or \"prismatic\"")),
             };
-            (Mechanism::Axis(joint), &["joint"])
+            (Mechanism::Axis(Axis { joint, effort: read_effort(top, joint)? }), &["joint", "effort"])
         }
         _ => return Err(top.refuse("mechanism", "expected \"delta\" or \"axis\", the mechanisms known")),
     };
     let tables = ["name", "mechanism", "geometry", "bodies", "drives", "noise", "effects", "history"];
     top.only(&[&tables[..], own, &keys(schema::top(mechanism))].concat())?;
     Ok(mechanism)
+}
+
+/// Quantity in which the efforts of a single axis are stated: current with `effort = "A"`, else torque or force.
+fn read_effort(top: &Table, joint: Joint) -> Checked<Effort> {
+    if top.entry("effort").is_none() {
+        return Ok(Effort::Force);
+    }
+    let (unit, plain) = if joint == Joint::Revolute { ("N·m", "Nm") } else { ("N", "N") };
+    let expected =
+        format!("\"A\" for an axis whose motor current is recorded, or \"{unit}\", which holds without the key");
+    match top.string("effort", &expected)? {
+        "A" => Ok(Effort::Current),
+        text if text == unit || text == plain => Ok(Effort::Force),
+        _ => Err(top.refuse("effort", &format!("expected {expected}"))),
+    }
 }
 
 /// Checks the order of limits, the reach of the struts and the length of the telescope.

@@ -5,7 +5,7 @@
 use std::fmt::Display;
 
 use deltatwin::effects::{Count, Parameter};
-use deltatwin::machine::{ARMS, AXES, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit};
+use deltatwin::machine::{ARMS, AXES, Axis, Drive, Geometry, Inertia, Joint, Mechanism, Noise, Sockets, Stops, Unit};
 use nalgebra::{Matrix3, Vector3};
 
 /// A key with one number or an array of numbers, stored in a `T`.
@@ -301,8 +301,8 @@ pub(super) fn inertia(machine: Mechanism) -> &'static [Field<Inertia>] {
     const SLIDE: &[Field<Inertia>] = &[lone("mass", "of all that moves, with the motor's inertia")];
     match machine {
         Mechanism::Delta { .. } => INERTIA,
-        Mechanism::Axis(Joint::Revolute) => TURNTABLE,
-        Mechanism::Axis(Joint::Prismatic) => SLIDE,
+        Mechanism::Axis(Axis { joint: Joint::Revolute, .. }) => TURNTABLE,
+        Mechanism::Axis(Axis { joint: Joint::Prismatic, .. }) => SLIDE,
     }
 }
 

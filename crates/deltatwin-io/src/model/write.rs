@@ -7,7 +7,7 @@ use std::sync::Arc;
 use deltatwin::effects::rigid_bodies::RigidBodies;
 use deltatwin::effects::{ActiveEffect, Host, Parameter, Role};
 use deltatwin::machine::bodies::{ARM, BODIES, body_name};
-use deltatwin::machine::{Inertia, Joint, Mechanism, Unit};
+use deltatwin::machine::{Axis, Effort, Inertia, Joint, Mechanism, Unit};
 use deltatwin::model::{Added, Model, Provenance};
 use miette::{IntoDiagnostic, Result, WrapErr, miette};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
@@ -19,7 +19,10 @@ use super::schema::{self, Field, Shape, Top};
 use crate::file::replace_text;
 
 mod formula;
+mod notes;
 mod source;
+
+pub use notes::{Note, noted_text, write_noted};
 
 /// Writes the model to `path`: the text from which it was read with the changed numbers, or a new text.
 ///
@@ -92,10 +95,14 @@ fn edit(document: &mut DocumentMut, model: &Model, provenance: Option<&Provenanc
             }
             set_plain(root, "assembled", Value::from(model.assembled));
         }
-        Mechanism::Axis(joint) => {
+        Mechanism::Axis(Axis { joint, effort }) => {
             set_plain(root, "mechanism", Value::from("axis"));
-            let joint = if joint == Joint::Revolute { "revolute" } else { "prismatic" };
-            set_plain(root, "joint", Value::from(joint));
+            let name = if joint == Joint::Revolute { "revolute" } else { "prismatic" };
+            set_plain(root, "joint", Value::from(name));
+            match effort {
+                Effort::Current => set_plain(root, "effort", Value::from("A")),
+                Effort::Force => drop(root.remove("effort")),
+            }
         }
     }
     let own: Vec<usize> = (0..BODIES).filter(|&b| has_table(root, &["bodies", &body_name(b)])).collect();

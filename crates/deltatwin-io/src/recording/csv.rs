@@ -4,18 +4,21 @@
 //! units are recognised as far as [`super::columns`] supports them. Optional: `strut1_upper…strut6_upper`,
 //! `strut1_lower…strut6_lower`, `ee_x, ee_y, ee_z`, `qd1…qd4`, `qdd1…qdd4`, `margin1_upper…margin6_upper,
 //! margin1_lower…margin6_lower`, `link_q1…4`, `link_qd1…4` and the `lambda_…` of
-//! [`multiplier_names`](deltatwin::recording::multiplier_names). Cells are separated by comma, semicolon or tab.
+//! [`multiplier_names`](deltatwin::recording::multiplier_names). Separators, encodings and lines around the header are
+//! those that [`super::dialect`] finds.
 
+use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 
-use deltatwin::machine::Mechanism;
+use deltatwin::machine::{Effort, Mechanism};
 use deltatwin::recording::Signals;
 
-use super::ReadError;
 use super::check::{self, Table};
-use super::columns::{Frame, Layout, Mapping};
+use super::columns::{Frame, Layout};
+use super::dialect::{Dialect, Plain};
 use super::epoch::Clock;
+use super::{ReadError, Reading};
 use crate::file::{self, WriteError};
 
 /// Description of the expected file of a machine.
@@ -29,13 +32,13 @@ const HEAD: usize = 1 << 16;
 
 /// Signals of a CSV file, and warnings about what was repaired.
 ///
-/// `machine` is the expected machine; `None` means the one inferred from the columns. `maps` assign columns to channels
-/// where the names do not.
+/// `how.machine` is the expected machine; `None` means the one inferred from the columns. `how.maps` assign columns to
+/// channels where the names do not.
 ///
 /// # Errors
 /// A [`ReadError`] if the file cannot be read, or for columns, units, cells or times that are not valid, with line and
 /// column.
-pub fn read(path: &Path, machine: Option<Mechanism>, maps: &[Mapping]) -> Result<(Signals, Vec<String>), ReadError> {
+pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Vec<String>), ReadError> {
     let file = std::fs::File::open(path).map_err(|e| ReadError::io(path, e))?;
     let bytes = file.metadata().map_or(0, |m| m.len()) as usize;
     let mut source = BufReader::with_capacity(HEAD, file);
@@ -43,7 +46,7 @@ pub fn read(path: &Path, machine: Option<Mechanism>, maps: &[Mapping]) -> Result
     // Growth of the columns would leave unused memory; reserve the estimated size.
     let lines = head.iter().filter(|b| **b == b'\n').count();
     let rows = bytes.checked_div(head.len().checked_div(lines).unwrap_or(0)).unwrap_or(0);
-    let (table, mut warnings) = table(path, &head, source, rows + rows / 50, machine, maps)?;
+    let (table, mut warnings) = table(path, &head, source, rows + rows / 50, how)?;
     let (signals, noticed) = check::signals(table)?;
     warnings.extend(noticed);
     Ok((signals, warnings))
@@ -58,7 +61,9 @@ pub fn write(path: &Path, signals: &Signals) -> Result<(), WriteError> {
     file::replace(path, |out| -> std::io::Result<()> {
         write!(out, "t")?;
         for c in &columns {
-            write!(out, ",{}", c.name)?;
+            // The unit of a current is not that of the format.
+            let unit = if signals.mechanism.effort() == Effort::Current && c.name == "tau1" { " [A]" } else { "" };
+            write!(out, ",{}{unit}", c.name)?;
         }
         for (i, t) in signals.t.iter().enumerate() {
             write!(out, "\n{}", shortest(*t))?;
@@ -85,37 +90,33 @@ fn shortest(v: f64) -> String {
 fn table(
     path: &Path,
     head: &[u8],
-    mut source: impl BufRead,
+    source: impl BufRead,
     about: usize,
-    machine: Option<Mechanism>,
-    maps: &[Mapping],
+    how: &Reading,
 ) -> Result<(Table, Vec<String>), ReadError> {
-    const MARK: &[u8] = b"\xef\xbb\xbf";
-    if head.starts_with(MARK) {
-        source.consume(MARK.len());
-    }
-    let content = head.strip_prefix(MARK).unwrap_or(head);
-    let any = || expected(machine.unwrap_or_default().axes());
-    if content.iter().all(u8::is_ascii_whitespace) {
+    let whole = head.len() < HEAD;
+    let dialect = Dialect::of(head, whole);
+    let any = || expected(how.machine.unwrap_or_default().axes());
+    if head.iter().all(u8::is_ascii_whitespace) {
         return Err(ReadError::content(path, "is empty", any()));
     }
     let binary = || ReadError::content(path, "is binary, not text", any());
-    if content.contains(&0) {
+    if dialect.is_binary(head) {
         return Err(binary());
     }
-    let header = content.split(|&b| b == b'\n').find(|l| !l.trim_ascii().is_empty());
-    let header = header.unwrap_or_default();
-    let count = |b: u8| header.iter().filter(|&&c| c == b).count();
-    let delimiter = [b',', b';', b'\t'].into_iter().rev().max_by_key(|&b| count(b)).unwrap_or(b',');
+    let delimiter = dialect.delimiter();
+    let source = Plain::new(source, &dialect).map_err(|e| ReadError::io(path, e))?;
     let mut reader =
         ::csv::ReaderBuilder::new().delimiter(delimiter).flexible(true).trim(::csv::Trim::All).from_reader(source);
     let broken = |e: ::csv::Error| match e.kind() {
         ::csv::ErrorKind::Utf8 { .. } => binary(),
+        ::csv::ErrorKind::Io(e) if e.kind() == std::io::ErrorKind::InvalidData => binary(),
         _ => ReadError::content(path, e.to_string(), any()),
     };
     let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_string).collect();
 
-    let (layout, machine, warnings) = layout(path, &names, maps, machine)?;
+    let (layout, machine, mut warnings) = layout(path, &names, how)?;
+    warnings.splice(0..0, dialect.notes.iter().cloned());
     let axes = machine.axes();
     let used = layout.used();
     let time = layout.time();
@@ -137,7 +138,7 @@ fn table(
         rows.push(line);
         for &i in &used {
             let is_time = time.is_some_and(|(column, _)| column == i);
-            let exact = if is_time { clock.since_start(&record[i]) } else { None };
+            let exact = if is_time { clock.since_start(&decimal(&record[i], delimiter)) } else { None };
             let value = exact.or_else(|| number(&record[i], delimiter));
             values[i].push(value.ok_or_else(|| ReadError::Value {
                 file: path.into(),
@@ -154,31 +155,40 @@ fn table(
     if rows.is_empty() {
         return Err(ReadError::content(path, "has a header but no samples", expected(axes)));
     }
-    let mut warnings = warnings;
-    let (column, stated) = time.unwrap_or((0, 1.0));
-    let (t, noticed) = clock.seconds(&values[column], stated);
-    warnings.extend(noticed.map(|what| format!("`{}` {what}", layout.text(column))));
+    let t = match (time, how.rate) {
+        (Some((column, stated)), _) => {
+            let (t, noticed) = clock.seconds(&values[column], stated);
+            warnings.extend(noticed.map(|what| format!("`{}` {what}", layout.text(column))));
+            t
+        }
+        (None, rate) => (0..rows.len()).map(|k| k as f64 / rate.unwrap_or(1.0)).collect(),
+    };
     Ok((layout.apply(t, &values, rows, Frame { file: path, row: "line", machine }), warnings))
 }
 
 /// Assignment of columns to channels, the machine, and notes on what is omitted or guessed.
-fn layout(
-    path: &Path,
-    names: &[String],
-    maps: &[Mapping],
-    machine: Option<Mechanism>,
-) -> Result<(Layout, Mechanism, Vec<String>), ReadError> {
-    let mut layout = Layout::new(path, names, maps, machine)?;
-    let machine = machine.unwrap_or_else(|| check::machine(|name| layout.has(name)));
+fn layout(path: &Path, names: &[String], how: &Reading) -> Result<(Layout, Mechanism, Vec<String>), ReadError> {
+    let mut layout = Layout::new(path, names, how)?;
+    let machine = how.machine.unwrap_or_else(|| layout.machine());
     let axes = machine.axes();
+    if how.machine.is_none() {
+        layout.check(path, machine)?;
+    }
+    let mut guessed = Vec::new();
+    match (how.rate, layout.has("t")) {
+        (Some(rate), false) => guessed.push(format!("no column of time: the rows are taken as {rate} per second")),
+        (Some(rate), true) => guessed.push(format!("--rate {rate} ignored: there is a column of time")),
+        _ => {}
+    }
     for wanted in check::required(axes) {
-        if !layout.has(&wanted) {
+        if !layout.has(&wanted) && !(wanted == "t" && how.rate.is_some()) {
             let mut found: String = names.join(", ").chars().take(200).collect();
             if found.len() < names.join(", ").len() {
                 found.push('…');
             }
             let problem = format!("has no column `{wanted}` (columns: {found})");
-            let hint = format!("{}; --map \"{wanted}=COLUMN\" names another one", expected(axes));
+            let rate = if wanted == "t" { ", --rate HZ does without" } else { "" };
+            let hint = format!("{}; --map \"{wanted}=COLUMN\" names another one{rate}", expected(axes));
             return Err(ReadError::content(path, problem, hint));
         }
     }
@@ -186,7 +196,14 @@ fn layout(
     let unknown: Vec<_> = layout.unused.iter().map(quoted).collect();
     let foreign = |name: &str| check::foreign(name, axes);
     let extra: Vec<_> = names.iter().filter(|n| foreign(n)).map(|n| format!("`{n}`")).collect();
+    if let Some(ratio) = how.gear_ratio {
+        layout.behind_gear(ratio);
+    }
     let mut warnings = std::mem::take(&mut layout.notes);
+    warnings.extend(guessed);
+    if machine.effort() == Effort::Current {
+        warnings.push("the current stands for the torque: all results are per torque constant, in A".into());
+    }
     if !unknown.is_empty() {
         warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
     }
@@ -198,11 +215,15 @@ fn layout(
     Ok((layout, machine, warnings))
 }
 
+/// The cell with a decimal point.
+fn decimal(cell: &str, delimiter: u8) -> Cow<'_, str> {
+    if delimiter != b',' && cell.contains(',') { cell.replacen(',', ".", 1).into() } else { cell.into() }
+}
+
 fn number(cell: &str, delimiter: u8) -> Option<f64> {
     let value: f64 = match cell.parse() {
         Ok(value) => value,
-        Err(_) if delimiter != b',' => cell.replace(',', ".").parse().ok()?,
-        Err(_) => return None,
+        Err(_) => decimal(cell, delimiter).parse().ok()?,
     };
     value.is_finite().then_some(value)
 }

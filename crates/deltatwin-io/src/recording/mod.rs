@@ -4,6 +4,7 @@ pub(crate) mod bag;
 mod check;
 mod columns;
 mod csv;
+mod dialect;
 mod epoch;
 mod error;
 pub mod setup;
@@ -28,6 +29,12 @@ pub struct Reading<'a> {
     pub machine: Option<Mechanism>,
     /// Assignments of columns to channels, applied in order.
     pub maps: &'a [Mapping],
+    /// Joint of a bag, or number of an axis in the names of the columns, that is read as a lone axis.
+    pub joint: Option<&'a str>,
+    /// Samples per second of a file without a column of time.
+    pub rate: Option<f64>,
+    /// Gear ratio of a recording of the motor's side: motor turns per turn, or per metre times 2π, of the joint.
+    pub gear_ratio: Option<f64>,
 }
 
 /// Reads a CSV file or a ROS 2 bag (`.mcap`, `.db3`, bag folder) of a machine inferred from its number of axes: one,
@@ -63,11 +70,12 @@ pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), R
     };
     let columns = outside.iter().map(|s| &s.columns).filter(|c| !c.is_empty());
     let maps: Vec<Mapping> = columns.chain(how.maps).cloned().collect();
+    let machine = how.machine.or(outside.as_ref().and_then(|s| s.axis).map(Mechanism::Axis));
     let outside = outside.map(|s| s.setup);
     let (signals, inside, mut warnings) = if bag::is_bag(path) {
-        bag::read(path, how.machine, &maps)?
+        bag::read(path, &Reading { machine, maps: &maps, ..*how })?
     } else {
-        let (signals, warnings) = csv::read(path, how.machine, &maps)?;
+        let (signals, warnings) = csv::read(path, &Reading { machine, maps: &maps, ..*how })?;
         (signals, None, warnings)
     };
     if let (Some(a), Some(b)) = (outside, inside)
@@ -103,7 +111,7 @@ pub fn write_with(recording: &Recording, path: &Path, context: &Context) -> Resu
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     if extension == "csv" {
         csv::write(path, &recording.signals)?;
-        setup::write(&recording.setup, &setup::sidecar(path))
+        setup::write_beside(&recording.setup, recording.signals.mechanism, &setup::sidecar(path))
     } else if extension == "mcap" {
         bag::write(path, recording, context)
     } else {

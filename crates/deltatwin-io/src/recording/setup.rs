@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use deltatwin::machine::{AXES, Configuration, Payload, Setup};
+use deltatwin::machine::{AXES, Axis, Configuration, Effort, Joint, Mechanism, Payload, Setup};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -24,6 +24,8 @@ struct Document {
     configuration: State,
     payload: Load,
     noise: Noise,
+    joint: Option<Spanned<String>>,
+    effort: Option<Spanned<String>>,
     columns: BTreeMap<String, Spanned<String>>,
 }
 
@@ -32,6 +34,8 @@ struct Document {
 pub struct Sidecar {
     /// Setup of the run.
     pub setup: Setup,
+    /// The single axis of the recording, where its columns do not tell: `joint`, `effort`.
+    pub axis: Option<Axis>,
     /// `[columns]`: channel = "column[unit]".
     pub columns: Mapping,
 }
@@ -68,6 +72,8 @@ impl Default for Document {
             configuration: State::Assembled,
             payload: Load::default(),
             noise: Noise::default(),
+            joint: None,
+            effort: None,
             columns: BTreeMap::new(),
         }
     }
@@ -126,8 +132,35 @@ impl Sidecar {
             let refused = |e: String| source.problem(column.span(), format!("`columns.{channel}`: {e}"));
             columns.assign(channel, column.get_ref()).map_err(refused)?;
         }
-        Ok(Self { setup, columns })
+        Ok(Self { setup, axis: axis(&source, &document)?, columns })
     }
+}
+
+/// The single axis that `joint` and `effort` describe; `None` without them.
+fn axis(source: &Source, document: &Document) -> Checked<Option<Axis>> {
+    if document.joint.is_none() && document.effort.is_none() {
+        return Ok(None);
+    }
+    let refused = |key: &str, value: &Spanned<String>, expected: &str| {
+        source.problem(value.span(), format!("`{key}` is {:?}; expected {expected}", value.get_ref()))
+    };
+    let joint = match &document.joint {
+        None => Joint::Revolute,
+        Some(value) => match value.get_ref().as_str() {
+            "revolute" => Joint::Revolute,
+            "prismatic" => Joint::Prismatic,
+            _ => return Err(refused("joint", value, "\"revolute\" or \"prismatic\"")),
+        },
+    };
+    let effort = match &document.effort {
+        None => Effort::Force,
+        Some(value) => match value.get_ref().as_str() {
+            "A" => Effort::Current,
+            "N" | "Nm" | "N·m" => Effort::Force,
+            _ => return Err(refused("effort", value, "\"A\", or the unit of torque or force")),
+        },
+    };
+    Ok(Some(Axis { joint, effort }))
 }
 
 fn payload(source: &Source, load: &Load) -> Checked<Payload> {
@@ -186,6 +219,27 @@ pub(crate) fn payload_to_toml(payload: &Payload) -> String {
         );
     }
     text
+}
+
+/// The sidecar of a CSV file of `machine` as TOML: the setup, and joint and effort of a single axis that is not the
+/// usual one.
+pub(crate) fn sidecar_to_toml(setup: &Setup, machine: Mechanism) -> String {
+    let mut text = String::new();
+    if machine.joint() == Joint::Prismatic {
+        text += "joint = \"prismatic\" # q1 in m\n";
+    }
+    if machine.effort() == Effort::Current {
+        text += "effort = \"A\" # tau1 is the motor's current: everything per torque constant\n";
+    }
+    text + &to_toml(setup)
+}
+
+/// Writes the sidecar of a CSV file.
+///
+/// # Errors
+/// [`WriteError::Io`] if the file cannot be written.
+pub(crate) fn write_beside(setup: &Setup, machine: Mechanism, path: &Path) -> Result<(), WriteError> {
+    file::replace(path, |out| out.write_all(sidecar_to_toml(setup, machine).as_bytes()))
 }
 
 /// Writes a setup file.

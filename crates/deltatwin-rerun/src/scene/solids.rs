@@ -14,7 +14,7 @@ use deltatwin::cell::{Mobility, Object, Shape};
 use deltatwin::machine::bodies::{
     ARM, BODIES, END_EFFECTOR, PLATFORM, ROTOR, STRUT, TELESCOPE_LOWER, TELESCOPE_UPPER, body_name,
 };
-use deltatwin::machine::{ARMS, Geometry, Joint, Mechanism, STRUTS};
+use deltatwin::machine::{ARMS, Axis, Geometry, Joint, Mechanism, STRUTS};
 
 const STEEL: [u8; 3] = [150, 155, 165];
 const CARBON: [u8; 3] = [88, 92, 102];
@@ -30,7 +30,7 @@ const PRODUCTS: [[u8; 3]; 4] = [[200, 90, 110], [95, 170, 150], [205, 170, 90], 
 /// Logs the fixed parts: mounting ring and motors, or rail or shaft of a single axis.
 pub(super) fn base(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let g = scene.geometry;
-    if let Mechanism::Axis(joint) = scene.machine {
+    if let Mechanism::Axis(Axis { joint, .. }) = scene.machine {
         let ends = match joint {
             Joint::Prismatic => g.arm_limits.map(|x| Vector3::x() * x),
             Joint::Revolute => [-0.5, 0.5].map(|side| Vector3::y() * (side * LONE_SIZE)),
@@ -102,7 +102,7 @@ pub(super) fn trail(rec: &RecordingStream, scene: &Scene) -> Outcome {
 /// Logs the shapes of the moving bodies.
 pub(super) fn robot(rec: &RecordingStream, scene: &Scene) -> Outcome {
     let g = scene.geometry;
-    if let Mechanism::Axis(joint) = scene.machine {
+    if let Mechanism::Axis(Axis { joint, .. }) = scene.machine {
         return lone(rec, joint);
     }
     for b in shown(scene) {

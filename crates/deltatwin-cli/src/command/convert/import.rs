@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use deltatwin_io::recording::{Mapping, Reading};
+use crate::data::ColumnArgs;
 
-/// Check a measurement and keep it as MCAP.
+/// Check a measurement from elsewhere and keep it as MCAP or CSV.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin import run.csv -o run.mcap")]
 pub struct Args {
@@ -16,9 +16,8 @@ pub struct Args {
     /// Setup of the run, instead of the sidecar.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
-    /// Which column is which channel, such as "t=Time[ms], q1=ActPos[deg], tau1=Iq[A]*0.12"; may be given several times.
-    #[arg(long, value_name = "MAP")]
-    pub map: Vec<Mapping>,
+    #[command(flatten)]
+    pub columns: ColumnArgs,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -26,6 +25,6 @@ pub struct Args {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
-    let how = Reading { setup: args.setup.as_deref(), machine: None, maps: &args.map };
+    let how = args.columns.reading(args.setup.as_deref(), None);
     super::convert(&args.csv, &how, &args.output, &["mcap", "csv"], args.json)
 }

@@ -19,7 +19,7 @@ pub use write::write;
 use std::io::Read;
 use std::path::Path;
 
-use deltatwin::machine::{Joint, Mechanism};
+use deltatwin::machine::{Axis, Effort, Joint, Mechanism};
 
 use self::content::Content;
 use self::messages::SECOND;
@@ -31,11 +31,13 @@ const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, o
 /// the same bytes.
 const EPOCH: i64 = 1_700_000_000 * SECOND;
 
-const MECHANISMS: [(&str, Mechanism); 4] = [
+const MECHANISMS: [(&str, Mechanism); 6] = [
     ("delta", Mechanism::Delta { telescope: true }),
     ("delta without telescope", Mechanism::Delta { telescope: false }),
-    ("revolute axis", Mechanism::Axis(Joint::Revolute)),
-    ("prismatic axis", Mechanism::Axis(Joint::Prismatic)),
+    ("revolute axis", Mechanism::axis(Joint::Revolute)),
+    ("prismatic axis", Mechanism::axis(Joint::Prismatic)),
+    ("revolute axis in ampere", Mechanism::Axis(Axis { joint: Joint::Revolute, effort: Effort::Current })),
+    ("prismatic axis in ampere", Mechanism::Axis(Axis { joint: Joint::Prismatic, effort: Effort::Current })),
 ];
 
 /// Kinds of bag files.

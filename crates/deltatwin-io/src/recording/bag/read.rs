@@ -10,22 +10,18 @@ use super::content::{Content, Encoding, Stream};
 use super::messages::JointState;
 use super::{EPOCH, EXPECTED, MECHANISMS, folder, read_file, topics};
 use crate::recording::check::{self, Column, Table};
-use crate::recording::columns::{self, Mapping};
-use crate::recording::{ReadError, setup};
+use crate::recording::columns;
+use crate::recording::{ReadError, Reading, setup};
 
 /// Signals of a bag, its setup if it contains one, and warnings about what was repaired.
 ///
-/// `path` is an MCAP or SQLite file, or a bag folder; a truncated file is read up to its last complete chunk. `machine`
-/// is the expected machine; `None` means the one stated in the bag or inferred from its joints. `maps` assign columns
-/// to channels.
+/// `path` is an MCAP or SQLite file, or a bag folder; a truncated file is read up to its last complete chunk.
+/// `how.machine` is the expected machine; `None` means the one stated in the bag or inferred from its joints, or a
+/// single axis if `how.joint` names one of several. `how.maps` assign columns to channels.
 ///
 /// # Errors
 /// A [`ReadError`] if a file cannot be read, the bag contains no usable joint states, or the signals fail the checks.
-pub fn read(
-    path: &Path,
-    machine: Option<Mechanism>,
-    maps: &[Mapping],
-) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
+pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<String>), ReadError> {
     let mut warnings = Vec::new();
     let mut content = if path.is_dir() { folder::read(path, &mut warnings)? } else { read_file(path, &mut warnings)? };
     let setup = match content.metadata.get("setup").and_then(|m| m.get("toml")) {
@@ -33,11 +29,20 @@ pub fn read(
         None => None,
     };
     let joints = joint_states(path, &mut content, &mut warnings)?;
-    let machine = machine.unwrap_or_else(|| machine_of(&content, &joints));
-    let samples = Samples::of(path, &joints, machine, &mut warnings)?;
+    let noted = noted_machine(&content);
+    if let (Some(wanted), Some(noted)) = (how.machine, noted)
+        && wanted.effort() != noted.effort()
+    {
+        let unit = |m: Mechanism| m.unit(deltatwin::machine::Unit::NM);
+        let problem = format!("states the effort of its axis in {}", unit(noted));
+        return Err(ReadError::content(path, problem, format!("{}, the unit of the model", unit(wanted))));
+    }
+    let lone = how.joint.map(|_| Mechanism::axis(Joint::Revolute));
+    let machine = how.machine.or(noted).or(lone).unwrap_or_else(|| machine_of(&joints));
+    let samples = Samples::of(path, &joints, machine, how.joint, &mut warnings)?;
     let zero = content.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
     let (table, start) = samples.table(path, machine, zero, &content, &mut warnings);
-    let (table, mapped) = columns::remap(table, maps)?;
+    let (table, mapped) = columns::remap(table, how)?;
     let (mut signals, noticed) = check::signals(table)?;
     signals.start = Some(start).filter(|s| *s != EPOCH);
     warnings.extend(mapped.into_iter().chain(noticed));
@@ -67,12 +72,14 @@ fn joint_states(path: &Path, content: &mut Content, warnings: &mut Vec<String>) 
     Ok(content.streams.swap_remove(chosen))
 }
 
-/// The machine stated in the bag, else the one with as many axes as there are joints.
-fn machine_of(content: &Content, joints: &Stream) -> Mechanism {
-    let noted = content.metadata.get("machine").and_then(|m| m.get("mechanism"));
-    if let Some((_, known)) = noted.and_then(|n| MECHANISMS.iter().find(|(name, _)| name == n)) {
-        return *known;
-    }
+/// The machine stated in the bag, if any.
+fn noted_machine(content: &Content) -> Option<Mechanism> {
+    let noted = content.metadata.get("machine")?.get("mechanism")?;
+    MECHANISMS.iter().find(|(name, _)| name == noted).map(|(_, machine)| *machine)
+}
+
+/// The machine with as many axes as there are joints.
+fn machine_of(joints: &Stream) -> Mechanism {
     let states = joints.messages.iter().filter_map(|(_, data)| JointState::parse(data));
     let axes = |s: JointState| {
         let named = [4, 3, 1].into_iter().find(|&n| by_name(&s.name, n).is_some());
@@ -80,7 +87,7 @@ fn machine_of(content: &Content, joints: &Stream) -> Mechanism {
     };
     // Other devices may publish on the same topic.
     match states.take(100).map(axes).max() {
-        Some(1) => Mechanism::Axis(Joint::Revolute),
+        Some(1) => Mechanism::axis(Joint::Revolute),
         Some(3) => Mechanism::Delta { telescope: false },
         _ => Mechanism::default(),
     }
@@ -96,7 +103,13 @@ struct Samples {
 }
 
 impl Samples {
-    fn of(path: &Path, joints: &Stream, machine: Mechanism, warnings: &mut Vec<String>) -> Result<Self, ReadError> {
+    fn of(
+        path: &Path,
+        joints: &Stream,
+        machine: Mechanism,
+        joint: Option<&str>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self, ReadError> {
         let axes = machine.axes();
         let mut extra = 0;
         let mut order: Option<(Vec<String>, Option<Vec<usize>>)> = None;
@@ -110,9 +123,10 @@ impl Samples {
             };
             let state = JointState::parse(data).ok_or_else(|| bad("cannot be decoded"))?;
             if order.as_ref().is_none_or(|(names, _)| *names != state.name) {
-                let mut found = by_name(&state.name, axes);
+                let chosen = joint.map(|j| state.name.iter().position(|n| n == j).map(|place| vec![place]));
+                let mut found = chosen.clone().unwrap_or_else(|| by_name(&state.name, axes));
                 let count = state.name.len().max(state.position.len());
-                if found.is_none() && count == axes {
+                if chosen.is_none() && found.is_none() && count == axes {
                     found = Some((0..axes).collect());
                     by_order = true;
                 }
@@ -146,8 +160,13 @@ impl Samples {
             let names = names.join(", ");
             if out.states.is_empty() {
                 let problem = format!("has JointState messages with the joints {names}");
-                let expected =
-                    if axes == 1 { "the joint axis1".into() } else { format!("the joints axis1…axis{axes}") };
+                let expected = match joint {
+                    Some(joint) => format!("the joint {joint} (--joint)"),
+                    None if axes == 1 => "the joint axis1; --joint NAME reads one of them as a lone axis".into(),
+                    None => {
+                        format!("the joints axis1…axis{axes}; --joint NAME reads one of them as a lone axis")
+                    }
+                };
                 return Err(ReadError::content(path, problem, expected));
             }
             warnings.push(format!("JointState messages with the joints {names} ignored"));

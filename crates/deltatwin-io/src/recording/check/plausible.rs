@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use deltatwin::machine::{AXES, Joint, Mechanism, Unit};
+use deltatwin::machine::{AXES, Effort, Joint, Mechanism, Unit};
 use deltatwin::recording::sample_time;
 
 use super::names::is_axis;
@@ -65,9 +65,8 @@ impl Table {
         }
         for c in &self.columns {
             let (limit, unit, hint) = match c.name.as_str() {
-                n if n.starts_with("tau") && self.machine == Mechanism::Axis(Joint::Prismatic) => {
-                    (1e7, "N", "looks like mN")
-                }
+                n if n.starts_with("tau") && self.machine.effort() == Effort::Current => (1e5, "A", "looks like mA"),
+                n if n.starts_with("tau") && self.machine.joint() == Joint::Prismatic => (1e7, "N", "looks like mN"),
                 n if n.starts_with("tau") => (1e4, "N·m", "looks like N·mm, which --map \"tau1=tau1[Nmm], …\" reads"),
                 n if n.starts_with("strut") || n.starts_with("margin") => (1e6, "N", "looks like mN"),
                 n if n.starts_with("ee") => (5.0, "m", "looks like millimetres"),
@@ -196,7 +195,7 @@ impl Table {
             if square == 0.0 || !scale.is_finite() {
                 continue;
             }
-            if (40.0..80.0).contains(&scale) && self.machine != Mechanism::Axis(Joint::Prismatic) {
+            if (40.0..80.0).contains(&scale) && self.machine.joint() == Joint::Revolute {
                 let problem = format!("{scale:.1} times the slope of `q{k}`; looks like degrees/s");
                 return Err(self.value_error(0, &name, problem, "rad/s"));
             }

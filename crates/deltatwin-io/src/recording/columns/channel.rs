@@ -1,6 +1,6 @@
 //! Recognition of channels by column names: `position_1`, `effort_1`, `time`, `joint_1`, …
 
-use deltatwin::machine::Mechanism;
+use deltatwin::machine::{Effort, Joint, Mechanism};
 
 use super::unit::{Quantity, Unit};
 use crate::recording::check::known;
@@ -36,38 +36,103 @@ impl Header {
             }
         }
         match text.rsplit_once(['_', ' ']) {
-            Some((base, unit)) if Unit::find(unit).is_some_and(|u| u.quantity != Quantity::Signal) => {
-                of(base, Some(unit))
-            }
+            Some((base, unit)) if Unit::find(unit).is_some_and(|u| plausible(base, u.quantity)) => of(base, Some(unit)),
             _ => of(text, None),
         }
     }
 }
 
+/// Whether the last word of a name may be a unit of `quantity`: `phase_a` is not in ampere, `current_A` is.
+fn plausible(base: &str, quantity: Quantity) -> bool {
+    match quantity {
+        Quantity::Signal => false,
+        Quantity::Current => matches!(guess(base), Some(Guess::Axis("tau" | CURRENT, _))),
+        _ => true,
+    }
+}
+
+/// Stem of a motor current, which is read as `tau` if no column has a torque.
+pub(super) const CURRENT: &str = "current";
+
 /// Channel inferred from a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Guess {
     Time,
-    /// Position, rate, acceleration or torque (`q`, `qd`, `qdd`, `tau`) of an axis, with the number in the name if
-    /// there is one.
+    /// Position, rate, acceleration, torque or motor current (`q`, `qd`, `qdd`, `tau`, [`CURRENT`]) of an axis, with the
+    /// number in the name if there is one.
     Axis(&'static str, Option<usize>),
 }
+
+/// Words of names in drive software, robot interfaces and bags, with the stem of the quantity they stand for.
+const WORDS: &[(&str, &[&str])] = &[
+    ("q", &["q", "pos", "position", "positions", "angle", "angles", "phi", "theta", "actpos", "actualposition"]),
+    ("q", &["posact", "istposition", "lageistwert", "lage", "winkel", "weg", "aipos", "msrpos", "qj", "jointposition"]),
+    ("qd", &["qd", "dq", "qdot", "vel", "velo", "velocity", "velocities", "rate", "speed", "actvel", "actvelo", "dqj"]),
+    ("qd", &["actualvelocity", "actualspeed", "velact", "nact", "drehzahl", "geschwindigkeit", "omega"]),
+    ("qdd", &["qdd", "ddq", "qddot", "acc", "accel", "acceleration", "actacc", "beschleunigung"]),
+    ("tau", &["tau", "torque", "torques", "trq", "effort", "efforts", "force", "acttrq", "acttorque", "actualtorque"]),
+    ("tau", &["drehmoment", "moment", "kraft", "tauj", "msrtrq", "etq"]),
+    (CURRENT, &["current", "currents", "curr", "cur", "iq", "iqact", "amps", "strom", "macur", "actcurrent"]),
+    (CURRENT, &["actualcurrent", "iact"]),
+];
+
+/// Words without a meaning of their own for the channel.
+const FILLERS: &[&str] = &[
+    "arm",
+    "drive",
+    "motor",
+    "actual",
+    "act",
+    "measured",
+    "meas",
+    "msr",
+    "state",
+    "states",
+    "data",
+    "value",
+    "values",
+    "present",
+    "feedback",
+    "fbk",
+    "estimate",
+    "estimated",
+    "est",
+    "encoder",
+    "enc",
+    "nc",
+    "to",
+    "plc",
+    "field",
+    "ist",
+    "istwert",
+    "robot",
+    "jnt",
+    "filtered",
+    "smoothed",
+    "servo",
+    "js",
+    "monitor",
+];
 
 /// Channel inferred from the words of a name outside the file format; `None` if a word is unknown.
 pub(super) fn guess(base: &str) -> Option<Guess> {
     let words = words(base);
     let (mut stem, mut weak, mut number, mut time) = (None, None, None, false);
     for word in &words {
-        match word.as_str() {
-            "t" | "time" | "timestamp" | "stamp" | "sec" | "elapsed" => time = true,
-            "q" | "pos" | "position" | "positions" | "angle" | "phi" | "theta" => stem = stem.or(Some("q")),
-            "qd" | "dq" | "qdot" | "vel" | "velocity" | "velocities" | "rate" | "speed" => stem = Some("qd"),
-            "qdd" | "ddq" | "qddot" | "acc" | "acceleration" => stem = Some("qdd"),
+        let word = word.as_str();
+        if let Some((found, _)) = WORDS.iter().find(|(_, all)| all.contains(&word)) {
+            // A position does not displace what it is the position of; `q_dot` and `torque_current` are their last word.
+            stem = if *found == "q" { stem.or(Some(*found)) } else { Some(*found) };
+            continue;
+        }
+        match word {
+            "t" | "time" | "timestamp" | "stamp" | "sec" | "elapsed" | "zeit" | "clock" => time = true,
             "dot" if stem == Some("q") => stem = Some("qd"),
             "ddot" if stem == Some("q") => stem = Some("qdd"),
-            "tau" | "torque" | "torques" | "trq" | "effort" | "efforts" | "force" => stem = Some("tau"),
-            "joint" | "axis" | "j" => weak = Some("q"),
-            "arm" | "drive" | "actual" | "act" | "measured" | "meas" | "state" | "states" | "data" | "value" => {}
+            // Franka Emika's measured torque `tau_J` and angle `q_J`.
+            "j" if stem.is_some() => {}
+            "joint" | "axis" | "j" | "achse" => weak = Some("q"),
+            filler if FILLERS.contains(&filler) => {}
             digits => number = Some((number.is_none()).then(|| digits.parse::<usize>().ok()).flatten()?),
         }
     }
@@ -103,11 +168,8 @@ fn words(base: &str) -> Vec<String> {
 /// Quantities in which a channel may be measured, SI first, on a machine if it is known.
 pub(super) fn quantities(channel: &str, machine: Option<Mechanism>) -> &'static [Quantity] {
     use Quantity::*;
-    let linear = match machine {
-        Some(Mechanism::Axis(deltatwin::machine::Joint::Prismatic)) => Some(true),
-        Some(_) => Some(false),
-        None => None,
-    };
+    let linear = machine.map(|m| m.joint() == Joint::Prismatic);
+    let effort = machine.map_or(Effort::Force, Mechanism::effort);
     let stem = channel.trim_end_matches(|c: char| c.is_ascii_digit());
     match (stem, linear) {
         ("t", _) => &[Time],
@@ -120,6 +182,7 @@ pub(super) fn quantities(channel: &str, machine: Option<Mechanism>) -> &'static 
         ("qdd", Some(false)) => &[AngularAcceleration],
         ("qdd", Some(true)) => &[Acceleration],
         ("qdd", None) => &[AngularAcceleration, Acceleration],
+        ("tau", Some(_)) if effort == Effort::Current => &[Current],
         ("tau", Some(false)) => &[Torque],
         ("tau", Some(true)) => &[Force],
         ("tau", None) => &[Torque, Force],
@@ -146,6 +209,23 @@ mod tests {
             ("velocity_2", Some(Guess::Axis("qd", Some(2)))),
             ("torque", Some(Guess::Axis("tau", None))),
             ("desired_position_1", None),
+            ("Axis 1.ActPos", Some(Guess::Axis("q", Some(1)))),
+            ("ActVelo", Some(Guess::Axis("qd", None))),
+            ("ActTrq", Some(Guess::Axis("tau", None))),
+            ("Actual Torque", Some(Guess::Axis("tau", None))),
+            ("Axis_1.ActualPosition", Some(Guess::Axis("q", Some(1)))),
+            ("axis0.encoder.pos_estimate", Some(Guess::Axis("q", Some(0)))),
+            ("Iq_measured", Some(Guess::Axis(CURRENT, None))),
+            ("Iq_setpoint", None),
+            ("Present Position", Some(Guess::Axis("q", None))),
+            ("present_current", Some(Guess::Axis(CURRENT, None))),
+            ("tau_J_3", Some(Guess::Axis("tau", Some(3)))),
+            ("dq_2", Some(Guess::Axis("qd", Some(2)))),
+            ("MACur.A1", None),
+            ("Reference Velocity", None),
+            ("field.position0", Some(Guess::Axis("q", Some(0)))),
+            ("Zeit", Some(Guess::Time)),
+            ("Drehmoment", Some(Guess::Axis("tau", None))),
             ("temperature_1", None),
             ("note", None),
             ("q1_2", None),
@@ -165,6 +245,8 @@ mod tests {
         assert_eq!(parts("Time (s)"), ("Time".into(), Some("s".into())));
         assert_eq!(parts("time_ms"), ("time".into(), Some("ms".into())));
         assert_eq!(parts("tau1_Nm"), ("tau1".into(), Some("Nm".into())));
+        assert_eq!(parts("current_A"), ("current".into(), Some("A".into())));
+        assert_eq!(parts("phase_A"), ("phase_A".into(), None));
         assert_eq!(parts("ee_x"), ("ee_x".into(), None));
         assert_eq!(parts("position[0]"), ("position[0]".into(), None));
         assert_eq!(parts("joint_1"), ("joint_1".into(), None));

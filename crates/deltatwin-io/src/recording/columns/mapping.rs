@@ -74,10 +74,24 @@ impl Mapping {
     }
 }
 
+/// The assignments in the form that is parsed.
 impl fmt::Display for Mapping {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, a) in self.0.iter().enumerate() {
-            write!(f, "{}{}={}", if i > 0 { ", " } else { "" }, a.channel, a.column)?;
+            let quote = if a.column.contains('\'') { '"' } else { '\'' };
+            write!(f, "{}{}={quote}{}{quote}", if i > 0 { ", " } else { "" }, a.channel, a.column)?;
+            if let Some(unit) = a.unit {
+                write!(f, "[{}]", unit.name)?;
+            }
+            if a.factor != 1.0 {
+                write!(f, "*{}", a.factor)?;
+            }
+            if a.offset != 0.0 {
+                write!(f, "{}{}", if a.offset > 0.0 { "+" } else { "-" }, a.offset.abs())?;
+            }
+            if a.delay != 0.0 {
+                write!(f, "@{}s", a.delay)?;
+            }
         }
         Ok(())
     }
@@ -253,6 +267,14 @@ mod tests {
         assert_eq!((a.column.as_str(), a.unit.unwrap().name, a.offset), ("Act Pos, 2 [raw]", "deg", 90.0));
         assert_eq!(one("q3=joint_states/axis3/position").column, "joint_states/axis3/position");
         assert_eq!(one("tau2=act-torque @ 2 ms").column, "act-torque");
+    }
+
+    #[test]
+    fn a_mapping_is_printed_as_it_is_read() {
+        for text in ["t=Time[ms], q1=ActPos[deg]-90@-4ms", "tau1=-33*'a, b'[A]/7+0.5, q2=x", "q1=\"it's\"*1e-7"] {
+            let mapping: Mapping = text.parse().unwrap();
+            assert_eq!(mapping.to_string().parse::<Mapping>().unwrap(), mapping, "{mapping}");
+        }
     }
 
     #[test]

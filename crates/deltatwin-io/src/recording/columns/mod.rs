@@ -13,12 +13,12 @@ pub use unit::{Quantity, Unit};
 
 use std::path::Path;
 
-use deltatwin::machine::{AXES, Mechanism};
+use deltatwin::machine::{AXES, Axis, Effort, Joint, Mechanism};
 
-use self::channel::{Guess, Header, guess, quantities};
+use self::channel::{CURRENT, Guess, Header, guess, quantities};
 use self::mapping::Assignment;
-use super::ReadError;
-use super::check::{Column, Table, known};
+use super::check::{self, Column, Table, known};
+use super::{ReadError, Reading};
 
 /// Source of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +29,8 @@ struct Source {
     offset: f64,
     /// Delay after which the value is stored in the file, s.
     delay: f64,
+    /// Quantity of the channel, where a unit states it.
+    quantity: Option<Quantity>,
 }
 
 /// Channels of a file with their source columns.
@@ -42,20 +44,21 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// Layout of a file with columns of these `names`, for a machine if it is known.
+    /// Layout of a file with columns of these `names`, for the machine of `how` if it is known.
     ///
     /// # Errors
     /// A [`ReadError`] for two columns of one channel, an unknown or unsuitable unit, or a mapping from a column that
     /// does not exist.
-    pub fn new(file: &Path, names: &[String], maps: &[Mapping], machine: Option<Mechanism>) -> Result<Self, ReadError> {
-        let headers: Vec<Header> = names.iter().map(|n| Header::new(n)).collect();
-        let claims = claims(&headers);
+    pub fn new(file: &Path, names: &[String], how: &Reading) -> Result<Self, ReadError> {
+        let Reading { maps, machine, .. } = *how;
+        let mut headers: Vec<Header> = names.iter().map(|n| Header::new(n)).collect();
+        let mut notes = Vec::new();
+        let claims = claims(&mut headers, how.joint, &mut notes);
         let reader = Reader { file, headers: &headers, claims: &claims, machine };
         let mut channels = reader.by_name(maps)?;
         for map in maps {
             channels = reader.mapped(&channels, map)?;
         }
-        let mut notes = Vec::new();
         let guessed: Vec<String> = channels.iter().filter_map(|(name, s)| note(name, s, &headers)).collect();
         if !guessed.is_empty() {
             notes.push(format!("columns read as: {}", guessed.join(", ")));
@@ -63,6 +66,53 @@ impl Layout {
         let used = |i: &usize| channels.iter().any(|(_, s)| s.column == *i);
         let unused = (0..headers.len()).filter(|i| !used(i)).collect();
         Ok(Self { headers, channels, notes, unused })
+    }
+
+    /// The machine whose axes have columns, see [`check::machine`]; for a single axis, joint and effort follow from the
+    /// units of its columns.
+    pub fn machine(&self) -> Mechanism {
+        let Mechanism::Axis(plain) = check::machine(|name| self.has(name)) else {
+            return check::machine(|name| self.has(name));
+        };
+        let stated = |wanted: &[Quantity]| {
+            let of = |name: &str| self.channels.iter().find(|(n, _)| n == name).and_then(|(_, s)| s.quantity);
+            ["q1", "qd1", "qdd1", "tau1"].iter().filter_map(|name| of(name)).any(|q| wanted.contains(&q))
+        };
+        let slides = stated(&[Quantity::Length, Quantity::Velocity, Quantity::Acceleration, Quantity::Force]);
+        let effort = if stated(&[Quantity::Current]) { Effort::Current } else { plain.effort };
+        Mechanism::Axis(Axis { joint: if slides { Joint::Prismatic } else { plain.joint }, effort })
+    }
+
+    /// Checks that the units of all channels are those of a machine that was inferred after the channels were assigned.
+    ///
+    /// # Errors
+    /// A [`ReadError`] that names the first column with another quantity, and what was expected.
+    pub fn check(&self, file: &Path, machine: Mechanism) -> Result<(), ReadError> {
+        for (channel, source) in &self.channels {
+            let header = &self.headers[source.column];
+            let wanted = quantities(channel, Some(machine));
+            let Some(quantity) = source.quantity.filter(|q| !wanted.contains(q)) else { continue };
+            let reader = Reader { file, headers: &self.headers, claims: &[], machine: Some(machine) };
+            return Err(reader.unsuitable(channel, &header.text, quantity));
+        }
+        Ok(())
+    }
+
+    /// Refers angles, rates and accelerations, and torques where they are no currents, to the output of a gear.
+    pub fn behind_gear(&mut self, ratio: f64) {
+        for (name, source) in &mut self.channels {
+            let factor = match name.trim_end_matches(|c: char| c.is_ascii_digit()) {
+                "q" | "qd" | "qdd" => 1.0 / ratio,
+                "tau" if source.quantity != Some(Quantity::Current) => ratio,
+                _ => continue,
+            };
+            source.factor *= factor;
+            source.offset *= factor;
+        }
+        self.notes.push(format!(
+            "taken for the motor's side of a gear of {ratio}: angles and rates divided by it, torques multiplied (currents \
+             are left as they are: the torque constant then is that at the joint)"
+        ));
     }
 
     /// Whether the channel exists.
@@ -115,8 +165,8 @@ pub(super) struct Frame<'a> {
 }
 
 /// The table with remapped channels, and descriptions of the assignments.
-pub(super) fn remap(table: Table, maps: &[Mapping]) -> Result<(Table, Vec<String>), ReadError> {
-    if maps.is_empty() {
+pub(super) fn remap(table: Table, how: &Reading) -> Result<(Table, Vec<String>), ReadError> {
+    if how.maps.is_empty() && how.gear_ratio.is_none() {
         return Ok((table, Vec::new()));
     }
     let Table { file, row, rows, t, columns, machine } = table;
@@ -126,7 +176,10 @@ pub(super) fn remap(table: Table, maps: &[Mapping]) -> Result<(Table, Vec<String
         names.push(c.name);
         values.push(c.values);
     }
-    let layout = Layout::new(&file, &names, maps, Some(machine))?;
+    let mut layout = Layout::new(&file, &names, &Reading { machine: Some(machine), joint: None, ..*how })?;
+    if let Some(ratio) = how.gear_ratio {
+        layout.behind_gear(ratio);
+    }
     let t = layout.channels.iter().find(|(name, _)| name == "t").map(|(_, s)| affine(&values[s.column], s));
     let table = layout.apply(t.unwrap_or_default(), &values, rows, Frame { file: &file, row, machine });
     Ok((table, layout.notes))
@@ -139,10 +192,28 @@ fn affine(values: &[f64], s: &Source) -> Vec<f64> {
     values.iter().map(|v| s.factor * v + s.offset).collect()
 }
 
-/// The channel inferred for each column from its name.
-fn claims(headers: &[Header]) -> Vec<Option<String>> {
-    let guesses: Vec<Option<Guess>> =
-        headers.iter().map(|h| if known(&h.base) { None } else { guess(&h.base) }).collect();
+/// The channel inferred for each column from its name; a motor current without a unit gets that of ampere.
+///
+/// Numbers of axes may start from zero; a name without number belongs to the only axis, and so does the only number of
+/// a file. A current stands for the torque of an axis without one.
+fn claims(headers: &mut [Header], joint: Option<&str>, notes: &mut Vec<String>) -> Vec<Option<String>> {
+    // Of one axis of several, the names of the format are as good as any.
+    let chosen: Option<usize> = joint.and_then(|j| j.trim_start_matches(|c: char| !c.is_ascii_digit()).parse().ok());
+    let guessed = |h: &Header| if known(&h.base) && chosen.is_none() { None } else { guess(&h.base) };
+    let of_joint = |g: &Guess| match (g, chosen) {
+        (Guess::Axis(_, n), Some(chosen)) => *n == Some(chosen),
+        _ => true,
+    };
+    let guesses: Vec<Option<Guess>> = headers.iter().map(|h| guessed(h).filter(of_joint)).collect();
+    let named: Vec<usize> =
+        guesses.iter().flatten().filter_map(|g| if let Guess::Axis(_, n) = g { *n } else { None }).collect();
+    let own = headers.iter().any(|h| known(&h.base) && h.base != "t");
+    // An axis cut out of a robot keeps its number.
+    let only = named.first().copied().filter(|n| *n > 1 && !own && named.iter().all(|m| m == n));
+    if let (Some(only), None) = (only, chosen) {
+        notes.push(format!("only axis {only} has columns: read as the lone axis 1"));
+    }
+    let only = chosen.or(only);
     let numbers = |stem: &str| {
         let of = |g: &Option<Guess>| match g {
             Some(Guess::Axis(s, n)) if *s == stem => *n,
@@ -150,25 +221,36 @@ fn claims(headers: &[Header]) -> Vec<Option<String>> {
         };
         guesses.iter().filter_map(of).collect::<Vec<_>>()
     };
-    headers
+    let axis = |stem: &str, n: &Option<usize>| {
+        let numbers = numbers(stem);
+        let first = usize::from(numbers.contains(&0));
+        let k = match n {
+            Some(n) if Some(*n) == only => 1,
+            Some(n) => n + first,
+            None if numbers.is_empty() => 1,
+            None => return None,
+        };
+        (1..=AXES).contains(&k).then_some(k)
+    };
+    let mut claims: Vec<Option<String>> = headers
         .iter()
         .zip(&guesses)
         .map(|(h, g)| match g {
-            None => known(&h.base).then(|| h.base.clone()),
+            None => (known(&h.base) && chosen.is_none()).then(|| h.base.clone()),
             Some(Guess::Time) => Some("t".into()),
-            // Some files number axes from zero. A name without number belongs to the only axis.
-            Some(Guess::Axis(stem, n)) => {
-                let numbers = numbers(stem);
-                let first = usize::from(numbers.contains(&0));
-                let k = match n {
-                    Some(n) => n + first,
-                    None if numbers.is_empty() => 1,
-                    None => return None,
-                };
-                (1..=AXES).contains(&k).then(|| format!("{stem}{k}"))
-            }
+            Some(Guess::Axis(CURRENT, _)) => None,
+            Some(Guess::Axis(stem, n)) => axis(stem, n).map(|k| format!("{stem}{k}")),
         })
-        .collect()
+        .collect();
+    for (i, g) in guesses.iter().enumerate() {
+        let Some(Guess::Axis(CURRENT, n)) = g else { continue };
+        headers[i].unit.get_or_insert_with(|| "A".into());
+        let Some(channel) = axis(CURRENT, n).map(|k| format!("tau{k}")) else { continue };
+        if !claims.contains(&Some(channel.clone())) {
+            claims[i] = Some(channel);
+        }
+    }
+    claims
 }
 
 /// Description of a channel's source; `None` if the column name is that of the channel.
@@ -220,8 +302,9 @@ impl Reader<'_> {
                 return Err(self.twice(channel, other.column, i));
             }
             match self.stated(channel, i) {
-                Ok(factor) => {
-                    channels.push((channel.clone(), Source { column: i, factor, offset: 0.0, delay: 0.0 }));
+                Ok((factor, quantity)) => {
+                    let source = Source { column: i, factor, offset: 0.0, delay: 0.0, quantity };
+                    channels.push((channel.clone(), source));
                 }
                 Err(_) if mapped(channel) => {}
                 Err(e) => return Err(e),
@@ -239,13 +322,15 @@ impl Reader<'_> {
         self.refuse(problem, format!("one of them, such as with --map \"{channel}='{a}'\""))
     }
 
-    /// SI units per unit of column `i`, the source of `channel`, as stated in its header.
-    fn stated(&self, channel: &str, i: usize) -> Result<f64, ReadError> {
+    /// SI units per unit of column `i`, the source of `channel`, as stated in its header, and their quantity.
+    fn stated(&self, channel: &str, i: usize) -> Result<(f64, Option<Quantity>), ReadError> {
         let header = &self.headers[i];
-        let Some(text) = &header.unit else { return Ok(1.0) };
+        let Some(text) = &header.unit else { return Ok((1.0, None)) };
         self.suitable(channel, &header.text, text, Unit::find(text), false)
     }
 
+    /// SI units per unit of a column for `channel`, and the quantity that results; `scaled` if a factor turns a signal
+    /// into a torque.
     fn suitable(
         &self,
         channel: &str,
@@ -253,22 +338,58 @@ impl Reader<'_> {
         text: &str,
         unit: Option<Unit>,
         scaled: bool,
-    ) -> Result<f64, ReadError> {
+    ) -> Result<(f64, Option<Quantity>), ReadError> {
         let wanted = quantities(channel, self.machine);
-        let expected = || format!("one of {} for {channel}", Unit::names(wanted));
         let Some(unit) = unit else {
-            return Err(self.refuse(format!("column `{column}`: `{text}` is no unit that is known"), expected()));
+            let expected = format!("one of {} for {channel}", Unit::names(wanted));
+            return Err(self.refuse(format!("column `{column}`: `{text}` is no unit that is known"), expected));
         };
-        if wanted.contains(&unit.quantity) || (unit.quantity == Quantity::Signal && scaled) {
-            return Ok(unit.factor);
+        if wanted.contains(&unit.quantity) {
+            return Ok((unit.factor, Some(unit.quantity)));
         }
-        if unit.quantity == Quantity::Signal {
-            let name = column.split(['[', '(']).next().unwrap_or(column).trim();
+        let signal = matches!(unit.quantity, Quantity::Signal | Quantity::Current);
+        if signal && scaled {
+            return Ok((unit.factor, None));
+        }
+        // Whether the machine is a single axis, whose current may stand for its torque, is not known yet.
+        if unit.quantity == Quantity::Current && self.machine.is_none() && wanted.contains(&Quantity::Torque) {
+            return Ok((unit.factor, Some(Quantity::Current)));
+        }
+        Err(self.unsuitable_unit(channel, column, unit))
+    }
+
+    fn unsuitable_unit(&self, channel: &str, column: &str, unit: Unit) -> ReadError {
+        let wanted = quantities(channel, self.machine);
+        let name = column.split(['[', '(']).next().unwrap_or(column).trim();
+        if matches!(unit.quantity, Quantity::Signal | Quantity::Current) {
             let problem = format!("column `{column}` is in {}, which is no unit of {channel}", unit.name);
-            let factor = format!("a factor to SI, such as --map \"{channel}='{name}'[{}]*0.12\"", unit.name);
-            return Err(self.refuse(problem, factor));
+            let lone = match self.machine {
+                Some(Mechanism::Axis(_)) if unit.quantity == Quantity::Current => {
+                    ", or a model in ampere (effort = \"A\"), which `deltatwin new axis` makes"
+                }
+                _ => "",
+            };
+            let factor = format!("a factor to SI, such as --map \"{channel}='{name}'[{}]*0.12\"{lone}", unit.name);
+            return self.refuse(problem, factor);
         }
-        Err(self.refuse(format!("column `{column}`: {} is no unit of {channel}", unit.name), expected()))
+        let expected = match (wanted, unit.quantity) {
+            ([Quantity::Force], Quantity::Torque) => {
+                format!("a force at the slide, such as with --map \"{channel}='{name}'[N]*RATIO\", RATIO in rad/m")
+            }
+            ([Quantity::Current], _) => "A, as the model is in ampere (effort = \"A\")".into(),
+            _ => format!("one of {} for {channel}", Unit::names(wanted)),
+        };
+        self.refuse(format!("column `{column}`: {} is no unit of {channel}", unit.name), expected)
+    }
+
+    /// Error for a channel whose quantity is not one of the machine's.
+    fn unsuitable(&self, channel: &str, column: &str, quantity: Quantity) -> ReadError {
+        let stated = self.headers.iter().find(|h| h.text == column).and_then(|h| Unit::find(h.unit.as_deref()?));
+        let unit = stated.filter(|u| u.quantity == quantity).or_else(|| Unit::of(quantity));
+        unit.map_or_else(
+            || self.refuse(format!("column `{column}` is no {channel}"), "another unit"),
+            |unit| self.unsuitable_unit(channel, column, unit),
+        )
     }
 
     fn mapped(&self, before: &Channels, map: &Mapping) -> Result<Channels, ReadError> {
@@ -288,7 +409,9 @@ impl Reader<'_> {
         let channel = before.iter().find(|(name, _)| *name == a.column).map(|(_, s)| *s);
         if let (Some(s), None) = (channel, a.unit) {
             let (factor, offset) = (a.factor * s.factor, a.factor * s.offset + a.offset);
-            return Ok(Source { column: s.column, factor, offset, delay: s.delay + a.delay });
+            // A factor on a current is its torque constant, unless the machine is one in ampere.
+            let quantity = s.quantity.filter(|q| *q != Quantity::Current || !self.scales(a));
+            return Ok(Source { column: s.column, factor, offset, delay: s.delay + a.delay, quantity });
         }
         let texts = self.headers.iter().position(|h| h.text == a.column);
         let bases = self.headers.iter().position(|h| h.base == a.column);
@@ -307,13 +430,19 @@ impl Reader<'_> {
             return Err(self.refuse(problem, format!("one of its columns (in quotes where need be): {columns}")));
         };
         let header = &self.headers[column];
-        let scaled = a.factor != 1.0;
-        let unit = match (&a.unit, &header.unit) {
+        let scaled = self.scales(a);
+        let (unit, quantity) = match (&a.unit, &header.unit) {
             (Some(unit), _) => self.suitable(&a.channel, &a.column, unit.name, Some(*unit), scaled)?,
             (None, Some(text)) => self.suitable(&a.channel, &header.text, text, Unit::find(text), scaled)?,
-            (None, None) => 1.0,
+            (None, None) => (1.0, None),
         };
-        Ok(Source { column, factor: unit * a.factor, offset: unit * a.offset, delay: a.delay })
+        Ok(Source { column, factor: unit * a.factor, offset: unit * a.offset, delay: a.delay, quantity })
+    }
+
+    /// Whether an assignment scales its column to another quantity: by a factor other than a sign, on a machine that is
+    /// not in ampere.
+    fn scales(&self, a: &Assignment) -> bool {
+        a.factor.abs() != 1.0 && self.machine.is_none_or(|m| m.effort() == Effort::Force)
     }
 }
 

@@ -3,7 +3,11 @@ use super::*;
 fn layout(names: &[&str], maps: &[&str]) -> Result<Layout, String> {
     let names: Vec<String> = names.iter().map(|n| n.to_string()).collect();
     let maps: Vec<Mapping> = maps.iter().map(|m| m.parse().unwrap()).collect();
-    Layout::new(Path::new("run.csv"), &names, &maps, None).map_err(|e| e.to_string())
+    let how = Reading { maps: &maps, ..Reading::default() };
+    let file = Path::new("run.csv");
+    let layout = Layout::new(file, &names, &how).map_err(|e| e.to_string())?;
+    layout.check(file, layout.machine()).map_err(|e| e.to_string())?;
+    Ok(layout)
 }
 
 fn source(layout: &Layout, channel: &str) -> (usize, f64, f64) {
@@ -47,8 +51,9 @@ fn two_columns_for_one_channel_are_refused_by_both_names() {
 fn units_that_do_not_fit_are_refused_by_the_columns_name() {
     refused(&["t", "q1 [furlong]"], &[], &["column `q1 [furlong]`", "no unit that is known", "deg"]);
     refused(&["t", "q1 [N]"], &[], &["`q1 [N]`: N is no unit of q1"]);
-    refused(&["t", "tau1 [A]"], &[], &["`tau1 [A]` is in A", "--map"]);
-    refused(&["t", "I1"], &["tau1=I1[A]"], &["factor to SI"]);
+    refused(&["t", "tau1 [%]"], &[], &["`tau1 [%]` is in %", "--map"]);
+    refused(&["t", "tau1 [A]", "tau2"], &[], &["`tau1 [A]` is in A", "--map"]);
+    refused(&["t", "I1", "q2"], &["tau1=I1[A]"], &["factor to SI"]);
     let l = layout(&["t", "tau1 [A]"], &["tau1='tau1'[A]*0.12"]).unwrap();
     assert_eq!(source(&l, "tau1"), (1, 0.12, 0.0));
     let l = layout(&["t", "tau1 [A]"], &["tau1=tau1*0.12"]).unwrap();

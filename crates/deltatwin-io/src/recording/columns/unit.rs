@@ -21,7 +21,9 @@ pub enum Quantity {
     Torque,
     /// N.
     Force,
-    /// A signal proportional to torque: ampere, percent, volt, increments.
+    /// A; proportional to the torque of a motor.
+    Current,
+    /// A signal proportional to torque without a physical unit of its own: percent, volt, increments.
     Signal,
 }
 
@@ -75,8 +77,8 @@ const UNITS: &[Unit] = &[
     unit("N", Quantity::Force, 1.0),
     unit("mN", Quantity::Force, 1e-3),
     unit("kN", Quantity::Force, 1e3),
-    unit("A", Quantity::Signal, 1.0),
-    unit("mA", Quantity::Signal, 1e-3),
+    unit("A", Quantity::Current, 1.0),
+    unit("mA", Quantity::Current, 1e-3),
     unit("%", Quantity::Signal, 1.0),
     unit("V", Quantity::Signal, 1.0),
     unit("inc", Quantity::Signal, 1.0),
@@ -104,6 +106,16 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("turn", "rev"),
     ("turns", "rev"),
     ("°/s", "deg/s"),
+    ("º", "deg"),
+    ("degs", "deg"),
+    ("deg/sec2", "deg/s2"),
+    ("u/min", "rpm"),
+    ("min1", "rpm"),
+    ("revs", "rev"),
+    ("newtonmeter", "Nm"),
+    ("newton", "N"),
+    ("microseconds", "us"),
+    ("millimeter", "mm"),
     ("deg/sec", "deg/s"),
     ("rad/sec", "rad/s"),
     ("1/min", "rpm"),
@@ -112,6 +124,9 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("°/s2", "deg/s2"),
     ("µm", "um"),
     ("ampere", "A"),
+    ("amperes", "A"),
+    ("amp", "A"),
+    ("milliamps", "mA"),
     ("amps", "A"),
     ("percent", "%"),
     ("counts", "inc"),
@@ -125,6 +140,11 @@ impl Unit {
         let plain = plain.replace('²', "2").to_lowercase();
         let name = OTHER_NAMES.iter().find(|(other, _)| *other == plain).map_or(plain.as_str(), |(_, name)| *name);
         UNITS.iter().find(|u| u.name.eq_ignore_ascii_case(name)).copied()
+    }
+
+    /// The SI unit of a quantity.
+    pub fn of(quantity: Quantity) -> Option<Self> {
+        UNITS.iter().find(|u| u.quantity == quantity).copied()
     }
 
     /// Names of all units of `quantities`, separated by commas.

@@ -1,0 +1,331 @@
+//! Findings about a recording alone, without a model: torques that follow no motion, of the wrong sign, without noise,
+//! coarse numbers, and lines near half the sampling frequency.
+
+use super::{Evidence, Finding, Problem, Remedy};
+use crate::effects::smooth_sign;
+use crate::evidence::noise::difference_sigma;
+use crate::identification::Dataset;
+use crate::identification::initial::quantum;
+use crate::identification::least_squares::least_squares;
+use crate::identification::residuals::rms;
+use crate::machine::{Joint, Mechanism};
+use crate::recording::Recording;
+use crate::text::significant;
+
+/// Largest number of instants of a regression.
+const INSTANTS: usize = 5000;
+/// Share of a torque's variance that the motion of all axes must explain.
+const FOLLOWS: f64 = 0.2;
+/// Standard errors beyond which inertia and friction both below zero are a wrong sign.
+const NEGATIVE: f64 = 10.0;
+/// Ratio of the torque's noise to its RMS below which it is no measurement.
+const NOISELESS: f64 = 1e-5;
+/// Number of steps over the travel below which angles are coarse, and over its range for torques.
+const STEPS: (f64, f64) = (1000.0, 100.0);
+/// Ratio of a line near half the sampling frequency to the median there, share of the variance in it, and the part of
+/// the spectrum that counts as near.
+const LINE: (f64, f64, f64) = (200.0, 0.02, 0.9);
+/// Speed of friction's change of sign relative to the largest.
+const SLOW: f64 = 0.01;
+/// Largest angle of a lone axis, rad, and distance of both ends from a multiple of 15, from which degrees are suspected.
+const DEGREES: (f64, f64) = (20.0, 0.02);
+
+/// Findings about a recording that need no model; none prevents a fit.
+pub fn inspect(recording: &Recording, dataset: &Dataset) -> Vec<Finding> {
+    if dataset.is_empty() {
+        return Vec::new();
+    }
+    let alone = Alone { recording, dataset };
+    let axes = recording.signals.mechanism.axes();
+    let mut found: Vec<Finding> = (0..axes).flat_map(|i| alone.axis(i)).collect();
+    found.extend(alone.degrees());
+    found
+}
+
+struct Alone<'a> {
+    recording: &'a Recording,
+    dataset: &'a Dataset,
+}
+
+impl Alone<'_> {
+    fn finding(&self, axis: usize, problem: Problem, sentence: String, remedy: Remedy) -> Finding {
+        Finding {
+            recording: self.dataset.name.clone(),
+            axis: Some(axis),
+            problem,
+            severe: false,
+            evidence: Evidence::default(),
+            sentence,
+            remedy,
+        }
+    }
+
+    fn axis(&self, axis: usize) -> Vec<Finding> {
+        let torque = &self.dataset.measured[axis];
+        let moves = self.range(|k| self.dataset.joints[k].qd[axis]) > 0.0;
+        if !moves || spread(torque) == 0.0 {
+            return Vec::new();
+        }
+        let noiseless = self.noiseless(axis);
+        let unrelated = self.unrelated(axis);
+        let first = if unrelated.is_some() { unrelated } else { self.sign(axis) };
+        let rest = [noiseless, self.coarse_angle(axis), self.coarse_torque(axis), self.alias(axis)];
+        first.into_iter().chain(rest.into_iter().flatten()).collect()
+    }
+
+    fn range(&self, of: impl Fn(usize) -> f64) -> f64 {
+        let (low, high) =
+            (0..self.dataset.len()).map(of).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        high - low
+    }
+
+    fn instants(&self) -> Vec<usize> {
+        let stride = crate::identification::dataset::stride_for(self.dataset.len(), INSTANTS);
+        (0..self.dataset.len()).step_by(stride).collect()
+    }
+
+    /// Acceleration, rate and smooth sign of the rate of an axis at the instants.
+    fn motion(&self, axis: usize, at: &[usize]) -> [Vec<f64>; 3] {
+        let joints = &self.dataset.joints;
+        let fastest = at.iter().map(|&k| joints[k].qd[axis].abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+        let steepness = 1.0 / (SLOW * fastest);
+        let of = |f: &dyn Fn(usize) -> f64| at.iter().map(|&k| f(k)).collect::<Vec<f64>>();
+        [of(&|k| joints[k].qdd[axis]), of(&|k| joints[k].qd[axis]), of(&|k| smooth_sign(joints[k].qd[axis], steepness))]
+    }
+
+    /// A torque that the motion of all axes does not explain.
+    fn unrelated(&self, axis: usize) -> Option<Finding> {
+        let at = self.instants();
+        let mechanism = self.recording.signals.mechanism;
+        let mut features = vec![vec![1.0; at.len()]];
+        for other in 0..mechanism.axes() {
+            features.extend(self.motion(other, &at));
+            let angles: Vec<f64> = at.iter().map(|&k| self.dataset.joints[k].q[other]).collect();
+            features.push(angles.iter().map(|q| q.sin()).collect());
+            features.push(angles.iter().map(|q| q.cos()).collect());
+            features.push(angles);
+        }
+        let torque: Vec<f64> = at.iter().map(|&k| self.dataset.measured[axis][k]).collect();
+        let columns: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
+        let fit = least_squares(&columns, &torque)?;
+        let explained = 1.0 - fit.mean_square / spread(&torque).powi(2).max(f64::MIN_POSITIVE);
+        let noise = difference_sigma(&self.dataset.measured[axis], &self.dataset.segments, 4).unwrap_or(0.0);
+        let k = axis + 1;
+        let unit = self.dataset.channels[axis].unit();
+        (explained < FOLLOWS).then(|| {
+            let seen = format!(
+                "of its variation ({} {unit} RMS) the motion explains {:.0} %",
+                significant(spread(&torque), 3),
+                100.0 * explained.max(0.0)
+            );
+            let (why, remedy) = if noise > 0.7 * spread(&torque) {
+                (
+                    "it is noise: the axis was moved by hand or from outside, or its drive was off",
+                    "a run that the drives drive",
+                )
+            } else {
+                (
+                    "something from outside moves the axis, or the column is another one",
+                    "a look at the columns, and a run without contact",
+                )
+            };
+            self.finding(
+                axis,
+                Problem::Unrelated,
+                format!("the torque of axis {k} follows no motion: {seen}; {why}"),
+                Remedy::Words(remedy),
+            )
+        })
+    }
+
+    /// Inertia and friction of a lone axis both below zero.
+    fn sign(&self, axis: usize) -> Option<Finding> {
+        if !matches!(self.recording.signals.mechanism, Mechanism::Axis(_)) {
+            return None;
+        }
+        let at = self.instants();
+        let [acceleration, rate, sign] = self.motion(axis, &at);
+        let angles: Vec<f64> = at.iter().map(|&k| self.dataset.joints[k].q[axis]).collect();
+        let [sine, cosine] = [f64::sin, f64::cos].map(|f| angles.iter().map(|q| f(*q)).collect::<Vec<f64>>());
+        let torque: Vec<f64> = at.iter().map(|&k| self.dataset.measured[axis][k]).collect();
+        let fit = least_squares(&[&acceleration, &rate, &sign, &vec![1.0; at.len()], &sine, &cosine], &torque)?;
+        let negative = |k: usize| fit.beta[k] < -NEGATIVE * fit.std[k];
+        // Friction alone is the surest: its work is lost in every direction.
+        let work: f64 = torque.iter().zip(&rate).map(|(t, v)| t * v).sum();
+        let wrong = negative(0) && (negative(1) || negative(2)) && work < 0.0;
+        wrong.then(|| {
+            let sentence = format!(
+                "the torque of axis {} has the other sign: inertia {} and friction {} come out negative",
+                axis + 1,
+                significant(fit.beta[0], 3),
+                significant(fit.beta[if negative(2) { 2 } else { 1 }], 3),
+            );
+            let k = axis + 1;
+            self.finding(axis, Problem::TorqueSign, sentence, Remedy::Map(vec![format!("tau{k}=-tau{k}")]))
+        })
+    }
+
+    /// A torque that is smoother than any measurement.
+    fn noiseless(&self, axis: usize) -> Option<Finding> {
+        let torque = &self.dataset.measured[axis];
+        let noise = difference_sigma(torque, &self.dataset.segments, 6)?;
+        let size = rms(torque);
+        (noise < NOISELESS * size && quantum(&[torque]).is_none()).then(|| {
+            let k = axis + 1;
+            let share = significant(noise / size, 1);
+            let sentence = format!(
+                "the torque of axis {k} has no noise ({share} of its RMS): a command, a feed-forward or a calculation, not a measurement"
+            );
+            self.finding(axis, Problem::Noiseless, sentence, Remedy::Words("the torque or current that the drive measures"))
+        })
+    }
+
+    fn coarse_angle(&self, axis: usize) -> Option<Finding> {
+        let q: Vec<f64> = self.recording.signals.q.iter().map(|q| q[axis]).collect();
+        let travel = range(&q);
+        let step = quantum(&[&q]).filter(|step| travel / step < STEPS.0)?;
+        let unit = self.dataset.channels[axis].joint_unit();
+        let sentence = format!(
+            "the angle of axis {} has steps of {} {unit}, {:.0} over its travel: accelerations are coarse",
+            axis + 1,
+            significant(step, 3),
+            travel / step
+        );
+        let remedy = Remedy::Words("more digits or a finer encoder, or a longer travel");
+        Some(self.finding(axis, Problem::Quantised, sentence, remedy))
+    }
+
+    fn coarse_torque(&self, axis: usize) -> Option<Finding> {
+        let tau: Vec<f64> = self.recording.signals.tau.iter().map(|tau| tau[axis]).collect();
+        let step = quantum(&[&tau]).filter(|step| range(&tau) / step < STEPS.1)?;
+        let sentence = format!(
+            "the torque of axis {} has steps of {} {}, {:.0} over its range: effects below a few steps do not show",
+            axis + 1,
+            significant(step, 3),
+            self.dataset.channels[axis].unit(),
+            range(&tau) / step
+        );
+        Some(self.finding(axis, Problem::Quantised, sentence, Remedy::Words("more digits in the recording")))
+    }
+
+    /// A line of the torque near half the sampling frequency.
+    fn alias(&self, axis: usize) -> Option<Finding> {
+        let segment = self.dataset.segments.iter().max_by_key(|s| s.len())?;
+        let mut x = self.dataset.measured[axis].get(segment.clone())?.to_vec();
+        let n = x.len();
+        if n < 1000 || self.dataset.dt <= 0.0 {
+            return None;
+        }
+        let mean = x.iter().sum::<f64>() / n as f64;
+        // A Hann window keeps the slow motion out of the top of the spectrum.
+        let window = |k: usize| 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / n as f64).cos();
+        x.iter_mut().enumerate().for_each(|(k, v)| *v = (*v - mean) * window(k));
+        let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
+        let mut lines = fft.make_output_vec();
+        fft.process(&mut x, &mut lines).ok()?;
+        let power: Vec<f64> = lines.iter().map(|z| z.norm_sqr()).collect();
+        let total: f64 = power.iter().sum();
+        let first = (LINE.2 * power.len() as f64) as usize;
+        let top = &power[first..];
+        let highest = (0..top.len()).max_by(|&a, &b| top[a].total_cmp(&top[b]))?;
+        let median = crate::numerics::median(top.iter().copied());
+        let line: f64 = top[highest.saturating_sub(2)..(highest + 3).min(top.len())].iter().sum();
+        let clear = top[highest] > LINE.0 * median && line > LINE.1 * total;
+        clear.then(|| {
+            let frequency = (first + highest) as f64 / (n as f64 * self.dataset.dt);
+            let half = 0.5 / self.dataset.dt;
+            let sentence = format!(
+                "the torque of axis {} has a line at {} Hz with {:.0} % of its variance, near half the sampling frequency ({} Hz): \
+                 what is faster may be folded to it",
+                axis + 1,
+                significant(frequency, 4),
+                100.0 * line / total,
+                significant(half, 4)
+            );
+            self.finding(axis, Problem::Alias, sentence, Remedy::Words("a faster recording, or a filter before sampling"))
+        })
+    }
+
+    /// Angles of a lone axis without a unit that look like degrees.
+    fn degrees(&self) -> Option<Finding> {
+        let signals = &self.recording.signals;
+        if !matches!(signals.mechanism, Mechanism::Axis(_)) || signals.mechanism.joint() != Joint::Revolute {
+            return None;
+        }
+        let (low, high) =
+            signals.q.iter().map(|q| q[0]).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        let round = |x: f64| (x / 15.0 - (x / 15.0).round()).abs() < DEGREES.1;
+        let large = low.abs().max(high.abs());
+        ((DEGREES.0..=400.0).contains(&large) && round(low) && round(high) && high - low > 10.0).then(|| {
+            let sentence = format!("the angle goes from {} to {}: degrees?", significant(low, 4), significant(high, 4));
+            self.finding(0, Problem::Degrees, sentence, Remedy::Map(vec!["q1=q1[deg]".into()]))
+        })
+    }
+}
+
+fn range(x: &[f64]) -> f64 {
+    let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    high - low
+}
+
+fn spread(x: &[f64]) -> f64 {
+    super::line::deviation(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::Mechanism;
+    use crate::recording::Signals;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// A lone axis along two sines at 1 kHz with the torque that `of` gives for q, q̇, q̈, a time and a normal number.
+    fn recording(of: impl Fn([f64; 3], f64, f64) -> f64) -> Recording {
+        let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        for k in 0..8000 {
+            let t = f64::from(k) * 1e-3;
+            let sum = |f: &dyn Fn(f64, f64) -> f64| f(0.8, 2.1) + f(0.2, 7.7);
+            let state = [
+                sum(&|a, w| a * (w * t).sin()),
+                sum(&|a, w| a * w * (w * t).cos()),
+                sum(&|a, w| -a * w * w * (w * t).sin()),
+            ];
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            signals.t.push(t);
+            signals.q.push([(state[0] * 2e5).round() / 2e5, 0.0, 0.0, 0.0]);
+            signals.tau.push([of(state, t, noise), 0.0, 0.0, 0.0]);
+        }
+        Recording { name: "bench".into(), signals, ..Recording::default() }
+    }
+
+    fn problems(of: impl Fn([f64; 3], f64, f64) -> f64) -> Vec<Problem> {
+        let recording = recording(of);
+        let found = inspect(&recording, &Dataset::new(&recording));
+        found.iter().map(|f| f.problem).collect()
+    }
+
+    fn usual([_, rate, acceleration]: [f64; 3]) -> f64 {
+        0.05 * acceleration + 0.4 * (100.0 * rate).tanh() + 0.1 * rate
+    }
+
+    #[test]
+    fn a_usual_bench_passes() {
+        assert_eq!(problems(|state, _, noise| usual(state) + 0.02 * noise), []);
+    }
+
+    #[test]
+    fn each_trouble_is_named_alone() {
+        assert_eq!(problems(|_, _, noise| 0.02 * noise), [Problem::Unrelated]);
+        assert_eq!(problems(|_, t, noise| (11.3 * t).sin() + 0.02 * noise), [Problem::Unrelated]);
+        assert_eq!(problems(|state, _, noise| -usual(state) + 0.02 * noise), [Problem::TorqueSign]);
+        assert_eq!(problems(|[_, rate, acceleration], _, _| 0.05 * acceleration + 0.1 * rate), [Problem::Noiseless]);
+        let stepped = |state, _, noise: f64| ((usual(state) + 0.02 * noise) / 0.05).round() * 0.05;
+        assert_eq!(problems(stepped), [Problem::Quantised]);
+        let line =
+            |state, t: f64, noise: f64| usual(state) + 0.02 * noise + 0.3 * (std::f64::consts::TAU * 480.0 * t).sin();
+        assert_eq!(problems(line), [Problem::Alias]);
+    }
+}

@@ -1,0 +1,518 @@
+//! A first model of a single axis.
+
+use super::{
+    BEYOND, DERIVED, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, quantile, rounded_up,
+    sample_time, widened,
+};
+use crate::effects::{ActiveEffect, Effects, Host, Role, Unit, find, smooth_sign};
+use crate::evidence::noise::{correlation_time, difference_sigma};
+use crate::identification::Dataset;
+use crate::identification::least_squares::{LeastSquares, least_squares};
+use crate::machine::bodies::{ARM, BODIES};
+use crate::machine::{
+    ARMS, AXES, Bodies, Drive, Geometry, Inertia, Joint, LinkParameters, Mechanism, Noise, Sockets, Stops,
+};
+use crate::model::Model;
+use crate::model::history::rounded_to;
+use crate::recording::Recording;
+
+/// Standard errors beyond which gravity is significant, share of the torque's variance that it must explain, and
+/// least travel on which it is told from a constant, rad.
+const GRAVITY: (f64, f64, f64) = (5.0, 0.02, 0.3);
+/// Standard errors beyond which a constant torque is mentioned.
+const OFFSET: f64 = 5.0;
+/// Share of the torque that friction and inertia leave from which the residual is mentioned.
+const LEFT: f64 = 0.2;
+/// Largest position that a model file admits, rad or m.
+const FARTHEST: f64 = 1e4;
+
+/// A first model of the single axis that was recorded.
+///
+/// Inertia and friction follow from one linear regression over all recordings, τ = J·q̈ + p_C·tanh(k·q̇) + p_v·q̇ + a
+/// constant per recording, on a revolute axis also + a·sin q + b·cos q per recording, as their zeros may differ. Standard
+/// errors take the autocorrelation of the residual into account. `gear_ratio` is that of the drive, 1 if unknown.
+///
+/// # Errors
+/// [`InitialError::TooShort`] if a recording leaves no samples, [`InitialError::NoMotion`] if the motion does not
+/// determine inertia and friction.
+pub fn axis(name: &str, recordings: &[Recording], gear_ratio: Option<f64>) -> Result<Initial, InitialError> {
+    let datasets: Vec<Dataset> = recordings.iter().map(Dataset::new).collect();
+    if let Some(empty) = datasets.iter().find(|d| d.is_empty()) {
+        return Err(InitialError::TooShort { name: empty.name.clone() });
+    }
+    let mechanism = recordings.first().ok_or(InitialError::NoMotion)?.signals.mechanism;
+    let mut remarks = Vec::new();
+    let mut own = Own { mechanism, recordings, datasets: &datasets, numbers: Vec::new() };
+    let period = sample_time(recordings, &mut remarks);
+    own.number("", "sample_time", vec![period], Unit::S, "median step of time");
+    let travel = own.travel(&mut remarks);
+    let drive = own.drive(gear_ratio);
+    let sigma = own.noise();
+    let (drive, law) = own.law(drive, &mut remarks)?;
+    let mut model = empty(name, mechanism, drive);
+    model.sample_time = period;
+    model.geometry.arm_limits = travel;
+    model.noise.torque[0] = sigma;
+    model.bodies[ARM] = Inertia::lone(law.inertia);
+    model.effects = law.effects;
+    let mut numbers = own.numbers;
+    if let Some(limit) = numbers.iter_mut().find(|n| n.key == "max_torque") {
+        limit.values = vec![drive.max_torque];
+    }
+    Ok(Initial { model, numbers, remarks })
+}
+
+/// Inertia and effects of the axis.
+struct Law {
+    inertia: f64,
+    effects: Effects,
+}
+
+/// What is read from the recordings of one axis.
+struct Own<'a> {
+    mechanism: Mechanism,
+    recordings: &'a [Recording],
+    datasets: &'a [Dataset],
+    numbers: Vec<Number>,
+}
+
+/// Series of one regression over several recordings.
+struct Series {
+    rate: Vec<f64>,
+    acceleration: Vec<f64>,
+    angle: Vec<f64>,
+    torque: Vec<f64>,
+    /// Index of the recording of each sample.
+    recording: Vec<usize>,
+    /// Lengths of the segments.
+    segments: Vec<usize>,
+}
+
+impl Own<'_> {
+    fn number(&mut self, table: &'static str, key: &'static str, values: Vec<f64>, unit: Unit, how: impl Into<String>) {
+        self.estimate(table, key, (values, Vec::new()), unit, how);
+    }
+
+    fn estimate(
+        &mut self,
+        table: &'static str,
+        key: &'static str,
+        (values, std): (Vec<f64>, Vec<f64>),
+        unit: Unit,
+        how: impl Into<String>,
+    ) {
+        let unit = self.mechanism.unit(unit);
+        self.numbers.push(Number { table, key, values, unit, std, how: how.into() });
+    }
+
+    fn samples(&self, of: impl Fn(&Dataset, usize) -> f64) -> impl Iterator<Item = f64> {
+        self.datasets.iter().flat_map(move |d| (0..d.len()).map(|k| of(d, k)).collect::<Vec<_>>())
+    }
+
+    /// Limits of the position.
+    fn travel(&mut self, remarks: &mut Vec<String>) -> [f64; 2] {
+        let positions = self.recordings.iter().flat_map(|r| r.signals.q.iter().map(|q| q[0]));
+        let travel = widened(positions).map(|x| rounded_to(x.clamp(-FARTHEST, FARTHEST), 4));
+        let turns = (travel[1] - travel[0]) / std::f64::consts::TAU;
+        if self.mechanism.joint() == Joint::Revolute && turns > 2.0 {
+            remarks.push(format!("The axis turns on ({turns:.1} turns): `limits` are only what was recorded."));
+        }
+        let how = format!("travel of the recordings and {:.0} % at either end", 100.0 * BEYOND);
+        self.number("geometry", "limits", travel.to_vec(), Unit::Rad, how);
+        travel
+    }
+
+    /// Drive with the limits that the recordings reach.
+    fn drive(&mut self, gear_ratio: Option<f64>) -> Drive {
+        let gear = gear_ratio.unwrap_or(1.0);
+        let unknown = "unknown, 1 = no gear; --gear-ratio states it";
+        let how = if gear_ratio.is_some() { "--gear-ratio" } else { unknown };
+        self.number("drives.axis", "gear_ratio", vec![gear], Unit::RadPerRad, how);
+        let unit = self.mechanism.unit(Unit::Rad);
+        let (bits, how) = match encoder_step(self.recordings, 0) {
+            Some(step) => (encoder_bits(step, gear), format!("the angles have steps of {step:.4e} {unit}")),
+            None => (32, "the angles have no visible steps".into()),
+        };
+        self.number("drives.axis", "encoder_bits", vec![f64::from(bits)], Unit::Bit, how);
+        let largest = |of: &dyn Fn(&Dataset, usize) -> f64| self.samples(of).fold(0.0f64, |m, x| m.max(x.abs()));
+        let speed = largest(&|d, k| d.joints[k].qd[0]);
+        let torque = quantile(self.samples(|d, k| d.measured[0][k]), 1.0);
+        let acceleration = quantile(self.samples(|d, k| d.joints[k].qdd[0]), DERIVED.1);
+        let jerks = self.datasets.iter().flat_map(|d| {
+            let steps = d.segments.iter().flat_map(|s| s.clone().zip(s.clone().skip(1)));
+            steps.map(|(a, b)| (d.joints[b].qdd[0] - d.joints[a].qdd[0]) / d.dt).collect::<Vec<_>>()
+        });
+        let jerk = quantile(jerks, DERIVED.1);
+        let most = |x: f64, factor: f64| rounded_up(factor * x.max(f64::MIN_POSITIVE.sqrt()), 3);
+        let drive = Drive {
+            gear_ratio: gear,
+            encoder_bits: bits,
+            max_torque: most(torque, MARGIN),
+            max_speed: most(speed, MARGIN),
+            max_acceleration: most(acceleration, DERIVED.0),
+            max_jerk: most(jerk, DERIVED.0),
+        };
+        let seen = |what: &str, factor: f64| format!("{factor} × {what}, not a rating");
+        let derived = format!("value that {} % of the time is not exceeded", 100.0 * DERIVED.1);
+        self.number("drives.axis", "max_torque", vec![drive.max_torque], Unit::NM, seen("largest recorded", MARGIN));
+        self.number("drives.axis", "max_speed", vec![drive.max_speed], Unit::RadPerS, seen("largest recorded", MARGIN));
+        let limits = [
+            ("max_acceleration", drive.max_acceleration, Unit::RadPerS2),
+            ("max_jerk", drive.max_jerk, Unit::RadPerS3),
+        ];
+        for (key, value, unit) in limits {
+            self.number("drives.axis", key, vec![value], unit, seen(&derived, DERIVED.0));
+        }
+        drive
+    }
+
+    /// Standard deviation of the noise of the torque.
+    fn noise(&mut self) -> f64 {
+        let each: Vec<f64> =
+            self.datasets.iter().filter_map(|d| difference_sigma(&d.measured[0], &d.segments, 4)).collect();
+        let sigma = (each.iter().map(|s| s * s).sum::<f64>() / each.len().max(1) as f64).sqrt();
+        let sigma = rounded_to(sigma, 3);
+        let how = if sigma > 0.0 { "from differences of fourth order" } else { "none: is it measured?" };
+        self.number("noise", "torque", vec![sigma], Unit::NM, how);
+        sigma
+    }
+
+    /// Means of all series over about [`PERIOD`].
+    fn series(&self) -> Series {
+        let mut out = Series {
+            rate: Vec::new(),
+            acceleration: Vec::new(),
+            angle: Vec::new(),
+            torque: Vec::new(),
+            recording: Vec::new(),
+            segments: Vec::new(),
+        };
+        for (r, d) in self.datasets.iter().enumerate() {
+            let block = d.stride(PERIOD);
+            let means = |of: &dyn Fn(usize) -> f64| d.means(&(0..d.len()).map(of).collect::<Vec<_>>(), block);
+            out.angle.extend(means(&|k| d.joints[k].q[0]));
+            out.rate.extend(means(&|k| d.joints[k].qd[0]));
+            out.acceleration.extend(means(&|k| d.joints[k].qdd[0]));
+            out.torque.extend(means(&|k| d.measured[0][k]));
+            out.recording.resize(out.angle.len(), r);
+            out.segments.extend(d.segments.iter().map(|s| s.len() / block).filter(|n| *n > 0));
+        }
+        out
+    }
+
+    /// Inertia, friction and gravity, and the drive with a torque limit that admits them.
+    fn law(&mut self, drive: Drive, remarks: &mut Vec<String>) -> Result<(Drive, Law), InitialError> {
+        let series = self.series();
+        let host = Host::new(self.mechanism, &drive);
+        let steepness = find("drive_friction")
+            .map(|e| ActiveEffect::absent_on(e, host))
+            .and_then(|a| a.entries().iter().find(|e| e.parameter.role == Role::Fixed).map(|e| e.parameter.default));
+        let steepness = steepness.ok_or(InitialError::NoMotion)?;
+        let plain = Fit::of(&series, steepness, false).ok_or(InitialError::NoMotion)?;
+        let with = self.gravity(&series, steepness, &plain);
+        let fit = with.as_ref().unwrap_or(&plain);
+        let [inertia, coulomb, viscous] = [0, 1, 2].map(|k| (fit.least.beta[k], fit.std(k)));
+        let inertia = self.inertia(inertia, remarks);
+        let mut effects = Effects::default();
+        let friction = [("coulomb", positive(coulomb)), ("viscous", positive(viscous))];
+        let names = [("coulomb", coulomb, Unit::NM), ("viscous", viscous, Unit::NMSPerRad)];
+        for (key, (value, std), unit) in names {
+            let how = if value > 0.0 { "linear regression" } else { "none: the regression gave a negative one" };
+            let (value, std) = (rounded_to(value.max(0.0), 4), rounded_to(std, 2));
+            self.estimate("effects.drive_friction", key, (vec![value], vec![std]), unit, how);
+        }
+        let gravity = with.as_ref().map(|fit| self.note_gravity(fit, remarks));
+        let gravity = gravity.filter(|_| find("axis_gravity").is_some());
+        let drive = admitting(drive, self.mechanism, &friction, gravity);
+        let host = Host::new(self.mechanism, &drive);
+        effects.push(filled("drive_friction", host, &friction).ok_or(InitialError::NoMotion)?);
+        if let Some(values) =
+            gravity.and_then(|[sine, cosine]| filled("axis_gravity", host, &[("sine", sine), ("cosine", cosine)]))
+        {
+            effects.push(values);
+        }
+        self.left(fit, &series, remarks);
+        Ok((drive, Law { inertia, effects }))
+    }
+
+    /// The inertia of the model: the estimate, or its standard error if the motion does not show it.
+    fn inertia(&mut self, (value, std): (f64, f64), remarks: &mut Vec<String>) -> f64 {
+        let key = if self.mechanism.joint() == Joint::Revolute { "inertia" } else { "mass" };
+        let seen = value > 2.0 * std;
+        let used = rounded_to(if seen { value } else { value.abs().max(std).max(1e-9) }, 4);
+        if !seen {
+            let unit = self.mechanism.unit(Unit::KgM2);
+            remarks.push(format!(
+                "The motion hardly shows the {key} ({value:.3e} ± {std:.1e} {unit}): faster accelerations tell it."
+            ));
+        }
+        let how = if seen { "linear regression" } else { "not determined: its standard error" };
+        self.estimate("bodies.axis", key, (vec![used], vec![rounded_to(std, 2)]), Unit::KgM2, how);
+        used
+    }
+
+    /// The regression with gravity, if it is significant.
+    fn gravity(&self, series: &Series, steepness: f64, plain: &Fit) -> Option<Fit> {
+        let [low, high] = widened(series.angle.iter().copied());
+        if self.mechanism.joint() != Joint::Revolute || high - low < GRAVITY.2 {
+            return None;
+        }
+        let with = Fit::of(series, steepness, true)?;
+        let variance = deviation(&series.torque).powi(2);
+        let explained = (plain.least.mean_square - with.least.mean_square) / variance.max(f64::MIN_POSITIVE);
+        let significant = |r: usize| {
+            let [(a, sa), (b, sb)] = with.gravity(r);
+            (a / sa).hypot(b / sb) > GRAVITY.0
+        };
+        ((0..self.recordings.len()).any(significant) && explained > GRAVITY.1).then_some(with)
+    }
+
+    /// Records the gravity of the first recording and mentions other zeros; returns sine and cosine.
+    fn note_gravity(&mut self, fit: &Fit, remarks: &mut Vec<String>) -> [f64; 2] {
+        let [(sine, sine_std), (cosine, cosine_std)] = fit.gravity(0);
+        let unit = self.mechanism.unit(Unit::NM);
+        let size = sine.hypot(cosine);
+        let known = find("axis_gravity").is_some();
+        if known {
+            for (key, value, std) in [("sine", sine, sine_std), ("cosine", cosine, cosine_std)] {
+                let how = "linear regression; torque sine·sin q + cosine·cos q holds the weight";
+                let pair = (vec![rounded_to(value, 4)], vec![rounded_to(std, 2)]);
+                self.estimate("effects.axis_gravity", key, pair, Unit::NM, how);
+            }
+        }
+        let end = if known { "" } else { "; no effect of the library has it, so it is left out of the model" };
+        remarks.push(format!("Gravity: the torque varies by ±{size:.4} {unit} with the angle as a weight does{end}."));
+        for r in 1..self.recordings.len() {
+            let [(a, _), (b, _)] = fit.gravity(r);
+            let turned = (sine.atan2(cosine) - a.atan2(b) + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU);
+            let shift = turned - std::f64::consts::PI;
+            if shift.abs() > 0.05 {
+                let name = &self.recordings[r].name;
+                remarks.push(format!(
+                    "{name} counts its angle from {shift:+.3} rad elsewhere; --map \"q1=q1{:+.3}\" joins them.",
+                    shift
+                ));
+            }
+        }
+        [sine, cosine].map(|x| rounded_to(x, 4))
+    }
+
+    /// Remarks about constants and about what the regression leaves.
+    fn left(&self, fit: &Fit, series: &Series, remarks: &mut Vec<String>) {
+        let unit = self.mechanism.unit(Unit::NM);
+        for (r, recording) in self.recordings.iter().enumerate().filter(|_| fit.sines.is_none()) {
+            let (constant, std) = (fit.least.beta[3 + r], fit.std(3 + r));
+            if constant.abs() > OFFSET * std && constant.abs() > 0.02 * deviation(&series.torque) {
+                let name = &recording.name;
+                remarks
+                    .push(format!("{name}: a constant {constant:+.3e} ± {std:.0e} {unit} is left out of the model."));
+            }
+        }
+        let share = fit.least.mean_square.sqrt() / deviation(&series.torque).max(f64::MIN_POSITIVE);
+        if share > LEFT {
+            remarks.push(format!(
+                "Inertia and friction leave {:.0} % of the torque (RMS): `diagnose` looks for the rest.",
+                100.0 * share
+            ));
+        }
+    }
+}
+
+/// The regression over all recordings.
+struct Fit {
+    least: LeastSquares,
+    /// Index of the first coefficient of sin q; that of cos q follows, per recording.
+    sines: Option<usize>,
+    /// Factor on standard errors due to the autocorrelation of the residual.
+    inflation: f64,
+}
+
+impl Fit {
+    fn of(series: &Series, steepness: f64, gravity: bool) -> Option<Self> {
+        let count = series.recording.last().map_or(0, |r| r + 1);
+        let sign: Vec<f64> = series.rate.iter().map(|v| smooth_sign(*v, steepness)).collect();
+        let mut features = vec![series.acceleration.clone(), sign, series.rate.clone()];
+        let on = |r: usize, of: &dyn Fn(usize) -> f64| {
+            (0..series.recording.len())
+                .map(|k| if series.recording[k] == r { of(k) } else { 0.0 })
+                .collect::<Vec<f64>>()
+        };
+        features.extend((0..count).map(|r| on(r, &|_| 1.0)));
+        let sines = gravity.then_some(features.len());
+        for r in (0..count).filter(|_| gravity) {
+            features.push(on(r, &|k| series.angle[k].sin()));
+            features.push(on(r, &|k| series.angle[k].cos()));
+        }
+        let columns: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
+        let least = least_squares(&columns, &series.torque)?;
+        let fitted = |k: usize| least.beta.iter().zip(&columns).map(|(b, f)| b * f[k]).sum::<f64>();
+        let mut start = 0;
+        let rests: Vec<Vec<f64>> = series
+            .segments
+            .iter()
+            .map(|n| {
+                start += n;
+                (start - n..start).map(|k| series.torque[k] - fitted(k)).collect()
+            })
+            .collect();
+        let inflation = correlation_time(&rests).sqrt();
+        let moves = deviation(&series.rate) > 0.0 && deviation(&series.acceleration) > 0.0;
+        (moves && least.beta.iter().all(|b| b.is_finite())).then_some(Self { least, sines, inflation })
+    }
+
+    /// Standard error of coefficient `k`.
+    fn std(&self, k: usize) -> f64 {
+        self.inflation * self.least.std[k]
+    }
+
+    /// Coefficients of sin q and cos q of recording `r` with their standard errors; zero without gravity.
+    fn gravity(&self, r: usize) -> [(f64, f64); 2] {
+        let Some(first) = self.sines else { return [(0.0, 1.0); 2] };
+        [0, 1].map(|k| (self.least.beta[first + 2 * r + k], self.std(first + 2 * r + k).max(f64::MIN_POSITIVE)))
+    }
+}
+
+fn deviation(x: &[f64]) -> f64 {
+    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
+    (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len().max(1) as f64).sqrt()
+}
+
+fn positive((value, _): (f64, f64)) -> f64 {
+    rounded_to(value.max(0.0), 4)
+}
+
+/// The effect `name` with parameter values by name, the others at their defaults.
+fn filled(name: &str, host: Host, values: &[(&str, f64)]) -> Option<ActiveEffect> {
+    let mut active = ActiveEffect::absent_on(find(name)?, host);
+    let entries = active.entries();
+    for (place, entry) in active.values.iter_mut().zip(&entries) {
+        let known = values.iter().find(|(key, _)| *key == entry.parameter.name);
+        *place = known.map_or(*place, |(_, value)| *value);
+    }
+    Some(active)
+}
+
+/// The drive with a torque limit that admits the values: ranges of effects are proportional to it.
+fn admitting(drive: Drive, mechanism: Mechanism, friction: &[(&str, f64)], gravity: Option<[f64; 2]>) -> Drive {
+    let host = Host::new(mechanism, &drive);
+    let weight = gravity.map_or(Vec::new(), |[sine, cosine]| vec![("sine", sine), ("cosine", cosine)]);
+    let mut factor: f64 = 1.0;
+    for (name, values) in [("drive_friction", friction), ("axis_gravity", &weight[..])] {
+        let Some(active) = find(name).map(|e| ActiveEffect::absent_on(e, host)) else { continue };
+        for entry in active.entries() {
+            let Some((_, value)) = values.iter().find(|(key, _)| *key == entry.parameter.name) else { continue };
+            let (low, high) = entry.parameter.range;
+            let bound = if *value < 0.0 { -low } else { high };
+            if bound > 0.0 {
+                factor = factor.max(value.abs() / bound);
+            }
+        }
+    }
+    let max_torque = if factor > 1.0 { rounded_up(factor * drive.max_torque, 3) } else { drive.max_torque };
+    Drive { max_torque, ..drive }
+}
+
+/// A model of a single axis without numbers.
+fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
+    let unused = Drive {
+        gear_ratio: 0.0,
+        encoder_bits: 0,
+        max_torque: 0.0,
+        max_speed: 0.0,
+        max_acceleration: 0.0,
+        max_jerk: 0.0,
+    };
+    Model {
+        name: name.into(),
+        path: None,
+        source: None,
+        mechanism,
+        assembled: false,
+        geometry: Geometry {
+            base_radius: 0.0,
+            arm_length: 0.0,
+            strut_length: [0.0; ARMS],
+            platform_radius: 0.0,
+            pair_distance: 0.0,
+            mounting_height: 0.0,
+            upper_hooke_height: 0.0,
+            lower_hooke_height: 0.0,
+            flange_height: 0.0,
+            arm_limits: [0.0; 2],
+            telescope_limits: [0.0; 2],
+        },
+        bodies: Bodies([Inertia::ZERO; BODIES]),
+        link_parameters: LinkParameters::default(),
+        drives: [drive, unused, unused, unused],
+        sockets: Sockets {
+            ball_radius: 0.0,
+            preload: 0.0,
+            dislocation_force: 0.0,
+            clamp_share: 0.0,
+            spin_damping: 0.0,
+        },
+        stops: Stops::NONE,
+        noise: Noise { torque: [0.0; AXES], strut_force: 0.0 },
+        gravity: 0.0,
+        sample_time: 0.0,
+        effects: Effects::default(),
+        history: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::Signals;
+
+    /// τ = 0.02·q̈ + 0.3·tanh(k·q̇) + 0.05·q̇ + 0.4·sin(q) along a sum of sines, without noise.
+    fn pendulum(zero: f64, steepness: f64) -> Recording {
+        let mut signals = Signals { mechanism: Mechanism::axis(Joint::Revolute), ..Signals::default() };
+        let waves = [(0.8, 2.1), (0.3, 5.3), (0.1, 11.0)];
+        for k in 0..20_000 {
+            let t = f64::from(k) * 5e-4;
+            let sum = |of: &dyn Fn(f64, f64) -> f64| waves.iter().map(|(a, w)| of(*a, *w)).sum::<f64>();
+            let q = sum(&|a, w| a * (w * t).sin());
+            let qd = sum(&|a, w| a * w * (w * t).cos());
+            let qdd = sum(&|a, w| -a * w * w * (w * t).sin());
+            let tau = 0.02 * qdd + 0.3 * smooth_sign(qd, steepness) + 0.05 * qd + 0.4 * q.sin();
+            signals.t.push(t);
+            signals.q.push([q - zero, 0.0, 0.0, 0.0]);
+            signals.tau.push([tau, 0.0, 0.0, 0.0]);
+        }
+        Recording { name: "pendulum".into(), signals, ..Recording::default() }
+    }
+
+    #[test]
+    fn a_pendulum_gives_its_parameters_back() {
+        let first = axis("pendulum", &[pendulum(0.0, 500.0)], None).unwrap();
+        let steepness = 100.0 * 18.989 / first.model.drives[0].max_speed;
+        let found = axis("pendulum", &[pendulum(0.0, steepness), pendulum(0.7, steepness)], Some(10.0)).unwrap();
+        let of = |table: &str, key: &str| {
+            let number = found.numbers.iter().find(|n| n.table == table && n.key == key);
+            number.unwrap_or_else(|| panic!("{table}.{key}")).values[0]
+        };
+        let near = |value: f64, truth: f64| assert!((value / truth - 1.0).abs() < 0.01, "{value} for {truth}");
+        near(of("bodies.axis", "inertia"), 0.02);
+        near(of("effects.drive_friction", "coulomb"), 0.3);
+        near(of("effects.drive_friction", "viscous"), 0.05);
+        near(of("", "sample_time"), 5e-4);
+        assert_eq!(of("drives.axis", "gear_ratio"), 10.0);
+        assert!(
+            found.remarks.iter().any(|r| r.starts_with("Gravity: the torque varies by ±0.4")),
+            "{:?}",
+            found.remarks
+        );
+        // The second recording's zero is where the first reads 0.7 rad.
+        let elsewhere = found.remarks.iter().find(|r| r.contains("elsewhere")).expect("another zero");
+        assert!(elsewhere.contains("+0.700") && elsewhere.contains("q1=q1"), "{elsewhere}");
+    }
+
+    #[test]
+    fn a_machine_at_rest_gives_no_model() {
+        let mut still = pendulum(0.0, 100.0);
+        still.signals.q.iter_mut().for_each(|q| q[0] = 0.25);
+        assert!(matches!(axis("still", &[still], None), Err(InitialError::NoMotion)));
+        assert!(matches!(axis("none", &[], None), Err(InitialError::NoMotion)));
+    }
+}
