@@ -373,7 +373,11 @@ fn friction_only_removes_energy() {
     let plant = Plant::new(&rigid, &payload());
     let frictions: Vec<_> = REGISTRY
         .iter()
-        .filter(|e| ["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"].iter().any(|part| e.name().contains(part)))
+        .filter(|e| {
+            ["friction", "ball_socket", "stribeck", "viscous_curve", "efficiency", "drag"]
+                .iter()
+                .any(|part| e.name().contains(part))
+        })
         .collect();
     assert!(frictions.len() >= 15, "{}", frictions.len());
     for effect in frictions {

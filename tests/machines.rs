@@ -62,7 +62,14 @@ fn machines() -> Vec<(Model, Setup)> {
 const HARMONICS: usize = 8;
 
 /// One period of a random motion, `duration` s; the controller believes in `believed`.
-pub(crate) fn run(robot: &Model, believed: &Model, setup: &Setup, duration: f64, seed: u64, noise: bool) -> (Recording, Report) {
+pub(crate) fn run(
+    robot: &Model,
+    believed: &Model,
+    setup: &Setup,
+    duration: f64,
+    seed: u64,
+    noise: bool,
+) -> (Recording, Report) {
     let plant = Plant::new(believed, setup);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let limits = MotionLimits::of(believed, 0.6);
