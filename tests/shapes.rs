@@ -6,6 +6,8 @@
 //! | Coulomb friction (drives, sockets, telescope, Hooke joints) | sign, tanh of other steepness, v/√(v² + ε²) | √ |
 //! | `drive_stribeck` | exp(−\|v\|/v_s), exp(−(v/v_s)²), 1/(1 + (v/v_s)²) | rational, exponential |
 //! | `drive_viscous_asymmetry` | a·\|v\|, other slopes for either sign | max(0, v) |
+//! | `viscous_curve` | powers \|v\|^β, tanh(v/v_s), v/√(v² + v_s²) | tanh (`axes.rs`) |
+//! | `gear_efficiency` | \|K_m·τ − K_e·τ_e\| of motor and external torque | in its file |
 //! | `air_drag` | −½ρ·c_w·A·\|v\|v, powers of 1.7 to 2 | power 1.8 |
 //! | `hose_spring` | zero or finite free length, pull only | finite, slack |
 //! | `telescope_end_stop` | linear, Hertz' δ^1.5, Hunt–Crossley | – |

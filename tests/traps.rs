@@ -263,6 +263,34 @@ fn a_stiff_frame_is_no_elastic_gear() {
         println!("-- {name}");
         let robot = robot(name, blocks);
         let d = diagnosed(&[measured(&robot, &picking(), Payload::default(), 3.0, 13)]);
+/// A low-pass, a delay and the inertia of a rotor all follow the rate of the torque.
+#[test]
+fn a_filter_of_the_torques_is_no_delay_and_no_rotor() {
+    for (name, blocks) in
+        [("torque_filter", &[&[0.004][..]][..]), ("signal_delay", &[&[0.004]]), ("rotor_inertia", &[&[0.05; 3]])]
+    {
+        println!("-- {name}");
+        let d = diagnosed(&[measured(&robot(name, blocks), &excitation(5, 0.6), Payload::default(), 4.0, 13)]);
+        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+        if name == "torque_filter" {
+            assert_eq!(names(&d), [name]);
+        }
+    }
+}
+
+/// While a drive moves, a gear that is better forward than backward is friction by load and a gain; at rest it is not.
+#[test]
+fn friction_by_load_forward_and_backward() {
+    for (name, blocks) in [
+        ("gear_efficiency", &[&[0.03; 3][..], &[0.12; 3], &[100.0]][..]),
+        ("gear_load_friction", &[&[0.06; 3], &[100.0]]),
+        ("torque_gain_error", &[&[0.06, 0.0, 0.0, 0.0]]),
+    ] {
+        println!("-- {name}");
+        let robot = robot(name, blocks);
+        let moving = measured(&robot, &excitation(14, 0.5), Payload::default(), 3.0, 14);
+        let standing = measured(&robot, &poses(0.2), Payload::default(), 6.0, 15);
+        let d = diagnosed(&[moving, standing]);
         assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
     }
 }
@@ -279,6 +307,42 @@ fn a_payload_that_swings_is_no_heavier_or_shifted_one() {
         println!("-- {name}");
         let robot = robot(name, blocks);
         let d = diagnosed(&[measured(&robot, &picking(), stated, 3.0, 14)]);
+#[test]
+fn a_torque_constant_that_falls_is_no_wrong_gain() {
+    for (name, blocks) in
+        [("torque_saturation", &[&[4e-5; 3][..]][..]), ("torque_gain_error", &[&[0.06, -0.04, 0.0, 0.0]])]
+    {
+        println!("-- {name}");
+        let d = diagnosed(&[measured(&robot(name, blocks), &excitation(16, 0.7), Payload::default(), 3.0, 16)]);
+        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+    }
+}
+
+/// A bulky payload beside the flange brakes axis 4 as well.
+#[test]
+fn drag_of_the_payload_is_told_from_that_of_the_platform() {
+    let payload = Payload::new(1.0, [0.15, 0.0, -0.1], 0.01);
+    for (name, blocks) in [("payload_drag", &[&[0.6][..]][..]), ("air_drag", &[&[0.6]])] {
+        println!("-- {name}");
+        let robot = robot(name, blocks);
+        let d = diagnosed(&[measured(&robot, &excitation(17, 0.8), payload, 4.0, 17)]);
+        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+        assert!(name != "payload_drag" || !d.effects.is_empty());
+    }
+    let empty = robot("payload_drag", &[&[0.6]]);
+    let d = diagnosed(&[measured(&empty, &excitation(17, 0.8), Payload::default(), 2.0, 18)]);
+    assert_eq!(d.verdict, Verdict::None);
+    assert!(d.unseen.iter().any(|n| n == "payload_drag"), "{:?}", d.unseen);
+}
+
+/// The torque of an uneven gear grows with the square of the speed, that of torque ripple does not.
+#[test]
+fn an_uneven_gear_is_no_torque_ripple() {
+    let none = [0.0; 3];
+    for (name, size) in [("transmission_error", [1e-4, 0.0, 5e-5]), ("torque_ripple", [0.5, 0.0, 0.4])] {
+        println!("-- {name}");
+        let robot = robot(name, &[&size, &none, &none, &none, &[33.0]]);
+        let d = diagnosed(&[measured(&robot, &excitation(19, 0.4), Payload::default(), 4.0, 19)]);
         assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
     }
 }

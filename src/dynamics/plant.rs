@@ -152,6 +152,13 @@ impl Plant {
         self.effects.iter().map(|active| active.steady_state(&at)).collect()
     }
 
+    /// Motion of the joints behind the encoders' motion, with the internal states of gears at rest.
+    pub fn behind_encoders(&self, encoders: &JointState) -> JointState {
+        let mut joints = *encoders;
+        self.effects.iter().rev().for_each(|active| active.joint(&mut joints));
+        joints
+    }
+
     /// All parameters: rigid bodies first, then the effects in order.
     pub fn parameters(&self) -> ParamTable {
         ParamTable::new(std::iter::once(&self.rigid_bodies()).chain(&self.effects))

@@ -1,6 +1,7 @@
 //! Zero offset of the encoders.
 
 use super::{About, Count, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Unit, Values};
+use crate::kinematics::JointState;
 use crate::machine::AXES;
 
 /// Encoder reading q_i + o_i of axis i.
@@ -42,6 +43,12 @@ impl Sensor for JointZeroOffset {
             *angle += offset;
         }
     }
+
+    fn joint(&self, values: &Values, motion: &mut JointState) {
+        for (angle, offset) in motion.q.iter_mut().zip(values.block(0)) {
+            *angle -= offset;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -57,5 +64,9 @@ mod tests {
         let mut angles = [0.5, 0.5, 0.5, 3.0];
         JointZeroOffset.encoder(&active.values(), &[], &mut angles);
         approx::assert_relative_eq!(angles.as_slice(), [0.501, 0.498, 0.5, 3.01].as_slice());
+        let mut motion = JointState { q: angles, qd: [1.0; 4], qdd: [2.0; 4] };
+        active.joint(&mut motion);
+        approx::assert_relative_eq!(motion.q.as_slice(), [0.5, 0.5, 0.5, 3.0].as_slice());
+        assert_eq!((motion.qd, motion.qdd), ([1.0; 4], [2.0; 4]));
     }
 }

@@ -61,6 +61,7 @@ mod torque_filter;
 mod torque_gain_error;
 mod torque_ripple;
 mod torque_saturation;
+mod transmission_error;
 mod viscous_curve;
 
 pub use drive_elasticity::GearSpring;
@@ -110,6 +111,7 @@ pub static REGISTRY: LazyLock<Vec<Arc<dyn Effect>>> = LazyLock::new(|| {
         Arc::new(air_drag::AirDrag),
         Arc::new(payload_drag::PayloadDrag),
         Arc::new(joint_zero_offset::JointZeroOffset),
+        Arc::new(transmission_error::TransmissionError),
         Arc::new(torque_gain_error::TorqueGainError),
         Arc::new(torque_saturation::TorqueSaturation),
         Arc::new(torque_bias::TorqueBias),

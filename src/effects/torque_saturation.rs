@@ -36,6 +36,10 @@ impl Effect for TorqueSaturation {
 }
 
 impl Sensor for TorqueSaturation {
+    fn is_affine(&self) -> bool {
+        false
+    }
+
     fn observe(&self, values: &Values, signals: &mut Signals) {
         for tau in &mut signals.tau {
             for (x, saturation) in tau.iter_mut().zip(values.block(0)) {

@@ -1,8 +1,8 @@
 //! Prediction of a plant for a dataset, and its derivatives with respect to the parameters.
 //!
 //! A dataset contains encoder readings. Effects between encoder and joint ([`Kind::Encoder`]) are removed first:
-//! constant offsets, then the deflection of elastic gears (`gears`). With θ the encoder angle minus its offset, q
-//! that of the joint, J the rotor's inertia and ID the inverse dynamics with the rotor attached to the arm, τ = ID(q,
+//! offsets and periodic errors, then the deflection of elastic gears (`gears`). With θ the encoder angle without these
+//! errors, q that of the joint, J the rotor's inertia and ID the inverse dynamics with the rotor attached to the arm, τ = ID(q,
 //! q̇, q̈) + J·(θ̈ − q̈).
 //!
 //! Internal states of force laws are integrated along the measured motion.
@@ -34,7 +34,7 @@ pub type Channels = Vec<Vec<f64>>;
 struct Joints<'a> {
     plant: &'a Plant,
     states: Cow<'a, [JointState]>,
-    /// Encoder readings minus constant offsets; different from `states` behind an elastic gear.
+    /// Encoder readings without offsets and periodic errors; different from `states` behind an elastic gear.
     encoders: Cow<'a, [JointState]>,
 }
 
@@ -109,16 +109,11 @@ pub fn surroundings(plant: &Plant, dataset: &Dataset, range: &Range<usize>) -> (
     (dataset.window(outer), shift)
 }
 
-/// Motion of the joints: that of the encoders minus offsets and deflections.
+/// Motion of the joints: that of the encoders without offsets, periodic errors and deflections.
 fn joints<'a>(plant: &'a Plant, dataset: &'a Dataset) -> Result<Joints<'a>, KinematicsError> {
-    let mut offset = [0.0; AXES];
-    for active in &plant.effects {
-        active.encoder(&active.initial_state(), &mut offset);
-    }
-    let joint = |j: &JointState| JointState { q: std::array::from_fn(|i| j.q[i] - offset[i]), ..*j };
-    let states = match offset == [0.0; AXES] {
-        true => Cow::Borrowed(dataset.joints.as_slice()),
-        false => Cow::Owned(dataset.joints.iter().map(joint).collect()),
+    let states = match plant.effects.iter().any(|a| a.effect.kind() == Kind::Encoder) {
+        true => Cow::Owned(dataset.joints.iter().map(|j| plant.behind_encoders(j)).collect()),
+        false => Cow::Borrowed(dataset.joints.as_slice()),
     };
     let rigid = Joints { plant, encoders: states.clone(), states };
     match gear_springs(plant) {

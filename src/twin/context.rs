@@ -11,7 +11,7 @@ use super::stops::{self, Hit, STOPS};
 use super::torque::Torque;
 use super::wrench::{Load, STILL, Twist};
 use crate::dynamics::Plant;
-use crate::kinematics::{KinematicsError, Motion, Reactions, SocketSet};
+use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{BODIES, END_EFFECTOR, PLATFORM, STRUT};
 use crate::machine::{ARMS, AXES, STRUTS};
 
@@ -286,10 +286,17 @@ impl Context {
         }
     }
 
-    /// Rates and accelerations of the axes on the motor side, for a motion with accelerations.
-    pub fn of_motors(&self, t: f64, y: &[f64], motion: &Motion) -> [[f64; AXES]; 2] {
-        let seen = self.forces.of_motors(&self.scene(t, y), motion, &self.scratch.motors.torque);
-        [seen.qd, seen.qdd]
+    /// Rates and accelerations of the encoders, for a motion with accelerations.
+    pub fn of_encoders(&self, t: f64, y: &[f64], motion: &Motion) -> [[f64; AXES]; 2] {
+        let motors = self.forces.of_motors(&self.scene(t, y), motion, &self.scratch.motors.torque);
+        // The motion behind the encoders, axis by axis: rate and acceleration are those of the encoder times a slope,
+        // the acceleration with a term of the rate alone.
+        let q = self.forces.encoders(&self.plant, &y[self.layout.own()], &motion.q);
+        let behind = |qd: [f64; AXES]| self.plant.behind_encoders(&JointState { q, qd, qdd: [0.0; AXES] });
+        let slope = behind([1.0; AXES]).qd;
+        let rate = std::array::from_fn(|i| motors.qd[i] / slope[i]);
+        let own = behind(rate).qdd;
+        [rate, std::array::from_fn(|i| (motors.qdd[i] - own[i]) / slope[i])]
     }
 
     /// Determines the damping in W for the next step; `motion` is unchanged on return.

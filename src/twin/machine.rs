@@ -214,7 +214,7 @@ impl Twin {
             motion.qdd[axis] = motion.bodies[body].angular_acceleration.dot(&direction);
             wrenches[body].1 += direction * torque;
         }
-        let [encoder_rate, encoder_acceleration] = self.context.of_motors(self.t, &self.y, &motion);
+        let [encoder_rate, encoder_acceleration] = self.context.of_encoders(self.t, &self.y, &motion);
         Ok(Snapshot { motion, encoder_rate, encoder_acceleration, reactions, sockets, wrenches, multipliers })
     }
 

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use common::{encoded, model, planned};
 use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
 use deltatwin::identification::{Dataset, predict};
 use deltatwin::machine::{Payload, Setup};
@@ -233,8 +234,16 @@ fn low_passed(s: &mut Signals, frequency: f64) {
 #[test]
 fn a_low_pass_of_the_torques_is_told_from_a_lag() {
     common::at_root();
-    for frequency in [12.0, 20.0, 40.0] {
-        let found = found_and_mended(|s| low_passed(s, frequency));
+    // As the library's own effect filters them, too.
+    let own = |frequency: f64| {
+        let time_constant = 1.0 / (std::f64::consts::TAU * frequency);
+        ActiveEffect::new(find("torque_filter").expect("registered"), &[&[time_constant]])
+    };
+    for (frequency, by_effect) in [(12.0, false), (20.0, true), (40.0, false)] {
+        let found = found_and_mended(|s| match by_effect {
+            true => own(frequency).observe(s),
+            false => low_passed(s, frequency),
+        });
         assert_eq!(problems(&found), [(None, Problem::LowPass)], "{frequency}: {found:?}");
         assert!(!found[0].severe && found[0].sentence.contains("low-pass of about"), "{found:?}");
         // The spacing of the time constants, and half a sample that the recursion is early.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::InternalStates;
 use super::{Count, Effects, Instant, Layout, Param, Parameter, Role, Values};
 use crate::effects::{Effect, GearSpring, StrutSpring};
+use crate::kinematics::JointState;
 use crate::machine::{ARMS, AXES, Bodies, Drive, Geometry, Mechanism, STRUTS, Sockets};
 use crate::recording::Signals;
 
@@ -171,10 +172,17 @@ impl ActiveEffect {
         }
     }
 
-    /// Adds the difference between encoder readings and joint angles (rad) to `angles`.
+    /// Turns joint angles into encoder readings, rad.
     pub fn encoder(&self, state: &[f64], angles: &mut [f64; AXES]) {
         if let Some(sensor) = self.effect.sensor() {
             sensor.encoder(&self.values(), state, angles);
+        }
+    }
+
+    /// Turns the motion of the encoders into that of the joints, with the internal states at rest.
+    pub fn joint(&self, motion: &mut JointState) {
+        if let Some(sensor) = self.effect.sensor() {
+            sensor.joint(&self.values(), motion);
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::{Instant, Values};
 use crate::effects::{GearSpring, StrutSpring};
+use crate::kinematics::JointState;
 use crate::machine::{AXES, STRUTS};
 use crate::recording::Signals;
 
@@ -29,11 +30,20 @@ pub trait InternalStates {
 
 /// Effect on the sensors.
 pub trait Sensor {
-    /// Adds the difference between motor-side encoder readings and joint angles (rad) to `angles`.
+    /// Turns joint angles into motor-side encoder readings, rad.
     fn encoder(&self, _values: &Values, _state: &[f64], _angles: &mut [f64; AXES]) {}
+
+    /// Turns the motion of the encoders into that of the joints, with rates and accelerations: the inverse of
+    /// [`Sensor::encoder`] with the internal states at rest.
+    fn joint(&self, _values: &Values, _motion: &mut JointState) {}
 
     /// Turns the ideal signals into the reported ones.
     fn observe(&self, _values: &Values, _signals: &mut Signals) {}
+
+    /// Whether the reported signals are an affine function of the ideal ones.
+    fn is_affine(&self) -> bool {
+        true
+    }
 
     /// Time (s) over which earlier signals enter a reported one, beyond a few samples.
     fn memory(&self, _values: &Values) -> f64 {

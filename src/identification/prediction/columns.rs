@@ -378,18 +378,46 @@ fn linear(
     let mut columns: Vec<Channels> =
         (0..total).into_par_iter().map(|p| (0..channels).map(|c| series(p, c)).collect()).collect();
     if plant.observes() {
-        let middle = middle(dataset, block);
-        let mut zero: Channels = vec![vec![0.0; blocks.len()]; channels];
-        observe(plant, &middle, &mut zero);
-        columns.par_iter_mut().for_each(|column| {
-            observe(plant, &middle, column);
-            for (x, z) in column.iter_mut().flatten().zip(zero.iter().flatten()) {
-                *x -= z;
-            }
-        });
+        see(plant, dataset, joints, block, &mut columns)?;
     }
     let mut columns = columns.into_iter();
     Ok(widths.iter().map(|w| columns.by_ref().take(*w).collect()).collect())
+}
+
+/// Step of a derivative of the sensors, relative to the largest value of a channel.
+const SENSOR_STEP: f64 = 1e-4;
+
+/// Turns derivatives of the ideal channels into those of the observed ones.
+fn see(
+    plant: &Plant,
+    dataset: &Dataset,
+    joints: &Joints,
+    block: usize,
+    columns: &mut [Channels],
+) -> Result<(), KinematicsError> {
+    let middle = middle(dataset, block);
+    let affine = plant.effects.iter().filter_map(|a| a.effect.sensor()).all(|sensor| sensor.is_affine());
+    // Affine sensors have the same derivative everywhere.
+    let here = match affine {
+        true => vec![vec![0.0; middle.len()]; dataset.channels.len()],
+        false => means(dataset, ideal(plant, dataset, joints)?, block),
+    };
+    let mut seen = here.clone();
+    observe(plant, &middle, &mut seen);
+    let largest = |series: &Channels| series.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
+    let size = largest(&here);
+    columns.par_iter_mut().for_each(|column| {
+        let own = largest(column);
+        let step = if affine || size * own == 0.0 { 1.0 } else { SENSOR_STEP * size / own };
+        for (x, h) in column.iter_mut().flatten().zip(here.iter().flatten()) {
+            *x = h + step * *x;
+        }
+        observe(plant, &middle, column);
+        for (x, s) in column.iter_mut().flatten().zip(seen.iter().flatten()) {
+            *x = (*x - s) / step;
+        }
+    });
+    Ok(())
 }
 
 #[cfg(test)]

@@ -66,7 +66,7 @@ pub(super) fn deflected<'a>(
     let plant = behind(rigid.plant, gears);
     let effects: Vec<&ActiveEffect> = plant.effects.iter().collect();
     let own = InternalStates::along(&plant, &effects, dataset, rigid)?;
-    let encoders = encoders(dataset, rigid);
+    let encoders = encoders(dataset, rigid.plant);
     let mut states = encoders.clone();
     let arms = Arms { plant: &plant, gears, dataset, own: &own, encoders: &encoders };
     for segment in &dataset.segments {
@@ -75,17 +75,16 @@ pub(super) fn deflected<'a>(
     Ok(Joints { plant: rigid.plant, states: states.into(), encoders: encoders.into() })
 }
 
-/// Motion of the encoders minus their offsets, of the arms including the ringing.
-fn encoders(dataset: &Dataset, rigid: &Joints) -> Vec<JointState> {
-    let mut out = rigid.states.to_vec();
-    for ((joint, ringing), smooth) in out.iter_mut().zip(dataset.ringing()).zip(&dataset.joints) {
+/// Motion of the encoders without offsets and periodic errors, of the arms including the ringing.
+fn encoders(dataset: &Dataset, plant: &Plant) -> Vec<JointState> {
+    let one = |(smooth, ringing): (&JointState, &JointState)| {
+        let mut reading = *smooth;
         for i in 0..ARMS {
-            joint.q[i] += ringing.q[i] - smooth.q[i];
-            joint.qd[i] = ringing.qd[i];
-            joint.qdd[i] = ringing.qdd[i];
+            (reading.q[i], reading.qd[i], reading.qdd[i]) = (ringing.q[i], ringing.qd[i], ringing.qdd[i]);
         }
-    }
-    out
+        plant.behind_encoders(&reading)
+    };
+    dataset.joints.iter().zip(dataset.ringing()).map(one).collect()
 }
 
 /// Deflections of the arms' gears and their first two derivatives.

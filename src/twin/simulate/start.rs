@@ -149,13 +149,9 @@ fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES
         }
         own[k][..ARMS].copy_from_slice(&deflection[..ARMS]);
     }
-    let mut joints = *wanted;
-    let mut lead = [0.0; AXES];
-    for (active, state) in plant.effects.iter().zip(&own) {
-        active.encoder(state, &mut lead);
-    }
-    for (q, lead) in joints.q.iter_mut().zip(lead) {
-        *q -= lead;
+    let mut joints = plant.behind_encoders(wanted);
+    for (q, deflection) in joints.q.iter_mut().zip(deflection) {
+        *q -= deflection;
     }
     Ok((joints, deflection))
 }

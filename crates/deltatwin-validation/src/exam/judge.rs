@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
+use super::outside::Outside;
 use deltatwin::diagnosis::{self, Diagnosis, diagnose};
 use deltatwin::effects;
 use deltatwin::identification::Dataset;
@@ -153,7 +154,7 @@ impl Answer {
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
     /// Correct: the effect named first or in a set of at most three, unless the verdict is `unknown`; `none` for
-    /// nothing; `unknown` for a law outside the library.
+    /// nothing; `unknown` for a law outside the library, or the effect of which it is a case.
     Right,
     /// One of two effects was named.
     Half,
@@ -220,19 +221,20 @@ impl Grade {
                 && answer.effects.first().is_some_and(|e| e.probability >= CONFIDENT);
             if certain { Self::ConfidentlyWrong } else { Self::Wrong }
         };
+        let named = |name: &str| answer.effects.first().is_some_and(|e| e.name == name) || answer.in_small_set(name);
         let named_nothing = matches!(answer.verdict.as_str(), "none" | "unknown");
         match Question::of(truth) {
             Question::Nothing if answer.verdict == "none" => Self::Right,
             Question::Nothing => wrong(),
             Question::Outside if answer.verdict == "unknown" => Self::Right,
+            Question::Outside if truth.law.as_deref().and_then(Outside::case_of).is_some_and(named) => Self::Right,
             Question::Outside if answer.verdict == "none" => Self::Missed,
             Question::Outside => wrong(),
             Question::One => {
                 let name = &truth.effects[0];
-                let first = answer.effects.first().is_some_and(|e| e.name == *name);
                 match named_nothing {
                     true => Self::Missed,
-                    false if first || answer.in_small_set(name) => Self::Right,
+                    false if named(name) => Self::Right,
                     false => wrong(),
                 }
             }

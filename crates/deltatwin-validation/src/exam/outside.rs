@@ -62,6 +62,14 @@ impl Outside {
         Self::all().into_iter().find(|law| law.name == name)
     }
 
+    /// Effect that has the law called `name` as a case: it joined the library after the law was chosen. `None` for a law
+    /// that no effect has.
+    pub fn case_of(name: &str) -> Option<&'static str> {
+        // Powers of the speed of one drive, with the exponents 3, 2, 0.59 and 1/3.
+        let powers = ["churning", "cubic_friction", "windage", "gear_churning", "cube_root_friction"];
+        powers.contains(&name).then_some("viscous_curve")
+    }
+
     /// Source of the law; `None` if it was written for this exam.
     pub fn source(self) -> Option<&'static Published> {
         PUBLISHED.iter().find(|published| published.law.name == self.name)
@@ -90,6 +98,8 @@ mod tests {
             assert!(Place::named(law.at).is_some());
         }
         assert_eq!(Outside::named("gremlins"), None);
+        let cases = Outside::all().into_iter().filter_map(|law| Outside::case_of(law.name));
+        assert_eq!(cases.filter(|name| deltatwin::effects::find(name).is_some()).count(), 5);
     }
 
     #[test]
