@@ -9,6 +9,7 @@ use crate::identification::initial::quantum;
 use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::rms;
 use crate::machine::{Joint, Mechanism};
+use crate::model::Model;
 use crate::recording::Recording;
 use crate::text::significant;
 
@@ -40,6 +41,34 @@ pub fn inspect(recording: &Recording, dataset: &Dataset) -> Vec<Finding> {
     let mut found: Vec<Finding> = (0..axes).flat_map(|i| alone.axis(i)).collect();
     found.extend(alone.degrees());
     found
+}
+
+/// Findings about motors that turn so fast that the ripple of their torque is folded: its second harmonic, twice the
+/// motor's frequency, is above half the sampling frequency.
+pub fn folded(model: &Model, dataset: &Dataset) -> Vec<Finding> {
+    let Some(mechanism) = dataset.dt.gt(&0.0).then_some(model.mechanism) else { return Vec::new() };
+    let one = |axis: usize| {
+        let fastest = dataset.joints.iter().map(|j| j.qd[axis].abs()).fold(0.0, f64::max);
+        let gear = model.drives[axis].gear_ratio;
+        let (ripple, half) = (2.0 * gear * fastest / std::f64::consts::TAU, 0.5 / dataset.dt);
+        // An unknown gear, 1, says nothing about a motor.
+        (ripple > half && gear != 1.0).then(|| Finding {
+            recording: dataset.name.clone(),
+            axis: Some(axis),
+            problem: Problem::Alias,
+            severe: false,
+            evidence: Evidence { value: Some((ripple, 0.0)), ..Evidence::default() },
+            sentence: format!(
+                "the motor of axis {} turns so fast that the second harmonic of its ripple reaches {} Hz, above half the \
+                 sampling frequency ({} Hz): it shows at wrong frequencies",
+                axis + 1,
+                significant(ripple, 3),
+                significant(half, 3)
+            ),
+            remedy: Remedy::Words("a faster recording, or slower motion"),
+        })
+    };
+    (0..mechanism.axes().min(dataset.channels.len())).filter_map(one).collect()
 }
 
 struct Alone<'a> {
@@ -74,7 +103,8 @@ impl Alone<'_> {
     }
 
     fn range(&self, of: impl Fn(usize) -> f64) -> f64 {
-        let (low, high) = (0..self.dataset.len()).map(of).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        let (low, high) =
+            (0..self.dataset.len()).map(of).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         high - low
     }
 
@@ -89,11 +119,7 @@ impl Alone<'_> {
         let fastest = at.iter().map(|&k| joints[k].qd[axis].abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
         let steepness = 1.0 / (SLOW * fastest);
         let of = |f: &dyn Fn(usize) -> f64| at.iter().map(|&k| f(k)).collect::<Vec<f64>>();
-        [
-            of(&|k| joints[k].qdd[axis]),
-            of(&|k| joints[k].qd[axis]),
-            of(&|k| smooth_sign(joints[k].qd[axis], steepness)),
-        ]
+        [of(&|k| joints[k].qdd[axis]), of(&|k| joints[k].qd[axis]), of(&|k| smooth_sign(joints[k].qd[axis], steepness))]
     }
 
     /// A torque that the motion of all axes does not explain.
@@ -116,13 +142,28 @@ impl Alone<'_> {
         let k = axis + 1;
         let unit = self.dataset.channels[axis].unit();
         (explained < FOLLOWS).then(|| {
-            let seen = format!("of its variation ({} {unit} RMS) the motion explains {:.0} %", significant(spread(&torque), 3), 100.0 * explained.max(0.0));
+            let seen = format!(
+                "of its variation ({} {unit} RMS) the motion explains {:.0} %",
+                significant(spread(&torque), 3),
+                100.0 * explained.max(0.0)
+            );
             let (why, remedy) = if noise > 0.7 * spread(&torque) {
-                ("it is noise: the axis was moved by hand or from outside, or its drive was off", "a run that the drives drive")
+                (
+                    "it is noise: the axis was moved by hand or from outside, or its drive was off",
+                    "a run that the drives drive",
+                )
             } else {
-                ("something from outside moves the axis, or the column is another one", "a look at the columns, and a run without contact")
+                (
+                    "something from outside moves the axis, or the column is another one",
+                    "a look at the columns, and a run without contact",
+                )
             };
-            self.finding(axis, Problem::Unrelated, format!("the torque of axis {k} follows no motion: {seen}; {why}"), Remedy::Words(remedy))
+            self.finding(
+                axis,
+                Problem::Unrelated,
+                format!("the torque of axis {k} follows no motion: {seen}; {why}"),
+                Remedy::Words(remedy),
+            )
         })
     }
 
@@ -240,7 +281,8 @@ impl Alone<'_> {
         if !matches!(signals.mechanism, Mechanism::Axis(_)) || signals.mechanism.joint() != Joint::Revolute {
             return None;
         }
-        let (low, high) = signals.q.iter().map(|q| q[0]).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        let (low, high) =
+            signals.q.iter().map(|q| q[0]).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         let round = |x: f64| (x / 15.0 - (x / 15.0).round()).abs() < DEGREES.1;
         let large = low.abs().max(high.abs());
         ((DEGREES.0..=400.0).contains(&large) && round(low) && round(high) && high - low > 10.0).then(|| {
@@ -311,7 +353,8 @@ mod tests {
         assert_eq!(problems(|[_, rate, acceleration], _, _| 0.05 * acceleration + 0.1 * rate), [Problem::Noiseless]);
         let stepped = |state, _, noise: f64| ((usual(state) + 0.02 * noise) / 0.05).round() * 0.05;
         assert_eq!(problems(stepped), [Problem::Quantised]);
-        let line = |state, t: f64, noise: f64| usual(state) + 0.02 * noise + 0.3 * (std::f64::consts::TAU * 480.0 * t).sin();
+        let line =
+            |state, t: f64, noise: f64| usual(state) + 0.02 * noise + 0.3 * (std::f64::consts::TAU * 480.0 * t).sin();
         assert_eq!(problems(line), [Problem::Alias]);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     BEYOND, DERIVED, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, quantile, rounded_up,
-    sample_time, widened,
+    sample_time, step_of_noise, widened,
 };
 use crate::effects::{ActiveEffect, Effects, Host, Role, Unit, find, smooth_sign};
 use crate::evidence::noise::{correlation_time, difference_sigma};
@@ -131,7 +131,13 @@ impl Own<'_> {
         let unit = self.mechanism.unit(Unit::Rad);
         let (bits, how) = match encoder_step(self.recordings, 0) {
             Some(step) => (encoder_bits(step, gear), format!("the angles have steps of {step:.4e} {unit}")),
-            None => (32, "the angles have no visible steps".into()),
+            None => match step_of_noise(self.recordings, 0) {
+                Some(step) => {
+                    let sigma = step / 12f64.sqrt();
+                    (encoder_bits(step, gear), format!("no steps; as noisy as the angles, {sigma:.2e} {unit}"))
+                }
+                None => (32, "the angles have neither steps nor noise".into()),
+            },
         };
         self.number("drives.axis", "encoder_bits", vec![f64::from(bits)], Unit::Bit, how);
         let largest = |of: &dyn Fn(&Dataset, usize) -> f64| self.samples(of).fold(0.0f64, |m, x| m.max(x.abs()));
@@ -153,10 +159,13 @@ impl Own<'_> {
             max_jerk: most(jerk, DERIVED.0),
         };
         let seen = |what: &str, factor: f64| format!("{factor} × {what}, not a rating");
-        let derived = format!("value that {} % of the time is not exceeded", 100.0 * DERIVED.1);
+        let derived = format!("{} % quantile", 100.0 * DERIVED.1);
         self.number("drives.axis", "max_torque", vec![drive.max_torque], Unit::NM, seen("largest recorded", MARGIN));
         self.number("drives.axis", "max_speed", vec![drive.max_speed], Unit::RadPerS, seen("largest recorded", MARGIN));
-        let limits = [("max_acceleration", drive.max_acceleration, Unit::RadPerS2), ("max_jerk", drive.max_jerk, Unit::RadPerS3)];
+        let limits = [
+            ("max_acceleration", drive.max_acceleration, Unit::RadPerS2),
+            ("max_jerk", drive.max_jerk, Unit::RadPerS3),
+        ];
         for (key, value, unit) in limits {
             self.number("drives.axis", key, vec![value], unit, seen(&derived, DERIVED.0));
         }
@@ -201,9 +210,9 @@ impl Own<'_> {
     fn law(&mut self, drive: Drive, remarks: &mut Vec<String>) -> Result<(Drive, Law), InitialError> {
         let series = self.series();
         let host = Host::new(self.mechanism, &drive);
-        let steepness = find("drive_friction").map(|e| ActiveEffect::absent_on(e, host)).and_then(|a| {
-            a.entries().iter().find(|e| e.parameter.role == Role::Fixed).map(|e| e.parameter.default)
-        });
+        let steepness = find("drive_friction")
+            .map(|e| ActiveEffect::absent_on(e, host))
+            .and_then(|a| a.entries().iter().find(|e| e.parameter.role == Role::Fixed).map(|e| e.parameter.default));
         let steepness = steepness.ok_or(InitialError::NoMotion)?;
         let plain = Fit::of(&series, steepness, false).ok_or(InitialError::NoMotion)?;
         let with = self.gravity(&series, steepness, &plain);
@@ -223,7 +232,9 @@ impl Own<'_> {
         let drive = admitting(drive, self.mechanism, &friction, gravity);
         let host = Host::new(self.mechanism, &drive);
         effects.push(filled("drive_friction", host, &friction).ok_or(InitialError::NoMotion)?);
-        if let Some(values) = gravity.and_then(|[sine, cosine]| filled("axis_gravity", host, &[("sine", sine), ("cosine", cosine)])) {
+        if let Some(values) =
+            gravity.and_then(|[sine, cosine]| filled("axis_gravity", host, &[("sine", sine), ("cosine", cosine)]))
+        {
             effects.push(values);
         }
         self.left(fit, &series, remarks);
@@ -299,7 +310,8 @@ impl Own<'_> {
             let (constant, std) = (fit.least.beta[3 + r], fit.std(3 + r));
             if constant.abs() > OFFSET * std && constant.abs() > 0.02 * deviation(&series.torque) {
                 let name = &recording.name;
-                remarks.push(format!("{name}: a constant {constant:+.3e} ± {std:.0e} {unit} is left out of the model."));
+                remarks
+                    .push(format!("{name}: a constant {constant:+.3e} ± {std:.0e} {unit} is left out of the model."));
             }
         }
         let share = fit.least.mean_square.sqrt() / deviation(&series.torque).max(f64::MIN_POSITIVE);
@@ -327,7 +339,9 @@ impl Fit {
         let sign: Vec<f64> = series.rate.iter().map(|v| smooth_sign(*v, steepness)).collect();
         let mut features = vec![series.acceleration.clone(), sign, series.rate.clone()];
         let on = |r: usize, of: &dyn Fn(usize) -> f64| {
-            (0..series.recording.len()).map(|k| if series.recording[k] == r { of(k) } else { 0.0 }).collect::<Vec<f64>>()
+            (0..series.recording.len())
+                .map(|k| if series.recording[k] == r { of(k) } else { 0.0 })
+                .collect::<Vec<f64>>()
         };
         features.extend((0..count).map(|r| on(r, &|_| 1.0)));
         let sines = gravity.then_some(features.len());
@@ -406,8 +420,14 @@ fn admitting(drive: Drive, mechanism: Mechanism, friction: &[(&str, f64)], gravi
 
 /// A model of a single axis without numbers.
 fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
-    let unused =
-        Drive { gear_ratio: 0.0, encoder_bits: 0, max_torque: 0.0, max_speed: 0.0, max_acceleration: 0.0, max_jerk: 0.0 };
+    let unused = Drive {
+        gear_ratio: 0.0,
+        encoder_bits: 0,
+        max_torque: 0.0,
+        max_speed: 0.0,
+        max_acceleration: 0.0,
+        max_jerk: 0.0,
+    };
     Model {
         name: name.into(),
         path: None,
@@ -430,7 +450,13 @@ fn empty(name: &str, mechanism: Mechanism, drive: Drive) -> Model {
         bodies: Bodies([Inertia::ZERO; BODIES]),
         link_parameters: LinkParameters::default(),
         drives: [drive, unused, unused, unused],
-        sockets: Sockets { ball_radius: 0.0, preload: 0.0, dislocation_force: 0.0, clamp_share: 0.0, spin_damping: 0.0 },
+        sockets: Sockets {
+            ball_radius: 0.0,
+            preload: 0.0,
+            dislocation_force: 0.0,
+            clamp_share: 0.0,
+            spin_damping: 0.0,
+        },
         stops: Stops::NONE,
         noise: Noise { torque: [0.0; AXES], strut_force: 0.0 },
         gravity: 0.0,
@@ -478,7 +504,11 @@ mod tests {
         near(of("effects.drive_friction", "viscous"), 0.05);
         near(of("", "sample_time"), 5e-4);
         assert_eq!(of("drives.axis", "gear_ratio"), 10.0);
-        assert!(found.remarks.iter().any(|r| r.starts_with("Gravity: the torque varies by ±0.4")), "{:?}", found.remarks);
+        assert!(
+            found.remarks.iter().any(|r| r.starts_with("Gravity: the torque varies by ±0.4")),
+            "{:?}",
+            found.remarks
+        );
         // The second recording's zero is where the first reads 0.7 rad.
         let elsewhere = found.remarks.iter().find(|r| r.contains("elsewhere")).expect("another zero");
         assert!(elsewhere.contains("+0.700") && elsewhere.contains("q1=q1"), "{elsewhere}");

@@ -1,8 +1,7 @@
 //! A first model of a delta robot from a template.
 
 use super::{
-    BEYOND, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, rounded_up, sample_time,
-    widened,
+    BEYOND, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, rounded_up, sample_time, widened,
 };
 use crate::dynamics::Plant;
 use crate::effects::{Unit, smooth_sign};
@@ -36,7 +35,8 @@ pub fn delta(template: &Model, recordings: &[Recording]) -> Result<Initial, Init
     if let Some(empty) = datasets.iter().find(|d| d.is_empty()) {
         return Err(InitialError::TooShort { name: empty.name.clone() });
     }
-    let mut own = Own { recordings, datasets: &datasets, model: template.clone(), numbers: Vec::new(), remarks: Vec::new() };
+    let mut own =
+        Own { recordings, datasets: &datasets, model: template.clone(), numbers: Vec::new(), remarks: Vec::new() };
     let period = sample_time(recordings, &mut own.remarks);
     own.model.sample_time = period;
     own.number("", "sample_time", vec![period], Unit::S, "median step of time");
@@ -55,6 +55,11 @@ struct Own<'a> {
     numbers: Vec<Number>,
     remarks: Vec<String>,
 }
+
+/// A coefficient with its standard error.
+type Get = fn(&Friction) -> (f64, f64);
+/// Value of an arm at a sample of a dataset, or of its predicted channels.
+type At<'a> = &'a dyn Fn(&Dataset, &[Vec<f64>], usize) -> f64;
 
 /// Friction of one arm, with standard errors.
 struct Friction {
@@ -116,7 +121,9 @@ impl Own<'_> {
         for (table, axes) in groups {
             let most = |of: &dyn Fn(&Dataset, usize, usize) -> f64| {
                 let all = self.datasets.iter().flat_map(|d| axes.clone().map(move |i| (d, i)));
-                all.flat_map(|(d, i)| (0..d.len()).map(move |k| (d, k, i))).map(|(d, k, i)| of(d, k, i).abs()).fold(0.0, f64::max)
+                all.flat_map(|(d, i)| (0..d.len()).map(move |k| (d, k, i)))
+                    .map(|(d, k, i)| of(d, k, i).abs())
+                    .fold(0.0, f64::max)
             };
             let (torque, speed) = (most(&|d, k, i| d.measured[i][k]), most(&|d, k, i| d.joints[k].qd[i]));
             let exceeded = format!("{MARGIN} × largest recorded, which exceeds the template's");
@@ -155,17 +162,21 @@ impl Own<'_> {
         let Some(place) = self.model.effects.iter().position(|a| a.effect.name() == "drive_friction") else { return };
         let mut without = self.model.clone();
         without.effects.retain(|a| a.effect.name() != "drive_friction");
-        let steepness = self.model.effects.iter().nth(place).and_then(|a| a.values.last().copied()).unwrap_or(100.0);
+        let steepness = self.model.effects.get(place).and_then(|a| a.values.last().copied()).unwrap_or(100.0);
         let Some(found) = self.each_arm(&without, steepness) else {
-            self.remarks.push("The torques do not follow the template's: its friction is kept. `check --model` tells why.".into());
+            self.remarks.push(
+                "The torques do not follow the template's: its friction is kept. `check --model` tells why.".into(),
+            );
             return;
         };
-        let of = |get: fn(&Friction) -> (f64, f64)| {
+        let of = |get: Get| {
             let pairs = found.iter().map(get);
-            pairs.map(|(value, std)| (rounded_to(value.max(0.0), 4), rounded_to(std, 2))).unzip::<f64, f64, Vec<_>, Vec<_>>()
+            pairs
+                .map(|(value, std)| (rounded_to(value.max(0.0), 4), rounded_to(std, 2)))
+                .unzip::<f64, f64, Vec<_>, Vec<_>>()
         };
         let how = "regression beside the template's torque";
-        let fields: [(&str, fn(&Friction) -> (f64, f64), Unit); 2] =
+        let fields: [(&str, Get, Unit); 2] =
             [("coulomb", |f| f.coulomb, Unit::NM), ("viscous", |f| f.viscous, Unit::NMSPerRad)];
         for (key, get, unit) in fields {
             let (values, std) = of(get);
@@ -198,8 +209,11 @@ impl Own<'_> {
             })
             .collect::<Option<_>>()?;
         let arm = |i: usize| {
-            let gather = |of: &dyn Fn(&Dataset, &[Vec<f64>], usize) -> f64| {
-                predicted.iter().flat_map(|(d, p)| (0..d.len()).map(|k| of(d, p, k)).collect::<Vec<_>>()).collect::<Vec<f64>>()
+            let gather = |of: At| {
+                predicted
+                    .iter()
+                    .flat_map(|(d, p)| (0..d.len()).map(|k| of(d, p, k)).collect::<Vec<_>>())
+                    .collect::<Vec<f64>>()
             };
             let torque = gather(&|d, _, k| d.measured[i][k]);
             let model = gather(&|_, p, k| p[i][k]);

@@ -14,13 +14,12 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::{Value, json};
 
 use crate::data::positive;
+use crate::kind::alone;
 use crate::terminal::{DONE, Table, check_output, command, path, say, spinner, today, warn, wrapped};
 
 /// Models that a delta robot's is started from: with a telescope, and without.
-const TEMPLATES: [&str; 2] = [
-    include_str!("../../../../models/irb360-6-1600.toml"),
-    include_str!("../../../../models/clavel-delta.toml"),
-];
+const TEMPLATES: [&str; 2] =
+    [include_str!("../../../../models/irb360-6-1600.toml"), include_str!("../../../../models/clavel-delta.toml")];
 
 /// Write a first model from recordings alone.
 #[derive(clap::Args, Clone, Debug)]
@@ -139,7 +138,11 @@ fn kind_of(mechanism: Mechanism, stated: bool) -> String {
         Joint::Revolute => ("revolute", "prismatic"),
         Joint::Prismatic => ("prismatic", "revolute"),
     };
-    let why = if stated { "as --joint says".into() } else { format!("by its units and names; --joint {other} says otherwise") };
+    let why = if stated {
+        "as --joint says".into()
+    } else {
+        format!("by its units and names; --joint {other} says otherwise")
+    };
     let (q, tau) = (mechanism.unit(Unit::Rad), mechanism.unit(Unit::NM));
     let constant = match mechanism.effort() {
         Effort::Current => "; the current stands for the torque: everything is per torque constant",
@@ -181,7 +184,8 @@ fn delta(args: &DeltaArgs) -> miette::Result<u8> {
 }
 
 fn shipped(telescope: bool) -> miette::Result<Model> {
-    let (text, name) = if telescope { (TEMPLATES[0], "irb360-6-1600.toml") } else { (TEMPLATES[1], "clavel-delta.toml") };
+    let (text, name) =
+        if telescope { (TEMPLATES[0], "irb360-6-1600.toml") } else { (TEMPLATES[1], "clavel-delta.toml") };
     model::parse(text, Path::new(name))
 }
 
@@ -217,10 +221,12 @@ impl Common {
             (first, warnings) = recording::read_as(&self.data[0], &how)?;
         }
         how.machine = Some(first.signals.mechanism);
+        warnings.extend(alone(&self.data[0], &first));
         let mut all = vec![first];
         for file in &self.data[1..] {
             let (recording, more) = recording::read_as(file, &how)?;
             warnings.extend(more);
+            warnings.extend(alone(file, &recording));
             all.push(recording);
         }
         Ok((all, warnings))
@@ -267,7 +273,13 @@ impl Common {
         for n in &found.numbers {
             let texts = |values: &[f64], digits| values.iter().map(|v| significant(*v, digits)).collect::<Vec<_>>();
             let values = if n.unit == Unit::Bit { texts(&n.values, 2) } else { texts(&n.values, 4) };
-            table.row([n.key.to_string(), values.join(" "), texts(&n.std, 2).join(" "), n.unit.to_string(), n.how.clone()]);
+            table.row([
+                n.key.to_string(),
+                values.join(" "),
+                texts(&n.std, 2).join(" "),
+                n.unit.to_string(),
+                n.how.clone(),
+            ]);
         }
         say(table)?;
         say("")?;

@@ -188,7 +188,8 @@ fn data(lines: &[&str], separator: Separator) -> Option<(usize, usize)> {
 fn header(above: &[&str], separator: Separator, columns: usize, notes: &mut Vec<String>) -> Option<Vec<String>> {
     let filled: Vec<&str> = above.iter().copied().filter(|l| !l.trim().is_empty()).collect();
     let split = |line: &str| -> Option<Vec<String>> {
-        let found: Vec<String> = cells(comment(line).unwrap_or(line), separator).iter().map(|c| c.to_string()).collect();
+        let found: Vec<String> =
+            cells(comment(line).unwrap_or(line), separator).iter().map(|c| c.to_string()).collect();
         (found.len() == columns).then_some(found)
     };
     let mut back = filled.iter().rev().filter_map(|line| split(line));

@@ -36,7 +36,8 @@ pub fn noted_text(original: &str, model: &Model, notes: &[Note], heading: &[Stri
     for note in notes {
         let path: Vec<&str> = note.table.split('.').filter(|p| !p.is_empty()).collect();
         let lines = sections.iter().filter(|s| s.path == path).flat_map(|s| &s.lines);
-        let meaning = lines.into_iter().find(|l| l.key == note.key).map_or(String::new(), |l| format!("{}; ", l.comment));
+        let meaning =
+            lines.into_iter().find(|l| l.key == note.key).map_or(String::new(), |l| format!("{}; ", l.comment));
         let item = item(document.as_table_mut(), &path, &note.key)
             .ok_or_else(|| miette!("the model file has no {}.{}", note.table, note.key))?;
         if let Item::Value(value) = item {
@@ -72,5 +73,7 @@ fn head(root: &mut Table, heading: &[String]) {
 /// As for [`noted_text`], or if the file cannot be written; the file is then unchanged.
 pub fn write_noted(model: &Model, path: &Path, original: &str, notes: &[Note], heading: &[String]) -> Result<()> {
     let text = noted_text(original, model, notes, heading)?;
-    crate::file::replace_text(path, &text).into_diagnostic().wrap_err_with(|| format!("cannot write {}", path.display()))
+    crate::file::replace_text(path, &text)
+        .into_diagnostic()
+        .wrap_err_with(|| format!("cannot write {}", path.display()))
 }

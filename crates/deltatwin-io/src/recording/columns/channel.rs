@@ -78,9 +78,40 @@ const WORDS: &[(&str, &[&str])] = &[
 
 /// Words without a meaning of their own for the channel.
 const FILLERS: &[&str] = &[
-    "arm", "drive", "motor", "actual", "act", "measured", "meas", "msr", "state", "states", "data", "value", "values",
-    "present", "feedback", "fbk", "estimate", "estimated", "est", "encoder", "enc", "nc", "to", "plc", "field", "ist",
-    "istwert", "robot", "jnt", "filtered", "smoothed", "servo", "js", "monitor",
+    "arm",
+    "drive",
+    "motor",
+    "actual",
+    "act",
+    "measured",
+    "meas",
+    "msr",
+    "state",
+    "states",
+    "data",
+    "value",
+    "values",
+    "present",
+    "feedback",
+    "fbk",
+    "estimate",
+    "estimated",
+    "est",
+    "encoder",
+    "enc",
+    "nc",
+    "to",
+    "plc",
+    "field",
+    "ist",
+    "istwert",
+    "robot",
+    "jnt",
+    "filtered",
+    "smoothed",
+    "servo",
+    "js",
+    "monitor",
 ];
 
 /// Channel inferred from the words of a name outside the file format; `None` if a word is unknown.
@@ -110,6 +141,11 @@ pub(super) fn guess(base: &str) -> Option<Guess> {
         (false, Some(stem)) => Some(Guess::Axis(stem, number)),
         _ => None,
     }
+}
+
+/// Whether a name is that of a sliding axis' quantity.
+pub(super) fn slides(base: &str) -> bool {
+    words(base).iter().any(|w| matches!(w.as_str(), "force" | "kraft" | "weg"))
 }
 
 /// Words and numbers of a name in lower case: `ActPos_1` gives act, pos, 1.

@@ -15,10 +15,10 @@ use std::path::Path;
 
 use deltatwin::machine::{AXES, Axis, Effort, Joint, Mechanism};
 
-use self::channel::{CURRENT, Guess, Header, guess, quantities};
+use self::channel::{CURRENT, Guess, Header, guess, quantities, slides};
 use self::mapping::Assignment;
-use super::{ReadError, Reading};
 use super::check::{self, Column, Table, known};
+use super::{ReadError, Reading};
 
 /// Source of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,7 +78,11 @@ impl Layout {
             let of = |name: &str| self.channels.iter().find(|(n, _)| n == name).and_then(|(_, s)| s.quantity);
             ["q1", "qd1", "qdd1", "tau1"].iter().filter_map(|name| of(name)).any(|q| wanted.contains(&q))
         };
-        let slides = stated(&[Quantity::Length, Quantity::Velocity, Quantity::Acceleration, Quantity::Force]);
+        // Where no unit tells, a name such as `Force` does.
+        let turns = [Quantity::Angle, Quantity::AngularRate, Quantity::AngularAcceleration, Quantity::Torque];
+        let named = |(_, s): &(String, Source)| slides(&self.headers[s.column].base);
+        let slides = stated(&[Quantity::Length, Quantity::Velocity, Quantity::Acceleration, Quantity::Force])
+            || (!stated(&turns) && self.channels.iter().any(named));
         let effort = if stated(&[Quantity::Current]) { Effort::Current } else { plain.effort };
         Mechanism::Axis(Axis { joint: if slides { Joint::Prismatic } else { plain.joint }, effort })
     }
@@ -205,7 +209,8 @@ fn claims(headers: &mut [Header], joint: Option<&str>, notes: &mut Vec<String>) 
         _ => true,
     };
     let guesses: Vec<Option<Guess>> = headers.iter().map(|h| guessed(h).filter(of_joint)).collect();
-    let named: Vec<usize> = guesses.iter().flatten().filter_map(|g| if let Guess::Axis(_, n) = g { *n } else { None }).collect();
+    let named: Vec<usize> =
+        guesses.iter().flatten().filter_map(|g| if let Guess::Axis(_, n) = g { *n } else { None }).collect();
     let own = headers.iter().any(|h| known(&h.base) && h.base != "t");
     // An axis cut out of a robot keeps its number.
     let only = named.first().copied().filter(|n| *n > 1 && !own && named.iter().all(|m| m == n));
