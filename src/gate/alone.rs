@@ -9,6 +9,7 @@ use crate::identification::initial::quantum;
 use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::rms;
 use crate::machine::{Joint, Mechanism};
+use crate::model::Model;
 use crate::recording::Recording;
 use crate::text::significant;
 
@@ -40,6 +41,34 @@ pub fn inspect(recording: &Recording, dataset: &Dataset) -> Vec<Finding> {
     let mut found: Vec<Finding> = (0..axes).flat_map(|i| alone.axis(i)).collect();
     found.extend(alone.degrees());
     found
+}
+
+/// Findings about motors that turn so fast that the ripple of their torque is folded: its second harmonic, twice the
+/// motor's frequency, is above half the sampling frequency.
+pub fn folded(model: &Model, dataset: &Dataset) -> Vec<Finding> {
+    let Some(mechanism) = dataset.dt.gt(&0.0).then_some(model.mechanism) else { return Vec::new() };
+    let one = |axis: usize| {
+        let fastest = dataset.joints.iter().map(|j| j.qd[axis].abs()).fold(0.0, f64::max);
+        let gear = model.drives[axis].gear_ratio;
+        let (ripple, half) = (2.0 * gear * fastest / std::f64::consts::TAU, 0.5 / dataset.dt);
+        // An unknown gear, 1, says nothing about a motor.
+        (ripple > half && gear != 1.0).then(|| Finding {
+            recording: dataset.name.clone(),
+            axis: Some(axis),
+            problem: Problem::Alias,
+            severe: false,
+            evidence: Evidence { value: Some((ripple, 0.0)), ..Evidence::default() },
+            sentence: format!(
+                "the motor of axis {} turns so fast that the second harmonic of its ripple reaches {} Hz, above half the \
+                 sampling frequency ({} Hz): it shows at wrong frequencies",
+                axis + 1,
+                significant(ripple, 3),
+                significant(half, 3)
+            ),
+            remedy: Remedy::Words("a faster recording, or slower motion"),
+        })
+    };
+    (0..mechanism.axes().min(dataset.channels.len())).filter_map(one).collect()
 }
 
 struct Alone<'a> {

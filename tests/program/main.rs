@@ -10,5 +10,6 @@ mod combinations;
 mod exam;
 mod failures;
 mod gate;
+mod import;
 mod messages;
 mod reproduce;

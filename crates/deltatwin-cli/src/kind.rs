@@ -4,11 +4,12 @@ use std::path::Path;
 
 use miette::{IntoDiagnostic, WrapErr};
 
-use deltatwin::gate::{Finding, examine, inspect};
+use deltatwin::gate::{Finding, examine, folded, inspect};
 use deltatwin::identification::{Dataset, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, summary};
 use deltatwin::planner::Limits;
+use deltatwin::recording::Recording;
 use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
@@ -98,6 +99,15 @@ fn setup(setup: &Setup) -> String {
     format!("{configuration}, {}{noise}.", payload(setup))
 }
 
+/// Warnings about a recording alone, see [`inspect`].
+pub fn alone(path: &Path, recording: &Recording) -> Vec<String> {
+    inspect(recording, &Dataset::new(recording)).iter().map(|f| warning(path, f)).collect()
+}
+
+fn warning(path: &Path, finding: &Finding) -> String {
+    format!("{}: {}; remedy: {}", path.display(), finding.sentence, finding.remedy)
+}
+
 type Verdict = (String, Vec<String>, Option<Vec<Finding>>);
 
 fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Result<Verdict> {
@@ -106,10 +116,9 @@ fn recording(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Resul
     let gate = model.map(|m| examine(m, &dataset));
     // What the gate has said about an axis with the model's help is not said again.
     let said = |f: &Finding| gate.iter().flatten().any(|g| g.axis == f.axis && g.problem == f.problem);
-    let alone = inspect(&recording, &dataset);
-    warnings.extend(
-        alone.iter().filter(|f| !said(f)).map(|f| format!("{}: {}; remedy: {}", path.display(), f.sentence, f.remedy)),
-    );
+    let mut alone = inspect(&recording, &dataset);
+    alone.extend(model.map_or_else(Vec::new, |m| folded(m, &dataset)));
+    warnings.extend(alone.iter().filter(|f| !said(f)).map(|f| warning(path, f)));
     if model.is_none() {
         warnings.extend(swapped(&dataset).map(|what| format!("{}: {what}", path.display())));
     }

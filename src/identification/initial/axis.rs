@@ -2,7 +2,7 @@
 
 use super::{
     BEYOND, DERIVED, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, quantile, rounded_up,
-    sample_time, widened,
+    sample_time, step_of_noise, widened,
 };
 use crate::effects::{ActiveEffect, Effects, Host, Role, Unit, find, smooth_sign};
 use crate::evidence::noise::{correlation_time, difference_sigma};
@@ -131,7 +131,13 @@ impl Own<'_> {
         let unit = self.mechanism.unit(Unit::Rad);
         let (bits, how) = match encoder_step(self.recordings, 0) {
             Some(step) => (encoder_bits(step, gear), format!("the angles have steps of {step:.4e} {unit}")),
-            None => (32, "the angles have no visible steps".into()),
+            None => match step_of_noise(self.recordings, 0) {
+                Some(step) => {
+                    let sigma = step / 12f64.sqrt();
+                    (encoder_bits(step, gear), format!("no steps; as noisy as the angles, {sigma:.2e} {unit}"))
+                }
+                None => (32, "the angles have neither steps nor noise".into()),
+            },
         };
         self.number("drives.axis", "encoder_bits", vec![f64::from(bits)], Unit::Bit, how);
         let largest = |of: &dyn Fn(&Dataset, usize) -> f64| self.samples(of).fold(0.0f64, |m, x| m.max(x.abs()));
@@ -153,7 +159,7 @@ impl Own<'_> {
             max_jerk: most(jerk, DERIVED.0),
         };
         let seen = |what: &str, factor: f64| format!("{factor} × {what}, not a rating");
-        let derived = format!("value that {} % of the time is not exceeded", 100.0 * DERIVED.1);
+        let derived = format!("{} % quantile", 100.0 * DERIVED.1);
         self.number("drives.axis", "max_torque", vec![drive.max_torque], Unit::NM, seen("largest recorded", MARGIN));
         self.number("drives.axis", "max_speed", vec![drive.max_speed], Unit::RadPerS, seen("largest recorded", MARGIN));
         let limits = [

@@ -56,6 +56,11 @@ struct Own<'a> {
     remarks: Vec<String>,
 }
 
+/// A coefficient with its standard error.
+type Get = fn(&Friction) -> (f64, f64);
+/// Value of an arm at a sample of a dataset, or of its predicted channels.
+type At<'a> = &'a dyn Fn(&Dataset, &[Vec<f64>], usize) -> f64;
+
 /// Friction of one arm, with standard errors.
 struct Friction {
     coulomb: (f64, f64),
@@ -157,21 +162,21 @@ impl Own<'_> {
         let Some(place) = self.model.effects.iter().position(|a| a.effect.name() == "drive_friction") else { return };
         let mut without = self.model.clone();
         without.effects.retain(|a| a.effect.name() != "drive_friction");
-        let steepness = self.model.effects.iter().nth(place).and_then(|a| a.values.last().copied()).unwrap_or(100.0);
+        let steepness = self.model.effects.get(place).and_then(|a| a.values.last().copied()).unwrap_or(100.0);
         let Some(found) = self.each_arm(&without, steepness) else {
             self.remarks.push(
                 "The torques do not follow the template's: its friction is kept. `check --model` tells why.".into(),
             );
             return;
         };
-        let of = |get: fn(&Friction) -> (f64, f64)| {
+        let of = |get: Get| {
             let pairs = found.iter().map(get);
             pairs
                 .map(|(value, std)| (rounded_to(value.max(0.0), 4), rounded_to(std, 2)))
                 .unzip::<f64, f64, Vec<_>, Vec<_>>()
         };
         let how = "regression beside the template's torque";
-        let fields: [(&str, fn(&Friction) -> (f64, f64), Unit); 2] =
+        let fields: [(&str, Get, Unit); 2] =
             [("coulomb", |f| f.coulomb, Unit::NM), ("viscous", |f| f.viscous, Unit::NMSPerRad)];
         for (key, get, unit) in fields {
             let (values, std) = of(get);
@@ -204,7 +209,7 @@ impl Own<'_> {
             })
             .collect::<Option<_>>()?;
         let arm = |i: usize| {
-            let gather = |of: &dyn Fn(&Dataset, &[Vec<f64>], usize) -> f64| {
+            let gather = |of: At| {
                 predicted
                     .iter()
                     .flat_map(|(d, p)| (0..d.len()).map(|k| of(d, p, k)).collect::<Vec<_>>())

@@ -16,6 +16,7 @@ use std::f64::consts::TAU;
 use thiserror::Error;
 
 use crate::effects::Unit;
+use crate::identification::filtering::noise_level;
 use crate::model::Model;
 use crate::recording::Recording;
 
@@ -117,6 +118,18 @@ fn encoder_step(recordings: &[Recording], axis: usize) -> Option<f64> {
         .flat_map(|r| r.signals.stretches().into_iter().map(|s| r.signals.q[s].iter().map(|q| q[axis]).collect()))
         .collect();
     quantum(&each.iter().map(Vec::as_slice).collect::<Vec<_>>())
+}
+
+/// Step of an encoder whose rounding would be as large as the noise of the angles of an axis, rad or m; `None` for
+/// angles without noise.
+fn step_of_noise(recordings: &[Recording], axis: usize) -> Option<f64> {
+    let of = |r: &Recording| -> Vec<Vec<f64>> {
+        let series = r.signals.stretches().into_iter();
+        series.map(|s| r.signals.q[s].iter().map(|q| q[axis]).collect()).collect()
+    };
+    let noise = noise_level(&recordings.iter().flat_map(of).collect::<Vec<_>>());
+    // The standard deviation of a uniform density over one step.
+    (noise > 0.0).then_some(12f64.sqrt() * noise)
 }
 
 /// Bits per motor turn of an encoder with `step` at the output of a gear, as the model file counts them.

@@ -9,6 +9,7 @@ use deltatwin::machine::Mechanism;
 use miette::IntoDiagnostic;
 use serde_json::json;
 
+use crate::kind::alone;
 use crate::terminal::{DONE, check_output, path, say, warn};
 use deltatwin_io::recording::{self, Reading};
 
@@ -16,7 +17,8 @@ use deltatwin_io::recording::{self, Reading};
 fn convert(from: &Path, how: &Reading, to: &Path, extensions: &[&str], as_json: bool) -> miette::Result<u8> {
     let inputs: Vec<&Path> = std::iter::once(from).chain(how.setup).collect();
     check_output(to, &inputs, extensions)?;
-    let (recording, warnings) = recording::read_as(from, how)?;
+    let (recording, mut warnings) = recording::read_as(from, how)?;
+    warnings.extend(alone(from, &recording));
     warn(&warnings);
     recording::write(&recording, to).into_diagnostic()?;
     let signals = &recording.signals;

@@ -14,6 +14,7 @@ use miette::{IntoDiagnostic, miette};
 use serde_json::{Value, json};
 
 use crate::data::positive;
+use crate::kind::alone;
 use crate::terminal::{DONE, Table, check_output, command, path, say, spinner, today, warn, wrapped};
 
 /// Models that a delta robot's is started from: with a telescope, and without.
@@ -220,10 +221,12 @@ impl Common {
             (first, warnings) = recording::read_as(&self.data[0], &how)?;
         }
         how.machine = Some(first.signals.mechanism);
+        warnings.extend(alone(&self.data[0], &first));
         let mut all = vec![first];
         for file in &self.data[1..] {
             let (recording, more) = recording::read_as(file, &how)?;
             warnings.extend(more);
+            warnings.extend(alone(file, &recording));
             all.push(recording);
         }
         Ok((all, warnings))

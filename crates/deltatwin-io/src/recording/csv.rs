@@ -27,6 +27,8 @@ fn expected(axes: usize) -> String {
     format!("CSV with the columns {columns} and numbers below")
 }
 
+/// Number of unknown columns that are listed.
+const UNKNOWN: usize = 8;
 /// Number of bytes from which the format of a file is determined.
 const HEAD: usize = 1 << 16;
 
@@ -181,7 +183,8 @@ fn layout(path: &Path, names: &[String], how: &Reading) -> Result<(Layout, Mecha
         _ => {}
     }
     for wanted in check::required(axes) {
-        if !layout.has(&wanted) && !(wanted == "t" && how.rate.is_some()) {
+        let rated = wanted == "t" && how.rate.is_some();
+        if !rated && !layout.has(&wanted) {
             let mut found: String = names.join(", ").chars().take(200).collect();
             if found.len() < names.join(", ").len() {
                 found.push('…');
@@ -205,7 +208,10 @@ fn layout(path: &Path, names: &[String], how: &Reading) -> Result<(Layout, Mecha
         warnings.push("the current stands for the torque: all results are per torque constant, in A".into());
     }
     if !unknown.is_empty() {
-        warnings.push(format!("unknown columns ignored: {}", unknown.join(", ")));
+        let shown = unknown.iter().take(UNKNOWN).cloned().collect::<Vec<_>>().join(", ");
+        let more = unknown.len().saturating_sub(UNKNOWN);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        warnings.push(format!("unknown columns ignored: {shown}{more}"));
     }
     if !extra.is_empty() {
         let has = if axes == 1 { "one axis".into() } else { format!("{axes} axes") };

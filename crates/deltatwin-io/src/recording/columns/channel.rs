@@ -143,6 +143,11 @@ pub(super) fn guess(base: &str) -> Option<Guess> {
     }
 }
 
+/// Whether a name is that of a sliding axis' quantity.
+pub(super) fn slides(base: &str) -> bool {
+    words(base).iter().any(|w| matches!(w.as_str(), "force" | "kraft" | "weg"))
+}
+
 /// Words and numbers of a name in lower case: `ActPos_1` gives act, pos, 1.
 fn words(base: &str) -> Vec<String> {
     let mut words = vec![String::new()];

@@ -78,7 +78,12 @@ impl Mapping {
 impl fmt::Display for Mapping {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, a) in self.0.iter().enumerate() {
-            let quote = if a.column.contains('\'') { '"' } else { '\'' };
+            let plain = |c: char| c.is_alphanumeric() || matches!(c, '_' | '.');
+            let quote = match &a.column {
+                name if name.chars().all(plain) && name.starts_with(char::is_alphabetic) => "",
+                name if name.contains('\'') => "\"",
+                _ => "'",
+            };
             write!(f, "{}{}={quote}{}{quote}", if i > 0 { ", " } else { "" }, a.channel, a.column)?;
             if let Some(unit) = a.unit {
                 write!(f, "[{}]", unit.name)?;

@@ -15,7 +15,7 @@ use std::path::Path;
 
 use deltatwin::machine::{AXES, Axis, Effort, Joint, Mechanism};
 
-use self::channel::{CURRENT, Guess, Header, guess, quantities};
+use self::channel::{CURRENT, Guess, Header, guess, quantities, slides};
 use self::mapping::Assignment;
 use super::check::{self, Column, Table, known};
 use super::{ReadError, Reading};
@@ -78,7 +78,11 @@ impl Layout {
             let of = |name: &str| self.channels.iter().find(|(n, _)| n == name).and_then(|(_, s)| s.quantity);
             ["q1", "qd1", "qdd1", "tau1"].iter().filter_map(|name| of(name)).any(|q| wanted.contains(&q))
         };
-        let slides = stated(&[Quantity::Length, Quantity::Velocity, Quantity::Acceleration, Quantity::Force]);
+        // Where no unit tells, a name such as `Force` does.
+        let turns = [Quantity::Angle, Quantity::AngularRate, Quantity::AngularAcceleration, Quantity::Torque];
+        let named = |(_, s): &(String, Source)| slides(&self.headers[s.column].base);
+        let slides = stated(&[Quantity::Length, Quantity::Velocity, Quantity::Acceleration, Quantity::Force])
+            || (!stated(&turns) && self.channels.iter().any(named));
         let effort = if stated(&[Quantity::Current]) { Effort::Current } else { plain.effort };
         Mechanism::Axis(Axis { joint: if slides { Joint::Prismatic } else { plain.joint }, effort })
     }
