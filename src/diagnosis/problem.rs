@@ -11,6 +11,7 @@ use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, averaged_columns};
+use crate::machine::Mechanism;
 use crate::model::Model;
 
 /// Time over which samples are averaged, s: it keeps nine tenths of the amplitude at 125 Hz.
@@ -23,6 +24,9 @@ pub fn block(datasets: &[Dataset]) -> usize {
 
 /// Share of its usual magnitude below which an effect is not of practical interest.
 const WORTH_CARING: f64 = 0.3;
+
+/// RMS contribution of an effect of usual magnitude on a lone axis, relative to the measured torque or force.
+const USUAL_SHARE: f64 = 0.1;
 
 /// Effects that the model lacks on the mounted parts of the machine, each with its initial shapes; without cogging,
 /// whose orders are found in the residuals.
@@ -185,13 +189,18 @@ fn linearised(
         })
         .filter(|o| o.column.values.iter().any(|v| (v * o.column.magnitude).abs() > NOT_EXCITED))
         .collect();
+    let measured = rms(datasets.iter().flat_map(|t| t.measured[0].iter().copied()));
     let candidate = |(j, active): (usize, &ActiveEffect)| {
         let entries = active.entries();
         let linear = entries.iter().enumerate().filter(|(_, e)| e.parameter.role == Role::Linear);
-        let column = |(k, e): (usize, &Entry)| Column {
-            name: e.full_name(),
-            values: stack(all.iter().map(|dataset| &dataset[own + j][k])),
-            magnitude: WORTH_CARING * e.parameter.default.abs(),
+        let column = |(k, e): (usize, &Entry)| {
+            let values = stack(all.iter().map(|dataset| &dataset[own + j][k]));
+            let magnitude = match model.mechanism {
+                Mechanism::Delta { .. } => WORTH_CARING * e.parameter.default.abs(),
+                // The usual size on a lone axis is relative to its torque, because its limits are often estimates.
+                Mechanism::Axis(_) => WORTH_CARING * USUAL_SHARE * measured / rms(values.iter().copied()),
+            };
+            Column { name: e.full_name(), values, magnitude: if magnitude.is_finite() { magnitude } else { 0.0 } }
         };
         linear.map(column).collect()
     };
@@ -236,6 +245,12 @@ fn along_edge(base: &mut Vec<Owned>, edge: &[(Param, f64)]) {
             o.column.values.iter_mut().zip(&fixed.column.values).for_each(|(x, h)| *x -= share * h);
         }
     }
+}
+
+/// Root mean square; NaN without values.
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = values.fold((0.0, 0usize), |(sum, n), x| (sum + x * x, n + 1));
+    (sum / n as f64).sqrt()
 }
 
 /// Parameters without influence on any channel, of candidates other than the `unseen` effects.

@@ -1,5 +1,6 @@
 //! Fit of the base model: parameters, residual, noise model and blocks of time.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
@@ -8,7 +9,7 @@ use super::Error;
 use super::gram::{BlockGram, Blocks, Pass, cut, usable};
 use super::noise::correlation_time;
 use super::predict::{squares, subtract};
-use super::problem::{Chosen, Column, Problem, Settings, Variant};
+use super::problem::{Channel, Chosen, Column, Problem, Settings, Variant};
 use super::project::pseudo_inverse;
 use super::score::Remainder;
 use super::whiten::ArFilter;
@@ -18,6 +19,12 @@ const MIN_BLOCKS: usize = 16;
 
 /// Fewest samples of a block.
 const MIN_BLOCK: usize = 8;
+
+/// Ratio of a residual to the known noise above which a missing effect dominates it.
+const LARGE: f64 = 4.0;
+
+/// Least number of values per column of a fit of all candidates.
+const ROWS_PER_COLUMN: usize = 20;
 
 /// Lower bound of a channel's noise, as a share of the RMS of its measurement; smaller values are rounding errors.
 const ROUNDING: f64 = 1e-9;
@@ -66,9 +73,10 @@ impl<'a> BaseFit<'a> {
                 return Err(Error::NotFinite(problem.not_finite().unwrap_or("base").into()));
             }
             fit.update(&rest.base);
+            let noise = fit.left_by_candidates(problem, chosen);
             fit.filters = (0..channels)
                 .map(|c| {
-                    let series = &fit.residual[c * n..(c + 1) * n];
+                    let series = &noise[c * n..(c + 1) * n];
                     let mut filter = ArFilter::fit(series, &problem.segments, settings.max_order);
                     filter.sigma = filter.sigma.max(fit.floor[c]);
                     filter
@@ -89,6 +97,45 @@ impl<'a> BaseFit<'a> {
             .fold(1.0, f64::max);
         fit.cut(problem, settings, time)?;
         Ok(fit)
+    }
+
+    /// Residual from which the noise is estimated: that of the base, or where it exceeds the known noise by far, what all
+    /// open candidates together leave of it. A large missing effect would otherwise count as noise, and the filter that
+    /// whitens it would remove slow effects and keep the steps of friction.
+    fn left_by_candidates(&self, problem: &Problem, chosen: &[Chosen]) -> Cow<'_, [f64]> {
+        let n = problem.samples;
+        let rows: Vec<usize> = problem.segments.iter().cloned().flatten().collect();
+        let scale: Vec<f64> = squares(&self.residual, problem.channels.len(), n, &problem.segments)
+            .iter()
+            .map(|s| (s / rows.len().max(1) as f64).sqrt())
+            .collect();
+        let is_large =
+            |(channel, rms): (&Channel, &f64)| channel.noise_sigma.is_some_and(|s| s > 0.0 && *rms > LARGE * s);
+        if !problem.channels.iter().zip(&scale).any(is_large) {
+            return Cow::Borrowed(&self.residual);
+        }
+        let open = |i: &usize| chosen.iter().all(|c| c.candidate != *i);
+        let candidates: Vec<_> = (0..problem.candidates.len()).filter(open).map(|i| &problem.candidates[i]).collect();
+        let shapes = candidates.iter().map(|c| c.variants.len()).max().unwrap_or(0);
+        let most = rows.len() * problem.channels.len() / ROWS_PER_COLUMN;
+        // The first shapes of all candidates, then the second ones, as far as the data permit.
+        let variants = (0..shapes).flat_map(|v| candidates.iter().filter_map(move |c| c.variants.get(v)));
+        let columns = self.columns.iter().copied().chain(variants.flat_map(|v| &v.columns)).take(most);
+        let columns: Vec<&Column> = columns.filter(|c| c.values.iter().any(|v| *v != 0.0)).collect();
+        let places: Vec<usize> = (0..problem.channels.len())
+            .filter(|&c| scale[c] > 0.0)
+            .flat_map(|c| rows.iter().map(move |k| c * n + k))
+            .collect();
+        let value = |series: &[f64], place: usize| series[place] / scale[place / n];
+        let matrix = DMatrix::from_fn(places.len(), columns.len(), |i, j| value(&columns[j].values, places[i]));
+        let right = DVector::from_iterator(places.len(), places.iter().map(|&p| value(&self.residual, p)));
+        let (inverse, _) = pseudo_inverse(&matrix.tr_mul(&matrix));
+        let fitted = &matrix * (inverse * matrix.tr_mul(&right));
+        let mut left = self.residual.clone();
+        for (place, x) in places.into_iter().zip(fitted.iter()) {
+            left[place] -= x * scale[place / n];
+        }
+        Cow::Owned(left)
     }
 
     /// Samples lost at the start of each segment.
