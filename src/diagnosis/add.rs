@@ -52,12 +52,16 @@ pub fn add(
     if effects::find(effect).is_some_and(|e| e.parameters().is_empty()) {
         return Err(DiagnosisError::NoTerms);
     }
-    let shapes = problem::absent(&mounted).into_iter().find(|c| c[0].effect.name() == effect);
-    let candidates = [shapes.ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?];
+    if effects::find(effect).is_none() {
+        return Err(DiagnosisError::UnknownEffect(effect.into()));
+    }
     let options = Options::default();
     let fitting = Fitting::new(model, datasets, &options);
     let judge = Judge::new(&fitting, model, held_out);
     let before = judge.fit(model)?;
+    let absent = problem::absent(&mounted, &before.fit, datasets);
+    let shapes = absent.into_iter().find(|c| c[0].effect.name() == effect);
+    let candidates = [shapes.ok_or_else(|| DiagnosisError::NotResolved(effect.into()))?];
     let problem = fitting.problem(&before.fit, &candidates, problem::Edges::Together)?;
     let ranking = evidence::evaluate(&problem, &[], &evidence::Settings::default())?;
     let chosen = Chosen { candidate: 0, variant: ranking.of(0).map_or(0, |a| a.variant) };

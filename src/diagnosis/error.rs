@@ -67,6 +67,12 @@ pub enum DiagnosisError {
          parameters; put its table into the model file by hand"
     )]
     TwinOnly(String),
+    /// The recordings do not show what the effect needs: orders of cogging, or samples of its ringing.
+    #[error(
+        "these recordings determine no `{0}`: cogging needs lines of the residual over the joint angle, elastic gears more \
+         than 250 samples per second; put its table into the model file by hand"
+    )]
+    NotResolved(String),
     /// A formula has no terms.
     #[error(
         "`formula` has no law until its terms stand in the model file; write [[effects.formula.terms]] there by hand"

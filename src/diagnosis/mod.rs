@@ -36,9 +36,6 @@ use crate::dynamics::in_configuration;
 use crate::identification::Dataset;
 use crate::model::Model;
 
-/// Largest sampling period, s, at which the ringing of elastic gears above 10 Hz is resolved.
-const SLOWEST_RINGING: f64 = 4e-3;
-
 /// Diagnosis of the effects that `model` lacks to explain `datasets`, validated on `held_out` where given.
 ///
 /// All parameters are fitted without a time limit; `progress` is called with the name of each step.
@@ -71,11 +68,7 @@ pub fn diagnose_with(
     progress("refit");
     let refitted = fitting.fit(model)?;
     let mounted = in_configuration(model, &datasets[0].setup);
-    let mut candidates = problem::absent(&mounted);
-    if datasets.iter().any(|t| t.dt > SLOWEST_RINGING) {
-        candidates.retain(|shapes| !shapes[0].has_gears());
-    }
-    candidates.extend(orders::cogging(&refitted.model, &refitted, datasets).map(|found| vec![found]));
+    let candidates = problem::absent(&mounted, &refitted, datasets);
     let found = search::find(refitted, &judge, &candidates, progress)?;
     progress("confidence");
     let mut conclusion = Conclusion::new(&found, &judge)?;

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::comparison::Finding;
 use crate::effects::{ActiveEffect, cogging};
-use crate::identification::{Dataset, Fit, Residuals};
+use crate::identification::{Dataset, Residuals};
 use crate::model::Model;
 use crate::numerics::median;
 use crate::text::significant;
@@ -35,16 +35,16 @@ const WHOLE: f64 = 0.25;
 /// Orders of the effect `torque_ripple`.
 const RIPPLE: [f64; 2] = [1.0, 2.0];
 
-/// The effect `cogging` at the orders of the motor turn that the residuals of a fit contain; `None` if they contain
+/// The effect `cogging` at the orders of the motor turn that the residuals of a model contain; `None` if they contain
 /// none, or only those of `torque_ripple`.
-pub(super) fn cogging(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Option<ActiveEffect> {
+pub(super) fn cogging(model: &Model, residuals: &Residuals, datasets: &[Dataset]) -> Option<ActiveEffect> {
     if model.effects.iter().any(|a| a.effect.name() == cogging::NAME) {
         return None;
     }
     let mut orders: Vec<(f64, f64)> = Vec::new();
     for arm in 0..model.mechanism.arms() {
         let gear_ratio = model.drives[arm].gear_ratio;
-        let series = Series::new(&fit.residuals, datasets, arm, gear_ratio);
+        let series = Series::new(residuals, datasets, arm, gear_ratio);
         for (order, share) in series.orders() {
             match orders.iter_mut().find(|(known, _)| (known - order).abs() < series.width()) {
                 Some(known) => known.1 = known.1.max(share),

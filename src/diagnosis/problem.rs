@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::fitting::Fitting;
+use super::orders;
 use crate::dynamics::Plant;
 use crate::effects::{self, ActiveEffect, Entry, Param, Role, Start};
 use crate::evidence::{Candidate, Channel, Column, Problem, Variant};
@@ -28,11 +29,16 @@ const WORTH_CARING: f64 = 0.3;
 /// RMS contribution of an effect of usual magnitude on a lone axis, relative to the measured torque or force.
 const USUAL_SHARE: f64 = 0.1;
 
-/// Effects that the model lacks on the mounted parts of the machine, each with its initial shapes; without cogging,
-/// whose orders are found in the residuals.
-pub fn absent(model: &Model) -> Vec<Vec<ActiveEffect>> {
+/// Largest sampling period, s, at which the ringing of elastic gears above 10 Hz is resolved.
+const SLOWEST_RINGING: f64 = 4e-3;
+
+/// Effects that the model lacks on the mounted parts of the machine and that the sampling resolves, each with its initial
+/// shapes; cogging at the orders in the residuals of `fit`, if there are any.
+pub fn absent(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Vec<Vec<ActiveEffect>> {
+    let is_slow = datasets.iter().any(|t| t.dt > SLOWEST_RINGING);
     let testable = missing(model).filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
-    testable.map(|e| variants(model, e)).collect()
+    let shapes = testable.map(|e| variants(model, e)).filter(|shapes| !(is_slow && shapes[0].has_gears()));
+    shapes.chain(orders::cogging(model, &fit.residuals, datasets).map(|found| vec![found])).collect()
 }
 
 /// Effects that the model lacks and that exist in the twin only: inverse dynamics along a measured motion does not
@@ -132,7 +138,7 @@ impl Fitting<'_> {
             samples,
             segments,
             y: residual_series(datasets, &fit.residuals),
-            base: along_edges(owned, fit, edges),
+            base: along_edges(owned, fit, edges).into_iter().chain(blurred_reversals(datasets)).collect(),
             candidates: candidates.iter().map(&mut candidate).collect(),
         })
     }
@@ -251,6 +257,52 @@ fn along_edge(base: &mut Vec<Owned>, edge: &[(Param, f64)]) {
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, n) = values.fold((0.0, 0usize), |(sum, n), x| (sum + x * x, n + 1));
     (sum / n as f64).sqrt()
+}
+
+/// Number of time constants of the smoothing error at reversals.
+const BLURS: usize = 4;
+
+/// Columns of the smoothing error of friction at the reversals of recordings that do not resolve them.
+///
+/// Friction jumps when an axis reverses; that of the smoothed rate changes over a time that the recording does not tell.
+/// The difference is odd about the reversal and decays away from it, as s·sgn(t − t_r)·exp(−|t − t_r|/T), s the new
+/// direction, with one column per time constant T between two samples and the half width of the differentiation.
+pub fn blurred_reversals(datasets: &[Dataset]) -> Vec<Column> {
+    if !datasets.iter().any(Dataset::blurs_reversals) {
+        return Vec::new();
+    }
+    let block = block(datasets);
+    let drives: Vec<usize> = datasets[0].channels.iter().filter_map(|c| c.drive()).collect();
+    let mut all = Vec::new();
+    for &drive in &drives {
+        let reach = datasets.iter().map(|t| t.half_width[drive] as f64 * t.dt).fold(0.0, f64::max);
+        let least = 2.0 * datasets.iter().map(|t| t.dt).fold(0.0, f64::max);
+        for k in 0..BLURS {
+            let decay = least * (reach / least).max(1.0).powf(k as f64 / (BLURS - 1) as f64);
+            let values = datasets.iter().map(|t| t.means(&blur(t, drive, decay), block)).collect::<Vec<_>>().concat();
+            let mut whole = vec![0.0; datasets[0].channels.len() * values.len()];
+            whole[drive * values.len()..(drive + 1) * values.len()].copy_from_slice(&values);
+            all.push(Column { name: format!("reversals {}.{}", drive + 1, k + 1), values: whole, magnitude: 0.0 });
+        }
+    }
+    all
+}
+
+/// Smoothing error at the reversals of a drive with the time constant `decay`, s, per unit of friction.
+fn blur(dataset: &Dataset, drive: usize, decay: f64) -> Vec<f64> {
+    let rate = |k: usize| dataset.joints[k].qd[drive];
+    let reversals: Vec<usize> = (1..dataset.len()).filter(|&k| (rate(k - 1) < 0.0) != (rate(k) < 0.0)).collect();
+    let near = |k: usize| {
+        let next = reversals.partition_point(|r| *r <= k);
+        let both = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|i| reversals.get(i));
+        both.copied().min_by_key(|r| r.abs_diff(k))
+    };
+    let value = |k: usize| {
+        let reversal = near(k)?;
+        let time = dataset.t[k] - 0.5 * (dataset.t[reversal - 1] + dataset.t[reversal]);
+        Some(rate(reversal).signum() * time.signum() * (-time.abs() / decay).exp())
+    };
+    (0..dataset.len()).map(|k| value(k).unwrap_or(0.0)).collect()
 }
 
 /// Parameters without influence on any channel, of candidates other than the `unseen` effects.

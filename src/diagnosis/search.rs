@@ -526,6 +526,7 @@ impl<'a> Search<'a> {
             next.candidates[chosen[i].candidate].variants[chosen[i].variant].columns.push(owned.column.clone());
         }
         next.base = problem::along_edges(base, fitted, self.edges);
+        next.base.extend(problem::blurred_reversals(fitting.datasets));
         Ok(next)
     }
 }

@@ -14,6 +14,9 @@ use super::special::t_quantile;
 /// Overlap above which two effects are indistinguishable on these motions even without noise.
 pub const SAME: f64 = 0.999;
 
+/// Overlap from which an effect with more parameters contains the best one exactly, so that the simpler one is named.
+const CONTAINED: f64 = 1.0 - 1e-7;
+
 /// One-sided confidence level of the pairwise tests.
 pub const LEVEL: f64 = 0.95;
 
@@ -85,7 +88,8 @@ impl BaseFit<'_> {
             let c = &mut candidates[i];
             c.overlap = if energy > 0.0 { (shared.norm_squared() / energy).clamp(0.0, 1.0) } else { 0.0 };
             c.t_against_best = if i == w { 0.0 } else { t_statistic(&best, &rival, size(i) - size(w)) };
-            c.indistinguishable = i == w || c.t_against_best < critical || c.overlap > SAME;
+            let is_extension = c.overlap > CONTAINED && c.rank > present[w].projected.rank();
+            c.indistinguishable = i == w || (!is_extension && (c.t_against_best < critical || c.overlap > SAME));
         }
     }
 }
