@@ -283,19 +283,13 @@ fn a_payload_that_swings_is_no_heavier_or_shifted_one() {
     }
 }
 
-/// A low-pass, a delay and the inertia of a rotor all follow the rate of the torque.
+/// A low-pass, a delay and the inertia of a rotor all follow the rate of the torque; see also `axes.rs`.
 #[test]
 fn a_filter_of_the_torques_is_no_delay_and_no_rotor() {
-    for (name, blocks) in
-        [("torque_filter", &[&[0.004][..]][..]), ("signal_delay", &[&[0.004]]), ("rotor_inertia", &[&[0.05; 3]])]
-    {
-        println!("-- {name}");
-        let d = diagnosed(&[measured(&robot(name, blocks), &excitation(5, 0.6), Payload::default(), 4.0, 13)]);
-        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
-        if name == "torque_filter" {
-            assert_eq!(names(&d), [name]);
-        }
-    }
+    let robot = robot("torque_filter", &[&[0.004]]);
+    let d = diagnosed(&[measured(&robot, &excitation(5, 0.6), Payload::default(), 3.0, 13)]);
+    assert_eq!(names(&d), ["torque_filter"]);
+    assert!(d.unseen.iter().any(|n| n == "payload_drag"), "without payload: {:?}", d.unseen);
 }
 
 /// While a drive moves, a gear that is better forward than backward is friction by load and a gain; at rest it is not.
@@ -308,10 +302,10 @@ fn friction_by_load_forward_and_backward() {
     ] {
         println!("-- {name}");
         let robot = robot(name, blocks);
-        let moving = measured(&robot, &excitation(14, 0.5), Payload::default(), 3.0, 14);
-        let standing = measured(&robot, &poses(0.2), Payload::default(), 6.0, 15);
+        let moving = measured(&robot, &excitation(14, 0.5), Payload::default(), 2.0, 14);
+        let standing = measured(&robot, &poses(0.2), Payload::default(), 4.0, 15);
         let d = diagnosed(&[moving, standing]);
-        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+        assert_eq!(names(&d), [name], "{:?}", d.indistinguishable);
     }
 }
 
@@ -321,7 +315,7 @@ fn a_torque_constant_that_falls_is_no_wrong_gain() {
         [("torque_saturation", &[&[4e-5; 3][..]][..]), ("torque_gain_error", &[&[0.06, -0.04, 0.0, 0.0]])]
     {
         println!("-- {name}");
-        let d = diagnosed(&[measured(&robot(name, blocks), &excitation(16, 0.7), Payload::default(), 3.0, 16)]);
+        let d = diagnosed(&[measured(&robot(name, blocks), &excitation(16, 0.7), Payload::default(), 2.0, 16)]);
         assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
     }
 }
@@ -333,14 +327,10 @@ fn drag_of_the_payload_is_told_from_that_of_the_platform() {
     for (name, blocks) in [("payload_drag", &[&[0.6][..]][..]), ("air_drag", &[&[0.6]])] {
         println!("-- {name}");
         let robot = robot(name, blocks);
-        let d = diagnosed(&[measured(&robot, &excitation(17, 0.8), payload, 4.0, 17)]);
+        let d = diagnosed(&[measured(&robot, &excitation(17, 0.8), payload, 3.0, 17)]);
         assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
         assert!(name != "payload_drag" || !d.effects.is_empty());
     }
-    let empty = robot("payload_drag", &[&[0.6]]);
-    let d = diagnosed(&[measured(&empty, &excitation(17, 0.8), Payload::default(), 2.0, 18)]);
-    assert_eq!(d.verdict, Verdict::None);
-    assert!(d.unseen.iter().any(|n| n == "payload_drag"), "{:?}", d.unseen);
 }
 
 /// The torque of an uneven gear grows with the square of the speed, that of torque ripple does not.
@@ -350,7 +340,7 @@ fn an_uneven_gear_is_no_torque_ripple() {
     for (name, size) in [("transmission_error", [1e-4, 0.0, 5e-5]), ("torque_ripple", [0.5, 0.0, 0.4])] {
         println!("-- {name}");
         let robot = robot(name, &[&size, &none, &none, &none, &[33.0]]);
-        let d = diagnosed(&[measured(&robot, &excitation(19, 0.4), Payload::default(), 4.0, 19)]);
+        let d = diagnosed(&[measured(&robot, &excitation(19, 0.4), Payload::default(), 2.5, 19)]);
         assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
     }
 }

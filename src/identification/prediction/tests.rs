@@ -106,6 +106,76 @@ fn encoder_offset_is_taken_off_the_recorded_angles() {
     }
 }
 
+/// Arms on waves up to 4 Hz, `n` samples.
+fn waves(n: usize) -> Vec<JointState> {
+    let at = |t: f64| JointState {
+        q: [0.4 * (9.0 * t).sin(), 0.3 * (17.0 * t).sin(), 0.2 * (25.0 * t).sin(), 0.0],
+        qd: [3.6 * (9.0 * t).cos(), 5.1 * (17.0 * t).cos(), 5.0 * (25.0 * t).cos(), 0.0],
+        qdd: [-32.4 * (9.0 * t).sin(), -86.7 * (17.0 * t).sin(), -125.0 * (25.0 * t).sin(), 0.0],
+    };
+    (0..n).map(|k| at(k as f64 * DT)).collect()
+}
+
+/// q̈ = 2·(1 + e′) + e″·1² with e = 1 mrad·sin 33θ at 33θ = 90°: 2 − 1.089; the angle is 1 mrad ahead.
+#[test]
+fn an_uneven_gear_moves_the_joint_by_its_curvature() {
+    let zero = [0.0; 3];
+    let (uneven, setup) = arms("transmission_error", &[&[1e-3; 3], &zero, &zero, &zero, &[33.0]]);
+    let quarter = std::f64::consts::FRAC_PI_2 / 33.0;
+    let at = |q: f64, qdd: f64| JointState { q: [q; 4], qd: [1.0; 4], qdd: [qdd; 4] };
+    let read = predict(&uneven, &dataset(vec![at(quarter, 2.0); 10], setup)).unwrap();
+    let (plain, _) = arms("joint_zero_offset", &[&[0.0; 4]]);
+    let truth = predict(&plain, &dataset(vec![at(quarter + 1e-3, 2.0 - 1.089); 10], setup)).unwrap();
+    for (a, b) in read[..3].iter().flatten().zip(truth[..3].iter().flatten()) {
+        approx::assert_relative_eq!(a, b, epsilon = 1e-12);
+    }
+}
+
+/// Predictions in pieces reach back as far as the filter remembers: 5 ms in samples of 0.4 ms.
+#[test]
+fn a_filter_is_the_same_in_pieces() {
+    for time_constant in [0.005, 0.05] {
+        let (filtered, setup) = arms("torque_filter", &[&[time_constant]]);
+        let whole = dataset(waves(3 * CHUNK), setup);
+        let pieces = predict(&filtered, &whole).unwrap();
+        let at_once = predict_along(&filtered, &whole, &joints(&filtered, &whole).unwrap()).unwrap();
+        for (a, b) in pieces.iter().flatten().zip(at_once.iter().flatten()) {
+            approx::assert_relative_eq!(a, b, epsilon = 1e-11);
+        }
+    }
+}
+
+/// Columns of the links seen through a sensor are differences of the prediction, also where it is no straight line.
+#[test]
+fn columns_pass_through_the_sensors() {
+    for (name, blocks) in [("torque_saturation", &[&[1e-4; 3][..]][..]), ("torque_filter", &[&[0.004]])] {
+        let (plant, setup) = arms(name, blocks);
+        let dataset = dataset(waves(500), setup);
+        let columns = columns(&plant, &dataset, None).unwrap();
+        let step = 1e-4;
+        let moved = |way: f64| {
+            let mut moved = plant.clone();
+            for arm in 0..3 {
+                moved.links[arm].tensor[(1, 1)] += way * step;
+            }
+            moved.sum_inertia();
+            predict(&moved, &dataset).unwrap()
+        };
+        let (more, less) = (moved(1.0), moved(-1.0));
+        let inertia: Vec<usize> = (0..columns.len())
+            .filter(|&i| plant.parameters().get(i).is_some_and(|p| p.name.contains("arm_inertia_yy")))
+            .collect();
+        assert!(!inertia.is_empty(), "{name}");
+        for c in 0..3 {
+            for k in 0..dataset.len() {
+                let wanted = (more[c][k] - less[c][k]) / (2.0 * step);
+                let found: f64 = inertia.iter().map(|&i| columns[i][c][k]).sum();
+                assert!((found - wanted).abs() < 1e-3 * (1.0 + wanted.abs()), "{name} {c} {k}: {found} {wanted}");
+            }
+        }
+    }
+}
+
 /// Encoder angle and torque of one arm behind an elastic gear, driven by a controller on the motor side.
 ///
 /// `friction` acts on the rotor.
