@@ -5,6 +5,7 @@ use super::{Evidence, Finding, Problem, Remedy};
 use crate::effects::smooth_sign;
 use crate::evidence::noise::difference_sigma;
 use crate::identification::Dataset;
+use crate::identification::filtering::noise_level;
 use crate::identification::initial::quantum;
 use crate::identification::least_squares::least_squares;
 use crate::identification::residuals::rms;
@@ -21,6 +22,8 @@ const FOLLOWS: f64 = 0.2;
 const NEGATIVE: f64 = 10.0;
 /// Ratio of the torque's noise to its RMS below which it is no measurement.
 const NOISELESS: f64 = 1e-5;
+/// The same of an angle's noise to its travel.
+const NOISELESS_ANGLE: f64 = 1e-10;
 /// Number of steps over the travel below which angles are coarse, and over its range for torques.
 const STEPS: (f64, f64) = (1000.0, 100.0);
 /// Ratio of a line near half the sampling frequency to the median there, share of the variance in it, and the part of
@@ -194,11 +197,17 @@ impl Alone<'_> {
         })
     }
 
-    /// A torque that is smoother than any measurement.
+    /// A torque that is smoother than any measurement, beside angles that are measured; a simulation without noise in
+    /// either is nothing to warn of.
     fn noiseless(&self, axis: usize) -> Option<Finding> {
         let torque = &self.dataset.measured[axis];
         let noise = difference_sigma(torque, &self.dataset.segments, 6)?;
         let size = rms(torque);
+        let angles: Vec<f64> = self.recording.signals.q.iter().map(|q| q[axis]).collect();
+        let travel = range(&angles);
+        if noise_level(&[angles]) < NOISELESS_ANGLE * travel {
+            return None;
+        }
         (noise < NOISELESS * size && quantum(&[torque]).is_none()).then(|| {
             let k = axis + 1;
             let share = significant(noise / size, 1);

@@ -13,6 +13,7 @@ use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::effects::{ActiveEffect, find};
 use deltatwin::gate::{Finding, Problem, Remedy, combined, examine};
 use deltatwin::identification::{Dataset, predict};
+use deltatwin::kinematics::JointState;
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
@@ -410,4 +411,21 @@ fn compare_has_one_sentence_for_one_cause() {
     let said = found[0].sentence.split("its mean: ").nth(1).and_then(|s| s.split(' ').next()).unwrap();
     assert!((said.parse::<f64>().unwrap() - 2.0).abs() < 4.0 * 0.4 / 5000f64.sqrt(), "{found:?}");
     assert!(found[0].share > 0.9, "{found:?}");
+}
+
+/// Drivers that publish torques without the weight: the statics of every pose are taken away.
+#[test]
+fn torques_without_their_weight_are_named() {
+    let robot = robot(5);
+    let mut recording = measured(&robot, &motion(5), Payload::default(), 5);
+    let still = |q: &[f64; 4]| JointState { q: *q, qd: [0.0; 4], qdd: [0.0; 4] };
+    let poses = recording.signals.q.iter().map(still).collect();
+    let statics = planned(Setup::default(), recording.signals.t.clone(), poses, PERIOD);
+    let weight = predict(&Plant::new(&robot, &Setup::default()), &statics).expect("possible poses");
+    for (k, tau) in recording.signals.tau.iter_mut().enumerate() {
+        tau.iter_mut().enumerate().for_each(|(i, tau)| *tau -= weight[i][k]);
+    }
+    let found = examine(&nominal(), &Dataset::new(&recording));
+    assert_eq!(problems(&found), [(None, Problem::GravityRemoved)], "{found:?}");
+    assert!(found[0].severe && found[0].sentence.contains("gravity"), "{}", found[0].sentence);
 }

@@ -31,7 +31,7 @@ fn bench(seed: u64) -> Vec<[f64; 3]> {
         let sum = |of: &dyn Fn(f64, f64, f64) -> f64| waves.iter().map(|(a, w, p)| of(*a, *w, w * t + p)).sum::<f64>();
         let [q, qd, qdd] =
             [sum(&|a, _, x| a * x.sin()), sum(&|a, w, x| a * w * x.cos()), sum(&|a, w, x| -a * w * w * x.sin())];
-        let torque = TRUTH[0] * qdd + TRUTH[1] * (400.0 * qd).tanh() + TRUTH[2] * qd + noise.sample(&mut rng);
+        let torque = TRUTH[0] * qdd + TRUTH[1] * (300.0 * qd).tanh() + TRUTH[2] * qd + noise.sample(&mut rng);
         [t, (q / STEP).round() * STEP, torque]
     };
     (0..8000).map(row).collect()
@@ -178,10 +178,16 @@ fn done(arguments: &[&str]) -> String {
     let out = run(arguments);
     let (said, wrong) = (String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
     assert!(out.status.success(), "{arguments:?}: {said}{wrong}");
-    for line in said.lines() {
-        assert!(line.chars().count() <= 100, "{line}");
-    }
     said.into_owned()
+}
+
+/// What `new` prints: at most a screen of 100 columns.
+fn made(arguments: &[&str]) -> String {
+    let said = done(arguments);
+    assert!(said.lines().count() <= 45, "{said}");
+    let wide = said.lines().find(|l| l.chars().count() > 100 && !l.contains("Wrote"));
+    assert_eq!(wide, None);
+    said
 }
 
 #[test]
@@ -196,7 +202,7 @@ fn from_a_file_to_a_diagnosis_of_an_axis() {
             std::fs::write(name, format!("time,position [rad],{unit}\n{text}")).unwrap();
         }
         let [model, better] = [path("axis.toml"), path("better.toml")];
-        let said = done(&["new", "axis", &names[0], &names[1], "-o", &model, "--force"]);
+        let said = made(&["new", "axis", &names[0], &names[1], "-o", &model, "--force"]);
         for part in [inertia, effort, "coulomb", "encoder_bits", "16", "deltatwin diagnose"] {
             assert!(said.contains(part), "{part}: {said}");
         }
@@ -223,8 +229,9 @@ fn from_a_file_to_a_diagnosis_of_an_axis() {
         let said = done(&["identify", &model, &names[0], "-o", &better]);
         assert!(said.contains(inertia), "{said}");
         assert!(done(&["compare", &better, &names[1]]).contains(effort));
-        let said = done(&["diagnose", &better, &names[0], "--held-out", &names[1]]);
-        assert!(said.contains("none"), "{said}");
+        let said = done(&["diagnose", &better, &names[0], "--held-out", &names[1], "--json"]);
+        let json: serde_json::Value = serde_json::from_str(&said).unwrap();
+        assert_eq!(json["verdict"], "none", "{said}");
         // Nothing is overwritten unasked.
         let refused = run(&["new", "axis", &names[0], "-o", &model]);
         assert_eq!(refused.status.code(), Some(2));
@@ -242,7 +249,7 @@ fn a_delta_robot_starts_from_a_template() {
     {
         let (recording, model) = (path("run.mcap"), path("delta.toml"));
         done(&["simulate", scenario, "-o", &recording]);
-        let said = done(&["new", "delta", &recording, "-o", &model, "--force"]);
+        let said = made(&["new", "delta", &recording, "-o", &model, "--force"]);
         for part in [template, "sample_time", "arm_limits", "deltatwin identify"] {
             assert!(said.contains(part), "{part}: {said}");
         }

@@ -79,6 +79,8 @@ struct Own<'a> {
 /// Series of one regression over several recordings.
 struct Series {
     rate: Vec<f64>,
+    /// Smooth sign of the rate, whose mean is not that of the mean rate.
+    sign: Vec<f64>,
     acceleration: Vec<f64>,
     angle: Vec<f64>,
     torque: Vec<f64>,
@@ -178,15 +180,16 @@ impl Own<'_> {
             self.datasets.iter().filter_map(|d| difference_sigma(&d.measured[0], &d.segments, 4)).collect();
         let sigma = (each.iter().map(|s| s * s).sum::<f64>() / each.len().max(1) as f64).sqrt();
         let sigma = rounded_to(sigma, 3);
-        let how = if sigma > 0.0 { "from differences of fourth order" } else { "none: is it measured?" };
+        let how = if sigma > 0.0 { "differences of fourth order" } else { "none: is it measured?" };
         self.number("noise", "torque", vec![sigma], Unit::NM, how);
         sigma
     }
 
-    /// Means of all series over about [`PERIOD`].
-    fn series(&self) -> Series {
+    /// Means of all series over about [`PERIOD`], with friction's change of sign of this `steepness`.
+    fn series(&self, steepness: f64) -> Series {
         let mut out = Series {
             rate: Vec::new(),
+            sign: Vec::new(),
             acceleration: Vec::new(),
             angle: Vec::new(),
             torque: Vec::new(),
@@ -198,6 +201,7 @@ impl Own<'_> {
             let means = |of: &dyn Fn(usize) -> f64| d.means(&(0..d.len()).map(of).collect::<Vec<_>>(), block);
             out.angle.extend(means(&|k| d.joints[k].q[0]));
             out.rate.extend(means(&|k| d.joints[k].qd[0]));
+            out.sign.extend(means(&|k| smooth_sign(d.joints[k].qd[0], steepness)));
             out.acceleration.extend(means(&|k| d.joints[k].qdd[0]));
             out.torque.extend(means(&|k| d.measured[0][k]));
             out.recording.resize(out.angle.len(), r);
@@ -208,14 +212,13 @@ impl Own<'_> {
 
     /// Inertia, friction and gravity, and the drive with a torque limit that admits them.
     fn law(&mut self, drive: Drive, remarks: &mut Vec<String>) -> Result<(Drive, Law), InitialError> {
-        let series = self.series();
         let host = Host::new(self.mechanism, &drive);
         let steepness = find("drive_friction")
             .map(|e| ActiveEffect::absent_on(e, host))
             .and_then(|a| a.entries().iter().find(|e| e.parameter.role == Role::Fixed).map(|e| e.parameter.default));
-        let steepness = steepness.ok_or(InitialError::NoMotion)?;
-        let plain = Fit::of(&series, steepness, false).ok_or(InitialError::NoMotion)?;
-        let with = self.gravity(&series, steepness, &plain);
+        let series = self.series(steepness.ok_or(InitialError::NoMotion)?);
+        let plain = Fit::of(&series, false).ok_or(InitialError::NoMotion)?;
+        let with = self.gravity(&series, &plain);
         let fit = with.as_ref().unwrap_or(&plain);
         let [inertia, coulomb, viscous] = [0, 1, 2].map(|k| (fit.least.beta[k], fit.std(k)));
         let inertia = self.inertia(inertia, remarks);
@@ -258,12 +261,12 @@ impl Own<'_> {
     }
 
     /// The regression with gravity, if it is significant.
-    fn gravity(&self, series: &Series, steepness: f64, plain: &Fit) -> Option<Fit> {
+    fn gravity(&self, series: &Series, plain: &Fit) -> Option<Fit> {
         let [low, high] = widened(series.angle.iter().copied());
         if self.mechanism.joint() != Joint::Revolute || high - low < GRAVITY.2 {
             return None;
         }
-        let with = Fit::of(series, steepness, true)?;
+        let with = Fit::of(series, true)?;
         let variance = deviation(&series.torque).powi(2);
         let explained = (plain.least.mean_square - with.least.mean_square) / variance.max(f64::MIN_POSITIVE);
         let significant = |r: usize| {
@@ -334,10 +337,9 @@ struct Fit {
 }
 
 impl Fit {
-    fn of(series: &Series, steepness: f64, gravity: bool) -> Option<Self> {
+    fn of(series: &Series, gravity: bool) -> Option<Self> {
         let count = series.recording.last().map_or(0, |r| r + 1);
-        let sign: Vec<f64> = series.rate.iter().map(|v| smooth_sign(*v, steepness)).collect();
-        let mut features = vec![series.acceleration.clone(), sign, series.rate.clone()];
+        let mut features = vec![series.acceleration.clone(), series.sign.clone(), series.rate.clone()];
         let on = |r: usize, of: &dyn Fn(usize) -> f64| {
             (0..series.recording.len())
                 .map(|k| if series.recording[k] == r { of(k) } else { 0.0 })

@@ -99,7 +99,7 @@ impl Own<'_> {
             let (step, gear) = (median(steps), self.model.drives[0].gear_ratio);
             let bits = encoder_bits(step, gear);
             self.model.drives[..ARMS].iter_mut().for_each(|d| d.encoder_bits = bits);
-            let how = format!("the angles have steps of {step:.3e} rad, with the template's gear ratio {gear}");
+            let how = format!("the angles step by {step:.3e} rad; gear of the template");
             self.number("drives.arm", "encoder_bits", vec![f64::from(bits)], Unit::Bit, how);
         }
         if !self.model.mechanism.has_telescope() {
@@ -109,7 +109,7 @@ impl Own<'_> {
             let gear = self.model.drives[ARMS].gear_ratio;
             let bits = encoder_bits(step, gear);
             self.model.drives[ARMS].encoder_bits = bits;
-            let how = format!("the angle has steps of {step:.3e} rad, with the template's gear ratio {gear}");
+            let how = format!("the angle steps by {step:.3e} rad; gear of the template");
             self.number("drives.telescope", "encoder_bits", vec![f64::from(bits)], Unit::Bit, how);
         }
     }
@@ -154,7 +154,7 @@ impl Own<'_> {
         };
         let sigma: Vec<f64> = (0..axes).map(sigma).collect();
         self.model.noise.torque[..axes].copy_from_slice(&sigma);
-        self.number("noise", "torque", sigma, Unit::NM, "from differences of fourth order");
+        self.number("noise", "torque", sigma, Unit::NM, "differences of fourth order");
     }
 
     /// Friction of the arms beside the torque that the template predicts without it.

@@ -146,7 +146,8 @@ fn sample_time(recordings: &[Recording], remarks: &mut Vec<String>) -> f64 {
     }
     for r in recordings {
         let duration = r.signals.t.last().zip(r.signals.t.first()).map_or(0.0, |(b, a)| b - a);
-        if duration < SHORT {
+        // The last sample lasts a period, too.
+        if duration + 1.5 * r.signals.sample_time() < SHORT {
             remarks.push(format!("{} lasts {duration:.1} s only; {SHORT} s or more tell more.", r.name));
         }
     }

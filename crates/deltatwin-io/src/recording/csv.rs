@@ -128,7 +128,7 @@ fn table(
     let mut rows = Vec::with_capacity(about);
     let mut record = ::csv::StringRecord::new();
     while reader.read_record(&mut record).map_err(broken)? {
-        let line = record.position().map_or(0, |p| p.line());
+        let line = record.position().map_or(0, |p| p.line()).saturating_sub(dialect.added());
         if record.len() != names.len() {
             let cells = record.len();
             let last = !matches!(reader.read_record(&mut record), Ok(true));

@@ -84,6 +84,11 @@ impl Dialect {
         }
     }
 
+    /// Lines that [`Plain`] puts before those of the file.
+    pub fn added(&self) -> u64 {
+        u64::from(self.header.is_some() && self.first == 0)
+    }
+
     /// Whether the file is none of text.
     pub fn is_binary(&self, head: &[u8]) -> bool {
         !matches!(self.encoding, Encoding::Utf16 { .. }) && head.contains(&0)

@@ -84,11 +84,13 @@ pub fn read_as(path: &Path, how: &Reading) -> Result<(Recording, Vec<String>), R
         let used = how.setup.unwrap_or(&beside).display();
         warnings.push(format!("setup inside the file differs from {used}, which is used"));
     }
-    let recording = Recording {
-        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-        signals,
-        setup: outside.or(inside).unwrap_or_default(),
-    };
+    let mut setup = outside.or(inside).unwrap_or_default();
+    if how.joint.is_some() {
+        // Noise is stated for all axes of the machine that the joint is taken from.
+        setup.torque_noise = None;
+    }
+    let recording =
+        Recording { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), signals, setup };
     let warnings = warnings.iter().map(|w| format!("{}: {w}", path.display())).collect();
     Ok((recording, warnings))
 }

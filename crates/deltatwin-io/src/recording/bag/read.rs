@@ -38,7 +38,11 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Option<Setup>, Vec<S
         return Err(ReadError::content(path, problem, format!("{}, the unit of the model", unit(wanted))));
     }
     let lone = how.joint.map(|_| Mechanism::axis(Joint::Revolute));
-    let machine = how.machine.or(noted).or(lone).unwrap_or_else(|| machine_of(&joints));
+    let machine = how.machine.or(lone).or(noted).unwrap_or_else(|| machine_of(&joints));
+    if how.joint.is_some() {
+        // They are about all axes.
+        content.streams.retain(|s| !topics::is_optional(&s.topic));
+    }
     let samples = Samples::of(path, &joints, machine, how.joint, &mut warnings)?;
     let zero = content.metadata.get("run").and_then(|m| m.get("zero_ns")?.parse::<i64>().ok());
     let (table, start) = samples.table(path, machine, zero, &content, &mut warnings);
