@@ -16,6 +16,7 @@ mod machine {
 }
 
 mod allocation;
+mod compliance;
 mod copp;
 mod cost;
 mod derivatives;

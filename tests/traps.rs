@@ -14,6 +14,7 @@ use deltatwin::identification::{Dataset, fit, predict};
 use deltatwin::machine::{Payload, Setup};
 use deltatwin::model::Model;
 use deltatwin::recording::{Recording, Signals};
+use deltatwin::scenario::motion::path::Path;
 use deltatwin::scenario::motion::static_poses::StaticPoses;
 use deltatwin::scenario::{Course, DesiredMotion, FourierMotion};
 use rand_chacha::ChaCha8Rng;
@@ -226,4 +227,58 @@ fn torques_that_come_four_samples_late_are_no_backlash() {
     assert_eq!(names(&d), ["signal_delay"]);
     let delay = d.effects[0].parameters.iter().find(|p| p.name == "delay").expect("a parameter");
     assert!((delay.value - 0.004).abs() < 4.0 * delay.std + 2e-5, "{delay:?}");
+}
+
+/// Straight lines between corners of a box of 0.5 m, with stops: acceleration 40 m/s² within 20 ms.
+fn picking() -> Course {
+    let waypoints = vec![
+        [-0.25, -0.1, -1.05, 0.0],
+        [-0.25, -0.1, -0.97, 0.0],
+        [0.25, 0.12, -0.97, 1.0],
+        [0.25, 0.12, -1.05, 1.0],
+        [0.05, -0.25, -0.97, -0.5],
+    ];
+    Course::Path(Path {
+        waypoints,
+        blend: 0.05,
+        speed: 3.0,
+        acceleration: 40.0,
+        jerk: 2000.0,
+        turn_radius: 0.15,
+        stops: vec![3],
+        dwell: 0.1,
+        closed: true,
+        laps: 100,
+    })
+}
+
+/// Both respond to the fourth derivative of the motion below their frequencies: the frame by the total force on it, a gear
+/// by its own torque.
+#[test]
+fn a_stiff_frame_is_no_elastic_gear() {
+    for (name, blocks) in [
+        ("frame_compliance", &[&[8e-3; 2][..], &[22.0, 24.0], &[0.05; 2]][..]),
+        ("drive_elasticity", &[&[4e-5; 3][..], &[20.0], &[0.18], &[0.0]]),
+    ] {
+        println!("-- {name}");
+        let robot = robot(name, blocks);
+        let d = diagnosed(&[measured(&robot, &picking(), Payload::default(), 3.0, 13)]);
+        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+    }
+}
+
+/// A stiff gripper adds a little to the mass of the payload, in horizontal directions.
+#[test]
+fn a_payload_that_swings_is_no_heavier_or_shifted_one() {
+    let stated = Payload::new(2.5, [0.03, -0.02, -0.08], 0.012);
+    for (name, blocks) in [
+        ("payload_compliance", &[&[0.4][..], &[18.0], &[0.1]][..]),
+        ("payload_mass_error", &[&[0.25][..]]),
+        ("payload_com_offset", &[&[0.04, -0.02, 0.0][..]]),
+    ] {
+        println!("-- {name}");
+        let robot = robot(name, blocks);
+        let d = diagnosed(&[measured(&robot, &picking(), stated, 3.0, 14)]);
+        assert!(not_misled(&d, name), "{name}: {:?} {:?}", names(&d), d.indistinguishable);
+    }
 }

@@ -61,6 +61,21 @@ pub fn inverse_dynamics(
     borne(plant, t, motion, states, rigid_wrenches(plant, motion), output)
 }
 
+/// [`inverse_dynamics`] at an instant without a past: the internal states are in equilibrium with the motion.
+///
+/// # Errors
+/// As [`inverse_dynamics`].
+pub fn steady_inverse_dynamics(
+    plant: &Plant,
+    t: f64,
+    motion: &Motion,
+    with_struts: bool,
+) -> Result<Output, KinematicsError> {
+    let own = plant.steady_states(t, motion);
+    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
+    inverse_dynamics(plant, t, motion, &states, with_struts)
+}
+
 /// Loads that `solve` returns for the sum of the `rigid` wrenches and those of all effects.
 ///
 /// If effects depend on the loads, they are computed by fixed-point iteration.

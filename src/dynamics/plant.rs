@@ -7,7 +7,9 @@ use crate::effects::rigid_bodies::RigidBodies;
 use crate::effects::{ActiveEffect, Host, Instant, Kind};
 use crate::kinematics::{JointState, KinematicsError, Motion, Reactions, SocketSet};
 use crate::machine::bodies::{Bodies, END_EFFECTOR, PLATFORM, ROTOR};
-use crate::machine::{AXES, Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, STRUTS, Setup, Stops};
+use crate::machine::{
+    AXES, Configuration, Geometry, Inertia, LinkParameters, Mechanism, Part, Payload, STRUTS, Setup, Stops,
+};
 use crate::model::Model;
 
 /// A machine in the configuration of one run.

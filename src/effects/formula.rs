@@ -159,7 +159,7 @@ impl Formula {
         let reads = Reads {
             reactions: variables().any(Variable::is_reaction),
             accelerations: variables().any(Variable::is_acceleration),
-            torque: false,
+            ..Reads::MOTION
         };
         let mut spec = Spec::new(NAME, part(&terms), ABOUT, &[]).reads(reads);
         spec.parameters = Cow::Owned(parameters);

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{
-    About, Effect, Instant, InternalStates, Oscillator, Parameter, Part, Reads, Role, Spec, Start, Sway, Unit,
-    Values, Wrenches,
+    About, Effect, Instant, InternalStates, Oscillator, Parameter, Part, Reads, Role, Spec, Start, Sway, Unit, Values,
+    Wrenches,
 };
 use crate::machine::bodies::END_EFFECTOR;
 
@@ -54,7 +54,7 @@ static SPEC: Spec = Spec::new(
     },
     PARAMETERS,
 )
-.reads(Reads { accelerations: true, ..Reads::MOTION })
+.reads(Reads { accelerations: true, payload: true, ..Reads::MOTION })
 // Factors for randomly drawn grippers in the validation; the diagnosis uses the starts.
 .grids(&[&[0.5, 0.7, 1.0, 1.5, 2.0]])
 .starts(&STARTS);
@@ -110,5 +110,73 @@ impl InternalStates for PayloadCompliance {
 
     fn step_along(&self, values: &Values, from: &Instant, to: &Instant) -> Option<Vec<f64>> {
         Some(modes(values).after(from.state, to.t - from.t, support(from), support(to)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::effects::{ActiveEffect, testing};
+    use crate::kinematics::{Motion, Reactions, SocketSet};
+    use crate::machine::Payload;
+
+    /// Wrench on the end effector for a share of 1 in `state`.
+    fn pull(payload: &Payload, motion: &Motion, state: &[f64]) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let active = ActiveEffect::new(Arc::new(PayloadCompliance), &[&[1.0], &[8.0], &[0.1]]);
+        let mut written = None;
+        let at = Instant {
+            t: 0.0,
+            motion,
+            bodies: &testing::no_bodies(),
+            payload,
+            gravity: 9.81,
+            reactions: &Reactions::default(),
+            state,
+            torque: [0.0; 4],
+            closed: SocketSet::ALL,
+        };
+        let mut read = |_, body, force, moment| {
+            assert_eq!(body, END_EFFECTOR);
+            written = Some((force, moment));
+        };
+        PayloadCompliance.wrenches(&active.values(), &at, &mut Wrenches::new(&mut read));
+        written
+    }
+
+    #[test]
+    fn a_swinging_mass_pulls_by_its_spring_alone() {
+        // The rigid payload gives −m·a; with u = 1 mm and u̇ = −20 mm/s at 8 Hz and ζ = 0.1 the sum of both must be the
+        // force of spring and damper, m·(ω²·u + 2ζω·u̇) = 2·(2.526619 − 0.201062) N, whatever a is.
+        let payload = Payload::new(2.0, [0.0, 0.0, -0.1], 0.0);
+        let mut motion = testing::still();
+        motion.bodies[END_EFFECTOR].acceleration = Vector3::new(15.0, -6.0, 4.0);
+        let (force, moment) = pull(&payload, &motion, &[1e-3, 0.0, -0.02, 0.0]).unwrap();
+        approx::assert_relative_eq!(force.x - 2.0 * 15.0, 4.651_114, epsilon = 1e-5);
+        approx::assert_relative_eq!(force.y + 2.0 * 6.0, 0.0, epsilon = 1e-12);
+        assert_eq!(force.z, 0.0);
+        // 0.1 m below the flange: M = (0, 0, −0.1) × F.
+        approx::assert_relative_eq!(moment, Vector3::new(0.1 * force.y, -0.1 * force.x, 0.0), epsilon = 1e-12);
+    }
+
+    #[test]
+    fn its_place_turns_with_the_end_effector() {
+        // 0.2 m beside the axis, turning with 5 rad/s and 30 rad/s²: a = (−0.2·25, 0.2·30) m/s² = (−5, 6) without
+        // spring force.
+        let payload = Payload::new(1.5, [0.2, 0.0, 0.0], 0.0);
+        let mut motion = testing::still();
+        motion.bodies[END_EFFECTOR].angular_velocity.z = 5.0;
+        motion.bodies[END_EFFECTOR].angular_acceleration.z = 30.0;
+        let (force, moment) = pull(&payload, &motion, &[0.0; 4]).unwrap();
+        approx::assert_relative_eq!(force, Vector3::new(-7.5, 9.0, 0.0), epsilon = 1e-12);
+        approx::assert_relative_eq!(moment.z, 1.8, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn without_payload_nothing_swings() {
+        let mut motion = testing::still();
+        motion.bodies[END_EFFECTOR].acceleration.x = 15.0;
+        assert_eq!(pull(&Payload::default(), &motion, &[1.0; 4]), None);
     }
 }

@@ -153,7 +153,8 @@ impl Machine {
     pub fn sample(&self, platform: &PlatformState) -> Result<Sample, KinematicsError> {
         let joints = self.plant.geometry.inverse_motion(platform)?;
         let motion = self.plant.motion(&joints)?;
-        let own: Vec<Vec<f64>> = self.effects.iter().map(|a| a.initial_state()).collect();
+        let mut own = vec![self.effects[0].initial_state()];
+        own.extend(self.plant.steady_states(0.0, &motion));
         let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let loads = inverse_dynamics(&self.plant, 0.0, &motion, &states[1..], true)?;
         let effects: Vec<&ActiveEffect> = self.effects.iter().collect();

@@ -9,7 +9,6 @@ use super::PathPoint;
 use super::limits::{LOADS, forces};
 use crate::constraint_forces::{Detail, Loads, Multipliers, Statics, rigid_loads};
 use crate::dynamics::{Plant, STILL, Twist, add_effects, reads_loads};
-use crate::effects::ActiveEffect;
 use crate::kinematics::{KinematicsError, Motion};
 use crate::machine::AXES;
 use crate::machine::bodies::BODIES;
@@ -41,7 +40,6 @@ pub struct Machine<'a> {
     plant: &'a Plant,
     /// The plant without gravity.
     weightless: Plant,
-    initial_states: Vec<Vec<f64>>,
     detail: Detail,
 }
 
@@ -54,18 +52,12 @@ impl<'a> Machine<'a> {
     /// The dynamics of `plant` with constraint forces in `detail`.
     pub fn new(plant: &'a Plant, detail: Detail) -> Self {
         let weightless = Plant { gravity: 0.0, ..plant.clone() };
-        let initial_states = plant.effects.iter().map(ActiveEffect::initial_state).collect();
-        Self { plant, weightless, initial_states, detail }
+        Self { plant, weightless, detail }
     }
 
     /// The plant.
     pub fn plant(&self) -> &Plant {
         self.plant
-    }
-
-    /// Initial internal states of the effects.
-    pub(super) fn states(&self) -> Vec<&[f64]> {
-        self.initial_states.iter().map(Vec::as_slice).collect()
     }
 
     /// Coefficients of torques and constraint forces at a point of the path.
@@ -87,12 +79,13 @@ impl<'a> Machine<'a> {
         let mut c: [f64; LOADS] = std::array::from_fn(|k| with_weight[k] - a[k]);
         let mut d = [0.0; LOADS];
         if !self.plant.effects.is_empty() {
-            let states = self.states();
             let Reference { speed, acceleration } = reference;
             let step = SPEED_STEP * speed;
             let at = |speed: f64| Motion::along(&pace, &unit, speed, acceleration);
             let (here, ahead) = (at(speed), at(speed + step));
             let laws = |motion: &Motion, loads: Option<&Multipliers>, mut wrenches| -> Result<_, KinematicsError> {
+                let own = self.plant.steady_states(0.0, motion);
+                let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
                 add_effects(self.plant, 0.0, motion, &states, None, &mut wrenches)?;
                 if let Some(loads) = loads {
                     add_effects(self.plant, 0.0, motion, &states, Some(&loads.output()), &mut wrenches)?;
@@ -126,7 +119,8 @@ impl<'a> Machine<'a> {
     /// The error of the kinematics where the constraint forces are indeterminate.
     pub fn loads(&self, motion: &Motion) -> Result<[f64; LOADS], KinematicsError> {
         use crate::constraint_forces::constraint_forces;
-        let states = self.states();
+        let own = self.plant.steady_states(0.0, motion);
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let complete = constraint_forces(self.plant, 0.0, motion, &states, Detail::Complete)?;
         Ok(match self.detail {
             Detail::Complete => join(&complete, &complete),

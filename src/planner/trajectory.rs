@@ -27,7 +27,6 @@ pub fn trajectory(
     let mut out = Signals { t: times.clone(), ..Signals::default() };
     let (mut qd, mut qdd, mut ee) = (vec![], vec![], vec![]);
     let mut forces: [[Vec<f64>; STRUTS]; 2] = Default::default();
-    let states = machine.states();
     for [s, speed, acceleration] in plan.profile.sample(times.iter().map(|t| t / stretch)) {
         let place = |pose| PlanError::Place {
             s: curve.way(s)[0],
@@ -37,6 +36,8 @@ pub fn trajectory(
         let plant = machine.plant();
         let point = PathPoint::new(&plant.geometry, curve, s).map_err(place)?;
         let motion = point.motion(&plant.geometry, speed / stretch, acceleration / (stretch * stretch));
+        let own = plant.steady_states(0.0, &motion);
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         let loads = constraint_forces(plant, 0.0, &motion, &states, Detail::Complete).map_err(place)?.output();
         out.q.push(motion.q);
         qd.push(motion.qd);

@@ -1,6 +1,6 @@
 //! Controller of the drives: model-based feed-forward plus PD control on the encoder angles.
 
-use crate::dynamics::{Plant, inverse_dynamics};
+use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::kinematics::{JointState, KinematicsError};
 use crate::machine::bodies::ARM;
 use crate::machine::{AXES, Drive, Mechanism};
@@ -57,7 +57,6 @@ pub struct Command {
 /// Feed-forward plus PD control at the sample time, with torque limits.
 pub struct Controller<'a> {
     plant: &'a Plant,
-    states: Vec<Vec<f64>>,
     drives: [Drive; AXES],
     gains: Gains,
     step: f64,
@@ -68,18 +67,16 @@ pub struct Controller<'a> {
 impl<'a> Controller<'a> {
     /// Controller with the feed-forward model `plant`, called every `step` seconds.
     pub fn new(plant: &'a Plant, drives: [Drive; AXES], gains: Gains, step: f64) -> Self {
-        let states = plant.effects.iter().map(|a| a.initial_state()).collect();
-        Self { plant, states, drives, gains, step, last_error: None, filtered: [0.0; AXES] }
+        Self { plant, drives, gains, step, last_error: None, filtered: [0.0; AXES] }
     }
 
     /// Feed-forward torques for a desired motion, N·m at the gear output.
     ///
     /// # Errors
-    /// Those of [`Plant::motion`] and [`inverse_dynamics`].
+    /// Those of [`Plant::motion`] and [`steady_inverse_dynamics`].
     pub fn feed_forward(&self, desired: &JointState) -> Result<[f64; AXES], KinematicsError> {
-        let states: Vec<&[f64]> = self.states.iter().map(Vec::as_slice).collect();
         let motion = self.plant.motion(desired)?;
-        Ok(inverse_dynamics(self.plant, 0.0, &motion, &states, false)?.tau)
+        Ok(steady_inverse_dynamics(self.plant, 0.0, &motion, false)?.tau)
     }
 
     /// Torque for the end of the next period.

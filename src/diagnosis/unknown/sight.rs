@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::dynamics::{Plant, inverse_dynamics};
+use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::effects::formula::{Expression, Formula, Place, Term, Variable};
 use crate::effects::{ActiveEffect, Instant};
 use crate::identification::fit::{FitError, kinematics};
@@ -140,11 +140,9 @@ fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
 /// Values of every variable along a dataset; strut forces are predicted by the plant.
 fn variables(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
     let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
-    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
-    let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     let at = |k: usize| {
         let (t, motion) = (dataset.t[k], plant.motion(&dataset.joints[k])?);
-        let reactions = inverse_dynamics(plant, t, &motion, &states, true)?.reactions;
+        let reactions = steady_inverse_dynamics(plant, t, &motion, true)?.reactions;
         let at = Instant {
             t,
             motion: &motion,

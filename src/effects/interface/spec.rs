@@ -40,11 +40,13 @@ pub struct Reads {
     pub accelerations: bool,
     /// Drive torques, also along a given motion.
     pub torque: bool,
+    /// The stated payload, without which they vanish.
+    pub payload: bool,
 }
 
 impl Reads {
     /// Positions and velocities only.
-    pub const MOTION: Self = Self { reactions: false, accelerations: false, torque: false };
+    pub const MOTION: Self = Self { reactions: false, accelerations: false, torque: false, payload: false };
 }
 
 /// Initial values of a search for an absent effect.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::dynamics::{Plant, inverse_dynamics};
+use crate::dynamics::{Plant, steady_inverse_dynamics};
 use crate::kinematics::{JointState, PlatformState};
 use crate::machine::{ARMS, AXES};
 use crate::model::Model;
@@ -144,8 +144,6 @@ impl FourierMotion {
 
     /// Whether each axis violates the limits of its joint or drive.
     fn axes_beyond(&self, plant: &Plant, limits: &MotionLimits) -> [bool; AXES] {
-        let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
-        let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
         let [low, high] = plant.geometry.arm_limits;
         let arms = plant.mechanism.arms();
         let mut bad = [false; AXES];
@@ -153,7 +151,7 @@ impl FourierMotion {
             let [q, qd, qdd] = self.coordinates(k as f64 / GRID as f64 / self.frequency);
             let torque = plant
                 .motion(&JointState { q, qd, qdd })
-                .and_then(|motion| inverse_dynamics(plant, 0.0, &motion, &states, false))
+                .and_then(|motion| steady_inverse_dynamics(plant, 0.0, &motion, false))
                 .map_or([f64::INFINITY; AXES], |out| out.tau);
             for i in 0..plant.mechanism.axes() {
                 bad[i] |= qd[i].abs() > limits.speed[i]
@@ -179,10 +177,8 @@ impl FourierMotion {
             if plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
                 return Fit::Platform;
             }
-            let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
-            let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
             let Ok(motion) = plant.motion(&joints) else { return Fit::Platform };
-            let Ok(out) = inverse_dynamics(plant, 0.0, &motion, &states, false) else { return Fit::Platform };
+            let Ok(out) = steady_inverse_dynamics(plant, 0.0, &motion, false) else { return Fit::Platform };
             let bad = |i: usize| {
                 joints.qd[i].abs() > limits.speed[i]
                     || (i < ARMS && joints.qdd[i].abs() > limits.acceleration[i])
@@ -196,7 +192,7 @@ impl FourierMotion {
                     ..platform
                 };
                 let motion = plant.geometry.inverse_motion(&resting).and_then(|joints| plant.motion(&joints));
-                let out = motion.and_then(|motion| inverse_dynamics(plant, 0.0, &motion, &states, false));
+                let out = motion.and_then(|motion| steady_inverse_dynamics(plant, 0.0, &motion, false));
                 let swung = out.is_ok_and(|o| (0..ARMS).any(|i| o.tau[i].abs() > SWUNG * limits.torque[i]));
                 return if swung { Fit::Both } else { Fit::Platform };
             }

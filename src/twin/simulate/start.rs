@@ -138,7 +138,7 @@ fn contacts(options: &Options, plant: &Plant, start: &Motion) -> Result<Option<B
 /// Joint state in equilibrium with encoder readings `wanted`, and the deflections of elastic gears, rad: compliance
 /// times transmitted torque.
 fn balance(plant: &Plant, wanted: &JointState) -> Result<(JointState, [f64; AXES]), KinematicsError> {
-    let mut own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
+    let mut own = plant.steady_states(0.0, &plant.motion(wanted)?);
     let mut deflection = [0.0; AXES];
     for (k, active) in plant.effects.iter().enumerate() {
         let Some(gears) = active.gear_springs() else { continue };

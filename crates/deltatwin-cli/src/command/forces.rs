@@ -89,10 +89,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         return Err(miette!("{}: is of a disassembled robot; expected an assembled one", args.motion.display()));
     }
     let progress = spinner("forces");
-    let own: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
-    let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
     let one = |(k, (t, joints)): (usize, (&f64, &JointState))| {
         let pose = plant.motion(joints)?;
+        let own = plant.steady_states(*t, &pose);
+        let states: Vec<&[f64]> = own.iter().map(Vec::as_slice).collect();
         Ok(constraint_forces(&plant, *t, &pose, &states, args.loads.into()).map_err(|e| e.at_sample(k))?.to_array())
     };
     let forces: Result<Vec<_>, deltatwin::kinematics::KinematicsError> =

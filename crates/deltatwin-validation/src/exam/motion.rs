@@ -4,7 +4,7 @@ use nalgebra::Vector4;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use deltatwin::dynamics::{Plant, inverse_dynamics};
+use deltatwin::dynamics::{Plant, steady_inverse_dynamics};
 use deltatwin::kinematics::{PlatformState, Target};
 use deltatwin::machine::ARMS;
 use deltatwin::model::Model;
@@ -152,8 +152,6 @@ enum Beyond {
 }
 
 fn beyond(at: &dyn Fn(f64) -> PlatformState, length: f64, plant: &Plant, limits: &MotionLimits) -> Option<Beyond> {
-    let states: Vec<Vec<f64>> = plant.effects.iter().map(|a| a.initial_state()).collect();
-    let states: Vec<&[f64]> = states.iter().map(Vec::as_slice).collect();
     for k in 0..(length / SPACING).ceil() as usize {
         let t = k as f64 * SPACING;
         let platform = at(t);
@@ -161,7 +159,7 @@ fn beyond(at: &dyn Fn(f64) -> PlatformState, length: f64, plant: &Plant, limits:
         if plant.geometry.check_limits(&joints.q, &platform.position).is_err() {
             return Some(Beyond::Reach);
         }
-        let torque = plant.motion(&joints).and_then(|m| inverse_dynamics(plant, t, &m, &states, false));
+        let torque = plant.motion(&joints).and_then(|m| steady_inverse_dynamics(plant, t, &m, false));
         let Ok(torque) = torque.map(|out| out.tau) else { return Some(Beyond::Reach) };
         let over = |i: usize| {
             joints.qd[i].abs() > limits.speed[i]

@@ -113,7 +113,7 @@ impl Plan {
     }
 }
 
-/// Whether an effect's inertia depends on the payload, so that it appears only on a robot with one.
+/// Whether an effect's wrenches or its inertia depend on the payload, so that it appears only on a robot with one.
 fn reads_payload(effect: Arc<dyn Effect>) -> bool {
     let active = ActiveEffect::absent(Arc::clone(&effect));
     let terms = |payload: &Payload| {
@@ -121,7 +121,7 @@ fn reads_payload(effect: Arc<dyn Effect>) -> bool {
         effect.inertia(&active.values(), payload, &mut |k, body, inertia| terms.push((k, body, inertia)));
         terms
     };
-    terms(&Payload::default()) != terms(&Payload::new(1.0, [0.1, 0.1, -0.1], 0.01))
+    effect.spec().reads.payload || terms(&Payload::default()) != terms(&Payload::new(1.0, [0.1, 0.1, -0.1], 0.01))
 }
 
 /// Label of campaigns without a hidden effect.
@@ -179,6 +179,9 @@ mod tests {
             effects.dedup();
             assert_eq!(effects.len(), case.effects.len(), "{name}");
             assert!(case.payload || !case.effects.iter().any(|e| e == "payload_mass_error"), "{name}");
+        }
+        for (name, expected) in [("payload_compliance", true), ("payload_com_offset", true), ("air_drag", false)] {
+            assert_eq!(effects::find(name).map(reads_payload), Some(expected), "{name}");
         }
         // Half of the others.
         assert!(plan().cases().iter().any(|(_, case)| !case.payload && !case.effects.is_empty()));
