@@ -235,9 +235,15 @@ fn inverse_dynamics_along_a_recording_of_the_twin_gives_its_torques() {
 
 #[test]
 fn a_swinging_frame_is_named() {
-    let (dataset, _) = measured(frame([4e-3, 2.5e-3], [7.7, 10.2], [0.03, 0.03]), Setup::default(), 6.0, true);
+    // Two modes far apart, none at a frequency from which the search starts.
+    let frequency = [6.0, 13.0];
+    let (dataset, _) = measured(frame([4e-3, 4e-3], frequency, [0.03, 0.03]), Setup::default(), 6.0, true);
     let d = diagnosed(dataset);
     assert_eq!(names(&d), ["frame_compliance"]);
+    for (name, frequency) in ["frequency_x", "frequency_y"].iter().zip(frequency) {
+        let found = d.effects[0].parameters.iter().find(|p| p.name == *name).unwrap();
+        assert!((found.value - frequency).abs() < 4.0 * found.std + 5e-3 * frequency, "{found:?}");
+    }
 }
 
 #[test]

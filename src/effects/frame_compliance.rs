@@ -37,22 +37,30 @@ const PARAMETERS: &[Parameter] = &[
     horizontal("damping_ratio", Unit::One, Role::Shape, 0.03, (1e-3, 0.7)),
 ];
 
-/// Starting values: frequencies of both directions at a ratio of 1.3, damped so that each responds between its
-/// neighbours.
-const STARTS: [Start; 8] = {
-    const fn at(frequency: &'static [f64]) -> Start {
-        Start([Some((FREQUENCY, frequency)), Some((DAMPING_RATIO, &[0.1, 0.1])), None])
+/// Frequencies from which the search starts in each direction, Hz: every frame between 4 and 25 Hz is within a factor of
+/// 1.25 of one of them, and an iteration from there finds it.
+const GRID: [f64; 5] = [4.5, 6.5, 9.5, 13.7, 20.0];
+
+static PAIRS: [[f64; 2]; GRID.len() * GRID.len()] = {
+    let mut pairs = [[0.0; 2]; GRID.len() * GRID.len()];
+    let mut i = 0;
+    while i < pairs.len() {
+        pairs[i] = [GRID[i / GRID.len()], GRID[i % GRID.len()]];
+        i += 1;
     }
-    [
-        at(&[4.0, 4.0]),
-        at(&[5.2, 5.2]),
-        at(&[6.8, 6.8]),
-        at(&[8.8, 8.8]),
-        at(&[11.4, 11.4]),
-        at(&[14.8, 14.8]),
-        at(&[19.3, 19.3]),
-        at(&[25.0, 25.0]),
-    ]
+    pairs
+};
+
+/// Starting values: all pairs of frequencies, damped so that each responds between its neighbours.
+static STARTS: [Start; GRID.len() * GRID.len()] = {
+    const NONE: Start = Start([None; 3]);
+    let mut starts = [NONE; GRID.len() * GRID.len()];
+    let mut i = 0;
+    while i < starts.len() {
+        starts[i] = Start([Some((FREQUENCY, &PAIRS[i])), Some((DAMPING_RATIO, &[0.1, 0.1])), None]);
+        i += 1;
+    }
+    starts
 };
 
 static SPEC: Spec = Spec::new(
