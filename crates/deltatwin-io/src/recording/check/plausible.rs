@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use deltatwin::identification::initial::quantum;
 use deltatwin::machine::{AXES, Effort, Joint, Mechanism, Unit};
 use deltatwin::recording::sample_time;
 
@@ -11,6 +12,10 @@ use crate::recording::ReadError;
 
 /// Plausible arm angles, rad: −0.9…1.9, extended by 40° on either side.
 const ARM_ANGLE: (f64, f64) = (-1.6, 2.6);
+/// One step of so many beyond the largest plausible rate is no jump of an encoder, but another unit.
+const FAST: usize = 100;
+/// Number of levels of a torque below which equal values are those of its steps.
+const LEVELS: f64 = 100.0;
 /// Number of samples for which a torque may be exactly constant while its axis moves.
 const FROZEN: usize = 50;
 
@@ -168,6 +173,13 @@ impl Table {
             let mut found = (1..q.len()).filter(jump);
             if let Some(i) = found.next() {
                 let (size, n) = (q[i] - q[i - 1], 1 + found.count());
+                if n * FAST > q.len() {
+                    let small = if unit == Unit::M { "mm" } else { "deg" };
+                    warnings.push(format!(
+                        "`{name}` moves faster than 200 {unit}/s in {n} steps: is it in {small}? --map \"{name}={name}[{small}]\""
+                    ));
+                    continue;
+                }
                 warnings.push(format!(
                     "`{name}` jumps by {size:.3} {unit} at {} ({n} such steps): faulty encoder?",
                     self.at(i)
@@ -208,7 +220,7 @@ impl Table {
 
     pub(super) fn clipped(&self, k: usize, warnings: &mut Vec<String>) {
         let name = format!("tau{k}");
-        let Some(tau) = self.column(&name).filter(|tau| !is_constant(tau)) else {
+        let Some(tau) = self.column(&name).filter(|tau| !is_constant(tau) && !is_coarse(tau)) else {
             return;
         };
         let (least, most) = span(tau);
@@ -231,7 +243,7 @@ impl Table {
         let (Some(tau), Some(q)) = (self.column(&name), self.column(&format!("q{k}"))) else {
             return;
         };
-        if is_constant(tau) {
+        if is_constant(tau) || is_coarse(tau) {
             return;
         }
         let (least, most) = span(tau);
@@ -254,6 +266,12 @@ impl Table {
 
 fn is_constant(values: &[f64]) -> bool {
     values.windows(2).all(|w| w[0] == w[1])
+}
+
+/// Whether a signal has few levels: it repeats values without being clipped or frozen.
+fn is_coarse(values: &[f64]) -> bool {
+    let (least, most) = span(values);
+    quantum(&[values]).is_some_and(|step| most - least < LEVELS * step)
 }
 
 fn span(values: &[f64]) -> (f64, f64) {
