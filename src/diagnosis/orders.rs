@@ -9,13 +9,14 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::comparison::Finding;
 use crate::effects::{ActiveEffect, cogging};
+use crate::identification::dataset::stride_for;
 use crate::identification::{Dataset, Residuals};
 use crate::model::Model;
 use crate::numerics::median;
 use crate::text::significant;
 
 /// Least number of periods within the travel.
-const LEAST_PERIODS: f64 = 4.0;
+pub(super) const LEAST_PERIODS: f64 = 4.0;
 /// Largest frequency of a line at the RMS speed, relative to the sampling rate.
 const HIGHEST: f64 = 0.4;
 /// Largest number of orders.
@@ -30,6 +31,8 @@ const NEIGHBOURHOOD: usize = 40;
 const BINS: f64 = 8.0;
 /// Largest number of bins.
 const MOST_BINS: usize = 1 << 20;
+/// Largest number of samples with which an order is refined.
+const REFINED: usize = 10_000;
 /// Distance from an integer, in widths of a line, below which an order is that integer.
 const WHOLE: f64 = 0.25;
 /// Orders of the effect `torque_ripple`.
@@ -59,6 +62,16 @@ pub(super) fn cogging(model: &Model, residuals: &Residuals, datasets: &[Dataset]
         return None;
     }
     Some(cogging::at_orders(&orders, model.drives[0].gear_ratio, model.host()))
+}
+
+/// Turns of the motor that turns most, between the ends of its travel in the data.
+pub(super) fn motor_turns(model: &Model, datasets: &[Dataset]) -> f64 {
+    let turns = |arm: usize| {
+        let angles = datasets.iter().flat_map(|t| &t.joints).map(|joint| joint.q[arm]);
+        let (low, high) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        (high - low) * model.drives[arm].gear_ratio / std::f64::consts::TAU
+    };
+    (0..model.mechanism.arms()).map(turns).fold(0.0, f64::max)
 }
 
 /// The strongest line of the residual of arm drive `arm` over its angle, as a pattern; `None` without a line.
@@ -121,7 +134,7 @@ impl Series {
         let mut left = self.residual.clone();
         while found.len() < MOST_ORDERS {
             let Some(order) = self.line(&left) else { break };
-            let order = self.whole(order);
+            let order = self.whole(self.refined(order, &found));
             if found.iter().any(|(known, _)| (known - order).abs() < self.width()) {
                 break;
             }
@@ -136,6 +149,27 @@ impl Series {
             left = next;
         }
         found
+    }
+
+    /// The order near `order` whose wave, with those found, leaves the least residual.
+    fn refined(&self, order: f64, found: &[(f64, f64)]) -> f64 {
+        let thin = self.thinned(stride_for(self.angle.len(), REFINED));
+        let left = |order: f64| {
+            let all: Vec<f64> = found.iter().map(|(known, _)| *known).chain([order]).collect();
+            thin.without(&all).map_or(f64::INFINITY, |left| left.iter().map(|r| r * r).sum())
+        };
+        // Three rounds of nine orders each, over one width, a quarter and a sixteenth of it.
+        (0..3).fold(order, |centre, round| {
+            let step = self.width() / f64::from(8 << (2 * round));
+            let near = (-4..=4).map(|k| centre + f64::from(k) * step);
+            near.min_by(|a, b| left(*a).total_cmp(&left(*b))).unwrap_or(centre)
+        })
+    }
+
+    /// Every `stride`-th sample.
+    fn thinned(&self, stride: usize) -> Self {
+        let every = |series: &[f64]| series.iter().copied().step_by(stride).collect();
+        Self { angle: every(&self.angle), residual: every(&self.residual), ..*self }
     }
 
     /// The nearest integer, if the order does not differ from it.

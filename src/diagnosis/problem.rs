@@ -12,7 +12,7 @@ use crate::identification::dataset::averaged_segments;
 use crate::identification::fit::{Fit, FitError, kinematics, nominal_size};
 use crate::identification::prediction::Channels;
 use crate::identification::{Dataset, Residuals, averaged_columns};
-use crate::machine::Mechanism;
+use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
 
 /// Time over which samples are averaged, s: it keeps nine tenths of the amplitude at 125 Hz.
@@ -32,11 +32,15 @@ const USUAL_SHARE: f64 = 0.1;
 /// Largest sampling period, s, at which the ringing of elastic gears above 10 Hz is resolved.
 const SLOWEST_RINGING: f64 = 4e-3;
 
-/// Effects that the model lacks on the mounted parts of the machine and that the sampling resolves, each with its initial
-/// shapes; cogging at the orders in the residuals of `fit`, if there are any.
+/// Effects that the model lacks on the mounted parts of the machine and that the data resolve, each with its initial
+/// shapes; cogging at the orders in the residuals of `fit`, if there are any. Laws of the motor angle are left out if the
+/// motor hardly turns, because they then resemble gravity and springs.
 pub fn absent(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Vec<Vec<ActiveEffect>> {
     let is_slow = datasets.iter().any(|t| t.dt > SLOWEST_RINGING);
     let testable = missing(model).filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
+    let turns = orders::motor_turns(model, datasets);
+    let of_motor = |e: &dyn effects::Effect| e.parameters().iter().any(|p| p.unit == Unit::GearRatio);
+    let testable = testable.filter(|e| turns >= orders::LEAST_PERIODS || !of_motor(&**e));
     let shapes = testable.map(|e| variants(model, e)).filter(|shapes| !(is_slow && shapes[0].has_gears()));
     shapes.chain(orders::cogging(model, &fit.residuals, datasets).map(|found| vec![found])).collect()
 }
