@@ -284,6 +284,9 @@ pub fn blurred_reversals(datasets: &[Dataset]) -> Vec<Column> {
         for k in 0..BLURS {
             let decay = least * (reach / least).max(1.0).powf(k as f64 / (BLURS - 1) as f64);
             let values = datasets.iter().map(|t| t.means(&blur(t, drive, decay), block)).collect::<Vec<_>>().concat();
+            if values.iter().all(|v| *v == 0.0) {
+                continue;
+            }
             let mut whole = vec![0.0; datasets[0].channels.len() * values.len()];
             whole[drive * values.len()..(drive + 1) * values.len()].copy_from_slice(&values);
             all.push(Column { name: format!("reversals {}.{}", drive + 1, k + 1), values: whole, magnitude: 0.0 });

@@ -45,10 +45,10 @@ const STATED: (f64, f64) = (132.0, 18.989);
 const TELESCOPE_DRIVE: f64 = 0.11;
 
 /// Factors on the lower and upper end of a range on a lone axis. Its range follows from limits of torque and speed that
-/// are often estimates, so it restricts the sign of a coefficient, and other numbers to a factor of 30.
+/// are often estimates, so it is widened: by a factor of 100 for coefficients and of 30 for other numbers.
 fn wider(role: Role) -> (f64, f64) {
     match role {
-        Role::Linear => (1e-6, 1e6),
+        Role::Linear => (1e-2, 1e2),
         Role::Shape | Role::Fixed => (1.0 / 30.0, 30.0),
     }
 }
