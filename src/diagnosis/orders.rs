@@ -16,7 +16,7 @@ use crate::numerics::median;
 use crate::text::significant;
 
 /// Least number of periods within the travel.
-pub(super) const LEAST_PERIODS: f64 = 4.0;
+pub(super) const LEAST_PERIODS: f64 = 3.0;
 /// Largest frequency of a line at the RMS speed, relative to the sampling rate.
 const HIGHEST: f64 = 0.4;
 /// Largest number of orders.
