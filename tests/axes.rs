@@ -8,7 +8,7 @@ use crate::common::model;
 use crate::machines::{run, turntable};
 use deltatwin::diagnosis::{Diagnosis, Verdict, diagnose};
 use deltatwin::effects::formula::{Expression, Formula, Place, Term};
-use deltatwin::effects::{ActiveEffect, find};
+use deltatwin::effects::{ActiveEffect, cogging, find};
 use deltatwin::identification::Dataset;
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
@@ -135,4 +135,45 @@ fn an_uneven_gear_is_told_from_torque_ripple() {
     near(&d, "cosine_2_1", 1e-4, 2e-5);
     let d = told(&table, effect("torque_ripple", &[&[0.05], &[0.0], &[0.0], &[0.03], &[10.0]]), 48);
     assert_eq!(names(&d), ["torque_ripple"]);
+}
+
+/// Orders 7 and 30 of the motor, of 1.5 and 0.75 times the noise of 2 N.
+#[test]
+fn cogging_is_named_with_its_orders() {
+    let slide = model("servo-axis");
+    let mut hidden = cogging::at_orders(&[7.0, 30.0], slide.drives[0].gear_ratio, slide.host());
+    hidden.values[2..6].copy_from_slice(&[3.0, 0.0, 0.0, 1.5]);
+    let d = told(&slide, hidden, 51);
+    assert_eq!(names(&d), ["cogging"]);
+    near(&d, "sine_7", 3.0, 0.2);
+    near(&d, "cosine_30", 1.5, 0.2);
+    assert_eq!(d.effects[0].parameters.len(), 4, "two orders");
+}
+
+/// At 62.5 Hz, 6 s are 375 samples, without averages, and reversals are not resolved.
+#[test]
+fn a_slow_recording_is_answered_without_a_false_name() {
+    let slide = model("servo-axis");
+    for seed in [52, 53] {
+        let (mut recording, _) = run(&slide, &slide, &Setup::default(), 6.0, seed, true);
+        let signals = &mut recording.signals;
+        let kept = |k: &usize| k.is_multiple_of(40);
+        signals.t = (0..signals.t.len()).filter(kept).map(|k| signals.t[k]).collect();
+        signals.q = (0..signals.q.len()).filter(kept).map(|k| signals.q[k]).collect();
+        signals.tau = (0..signals.tau.len()).filter(kept).map(|k| signals.tau[k]).collect();
+        (signals.qd, signals.qdd, signals.link_q, signals.link_qd) = (None, None, None, None);
+        (signals.segments, signals.multipliers) = (Vec::new(), None);
+        let d = diagnose(&slide, &[Dataset::new(&recording)], &[], &mut |_| {}).expect("a diagnosis");
+        assert!(d.effects.iter().all(|e| e.confidence.probability() < 0.5), "{:?}", names(&d));
+    }
+}
+
+/// A large effect is no noise: gravity of 200 times the noise is named, and nothing beside it.
+#[test]
+fn a_large_effect_does_not_hide_in_the_noise() {
+    let table = turntable();
+    let size = 200.0 * table.noise.torque[0];
+    let d = told(&table, effect("axis_gravity", &[&[size], &[0.0]]), 54);
+    assert_eq!(names(&d), ["axis_gravity"]);
+    assert_eq!(d.verdict, Verdict::Effect, "{:?}", d.indistinguishable);
 }
