@@ -76,12 +76,12 @@ fn line(name: &str, d: &Diagnosis) {
 #[test]
 fn an_unknown_law_is_located_and_written_into_the_model() {
     let place = "drive 1";
-    let [measurement, validation] = measure(21, formula(&[("drive1", "-qd1*cos(5*q1+0.3)")]));
+    let [measurement, validation] = measure(21, formula(&[("drive1", "-tanh(50*qd1)*sin(18*q1+0.7)")]));
     let alone = diagnose(&model("irb360-6-1600"), std::slice::from_ref(&measurement), &[], &mut |_| ()).unwrap();
     line("without held-out data", &alone);
     assert_eq!(alone.unexplained.expect("a formula").location, place);
     let d = diagnose(&model("irb360-6-1600"), &[measurement], &[validation], &mut |_| ()).unwrap();
-    line("an eccentric gear, 5 per rad", &d);
+    line("friction with 18 waves per rad", &d);
     assert_eq!(d.verdict, Verdict::Unknown);
     let found = d.unexplained.as_ref().expect("a formula");
     assert_eq!(found.location, place);
@@ -89,7 +89,7 @@ fn an_unknown_law_is_located_and_written_into_the_model() {
     assert!(d.rms_after[0] < 1.03 * d.noise_floor[0], "{:?} {:?}", d.rms_after, d.noise_floor);
     assert!(d.explained() >= 0.6, "{}", d.explained());
     let (period, variable) = found.shape.period.expect("a wave");
-    assert!((period - std::f64::consts::TAU / 5.0).abs() < 0.01 * period && variable == "q1", "{period} {variable}");
+    assert!((period - std::f64::consts::TAU / 18.0).abs() < 0.01 * period && variable == "q1", "{period} {variable}");
     // Ready to paste, and what `diagnose -o` writes.
     let source = std::fs::read_to_string("models/irb360-6-1600.toml").unwrap();
     let pasted = model::parse(&format!("{source}\n{}", found.toml()), Path::new("pasted.toml")).unwrap();
@@ -111,11 +111,11 @@ fn an_unknown_law_beside_a_strong_effect_is_told() {
     let mut robot = nominal.clone();
     robot.effects.push(ActiveEffect::new(find("ball_socket_coulomb").unwrap(), &[&[0.8], &[0.05]]));
     let case = Case { seed: 33, ..Case::default() };
-    let hidden = formula(&[("drive1", "-qd1*cos(5*q1+0.3)")]);
+    let hidden = formula(&[("drive1", "-tanh(50*qd1)*sin(18*q1+0.7)")]);
     let campaign = campaign_with(&robot, &case, &[hidden], &|_, _| ()).unwrap();
     let [measurement, validation] = [&campaign.measurement, &campaign.validation].map(Dataset::new);
     let d = diagnose(&nominal, &[measurement], &[validation], &mut |_| ()).unwrap();
-    line("an eccentric gear beside socket friction", &d);
+    line("friction in waves beside socket friction", &d);
     assert_eq!(d.effects[0].name, "ball_socket_coulomb");
     assert!(d.unknown_beside(), "{:?}", d.left);
     assert_eq!(d.unexplained.as_ref().expect("a formula").location, "drive 1");

@@ -38,8 +38,8 @@ const PARAMETERS: &[Parameter] = &[
 ];
 
 /// Frequencies from which the search starts in each direction, Hz: every frame between 4 and 25 Hz is within a factor of
-/// 1.25 of one of them, and an iteration from there finds it.
-const GRID: [f64; 5] = [4.5, 6.5, 9.5, 13.7, 20.0];
+/// 1.26 of one of them, and an iteration from there finds it.
+const GRID: [f64; 4] = [5.0, 7.9, 12.6, 20.0];
 
 static PAIRS: [[f64; 2]; GRID.len() * GRID.len()] = {
     let mut pairs = [[0.0; 2]; GRID.len() * GRID.len()];

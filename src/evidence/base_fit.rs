@@ -21,7 +21,7 @@ const MIN_BLOCKS: usize = 16;
 const MIN_BLOCK: usize = 8;
 
 /// Ratio of a residual to the known noise above which a missing effect dominates it.
-const LARGE: f64 = 4.0;
+const LARGE: f64 = 8.0;
 
 /// Least number of values per column of a fit of all candidates.
 const ROWS_PER_COLUMN: usize = 20;
@@ -64,7 +64,7 @@ impl<'a> BaseFit<'a> {
         };
         // Two rounds: scaled least squares gives the residual for the noise model, which then gives a better
         // residual.
-        for _ in 0..2 {
+        for round in 0..2 {
             fit.cut(problem, settings, 1.0)?;
             let grams = fit.pass(&[], Vec::new()).run(&fit.filters, n, &fit.blocks);
             let (inverse, rank) = pseudo_inverse(&sum(&grams, fit.columns.len()));
@@ -73,7 +73,10 @@ impl<'a> BaseFit<'a> {
                 return Err(Error::NotFinite(problem.not_finite().unwrap_or("base").into()));
             }
             fit.update(&rest.base);
-            let noise = fit.left_by_candidates(problem, chosen);
+            let noise = match round {
+                0 => Cow::Borrowed(&fit.residual[..]),
+                _ => fit.left_by_candidates(problem, chosen),
+            };
             fit.filters = (0..channels)
                 .map(|c| {
                     let series = &noise[c * n..(c + 1) * n];
@@ -99,7 +102,7 @@ impl<'a> BaseFit<'a> {
         Ok(fit)
     }
 
-    /// Residual from which the noise is estimated: that of the base, or where it exceeds the known noise by far, what all
+    /// Residual from which the noise is estimated: that of the base, or where it exceeds the noise of every channel by far, what all
     /// open candidates together leave of it. A large missing effect would otherwise count as noise, and the filter that
     /// whitens it would remove slow effects and keep the steps of friction.
     fn left_by_candidates(&self, problem: &Problem, chosen: &[Chosen]) -> Cow<'_, [f64]> {
@@ -111,7 +114,7 @@ impl<'a> BaseFit<'a> {
             .collect();
         let is_large =
             |(channel, rms): (&Channel, &f64)| channel.noise_sigma.is_some_and(|s| s > 0.0 && *rms > LARGE * s);
-        if !problem.channels.iter().zip(&scale).any(is_large) {
+        if !problem.channels.iter().zip(&scale).all(is_large) {
             return Cow::Borrowed(&self.residual);
         }
         let open = |i: &usize| chosen.iter().all(|c| c.candidate != *i);
