@@ -267,7 +267,7 @@ fn a_machine_without_a_flange_carries_no_payload() {
 fn a_recording_that_is_too_short_is_told_in_seconds() {
     let model = common::model("irb360-6-1600");
     let whole = recording(&model, Payload::default(), true, false, 3);
-    let n = 100;
+    let n = 300;
     let short = Dataset {
         t: whole.t[..n].to_vec(),
         joints: whole.joints[..n].to_vec(),
@@ -276,7 +276,7 @@ fn a_recording_that_is_too_short_is_told_in_seconds() {
         ..whole
     };
     let error = diagnose(&model, &[short], &[], &mut |_| {}).map(drop).unwrap_err().to_string();
-    // 100 samples of 4 ms, which are not averaged.
-    assert!(error.contains("of 0.400 s are usable") && error.contains("at least 0.512 s (128 means)"), "{error}");
+    // 60 means of 5 samples of 4 ms.
+    assert!(error.contains("of 1.200 s are usable") && error.contains("at least 2.560 s (128 means)"), "{error}");
     assert!(error.contains("record longer"), "{error}");
 }

@@ -15,12 +15,21 @@ use crate::identification::{Dataset, Residuals, averaged_columns};
 use crate::machine::{Mechanism, Unit};
 use crate::model::Model;
 
-/// Time over which samples are averaged, s: it keeps nine tenths of the amplitude at 125 Hz.
+/// Time over which the samples of a lone axis are averaged, s: it keeps nine tenths of the amplitude at 125 Hz, as the
+/// ripple of its motor.
 const AVERAGED: f64 = 2e-3;
+
+/// Number of samples of a robot that are averaged, and longest time, s: most of its laws are slower than 25 Hz, and the noise
+/// model reaches further back.
+const ROBOT: (usize, f64) = (5, 20e-3);
 
 /// Number of samples averaged into one; one sample of slow recordings.
 pub fn block(datasets: &[Dataset]) -> usize {
-    datasets.iter().map(|t| t.stride(AVERAGED)).min().unwrap_or(1)
+    let of = |t: &Dataset| match t.channels.iter().filter(|c| c.drive().is_some()).count() {
+        1 => t.stride(AVERAGED),
+        _ => t.stride(ROBOT.1).min(ROBOT.0),
+    };
+    datasets.iter().map(of).min().unwrap_or(1)
 }
 
 /// Share of its usual magnitude below which an effect is not of practical interest.

@@ -22,7 +22,7 @@ const SPEED: usize = 4;
 const SMOOTH: f64 = 0.005;
 
 const PARAMETERS: &[Parameter] = &[
-    Parameter::new("torque", Unit::NM, Role::Linear, 2.0, (0.0, 30.0)).counted(Count::PerArm),
+    Parameter::new("torque", Unit::NM, Role::Linear, 2.0, (0.0, 12.0)).counted(Count::PerArm),
     Parameter::new("exponent", Unit::One, Role::Shape, 0.5, (0.1, 4.0)),
     Parameter::new("knee", Unit::One, Role::Shape, 0.3, (0.005, 5.0)),
     // 0 or 1.
