@@ -20,7 +20,7 @@ pub struct Left {
     pub beside: bool,
     /// Description of the residual where it exceeds the noise and has no formula.
     pub sight: Option<Rest>,
-    /// Strongest patterns of the channels of [`Self::channels`] beyond [`PLAIN`] without a formula, largest share
+    /// Strongest patterns of the channels whose ratio exceeds 1.3 and that have no formula, largest share
     /// first.
     pub patterns: Vec<Finding>,
 }
