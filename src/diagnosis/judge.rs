@@ -122,7 +122,9 @@ impl<'a> Judge<'a> {
         let [before, after] = [self.resolved_rms(without), self.resolved_rms(with)];
         let held_out = gain(&before, &after, &self.floor);
         let left = relative_energy(&after, &self.floor) - self.floor.len() as f64;
-        let stays = held_out >= (HELD_OUT_SHARE * fitted).max(ABOVE_THE_REST * left) && is_relevant(&before, &after);
+        let stays = held_out >= (HELD_OUT_SHARE * fitted).max(ABOVE_THE_REST * left)
+            && is_relevant(&before, &after)
+            && is_relevant(without.rms(), with.rms());
         Ok(stays && !self.fitting.wanders(&without.fit, &with.fit)?)
     }
 }
