@@ -266,8 +266,8 @@ impl<'a> Search<'a> {
         progress(&format!("without {name}"));
         match self.refused.len() < MAX_REFUSED {
             true => self.refused.push(name),
-            // After this number of refusals no name is reliable.
-            false => self.settings.max_steps = 0,
+            // After this number of refusals only the strongest effect may be reliable, and after one more none.
+            false => self.settings.max_steps = usize::from(self.settings.max_steps > 1),
         }
     }
 
