@@ -1,0 +1,1 @@
+//! Chunks of runs, their parts on the disk, and the table made of them.

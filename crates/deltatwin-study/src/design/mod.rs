@@ -1,0 +1,1 @@
+//! Factors of a study and the points at which they are set.

@@ -1,0 +1,1 @@
+//! One run of the twin: its verdict, the cause of a failure, and what follows.

@@ -1,0 +1,1 @@
+//! Sensitivity indices, probabilities of rare failures, and confidence intervals.
