@@ -33,6 +33,7 @@ fn dataset(robot: &Model, setup: &Setup, samples: usize, dt: f64, motion: impl F
         segments: std::iter::once(0..samples).collect(),
         dt,
         readings: deltatwin::identification::EncoderReadings::default(),
+        standing: 0.0,
         half_width: [10; 4],
     };
     dataset.measured = predict(&Plant::new(robot, setup), &dataset).expect("reachable");

@@ -40,6 +40,7 @@ fn dataset(robot: &Model, share: f64) -> Dataset {
         segments: std::iter::once(0..SAMPLES).collect(),
         dt: STEP,
         readings: EncoderReadings::default(),
+        standing: 0.0,
         half_width: [10; 4],
     };
     dataset.measured = predict(&Plant::new(robot, &Setup::default()), &dataset).expect("reachable");

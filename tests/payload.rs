@@ -106,6 +106,7 @@ fn recording(model: &Model, payload: Payload, rotation: bool, struts: bool, seed
         segments: std::iter::once(0..SAMPLES).collect(),
         dt: STEP,
         readings: EncoderReadings::default(),
+        standing: 0.0,
         half_width: [10; 4],
     };
     dataset.measured = predict(&Plant::new(model, &dataset.setup), &dataset).expect("reachable");

@@ -25,6 +25,9 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// part of what is left and not known.
 const ABOVE_THE_REST: f64 = 0.1;
 
+/// Share of [`ABOVE_THE_REST`] below which an effect is not pursued.
+const LOST: f64 = 0.5;
+
 /// Gain, in units of the noise, below which drift may explain an effect: seven standard deviations of one parameter,
 /// because the drift intensity is estimated from a few slow cosines only.
 const MAX_DRIFT_GAIN: f64 = 50.0;
@@ -105,6 +108,15 @@ impl<'a> Judge<'a> {
             held_out => Arc::new(Residuals::new(&fit.model, held_out)?),
         };
         Ok(Judged { fit, residuals })
+    }
+
+    /// Whether an effect gains so much less on the fitted data than what is left with it above the noise that no
+    /// validation data will confirm it.
+    pub fn is_lost_in_the_rest(&self, without: &Judged, with: &Judged) -> bool {
+        let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.fitting.noise);
+        let channels = self.fitting.noise.len() as f64;
+        let (gain, left) = (energy(without) - energy(with), energy(with) - channels);
+        left > channels && gain < LOST * ABOVE_THE_REST * left
     }
 
     /// RMS residuals on the validation data, without reversals that the recordings do not resolve.

@@ -376,6 +376,9 @@ impl<'a> Search<'a> {
         fitting.tried();
         // If the refit leads to an impossible machine, the newest effect is refused.
         match made.unwrap_or_else(|_| Err(self.refusal(chosen))) {
+            Ok((_, fitted)) if chosen.len() > 1 && self.judge.is_lost_in_the_rest(before, &fitted) => {
+                Ok(Refit::Negligible)
+            }
             Ok((next, fitted)) => {
                 *last = Some((chosen.to_vec(), fitted));
                 Ok(Refit::New(Box::new(next)))
@@ -435,7 +438,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// RMS residuals without each of the chosen effects, or the name of one that is not confirmed.
+    /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
     fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
         if let Some(c) = chosen.iter().find(|c| is_impossible(&end.fit, name(c))) {
@@ -447,6 +450,8 @@ impl<'a> Search<'a> {
             return Ok(Err(name(last).into()));
         }
         let mut all = Vec::new();
+        // Of those that do not stand, the one whose absence costs least: any other may only suffer from it.
+        let mut weakest: Option<(f64, &str)> = None;
         for c in chosen {
             let others: Vec<Chosen> = chosen.iter().copied().filter(|other| other != c).collect();
             let make = || self.judge.fit(&without_effects(&end.fit.model, &[name(c)]));
@@ -455,12 +460,13 @@ impl<'a> Search<'a> {
                 true => self.start.clone(),
                 false => self.fits.of(&others, make).unwrap_or_else(|_: FitError| self.start.clone()),
             };
-            if !self.judge.confirms(&without, end)? {
-                return Ok(Err(name(c).into()));
+            let left = relative_energy(without.rms(), &self.judge.floor);
+            if !self.judge.confirms(&without, end)? && weakest.is_none_or(|(least, _)| left < least) {
+                weakest = Some((left, name(c)));
             }
             all.push(without.rms().to_vec());
         }
-        Ok(Ok(all))
+        Ok(weakest.map_or(Ok(all), |(_, name)| Err(name.into())))
     }
 
     /// Fit with the longest leading sequence of chosen effects that are each confirmed given the previous ones, and

@@ -3,19 +3,20 @@
 use super::{About, Effect, Kind, Parameter, Part, Role, Sensor, Spec, Start, Unit, Values};
 use crate::recording::Signals;
 
-/// Reported torque τ(t − d) with the same delay d (s) for all drives.
+/// Reported torque τ(t − d) with the same delay d (s) for all drives. It is negative where a command is reported that
+/// acts later: a controller that holds its torque over a sampling period acts half a period after the command.
 pub struct SignalDelay;
 
-const PARAMETERS: &[Parameter] = &[Parameter::new("delay", Unit::S, Role::Linear, 0.001, (0.0, 0.05))];
+const PARAMETERS: &[Parameter] = &[Parameter::new("delay", Unit::S, Role::Linear, 0.001, (-0.05, 0.05))];
 
 static SPEC: Spec = Spec::new(
     "signal_delay",
     Part::Drives,
     About {
-        summary: "torque is reported late against position",
+        summary: "torque is reported late against position, or early if negative",
         law: "τ_reported(t) = τ(t − d)",
         shows: "residual in proportion to the torque's rate of change, on all axes",
-        source: "communication and filter delays, a fraction of a millisecond to some milliseconds",
+        source: "communication and filter delays, a fraction of a millisecond to some milliseconds; commands are early",
     },
     PARAMETERS,
 )

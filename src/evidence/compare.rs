@@ -20,6 +20,10 @@ const CONTAINED: f64 = 1.0 - 1e-7;
 /// One-sided confidence level of the pairwise tests.
 pub const LEVEL: f64 = 0.95;
 
+/// Share of the best one's gain below which a rival does not explain the same, and difference of the gains, in units of
+/// the noise, from which that is clear whatever single blocks say.
+const REACHES: (f64, f64) = (0.5, 100.0);
+
 /// Block losses of adding a candidate, relative to adding nothing: `−2 cᵀ g_b + cᵀ S_b c`.
 pub fn losses(scores: &Scores, grams: &[DMatrix<f64>]) -> DVector<f64> {
     let c = &scores.sum;
@@ -89,7 +93,10 @@ impl BaseFit<'_> {
             c.overlap = if energy > 0.0 { (shared.norm_squared() / energy).clamp(0.0, 1.0) } else { 0.0 };
             c.t_against_best = if i == w { 0.0 } else { t_statistic(&best, &rival, size(i) - size(w)) };
             let is_extension = c.overlap > CONTAINED && c.rank > present[w].projected.rank();
-            c.indistinguishable = i == w || (!is_extension && (c.t_against_best < critical || c.overlap > SAME));
+            let (gain, reached) = (-best.sum(), -rival.sum());
+            let is_far_behind = reached < REACHES.0 * gain && gain - reached > REACHES.1;
+            let is_rival = c.t_against_best < critical && !is_far_behind;
+            c.indistinguishable = i == w || (!is_extension && (is_rival || c.overlap > SAME));
         }
     }
 }

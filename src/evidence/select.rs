@@ -35,6 +35,8 @@ pub enum Refit {
     New(Box<Problem>),
     /// The effect is withdrawn, and there is no time to look for another.
     Withdraw,
+    /// The effect is withdrawn because it explains too little; the selection ends without it.
+    Negligible,
 }
 
 /// Result of the selection.
@@ -119,6 +121,10 @@ where
             Refit::Withdraw => {
                 chosen.pop();
                 cut_short = true;
+                break ranking;
+            }
+            Refit::Negligible => {
+                chosen.pop();
                 break ranking;
             }
         }

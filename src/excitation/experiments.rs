@@ -384,6 +384,7 @@ impl Bench<'_> {
             segments: Vec::new(),
             dt,
             readings: crate::identification::EncoderReadings::default(),
+            standing: 0.0,
             half_width: [MIN_HALF_WIDTH; AXES],
         };
         for start in starts {

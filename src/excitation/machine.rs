@@ -193,6 +193,7 @@ impl Machine {
             segments: std::iter::once(0..1).collect(),
             dt: 1.0,
             readings: crate::identification::EncoderReadings::default(),
+            standing: 0.0,
             half_width: [MIN_HALF_WIDTH; AXES],
         };
         let mut out = Vec::new();

@@ -3,7 +3,7 @@
 
 use super::{Evidence, Finding, Problem, Remedy};
 use crate::effects::smooth_sign;
-use crate::evidence::noise::difference_sigma;
+use crate::evidence::noise::{correlation_time, difference_sigma};
 use crate::identification::Dataset;
 use crate::identification::filtering::noise_level;
 use crate::identification::initial::quantum;
@@ -29,6 +29,13 @@ const STEPS: (f64, f64) = (1000.0, 100.0);
 /// Ratio of a line near half the sampling frequency to the median there, share of the variance in it, and the part of
 /// the spectrum that counts as near.
 const LINE: (f64, f64, f64) = (200.0, 0.02, 0.9);
+/// Least travel, rad, and share of the variance that a weight must explain of a torque that carries it alone.
+const WEIGHT: (f64, f64) = (0.3, 0.9);
+/// Standard errors from which the inertia shows, and share of the exchanged work that friction takes at least.
+const SHOWN: f64 = 4.0;
+const LOST: f64 = 0.01;
+/// Share of the time at rest from which it is told.
+const STANDING: f64 = 0.02;
 /// Speed of friction's change of sign relative to the largest.
 const SLOW: f64 = 0.01;
 /// Largest angle of a lone axis, rad, and distance of both ends from a multiple of 15, from which degrees are suspected.
@@ -100,8 +107,9 @@ impl Alone<'_> {
         }
         let noiseless = self.noiseless(axis);
         let unrelated = self.unrelated(axis);
-        let first = if unrelated.is_some() { unrelated } else { self.sign(axis) };
-        let rest = [noiseless, self.coarse_angle(axis), self.coarse_torque(axis), self.alias(axis)];
+        let first = unrelated.or_else(|| self.weight_alone(axis)).or_else(|| self.sign(axis));
+        let rest =
+            [noiseless, self.coarse_angle(axis), self.coarse_torque(axis), self.alias(axis), self.standstill(axis)];
         first.into_iter().chain(rest.into_iter().flatten()).collect()
     }
 
@@ -167,6 +175,54 @@ impl Alone<'_> {
                 format!("the torque of axis {k} follows no motion: {seen}; {why}"),
                 Remedy::Words(remedy),
             )
+        })
+    }
+
+    /// A torque of a lone revolute axis that follows the angle as a weight does and shows neither inertia nor friction.
+    fn weight_alone(&self, axis: usize) -> Option<Finding> {
+        let mechanism = self.recording.signals.mechanism;
+        if !matches!(mechanism, Mechanism::Axis(_)) || mechanism.joint() != Joint::Revolute {
+            return None;
+        }
+        let at = self.instants();
+        let motion = self.motion(axis, &at);
+        let angles: Vec<f64> = at.iter().map(|&k| self.dataset.joints[k].q[axis]).collect();
+        let weight = [f64::sin, f64::cos].map(|f| angles.iter().map(|q| f(*q)).collect::<Vec<f64>>());
+        let torque: Vec<f64> = at.iter().map(|&k| self.dataset.measured[axis][k]).collect();
+        let constant = vec![1.0; at.len()];
+        let alone = least_squares(&[&constant, &weight[0], &weight[1]], &torque)?;
+        if range(&angles) < WEIGHT.0 || alone.mean_square > (1.0 - WEIGHT.1) * spread(&torque).powi(2) {
+            return None;
+        }
+        let columns: [&[f64]; 6] = [&constant, &weight[0], &weight[1], &motion[0], &motion[1], &motion[2]];
+        let fit = least_squares(&columns, &torque)?;
+        let left = |k: usize| torque[k] - fit.beta.iter().zip(&columns).map(|(b, column)| b * column[k]).sum::<f64>();
+        let inflation = correlation_time(&[(0..at.len()).map(left).collect()]).sqrt().max(1.0);
+        let is_inert = fit.beta[3] > SHOWN * inflation * fit.std[3];
+        // The drive does the work against friction, at any speed and in every direction.
+        let rate = &motion[1];
+        let lost: f64 = (0..at.len()).map(|k| (fit.beta[4] * rate[k] + fit.beta[5] * motion[2][k]) * rate[k]).sum();
+        let exchanged: f64 = (0..at.len()).map(|k| (torque[k] * rate[k]).abs()).sum();
+        (!is_inert && lost < LOST * exchanged).then(|| {
+            let sentence = format!(
+                "the torque of axis {} follows its angle alone, without inertia and friction: the drive carries the \
+                 weight while something else moves the axis",
+                axis + 1
+            );
+            self.finding(axis, Problem::WeightAlone, sentence, Remedy::Words("a run that the drive moves"))
+        })
+    }
+
+    /// Samples of a lone axis that were left out because it stands.
+    fn standstill(&self, axis: usize) -> Option<Finding> {
+        let share = self.dataset.standing;
+        (share > STANDING).then(|| {
+            let sentence = format!(
+                "axis {} stands for {:.0} % of the time: static friction takes any value there, so these samples are left out",
+                axis + 1,
+                100.0 * share
+            );
+            self.finding(axis, Problem::Standstill, sentence, Remedy::Words("none needed"))
         })
     }
 
@@ -352,6 +408,15 @@ mod tests {
     #[test]
     fn a_usual_bench_passes() {
         assert_eq!(problems(|state, _, noise| usual(state) + 0.02 * noise), []);
+    }
+
+    #[test]
+    fn a_weight_that_is_carried_while_the_axis_is_moved_by_hand_is_told() {
+        let carried = |[angle, ..]: [f64; 3], _, noise| 2.0 * f64::sin(angle) + 0.02 * noise;
+        assert_eq!(problems(carried), [Problem::WeightAlone]);
+        // The same weight on an axis that its drive moves.
+        let driven = |state: [f64; 3], _, noise| 2.0 * f64::sin(state[0]) + usual(state) + 0.02 * noise;
+        assert_eq!(problems(driven), []);
     }
 
     #[test]

@@ -61,6 +61,10 @@ pub enum Problem {
     Alias,
     /// Angles in degrees.
     Degrees,
+    /// A torque that only carries the weight of an axis, without inertia and friction.
+    WeightAlone,
+    /// An axis that stands for part of the time.
+    Standstill,
 }
 
 impl fmt::Display for Problem {
@@ -84,6 +88,8 @@ impl fmt::Display for Problem {
             Self::Quantised => "quantised",
             Self::Alias => "alias",
             Self::Degrees => "degrees",
+            Self::WeightAlone => "weight_alone",
+            Self::Standstill => "standstill",
         })
     }
 }

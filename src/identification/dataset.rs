@@ -8,7 +8,7 @@ use super::filtering::MIN_HALF_WIDTH;
 use crate::dynamics::Channel;
 use crate::evidence::noise::difference_sigma;
 use crate::kinematics::JointState;
-use crate::machine::{AXES, Configuration, Part, STRUTS, Setup};
+use crate::machine::{AXES, Configuration, Mechanism, Part, STRUTS, Setup};
 use crate::model::Model;
 use crate::recording::{Recording, Signals};
 
@@ -16,6 +16,12 @@ use crate::recording::{Recording, Signals};
 const RESOLVED: f64 = 0.03;
 /// Sampling period, s, above which reversals are not resolved.
 const SLOW: f64 = 4e-3;
+/// Time, s, during which a lone axis that stands does not move.
+const STANDING: f64 = 0.1;
+/// Movement, in resolutions of the angle, up to which an axis stands; the resolution is at least a share of its travel.
+const STILL: (f64, f64) = (3.0, 1e-5);
+/// Least share of the samples in motion with which those at rest are left out.
+const MOVING: f64 = 0.2;
 
 /// Smoothed joint motion with the measured channels at the same samples.
 #[derive(Clone, Debug)]
@@ -38,6 +44,8 @@ pub struct Dataset {
     pub segments: Vec<Range<usize>>,
     /// Sampling period, s.
     pub dt: f64,
+    /// Share of the samples that were left out because the axis stands.
+    pub standing: f64,
     /// Half width per axis, in samples, of local polynomials whose second derivative has acceptable encoder noise;
     /// the smallest, [`super::filtering::MIN_HALF_WIDTH`], without encoder noise.
     pub half_width: [usize; AXES],
@@ -81,22 +89,28 @@ impl Dataset {
             channels,
             segments: Vec::new(),
             dt,
+            standing: 0.0,
             half_width: angles.half_widths(),
         };
-        for (kept, joints) in angles.differentiate(method) {
-            let first = dataset.t.len();
-            dataset.t.extend(&signals.t[kept.clone()]);
-            dataset.readings.angles.extend(&signals.q[kept.clone()]);
-            if first == 0 {
-                dataset.joints = joints;
-            } else {
-                dataset.joints.extend(joints);
+        let pieces = angles.differentiate(method);
+        let total: usize = pieces.iter().map(|(kept, _)| kept.len()).sum();
+        let moving = match signals.mechanism {
+            Mechanism::Axis(_) => moving(signals, pieces.iter().map(|(kept, _)| kept), angles.resolution(0)),
+            Mechanism::Delta { .. } => pieces.iter().map(|(kept, _)| vec![kept.clone()]).collect(),
+        };
+        for ((kept, joints), moving) in pieces.into_iter().zip(moving) {
+            for range in moving {
+                let first = dataset.t.len();
+                dataset.t.extend(&signals.t[range.clone()]);
+                dataset.readings.angles.extend(&signals.q[range.clone()]);
+                dataset.joints.extend_from_slice(&joints[range.start - kept.start..range.end - kept.start]);
+                for (series, &channel) in dataset.measured.iter_mut().zip(&dataset.channels) {
+                    series.extend(range.clone().map(|k| measured_value(signals, channel, k)));
+                }
+                dataset.segments.push(first..dataset.t.len());
             }
-            for (series, &channel) in dataset.measured.iter_mut().zip(&dataset.channels) {
-                series.extend(kept.clone().map(|k| measured_value(signals, channel, k)));
-            }
-            dataset.segments.push(first..dataset.t.len());
         }
+        dataset.standing = 1.0 - dataset.len() as f64 / total.max(1) as f64;
         dataset
     }
 
@@ -131,6 +145,7 @@ impl Dataset {
             measured: vec![Vec::new(); self.channels.len()],
             segments: Vec::new(),
             dt: self.dt,
+            standing: self.standing,
             half_width: self.half_width,
         }
     }
@@ -237,6 +252,54 @@ pub fn stride_for(n: usize, most: usize) -> usize {
 pub fn noise_floor(model: &Model, datasets: &[Dataset]) -> Vec<f64> {
     let all: Vec<Vec<f64>> = datasets.iter().map(|t| t.noise(model)).collect();
     (0..all[0].len()).map(|c| all.iter().map(|n| n[c]).sum::<f64>() / all.len() as f64).collect()
+}
+
+/// Ranges of each of `pieces` in which a lone axis moves; all of it if it hardly ever does.
+///
+/// Static friction takes any value up to its limit at rest, so the torque of an axis that stands is no function of its
+/// state. Positions within a few resolutions over [`STANDING`] are rest.
+fn moving<'a>(
+    signals: &Signals,
+    pieces: impl Iterator<Item = &'a Range<usize>> + Clone,
+    resolution: f64,
+) -> Vec<Vec<Range<usize>>> {
+    let all: Vec<Vec<Range<usize>>> = pieces.clone().map(|p| vec![p.clone()]).collect();
+    let angle = |k: usize| signals.q[k][0];
+    let (low, high) =
+        (0..signals.q.len()).map(angle).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+    let still = STILL.0 * resolution.max(STILL.1 * (high - low));
+    let window = (STANDING / signals.sample_time()).round().max(2.0) as usize;
+    let of = |piece: &Range<usize>| -> Vec<Range<usize>> {
+        let mut moves = vec![true; piece.len()];
+        for start in piece.start..piece.end.saturating_sub(window) {
+            let near = |k: usize| (angle(k) - angle(start)).abs() <= still;
+            if (start..=start + window).all(near) {
+                moves[start - piece.start..=start + window - piece.start].fill(false);
+            }
+        }
+        let long = |run: &Range<usize>| run.len() > 2 * MIN_HALF_WIDTH;
+        runs(&moves, piece.start).into_iter().filter(long).collect()
+    };
+    let moving: Vec<Vec<Range<usize>>> = pieces.map(of).collect();
+    let count = |ranges: &[Vec<Range<usize>>]| ranges.iter().flatten().map(Range::len).sum::<usize>() as f64;
+    if count(&moving) < MOVING * count(&all) { all } else { moving }
+}
+
+/// Runs of `true`, shifted by `offset`.
+fn runs(flags: &[bool], offset: usize) -> Vec<Range<usize>> {
+    let mut found = Vec::new();
+    let mut start = None;
+    for (k, flag) in flags.iter().chain([&false]).enumerate() {
+        match (flag, start) {
+            (true, None) => start = Some(k),
+            (false, Some(first)) => {
+                found.push(first + offset..k + offset);
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    found
 }
 
 fn measured_channels(signals: &Signals, configuration: Configuration) -> Vec<Channel> {

@@ -83,6 +83,11 @@ impl<'a> Angles<'a> {
         std::array::from_fn(|i| half_width(self.sigma[i], self.dt, ACCELERATION_NOISE[i]))
     }
 
+    /// Step of an encoder whose rounding would be as large as the noise of an axis, rad.
+    pub fn resolution(&self, axis: usize) -> f64 {
+        12f64.sqrt() * self.sigma[axis]
+    }
+
     /// Joint states of the samples kept of each segment.
     pub fn differentiate(&self, method: Method) -> Vec<(Range<usize>, Vec<JointState>)> {
         let half_widths = self.half_widths();
@@ -174,7 +179,7 @@ impl<'a> Angles<'a> {
             before = Some(*rate);
         }
         // Uniform errors have the standard deviation Δ/√12. All quantities are per sample.
-        let step = 12f64.sqrt() * self.sigma[axis];
+        let step = self.resolution(axis);
         let samples = (2.0 * step / median(turning)).sqrt();
         if samples > COARSE { -6.0 * samples.ln() } else { JUMP[1] }
     }

@@ -57,18 +57,21 @@ impl Kernel {
 
 /// Standard deviation of white noise on smooth series, from the median of their sixth differences.
 ///
-/// Differences of zero are ignored, because an encoder at rest shows no noise.
+/// Differences of zero are ignored, because an encoder at rest shows no noise; so are those of the size of rounding.
 pub fn noise_level(series: &[Vec<f64>]) -> f64 {
     const ORDER: usize = 6;
     /// Binomial coefficient C(2n, n): variance gain of n-th differences.
     const GAIN: f64 = 924.0;
+    /// Rounding of a sum of C(n, k) times values, relative to the largest value.
+    const ROUNDING: f64 = 64.0 * f64::EPSILON;
+    let largest = series.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
     let mut magnitude = Vec::new();
     for x in series {
         let mut d = x.clone();
         for _ in 0..ORDER {
             d = d.windows(2).map(|w| w[1] - w[0]).collect();
         }
-        magnitude.extend(d.iter().map(|v| v.abs()).filter(|v| *v > 0.0));
+        magnitude.extend(d.iter().map(|v| v.abs()).filter(|v| *v > ROUNDING * largest));
     }
     if magnitude.is_empty() {
         return 0.0;

@@ -86,6 +86,7 @@ pub fn planned(setup: Setup, t: Vec<f64>, joints: Vec<JointState>, dt: f64) -> D
         segments: std::iter::once(0..n).collect(),
         dt,
         readings: EncoderReadings::default(),
+        standing: 0.0,
         half_width: [3; 4],
     }
 }

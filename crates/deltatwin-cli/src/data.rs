@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::kind;
 use deltatwin::dynamics::{Channel, Plant};
 use deltatwin::identification::Dataset;
 use deltatwin::identification::derivatives::Method;
@@ -178,6 +179,7 @@ fn dataset(
             expected: "a longer stretch without gaps".into(),
         });
     }
+    warnings.extend(kind::meaningless(file, &recording, &dataset));
     Ok(dataset)
 }
 

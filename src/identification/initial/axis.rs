@@ -4,6 +4,8 @@ use super::{
     BEYOND, DERIVED, Initial, InitialError, MARGIN, Number, PERIOD, encoder_bits, encoder_step, quantile, rounded_up,
     sample_time, step_of_noise, widened,
 };
+use rayon::prelude::*;
+
 use crate::effects::{ActiveEffect, Effects, Host, Role, Unit, find, smooth_sign};
 use crate::evidence::noise::{correlation_time, difference_sigma};
 use crate::identification::Dataset;
@@ -23,6 +25,12 @@ const GRAVITY: (f64, f64, f64) = (5.0, 0.02, 0.3);
 const OFFSET: f64 = 5.0;
 /// Share of the torque that friction and inertia leave from which the residual is mentioned.
 const LEFT: f64 = 0.2;
+/// Smallest and largest speed over which friction changes its sign, relative to the largest speed, and number of values
+/// tried between them.
+const TRANSITION: [f64; 2] = [5e-4, 0.2];
+const GRID: usize = 16;
+/// Twice the logarithm of the likelihood ratio from which a steepness is better than the usual one.
+const CLEARER: f64 = 10.0;
 /// Largest position that a model file admits, rad or m.
 const FARTHEST: f64 = 1e4;
 
@@ -213,10 +221,12 @@ impl Own<'_> {
     /// Inertia, friction and gravity, and the drive with a torque limit that admits them.
     fn law(&mut self, drive: Drive, remarks: &mut Vec<String>) -> Result<(Drive, Law), InitialError> {
         let host = Host::new(self.mechanism, &drive);
-        let steepness = find("drive_friction")
+        let usual = find("drive_friction")
             .map(|e| ActiveEffect::absent_on(e, host))
             .and_then(|a| a.entries().iter().find(|e| e.parameter.role == Role::Fixed).map(|e| e.parameter.default));
-        let series = self.series(steepness.ok_or(InitialError::NoMotion)?);
+        let usual = usual.ok_or(InitialError::NoMotion)?;
+        let seen = self.steepness(usual, drive.max_speed);
+        let series = self.series(seen.unwrap_or(usual));
         let plain = Fit::of(&series, false).ok_or(InitialError::NoMotion)?;
         let with = self.gravity(&series, &plain);
         let fit = with.as_ref().unwrap_or(&plain);
@@ -237,6 +247,12 @@ impl Own<'_> {
         let gravity = gravity.filter(|_| find("axis_gravity").is_some());
         let drive = admitting(drive, self.mechanism, &friction, gravity);
         let host = Host::new(self.mechanism, &drive);
+        let mut friction = friction.to_vec();
+        if let Some(steepness) = seen {
+            let how = "least squares: friction reverses over about 1/steepness";
+            self.number("effects.drive_friction", "steepness", vec![steepness], Unit::SPerRad, how);
+            friction.push(("steepness", steepness));
+        }
         effects.push(filled("drive_friction", host, &friction).ok_or(InitialError::NoMotion)?);
         if let Some(values) =
             gravity.and_then(|[sine, cosine]| filled("axis_gravity", host, &[("sine", sine), ("cosine", cosine)]))
@@ -245,6 +261,34 @@ impl Own<'_> {
         }
         self.left(fit, &series, remarks);
         Ok((drive, Law { inertia, effects }))
+    }
+
+    /// Steepness of the friction's change of sign by least squares, s/rad; `None` if the recordings do not tell it from
+    /// the `usual` one.
+    ///
+    /// It is between the reciprocals of [`TRANSITION`] of the largest speed.
+    fn steepness(&self, usual: f64, max_speed: f64) -> Option<f64> {
+        let revolute = self.mechanism.joint() == Joint::Revolute;
+        // Where the travel does not tell gravity from a constant, the fit without it is as good.
+        let fit = |steepness: f64| {
+            let series = self.series(steepness);
+            Fit::of(&series, revolute).or_else(|| Fit::of(&series, false))
+        };
+        let start = fit(usual)?;
+        let independent = self.series(usual).torque.len() as f64 / start.inflation.powi(2).max(1.0);
+        let cost = |exponent: f64| fit(10f64.powf(exponent)).map_or(f64::INFINITY, |fit| fit.least.mean_square.ln());
+        let [most, least] = TRANSITION.map(|share| (1.0 / (share * max_speed)).log10().clamp(0.0, 4.0));
+        let among = |low: f64, high: f64| {
+            let grid: Vec<f64> = (0..=GRID).map(|k| low + (high - low) * k as f64 / GRID as f64).collect();
+            let costs: Vec<f64> = grid.par_iter().map(|e| cost(*e)).collect();
+            let best = (0..grid.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+            (grid[best.saturating_sub(1)], grid[best], grid[(best + 1).min(GRID)])
+        };
+        let (before, _, after) = among(least, most);
+        let (_, best, _) = among(before, after);
+        let found = fit(10f64.powf(best))?;
+        let gained = independent * (start.least.mean_square / found.least.mean_square).ln();
+        (found.friction[0].is_some() && gained > CLEARER).then(|| rounded_to(10f64.powf(best), 3))
     }
 
     /// The inertia of the model: the estimate, or its standard error if the motion does not show it.

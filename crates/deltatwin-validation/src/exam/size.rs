@@ -154,6 +154,7 @@ impl<'a> Sizer<'a> {
             dt: SPACING,
             // As for angles with noise: nothing is trimmed.
             readings: deltatwin::identification::EncoderReadings::default(),
+            standing: 0.0,
             half_width: [MIN_HALF_WIDTH + 1; AXES],
             t,
         };
