@@ -120,17 +120,11 @@ impl Alone<'_> {
     }
 
     fn instants(&self) -> Vec<usize> {
-        let stride = crate::identification::dataset::stride_for(self.dataset.len(), INSTANTS);
-        (0..self.dataset.len()).step_by(stride).collect()
+        instants(self.dataset)
     }
 
-    /// Acceleration, rate and smooth sign of the rate of an axis at the instants.
     fn motion(&self, axis: usize, at: &[usize]) -> [Vec<f64>; 3] {
-        let joints = &self.dataset.joints;
-        let fastest = at.iter().map(|&k| joints[k].qd[axis].abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-        let steepness = 1.0 / (SLOW * fastest);
-        let of = |f: &dyn Fn(usize) -> f64| at.iter().map(|&k| f(k)).collect::<Vec<f64>>();
-        [of(&|k| joints[k].qdd[axis]), of(&|k| joints[k].qd[axis]), of(&|k| smooth_sign(joints[k].qd[axis], steepness))]
+        motion(self.dataset, axis, at)
     }
 
     /// A torque that the motion of all axes does not explain.
@@ -178,32 +172,9 @@ impl Alone<'_> {
         })
     }
 
-    /// A torque of a lone revolute axis that follows the angle as a weight does and shows neither inertia nor friction.
+    /// A torque of a lone revolute axis that carries its weight and nothing else.
     fn weight_alone(&self, axis: usize) -> Option<Finding> {
-        let mechanism = self.recording.signals.mechanism;
-        if !matches!(mechanism, Mechanism::Axis(_)) || mechanism.joint() != Joint::Revolute {
-            return None;
-        }
-        let at = self.instants();
-        let motion = self.motion(axis, &at);
-        let angles: Vec<f64> = at.iter().map(|&k| self.dataset.joints[k].q[axis]).collect();
-        let weight = [f64::sin, f64::cos].map(|f| angles.iter().map(|q| f(*q)).collect::<Vec<f64>>());
-        let torque: Vec<f64> = at.iter().map(|&k| self.dataset.measured[axis][k]).collect();
-        let constant = vec![1.0; at.len()];
-        let alone = least_squares(&[&constant, &weight[0], &weight[1]], &torque)?;
-        if range(&angles) < WEIGHT.0 || alone.mean_square > (1.0 - WEIGHT.1) * spread(&torque).powi(2) {
-            return None;
-        }
-        let columns: [&[f64]; 6] = [&constant, &weight[0], &weight[1], &motion[0], &motion[1], &motion[2]];
-        let fit = least_squares(&columns, &torque)?;
-        let left = |k: usize| torque[k] - fit.beta.iter().zip(&columns).map(|(b, column)| b * column[k]).sum::<f64>();
-        let inflation = correlation_time(&[(0..at.len()).map(left).collect()]).sqrt().max(1.0);
-        let is_inert = fit.beta[3] > SHOWN * inflation * fit.std[3];
-        // The drive does the work against friction, at any speed and in every direction.
-        let rate = &motion[1];
-        let lost: f64 = (0..at.len()).map(|k| (fit.beta[4] * rate[k] + fit.beta[5] * motion[2][k]) * rate[k]).sum();
-        let exchanged: f64 = (0..at.len()).map(|k| (torque[k] * rate[k]).abs()).sum();
-        (!is_inert && lost < LOST * exchanged).then(|| {
+        carries_weight_alone(self.recording.signals.mechanism, self.dataset).then(|| {
             let sentence = format!(
                 "the torque of axis {} follows its angle alone, without inertia and friction: the drive carries the \
                  weight while something else moves the axis",
@@ -355,6 +326,48 @@ impl Alone<'_> {
             self.finding(0, Problem::Degrees, sentence, Remedy::Map(vec!["q1=q1[deg]".into()]))
         })
     }
+}
+
+fn instants(dataset: &Dataset) -> Vec<usize> {
+    let stride = crate::identification::dataset::stride_for(dataset.len(), INSTANTS);
+    (0..dataset.len()).step_by(stride).collect()
+}
+
+/// Acceleration, rate and smooth sign of the rate of an axis at the instants.
+fn motion(dataset: &Dataset, axis: usize, at: &[usize]) -> [Vec<f64>; 3] {
+    let joints = &dataset.joints;
+    let fastest = at.iter().map(|&k| joints[k].qd[axis].abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let steepness = 1.0 / (SLOW * fastest);
+    let of = |f: &dyn Fn(usize) -> f64| at.iter().map(|&k| f(k)).collect::<Vec<f64>>();
+    [of(&|k| joints[k].qdd[axis]), of(&|k| joints[k].qd[axis]), of(&|k| smooth_sign(joints[k].qd[axis], steepness))]
+}
+
+/// Whether the torque of a lone revolute axis follows the angle as a weight does and shows neither inertia nor friction:
+/// something else moved the axis, and the torque tells nothing of its dynamics.
+pub fn carries_weight_alone(mechanism: Mechanism, dataset: &Dataset) -> bool {
+    if !matches!(mechanism, Mechanism::Axis(_)) || mechanism.joint() != Joint::Revolute || dataset.is_empty() {
+        return false;
+    }
+    let at = instants(dataset);
+    let moved = motion(dataset, 0, &at);
+    let angles: Vec<f64> = at.iter().map(|&k| dataset.joints[k].q[0]).collect();
+    let weight = [f64::sin, f64::cos].map(|f| angles.iter().map(|q| f(*q)).collect::<Vec<f64>>());
+    let torque: Vec<f64> = at.iter().map(|&k| dataset.measured[0][k]).collect();
+    let constant = vec![1.0; at.len()];
+    let Some(alone) = least_squares(&[&constant, &weight[0], &weight[1]], &torque) else { return false };
+    if range(&angles) < WEIGHT.0 || alone.mean_square > (1.0 - WEIGHT.1) * spread(&torque).powi(2) {
+        return false;
+    }
+    let columns: [&[f64]; 6] = [&constant, &weight[0], &weight[1], &moved[0], &moved[1], &moved[2]];
+    let Some(fit) = least_squares(&columns, &torque) else { return false };
+    let left = |k: usize| torque[k] - fit.beta.iter().zip(&columns).map(|(b, column)| b * column[k]).sum::<f64>();
+    let inflation = correlation_time(&[(0..at.len()).map(left).collect()]).sqrt().max(1.0);
+    let is_inert = fit.beta[3] > SHOWN * inflation * fit.std[3];
+    // The drive does the work against friction, at any speed and in every direction.
+    let rate = &moved[1];
+    let lost: f64 = (0..at.len()).map(|k| (fit.beta[4] * rate[k] + fit.beta[5] * moved[2][k]) * rate[k]).sum();
+    let exchanged: f64 = (0..at.len()).map(|k| (torque[k] * rate[k]).abs()).sum();
+    !is_inert && lost < LOST * exchanged
 }
 
 fn range(x: &[f64]) -> f64 {

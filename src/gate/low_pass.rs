@@ -154,6 +154,7 @@ mod tests {
             segments: Vec::new(),
             dt: step,
             readings: Default::default(),
+            standing: 0.0,
             half_width: [1; 4],
         };
         let series = Series {

@@ -14,7 +14,7 @@ mod severe;
 
 use std::fmt;
 
-pub use alone::{folded, inspect};
+pub use alone::{carries_weight_alone, folded, inspect};
 pub use arrangement::Arrangement;
 pub use line::Line;
 

@@ -17,7 +17,7 @@ const RESOLVED: f64 = 0.03;
 /// Sampling period, s, above which reversals are not resolved.
 const SLOW: f64 = 4e-3;
 /// Time, s, during which a lone axis that stands does not move.
-const STANDING: f64 = 0.1;
+const STANDING: f64 = 0.3;
 /// Movement, in resolutions of the angle, up to which an axis stands; the resolution is at least a share of its travel.
 const STILL: (f64, f64) = (3.0, 1e-5);
 /// Least share of the samples in motion with which those at rest are left out.

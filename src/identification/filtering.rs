@@ -57,12 +57,12 @@ impl Kernel {
 
 /// Standard deviation of white noise on smooth series, from the median of their sixth differences.
 ///
-/// Differences of zero are ignored, because an encoder at rest shows no noise; so are those of the size of rounding.
+/// An encoder at rest shows no noise: differences of zero are ignored, and those over samples that differ by rounding.
 pub fn noise_level(series: &[Vec<f64>]) -> f64 {
     const ORDER: usize = 6;
     /// Binomial coefficient C(2n, n): variance gain of n-th differences.
     const GAIN: f64 = 924.0;
-    /// Rounding of a sum of C(n, k) times values, relative to the largest value.
+    /// Rounding of interpolated values, relative to the largest.
     const ROUNDING: f64 = 64.0 * f64::EPSILON;
     let largest = series.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
     let mut magnitude = Vec::new();
@@ -71,7 +71,8 @@ pub fn noise_level(series: &[Vec<f64>]) -> f64 {
         for _ in 0..ORDER {
             d = d.windows(2).map(|w| w[1] - w[0]).collect();
         }
-        magnitude.extend(d.iter().map(|v| v.abs()).filter(|v| *v > ROUNDING * largest));
+        let moves = x.windows(ORDER + 1).map(|w| w.iter().any(|v| (v - w[0]).abs() > ROUNDING * largest));
+        magnitude.extend(d.iter().zip(moves).filter(|(v, moves)| **v != 0.0 && *moves).map(|(v, _)| v.abs()));
     }
     if magnitude.is_empty() {
         return 0.0;

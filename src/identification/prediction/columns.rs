@@ -455,6 +455,7 @@ mod tests {
             segments: vec![0..1001, 1001..2003],
             dt: DT,
             readings: crate::identification::EncoderReadings::default(),
+            standing: 0.0,
             half_width: [10; 4],
         }
     }

@@ -17,6 +17,7 @@ fn dataset(joints: Vec<JointState>, setup: Setup) -> Dataset {
         segments: std::iter::once(0..joints.len()).collect(),
         dt: DT,
         readings: crate::identification::EncoderReadings::default(),
+        standing: 0.0,
         half_width: [3; AXES],
         joints,
     }
