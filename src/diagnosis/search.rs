@@ -10,14 +10,18 @@ use super::fitting::Fitting;
 use super::judge::{Judge, Judged, MIN_RELEVANCE, is_relevant, relative_energy};
 use super::problem::Edges;
 use super::{DiagnosisError, problem};
-use crate::effects::{ActiveEffect, Role};
+use crate::effects::{self, ActiveEffect, Role};
 use crate::evidence::{self, Chosen, Outcome, Problem, Ranking, Refit, Settings};
 use crate::gate::carries_weight_alone;
+use crate::identification::Dataset;
 use crate::identification::fit::{Fit, FitError, is_nonlinear};
 use crate::model::Model;
 
 /// Largest number of effects refused by the validation; one more refusal ends the search without a name.
 const MAX_REFUSED: usize = 5;
+
+/// Share by which the recorder's delay must lower the mean square error of slow recordings.
+const LAG_GAIN: f64 = 0.1;
 
 /// Name of the effect that is equivalent to a delay of the recorder.
 pub(super) const DELAY: &str = "signal_delay";
@@ -103,8 +107,7 @@ enum Selection {
     Refused(String),
 }
 
-/// State of a delay of at most half a sample: a controller holds its torque from one sample to the next, so such a
-/// delay is a property of the recording and no effect.
+/// State of a delay that is a property of the recording and no effect, see [`Search::recorded_lag`].
 #[derive(Clone, Copy, PartialEq)]
 enum Lag {
     /// A delay that is found may be the recorder's.
@@ -145,6 +148,9 @@ fn find_along(
 ) -> Result<Found, DiagnosisError> {
     progress("columns of the candidates");
     let mut search = Search::new(edges, start, judge, candidates)?;
+    if let Some(late) = search.lag_of_slow_recordings() {
+        search.accept_lag(late)?;
+    }
     loop {
         progress("evidence");
         let (outcome, end) = match search.select(progress)? {
@@ -243,6 +249,26 @@ impl<'a> Search<'a> {
             all: None,
             fits: Fits::default(),
         })
+    }
+
+    /// The recorder's delay in recordings whose samples are so far apart that the hold of the torques distorts every
+    /// reversal; `None` if they resolve them, or if a delay lowers the error on the fitted or the validation data by less
+    /// than [`LAG_GAIN`].
+    fn lag_of_slow_recordings(&self) -> Option<ActiveEffect> {
+        let fitting = self.judge.fitting;
+        if delay(&self.start.fit.model).is_some() || !fitting.datasets.iter().any(Dataset::blurs_reversals) {
+            return None;
+        }
+        let mut model = self.start.fit.model.clone();
+        model.effects.push(ActiveEffect::absent_on(effects::find(DELAY)?, model.host()));
+        // Where no machine with it can be fitted, there is none.
+        let with = self.judge.fit(&model).ok()?;
+        let gains = |without: &[f64], with: &[f64], floor: &[f64]| {
+            relative_energy(with, floor) < (1.0 - LAG_GAIN) * relative_energy(without, floor)
+        };
+        let fitted = gains(&self.start.fit.residuals.rms, &with.fit.residuals.rms, &fitting.noise);
+        let held_out = gains(self.start.rms(), with.rms(), &self.judge.floor);
+        self.recorded_lag(&with.fit).filter(|_| fitted && held_out)
     }
 
     /// Adds the recorder's delay to the starting model.
@@ -505,14 +531,16 @@ impl<'a> Search<'a> {
         self.recorded_lag(fit).filter(|_| self.lag == Lag::Possible && is_chosen)
     }
 
-    /// The delay in a fit if sampling explains it: a controller that holds its torques delays them by half the sampling
-    /// period, within three standard errors of the estimate.
+    /// The delay in a fit if sampling explains it, within three standard errors of the estimate: a recorder delays by at
+    /// most half the sampling period. A command is recorded early, by half a period while it is held and by one more if
+    /// it is computed during the period before it acts.
     fn recorded_lag(&self, fit: &Fit) -> Option<ActiveEffect> {
         let late = delay(&fit.model)?;
         let own = fit.parameters.iter().find(|p| p.param.effect == DELAY);
         let std = own.map(|p| p.std).filter(|std| std.is_finite()).unwrap_or(0.0);
-        let hold = 0.5 * self.judge.fitting.datasets[0].dt;
-        (late.values[0].abs() < hold + 3.0 * std).then(|| late.clone())
+        let period = self.judge.fitting.datasets[0].dt;
+        let most = if late.values[0] < 0.0 { 1.5 * period } else { 0.5 * period };
+        (late.values[0].abs() < most + 3.0 * std).then(|| late.clone())
     }
 
     /// The problem linearised at the parameters fitted with the chosen effects; their linear contribution is added

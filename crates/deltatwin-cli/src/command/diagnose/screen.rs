@@ -34,10 +34,14 @@ pub fn print(d: &Diagnosis, args: &Args) -> miette::Result<()> {
     let held_out = d.budget.held_out;
     say(format!("{gap}{}", error_bars(&d.channels, held_out, &d.rms_before, &d.rms_after, &d.noise_floor)))?;
     if let Some(lag) = d.sampling_lag {
-        let side = if lag < 0.0 { "early" } else { "late" };
-        let late = significant(1e3 * lag.abs(), 2);
-        let text =
-            format!("The torques are recorded {late} ms {side}, half a sample or less: no effect, but in the model.");
+        let size = significant(1e3 * lag.abs(), 2);
+        let text = if lag < 0.0 {
+            format!(
+                "The torques are recorded {size} ms before they act, as held commands are: no effect, but in the model."
+            )
+        } else {
+            format!("The torques are recorded {size} ms late, less than half a sample: no effect, but in the model.")
+        };
         say(format!("\n{}", wrapped(&text, 2)))?;
     }
     match (&d.unexplained, &d.left.sight) {
