@@ -25,8 +25,10 @@ const HELD_OUT_SHARE: f64 = 0.3;
 /// part of what is left and not known.
 const ABOVE_THE_REST: f64 = 0.1;
 
-/// Share of [`ABOVE_THE_REST`] below which an effect is not pursued.
+/// Share of [`ABOVE_THE_REST`] below which an effect is not pursued, and error above the noise, in units of the noise, from
+/// which that counts.
 const LOST: f64 = 0.5;
+const FEW: f64 = 0.3;
 
 /// Gain, in units of the noise, below which drift may explain an effect: seven standard deviations of one parameter,
 /// because the drift intensity is estimated from a few slow cosines only.
@@ -116,7 +118,7 @@ impl<'a> Judge<'a> {
         let energy = |judged: &Judged| relative_energy(&judged.fit.residuals.rms, &self.fitting.noise);
         let channels = self.fitting.noise.len() as f64;
         let (gain, left) = (energy(without) - energy(with), energy(with) - channels);
-        left > channels && gain < LOST * ABOVE_THE_REST * left
+        left > FEW * channels && gain < LOST * ABOVE_THE_REST * left
     }
 
     /// RMS residuals on the validation data, without reversals that the recordings do not resolve.
