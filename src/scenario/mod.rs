@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 
 use crate::cell::{Object, Shape};
 use crate::kinematics::motion::SOCKETS;
-use crate::machine::{AXES, STRUTS, Setup};
+use crate::machine::{AXES, Payload, STRUTS, Setup};
 use crate::model::Model;
 
 /// A run of the twin, as described by a scenario file.
@@ -47,6 +47,8 @@ pub struct Scenario {
     pub motion: Course,
     /// Payload and configuration.
     pub setup: Setup,
+    /// Payload for which the controller computes its feed-forward; `None` means the one carried.
+    pub believed_payload: Option<Payload>,
     /// Shape of the payload for collisions.
     pub payload_shape: Option<PayloadShape>,
     /// Objects around the robot, with unique names.
@@ -206,7 +208,12 @@ impl Scenario {
     /// # Errors
     /// Those of [`Course::on`].
     pub fn motion(&self, planning: &Model) -> Result<DesiredMotion, MotionError> {
-        self.motion.on(planning, &self.setup)
+        self.motion.on(planning, &self.believed_setup())
+    }
+
+    /// Setup as the controller believes it to be.
+    pub fn believed_setup(&self) -> Setup {
+        Setup { payload: self.believed_payload.unwrap_or(self.setup.payload), ..self.setup }
     }
 
     /// Dislocation force of each ball socket of `model`, N; 0..6 at the elbows, 6..12 at the platform.

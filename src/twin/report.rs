@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 use thiserror::Error;
 
 use super::contacts::ContactWork;
+use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
@@ -107,6 +108,14 @@ pub struct Report {
     pub tracking_error: [f64; AXES],
     /// Events in order of time.
     pub events: Vec<Event>,
+    /// Sockets that left their balls, in order.
+    pub dislocations: Vec<Dislocation>,
+    /// When and why the drives tripped.
+    pub trip: Option<(f64, TripCause)>,
+    /// Beginnings of contacts of the robot, in order of time.
+    pub impacts: Vec<Impact>,
+    /// Loads at every sample, if requested by [`super::Options::trace`].
+    pub trace: Vec<Sample>,
     /// Frames, if requested by [`super::Options::frames`].
     pub frames: Vec<Frame>,
     /// Sockets closed at the end.

@@ -278,7 +278,7 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
 
 fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
     let Job { scenario, machine, planning, motion, options, .. } = job;
-    let controller = Plant::new(planning, &scenario.setup);
+    let controller = Plant::new(planning, &scenario.believed_setup());
     let desired = |t: f64| motion.at(t);
     let start = Instant::now();
     let (mut recording, report, failure) =

@@ -167,6 +167,7 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
         gains: document.gains.as_ref().map_or(Ok(Default::default()), |keys| machine::gains(file, keys))?,
         motion,
         setup: Setup { payload, ..Setup::default() },
+        believed_payload: None,
         payload_shape,
         actions: cell::actions(file, &document.actions, &objects, duration)?,
         objects,
