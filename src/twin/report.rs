@@ -127,6 +127,34 @@ pub struct Report {
     pub unconverged: f64,
 }
 
+impl Default for Report {
+    /// Nothing simulated, all sockets closed.
+    fn default() -> Self {
+        Self {
+            simulated: 0.0,
+            steps: 0,
+            solutions: 0,
+            corrections: 0,
+            contacts: ContactWork::default(),
+            max_loop_gap: 0.0,
+            max_loop_rate: 0.0,
+            energy_error: 0.0,
+            peak_strut_force: 0.0,
+            min_margin: [f64::INFINITY; SOCKETS],
+            tracking_error: [0.0; AXES],
+            events: Vec::new(),
+            dislocations: Vec::new(),
+            trip: None,
+            impacts: Vec::new(),
+            trace: Vec::new(),
+            frames: Vec::new(),
+            closed: SocketSet::ALL,
+            kinetic_energy: 0.0,
+            unconverged: 0.0,
+        }
+    }
+}
+
 impl Report {
     /// Updates the peak with the strut forces of one more instant, a sample or a dislocation between two.
     pub(super) fn see_strut_forces(&mut self, reactions: &Reactions) {

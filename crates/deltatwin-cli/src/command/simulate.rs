@@ -241,7 +241,7 @@ fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
     let scenario = scenario::read_with(file, deltatwin_cell::mesh::read)?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
-    let machine = model::read(machine_file)?;
+    let machine = scenario.machine(&model::read(machine_file)?);
     // The controller's model is independent of the machine: the same motion drives both.
     let planning = match scenario.controller_model.as_ref().unwrap_or(&scenario.model) {
         same if same == machine_file => machine.clone(),

@@ -55,6 +55,19 @@ impl Margins {
         Some((*time, part))
     }
 
+    /// The cause whose margin was negative first.
+    pub fn first_crossing(&self) -> Option<Cause> {
+        let all = CauseKind::ALL
+            .iter()
+            .filter_map(|&kind| self.crossed(kind).map(|(time, part)| Cause { kind, part: part.into(), time }));
+        all.min_by(|a, b| a.time.total_cmp(&b.time))
+    }
+
+    /// Least margin against any cause.
+    pub fn least(&self) -> f64 {
+        self.found.iter().map(|l| l.margin.value).fold(f64::INFINITY, f64::min)
+    }
+
     /// Least margin of every kind, least first.
     pub fn sorted(&self) -> Vec<Margin> {
         let mut all: Vec<Margin> = self.found.iter().map(|l| l.margin.clone()).collect();
