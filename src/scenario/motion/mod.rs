@@ -87,6 +87,14 @@ impl Course {
         Ok(motion)
     }
 
+    /// The motion as by [`Self::on`], but not checked: it may leave the workspace or exceed speeds.
+    ///
+    /// # Errors
+    /// A [`MotionError`] if the motion needs a platform that the machine does not have, or a start that is out of reach.
+    pub fn unchecked(&self, planning: &Model, setup: &Setup) -> Result<DesiredMotion, MotionError> {
+        self.motion(planning, &Plant::new(planning, setup))
+    }
+
     /// The motion over time on a machine like `plant`, built from `planning`; not yet checked.
     fn motion(&self, planning: &Model, plant: &Plant) -> Result<DesiredMotion, MotionError> {
         let geometry = plant.geometry;
