@@ -217,6 +217,15 @@ impl Scenario {
         self.motion.on(planning, &self.believed_setup())
     }
 
+    /// The same run in 1/`scale` of the time: motion, duration and actions of the gripper.
+    pub fn faster(&self, scale: f64) -> Self {
+        let mut run = self.clone();
+        run.motion = self.motion.faster(scale);
+        run.duration /= scale;
+        run.actions.iter_mut().for_each(|action| action.t /= scale);
+        run
+    }
+
     /// Setup as the controller believes it to be.
     pub fn believed_setup(&self) -> Setup {
         Setup { payload: self.believed_payload.unwrap_or(self.setup.payload), ..self.setup }
