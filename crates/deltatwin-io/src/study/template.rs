@@ -36,6 +36,8 @@ pub struct Files {
     pub controller_model: Option<Model>,
     /// Folder to which the scenario's names of files are relative.
     pub folder: PathBuf,
+    /// Text of the scenario, with everything but a scaled speed.
+    pub text: String,
 }
 
 /// A scenario file as a tree.
@@ -137,7 +139,8 @@ impl Template {
             complete(&mut tree, &key);
             tree::change(&mut tree, &key, &value, change)?;
         }
-        let scenario = scenario::parse_with(&tree.to_string(), &base.path, self.meshes).map_err(|e| said(&e))?;
+        let text = tree.to_string();
+        let scenario = scenario::parse_with(&text, &base.path, self.meshes).map_err(|e| said(&e))?;
         let scenario = if run.speed == 1.0 { scenario } else { scenario.faster(run.speed) };
         let model = self.model(&scenario.model, &run.model)?;
         let other = scenario.controller_model.as_ref();
@@ -146,7 +149,7 @@ impl Template {
             other => Some(self.model(other.unwrap_or(&scenario.model), &run.controller)?),
         };
         let folder = base.path.parent().unwrap_or(Path::new("")).to_path_buf();
-        Ok(Files { scenario, model, controller_model, folder })
+        Ok(Files { scenario, model, controller_model, folder, text })
     }
 
     /// The model in a file, with changes.

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 
 use ::parquet::errors::ParquetError;
+use miette::Diagnostic;
 use thiserror::Error;
 
 use super::chunk::Chunk;
@@ -59,7 +60,7 @@ pub enum Held {
 }
 
 /// Why a campaign cannot go on.
-#[derive(Debug, Error)]
+#[derive(Debug, Error, Diagnostic)]
 pub enum CampaignError {
     /// The file system failed.
     #[error("{}: {reason}", file.display())]

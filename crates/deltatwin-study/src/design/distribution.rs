@@ -26,6 +26,11 @@ pub fn quantile(distribution: &Distribution, u: f64) -> f64 {
     }
 }
 
+/// Probability that a standard normal number is below `z`.
+pub fn normal_share(z: f64) -> f64 {
+    Normal::standard().cdf(z)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,7 +9,7 @@ mod mix;
 pub(crate) mod root;
 mod sobol;
 
-pub use distribution::quantile;
+pub use distribution::{quantile, normal_share};
 pub use root::Crossing;
 pub use sobol::{DIMENSIONS, point as sobol_point, scrambled as scrambled_sobol};
 
