@@ -34,6 +34,8 @@ pub struct Study {
     pub draws: Draws,
     /// How the factors are set.
     pub design: Design,
+    /// Factor over which the pictures show the probability of failure, if stated.
+    pub over: Option<usize>,
     /// What is changed, in the order of the file.
     pub factors: Vec<Factor>,
     template: Template,

@@ -50,6 +50,7 @@ struct Document {
     seed: Option<Spanned<i64>>,
     keep: Option<Spanned<KeepKeys>>,
     draws: Option<Spanned<String>>,
+    over: Option<Spanned<String>>,
     #[serde(default)]
     factors: Vec<Spanned<FactorKeys>>,
 }
@@ -158,6 +159,7 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         keep: keep(file, &document.keep)?,
         draws: draws(file, &document.draws, &design)?,
         design,
+        over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
         factors,
         template,
     })
@@ -166,7 +168,7 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
 /// What of a study's file determines its rows.
 fn determining(text: &str) -> Table {
     let mut table: Table = text.parse().unwrap_or_default();
-    for key in ["title", "keep", "seed"] {
+    for key in ["title", "keep", "over", "seed"] {
         table.remove(key);
     }
     table
@@ -559,14 +561,7 @@ fn boundary(
     let names = file.needed("design.along", &keys.along, "kind = \"boundary\"", kind.span())?;
     let mut along = Vec::new();
     for name in names.get_ref() {
-        let Some(k) = factors.iter().position(|f| f.name == *name.get_ref()) else {
-            let known: Vec<&str> = factors.iter().map(|f| f.name.as_str()).collect();
-            let hint = nearest(name.get_ref(), known.iter().copied());
-            let hint = hint.map_or(String::new(), |near| format!("; did you mean \"{near}\"?"));
-            let message =
-                format!("`design.along` has \"{}\"; expected factors: {}{hint}", name.get_ref(), known.join(", "));
-            return Err(file.problem(name.span(), message));
-        };
+        let k = named(file, "design.along", name, factors)?;
         if along.contains(&k) || !matches!(factors[k].range, Range::Interval { .. }) {
             let message = format!(
                 "`design.along` has \"{}\"; expected each factor once, with `from` and `to` and no `count`",
@@ -597,6 +592,17 @@ fn boundary(
     };
     let tolerance = file.optional("design.tolerance", &keys.tolerance, TOLERANCE, Interval(1e-9, 0.5, ""))?;
     Ok(Design::Boundary { along, rays, tolerance, repeats })
+}
+
+/// Index of the factor that a key names.
+fn named(file: &Source, key: &str, name: &Spanned<String>, factors: &[Factor]) -> Checked<usize> {
+    factors.iter().position(|f| f.name == *name.get_ref()).ok_or_else(|| {
+        let known: Vec<&str> = factors.iter().map(|f| f.name.as_str()).collect();
+        let hint = nearest(name.get_ref(), known.iter().copied());
+        let hint = hint.map_or(String::new(), |near| format!("; did you mean \"{near}\"?"));
+        let message = format!("`{key}` has \"{}\"; expected factors: {}{hint}", name.get_ref(), known.join(", "));
+        file.problem(name.span(), message)
+    })
 }
 
 /// Reads a study without meshes, for tests.
@@ -694,7 +700,7 @@ mod tests {
         let of = |text: &str| parsed(text).unwrap().contents().to_vec();
         let good = of(GOOD);
         assert_eq!(good.len(), 4, "study, scenario and two models");
-        assert_eq!(good, of(&format!("# A comment.\ntitle = \"x\"\nkeep = \"failed\"\n{GOOD}")));
+        assert_eq!(good, of(&format!("# A comment.\ntitle = \"x\"\nkeep = \"failed\"\nover = \"mass\"\n{GOOD}")));
         assert_eq!(good, of(&GOOD.replace("seed = 4", "seed = 5")), "the seed is added to the digest apart");
         assert_ne!(good, of(&GOOD.replace("count = 12", "count = 13")));
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::campaign::parquet::Reader;
-use crate::campaign::{CampaignError, Value};
+use crate::campaign::{CampaignError, Table, Value};
 
 use super::Conduct;
 
@@ -46,6 +46,30 @@ impl Conduct {
             }
         }
         Ok(counts.finish())
+    }
+}
+
+impl Conduct {
+    /// The columns of the merged table with these names, as far as there are such columns.
+    ///
+    /// # Errors
+    /// If the table cannot be read.
+    pub fn picked(&self, names: &[&str]) -> Result<Table, CampaignError> {
+        let file = self.campaign.table();
+        let content = |reason| CampaignError::Content { file: file.clone(), reason };
+        let reader = Reader::open(&file).map_err(content)?;
+        let place = |name: &&str| reader.headings().iter().position(|h| h.name == *name);
+        let places: Vec<usize> = names.iter().filter_map(place).collect();
+        let mut table = Table {
+            headings: places.iter().map(|c| reader.headings()[*c].clone()).collect(),
+            rows: Vec::with_capacity(reader.len() as usize),
+        };
+        for group in 0..reader.groups() {
+            for row in reader.group(group).map_err(content)? {
+                table.rows.push(places.iter().map(|c| row[*c].clone()).collect());
+            }
+        }
+        Ok(table)
     }
 }
 
