@@ -112,7 +112,9 @@ fn end(verdict: &Verdict) -> String {
             format!("{what} hits {} at {:.3} s, ({x:.2}, {y:.2}) m, with {} J", t.on, t.time, significant(t.energy, 3))
         })
     };
-    let mut parts = vec![format!("{} of {SOCKETS} sockets open, the platform falls", verdict.opened.len())];
+    let falls = verdict.platform.is_some() || verdict.payload.is_some();
+    let fate = if falls { "falls" } else { "hangs loose" };
+    let mut parts = vec![format!("{} of {SOCKETS} sockets open, the platform {fate}", verdict.opened.len())];
     parts.extend(land("the platform", &verdict.platform));
     parts.extend(land("the payload", &verdict.payload));
     parts.join("; ")

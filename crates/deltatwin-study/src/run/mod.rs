@@ -4,6 +4,7 @@
 //! torque, no supervision) gives the margins, which continue beyond the limits. Where one is negative, the machine with
 //! its limits gives the sequence of what happens. A run is a function of its case, bit by bit.
 
+pub mod advise;
 mod aftermath;
 mod clearance;
 mod fmea;
@@ -11,6 +12,8 @@ mod hand;
 mod margins;
 mod supervision;
 mod table;
+#[cfg(test)]
+mod tests;
 mod verdict;
 
 pub use clearance::CLEAR;
