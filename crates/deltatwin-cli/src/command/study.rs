@@ -1,6 +1,8 @@
 //! `deltatwin study`.
 
+mod advice;
 mod again;
+mod pictures;
 mod progress;
 mod told;
 
@@ -22,13 +24,14 @@ use progress::Progress;
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
     deltatwin study scenarios/studies/smoke.toml -o study\n  \
-    deltatwin study scenarios/studies/smoke.toml -o study --run 17 --mcap run.mcap\n  \
+    deltatwin study scenarios/studies/smoke.toml -o study --run 11 --mcap run.mcap\n  \
+    deltatwin study scenarios/failures/bulky-torque-limits.toml --advise\n  \
     on two machines with a common folder: … --chunk 1/2 and … --chunk 2/2, then … --merge")]
 pub struct Args {
     /// Study file.
     pub study: PathBuf,
     /// Folder for the table, the pictures and the kept recordings.
-    #[arg(short, long, value_name = "DIR", required_unless_present_any = ["run"])]
+    #[arg(short, long, value_name = "DIR", required_unless_present_any = ["run", "advise"])]
     pub output: Option<PathBuf>,
     /// Make chunk K of N only: one part of the table, and nothing else.
     #[arg(long, value_name = "K/N", conflicts_with_all = ["merge", "run"])]
@@ -46,6 +49,16 @@ pub struct Args {
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "FILE", requires = "run")]
     pub rrd: Option<PathBuf>,
+    /// Find the three cheapest remedies for a scenario, or for a study with its factors at their middles: slower, turned,
+    /// gripped elsewhere, higher, planned within strut limits. Each is checked on the twin.
+    #[arg(long, conflicts_with_all = ["chunk", "merge", "run", "output"])]
+    pub advise: bool,
+    /// Path file along which the motion is planned first.
+    #[arg(long, value_name = "FILE", requires = "advise")]
+    pub path: Option<PathBuf>,
+    /// Margin that a remedy must give: 1 unloaded, 0 at the limit.
+    #[arg(long, default_value_t = 0.1, value_name = "MARGIN", value_parser = margin, requires = "advise")]
+    pub wanted: f64,
     /// Remove the rows of another study, or of this one, from DIR first.
     #[arg(long, conflicts_with_all = ["merge", "run"])]
     pub force: bool,
@@ -56,6 +69,9 @@ pub struct Args {
 
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
+    if args.advise {
+        return advice::run(args);
+    }
     let study = study::read(&args.study, deltatwin_cell::mesh::read)?;
     let folder = args.output.clone().unwrap_or_default();
     if folder.is_file() {
@@ -90,6 +106,13 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     conduct.campaign.remove_parts()?;
     told::table(args, &conduct, subset.as_ref())
+}
+
+fn margin(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (0.0..1.0).contains(&x) => Ok(x),
+        _ => Err("expected a number from 0 to below 1".into()),
+    }
 }
 
 /// How the making of rows ended.

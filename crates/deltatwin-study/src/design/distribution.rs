@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn quantiles_rise_and_stay_within_bounds() {
         let cut = Distribution::Normal { mean: 0.0, sigma: 1.0, low: -1.0, high: 0.5 };
-        assert_eq!((quantile(&cut, 0.0), quantile(&cut, 1.0)), (-1.0, 0.5));
+        assert!((quantile(&cut, 0.0) + 1.0).abs() < 1e-9 && (quantile(&cut, 1.0) - 0.5).abs() < 1e-9);
         let all: Vec<f64> = (1..100).map(|k| quantile(&cut, 0.01 * f64::from(k))).collect();
         assert!(all.windows(2).all(|w| w[0] < w[1]));
     }

@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::{Args, COMPLETE, STOPPED, command};
-use crate::terminal::{Table, path, say, wrapped};
+use super::{Args, COMPLETE, STOPPED, command, pictures};
+use crate::terminal::{Table, path, paths, say, wrapped};
 use deltatwin::text::significant;
 use deltatwin_study::campaign::Chunk;
 use deltatwin_study::conduct::{Conduct, Summary};
@@ -41,8 +41,12 @@ pub fn part(args: &Args, conduct: &Conduct, (chunk, subset): (Chunk, Option<&Sub
 /// Tells what the table says; returns the exit status.
 pub fn table(args: &Args, conduct: &Conduct, subset: Option<&Subset>) -> miette::Result<u8> {
     let summary = conduct.summary()?;
+    let files = pictures::write(args, conduct, &summary, subset)?;
     if args.json {
-        say(as_json(conduct, &summary, subset))?;
+        let mut object = as_json(conduct, &summary, subset);
+        object["page"] = path(&files[0]);
+        object["figures"] = paths(&files[1..]);
+        say(object)?;
         return Ok(COMPLETE);
     }
     let study = &conduct.study;
@@ -60,7 +64,7 @@ pub fn table(args: &Args, conduct: &Conduct, subset: Option<&Subset>) -> miette:
     if let Some((run, reason)) = &summary.first_error {
         say(wrapped(&format!("{} run(s) without a verdict; run {run}: {reason}", summary.errors), 2))?;
     }
-    say(format!("  Wrote {}", conduct.campaign.table().display()))?;
+    say(format!("  Wrote {} and {}", conduct.campaign.table().display(), files[0].display()))?;
     if let Some((run, margin)) = summary.worst {
         say(format!("  The least margin, {}, is that of run {run}. Next, to see it:", significant(margin, 3)))?;
         say(format!("    {}", command(args, &format!("--run {run} --mcap run-{run}.mcap"))))?;
@@ -102,7 +106,7 @@ fn counts(summary: &Summary) -> miette::Result<()> {
         say(table)?;
     }
     if let Some((socket, count)) = summary.sockets.first() {
-        say(format!("  {socket} is the first socket to leave most often, in {count} runs"))?;
+        say(format!("  the first socket to leave is most often {socket}: in {count} of these runs"))?;
     }
     if let Some((count, median)) = summary.noticed {
         say(format!(
