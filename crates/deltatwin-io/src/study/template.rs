@@ -132,7 +132,7 @@ impl Template {
         if let Some(seed) = seed {
             tree.insert("seed".into(), Value::Integer(i64::try_from(seed).map_err(|e| e.to_string())?));
         }
-        for (factor, setting) in factors.iter().zip(settings) {
+        for (factor, setting) in factors.iter().zip(settings).filter(|(_, setting)| **setting != Setting::Unset) {
             run.set(&mut tree, factor, &value(factor, *setting)?)?;
         }
         for (key, value, change) in std::mem::take(&mut run.late) {
@@ -248,7 +248,7 @@ fn value(factor: &Factor, setting: Setting) -> Result<Value, String> {
         (Setting::Level(level), Range::Levels(levels)) => {
             levels.get(level).map(|level| level.value.clone()).ok_or_else(|| "there is no such level".into())
         }
-        (Setting::Level(_), _) => Err("a factor without levels has no level".into()),
+        (Setting::Level(_) | Setting::Unset, _) => Err("a factor without levels has no level".into()),
     }
 }
 

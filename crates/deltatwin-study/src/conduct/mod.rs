@@ -16,7 +16,7 @@ use thiserror::Error;
 
 use crate::campaign::parquet::Reader;
 use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Row, Steps, Value, Watch};
-use crate::design::{Plan, Point, evolution, normal_share, root};
+use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
 use crate::run::{Case, Keep, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
 
@@ -108,16 +108,18 @@ impl Conduct {
         Ok(conduct)
     }
 
-    /// Whether the scenario and the models admit every factor at both ends of its range.
+    /// Whether the scenario and the models admit every factor at both ends of its range, and all at their middles.
     fn check(&self) -> Result<(), ConductError> {
-        let name = |k: usize| &self.study.factors[k].name;
+        let factors = &self.study.factors;
         for (k, settings) in self.plan.extremes() {
-            // Another factor's middle may be what does not fit: its own turn tells.
             self.study.files(&settings, None).map_err(|why| {
-                let value = self.columns.text(&self.study.factors[k], settings[k]);
-                self.study.refuse(k, format!("factor `{}` at {value}: {why}", name(k)))
+                let value = self.columns.text(&factors[k], settings[k]);
+                self.study.refuse(k, format!("factor `{}` at {value}: {why}", factors[k].name))
             })?;
         }
+        let middle: Vec<Setting> = factors.iter().map(nominal).collect();
+        let all = |why| self.study.refuse(0, format!("all factors at their middles: {why}"));
+        self.study.files(&middle, None).map_err(all)?;
         Ok(())
     }
 

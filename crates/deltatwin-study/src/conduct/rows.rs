@@ -94,6 +94,7 @@ impl Columns {
         match (setting, &factor.range) {
             (Setting::Level(level), Range::Levels(all)) => all.get(level).map_or(String::new(), |l| l.text.clone()),
             (Setting::Level(level), _) => level.to_string(),
+            (Setting::Unset, _) => "as in the scenario".into(),
             (Setting::Number(x), _) => x.to_string(),
         }
     }
@@ -154,7 +155,7 @@ fn cell(factor: &Factor, setting: Setting) -> Value {
             Some(level) => level.number.map_or_else(|| level.text.as_str().into(), Value::Float),
             None => Value::Missing,
         },
-        (Setting::Level(_), _) => Value::Missing,
+        (Setting::Level(_) | Setting::Unset, _) => Value::Missing,
     }
 }
 

@@ -182,17 +182,16 @@ impl Plan {
         self.factors.iter().zip(u).map(|(factor, u)| at(factor, *u)).collect()
     }
 
-    /// The factors at both ends of their ranges, one after the other, all others nominal.
+    /// The factors at both ends of their ranges, one after the other, all others as the scenario has them.
     pub fn extremes(&self) -> impl Iterator<Item = (usize, Vec<Setting>)> + '_ {
-        let middle: Vec<Setting> = self.factors.iter().map(nominal).collect();
+        let count = self.factors.len();
         self.factors.iter().enumerate().flat_map(move |(k, factor)| {
             let ends = match &factor.range {
                 Range::Levels(all) => (0..all.len()).map(Setting::Level).collect(),
                 _ => ends(factor).to_vec(),
             };
-            let middle = middle.clone();
             ends.into_iter().map(move |end| {
-                let mut settings = middle.clone();
+                let mut settings = vec![Setting::Unset; count];
                 settings[k] = end;
                 (k, settings)
             })

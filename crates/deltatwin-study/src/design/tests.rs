@@ -22,6 +22,7 @@ fn number(setting: Setting) -> f64 {
     match setting {
         Setting::Number(x) => x,
         Setting::Level(level) => level as f64,
+        Setting::Unset => f64::NAN,
     }
 }
 
