@@ -289,7 +289,7 @@ table.cards td { padding-right: 1.1rem; }
   main { max-width: none; padding: 0; }
   figure, .callout, tr, .tiles div { break-inside: avoid; }
   nav { display: none; }
-  h2 { break-after: avoid; }
+  h2, h2 + p { break-after: avoid; }
   .callout { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
 ";
