@@ -51,7 +51,8 @@ const LEVELS: [f64; 7] = [-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75];
 
 /// Colours of causes, the same in every figure: known kinds have their own, others the next free one.
 pub fn cause_colors(causes: &[String]) -> Vec<Color> {
-    const YELLOW: Color = Color(0xd9, 0xc9, 0x1a);
+    // Apart from the other seven for every kind of colour vision, unlike yellow, which is close to orange.
+    const BROWN: Color = Color(0x7a, 0x52, 0x30);
     let [blue, vermilion, green, pink, orange, sky, dark] = Color::CYCLE;
     let known = |name: &str| match name {
         "socket" => Some(vermilion),
@@ -61,10 +62,10 @@ pub fn cause_colors(causes: &[String]) -> Vec<Color> {
         "workspace" => Some(pink),
         "contact" => Some(orange),
         "trip" => Some(dark),
-        "following error" => Some(YELLOW),
+        "following error" => Some(BROWN),
         _ => None,
     };
-    let all = [vermilion, blue, green, orange, pink, sky, YELLOW, dark];
+    let all = [vermilion, blue, green, orange, pink, sky, BROWN, dark];
     let taken: Vec<Color> = causes.iter().filter_map(|name| known(name)).collect();
     let mut free = all.iter().filter(|c| !taken.contains(c)).chain(all.iter().cycle()).copied();
     causes.iter().map(|name| known(name).or_else(|| free.next()).unwrap_or(Color::MUTED)).collect()
