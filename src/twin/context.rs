@@ -269,11 +269,18 @@ impl Context {
                 scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
             }
             let (solution, answer) = equations(&self.plant, &scratch.total)?;
+            if !reads {
+                // Accelerations of bodies are only read by laws that depend on them.
+                let Answer { reactions, drives, platform, .. } = answer;
+                scratch.answer = Answer { reactions, drives, platform, ..scratch.answer };
+                scratch.solutions += 1;
+                return Ok(solution);
+            }
             let change = change(&answer, &scratch.answer);
             let before = std::mem::replace(&mut scratch.answer, answer);
             scratch.solutions += 1;
             iteration += 1;
-            if !reads || change < TOLERANCE {
+            if change < TOLERANCE {
                 return Ok(solution);
             }
             if iteration == MAX_ITERATIONS {

@@ -43,6 +43,8 @@ pub struct Options {
     pub frames: Option<f64>,
     /// Observer of the run.
     pub watcher: Option<Watcher>,
+    /// Whether [`Report::trace`](super::Report::trace) is kept.
+    pub trace: bool,
 }
 
 type See = dyn Fn(Option<&Frame>, &[Event]) + Send + Sync;
@@ -93,6 +95,7 @@ impl Default for Options {
             contacts: None,
             frames: None,
             watcher: None,
+            trace: false,
         }
     }
 }
@@ -127,6 +130,7 @@ impl Options {
             contacts: None,
             frames: None,
             watcher: None,
+            trace: false,
         }
     }
 }

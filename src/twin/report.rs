@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 use thiserror::Error;
 
 use super::contacts::ContactWork;
+use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
@@ -107,6 +108,14 @@ pub struct Report {
     pub tracking_error: [f64; AXES],
     /// Events in order of time.
     pub events: Vec<Event>,
+    /// Sockets that left their balls, in order.
+    pub dislocations: Vec<Dislocation>,
+    /// When and why the drives tripped.
+    pub trip: Option<(f64, TripCause)>,
+    /// Beginnings of contacts of the robot, in order of time.
+    pub impacts: Vec<Impact>,
+    /// Loads at every sample, if requested by [`super::Options::trace`].
+    pub trace: Vec<Sample>,
     /// Frames, if requested by [`super::Options::frames`].
     pub frames: Vec<Frame>,
     /// Sockets closed at the end.
@@ -116,6 +125,34 @@ pub struct Report {
     /// Largest change in the last iteration over laws that depend on the solution, of evaluations that did not
     /// converge, N, rad/s² or m/s².
     pub unconverged: f64,
+}
+
+impl Default for Report {
+    /// Nothing simulated, all sockets closed.
+    fn default() -> Self {
+        Self {
+            simulated: 0.0,
+            steps: 0,
+            solutions: 0,
+            corrections: 0,
+            contacts: ContactWork::default(),
+            max_loop_gap: 0.0,
+            max_loop_rate: 0.0,
+            energy_error: 0.0,
+            peak_strut_force: 0.0,
+            min_margin: [f64::INFINITY; SOCKETS],
+            tracking_error: [0.0; AXES],
+            events: Vec::new(),
+            dislocations: Vec::new(),
+            trip: None,
+            impacts: Vec::new(),
+            trace: Vec::new(),
+            frames: Vec::new(),
+            closed: SocketSet::ALL,
+            kinetic_energy: 0.0,
+            unconverged: 0.0,
+        }
+    }
 }
 
 impl Report {

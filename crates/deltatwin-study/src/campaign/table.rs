@@ -118,3 +118,48 @@ impl<T: Into<Self>> From<Option<T>> for Value {
         value.map_or(Self::Missing, Into::into)
     }
 }
+
+/// Head of one column of a table whose columns are not known to the compiler.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Heading {
+    /// Name.
+    pub name: String,
+    /// Unit, as in [`Column`].
+    pub unit: String,
+    /// Type of the values.
+    pub kind: Kind,
+}
+
+impl Heading {
+    /// A heading of a column named at run time.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, kind: Kind) -> Self {
+        Self { name: name.into(), unit: unit.into(), kind }
+    }
+}
+
+impl From<Column> for Heading {
+    fn from(column: Column) -> Self {
+        Self::new(column.name, column.unit, column.kind)
+    }
+}
+
+/// Rows under headings, all in memory.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Table {
+    /// Headings.
+    pub headings: Vec<Heading>,
+    /// Rows, each with one value per heading.
+    pub rows: Vec<Vec<Value>>,
+}
+
+impl Table {
+    /// Index of the column with this name.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.headings.iter().position(|h| h.name == name)
+    }
+
+    /// The numbers of a column, NaN where there is none.
+    pub fn numbers(&self, column: usize) -> Vec<f64> {
+        self.rows.iter().map(|row| row[column].number().unwrap_or(f64::NAN)).collect()
+    }
+}
