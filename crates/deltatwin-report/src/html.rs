@@ -281,15 +281,15 @@ table.cards td { padding-right: 1.1rem; }
   figure svg [fill='#B4BAC1'] { fill: #57606a; }
   figure svg [fill='#3B3B3B'] { fill: #8a9299; }
   figure svg [stroke='#3B3B3B'] { stroke: #8a9299; }
-  figure svg [fill='#0072B2'] { fill: #3f9bd8; }
-  figure svg [stroke='#0072B2'] { stroke: #3f9bd8; }
+  figure svg [fill='#0072B2'] { fill: #2b86d0; }
+  figure svg [stroke='#0072B2'] { stroke: #2b86d0; }
 }
 @media print {
   body { font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
   figure, .callout, tr, .tiles div { break-inside: avoid; }
   nav { display: none; }
-  h2 { break-after: avoid; }
+  h2, h2 + p { break-after: avoid; }
   .callout { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
 ";

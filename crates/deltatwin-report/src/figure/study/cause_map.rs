@@ -1,5 +1,7 @@
 //! Cause map: what limits a motion, over two factors.
 
+use std::collections::BTreeMap;
+
 use super::super::axis::{Axis, Rect, axes, left_margin, no_data, range};
 use super::super::canvas::{Align, Canvas, Lettering, draw, text_width};
 use super::super::color::{Color, TEXT, WHITE};
@@ -49,7 +51,8 @@ const LEVELS: [f64; 7] = [-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75];
 
 /// Colours of causes, the same in every figure: known kinds have their own, others the next free one.
 pub fn cause_colors(causes: &[String]) -> Vec<Color> {
-    const YELLOW: Color = Color(0xd9, 0xc9, 0x1a);
+    // Apart from the other seven for every kind of colour vision, unlike yellow, which is close to orange.
+    const BROWN: Color = Color(0x7a, 0x52, 0x30);
     let [blue, vermilion, green, pink, orange, sky, dark] = Color::CYCLE;
     let known = |name: &str| match name {
         "socket" => Some(vermilion),
@@ -59,10 +62,10 @@ pub fn cause_colors(causes: &[String]) -> Vec<Color> {
         "workspace" => Some(pink),
         "contact" => Some(orange),
         "trip" => Some(dark),
-        "following error" => Some(YELLOW),
+        "following error" => Some(BROWN),
         _ => None,
     };
-    let all = [vermilion, blue, green, orange, pink, sky, YELLOW, dark];
+    let all = [vermilion, blue, green, orange, pink, sky, BROWN, dark];
     let taken: Vec<Color> = causes.iter().filter_map(|name| known(name)).collect();
     let mut free = all.iter().filter(|c| !taken.contains(c)).chain(all.iter().cycle()).copied();
     causes.iter().map(|name| known(name).or_else(|| free.next()).unwrap_or(Color::MUTED)).collect()
@@ -86,7 +89,7 @@ pub fn cause_map(map: &CauseMap) -> Figure {
     let top = head(&entries);
     let left = left_margin(y.as_ref().map_or(0.0, Axis::label_width));
     let r = Rect { x0: left, y0: top, x1: WIDTH - RIGHT, y1: top + HEIGHT };
-    let figure = draw(&map.title, r.y1 + 44.0, |c| {
+    draw(&map.title, r.y1 + 44.0, |c| {
         legend(c, &entries);
         let none = Axis { hi: 1.0, ..Axis::default() };
         let frame = |c: &mut Canvas| {
@@ -96,7 +99,7 @@ pub fn cause_map(map: &CauseMap) -> Figure {
         let (Some(x), Some(y)) = (&x, &y) else { return no_data(c, r) };
         match &grid {
             Some(grid) => {
-                grid.cells(c, (r, x, y), &colors);
+                grid.areas(c, (r, x, y), &colors);
                 let names = grid.names(c, (r, x, y), &map.causes);
                 grid.contours(c, (r, x, y), names);
             }
@@ -106,10 +109,7 @@ pub fn cause_map(map: &CauseMap) -> Figure {
             plot(c, (r, x, y), curve, curve.color.unwrap_or(TEXT), map.curves.len());
         }
         c.frame(r);
-    });
-    // Without antialiasing, so that neighbouring cells leave no seam.
-    let svg = figure.svg.replace("<rect ", "<rect shape-rendering=\"crispEdges\" ");
-    Figure { svg, ..figure }
+    })
 }
 
 fn entries(map: &CauseMap, points: &[CausePoint], colors: &[Color], grid: bool) -> Vec<Entry> {
@@ -124,8 +124,7 @@ fn entries(map: &CauseMap, points: &[CausePoint], colors: &[Color], grid: bool) 
     if !entries.is_empty() {
         if grid {
             entries.push(("strong: fails, pale: survives".into(), WHITE, Swatch::Curve(Style::Thin)));
-            entries.push(("margin 0, the limit".into(), TEXT, Swatch::Curve(Style::Line)));
-            entries.push(("other margins".into(), TEXT, Swatch::Curve(Style::Thin)));
+            entries.push(("limit, margin 0; thin: other margins".into(), TEXT, Swatch::Curve(Style::Line)));
         } else {
             entries.push(("dot: fails, ring: survives".into(), WHITE, Swatch::Curve(Style::Thin)));
         }
@@ -202,7 +201,7 @@ impl Grid {
         Some(Self { x, y, nodes })
     }
 
-    /// Colour and strength of a node, equal for neighbours that are drawn as one.
+    /// Cause of a node, and whether it failed.
     fn look(&self, row: usize, column: usize) -> Option<(usize, bool)> {
         self.nodes[row][column].map(|p| (p.cause, p.margin < 0.0))
     }
@@ -220,21 +219,62 @@ impl Grid {
         ])
     }
 
-    /// One bar per run of equal cells of a row.
-    fn cells(&self, c: &mut Canvas, frame: (Rect, &Axis, &Axis), colors: &[Color]) {
-        for row in 0..self.y.len() {
-            let mut start = 0;
-            while start < self.x.len() {
-                let look = self.look(row, start);
-                let end = (start..self.x.len()).find(|&k| self.look(row, k) != look).unwrap_or(self.x.len());
-                let corners = self.place(frame, row, start).zip(self.place(frame, row, end - 1));
-                if let (Some((cause, failed)), Some((a, b))) = (look, corners) {
-                    let alpha = if failed { FAILED } else { SURVIVED };
-                    c.bar((a[0], a[2]), (b[1], b[3]), colors[cause], alpha);
-                }
-                start = end;
+    /// One polygon per cause, for failed and for survived runs: cells drawn one by one would leave seams.
+    fn areas(&self, c: &mut Canvas, frame: (Rect, &Axis, &Axis), colors: &[Color]) {
+        for (cause, color) in colors.iter().enumerate() {
+            for (failed, alpha) in [(true, FAILED), (false, SURVIVED)] {
+                let loops = self.outlines((cause, failed));
+                let Some(start) = loops.first().and_then(|l| l.first()).copied() else { continue };
+                // All outlines in one: back to the start after each, along a line of no width.
+                let corners = loops.iter().flat_map(|l| l.iter().chain(l.first()).copied().chain([start]));
+                let polygon: Vec<(f64, f64)> = corners.filter_map(|corner| self.corner(frame, corner)).collect();
+                c.polygon(&polygon, *color, alpha);
             }
         }
+    }
+
+    /// Closed outlines of the cells with a look, as corners (row, column) of the cells, the area to the left.
+    fn outlines(&self, look: (usize, bool)) -> Vec<Vec<(usize, usize)>> {
+        let (rows, columns) = (self.y.len(), self.x.len());
+        let inside = |row: usize, column: usize| row < rows && column < columns && self.look(row, column) == Some(look);
+        let mut next: BTreeMap<(usize, usize), Vec<(usize, usize)>> = BTreeMap::new();
+        for row in 0..rows {
+            for column in (0..columns).filter(|&k| inside(row, k)) {
+                let corners = [(row, column), (row, column + 1), (row + 1, column + 1), (row + 1, column)];
+                let beyond = [
+                    inside(row.wrapping_sub(1), column),
+                    inside(row, column + 1),
+                    inside(row + 1, column),
+                    inside(row, column.wrapping_sub(1)),
+                ];
+                for k in (0..4).filter(|&k| !beyond[k]) {
+                    next.entry(corners[k]).or_default().push(corners[(k + 1) % 4]);
+                }
+            }
+        }
+        let mut loops = Vec::new();
+        while let Some((&start, _)) = next.iter().find(|(_, ends)| !ends.is_empty()) {
+            let (mut outline, mut at) = (Vec::new(), start);
+            while let Some(end) = next.get_mut(&at).and_then(Vec::pop) {
+                // Corners on a straight line are left out.
+                let n = outline.len();
+                let straight =
+                    |a: (usize, usize), b: (usize, usize)| a.0 == b.0 && b.0 == end.0 || a.1 == b.1 && b.1 == end.1;
+                if n == 0 || !straight(outline[n - 1], at) {
+                    outline.push(at);
+                }
+                at = end;
+            }
+            loops.push(outline);
+        }
+        loops
+    }
+
+    /// A corner of the cells in pixels.
+    fn corner(&self, (r, x, y): (Rect, &Axis, &Axis), (row, column): (usize, usize)) -> Option<(f64, f64)> {
+        let low = |values: &[f64], k: usize| if k < values.len() { cell(values, k).0 } else { cell(values, k - 1).1 };
+        let at = (r.x(x, low(&self.x, column))?, r.y(y, low(&self.y, row))?);
+        Some((at.0.clamp(r.x0, r.x1), at.1.clamp(r.y0, r.y1)))
     }
 
     /// Contours of the margin with their values, which keep clear of the texts at `taken` (middle and half width).
@@ -348,4 +388,42 @@ fn along(line: &[(f64, f64)], share: f64, length: f64) -> (f64, f64) {
         left -= step;
     }
     line.last().copied().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(rows: &[&str]) -> Grid {
+        let letters = |(i, row): (usize, &&str)| -> Vec<CausePoint> {
+            let point = |(k, letter): (usize, char)| CausePoint {
+                x: k as f64,
+                y: i as f64,
+                margin: -1.0,
+                cause: usize::from(letter == 'b'),
+            };
+            row.chars().enumerate().map(point).collect()
+        };
+        Grid::of(&rows.iter().enumerate().flat_map(letters).collect::<Vec<_>>()).unwrap()
+    }
+
+    /// Twice the signed area of an outline, positive counterclockwise.
+    fn area(outline: &[(usize, usize)]) -> i64 {
+        let next = outline.iter().cycle().skip(1);
+        outline.iter().zip(next).map(|(a, b)| (a.1 * b.0) as i64 - (b.1 * a.0) as i64).sum()
+    }
+
+    #[test]
+    fn outlines_enclose_their_cells_and_spare_holes() {
+        let ring = grid(&["aaaa", "abba", "aaaa", "aaba"]);
+        let (outer, inner) = (ring.outlines((0, true)), ring.outlines((1, true)));
+        let sum = |loops: &[Vec<(usize, usize)>]| loops.iter().map(|l| area(l)).sum::<i64>();
+        assert_eq!((sum(&outer), sum(&inner)), (2 * 13, 2 * 3));
+        assert_eq!((outer.len(), inner.len()), (2, 2));
+        assert!(ring.outlines((0, false)).is_empty());
+        // A straight side is one edge, but for the corner at which an outline starts.
+        assert!(grid(&["aa", "aa"]).outlines((0, true))[0].len() <= 5);
+        let checks = grid(&["abab", "baba", "abab"]);
+        assert_eq!(sum(&checks.outlines((0, true))), 2 * 6);
+    }
 }

@@ -15,7 +15,7 @@ pub use hand::{Comparison, hand_formula};
 pub use importance::{Estimate, Importance, importance};
 pub use payload_diagram::{PayloadDiagram, PayloadPanel, payload_diagram};
 pub use probability::{Banded, ProbabilityCurve, fragility, power};
-pub use timeline::{EventKind, FailureEvent, SocketTrace, Timeline, timeline};
+pub use timeline::{EventKind, FailureEvent, MOST_SOCKETS, SocketTrace, Timeline, timeline};
 
 use super::canvas::{Align, Canvas, Lettering, text_width};
 use super::color::{TEXT, WHITE};
