@@ -138,7 +138,8 @@ fn merged(args: &Args, conduct: &Conduct) -> miette::Result<u64> {
     let runs = (!conduct.is_search()).then(|| conduct.runs());
     conduct.campaign.merge(runs).map_err(|error| {
         let CampaignError::Incomplete { chunks, .. } = &error else { return miette::Report::from_err(error) };
-        let next: Vec<String> = chunks.iter().take(SHOWN).map(|chunk| command(args, &format!("--chunk {chunk}"))).collect();
+        let next: Vec<String> =
+            chunks.iter().take(SHOWN).map(|chunk| command(args, &format!("--chunk {chunk}"))).collect();
         let more = if chunks.len() > SHOWN { format!("\n(and {} more)", chunks.len() - SHOWN) } else { String::new() };
         miette!(help = format!("make what is missing:\n{}{more}", next.join("\n")), "{error}")
     })

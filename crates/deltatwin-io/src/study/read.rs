@@ -12,7 +12,7 @@ use toml::{Spanned, Table, Value};
 
 use super::factor::{Change, Distribution, Factor, Level, Range};
 use super::template::{SCENARIO, Template};
-use super::{Design, Draws, Keep, Study, tree};
+use super::{CAUSES, Design, Draws, Keep, Study, tree};
 use crate::kind::Kind;
 use crate::scenario::ScenarioError;
 use crate::source::{Checked, Interval, Problem, Source};
@@ -50,6 +50,7 @@ struct Document {
     seed: Option<Spanned<i64>>,
     keep: Option<Spanned<KeepKeys>>,
     draws: Option<Spanned<String>>,
+    margin: Option<Spanned<String>>,
     over: Option<Spanned<String>>,
     #[serde(default)]
     factors: Vec<Spanned<FactorKeys>>,
@@ -145,11 +146,8 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
     let design = self::design(file, design, &factors)?;
     let scenarios = scenarios(file, path, &document, &factors)?;
     let seed = document.seed.as_ref().map_or(Ok(1), |seed| file.count("seed", seed, 0, i64::MAX))? as u64;
-    let template =
-        Template::read(&scenarios, meshes, &determining(text)).map_err(|source| StudyError::Scenario {
-            study: path.display().to_string(),
-            source,
-        })?;
+    let template = Template::read(&scenarios, meshes, &determining(text))
+        .map_err(|source| StudyError::Scenario { study: path.display().to_string(), source })?;
     Ok(Study {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         path: path.into(),
@@ -159,6 +157,7 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         keep: keep(file, &document.keep)?,
         draws: draws(file, &document.draws, &design)?,
         design,
+        margin: margin(file, &document.margin)?,
         over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
         factors,
         template,
@@ -189,6 +188,12 @@ fn keep(file: &Source, keys: &Option<Spanned<KeepKeys>>) -> Checked<Keep> {
         }
         KeepKeys::Word(_) | KeepKeys::Other(_) => refuse(&file.quote(keys.span())),
     }
+}
+
+fn margin(file: &Source, word: &Option<Spanned<String>>) -> Checked<Option<usize>> {
+    let causes = CAUSES.iter().enumerate().map(|(k, name)| (*name, Some(k)));
+    let choices: Vec<(&str, Option<usize>)> = std::iter::once(("any", None)).chain(causes).collect();
+    word.as_ref().map_or(Ok(None), |word| file.choice("margin", word, &choices))
 }
 
 fn draws(file: &Source, word: &Option<Spanned<String>>, design: &Design) -> Checked<Draws> {
@@ -327,10 +332,7 @@ fn range(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Range> {
         }
         let numbers = all.iter().filter(|level| level.number.is_some()).count();
         if numbers != 0 && numbers != all.len() {
-            let message = format!(
-                "`factors.levels` is {}; expected numbers, or no numbers",
-                file.quote(levels.span())
-            );
+            let message = format!("`factors.levels` is {}; expected numbers, or no numbers", file.quote(levels.span()));
             return Err(file.problem(levels.span(), message));
         }
         return Ok(Range::Levels(all));
@@ -443,7 +445,8 @@ fn distribution(file: &Source, whole: &Spanned<DistributionKeys>) -> Checked<Dis
     if ordered {
         return Ok(found);
     }
-    let message = format!("distribution with {context}: its numbers are out of order; expected low < high, a mode between");
+    let message =
+        format!("distribution with {context}: its numbers are out of order; expected low < high, a mode between");
     Err(file.problem(whole.span(), message))
 }
 
@@ -502,12 +505,14 @@ fn design(file: &Source, mut value: Spanned<DeValue>, factors: &[Factor]) -> Che
         let value = file.needed(&key, value, &context, kind.span())?;
         file.count(&key, value, 1, most).map(|n| n as u64)
     };
-    let repeats = || keys.repeats.as_ref().map_or(Ok(1), |n| file.count("design.repeats", n, 1, 1_000_000)).map(|n| n as u64);
+    let repeats =
+        || keys.repeats.as_ref().map_or(Ok(1), |n| file.count("design.repeats", n, 1, 1_000_000)).map(|n| n as u64);
     Ok(match form {
         Form::Grid => {
             foreign(&["repeats"])?;
             if let Some(factor) = factors.iter().find(|f| matches!(f.range, Range::Interval { .. })) {
-                let message = format!("factor `{}` lacks `count`; expected the number of its levels in a grid", factor.name);
+                let message =
+                    format!("factor `{}` lacks `count`; expected the number of its levels in a grid", factor.name);
                 return Err(file.problem(factor.place.clone(), message));
             }
             Design::Grid { repeats: repeats()? }
@@ -636,7 +641,9 @@ mod tests {
         );
         let study = parsed(&text).unwrap();
         assert_eq!((study.seed, &study.keep, study.draws), (4, &Keep::None, Draws::Same));
-        let at = |k: usize| [Setting::Number(3.5), Setting::Level(k), Setting::Level(0), Setting::Level(0), Setting::Level(0)];
+        let at = |k: usize| {
+            [Setting::Number(3.5), Setting::Level(k), Setting::Level(0), Setting::Level(0), Setting::Level(0)]
+        };
         let [weak, whole] = [0, 1].map(|k| study.files(&at(k), Some(99)).unwrap());
         assert_eq!(weak.scenario.setup.payload.mass, 3.5);
         assert_eq!(weak.scenario.setup.payload.com.as_slice(), [0.1, -0.02, -0.08]);
@@ -659,7 +666,11 @@ mod tests {
             ("\"grid\"", "\"gird\"", "did you mean \"grid\"?"),
             ("\"grid\"", "\"sobol\"", "kind = \"sobol\" lacks `design.runs`"),
             ("\"grid\"", "\"grid\"\nruns = 3", "test.toml:6:8: `design.runs` has no meaning for kind = \"grid\""),
-            ("\"grid\"", "\"boundary\"\nalong = [\"maas\"]", "has \"maas\"; expected factors: mass; did you mean \"mass\"?"),
+            (
+                "\"grid\"",
+                "\"boundary\"\nalong = [\"maas\"]",
+                "has \"maas\"; expected factors: mass; did you mean \"mass\"?",
+            ),
             ("\"grid\"", "\"boundary\"\nalong = [\"mass\"]", "with `from` and `to` and no `count`"),
             ("\"grid\"", "\"subset\"", "factor `mass` has levels"),
             ("[design]", "[desing]", "unknown key `desing`"),
@@ -670,7 +681,11 @@ mod tests {
             ("count = 12", "levels = [1]", "needs one of `levels`"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = [1, \"a\"]", "expected numbers, or no numbers"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = []", "has 0 value(s)"),
-            ("from = 0.5\nto = 6.0\ncount = 12", "distribution = { kind = \"normal\", mean = 1 }", "lacks `distribution.sigma`"),
+            (
+                "from = 0.5\nto = 6.0\ncount = 12",
+                "distribution = { kind = \"normal\", mean = 1 }",
+                "lacks `distribution.sigma`",
+            ),
             (
                 "from = 0.5\nto = 6.0\ncount = 12",
                 "distribution = { kind = \"uniform\", mean = 1, low = 0, high = 1 }",
@@ -686,6 +701,7 @@ mod tests {
             ("seed = 4", "seed = -4", "`seed` is -4"),
             ("seed = 4", "keep = \"all\"", "`keep` is \"all\"; expected \"none\", \"failed\" or an array"),
             ("seed = 4", "draws = \"some\"", "`draws` is \"some\"; expected \"each\" or \"same\""),
+            ("seed = 4", "margin = \"sockets\"", "`margin` is \"sockets\"; expected \"any\", \"socket\", "),
             ("unit = \"kg\"", "units = \"kg\"", "unknown key `factors.units`"),
         ] {
             let e = refusal(from, to);

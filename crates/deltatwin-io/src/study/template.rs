@@ -11,9 +11,9 @@ use toml::{Table, Value};
 
 use super::factor::{Change, Factor, Range, Setting};
 use super::tree;
+use crate::model;
 use crate::scenario::{self, ScenarioError};
 use crate::source::Problem;
-use crate::model;
 
 /// Key of a factor whose levels are scenario files.
 pub const SCENARIO: &str = "scenario";
@@ -80,10 +80,11 @@ impl Template {
         let mut bases = Vec::new();
         for path in paths {
             let text = ScenarioError::text(path)?;
-            scenario::parse_with(&text, path, meshes).map_err(|e| e.unless_other(crate::kind::Kind::Scenario, &text, path))?;
-            let tree = text.parse().map_err(|e: toml::de::Error| {
-                ScenarioError::Io { file: path.clone(), reason: e.to_string() }
-            })?;
+            scenario::parse_with(&text, path, meshes)
+                .map_err(|e| e.unless_other(crate::kind::Kind::Scenario, &text, path))?;
+            let tree = text
+                .parse()
+                .map_err(|e: toml::de::Error| ScenarioError::Io { file: path.clone(), reason: e.to_string() })?;
             bases.push(Base { path: path.clone(), tree });
         }
         let mut template = Self { bases, meshes, contents: Vec::new(), models: Arc::default() };
@@ -112,9 +113,12 @@ impl Template {
         let mut contents = vec![("study".to_string(), study.to_string().into_bytes())];
         contents.extend(self.bases.iter().map(|base| ("scenario".to_string(), base.tree.to_string().into_bytes())));
         for (name, file) in named {
-            let bytes = std::fs::read(&file).map_err(|e| ScenarioError::Io { file: file.clone(), reason: e.to_string() })?;
+            let bytes =
+                std::fs::read(&file).map_err(|e| ScenarioError::Io { file: file.clone(), reason: e.to_string() })?;
             let tree = std::str::from_utf8(&bytes).ok().filter(|_| file.extension().is_some_and(|e| e == "toml"));
-            let bytes = tree.and_then(|text| text.parse::<Table>().ok()).map_or(bytes.clone(), |tree| tree.to_string().into_bytes());
+            let bytes = tree
+                .and_then(|text| text.parse::<Table>().ok())
+                .map_or(bytes.clone(), |tree| tree.to_string().into_bytes());
             contents.push((name, bytes));
         }
         Ok(contents)

@@ -17,7 +17,7 @@ use thiserror::Error;
 use crate::campaign::parquet::Reader;
 use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Row, Steps, Value, Watch};
 use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
-use crate::run::{Case, Keep, Outcome, RunError, Verdict, run};
+use crate::run::{Case, CauseKind, Keep, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
 
 /// A study with its folder.
@@ -251,13 +251,23 @@ impl Conduct {
     /// The point of a ray at which the margin is zero: the row is that of the failing run next to it.
     fn boundary(&self, run: u64, tolerance: f64) -> Row {
         let at = |share: f64| Point { settings: self.plan.on_ray(run, share), seed: self.plan.seed(run) };
-        let crossing = root::crossing(tolerance, |share| self.verdict(&at(share)).map(|verdict| limit(&verdict)));
+        let crossing = root::crossing(tolerance, |share| self.verdict(&at(share)).map(|verdict| self.limit(&verdict)));
         match crossing {
             Ok(crossing) => {
                 let point = at(crossing.high.or(crossing.low).unwrap_or(0.0));
                 self.tried(run, &point, rows::crossing(&crossing))
             }
             Err(reason) => Ok(self.columns.row(&self.study, (run, &at(0.0)), rows::no_crossing(), &Err(reason))),
+        }
+    }
+
+    /// The margin that the study is about; the least one is negative if and only if the run failed.
+    fn limit(&self, verdict: &Verdict) -> f64 {
+        match self.study.margin {
+            // What does not apply does not limit.
+            Some(cause) => verdict.margin_of(CauseKind::ALL[cause]).unwrap_or(1.0),
+            None if verdict.survived => verdict.margin.max(0.0),
+            None => verdict.margin.min(-f64::MIN_POSITIVE),
         }
     }
 
@@ -350,12 +360,4 @@ pub struct Remade {
     pub outcome: Outcome,
     /// Whether the verdict is that of the table, bit by bit; `None` without a table.
     pub same: Option<bool>,
-}
-
-/// Margin of a verdict, negative if and only if the run failed.
-pub fn limit(verdict: &Verdict) -> f64 {
-    match verdict.survived {
-        true => verdict.margin.max(0.0),
-        false => verdict.margin.min(-f64::MIN_POSITIVE),
-    }
 }

@@ -1,7 +1,7 @@
 //! Columns of a study's table, and rows under them.
 
 use deltatwin_io::Problem;
-use deltatwin_io::study::{Design, Factor, Range, Setting, Study};
+use deltatwin_io::study::{CAUSES, Design, Factor, Range, Setting, Study};
 
 use crate::campaign::{Heading, Kind, Value};
 use crate::design::{Crossing, Point};
@@ -16,7 +16,7 @@ pub struct Columns {
     pub factors: usize,
     /// First column of the verdict.
     pub verdict: usize,
-    /// Column of the least margin.
+    /// Column of the margin that the study is about: the least, or that against its cause.
     pub margin: usize,
     /// Column that says whether the run survived.
     pub survived: usize,
@@ -61,7 +61,8 @@ impl Columns {
             }
         }
         let named = |name: &str| verdict + Verdict::columns().iter().position(|c| c.name == name).unwrap_or(0);
-        Ok(Self { factors, verdict, margin: named("margin"), survived: named("survived"), error, headings })
+        let margin = study.margin.map_or("margin".into(), |cause| format!("margin_{}", CAUSES[cause]));
+        Ok(Self { factors, verdict, margin: named(&margin), survived: named("survived"), error, headings })
     }
 
     /// Row of a run of `study`; `own` are the values of the design's columns.
@@ -161,13 +162,7 @@ fn cell(factor: &Factor, setting: Setting) -> Value {
 
 /// Values of the columns of a boundary search.
 pub fn crossing(at: &Crossing) -> Vec<Value> {
-    vec![
-        at.at.into(),
-        at.low.into(),
-        at.high.into(),
-        Value::Integer(i64::from(at.evaluations)),
-        at.falls.into(),
-    ]
+    vec![at.at.into(), at.low.into(), at.high.into(), Value::Integer(i64::from(at.evaluations)), at.falls.into()]
 }
 
 /// The same where a run has no verdict.

@@ -14,7 +14,11 @@ pub fn maps(shown: &Shown) -> Vec<Picture> {
     let study = &shown.conduct.study;
     let repeats = match study.design {
         Design::Grid { repeats } => repeats as usize,
-        Design::LatinHypercube { .. } | Design::Sobol { .. } | Design::MonteCarlo { .. } if study.factors.len() == 2 => 1,
+        Design::LatinHypercube { .. } | Design::Sobol { .. } | Design::MonteCarlo { .. }
+            if study.factors.len() == 2 =>
+        {
+            1
+        }
         _ => return Vec::new(),
     };
     let mut axes = shown.numeric();
@@ -94,9 +98,10 @@ fn picture(
         Vec::new()
     };
     let map = CauseMap { title, x_label: label(x), y_label: label(y), points, causes, curves };
-    let caption = "What fails, or comes closest to failing, with lines of equal margin: 1 unloaded, 0 at the limit. Dashed: \
+    let caption =
+        "What fails, or comes closest to failing, with lines of equal margin: 1 unloaded, 0 at the limit. Dashed: \
                    where the estimate by hand has no margin left."
-        .into();
+            .into();
     Some(Picture { name, figure: cause_map(&map), caption })
 }
 

@@ -61,7 +61,8 @@ pub fn examples(shown: &Shown) -> Examples {
         settings.join(", "),
         remade.outcome.verdict.fmea.end
     );
-    let caption = "Force that a socket has to hold, against what holds it: the whole motion, and the instant of the failure.";
+    let caption =
+        "Force that a socket has to hold, against what holds it: the whole motion, and the instant of the failure.";
     let figure = timeline(&content(&remade));
     examples.pictures.push(Picture { name: "failure".into(), figure, caption: caption.into() });
     examples
