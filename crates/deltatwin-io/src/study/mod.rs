@@ -40,6 +40,8 @@ pub struct Study {
     pub over: Option<usize>,
     /// What is changed, in the order of the file.
     pub factors: Vec<Factor>,
+    /// Model in which an experiment hides effects; `None` for runs of a scenario.
+    pub experiment: Option<PathBuf>,
     template: Template,
 }
 

@@ -47,6 +47,7 @@ impl From<Problem> for StudyError {
 struct Document {
     title: Option<String>,
     scenario: Option<Spanned<String>>,
+    model: Option<Spanned<String>>,
     seed: Option<Spanned<i64>>,
     keep: Option<Spanned<KeepKeys>>,
     draws: Option<Spanned<String>>,
@@ -144,9 +145,13 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         return Err(file.problem(0..0, "[design] is missing; expected how the factors are set".into()).into());
     };
     let design = self::design(file, design, &factors)?;
-    let scenarios = scenarios(file, path, &document, &factors)?;
+    let experiment = experiment(file, path, &document)?;
+    let scenarios = match experiment {
+        None => scenarios(file, path, &document, &factors)?,
+        Some(_) => Vec::new(),
+    };
     let seed = document.seed.as_ref().map_or(Ok(1), |seed| file.count("seed", seed, 0, i64::MAX))? as u64;
-    let template = Template::read(&scenarios, meshes, &determining(text))
+    let template = Template::read((&scenarios, experiment.as_deref()), meshes, &determining(text))
         .map_err(|source| StudyError::Scenario { study: path.display().to_string(), source })?;
     Ok(Study {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -157,6 +162,7 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         keep: keep(file, &document.keep)?,
         draws: draws(file, &document.draws, &design)?,
         design,
+        experiment,
         margin: margin(file, &document.margin)?,
         over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
         factors,
@@ -210,6 +216,19 @@ fn draws(file: &Source, word: &Option<Spanned<String>>, design: &Design) -> Chec
     }
 }
 
+/// The model file of an experiment.
+fn experiment(file: &Source, path: &Path, document: &Document) -> Checked<Option<PathBuf>> {
+    let Some(name) = &document.model else { return Ok(None) };
+    file.foreign("scenario", &document.scenario, "an experiment, which has a `model`")?;
+    let target = path.parent().unwrap_or(Path::new("")).join(name.get_ref());
+    if target.is_file() {
+        return Ok(Some(target));
+    }
+    let name_of = name.get_ref();
+    let message = format!("`model` is \"{name_of}\", which is no file; expected a model, relative to the study");
+    Err(file.problem(name.span(), message))
+}
+
 /// The scenario files: the one stated, or the levels of the factor with that key.
 fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]) -> Result<Vec<PathBuf>, StudyError> {
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -239,7 +258,7 @@ fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]
             );
             Err(file.problem(name.span(), message).into())
         }
-        (None, None) => Err(file.problem(0..0, "missing key `scenario`; expected a scenario file".into()).into()),
+        (None, None) => Err(file.problem(0..0, "missing key `scenario`; expected a scenario file, or `model` for an experiment".into()).into()),
     }
 }
 

@@ -75,8 +75,12 @@ fn said_of_model(error: &miette::Report) -> String {
 }
 
 impl Template {
-    /// The scenarios in the files at `paths`, which may be one, and the files that they and the `named` ones need.
-    pub fn read(paths: &[PathBuf], meshes: MeshReader, study: &Table) -> Result<Self, ScenarioError> {
+    /// The scenarios in the files at `paths`, or the model of an experiment, and all files that they and the `study` name.
+    pub fn read(
+        (paths, experiment): (&[PathBuf], Option<&Path>),
+        meshes: MeshReader,
+        study: &Table,
+    ) -> Result<Self, ScenarioError> {
         let mut bases = Vec::new();
         for path in paths {
             let text = ScenarioError::text(path)?;
@@ -88,12 +92,12 @@ impl Template {
             bases.push(Base { path: path.clone(), tree });
         }
         let mut template = Self { bases, meshes, contents: Vec::new(), models: Arc::default() };
-        template.contents = template.all_contents(study)?;
+        template.contents = template.all_contents(experiment, study)?;
         Ok(template)
     }
 
     pub fn scenario(&self) -> &Path {
-        &self.bases[0].path
+        self.bases.first().map_or(Path::new(""), |base| &base.path)
     }
 
     pub fn contents(&self) -> &[(String, Vec<u8>)] {
@@ -101,7 +105,7 @@ impl Template {
     }
 
     /// Study, scenarios and models with their keys in order, and all other files that they name.
-    fn all_contents(&self, study: &Table) -> Result<Vec<(String, Vec<u8>)>, ScenarioError> {
+    fn all_contents(&self, experiment: Option<&Path>, study: &Table) -> Result<Vec<(String, Vec<u8>)>, ScenarioError> {
         // Names as they are written, so that a study may be moved together with its files.
         let mut named = BTreeMap::new();
         for base in &self.bases {
@@ -109,6 +113,9 @@ impl Template {
             for table in [&base.tree, study] {
                 table.values().for_each(|value| files_in(value, folder, &mut named));
             }
+        }
+        if let Some(model) = experiment {
+            named.insert("model".into(), model.to_path_buf());
         }
         let mut contents = vec![("study".to_string(), study.to_string().into_bytes())];
         contents.extend(self.bases.iter().map(|base| ("scenario".to_string(), base.tree.to_string().into_bytes())));
@@ -131,7 +138,7 @@ impl Template {
             Setting::Level(level) if factor.keys[0] == SCENARIO => Some(*level),
             _ => None,
         });
-        let base = self.bases.get(base.unwrap_or(0)).ok_or("there is no such scenario")?;
+        let base = self.bases.get(base.unwrap_or(0)).ok_or("the study has no such scenario")?;
         let mut tree = base.tree.clone();
         if let Some(seed) = seed {
             tree.insert("seed".into(), Value::Integer(i64::try_from(seed).map_err(|e| e.to_string())?));

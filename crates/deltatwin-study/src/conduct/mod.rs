@@ -4,7 +4,7 @@ mod record;
 mod rows;
 mod summary;
 
-pub use rows::Columns;
+pub use rows::{Columns, cell, heading};
 pub use summary::Summary;
 
 use std::path::Path;
@@ -15,7 +15,7 @@ use miette::Diagnostic;
 use thiserror::Error;
 
 use crate::campaign::parquet::Reader;
-use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Row, Steps, Value, Watch};
+use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Heading, Row, Steps, Value, Watch};
 use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
 use crate::run::{Case, CauseKind, Keep, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
@@ -80,26 +80,11 @@ impl Conduct {
     /// # Errors
     /// If a factor does not fit.
     pub fn new(study: Study, folder: &Path) -> Result<Self, ConductError> {
-        let version = [("program", env!("CARGO_PKG_VERSION").as_bytes()), ("rows", FORMAT.as_bytes())];
-        let seed = study.seed.to_le_bytes();
-        let contents = study.contents().iter().map(|(name, content)| (name.as_str(), content.as_slice()));
-        let digest = Digest::of(version.into_iter().chain([("seed", &seed[..])]).chain(contents));
-        let draws = Draws::new(&digest, study.seed);
-        let plan = Plan::new(&study, draws.clone());
         let columns = Columns::of(&study)?;
+        let (campaign, draws) = campaign(&study, columns.headings.clone(), folder);
         let conduct = Self {
-            campaign: Campaign {
-                folder: folder.into(),
-                digest,
-                headings: columns.headings.clone(),
-                metadata: vec![
-                    ("program".into(), format!("deltatwin {}", env!("CARGO_PKG_VERSION"))),
-                    ("study".into(), study.text.to_string()),
-                    ("design".into(), study.design.name().into()),
-                    ("seed".into(), study.seed.to_string()),
-                ],
-            },
-            plan,
+            campaign,
+            plan: Plan::new(&study, draws.clone()),
             columns,
             draws,
             study,
@@ -341,6 +326,21 @@ impl Conduct {
         }
         Ok(None)
     }
+}
+
+/// The campaign of a study with rows under `headings` in `folder`, and its random numbers.
+pub fn campaign(study: &Study, headings: Vec<Heading>, folder: &Path) -> (Campaign, Draws) {
+    let version = [("program", env!("CARGO_PKG_VERSION").as_bytes()), ("rows", FORMAT.as_bytes())];
+    let seed = study.seed.to_le_bytes();
+    let contents = study.contents().iter().map(|(name, content)| (name.as_str(), content.as_slice()));
+    let digest = Digest::of(version.into_iter().chain([("seed", &seed[..])]).chain(contents));
+    let metadata = vec![
+        ("program".into(), format!("deltatwin {}", env!("CARGO_PKG_VERSION"))),
+        ("study".into(), study.text.to_string()),
+        ("design".into(), study.design.name().into()),
+        ("seed".into(), study.seed.to_string()),
+    ];
+    (Campaign { folder: folder.into(), digest, headings, metadata }, Draws::new(&digest, study.seed))
 }
 
 /// Folder of the recordings in a study's folder.

@@ -47,7 +47,7 @@ impl Columns {
             _ => Vec::new(),
         };
         let factors = headings.len();
-        headings.extend(study.factors.iter().map(|f| Heading::new(&f.name, unit(f), kind(f))));
+        headings.extend(study.factors.iter().map(heading));
         headings.extend(own);
         let verdict = headings.len();
         headings.extend(Verdict::columns().iter().map(|column| Heading::from(*column)));
@@ -144,12 +144,17 @@ fn kind(factor: &Factor) -> Kind {
     }
 }
 
+/// Heading of a factor's column.
+pub fn heading(factor: &Factor) -> Heading {
+    Heading::new(&factor.name, unit(factor), kind(factor))
+}
+
 fn unit(factor: &Factor) -> &str {
     if kind(factor) == Kind::Text { "" } else { &factor.unit }
 }
 
 /// Value of a factor in the table.
-fn cell(factor: &Factor, setting: Setting) -> Value {
+pub fn cell(factor: &Factor, setting: Setting) -> Value {
     match (setting, &factor.range) {
         (Setting::Number(x), _) => Value::Float(x),
         (Setting::Level(level), Range::Levels(all)) => match all.get(level) {
