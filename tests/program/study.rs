@@ -265,3 +265,54 @@ fn searches_find_the_boundary_the_worst_and_the_rare() {
         assert!(row["same_as_table"] == true && (-2e-3..0.0).contains(&margin), "{row}");
     }
 }
+
+const EXPERIMENTS: &str = r#"
+model = "MODELS/irb360-6-1600.toml"
+
+[design]
+kind = "grid"
+
+[[factors]]
+name = "effect"
+key = "effect"
+levels = ["none", "torque_bias"]
+
+[[factors]]
+name = "size"
+key = "size"
+levels = ["large"]
+
+[[factors]]
+name = "length"
+key = "duration"
+unit = "s"
+levels = [4]
+"#;
+
+#[test]
+fn experiments_are_studies_too() {
+    let place = Place::new(1);
+    let models = std::fs::canonicalize("models").unwrap().display().to_string();
+    let study = place.path("study.toml");
+    let text = EXPERIMENTS.replace("MODELS", &models);
+    std::fs::write(&study, &text).unwrap();
+    let answer: Value = serde_json::from_str(&place.done("whole", &["--json"])).unwrap();
+    assert_eq!(answer["runs"], 2, "{answer}");
+    assert_eq!(answer["by"]["effect"]["torque_bias"]["of"], 1, "{answer}");
+    for chunk in ["2/2", "1/2"] {
+        place.done("parts", &["--chunk", chunk]);
+    }
+    place.done("parts", &["--merge"]);
+    assert!(place.table("whole") == place.table("parts"));
+    for (from, to, expected) in [
+        ("torque_bias", "torque_bais", "`effect` is torque_bais; expected none, "),
+        ("torque_bias", "torque_bais", "did you mean torque_bias?"),
+        ("\"large\"", "\"huge\"", "`size` is huge; expected small, medium, large"),
+        ("\"duration\"", "\"lenght\"", "has the key `lenght`; expected, in an experiment, one of effect, size"),
+        ("levels = [4]", "levels = [0.5]", "`duration` is 0.5; expected a number from 1 to 600 s"),
+    ] {
+        std::fs::write(&study, text.replace(from, to)).unwrap();
+        let (status, _, stderr) = place.run("new", &[]);
+        assert!(status == 2 && stderr.contains(expected) && stderr.contains("study.toml:"), "{expected}\n{stderr}");
+    }
+}

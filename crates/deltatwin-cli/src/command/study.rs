@@ -146,8 +146,7 @@ fn merged(args: &Args, conduct: &Conduct) -> miette::Result<u64> {
 /// The error of a merge, with the commands that make what is missing.
 fn merge_help(args: &Args, error: CampaignError) -> miette::Report {
     let CampaignError::Incomplete { chunks, .. } = &error else { return error.into() };
-    let next: Vec<String> =
-        chunks.iter().take(SHOWN).map(|chunk| command(args, &format!("--chunk {chunk}"))).collect();
+    let next: Vec<String> = chunks.iter().take(SHOWN).map(|chunk| command(args, &format!("--chunk {chunk}"))).collect();
     let more = if chunks.len() > SHOWN { format!("\n(and {} more)", chunks.len() - SHOWN) } else { String::new() };
     miette!(help = format!("make what is missing:\n{}{more}", next.join("\n")), "{error}")
 }

@@ -258,7 +258,9 @@ fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]
             );
             Err(file.problem(name.span(), message).into())
         }
-        (None, None) => Err(file.problem(0..0, "missing key `scenario`; expected a scenario file, or `model` for an experiment".into()).into()),
+        (None, None) => Err(file
+            .problem(0..0, "missing key `scenario`; expected a scenario file, or `model` for an experiment".into())
+            .into()),
     }
 }
 

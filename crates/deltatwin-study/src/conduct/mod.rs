@@ -82,13 +82,7 @@ impl Conduct {
     pub fn new(study: Study, folder: &Path) -> Result<Self, ConductError> {
         let columns = Columns::of(&study)?;
         let (campaign, draws) = campaign(&study, columns.headings.clone(), folder);
-        let conduct = Self {
-            campaign,
-            plan: Plan::new(&study, draws.clone()),
-            columns,
-            draws,
-            study,
-        };
+        let conduct = Self { campaign, plan: Plan::new(&study, draws.clone()), columns, draws, study };
         conduct.check()?;
         Ok(conduct)
     }

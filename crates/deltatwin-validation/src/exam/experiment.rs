@@ -73,7 +73,10 @@ impl Experiments {
         let (campaign, draws) = conduct::campaign(&study, headings, folder);
         let plan = Plan::new(&study, draws.clone());
         if plan.is_search() {
-            return Err(miette!("{}: an experiment has no margin to search by; expected a grid or a sample", study.path.display()));
+            return Err(miette!(
+                "{}: an experiment has no margin to search by; expected a grid or a sample",
+                study.path.display()
+            ));
         }
         let experiments = Self { study, plan, campaign, model, draws };
         for (k, settings) in experiments.plan.extremes() {
@@ -105,7 +108,8 @@ impl Experiments {
         };
         for key in &factor.keys {
             let wrong = |known: &[&str]| {
-                let hint = nearest(&text, known.iter().copied()).map_or(String::new(), |n| format!("; did you mean {n}?"));
+                let hint =
+                    nearest(&text, known.iter().copied()).map_or(String::new(), |n| format!("; did you mean {n}?"));
                 Err(format!("factor `{}`: `{key}` is {text}; expected {}{hint}", factor.name, known.join(", ")))
             };
             match key.as_str() {
@@ -182,10 +186,8 @@ impl Experiments {
 
 /// Values of [`own`] columns.
 fn cells(made: &Made, answer: &Answer) -> Vec<Value> {
-    let truth = Truth {
-        effects: made.hidden.iter().map(|h| h.active.effect.name().to_string()).collect(),
-        ..Truth::default()
-    };
+    let truth =
+        Truth { effects: made.hidden.iter().map(|h| h.active.effect.name().to_string()).collect(), ..Truth::default() };
     let grade = Grade::of(&truth, answer);
     let rise = made.hidden.first().map(|hidden| {
         let ratio = hidden.rise.ratios.iter().find(|(channel, _)| *channel == hidden.rise.channel);

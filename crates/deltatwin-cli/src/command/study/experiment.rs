@@ -52,7 +52,12 @@ pub fn run(args: &Args, study: Study) -> miette::Result<u8> {
             end => end?,
         }
         if args.chunk.is_some() {
-            say(format!("Wrote {}: runs {} to {}", experiments.campaign.part(chunk).display(), range.start, range.end.saturating_sub(1)))?;
+            say(format!(
+                "Wrote {}: runs {} to {}",
+                experiments.campaign.part(chunk).display(),
+                range.start,
+                range.end.saturating_sub(1)
+            ))?;
             say(format!("Next, when all {} parts are there:\n  {}", chunk.of(), command(args, "--merge")))?;
             return Ok(COMPLETE);
         }
@@ -129,7 +134,12 @@ fn share(what: &str, count: u64, of: u64) -> String {
     format!("{what}: {count} of {of} (95 % interval {low:.0} to {high:.0} %)")
 }
 
-fn pictures(args: &Args, experiments: &Experiments, rows: &Rows, curves: &[PowerCurve]) -> miette::Result<Vec<PathBuf>> {
+fn pictures(
+    args: &Args,
+    experiments: &Experiments,
+    rows: &Rows,
+    curves: &[PowerCurve],
+) -> miette::Result<Vec<PathBuf>> {
     let curve = |c: &PowerCurve| {
         let point = |t: &deltatwin_study::statistics::Trial| {
             let [low, high] = wilson(t.failures, t.of, CONFIDENCE);
@@ -160,9 +170,10 @@ fn pictures(args: &Args, experiments: &Experiments, rows: &Rows, curves: &[Power
         let file = page.with_file_name("power.svg");
         write_figure(&file, &figure)?;
         files.push(file);
-        let caption = "Shares of hidden effects that are named, with 95 % intervals (Wilson), and lognormal curves of greatest \
+        let caption =
+            "Shares of hidden effects that are named, with 95 % intervals (Wilson), and lognormal curves of greatest \
                        likelihood, one per length of the recording."
-            .into();
+                .into();
         sections.push(StudySection {
             heading: "Power".into(),
             figures: vec![(figure, caption)],
