@@ -4,7 +4,7 @@ mod advice;
 mod again;
 mod experiment;
 mod pictures;
-mod progress;
+pub mod progress;
 mod told;
 
 use std::path::{Path, PathBuf};

@@ -20,6 +20,7 @@ use super::campaign::{Campaign as Made, CampaignError as Failure, Case, campaign
 use super::judge::{Answer, Grade, Truth, judge};
 use super::motion::MotionKind;
 use super::noise::Noise;
+use super::score::Judged;
 use super::size::Size;
 
 /// A study of experiments with its folder.
@@ -171,7 +172,7 @@ impl Experiments {
         match campaign(&self.model, &case, &|_, _| {}) {
             Ok(made) => {
                 let answer = judge(&self.model, &[made.measurement.clone(), made.validation.clone()]);
-                row.extend(cells(&made, &answer));
+                row.extend(cells(&truth_of(&made), &answer));
             }
             // A robot that cannot move with its hidden effect has no answer.
             Err(failure @ (Failure::Simulation(_) | Failure::Size(_))) => {
@@ -184,19 +185,27 @@ impl Experiments {
     }
 }
 
+/// Truth of a campaign, as far as a row needs it.
+fn truth_of(made: &Made) -> Truth {
+    let first = made.hidden.first().map(|hidden| &hidden.rise);
+    let ratio = first.and_then(|rise| rise.ratios.iter().find(|(channel, _)| *channel == rise.channel));
+    Truth {
+        effects: made.hidden.iter().map(|h| h.active.effect.name().to_string()).collect(),
+        rise: ratio.map(|(_, ratio)| *ratio),
+        limited: made.hidden.iter().any(|hidden| hidden.rise.limited),
+        ..Truth::default()
+    }
+}
+
 /// Values of [`own`] columns.
-fn cells(made: &Made, answer: &Answer) -> Vec<Value> {
-    let truth =
-        Truth { effects: made.hidden.iter().map(|h| h.active.effect.name().to_string()).collect(), ..Truth::default() };
-    let grade = Grade::of(&truth, answer);
-    let rise = made.hidden.first().map(|hidden| {
-        let ratio = hidden.rise.ratios.iter().find(|(channel, _)| *channel == hidden.rise.channel);
-        // What a refit leaves beside the noise: its RMS in units of the noise.
-        (ratio.map_or(1.0, |(_, ratio)| *ratio).powi(2) - 1.0).max(0.0).sqrt()
-    });
+fn cells(truth: &Truth, answer: &Answer) -> Vec<Value> {
+    let grade = Grade::of(truth, answer);
+    let hidden = !truth.effects.is_empty();
+    // What a refit leaves beside the noise: its RMS in units of the noise.
+    let rise = truth.rise.map(|ratio| (ratio.powi(2) - 1.0).max(0.0).sqrt());
     vec![
         rise.into(),
-        made.hidden.first().map(|hidden| hidden.rise.limited).into(),
+        hidden.then_some(truth.limited).into(),
         answer.verdict.as_str().into(),
         answer.effects.first().map(|e| e.name.clone()).into(),
         answer.effects.first().map(|e| e.probability).into(),
@@ -205,6 +214,32 @@ fn cells(made: &Made, answer: &Answer) -> Vec<Value> {
         answer.held_out_ratio().into(),
         answer.failure.clone().into(),
     ]
+}
+
+/// Columns of the table of an exam.
+pub fn exam_headings() -> Vec<Heading> {
+    let text = |name: &str| Heading::new(name, "", Kind::Text);
+    let mut headings = vec![Heading::new("run", "1", Kind::Integer), text("campaign"), text("hidden")];
+    headings.extend(["size", "noise"].map(text));
+    headings.extend(own());
+    headings
+}
+
+/// Row of an exam under [`exam_headings`]; a campaign without a judgement was left out.
+pub fn exam_row(run: u64, name: &str, judged: Option<&Judged>) -> Vec<Value> {
+    let mut row = vec![Value::Integer(i64::try_from(run).unwrap_or(i64::MAX)), name.into()];
+    match judged {
+        Some(j) => {
+            row.push(j.hidden().into());
+            row.extend([j.truth.size.clone().into(), j.truth.noise.clone().into()]);
+            row.extend(cells(&j.truth, &j.answer));
+        }
+        None => {
+            row.resize(exam_headings().len() - 1, Value::Missing);
+            row.push("left out: the robot cannot be simulated".into());
+        }
+    }
+    row
 }
 
 /// Attempts of a power curve from rows of a table: the size of the effect, the length of the recording (s) from the
