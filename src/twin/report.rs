@@ -3,12 +3,12 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
-use super::contacts::ContactWork;
+use super::contacts::{ContactBody, ContactWork};
 use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
-use crate::machine::bodies::BODIES;
+use crate::machine::bodies::{BODIES, END_EFFECTOR};
 use crate::machine::{AXES, STRUTS};
 
 /// Poses and forces at one time.
@@ -160,6 +160,14 @@ impl Report {
     pub(super) fn see_strut_forces(&mut self, reactions: &Reactions) {
         let forces = reactions.upper.iter().chain(&reactions.lower);
         self.peak_strut_force = forces.fold(self.peak_strut_force, |peak, f| peak.max(f.abs()));
+    }
+
+    /// First contact of the end effector, or of what it holds, with one of `objects` objects after a socket has left.
+    pub fn landing(&self, objects: usize) -> Option<&Impact> {
+        let broken = self.dislocations.first()?.t;
+        let is_load = |body: ContactBody| matches!(body, ContactBody::Link(END_EFFECTOR) | ContactBody::Object(_));
+        let is_object = |body: ContactBody| matches!(body, ContactBody::Object(object) if object < objects);
+        self.impacts.iter().find(|i| i.t >= broken && is_load(i.link) && is_object(i.other))
     }
 
     /// Whether the energy error is at most [`LARGEST_ENERGY_ERROR`], as it must be for a valid run.

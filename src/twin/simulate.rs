@@ -167,7 +167,14 @@ impl<'a> Run<'a> {
         if self.tripped && !self.rested {
             self.look_for_rest();
         }
-        Ok(true)
+        Ok(!self.is_over())
+    }
+
+    /// Whether the load of a broken robot has landed long enough ago.
+    fn is_over(&self) -> bool {
+        let Some(after) = self.options.after_landing.filter(|_| self.tripped) else { return false };
+        let landing = self.report.landing(self.options.objects.len());
+        landing.is_some_and(|impact| self.twin.time() > impact.t + after)
     }
 
     /// An intact robot must not become singular; a broken one may end its run in a singular pose.

@@ -180,8 +180,7 @@ fn any_run_is_made_again_from_its_row() {
     let answer: Value = serde_json::from_str(&place.done("out", &["--json"])).unwrap();
     let worst = answer["worst_run"].as_u64().unwrap().to_string();
     let bag = place.path("again.mcap").display().to_string();
-    let again: Value =
-        serde_json::from_str(&place.done("out", &["--run", &worst, "--mcap", &bag, "--json"])).unwrap();
+    let again: Value = serde_json::from_str(&place.done("out", &["--run", &worst, "--mcap", &bag, "--json"])).unwrap();
     assert_eq!((again["same_as_table"].as_bool(), again["survived"].as_bool()), (Some(true), Some(false)), "{again}");
     assert_eq!(again["margin"], answer["least_margin"]);
     let (recording, _) = deltatwin_io::recording::read(Path::new(&bag), None).unwrap();
@@ -240,17 +239,20 @@ fn searches_find_the_boundary_the_worst_and_the_rare() {
     let place = Place::new(60);
     let study = place.path("study.toml");
     let text = std::fs::read_to_string(&study).unwrap();
-    let text = &text[..text.rfind("[[factors]]").unwrap()].replace("distribution = { kind = \"normal\", mean = 0.1, sigma = 0.1 }", "from = 0.0\nto = 0.4");
+    let text = &text[..text.rfind("[[factors]]").unwrap()]
+        .replace("distribution = { kind = \"normal\", mean = 0.1, sigma = 0.1 }", "from = 0.0\nto = 0.4");
     let text = &text.replace("seed = 3", "seed = 3\ndraws = \"same\"");
     // Least margin of the search: at the corner of greatest mass and offset.
     std::fs::write(&study, text.replace("\"sobol\"", "\"worst_case\"")).unwrap();
     let worst: Value = serde_json::from_str(&place.done("worst", &["--json"])).unwrap();
-    let row: Value = serde_json::from_str(&place.done(
-        "worst",
-        &["--json", "--run", &worst["worst_run"].as_u64().unwrap().to_string()],
-    ))
+    let row: Value = serde_json::from_str(
+        &place.done("worst", &["--json", "--run", &worst["worst_run"].as_u64().unwrap().to_string()]),
+    )
     .unwrap();
-    assert!(row["factors"]["mass"].as_f64().unwrap() > 5.5 && row["factors"]["offset"].as_f64().unwrap() > 0.38, "{row}");
+    assert!(
+        row["factors"]["mass"].as_f64().unwrap() > 5.5 && row["factors"]["offset"].as_f64().unwrap() > 0.38,
+        "{row}"
+    );
     let (status, _, stderr) = place.run("worst2", &["--chunk", "1/2"]);
     assert!(status == 2 && stderr.contains("cannot be cut into chunks"), "{stderr}");
     // Points of the boundary: the margin of the run next to it is just below zero.

@@ -15,6 +15,7 @@ use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
 use deltatwin_io::{model, scenario, study};
 use deltatwin_study::conduct::Conduct;
+use deltatwin_validation::exam::experiment::Experiments;
 
 /// A valid file.
 #[derive(Clone, Debug)]
@@ -69,7 +70,12 @@ fn scenario(path: &Path) -> miette::Result<String> {
 }
 
 fn study(path: &Path) -> miette::Result<String> {
-    let conduct = Conduct::new(study::read(path, deltatwin_cell::mesh::read)?, Path::new(""))?;
+    let study = study::read(path, deltatwin_cell::mesh::read)?;
+    if study.experiment.is_some() {
+        let experiments = Experiments::new(study, Path::new(""))?;
+        return Ok(format!("experiments of the diagnosis, {} of them.", experiments.runs()));
+    }
+    let conduct = Conduct::new(study, Path::new(""))?;
     let study = &conduct.study;
     let names: Vec<&str> = study.factors.iter().map(|f| f.name.as_str()).collect();
     let most = if conduct.is_search() { "at most " } else { "" };

@@ -64,7 +64,7 @@ impl Run<'_> {
             self.twin.set_external(Load::NONE);
             return h;
         }
-        let n = (h / contacts.longest_step()).ceil().max(1.0);
+        let n = (h / (self.options.contact_steps * contacts.longest_step())).ceil().max(1.0);
         let h = h / n;
         // Wrenches are linear up to their values at the end of the step, so that reactions are continuous in time.
         let ahead = extrapolated(&motion, h);

@@ -2,6 +2,7 @@
 
 mod advice;
 mod again;
+mod experiment;
 mod pictures;
 mod progress;
 mod told;
@@ -77,8 +78,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if folder.is_file() {
         return Err(miette!("{}: is a file; expected a folder, which may be new", folder.display()));
     }
-    let conduct = Conduct::new(study, &folder)?;
     catch_interrupt()?;
+    if study.experiment.is_some() {
+        return experiment::run(args, study);
+    }
+    let conduct = Conduct::new(study, &folder)?;
     if let Some(run) = args.run {
         return again::run(args, &conduct, run);
     }
@@ -123,7 +127,7 @@ enum Made {
 
 fn made(conduct: &Conduct, chunk: Chunk) -> miette::Result<Made> {
     let range = chunk.range(conduct.runs());
-    let progress = Progress::new(conduct, range.end - range.start);
+    let progress = Progress::new(range.end - range.start, (Some(conduct.columns.survived), "failed"));
     let end = conduct.chunk(chunk, &progress);
     progress.finish();
     match end {
@@ -136,12 +140,16 @@ fn made(conduct: &Conduct, chunk: Chunk) -> miette::Result<Made> {
 /// Merges the parts.
 fn merged(args: &Args, conduct: &Conduct) -> miette::Result<u64> {
     let runs = (!conduct.is_search()).then(|| conduct.runs());
-    conduct.campaign.merge(runs).map_err(|error| {
-        let CampaignError::Incomplete { chunks, .. } = &error else { return miette::Report::from_err(error) };
-        let next: Vec<String> = chunks.iter().take(SHOWN).map(|chunk| command(args, &format!("--chunk {chunk}"))).collect();
-        let more = if chunks.len() > SHOWN { format!("\n(and {} more)", chunks.len() - SHOWN) } else { String::new() };
-        miette!(help = format!("make what is missing:\n{}{more}", next.join("\n")), "{error}")
-    })
+    conduct.campaign.merge(runs).map_err(|error| merge_help(args, error))
+}
+
+/// The error of a merge, with the commands that make what is missing.
+fn merge_help(args: &Args, error: CampaignError) -> miette::Report {
+    let CampaignError::Incomplete { chunks, .. } = &error else { return error.into() };
+    let next: Vec<String> =
+        chunks.iter().take(SHOWN).map(|chunk| command(args, &format!("--chunk {chunk}"))).collect();
+    let more = if chunks.len() > SHOWN { format!("\n(and {} more)", chunks.len() - SHOWN) } else { String::new() };
+    miette!(help = format!("make what is missing:\n{}{more}", next.join("\n")), "{error}")
 }
 
 /// Number of missing chunks that are listed.

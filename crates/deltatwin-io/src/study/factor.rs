@@ -65,6 +65,8 @@ pub enum Setting {
     Number(f64),
     /// A level, from 0.
     Level(usize),
+    /// As the scenario has it.
+    Unset,
 }
 
 /// Distribution of a number.

@@ -34,12 +34,19 @@ pub struct Study {
     pub draws: Draws,
     /// How the factors are set.
     pub design: Design,
+    /// Cause whose margin searches and pictures are about, an index of [`CAUSES`]; `None`: the least over all causes.
+    pub margin: Option<usize>,
     /// Factor over which the pictures show the probability of failure, if stated.
     pub over: Option<usize>,
     /// What is changed, in the order of the file.
     pub factors: Vec<Factor>,
+    /// Model in which an experiment hides effects; `None` for runs of a scenario.
+    pub experiment: Option<PathBuf>,
     template: Template,
 }
+
+/// Words for the causes with a margin of their own.
+pub const CAUSES: [&str; 8] = ["socket", "torque", "speed", "telescope", "workspace", "contact", "trip", "following"];
 
 /// Runs whose recordings are kept.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

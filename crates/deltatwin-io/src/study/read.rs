@@ -12,7 +12,7 @@ use toml::{Spanned, Table, Value};
 
 use super::factor::{Change, Distribution, Factor, Level, Range};
 use super::template::{SCENARIO, Template};
-use super::{Design, Draws, Keep, Study, tree};
+use super::{CAUSES, Design, Draws, Keep, Study, tree};
 use crate::kind::Kind;
 use crate::scenario::ScenarioError;
 use crate::source::{Checked, Interval, Problem, Source};
@@ -47,9 +47,11 @@ impl From<Problem> for StudyError {
 struct Document {
     title: Option<String>,
     scenario: Option<Spanned<String>>,
+    model: Option<Spanned<String>>,
     seed: Option<Spanned<i64>>,
     keep: Option<Spanned<KeepKeys>>,
     draws: Option<Spanned<String>>,
+    margin: Option<Spanned<String>>,
     over: Option<Spanned<String>>,
     #[serde(default)]
     factors: Vec<Spanned<FactorKeys>>,
@@ -143,13 +145,14 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         return Err(file.problem(0..0, "[design] is missing; expected how the factors are set".into()).into());
     };
     let design = self::design(file, design, &factors)?;
-    let scenarios = scenarios(file, path, &document, &factors)?;
+    let experiment = experiment(file, path, &document)?;
+    let scenarios = match experiment {
+        None => scenarios(file, path, &document, &factors)?,
+        Some(_) => Vec::new(),
+    };
     let seed = document.seed.as_ref().map_or(Ok(1), |seed| file.count("seed", seed, 0, i64::MAX))? as u64;
-    let template =
-        Template::read(&scenarios, meshes, &determining(text)).map_err(|source| StudyError::Scenario {
-            study: path.display().to_string(),
-            source,
-        })?;
+    let template = Template::read((&scenarios, experiment.as_deref()), meshes, &determining(text))
+        .map_err(|source| StudyError::Scenario { study: path.display().to_string(), source })?;
     Ok(Study {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         path: path.into(),
@@ -159,6 +162,8 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         keep: keep(file, &document.keep)?,
         draws: draws(file, &document.draws, &design)?,
         design,
+        experiment,
+        margin: margin(file, &document.margin)?,
         over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
         factors,
         template,
@@ -191,6 +196,12 @@ fn keep(file: &Source, keys: &Option<Spanned<KeepKeys>>) -> Checked<Keep> {
     }
 }
 
+fn margin(file: &Source, word: &Option<Spanned<String>>) -> Checked<Option<usize>> {
+    let causes = CAUSES.iter().enumerate().map(|(k, name)| (*name, Some(k)));
+    let choices: Vec<(&str, Option<usize>)> = std::iter::once(("any", None)).chain(causes).collect();
+    word.as_ref().map_or(Ok(None), |word| file.choice("margin", word, &choices))
+}
+
 fn draws(file: &Source, word: &Option<Spanned<String>>, design: &Design) -> Checked<Draws> {
     match word {
         Some(word) => file.choice("draws", word, &[("each", Draws::Each), ("same", Draws::Same)]),
@@ -203,6 +214,19 @@ fn draws(file: &Source, word: &Option<Spanned<String>>, design: &Design) -> Chec
             _ => Draws::Each,
         }),
     }
+}
+
+/// The model file of an experiment.
+fn experiment(file: &Source, path: &Path, document: &Document) -> Checked<Option<PathBuf>> {
+    let Some(name) = &document.model else { return Ok(None) };
+    file.foreign("scenario", &document.scenario, "an experiment, which has a `model`")?;
+    let target = path.parent().unwrap_or(Path::new("")).join(name.get_ref());
+    if target.is_file() {
+        return Ok(Some(target));
+    }
+    let name_of = name.get_ref();
+    let message = format!("`model` is \"{name_of}\", which is no file; expected a model, relative to the study");
+    Err(file.problem(name.span(), message))
 }
 
 /// The scenario files: the one stated, or the levels of the factor with that key.
@@ -234,7 +258,7 @@ fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]
             );
             Err(file.problem(name.span(), message).into())
         }
-        (None, None) => Err(file.problem(0..0, "missing key `scenario`; expected a scenario file".into()).into()),
+        (None, None) => Err(file.problem(0..0, "missing key `scenario`; expected a scenario file, or `model` for an experiment".into()).into()),
     }
 }
 
@@ -327,10 +351,7 @@ fn range(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Range> {
         }
         let numbers = all.iter().filter(|level| level.number.is_some()).count();
         if numbers != 0 && numbers != all.len() {
-            let message = format!(
-                "`factors.levels` is {}; expected numbers, or no numbers",
-                file.quote(levels.span())
-            );
+            let message = format!("`factors.levels` is {}; expected numbers, or no numbers", file.quote(levels.span()));
             return Err(file.problem(levels.span(), message));
         }
         return Ok(Range::Levels(all));
@@ -443,7 +464,8 @@ fn distribution(file: &Source, whole: &Spanned<DistributionKeys>) -> Checked<Dis
     if ordered {
         return Ok(found);
     }
-    let message = format!("distribution with {context}: its numbers are out of order; expected low < high, a mode between");
+    let message =
+        format!("distribution with {context}: its numbers are out of order; expected low < high, a mode between");
     Err(file.problem(whole.span(), message))
 }
 
@@ -502,12 +524,14 @@ fn design(file: &Source, mut value: Spanned<DeValue>, factors: &[Factor]) -> Che
         let value = file.needed(&key, value, &context, kind.span())?;
         file.count(&key, value, 1, most).map(|n| n as u64)
     };
-    let repeats = || keys.repeats.as_ref().map_or(Ok(1), |n| file.count("design.repeats", n, 1, 1_000_000)).map(|n| n as u64);
+    let repeats =
+        || keys.repeats.as_ref().map_or(Ok(1), |n| file.count("design.repeats", n, 1, 1_000_000)).map(|n| n as u64);
     Ok(match form {
         Form::Grid => {
             foreign(&["repeats"])?;
             if let Some(factor) = factors.iter().find(|f| matches!(f.range, Range::Interval { .. })) {
-                let message = format!("factor `{}` lacks `count`; expected the number of its levels in a grid", factor.name);
+                let message =
+                    format!("factor `{}` lacks `count`; expected the number of its levels in a grid", factor.name);
                 return Err(file.problem(factor.place.clone(), message));
             }
             Design::Grid { repeats: repeats()? }
@@ -636,7 +660,9 @@ mod tests {
         );
         let study = parsed(&text).unwrap();
         assert_eq!((study.seed, &study.keep, study.draws), (4, &Keep::None, Draws::Same));
-        let at = |k: usize| [Setting::Number(3.5), Setting::Level(k), Setting::Level(0), Setting::Level(0), Setting::Level(0)];
+        let at = |k: usize| {
+            [Setting::Number(3.5), Setting::Level(k), Setting::Level(0), Setting::Level(0), Setting::Level(0)]
+        };
         let [weak, whole] = [0, 1].map(|k| study.files(&at(k), Some(99)).unwrap());
         assert_eq!(weak.scenario.setup.payload.mass, 3.5);
         assert_eq!(weak.scenario.setup.payload.com.as_slice(), [0.1, -0.02, -0.08]);
@@ -659,7 +685,11 @@ mod tests {
             ("\"grid\"", "\"gird\"", "did you mean \"grid\"?"),
             ("\"grid\"", "\"sobol\"", "kind = \"sobol\" lacks `design.runs`"),
             ("\"grid\"", "\"grid\"\nruns = 3", "test.toml:6:8: `design.runs` has no meaning for kind = \"grid\""),
-            ("\"grid\"", "\"boundary\"\nalong = [\"maas\"]", "has \"maas\"; expected factors: mass; did you mean \"mass\"?"),
+            (
+                "\"grid\"",
+                "\"boundary\"\nalong = [\"maas\"]",
+                "has \"maas\"; expected factors: mass; did you mean \"mass\"?",
+            ),
             ("\"grid\"", "\"boundary\"\nalong = [\"mass\"]", "with `from` and `to` and no `count`"),
             ("\"grid\"", "\"subset\"", "factor `mass` has levels"),
             ("[design]", "[desing]", "unknown key `desing`"),
@@ -670,7 +700,11 @@ mod tests {
             ("count = 12", "levels = [1]", "needs one of `levels`"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = [1, \"a\"]", "expected numbers, or no numbers"),
             ("from = 0.5\nto = 6.0\ncount = 12", "levels = []", "has 0 value(s)"),
-            ("from = 0.5\nto = 6.0\ncount = 12", "distribution = { kind = \"normal\", mean = 1 }", "lacks `distribution.sigma`"),
+            (
+                "from = 0.5\nto = 6.0\ncount = 12",
+                "distribution = { kind = \"normal\", mean = 1 }",
+                "lacks `distribution.sigma`",
+            ),
             (
                 "from = 0.5\nto = 6.0\ncount = 12",
                 "distribution = { kind = \"uniform\", mean = 1, low = 0, high = 1 }",
@@ -686,6 +720,7 @@ mod tests {
             ("seed = 4", "seed = -4", "`seed` is -4"),
             ("seed = 4", "keep = \"all\"", "`keep` is \"all\"; expected \"none\", \"failed\" or an array"),
             ("seed = 4", "draws = \"some\"", "`draws` is \"some\"; expected \"each\" or \"same\""),
+            ("seed = 4", "margin = \"sockets\"", "`margin` is \"sockets\"; expected \"any\", \"socket\", "),
             ("unit = \"kg\"", "units = \"kg\"", "unknown key `factors.units`"),
         ] {
             let e = refusal(from, to);

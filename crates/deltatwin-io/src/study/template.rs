@@ -11,9 +11,9 @@ use toml::{Table, Value};
 
 use super::factor::{Change, Factor, Range, Setting};
 use super::tree;
+use crate::model;
 use crate::scenario::{self, ScenarioError};
 use crate::source::Problem;
-use crate::model;
 
 /// Key of a factor whose levels are scenario files.
 pub const SCENARIO: &str = "scenario";
@@ -75,24 +75,29 @@ fn said_of_model(error: &miette::Report) -> String {
 }
 
 impl Template {
-    /// The scenarios in the files at `paths`, which may be one, and the files that they and the `named` ones need.
-    pub fn read(paths: &[PathBuf], meshes: MeshReader, study: &Table) -> Result<Self, ScenarioError> {
+    /// The scenarios in the files at `paths`, or the model of an experiment, and all files that they and the `study` name.
+    pub fn read(
+        (paths, experiment): (&[PathBuf], Option<&Path>),
+        meshes: MeshReader,
+        study: &Table,
+    ) -> Result<Self, ScenarioError> {
         let mut bases = Vec::new();
         for path in paths {
             let text = ScenarioError::text(path)?;
-            scenario::parse_with(&text, path, meshes).map_err(|e| e.unless_other(crate::kind::Kind::Scenario, &text, path))?;
-            let tree = text.parse().map_err(|e: toml::de::Error| {
-                ScenarioError::Io { file: path.clone(), reason: e.to_string() }
-            })?;
+            scenario::parse_with(&text, path, meshes)
+                .map_err(|e| e.unless_other(crate::kind::Kind::Scenario, &text, path))?;
+            let tree = text
+                .parse()
+                .map_err(|e: toml::de::Error| ScenarioError::Io { file: path.clone(), reason: e.to_string() })?;
             bases.push(Base { path: path.clone(), tree });
         }
         let mut template = Self { bases, meshes, contents: Vec::new(), models: Arc::default() };
-        template.contents = template.all_contents(study)?;
+        template.contents = template.all_contents(experiment, study)?;
         Ok(template)
     }
 
     pub fn scenario(&self) -> &Path {
-        &self.bases[0].path
+        self.bases.first().map_or(Path::new(""), |base| &base.path)
     }
 
     pub fn contents(&self) -> &[(String, Vec<u8>)] {
@@ -100,7 +105,7 @@ impl Template {
     }
 
     /// Study, scenarios and models with their keys in order, and all other files that they name.
-    fn all_contents(&self, study: &Table) -> Result<Vec<(String, Vec<u8>)>, ScenarioError> {
+    fn all_contents(&self, experiment: Option<&Path>, study: &Table) -> Result<Vec<(String, Vec<u8>)>, ScenarioError> {
         // Names as they are written, so that a study may be moved together with its files.
         let mut named = BTreeMap::new();
         for base in &self.bases {
@@ -109,12 +114,18 @@ impl Template {
                 table.values().for_each(|value| files_in(value, folder, &mut named));
             }
         }
+        if let Some(model) = experiment {
+            named.insert("model".into(), model.to_path_buf());
+        }
         let mut contents = vec![("study".to_string(), study.to_string().into_bytes())];
         contents.extend(self.bases.iter().map(|base| ("scenario".to_string(), base.tree.to_string().into_bytes())));
         for (name, file) in named {
-            let bytes = std::fs::read(&file).map_err(|e| ScenarioError::Io { file: file.clone(), reason: e.to_string() })?;
+            let bytes =
+                std::fs::read(&file).map_err(|e| ScenarioError::Io { file: file.clone(), reason: e.to_string() })?;
             let tree = std::str::from_utf8(&bytes).ok().filter(|_| file.extension().is_some_and(|e| e == "toml"));
-            let bytes = tree.and_then(|text| text.parse::<Table>().ok()).map_or(bytes.clone(), |tree| tree.to_string().into_bytes());
+            let bytes = tree
+                .and_then(|text| text.parse::<Table>().ok())
+                .map_or(bytes.clone(), |tree| tree.to_string().into_bytes());
             contents.push((name, bytes));
         }
         Ok(contents)
@@ -127,12 +138,12 @@ impl Template {
             Setting::Level(level) if factor.keys[0] == SCENARIO => Some(*level),
             _ => None,
         });
-        let base = self.bases.get(base.unwrap_or(0)).ok_or("there is no such scenario")?;
+        let base = self.bases.get(base.unwrap_or(0)).ok_or("the study has no such scenario")?;
         let mut tree = base.tree.clone();
         if let Some(seed) = seed {
             tree.insert("seed".into(), Value::Integer(i64::try_from(seed).map_err(|e| e.to_string())?));
         }
-        for (factor, setting) in factors.iter().zip(settings) {
+        for (factor, setting) in factors.iter().zip(settings).filter(|(_, setting)| **setting != Setting::Unset) {
             run.set(&mut tree, factor, &value(factor, *setting)?)?;
         }
         for (key, value, change) in std::mem::take(&mut run.late) {
@@ -248,7 +259,7 @@ fn value(factor: &Factor, setting: Setting) -> Result<Value, String> {
         (Setting::Level(level), Range::Levels(levels)) => {
             levels.get(level).map(|level| level.value.clone()).ok_or_else(|| "there is no such level".into())
         }
-        (Setting::Level(_), _) => Err("a factor without levels has no level".into()),
+        (Setting::Level(_) | Setting::Unset, _) => Err("a factor without levels has no level".into()),
     }
 }
 

@@ -64,8 +64,7 @@ fn joined(path: &str, step: &str) -> String {
 
 /// Index of the entry of an array that a step of a key names.
 fn entry(items: &[Value], step: &str, path: &str) -> Result<usize, String> {
-    let names: Vec<&str> =
-        items.iter().filter_map(|item| item.as_table()?.get("name")?.as_str()).collect();
+    let names: Vec<&str> = items.iter().filter_map(|item| item.as_table()?.get("name")?.as_str()).collect();
     if let Some(index) = items.iter().position(|item| {
         item.as_table().and_then(|table| table.get("name")).and_then(Value::as_str).is_some_and(|name| name == step)
     }) {
@@ -106,7 +105,9 @@ fn changed(old: Option<&Value>, value: &Value, change: Change, key: &str) -> Res
         });
     }
     let Some(old) = old else {
-        return Err(format!("`{key}` is not there, so that it cannot be changed relative to its value; expected it to be"));
+        return Err(format!(
+            "`{key}` is not there, so that it cannot be changed relative to its value; expected it to be"
+        ));
     };
     match (number(old), number(value), change) {
         (Some(old), Some(value), Change::Multiply) => Ok(Value::Float(old * value)),
@@ -160,7 +161,10 @@ mod tests {
     #[test]
     fn places_that_are_not_there_are_named() {
         for (key, expected) in [
-            ("objects.tabel.yaw", "`objects` has nothing called `tabel`; expected one of table, block; did you mean `table`?"),
+            (
+                "objects.tabel.yaw",
+                "`objects` has nothing called `tabel`; expected one of table, block; did you mean `table`?",
+            ),
             ("payload.com.4", "`payload.com` has no entry `4`; expected a number from 1 to 3"),
             ("payload.com.0", "has no entry `0`"),
             ("payload.mass.x", "`payload.mass` is 2, which has no parts"),

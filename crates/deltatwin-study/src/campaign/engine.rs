@@ -381,8 +381,7 @@ impl Campaign {
         let mut all = self.metadata.clone();
         all.push((DIGEST.into(), self.digest.hex()));
         all.extend(metadata.iter().cloned());
-        let mut writer =
-            Writer::new(&mut out, &self.headings, &all).map_err(CampaignError::content(&temporary))?;
+        let mut writer = Writer::new(&mut out, &self.headings, &all).map_err(CampaignError::content(&temporary))?;
         rows(&mut writer)?;
         writer.finish().map_err(CampaignError::content(&temporary))?;
         let kept = || -> io::Result<()> {

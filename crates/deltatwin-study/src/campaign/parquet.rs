@@ -138,8 +138,7 @@ fn write_column<'v, T: DataType, W: Write + Send>(
         present.push(i16::from(cell.is_some()));
         values.extend(cell);
     }
-    let mut writer =
-        group.next_column()?.ok_or_else(|| ParquetError::General("the schema lacks a column".into()))?;
+    let mut writer = group.next_column()?.ok_or_else(|| ParquetError::General("the schema lacks a column".into()))?;
     writer.typed::<T>().write_batch(&values, Some(&present), None)?;
     writer.close()
 }

@@ -4,7 +4,7 @@ mod record;
 mod rows;
 mod summary;
 
-pub use rows::Columns;
+pub use rows::{Columns, cell, heading};
 pub use summary::Summary;
 
 use std::path::Path;
@@ -15,9 +15,9 @@ use miette::Diagnostic;
 use thiserror::Error;
 
 use crate::campaign::parquet::Reader;
-use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Row, Steps, Value, Watch};
-use crate::design::{Plan, Point, evolution, normal_share, root};
-use crate::run::{Case, Keep, Outcome, RunError, Verdict, run};
+use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Heading, Row, Steps, Value, Watch};
+use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
+use crate::run::{Case, CauseKind, Keep, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
 
 /// A study with its folder.
@@ -80,26 +80,11 @@ impl Conduct {
     /// # Errors
     /// If a factor does not fit.
     pub fn new(study: Study, folder: &Path) -> Result<Self, ConductError> {
-        let version = [("program", env!("CARGO_PKG_VERSION").as_bytes()), ("rows", FORMAT.as_bytes())];
-        let seed = study.seed.to_le_bytes();
-        let contents = study.contents().iter().map(|(name, content)| (name.as_str(), content.as_slice()));
-        let digest = Digest::of(version.into_iter().chain([("seed", &seed[..])]).chain(contents));
-        let draws = Draws::new(&digest, study.seed);
-        let plan = Plan::new(&study, draws.clone());
         let columns = Columns::of(&study)?;
+        let (campaign, draws) = campaign(&study, columns.headings.clone(), folder);
         let conduct = Self {
-            campaign: Campaign {
-                folder: folder.into(),
-                digest,
-                headings: columns.headings.clone(),
-                metadata: vec![
-                    ("program".into(), format!("deltatwin {}", env!("CARGO_PKG_VERSION"))),
-                    ("study".into(), study.text.to_string()),
-                    ("design".into(), study.design.name().into()),
-                    ("seed".into(), study.seed.to_string()),
-                ],
-            },
-            plan,
+            campaign,
+            plan: Plan::new(&study, draws.clone()),
             columns,
             draws,
             study,
@@ -108,16 +93,18 @@ impl Conduct {
         Ok(conduct)
     }
 
-    /// Whether the scenario and the models admit every factor at both ends of its range.
+    /// Whether the scenario and the models admit every factor at both ends of its range, and all at their middles.
     fn check(&self) -> Result<(), ConductError> {
-        let name = |k: usize| &self.study.factors[k].name;
+        let factors = &self.study.factors;
         for (k, settings) in self.plan.extremes() {
-            // Another factor's middle may be what does not fit: its own turn tells.
             self.study.files(&settings, None).map_err(|why| {
-                let value = self.columns.text(&self.study.factors[k], settings[k]);
-                self.study.refuse(k, format!("factor `{}` at {value}: {why}", name(k)))
+                let value = self.columns.text(&factors[k], settings[k]);
+                self.study.refuse(k, format!("factor `{}` at {value}: {why}", factors[k].name))
             })?;
         }
+        let middle: Vec<Setting> = factors.iter().map(nominal).collect();
+        let all = |why| self.study.refuse(0, format!("all factors at their middles: {why}"));
+        self.study.files(&middle, None).map_err(all)?;
         Ok(())
     }
 
@@ -249,13 +236,23 @@ impl Conduct {
     /// The point of a ray at which the margin is zero: the row is that of the failing run next to it.
     fn boundary(&self, run: u64, tolerance: f64) -> Row {
         let at = |share: f64| Point { settings: self.plan.on_ray(run, share), seed: self.plan.seed(run) };
-        let crossing = root::crossing(tolerance, |share| self.verdict(&at(share)).map(|verdict| limit(&verdict)));
+        let crossing = root::crossing(tolerance, |share| self.verdict(&at(share)).map(|verdict| self.limit(&verdict)));
         match crossing {
             Ok(crossing) => {
                 let point = at(crossing.high.or(crossing.low).unwrap_or(0.0));
                 self.tried(run, &point, rows::crossing(&crossing))
             }
             Err(reason) => Ok(self.columns.row(&self.study, (run, &at(0.0)), rows::no_crossing(), &Err(reason))),
+        }
+    }
+
+    /// The margin that the study is about; the least one is negative if and only if the run failed.
+    fn limit(&self, verdict: &Verdict) -> f64 {
+        match self.study.margin {
+            // What does not apply does not limit.
+            Some(cause) => verdict.margin_of(CauseKind::ALL[cause]).unwrap_or(1.0),
+            None if verdict.survived => verdict.margin.max(0.0),
+            None => verdict.margin.min(-f64::MIN_POSITIVE),
         }
     }
 
@@ -331,6 +328,21 @@ impl Conduct {
     }
 }
 
+/// The campaign of a study with rows under `headings` in `folder`, and its random numbers.
+pub fn campaign(study: &Study, headings: Vec<Heading>, folder: &Path) -> (Campaign, Draws) {
+    let version = [("program", env!("CARGO_PKG_VERSION").as_bytes()), ("rows", FORMAT.as_bytes())];
+    let seed = study.seed.to_le_bytes();
+    let contents = study.contents().iter().map(|(name, content)| (name.as_str(), content.as_slice()));
+    let digest = Digest::of(version.into_iter().chain([("seed", &seed[..])]).chain(contents));
+    let metadata = vec![
+        ("program".into(), format!("deltatwin {}", env!("CARGO_PKG_VERSION"))),
+        ("study".into(), study.text.to_string()),
+        ("design".into(), study.design.name().into()),
+        ("seed".into(), study.seed.to_string()),
+    ];
+    (Campaign { folder: folder.into(), digest, headings, metadata }, Draws::new(&digest, study.seed))
+}
+
 /// Folder of the recordings in a study's folder.
 pub const RECORDINGS: &str = "recordings";
 
@@ -348,12 +360,4 @@ pub struct Remade {
     pub outcome: Outcome,
     /// Whether the verdict is that of the table, bit by bit; `None` without a table.
     pub same: Option<bool>,
-}
-
-/// Margin of a verdict, negative if and only if the run failed.
-pub fn limit(verdict: &Verdict) -> f64 {
-    match verdict.survived {
-        true => verdict.margin.max(0.0),
-        false => verdict.margin.min(-f64::MIN_POSITIVE),
-    }
 }

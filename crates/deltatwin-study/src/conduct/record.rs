@@ -16,7 +16,10 @@ impl Remade {
     /// If the file cannot be written, or the motion was refused before it began.
     pub fn write_recording(&self, conduct: &Conduct, file: &Path) -> Result<(), WriteError> {
         let Some(recording) = &self.outcome.recording else {
-            return Err(WriteError::invalid(file, "the motion was refused before it began, so that nothing was recorded"));
+            return Err(WriteError::invalid(
+                file,
+                "the motion was refused before it began, so that nothing was recorded",
+            ));
         };
         recording::write_with(recording, file, &self.context(conduct))
     }

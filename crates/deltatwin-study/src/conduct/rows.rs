@@ -1,7 +1,7 @@
 //! Columns of a study's table, and rows under them.
 
 use deltatwin_io::Problem;
-use deltatwin_io::study::{Design, Factor, Range, Setting, Study};
+use deltatwin_io::study::{CAUSES, Design, Factor, Range, Setting, Study};
 
 use crate::campaign::{Heading, Kind, Value};
 use crate::design::{Crossing, Point};
@@ -16,7 +16,7 @@ pub struct Columns {
     pub factors: usize,
     /// First column of the verdict.
     pub verdict: usize,
-    /// Column of the least margin.
+    /// Column of the margin that the study is about: the least, or that against its cause.
     pub margin: usize,
     /// Column that says whether the run survived.
     pub survived: usize,
@@ -47,7 +47,7 @@ impl Columns {
             _ => Vec::new(),
         };
         let factors = headings.len();
-        headings.extend(study.factors.iter().map(|f| Heading::new(&f.name, unit(f), kind(f))));
+        headings.extend(study.factors.iter().map(heading));
         headings.extend(own);
         let verdict = headings.len();
         headings.extend(Verdict::columns().iter().map(|column| Heading::from(*column)));
@@ -61,7 +61,8 @@ impl Columns {
             }
         }
         let named = |name: &str| verdict + Verdict::columns().iter().position(|c| c.name == name).unwrap_or(0);
-        Ok(Self { factors, verdict, margin: named("margin"), survived: named("survived"), error, headings })
+        let margin = study.margin.map_or("margin".into(), |cause| format!("margin_{}", CAUSES[cause]));
+        Ok(Self { factors, verdict, margin: named(&margin), survived: named("survived"), error, headings })
     }
 
     /// Row of a run of `study`; `own` are the values of the design's columns.
@@ -94,6 +95,7 @@ impl Columns {
         match (setting, &factor.range) {
             (Setting::Level(level), Range::Levels(all)) => all.get(level).map_or(String::new(), |l| l.text.clone()),
             (Setting::Level(level), _) => level.to_string(),
+            (Setting::Unset, _) => "as in the scenario".into(),
             (Setting::Number(x), _) => x.to_string(),
         }
     }
@@ -142,31 +144,30 @@ fn kind(factor: &Factor) -> Kind {
     }
 }
 
+/// Heading of a factor's column.
+pub fn heading(factor: &Factor) -> Heading {
+    Heading::new(&factor.name, unit(factor), kind(factor))
+}
+
 fn unit(factor: &Factor) -> &str {
     if kind(factor) == Kind::Text { "" } else { &factor.unit }
 }
 
 /// Value of a factor in the table.
-fn cell(factor: &Factor, setting: Setting) -> Value {
+pub fn cell(factor: &Factor, setting: Setting) -> Value {
     match (setting, &factor.range) {
         (Setting::Number(x), _) => Value::Float(x),
         (Setting::Level(level), Range::Levels(all)) => match all.get(level) {
             Some(level) => level.number.map_or_else(|| level.text.as_str().into(), Value::Float),
             None => Value::Missing,
         },
-        (Setting::Level(_), _) => Value::Missing,
+        (Setting::Level(_) | Setting::Unset, _) => Value::Missing,
     }
 }
 
 /// Values of the columns of a boundary search.
 pub fn crossing(at: &Crossing) -> Vec<Value> {
-    vec![
-        at.at.into(),
-        at.low.into(),
-        at.high.into(),
-        Value::Integer(i64::from(at.evaluations)),
-        at.falls.into(),
-    ]
+    vec![at.at.into(), at.low.into(), at.high.into(), Value::Integer(i64::from(at.evaluations)), at.falls.into()]
 }
 
 /// The same where a run has no verdict.

@@ -40,7 +40,10 @@ mod tests {
         // scipy.stats: truncnorm, lognorm, triang, weibull_min, all at 0.3.
         for (distribution, expected) in [
             (Distribution::Normal { mean: 2.0, sigma: 0.5, low: 1.5, high: 4.0 }, 1.887576533026396),
-            (Distribution::Normal { mean: 2.0, sigma: 0.5, low: f64::NEG_INFINITY, high: f64::INFINITY }, 1.7377997436459796),
+            (
+                Distribution::Normal { mean: 2.0, sigma: 0.5, low: f64::NEG_INFINITY, high: f64::INFINITY },
+                1.7377997436459796,
+            ),
             (Distribution::LogNormal { median: 3.0, sigma: 0.4 }, 2.432335929776415),
             (Distribution::Uniform { low: 1.0, high: 3.0 }, 1.6),
             (Distribution::Triangular { low: 1.0, mode: 2.0, high: 5.0 }, 2.1017246507621126),

@@ -28,7 +28,8 @@ pub fn minimise<E>(
 ) -> Result<(), E> {
     let size = (PER_COORDINATE * dimensions).clamp(POPULATION[0], POPULATION[1]).min(most);
     let keys: Vec<u64> = (0..dimensions).map(|_| rng.random()).collect();
-    let start = |i: usize, d: usize, jitter: f64| (permuted(i as u64, size as u64, keys[d]) as f64 + jitter) / size as f64;
+    let start =
+        |i: usize, d: usize, jitter: f64| (permuted(i as u64, size as u64, keys[d]) as f64 + jitter) / size as f64;
     let mut points: Vec<Vec<f64>> =
         (0..size).map(|i| (0..dimensions).map(|d| start(i, d, rng.random())).collect()).collect();
     let mut scores = values(&points)?;
@@ -57,9 +58,8 @@ fn trial(points: &[Vec<f64>], (i, best): (usize, usize), rng: &mut ChaCha8Rng) -
             if d != certain && rng.random::<f64>() >= CROSSED {
                 return points[i][d];
             }
-            let moved = points[i][d]
-                + WEIGHT * (points[best][d] - points[i][d])
-                + weight * (points[a][d] - points[b][d]);
+            let moved =
+                points[i][d] + WEIGHT * (points[best][d] - points[i][d]) + weight * (points[a][d] - points[b][d]);
             moved.clamp(0.0, 1.0)
         })
         .collect()
@@ -95,11 +95,12 @@ mod tests {
         assert_eq!(corner.0, -3.0, "{corner:?}");
         // Many local minima [Rastrigin 1974], the least at 0.4.
         let wavy = |x: &[f64]| {
-            x.iter().map(|x| {
-                let z = 10.24 * (x - 0.4);
-                z * z - 10.0 * (std::f64::consts::TAU * z).cos() + 10.0
-            })
-            .sum::<f64>()
+            x.iter()
+                .map(|x| {
+                    let z = 10.24 * (x - 0.4);
+                    z * z - 10.0 * (std::f64::consts::TAU * z).cos() + 10.0
+                })
+                .sum::<f64>()
         };
         let found = least(2, 3000, wavy);
         assert!(found.0 < 0.1, "{found:?}");

@@ -9,7 +9,7 @@ mod mix;
 pub(crate) mod root;
 mod sobol;
 
-pub use distribution::{quantile, normal_share};
+pub use distribution::{normal_share, quantile};
 pub use root::Crossing;
 pub use sobol::{DIMENSIONS, point as sobol_point, scrambled as scrambled_sobol};
 
@@ -83,9 +83,9 @@ impl Plan {
         let of = |u: &dyn Fn(usize) -> f64| -> Vec<Setting> { (0..d).map(|k| at(&self.factors[k], u(k))).collect() };
         let settings = match &self.design {
             Design::Grid { repeats } => self.combination(run / repeats, &[], (run, run % repeats)),
-            Design::LatinHypercube { runs } => of(&|k| {
-                (mix::permuted(run, *runs, self.keys[k]) as f64 + self.draws.uniform(run, k)) / *runs as f64
-            }),
+            Design::LatinHypercube { runs } => {
+                of(&|k| (mix::permuted(run, *runs, self.keys[k]) as f64 + self.draws.uniform(run, k)) / *runs as f64)
+            }
             Design::Sobol { .. } => of(&|k| sobol::scrambled(run, k, self.keys[k])),
             Design::MonteCarlo { .. } => of(&|k| self.draws.uniform(run, k)),
             Design::Sensitivity { .. } => self.sensitivity(run),
@@ -166,12 +166,14 @@ impl Plan {
             2 => {
                 let share = if rays == 1 { 0.5 } else { ray as f64 / (rays - 1) as f64 };
                 let angle = share * std::f64::consts::FRAC_PI_2;
-                DVector::from_vec(if ray + 1 == rays && rays > 1 { vec![0.0, 1.0] } else { vec![angle.cos(), angle.sin()] })
+                DVector::from_vec(if ray + 1 == rays && rays > 1 {
+                    vec![0.0, 1.0]
+                } else {
+                    vec![angle.cos(), angle.sin()]
+                })
             }
             // The absolute values of independent normal numbers point everywhere alike.
-            n => DVector::from_fn(n, |k, _| {
-                normal_quantile(0.5 + 0.5 * sobol::scrambled(ray, k, self.keys[k])).abs()
-            }),
+            n => DVector::from_fn(n, |k, _| normal_quantile(0.5 + 0.5 * sobol::scrambled(ray, k, self.keys[k])).abs()),
         };
         let longest = direction.amax().max(f64::MIN_POSITIVE);
         direction / longest
@@ -182,17 +184,16 @@ impl Plan {
         self.factors.iter().zip(u).map(|(factor, u)| at(factor, *u)).collect()
     }
 
-    /// The factors at both ends of their ranges, one after the other, all others nominal.
+    /// The factors at both ends of their ranges, one after the other, all others as the scenario has them.
     pub fn extremes(&self) -> impl Iterator<Item = (usize, Vec<Setting>)> + '_ {
-        let middle: Vec<Setting> = self.factors.iter().map(nominal).collect();
+        let count = self.factors.len();
         self.factors.iter().enumerate().flat_map(move |(k, factor)| {
             let ends = match &factor.range {
                 Range::Levels(all) => (0..all.len()).map(Setting::Level).collect(),
                 _ => ends(factor).to_vec(),
             };
-            let middle = middle.clone();
             ends.into_iter().map(move |end| {
-                let mut settings = middle.clone();
+                let mut settings = vec![Setting::Unset; count];
                 settings[k] = end;
                 (k, settings)
             })

@@ -94,7 +94,9 @@ mod tests {
             let straight = of(1e-6, |s| zero - s);
             assert!((straight.at - zero).abs() < 1e-6 && straight.falls && straight.evaluations <= 10, "{straight:?}");
             let curved = of(1e-6, |s| 1.0 - (s / zero).powi(2));
-            assert!((curved.at - zero).abs() < 1e-6 && curved.evaluations <= 16, "{curved:?}");
+            // The steeper, the more like a step.
+            let most = if zero < 0.01 { 23 } else { 16 };
+            assert!((curved.at - zero).abs() < 1e-6 && curved.evaluations <= most, "{curved:?}");
             // A step has no slope to follow: as many evaluations as bisection, and one, and both ends.
             let step = of(1e-6, |s| if s < zero { 1.0 } else { -1.0 });
             assert!((step.at - zero).abs() < 1e-6 && step.evaluations <= 23, "{step:?}");

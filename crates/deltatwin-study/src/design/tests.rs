@@ -22,6 +22,7 @@ fn number(setting: Setting) -> f64 {
     match setting {
         Setting::Number(x) => x,
         Setting::Level(level) => level as f64,
+        Setting::Unset => f64::NAN,
     }
 }
 
@@ -49,7 +50,8 @@ fn a_grid_has_every_combination_once_and_its_draws_begin_at_the_medians() {
 #[test]
 fn samples_fill_their_ranges() {
     for design in ["latin_hypercube", "sobol", "monte_carlo"] {
-        let sample = plan(&format!("kind = \"{design}\"\nruns = 512"), &["from = 2\nto = 6", NORMAL, "levels = [1, 2]"]);
+        let sample =
+            plan(&format!("kind = \"{design}\"\nruns = 512"), &["from = 2\nto = 6", NORMAL, "levels = [1, 2]"]);
         let all: Vec<Vec<f64>> = (0..512).map(|run| numbers(&sample, run)).collect();
         let mean = |k: usize| all.iter().map(|x| x[k]).sum::<f64>() / 512.0;
         // Standard errors of independent draws: 0.05, 0.0005 and 0.022.
@@ -66,7 +68,8 @@ fn samples_fill_their_ranges() {
 #[test]
 fn samples_of_sobol_indices_are_laid_out_as_their_estimator_needs_them() {
     let d = 3;
-    let plan = plan("kind = \"sensitivity\"\nsamples = 8", &["from = 0\nto = 1", "from = 2\nto = 3\nnominal = 2.1", NORMAL]);
+    let plan =
+        plan("kind = \"sensitivity\"\nsamples = 8", &["from = 0\nto = 1", "from = 2\nto = 3\nnominal = 2.1", NORMAL]);
     assert_eq!(plan.runs(), 1 + 2 * d + 8 * (d + 2));
     assert_eq!(numbers(&plan, 0)[..2], [0.5, 2.1]);
     assert_eq!((numbers(&plan, 1)[0], numbers(&plan, 2)[0], numbers(&plan, 4)[1]), (0.0, 1.0, 3.0));

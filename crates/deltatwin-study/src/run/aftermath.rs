@@ -1,9 +1,10 @@
 //! What happens from a failure on: order of the sockets, touchdowns.
 
-use deltatwin::machine::bodies::{END_EFFECTOR, PLATFORM};
+use deltatwin::machine::bodies::PLATFORM;
 use deltatwin::scenario::Scenario;
 use deltatwin::twin::{ContactBody, Impact, Report};
 
+use super::AFTER_LANDING;
 use super::clearance::picked;
 use super::verdict::{Cause, Step, Touchdown};
 
@@ -19,7 +20,9 @@ pub struct Aftermath<'a> {
 impl<'a> Aftermath<'a> {
     /// What `report` of a run of `scenario` shows until `end` (s).
     pub fn new(report: &'a Report, scenario: &Scenario, end: f64) -> Self {
-        Self { report, end, objects: scenario.objects.len(), picked: picked(scenario) }
+        let objects = scenario.objects.len();
+        let landed = report.landing(objects).map_or(f64::INFINITY, |impact| impact.t + AFTER_LANDING);
+        Self { report, end: end.min(landed), objects, picked: picked(scenario) }
     }
 
     /// Sockets that left, in order, with their times (s).
@@ -39,12 +42,21 @@ impl<'a> Aftermath<'a> {
         impacts.filter(|i| is_robot(i.link) && unwanted(i.other)).min_by(|a, b| a.t.total_cmp(&b.t))
     }
 
-    /// First contact of a body with an object after the first socket has left.
-    fn touchdown(&self, is_body: impl Fn(ContactBody) -> bool) -> Option<Touchdown> {
+    /// Where the platform lands.
+    pub fn platform(&self) -> Option<Touchdown> {
         let broken = self.report.dislocations.first()?.t;
         let on_object = |i: &&Impact| matches!(i.other, ContactBody::Object(object) if object < self.objects);
-        let impacts = self.report.impacts.iter().filter(|i| i.t >= broken && i.t <= self.end);
-        let first = impacts.filter(on_object).find(|i| is_body(i.link))?;
+        let impacts = self.report.impacts.iter().filter(|i| i.t >= broken).filter(on_object);
+        self.touchdown(impacts.filter(|i| i.link == ContactBody::Link(PLATFORM)).min_by(|a, b| a.t.total_cmp(&b.t)))
+    }
+
+    /// Where the end effector with its payload, or the held object, lands.
+    pub fn payload(&self) -> Option<Touchdown> {
+        self.touchdown(self.report.landing(self.objects))
+    }
+
+    fn touchdown(&self, impact: Option<&Impact>) -> Option<Touchdown> {
+        let first = impact.filter(|i| i.t <= self.end)?;
         Some(Touchdown {
             time: first.t,
             position: first.position.into(),
@@ -52,16 +64,6 @@ impl<'a> Aftermath<'a> {
             energy: first.kinetic_energy,
             on: first.names[1].clone(),
         })
-    }
-
-    /// Where the platform lands.
-    pub fn platform(&self) -> Option<Touchdown> {
-        self.touchdown(|body| body == ContactBody::Link(PLATFORM))
-    }
-
-    /// Where the end effector with its payload, or the held object, lands.
-    pub fn payload(&self) -> Option<Touchdown> {
-        self.touchdown(|body| matches!(body, ContactBody::Link(END_EFFECTOR) | ContactBody::Object(_)))
     }
 
     /// All steps from the failure on.

@@ -24,7 +24,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let advice = advise(&case, task.as_ref(), args.wanted).into_diagnostic();
     busy.finish_and_clear();
     let advice = advice.wrap_err_with(|| args.study.display().to_string())?;
-    if args.json { say(as_json(&advice))? } else { print(args, &advice)? }
+    if args.json {
+        say(as_json(&advice))?
+    } else {
+        print(args, &advice)?
+    }
     let enough = advice.before.margin >= args.wanted || !advice.remedies.is_empty();
     Ok(if enough { COMPLETE } else { BAD_ANSWER })
 }
@@ -33,9 +37,9 @@ fn case(args: &Args) -> miette::Result<Case> {
     if kind(&args.study)? == Kind::Study {
         let conduct = Conduct::new(study::read(&args.study, deltatwin_cell::mesh::read)?, Path::new(""))?;
         let settings = conduct.study.factors.iter().map(nominal).collect();
-        return conduct.case(&Point { settings, seed: None }).map_err(|reason| {
-            miette::miette!("{}: its factors at their middles: {reason}", args.study.display())
-        });
+        return conduct
+            .case(&Point { settings, seed: None })
+            .map_err(|reason| miette::miette!("{}: its factors at their middles: {reason}", args.study.display()));
     }
     let scenario = scenario::read_with(&args.study, deltatwin_cell::mesh::read)?;
     let machine = model::read(&scenario.model)?;
@@ -76,10 +80,7 @@ fn print(args: &Args, advice: &Advice) -> miette::Result<()> {
     for reason in &advice.refused {
         say(wrapped(&format!("no help, {reason}"), 2))?;
     }
-    say(wrapped(
-        &format!("Every margin is that of a run of the twin; wanted was {} (--wanted).", advice.wanted),
-        2,
-    ))?;
+    say(wrapped(&format!("Every margin is that of a run of the twin; wanted was {} (--wanted).", advice.wanted), 2))?;
     let name = args.study.display();
     let next = match kind(&args.study)? {
         Kind::Study => format!("deltatwin study {name} -o study"),

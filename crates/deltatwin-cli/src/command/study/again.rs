@@ -24,7 +24,11 @@ pub fn run(args: &Args, conduct: &Conduct, run: u64) -> miette::Result<u8> {
     if let Some(file) = &args.rrd {
         write_rerun(&remade, file)?;
     }
-    if args.json { as_json(args, conduct, &remade)? } else { print(args, conduct, &remade)? }
+    if args.json {
+        as_json(args, conduct, &remade)?
+    } else {
+        print(args, conduct, &remade)?
+    }
     Ok(if remade.same == Some(false) { BAD_ANSWER } else { COMPLETE })
 }
 
@@ -32,7 +36,10 @@ pub fn run(args: &Args, conduct: &Conduct, run: u64) -> miette::Result<u8> {
 fn write_rerun(remade: &Remade, file: &std::path::Path) -> miette::Result<()> {
     let outcome = &remade.outcome;
     let Some(recording) = &outcome.recording else {
-        return Err(miette::miette!("{}: the motion was refused before it began; there is nothing to see", file.display()));
+        return Err(miette::miette!(
+            "{}: the motion was refused before it began; there is nothing to see",
+            file.display()
+        ));
     };
     let plant = deltatwin::dynamics::Plant::new(&remade.case.model, &remade.case.scenario.setup);
     deltatwin_rerun::show::write(file, &plant, &outcome.options, recording, &outcome.report)?;
@@ -49,7 +56,8 @@ fn settings<'a>(conduct: &'a Conduct, remade: &'a Remade) -> impl Iterator<Item 
 
 fn print(args: &Args, conduct: &Conduct, remade: &Remade) -> miette::Result<()> {
     let verdict = &remade.outcome.verdict;
-    let of: Vec<String> = settings(conduct, remade).map(|(n, v, u)| format!("{n} = {v} {u}").trim_end().into()).collect();
+    let of: Vec<String> =
+        settings(conduct, remade).map(|(n, v, u)| format!("{n} = {v} {u}").trim_end().into()).collect();
     say(wrapped(&format!("run {} of {}: {}", remade.run, conduct.study.name, of.join(", ")), 0))?;
     let cause = &verdict.cause;
     let what = if verdict.survived { "survives; closest" } else { "fails" };

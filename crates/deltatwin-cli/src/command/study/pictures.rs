@@ -39,6 +39,8 @@ pub struct Shown<'s> {
     pub conduct: &'s Conduct,
     /// Columns of the table.
     pub table: Table,
+    /// Column of the margin that the study is about.
+    pub margin: String,
 }
 
 impl Shown<'_> {
@@ -119,15 +121,18 @@ pub fn write(
     summary: &Summary,
     subset: Option<&Subset>,
 ) -> miette::Result<Vec<PathBuf>> {
-    let names = conduct.study.factors.iter().map(|f| f.name.as_str()).chain(COLUMNS);
+    let margin = conduct.columns.headings[conduct.columns.margin].name.clone();
+    let own = (!COLUMNS.contains(&margin.as_str())).then_some(margin.as_str());
+    let names = conduct.study.factors.iter().map(|f| f.name.as_str()).chain(COLUMNS).chain(own);
     let table = conduct.picked(&names.collect::<Vec<_>>())?;
-    let shown = Shown { conduct, table };
+    let shown = Shown { conduct, table, margin };
     let mut sections = Vec::new();
-    let mut add = |heading: &str, text: String, pictures: Vec<Picture>, table: Option<(Vec<String>, Vec<Vec<String>>)>| {
-        if !pictures.is_empty() || table.is_some() {
-            sections.push((heading.to_string(), text, pictures, table));
-        }
-    };
+    let mut add =
+        |heading: &str, text: String, pictures: Vec<Picture>, table: Option<(Vec<String>, Vec<Vec<String>>)>| {
+            if !pictures.is_empty() || table.is_some() {
+                sections.push((heading.to_string(), text, pictures, table));
+            }
+        };
     add("Where it fails, and of what", String::new(), causes::maps(&shown), None);
     let (pictures, text) = boundary::diagrams(&shown);
     add("What can be carried", text, pictures, None);

@@ -3,7 +3,6 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use deltatwin_study::campaign::{Value, Watch};
-use deltatwin_study::conduct::{Columns, Conduct};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::terminal::interrupted;
@@ -11,19 +10,20 @@ use crate::terminal::interrupted;
 /// A bar on stderr; invisible if stderr is no terminal.
 pub struct Progress {
     bar: ProgressBar,
-    columns: Columns,
+    column: Option<usize>,
+    what: &'static str,
     failed: AtomicU64,
 }
 
 impl Progress {
-    /// A bar for `runs` rows of a study.
-    pub fn new(conduct: &Conduct, runs: u64) -> Self {
+    /// A bar for `runs` rows, of which those with false in `column` are counted as `what`.
+    pub fn new(runs: u64, (column, what): (Option<usize>, &'static str)) -> Self {
         let bar = ProgressBar::new(runs);
-        let style = "{prefix:>10} [{bar:30}] {pos} of {len}, {msg} failed, {eta} left";
+        let style = "{prefix:>10} [{bar:30}] {pos} of {len}, {msg}, {eta} left";
         bar.set_style(ProgressStyle::with_template(style).expect("a valid template").progress_chars("##-"));
         bar.set_prefix("study");
-        bar.set_message("0");
-        Self { bar, columns: conduct.columns.clone(), failed: AtomicU64::new(0) }
+        bar.set_message(format!("0 {what}"));
+        Self { bar, column, what, failed: AtomicU64::new(0) }
     }
 
     /// Removes the bar.
@@ -34,9 +34,9 @@ impl Progress {
 
 impl Watch for Progress {
     fn row(&self, row: &[Value], anew: bool) {
-        if row[self.columns.survived] == Value::Flag(false) {
+        if self.column.is_some_and(|column| row[column] == Value::Flag(false)) {
             let failed = self.failed.fetch_add(1, Ordering::Relaxed) + 1;
-            self.bar.set_message(failed.to_string());
+            self.bar.set_message(format!("{failed} {}", self.what));
         }
         self.bar.inc(1);
         if !anew {

@@ -122,13 +122,15 @@ fn between(shown: &Shown, [right, up]: [&Factor; 2], (rays, repeats): (usize, us
         let mut points: Vec<(f64, f64)> = (0..rays)
             .filter_map(|ray| {
                 let nominal = first * rays + ray;
-                let all: Vec<f64> = (0..repeats).map(|k| reach[(first + k) * rays + ray]).filter(|r| r.is_finite()).collect();
+                let all: Vec<f64> =
+                    (0..repeats).map(|k| reach[(first + k) * rays + ray]).filter(|r| r.is_finite()).collect();
                 let share = of(&all)? / reach[nominal];
                 let scaled = |factor: &Factor, value: f64| match factor.range {
                     Range::Interval { from, .. } => from + (value - from) * share,
                     _ => value,
                 };
-                Some((scaled(right, xs[nominal]), scaled(up, ys[nominal]))).filter(|p| p.0.is_finite() && p.1.is_finite())
+                Some((scaled(right, xs[nominal]), scaled(up, ys[nominal])))
+                    .filter(|p| p.0.is_finite() && p.1.is_finite())
             })
             .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));

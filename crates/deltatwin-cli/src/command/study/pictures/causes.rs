@@ -14,7 +14,11 @@ pub fn maps(shown: &Shown) -> Vec<Picture> {
     let study = &shown.conduct.study;
     let repeats = match study.design {
         Design::Grid { repeats } => repeats as usize,
-        Design::LatinHypercube { .. } | Design::Sobol { .. } | Design::MonteCarlo { .. } if study.factors.len() == 2 => 1,
+        Design::LatinHypercube { .. } | Design::Sobol { .. } | Design::MonteCarlo { .. }
+            if study.factors.len() == 2 =>
+        {
+            1
+        }
         _ => return Vec::new(),
     };
     let mut axes = shown.numeric();
@@ -94,24 +98,31 @@ fn picture(
         Vec::new()
     };
     let map = CauseMap { title, x_label: label(x), y_label: label(y), points, causes, curves };
-    let caption = "What fails, or comes closest to failing, with lines of equal margin: 1 unloaded, 0 at the limit. Dashed: \
+    let caption =
+        "What fails, or comes closest to failing, with lines of equal margin: 1 unloaded, 0 at the limit. Dashed: \
                    where the estimate by hand has no margin left."
-        .into();
+            .into();
     Some(Picture { name, figure: cause_map(&map), caption })
 }
 
-/// Where the margin of the estimate by hand is zero, along every column of the grid.
+/// Where the margin of the estimate by hand is zero: along the columns of the grid or along its rows, whichever are
+/// crossed more often.
 fn hand_limit(shown: &Shown, (xs, ys): (&[f64], &[f64]), rows: &[usize]) -> (Vec<f64>, Vec<f64>) {
     let margins = shown.numbers("hand_margin");
-    let mut sorted: Vec<usize> = rows.iter().copied().filter(|row| margins[*row].is_finite()).collect();
-    sorted.sort_by(|a, b| xs[*a].total_cmp(&xs[*b]).then(ys[*a].total_cmp(&ys[*b])));
-    let (mut at, mut limit) = (Vec::new(), Vec::new());
-    for pair in sorted.windows(2) {
-        let (a, b) = (pair[0], pair[1]);
-        if xs[a] == xs[b] && (margins[a] >= 0.0) != (margins[b] >= 0.0) {
-            at.push(xs[a]);
-            limit.push(ys[a] + (ys[b] - ys[a]) * margins[a] / (margins[a] - margins[b]));
+    let known: Vec<usize> = rows.iter().copied().filter(|row| margins[*row].is_finite()).collect();
+    let crossings = |fixed: &[f64], along: &[f64]| {
+        let mut sorted = known.clone();
+        sorted.sort_by(|a, b| fixed[*a].total_cmp(&fixed[*b]).then(along[*a].total_cmp(&along[*b])));
+        let (mut at, mut limit) = (Vec::new(), Vec::new());
+        for pair in sorted.windows(2) {
+            let (a, b) = (pair[0], pair[1]);
+            if fixed[a] == fixed[b] && (margins[a] >= 0.0) != (margins[b] >= 0.0) {
+                at.push(fixed[a]);
+                limit.push(along[a] + (along[b] - along[a]) * margins[a] / (margins[a] - margins[b]));
+            }
         }
-    }
-    (at, limit)
+        (at, limit)
+    };
+    let (columns, across) = (crossings(xs, ys), crossings(ys, xs));
+    if columns.0.len() >= across.0.len() { columns } else { (across.1, across.0) }
 }

@@ -66,8 +66,7 @@ fn curve(factor: &Factor, outcomes: &[(f64, bool)]) -> (ProbabilityCurve, &'stat
     let mut curve = ProbabilityCurve { points: trials.iter().map(point).collect(), ..ProbabilityCurve::default() };
     // A demand of zero or below has no lognormal fit, and a wear at which nothing fails none either.
     let Ok(fit) = fit_lognormal(&single) else { return (curve, "; no lognormal curve fits them") };
-    let (low, high) =
-        outcomes.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (x, _)| (a.min(*x), b.max(*x)));
+    let (low, high) = outcomes.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (x, _)| (a.min(*x), b.max(*x)));
     curve.fit = (0..POINTS)
         .map(|k| low + (high - low) * k as f64 / (POINTS - 1) as f64)
         .filter(|x| *x > 0.0)

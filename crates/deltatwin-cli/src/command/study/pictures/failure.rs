@@ -61,7 +61,8 @@ pub fn examples(shown: &Shown) -> Examples {
         settings.join(", "),
         remade.outcome.verdict.fmea.end
     );
-    let caption = "Force that a socket has to hold, against what holds it: the whole motion, and the instant of the failure.";
+    let caption =
+        "Force that a socket has to hold, against what holds it: the whole motion, and the instant of the failure.";
     let figure = timeline(&content(&remade));
     examples.pictures.push(Picture { name: "failure".into(), figure, caption: caption.into() });
     examples
@@ -102,19 +103,25 @@ fn content(remade: &Remade) -> Timeline {
     shown.extend(rest.into_iter().take(OTHERS));
     shown.truncate(SOCKETS);
     let first = verdict.opened.first().map(|(t, _)| *t);
+    let last = report.trace.last().map_or(f64::NEG_INFINITY, |sample| sample.t);
     let traces = shown.iter().map(|&socket| {
-        let opened = report.dislocations.iter().find(|d| d.socket == socket).map(|d| d.t);
-        let kept = report.trace.iter().filter(|sample| opened.is_none_or(|t| sample.t <= t));
+        let left = report.dislocations.iter().find(|d| d.socket == socket);
+        let before = |t: f64| left.is_none_or(|d| t < d.t);
+        // Once the drives have tripped, only the frames go on.
+        let sampled = report.trace.iter().map(|sample| (sample.t, sample.margin[socket]));
+        let framed = report.frames.iter().filter(|f| f.t > last).map(|f| (f.t, f.socket_margin[socket]));
         let (mut time, mut load) = (Vec::new(), Vec::new());
-        for sample in kept {
-            time.push(sample.t);
-            load.push(holds[socket] - sample.margin[socket]);
+        for (t, margin) in sampled.chain(framed).filter(|(t, _)| before(*t)) {
+            time.push(t);
+            load.push(holds[socket] - margin);
         }
-        if let Some(d) = report.dislocations.iter().find(|d| d.socket == socket) {
+        let mut hold = vec![holds[socket]; time.len()];
+        if let Some(d) = left {
             time.push(d.t);
-            load.push(holds[socket] - (d.hold - d.across));
+            load.push(d.across);
+            hold.push(d.hold);
         }
-        SocketTrace { name: socket_name(socket), hold: vec![holds[socket]; time.len()], time, load, opened }
+        SocketTrace { name: socket_name(socket), time, load, hold, opened: left.map(|d| d.t) }
     });
     let sockets: Vec<SocketTrace> = traces.collect();
     let event = |e: &Event| FailureEvent { time: e.t, kind: kind(e.kind, e.t, first), text: e.what.clone() };

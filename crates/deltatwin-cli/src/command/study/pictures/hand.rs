@@ -41,13 +41,7 @@ pub fn comparison(shown: &Shown) -> (Vec<Picture>, Reasons) {
         let remade = shown.conduct.remake(*row as u64).ok()?;
         let why = remade.outcome.verdict.hand.map(|h| h.why).filter(|why| !why.is_empty())?;
         let force = |x: f64| format!("{} N", significant(x, 3));
-        Some(vec![
-            row.to_string(),
-            force(hand[*row]),
-            force(twin[*row]),
-            format!("{:+.0} %", 1e2 * excess(*row)),
-            why,
-        ])
+        Some(vec![row.to_string(), force(hand[*row]), force(twin[*row]), format!("{:+.0} %", 1e2 * excess(*row)), why])
     };
     let reasons: Vec<Vec<String>> = chosen.iter().filter_map(explained).collect();
     let headers = ["run", "by hand", "twin", "difference", "where and why"].map(String::from).to_vec();

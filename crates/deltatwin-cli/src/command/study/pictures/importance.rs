@@ -18,7 +18,7 @@ pub fn figures(shown: &Shown) -> Vec<Picture> {
         return Vec::new();
     }
     let d = study.factors.len();
-    let margins = shown.numbers("margin");
+    let margins = shown.numbers(&shown.margin);
     let Some((single, samples)) = margins.split_at_checked(1 + 2 * d) else { return Vec::new() };
     let indices = sobol_indices(samples, d, RESAMPLES, study.seed);
     let estimate = |index: &Index| Estimate { value: index.value, low: index.interval[0], high: index.interval[1] };
