@@ -100,8 +100,9 @@ pub fn cause_map(map: &CauseMap) -> Figure {
         match &grid {
             Some(grid) => {
                 grid.areas(c, (r, x, y), &colors);
+                let lines = grid.contours(c, (r, x, y));
                 let names = grid.names(c, (r, x, y), &map.causes);
-                grid.contours(c, (r, x, y), names);
+                levels(c, r, &lines, names);
             }
             None => dots(c, (r, x, y), &points, &colors),
         }
@@ -156,10 +157,9 @@ struct Grid {
     nodes: Vec<Vec<Option<CausePoint>>>,
 }
 
-/// Ends of the cells around the values of an axis: half a spacing beyond the first and the last.
+/// First and last value of an axis. Nothing is drawn beyond what was run, so that cells at the edge are half as wide.
 fn extent(values: &[f64]) -> (f64, f64) {
-    let n = values.len();
-    (1.5 * values[0] - 0.5 * values[1], 1.5 * values[n - 1] - 0.5 * values[n - 2])
+    (values[0], values[values.len() - 1])
 }
 
 /// Ends of the cell around one value.
@@ -277,8 +277,8 @@ impl Grid {
         Some((at.0.clamp(r.x0, r.x1), at.1.clamp(r.y0, r.y1)))
     }
 
-    /// Contours of the margin with their values, which keep clear of the texts at `taken` (middle and half width).
-    fn contours(&self, c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), mut taken: Vec<((f64, f64), f64)>) {
+    /// Contours of the margin with their levels, in pixels.
+    fn contours(&self, c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis)) -> Vec<(f64, Vec<(f64, f64)>)> {
         let margin = |p: &Option<CausePoint>| p.map_or(f64::NAN, |p| p.margin);
         let z: Vec<Vec<f64>> = self.nodes.iter().map(|row| row.iter().map(margin).collect()).collect();
         let mut lines = Vec::new();
@@ -294,22 +294,7 @@ impl Grid {
                 lines.push((level, at));
             }
         }
-        for (level, line) in lines {
-            let length: f64 = line.windows(2).map(|w| (w[1].0 - w[0].0).hypot(w[1].1 - w[0].1)).sum();
-            let text = if level == 0.0 { "limit".to_owned() } else { fixed(level, 2) };
-            let half = 0.5 * text_width(&text, TICK_SIZE) + 3.0;
-            let free = |at: &(f64, f64)| {
-                let apart = |(p, other): &((f64, f64), f64)| {
-                    (p.0 - at.0).abs() > half + other || (p.1 - at.1).abs() > TICK_SIZE + 5.0
-                };
-                at.0 - half > r.x0 && at.0 + half < r.x1 && taken.iter().all(apart)
-            };
-            let places = [0.62, 0.35, 0.8, 0.5, 0.2].map(|share| along(&line, share, length));
-            if let Some(at) = places.into_iter().find(free).filter(|_| length > 60.0) {
-                on_ground(c, &text, at, small(Align::Middle).bold(level == 0.0));
-                taken.push((at, half));
-            }
-        }
+        lines
     }
 
     /// The name of every cause in its largest areas of failed and of survived runs, where it fits; their places.
@@ -373,6 +358,26 @@ impl Grid {
         let (rows, columns) = (row - d..=row + d, column - d..=column + d);
         let mut at = rows.flat_map(|i| columns.clone().map(move |k| (i, k)));
         at.all(|(i, k)| i.abs_diff(row).max(k.abs_diff(column)) < d || self.look(i, k) == Some(look))
+    }
+}
+
+/// Writes the level of each contour on it, clear of the texts at `taken` (middle and half width).
+fn levels(c: &mut Canvas, r: Rect, lines: &[(f64, Vec<(f64, f64)>)], mut taken: Vec<((f64, f64), f64)>) {
+    for (level, line) in lines {
+        let length: f64 = line.windows(2).map(|w| (w[1].0 - w[0].0).hypot(w[1].1 - w[0].1)).sum();
+        let text = if *level == 0.0 { "limit".to_owned() } else { fixed(*level, 2) };
+        let half = 0.5 * text_width(&text, TICK_SIZE) + 3.0;
+        let free = |at: &(f64, f64)| {
+            let apart = |(p, other): &((f64, f64), f64)| {
+                (p.0 - at.0).abs() > half + other || (p.1 - at.1).abs() > TICK_SIZE + 5.0
+            };
+            at.0 - half > r.x0 && at.0 + half < r.x1 && taken.iter().all(apart)
+        };
+        let places = [0.62, 0.35, 0.8, 0.5, 0.2].map(|share| along(line, share, length));
+        if let Some(at) = places.into_iter().find(free).filter(|_| length > 60.0) {
+            on_ground(c, &text, at, small(Align::Middle).bold(*level == 0.0));
+            taken.push((at, half));
+        }
     }
 }
 

@@ -312,6 +312,15 @@ fn a_timeline_numbers_its_events_and_shows_the_instant() {
     {
         assert!(svg.contains(text), "{text}");
     }
+    // Where nothing was recorded there is no line.
+    let mut gap = Timeline { instant: None, events: vec![], ..failure(1) };
+    gap.sockets[0].opened = None;
+    gap.sockets[0].hold.fill(f64::NAN);
+    gap.sockets[0].load.fill(50.0);
+    let pieces = |content: &Timeline| count(timeline(content).svg(), "<polyline");
+    let whole = pieces(&gap);
+    gap.sockets[0].time.iter_mut().skip(500).for_each(|t| *t += 0.1);
+    assert_eq!(pieces(&gap), whole + 1);
     assert!(timeline(&failure(12)).svg().contains("4 more sockets are not shown"));
     let mut plain = failure(2);
     (plain.instant, plain.events) = (None, vec![]);

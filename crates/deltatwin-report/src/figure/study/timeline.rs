@@ -1,7 +1,7 @@
 //! Timeline of a failure: loads against holds, and what happened when.
 
 use super::super::axis::{Axis, Rect, axes, left_margin, no_data, range};
-use super::super::canvas::{Align, Canvas, Lettering, draw, shorten};
+use super::super::canvas::{Align, Canvas, Lettering, draw, shorten, text_width};
 use super::super::color::{Color, QUIET, TEXT, WHITE};
 use super::super::curve::{Curve, Style, plot};
 use super::super::legend::{Entry, Swatch, head, legend};
@@ -97,6 +97,8 @@ pub const MOST_SOCKETS: usize = 8;
 const HEIGHT: f64 = 62.0;
 const GAP: f64 = 8.0;
 const LINE: f64 = 17.0;
+/// Number of usual steps from which on a step counts as a gap of the recording.
+const GAPS: f64 = 20.0;
 const LOAD: Color = Color::MODEL;
 const HOLD: Color = Color(0x00, 0x9e, 0x73);
 
@@ -226,10 +228,32 @@ fn panel(c: &mut Canvas, (r, x, y): (Rect, &Axis, &Axis), socket: &SocketTrace, 
         let margin = 0.02 * (x.hi - x.lo);
         pairs.filter(|(t, _)| *t >= x.lo - margin && *t <= x.hi + margin).unzip()
     };
+    let steps: Vec<f64> = socket.time.windows(2).map(|w| w[1] - w[0]).collect();
+    let longest = GAPS * median(steps).unwrap_or(f64::INFINITY) * scale;
     for (values, color, style) in [(&socket.hold, HOLD, Style::Dashed), (&socket.load, LOAD, Style::Line)] {
-        let (times, values) = shown(values);
+        let (times, values) = interrupted(shown(values), longest);
         plot(c, (r, x, y), &Curve::new("", times, values).style(style), color, MOST_SOCKETS);
     }
+}
+
+/// A curve without a line across steps of more than `longest`, where nothing was recorded.
+fn interrupted((times, values): (Vec<f64>, Vec<f64>), longest: f64) -> (Vec<f64>, Vec<f64>) {
+    let mut curve = (Vec::with_capacity(times.len()), Vec::with_capacity(times.len()));
+    for (k, (t, v)) in times.iter().zip(values).enumerate() {
+        if k > 0 && t - times[k - 1] > longest {
+            curve.0.push(0.5 * (t + times[k - 1]));
+            curve.1.push(f64::NAN);
+        }
+        curve.0.push(*t);
+        curve.1.push(v);
+    }
+    curve
+}
+
+/// Middle one of the values.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Vertical lines at the events through all panels, with their numbers above; close ones share a number from–to.
@@ -249,7 +273,7 @@ fn numbered(c: &mut Canvas, (r, x): (Rect, &Axis), events: &[&FailureEvent], (or
     let mut free = f64::NEG_INFINITY;
     for (px, first, last) in groups {
         let text = if first == last { format!("{}", first + 1) } else { format!("{}–{}", first + 1, last + 1) };
-        let half = if first == last { 8.0 } else { 16.0 };
+        let half = (0.5 * text_width(&text, TICK_SIZE) + 4.0).max(8.0);
         let middle = px.max(free + half).min(WIDTH - half - 2.0);
         free = middle + half + 2.0;
         let (y, color) = (r.y0 - 12.0, events[first].kind.color());
