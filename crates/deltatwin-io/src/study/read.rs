@@ -387,6 +387,25 @@ fn level(value: &Value) -> Level {
     Level { text: tree::text(value), number, value: value.clone() }
 }
 
+/// Rejects the numbers of a distribution that are none of its `own`.
+fn only_numbers(file: &Source, keys: &DistributionKeys, own: &[&str], context: &str) -> Checked<()> {
+    for (name, value) in [
+        ("mean", &keys.mean),
+        ("sigma", &keys.sigma),
+        ("median", &keys.median),
+        ("low", &keys.low),
+        ("mode", &keys.mode),
+        ("high", &keys.high),
+        ("scale", &keys.scale),
+        ("shape", &keys.shape),
+    ] {
+        if !own.contains(&name) {
+            file.foreign(&format!("distribution.{name}"), value, context)?;
+        }
+    }
+    Ok(())
+}
+
 fn distribution(file: &Source, whole: &Spanned<DistributionKeys>) -> Checked<Distribution> {
     #[derive(Clone, Copy, PartialEq)]
     enum Shape {
@@ -413,20 +432,7 @@ fn distribution(file: &Source, whole: &Spanned<DistributionKeys>) -> Checked<Dis
         Shape::Triangular => &["low", "mode", "high"],
         Shape::Weibull => &["scale", "shape"],
     };
-    for (name, value) in [
-        ("mean", &keys.mean),
-        ("sigma", &keys.sigma),
-        ("median", &keys.median),
-        ("low", &keys.low),
-        ("mode", &keys.mode),
-        ("high", &keys.high),
-        ("scale", &keys.scale),
-        ("shape", &keys.shape),
-    ] {
-        if !own.contains(&name) {
-            file.foreign(&format!("distribution.{name}"), value, &context)?;
-        }
-    }
+    only_numbers(file, keys, own, &context)?;
     let number = |name: &str, value: &Option<Spanned<f64>>, low: f64| {
         let key = format!("distribution.{name}");
         let value = file.needed(&key, value, &context, keys.kind.span())?;
@@ -495,32 +501,35 @@ const FORMS: &[(&str, Form)] = &[
     ("subset", Form::Subset),
 ];
 
+/// Rejects the keys of a design that are none of its `own`.
+fn only_keys(file: &Source, keys: &DesignKeys, own: &[&str], context: &str) -> Checked<()> {
+    let is_foreign = |name: &str| !own.contains(&name);
+    let key = |name: &str| format!("design.{name}");
+    for (name, value) in [
+        ("runs", &keys.runs),
+        ("samples", &keys.samples),
+        ("repeats", &keys.repeats),
+        ("rays", &keys.rays),
+        ("levels", &keys.levels),
+    ] {
+        if is_foreign(name) {
+            file.foreign(&key(name), value, context)?;
+        }
+    }
+    for (name, value) in [("tolerance", &keys.tolerance), ("share", &keys.share)] {
+        if is_foreign(name) {
+            file.foreign(&key(name), value, context)?;
+        }
+    }
+    if is_foreign("along") { file.foreign("design.along", &keys.along, context) } else { Ok(()) }
+}
+
 fn design(file: &Source, mut value: Spanned<DeValue>, factors: &[Factor]) -> Checked<Design> {
     let kind = file.kind("design", "design", &mut value)?;
     let form = file.choice("design.kind", &kind, FORMS)?;
     let keys: DesignKeys = file.keys("design", value)?;
     let context = format!("kind = \"{}\"", kind.get_ref());
-    let foreign = |own: &[&str]| -> Checked<()> {
-        let only = |name: &str| !own.contains(&name);
-        let key = |name: &str| format!("design.{name}");
-        for (name, value) in [
-            ("runs", &keys.runs),
-            ("samples", &keys.samples),
-            ("repeats", &keys.repeats),
-            ("rays", &keys.rays),
-            ("levels", &keys.levels),
-        ] {
-            if only(name) {
-                file.foreign(&key(name), value, &context)?;
-            }
-        }
-        for (name, value) in [("tolerance", &keys.tolerance), ("share", &keys.share)] {
-            if only(name) {
-                file.foreign(&key(name), value, &context)?;
-            }
-        }
-        if only("along") { file.foreign("design.along", &keys.along, &context) } else { Ok(()) }
-    };
+    let foreign = |own: &[&str]| only_keys(file, &keys, own, &context);
     let number = |name: &str, value: &Option<Spanned<i64>>, most: i64| {
         let key = format!("design.{name}");
         let value = file.needed(&key, value, &context, kind.span())?;
