@@ -255,6 +255,13 @@ fn searches_find_the_boundary_the_worst_and_the_rare() {
     );
     let (status, _, stderr) = place.run("worst2", &["--chunk", "1/2"]);
     assert!(status == 2 && stderr.contains("cannot be cut into chunks"), "{stderr}");
+    // A subset simulation, whose result is told again from the table.
+    let rare = "\"subset\"\nsamples = 20\nlevels = 2";
+    std::fs::write(&study, text.replace("\"sobol\"", rare).replace("runs = 60", "")).unwrap();
+    let first: Value = serde_json::from_str(&place.done("rare", &["--json"])).unwrap();
+    let probability = first["probability"]["value"].as_f64().unwrap();
+    assert!(probability > 0.0 && probability < 1.0 && first["runs"] == first["probability"]["runs"], "{first}");
+    assert_eq!(first, serde_json::from_str::<Value>(&place.done("rare", &["--json"])).unwrap());
     // Points of the boundary: the margin of the run next to it is just below zero.
     let boundary = "\"boundary\"\nalong = [\"mass\", \"offset\"]\nrays = 5\ntolerance = 1e-4";
     std::fs::write(&study, text.replace("\"sobol\"", boundary).replace("runs = 60", "")).unwrap();

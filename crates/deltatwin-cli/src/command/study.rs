@@ -15,7 +15,6 @@ use crate::terminal::{DONE, INTERRUPTED, catch_interrupt};
 use deltatwin_io::study;
 use deltatwin_study::campaign::{CampaignError, Chunk, Held};
 use deltatwin_study::conduct::{Conduct, ConductError};
-use deltatwin_study::statistics::Subset;
 use progress::Progress;
 
 /// Run the twin many times: which factors make it fail, where, why, how often.
@@ -91,25 +90,19 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     if args.merge {
         merged(args, &conduct)?;
-        return told::table(args, &conduct, None);
+        return told::table(args, &conduct);
     }
     if let Some(chunk) = args.chunk {
-        let end = made(&conduct, chunk)?;
-        return match end {
-            Made::Interrupted => Ok(told::interrupted(args)),
-            Made::Whole(subset) => told::part(args, &conduct, (chunk, subset.as_ref())),
-        };
+        return if made(&conduct, chunk)? { told::part(args, &conduct, chunk) } else { Ok(told::interrupted(args)) };
     }
-    let mut subset = None;
     if conduct.campaign.held()? == Held::Open {
-        match made(&conduct, Chunk::WHOLE)? {
-            Made::Interrupted => return Ok(told::interrupted(args)),
-            Made::Whole(answer) => subset = answer,
+        if !made(&conduct, Chunk::WHOLE)? {
+            return Ok(told::interrupted(args));
         }
         merged(args, &conduct)?;
     }
     conduct.campaign.remove_parts()?;
-    told::table(args, &conduct, subset.as_ref())
+    told::table(args, &conduct)
 }
 
 fn margin(text: &str) -> Result<f64, String> {
@@ -119,20 +112,15 @@ fn margin(text: &str) -> Result<f64, String> {
     }
 }
 
-/// How the making of rows ended.
-enum Made {
-    Whole(Option<Subset>),
-    Interrupted,
-}
-
-fn made(conduct: &Conduct, chunk: Chunk) -> miette::Result<Made> {
+/// Makes the rows of a chunk; returns whether it was not interrupted.
+fn made(conduct: &Conduct, chunk: Chunk) -> miette::Result<bool> {
     let range = chunk.range(conduct.runs());
     let progress = Progress::new(range.end - range.start, (Some(conduct.columns.survived), "failed"));
     let end = conduct.chunk(chunk, &progress);
     progress.finish();
     match end {
-        Ok(subset) => Ok(Made::Whole(subset)),
-        Err(ConductError::Campaign(CampaignError::Interrupted)) => Ok(Made::Interrupted),
+        Ok(()) => Ok(true),
+        Err(ConductError::Campaign(CampaignError::Interrupted)) => Ok(false),
         Err(error) => Err(error.into()),
     }
 }

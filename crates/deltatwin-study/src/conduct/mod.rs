@@ -15,7 +15,7 @@ use miette::Diagnostic;
 use thiserror::Error;
 
 use crate::campaign::parquet::Reader;
-use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Heading, Row, Steps, Value, Watch};
+use crate::campaign::{Campaign, CampaignError, Chunk, Digest, Draws, Heading, Held, Row, Steps, Value, Watch};
 use crate::design::{Plan, Point, evolution, nominal, normal_share, root};
 use crate::run::{Case, CauseKind, Keep, Outcome, RunError, Verdict, run};
 use crate::statistics::{Subset, SubsetError, SubsetOptions, subset};
@@ -116,35 +116,48 @@ impl Conduct {
     ///
     /// # Errors
     /// If the rows cannot be made or kept, the watch asks to stop, or the study is a search and the chunk not the whole.
-    pub fn chunk(&self, chunk: Chunk, watch: &dyn Watch) -> Result<Option<Subset>, ConductError> {
+    pub fn chunk(&self, chunk: Chunk, watch: &dyn Watch) -> Result<(), ConductError> {
         if !self.plan.is_search() {
-            self.campaign.chunk(chunk, self.runs(), &|run| self.row(run), watch)?;
-            return Ok(None);
+            return Ok(self.campaign.chunk(chunk, self.runs(), &|run| self.row(run), watch)?);
         }
         if chunk != Chunk::WHOLE {
             return Err(ConductError::Chunks { design: self.study.design.name() });
         }
-        match self.study.design {
-            Design::WorstCase { runs } => {
-                self.campaign.sequence(watch, |steps| self.worst_case(steps, runs)).map(|()| None)
-            }
-            Design::Subset { samples, share, levels } => {
-                let options = SubsetOptions {
-                    samples: samples as usize,
-                    share,
-                    levels: levels as usize,
-                    seed: self.draws.seed(0),
-                    ..SubsetOptions::default()
-                };
-                let mut answer = None;
-                self.campaign.sequence(watch, |steps| {
-                    answer = Some(self.subset(steps, options)?);
-                    Ok::<(), ConductError>(())
-                })?;
-                Ok(answer)
-            }
-            _ => Ok(None),
+        match (&self.study.design, self.subset_options()) {
+            (Design::WorstCase { runs }, _) => self.campaign.sequence(watch, |steps| self.worst_case(steps, *runs)),
+            (_, Some(options)) => self.campaign.sequence(watch, |steps| self.subset(steps, options).map(|_| ())),
+            _ => Ok(()),
         }
+    }
+
+    /// Options of the subset simulation; `None` for another design.
+    fn subset_options(&self) -> Option<SubsetOptions> {
+        let Design::Subset { samples, share, levels } = self.study.design else { return None };
+        Some(SubsetOptions {
+            samples: samples as usize,
+            share,
+            levels: levels as usize,
+            seed: self.draws.seed(0),
+            ..SubsetOptions::default()
+        })
+    }
+
+    /// The result of a subset simulation from the margins in the table; `None` for another design.
+    ///
+    /// # Errors
+    /// If the table cannot be read or is not that of the simulation.
+    pub fn subset_result(&self) -> Result<Option<Subset>, ConductError> {
+        let Some(options) = self.subset_options() else { return Ok(None) };
+        let name = self.columns.headings[self.columns.margin].name.as_str();
+        let margins: Vec<f64> =
+            self.picked(&[name])?.rows.iter().map(|row| row[0].number().unwrap_or(f64::NEG_INFINITY)).collect();
+        let mut next = 0;
+        let outcome = subset(self.study.factors.len(), options, &mut |points: &[Vec<f64>]| {
+            let own = margins.get(next..next + points.len()).map(<[f64]>::to_vec);
+            next += points.len();
+            own.ok_or("the table ends before the simulation")
+        });
+        outcome.map(Some).map_err(|e| ConductError::Subset(e.to_string()))
     }
 
     fn worst_case(&self, steps: &mut Steps, runs: u64) -> Result<(), ConductError> {
@@ -301,7 +314,8 @@ impl Conduct {
 
     /// Row of a run in the table, if there is a table.
     fn find(&self, run: u64) -> Result<Option<Vec<Value>>, ConductError> {
-        if self.campaign.held()? == crate::campaign::Held::Open {
+        let is_nowhere = self.campaign.folder.as_os_str().is_empty();
+        if is_nowhere || self.campaign.held()? == Held::Open {
             return Ok(None);
         }
         let file = self.campaign.table();

@@ -17,7 +17,7 @@ pub fn interrupted(args: &Args) -> u8 {
 }
 
 /// Tells that a part is there.
-pub fn part(args: &Args, conduct: &Conduct, (chunk, subset): (Chunk, Option<&Subset>)) -> miette::Result<u8> {
+pub fn part(args: &Args, conduct: &Conduct, chunk: Chunk) -> miette::Result<u8> {
     let part = conduct.campaign.part(chunk);
     let rows = chunk.range(conduct.runs());
     if args.json {
@@ -31,16 +31,15 @@ pub fn part(args: &Args, conduct: &Conduct, (chunk, subset): (Chunk, Option<&Sub
         return Ok(COMPLETE);
     }
     say(format!("Wrote {}: runs {} to {}", part.display(), rows.start, rows.end.saturating_sub(1)))?;
-    if let Some(subset) = subset {
-        rare(subset)?;
-    }
     say(format!("Next, when all {} parts are there:\n  {}", chunk.of(), command(args, "--merge")))?;
     Ok(COMPLETE)
 }
 
 /// Tells what the table says; returns the exit status.
-pub fn table(args: &Args, conduct: &Conduct, subset: Option<&Subset>) -> miette::Result<u8> {
+pub fn table(args: &Args, conduct: &Conduct) -> miette::Result<u8> {
     let summary = conduct.summary()?;
+    let subset = conduct.subset_result()?;
+    let subset = subset.as_ref();
     let files = pictures::write(args, conduct, &summary, subset)?;
     if args.json {
         let mut object = as_json(conduct, &summary, subset);
