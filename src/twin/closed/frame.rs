@@ -9,7 +9,6 @@ use super::{Mechanism, OpenVector, Pose, platform_twist};
 use crate::kinematics::{BodyMotion, Motion, Telescope};
 use crate::machine::bodies::{ARM, BODIES, PLATFORM, ROTOR, STRUT};
 use crate::machine::{ARMS, AXES, Geometry, STRUTS};
-use crate::numerics::sin_cos;
 
 /// Linear maps and bias accelerations of one configuration, used by mass matrix and forces.
 pub(super) struct Jacobians {
@@ -117,7 +116,7 @@ impl Mechanism {
             let y = (v - axis * share) / lateral;
             let z = axis.cross(&y);
             let facing_rate = -share / lateral * (stretch - axis * along).dot(&z) / length;
-            let (sin, cos) = sin_cos(pose.roll[s]);
+            let (sin, cos) = pose.roll[s].sin_cos();
             let roll = Matrix3::from_columns(&[axis, y * cos + z * sin, z * cos - y * sin]);
             bodies[STRUT + s].place(roll, upper, upper_velocity, swing + axis * spin[s]);
             (strut_axis[s], strut_length[s]) = (axis, length);

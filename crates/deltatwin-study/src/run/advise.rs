@@ -278,7 +278,8 @@ impl Advisor<'_> {
                 *if self.excess(&at(middle))? >= 0.0 { &mut share } else { &mut none } = middle;
             }
         }
-        let [x, y] = [offset.x * share, offset.y * share].map(|x| 1e3 * x);
+        // Adding zero removes the sign of a zero.
+        let [x, y] = [offset.x * share, offset.y * share].map(|x| (1e3 * x).round() + 0.0);
         let what = format!("gripped {:.0} mm nearer to its centre, by ({x:+.0}, {y:+.0}) mm", x.hypot(y));
         self.mildest(RemedyKind::OtherGrip, [(what, at(share))])
     }

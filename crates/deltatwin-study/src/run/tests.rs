@@ -156,8 +156,9 @@ fn a_tilting_weight_at_rest_by_hand() {
     let moving = verdict(&carrying(1.0)).hand.unwrap();
     assert!(moving.excess.unwrap() > 0.1 && moving.why.contains("the tilting torque causes"), "{moving:?}");
     assert!(middle.hand.unwrap().torque < 1e-9);
-    // The strut on the side of the load is the weakest, and nothing happens.
-    assert!(beside.survived && beside.cause.kind == CauseKind::Socket && beside.sequence.is_empty());
+    // The weakest socket is one of limbs 2 and 3, and nothing happens.
+    let weakest = (0..SOCKETS).min_by(|&a, &b| beside.sockets[a].total_cmp(&beside.sockets[b])).unwrap();
+    assert!((2..6).contains(&(weakest % STRUTS)) && beside.survived && beside.sequence.is_empty(), "{beside:?}");
 }
 
 #[test]
@@ -224,16 +225,16 @@ fn other_causes_are_named() {
     let mut slow = carrying(1.0);
     slow.model.drives[1].max_speed = 3.0;
     assert_eq!(named(&slow), (CauseKind::Speed, "axis 2".into()));
-    // 1 kg believed, 4 kg carried: the feedback has to carry 3 kg.
-    let mut wrong = carrying(4.0);
-    wrong.scenario.believed_payload = Some(Payload::new(1.0, [0.0, 0.0, -0.1], 0.0));
-    wrong.scenario.supervision.torque = Some(15.0);
+    // 0.5 kg believed, 2.4 kg carried, which the sockets hold: the feedback has to carry the difference.
+    let mut wrong = carrying(2.4);
+    wrong.scenario.believed_payload = Some(Payload::new(0.5, [0.0, 0.0, -0.1], 0.0));
+    wrong.scenario.supervision.torque = Some(8.0);
     assert_eq!(named(&wrong).0, CauseKind::Trip);
     wrong.scenario.supervision.torque = None;
-    wrong.scenario.supervision.tracking = Some(4e-3);
+    wrong.scenario.supervision.tracking = Some(2e-3);
     assert_eq!(named(&wrong).0, CauseKind::Following);
     let verdict = verdict(&wrong);
-    assert!(verdict.fmea.cause.contains("4 kg carried, 1 kg believed"), "{:?}", verdict.fmea);
+    assert!(verdict.fmea.cause.contains("2.4 kg carried, 0.5 kg believed"), "{:?}", verdict.fmea);
     // An obstacle beside the path reduces the margin, one on it is a contact.
     let mut block = shipped("crash");
     block.scenario.objects[0].position.x = 0.41;
