@@ -90,13 +90,19 @@ impl Conduct {
     /// Whether the scenario and the models admit every factor at both ends of its range, and all at their middles.
     fn check(&self) -> Result<(), ConductError> {
         let factors = &self.study.factors;
+        let middle: Vec<Setting> = factors.iter().map(nominal).collect();
         for (k, settings) in self.plan.extremes() {
-            self.study.files(&settings, None).map_err(|why| {
+            // What a factor needs, another one may bring.
+            let with_others = || {
+                let mut settings_of_all = middle.clone();
+                settings_of_all[k] = settings[k];
+                self.study.files(&settings_of_all, None)
+            };
+            self.study.files(&settings, None).or_else(|why| with_others().map_err(|_| why)).map_err(|why| {
                 let value = self.columns.text(&factors[k], settings[k]);
                 self.study.refuse(k, format!("factor `{}` at {value}: {why}", factors[k].name))
             })?;
         }
-        let middle: Vec<Setting> = factors.iter().map(nominal).collect();
         let all = |why| self.study.refuse(0, format!("all factors at their middles: {why}"));
         self.study.files(&middle, None).map_err(all)?;
         Ok(())
