@@ -110,6 +110,8 @@ const FRAME: f64 = 0.01;
 pub const AFTERMATH: f64 = 0.6;
 /// Simulated time after the load has landed, s.
 pub const AFTER_LANDING: f64 = 0.05;
+/// Simulated time after the end of a motion in which it settles, s.
+const AFTER_MOTION: f64 = 0.1;
 /// Factor on the steps during contacts: the oscillation of a strut's end on its contact is followed with ωh = 0.3.
 const CONTACT_STEPS: f64 = 3.0;
 
@@ -199,6 +201,8 @@ struct Simulated {
 }
 
 /// Runs `machine` in place of the case's own.
+///
+/// One step per sample resolves most motions; the steps of the scenario are used where work and energy disagree.
 fn simulated(
     case: &Case,
     motion: &DesiredMotion,
@@ -207,8 +211,16 @@ fn simulated(
 ) -> Result<Simulated, SimulationError> {
     let (setup, controller) = (&case.scenario.setup, case.believed());
     let machine = case.scenario.machine(machine);
-    let run = simulate_until_failure(&machine, setup, &controller, &|t| motion.at(t), options, &mut |_| true);
-    run.map(|(recording, report, failure)| Simulated { recording: Some(recording), report, failure })
+    let with = |substeps: usize| {
+        let options = Options { substeps, ..options.clone() };
+        let run = simulate_until_failure(&machine, setup, &controller, &|t| motion.at(t), &options, &mut |_| true);
+        run.map(|(recording, report, failure)| Simulated { recording: Some(recording), report, failure })
+    };
+    match with(1) {
+        Ok(run) if run.report.energy_closes() => Ok(run),
+        once if options.substeps == 1 => once,
+        _ => with(options.substeps),
+    }
 }
 
 /// The machine without limits, and the options of its run: no contacts either, unless the gripper needs them.
@@ -224,6 +236,9 @@ fn unlimited(case: &Case) -> (Model, Options) {
     if case.scenario.actions.is_empty() {
         options.objects.clear();
         options.contacts = None;
+        // Where the motion has ended, nothing changes any more.
+        let end = case.scenario.motion.length().map_or(f64::INFINITY, |length| length + AFTER_MOTION);
+        options.duration = options.duration.min(end);
     }
     (model, options)
 }
@@ -232,12 +247,7 @@ fn unlimited(case: &Case) -> (Model, Options) {
 fn margins_of(case: &Case, motion: &DesiredMotion) -> Result<(Margins, Vec<Sample>, Report), RunError> {
     let scenario = &case.scenario;
     let (model, options) = unlimited(case);
-    // One step per sample resolves a motion without contacts; more where the energy shows that it does not.
-    let once = Options { substeps: 1, ..options.clone() };
-    let free = match simulated(case, motion, &model, &once) {
-        Ok(run) if run.report.energy_closes() => Ok(run),
-        _ => simulated(case, motion, &model, &options),
-    };
+    let free = simulated(case, motion, &model, &options);
     let mut margins = Margins::default();
     let plant = case.plant();
     let reach = |margins: &mut Margins| {

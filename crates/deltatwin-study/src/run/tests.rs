@@ -270,3 +270,34 @@ fn remedies_give_the_margin_they_promise_and_the_cheapest_comes_first() {
     };
     approx::assert_relative_eq!(place(&slow, 0.4), place(&case, 0.2), epsilon = 1e-9);
 }
+
+#[test]
+fn the_bulky_box_survives_only_within_strut_limits() {
+    let [drives, struts] = ["failures/bulky-torque-limits", "failures/bulky-strut-limits"].map(shipped);
+    // The same box, within the rated 6 kg, on the same path.
+    assert_eq!(drives.scenario.setup, struts.scenario.setup);
+    assert!(drives.scenario.setup.payload.mass < 6.0);
+    let [failed, survived] = [verdict(&drives), verdict(&struts)];
+    assert_eq!((failed.survived, failed.cause.kind), (false, CauseKind::Socket));
+    assert!(failed.margin_of(CauseKind::Torque).unwrap() > 0.0 && failed.opened.len() >= 4, "{:?}", failed.opened);
+    // It falls apart: more than the first pair, and the box hits something.
+    assert!(failed.payload.is_some() && failed.fmea.end.contains("falls"), "{:?}", failed.fmea);
+    assert!(survived.survived && survived.margin_of(CauseKind::Socket).unwrap() > 0.15, "{:?}", survived.margins);
+    let [fast, slow] = [&failed, &survived].map(|v| v.picks_per_minute().unwrap());
+    assert!((fast - 60.9).abs() < 0.1 && (slow - 49.5).abs() < 0.1, "{fast} {slow}");
+}
+
+#[test]
+fn the_other_cases_fail_as_their_files_say() {
+    for (name, kind, part) in [
+        ("collision", CauseKind::Contact, "post"),
+        ("worn-socket", CauseKind::Socket, "strut 6 lower"),
+        ("missing-spring", CauseKind::Socket, "strut 6 lower"),
+        ("wrong-payload", CauseKind::Torque, "axis 1"),
+    ] {
+        let verdict = verdict(&shipped(&format!("failures/{name}")));
+        assert_eq!(verdict.cause.kind, kind, "{name}");
+        assert!(verdict.cause.part.contains(part) && verdict.opened_at_once() >= 2, "{name}: {:?}", verdict.cause);
+        assert!(!verdict.supervision.is_empty() && !verdict.fmea.detection.is_empty(), "{name}");
+    }
+}
