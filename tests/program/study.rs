@@ -205,7 +205,7 @@ fn recordings_are_kept_by_rule() {
     std::fs::write(&study, text.replace("\"none\"", "[2, 7]")).unwrap();
     place.done("some", &[]);
     assert_eq!(names(&place.path("some/recordings")), ["run-000002.mcap", "run-000007.mcap"]);
-    assert_eq!(place.table("failed"), place.table("some"), "the rule has no influence on the rows");
+    assert!(place.table("failed") == place.table("some"), "the rule has no influence on the table");
 }
 
 #[test]

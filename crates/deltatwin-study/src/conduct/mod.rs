@@ -350,7 +350,11 @@ pub fn campaign(study: &Study, headings: Vec<Heading>, folder: &Path) -> (Campai
     let digest = Digest::of(version.into_iter().chain([("seed", &seed[..])]).chain(contents));
     let metadata = vec![
         ("program".into(), format!("deltatwin {}", env!("CARGO_PKG_VERSION"))),
-        ("study".into(), study.text.to_string()),
+        // Not as written: the same study in other words is the same table.
+        (
+            "study".into(),
+            study.contents().first().map_or_else(String::new, |(_, text)| String::from_utf8_lossy(text).into()),
+        ),
         ("design".into(), study.design.name().into()),
         ("seed".into(), study.seed.to_string()),
     ];
