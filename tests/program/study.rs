@@ -225,7 +225,7 @@ fn what_is_in_the_way_or_missing_is_named() {
         ("payload.mass", "payload.maas", "study.toml:11:8: factor `mass` at 0.5: unknown key `payload.maas`"),
         ("to = 6.0", "to = 600.0", "factor `mass` at 600: `payload.mass` is 600; expected a number from 0 to 100 kg"),
         ("\"mass\"", "\"margin\"", "factor `margin` has the name of another column"),
-        ("\"sobol\"", "\"subset\"", "has no meaning for kind = \"subset\""),
+        ("\"sobol\"", "\"subset\"\nsamples = 20", "has no meaning for kind = \"subset\""),
     ] {
         std::fs::write(&study, text.replacen(from, to, 1)).unwrap();
         let (status, _, stderr) = place.run("new", &[]);
@@ -256,7 +256,7 @@ fn searches_find_the_boundary_the_worst_and_the_rare() {
     let (status, _, stderr) = place.run("worst2", &["--chunk", "1/2"]);
     assert!(status == 2 && stderr.contains("cannot be cut into chunks"), "{stderr}");
     // A subset simulation, whose result is told again from the table.
-    let rare = "\"subset\"\nsamples = 20\nlevels = 2";
+    let rare = "\"subset\"\nsamples = 20\nshare = 0.5\nlevels = 2";
     std::fs::write(&study, text.replace("\"sobol\"", rare).replace("runs = 60", "")).unwrap();
     let first: Value = serde_json::from_str(&place.done("rare", &["--json"])).unwrap();
     let probability = first["probability"]["value"].as_f64().unwrap();

@@ -119,6 +119,8 @@ const RAYS: i64 = 16;
 const TOLERANCE: f64 = 1e-3;
 /// Defaults of subset simulation: samples per level, conditional probability, levels (Au & Beck 2001).
 const SUBSET: (i64, f64, i64) = (1000, 0.1, 10);
+/// Least number of samples with which a level of a subset simulation begins.
+const SEEDS: f64 = 10.0;
 
 /// Reads a study file; the scenarios that it names are relative to it, all other files to the scenario. `meshes` reads the
 /// solids that a scenario names.
@@ -578,9 +580,18 @@ fn design(file: &Source, mut value: Spanned<DeValue>, factors: &[Factor]) -> Che
                 );
                 return Err(file.problem(factor.place.clone(), message));
             }
+            let samples = count("samples", &keys.samples, samples, 20, 1_000_000)?;
+            let share = file.optional("design.share", &keys.share, share, Interval(0.01, 0.5, ""))?;
+            let least = (SEEDS / share).ceil() as usize;
+            if samples < least {
+                let message = format!(
+                    "`design.samples` is {samples}, of which {share} begin the next level; expected at least {least}"
+                );
+                return Err(file.problem(kind.span(), message));
+            }
             Design::Subset {
-                samples: count("samples", &keys.samples, samples, 20, 1_000_000)? as u64,
-                share: file.optional("design.share", &keys.share, share, Interval(0.01, 0.5, ""))?,
+                samples: samples as u64,
+                share,
                 levels: count("levels", &keys.levels, levels, 1, 50)? as u64,
             }
         }
