@@ -64,7 +64,7 @@ pub enum Keep {
 pub struct Outcome {
     /// The answer.
     pub verdict: Verdict,
-    /// Signals of the run with the limits of the machine, if kept.
+    /// Signals of the run with the limits of the machine, if kept and not refused.
     pub recording: Option<Recording>,
     /// Report of the run with the limits of the machine, if there was one, else of the unlimited one.
     pub report: Report,
@@ -129,8 +129,11 @@ impl Case {
             clamps.armed = self.model.assembled;
         }
         options.trace = true;
-        options.contact_steps = CONTACT_STEPS;
-        options.after_landing = (keep == Keep::Nothing).then_some(AFTER_LANDING);
+        // A recording is that of `simulate`; a verdict needs less.
+        if keep == Keep::Nothing {
+            options.contact_steps = CONTACT_STEPS;
+            options.after_landing = Some(AFTER_LANDING);
+        }
         options.frames = (keep == Keep::Recording).then_some(FRAME);
         options
     }
@@ -195,7 +198,7 @@ const RETURNED: f64 = 1e-4;
 
 /// A simulation: recording, report and the error that ended it.
 struct Simulated {
-    recording: Option<Recording>,
+    recording: Recording,
     report: Report,
     failure: Option<SimulationError>,
 }
@@ -209,18 +212,25 @@ fn simulated(
     machine: &Model,
     options: &Options,
 ) -> Result<Simulated, SimulationError> {
-    let (setup, controller) = (&case.scenario.setup, case.believed());
-    let machine = case.scenario.machine(machine);
-    let with = |substeps: usize| {
-        let options = Options { substeps, ..options.clone() };
-        let run = simulate_until_failure(&machine, setup, &controller, &|t| motion.at(t), &options, &mut |_| true);
-        run.map(|(recording, report, failure)| Simulated { recording: Some(recording), report, failure })
-    };
-    match with(1) {
+    let once = simulated_with(case, motion, machine, &Options { substeps: 1, ..options.clone() });
+    match once {
         Ok(run) if run.report.energy_closes() => Ok(run),
         once if options.substeps == 1 => once,
-        _ => with(options.substeps),
+        _ => simulated_with(case, motion, machine, options),
     }
+}
+
+/// Runs `machine` in place of the case's own with the steps of `options`.
+fn simulated_with(
+    case: &Case,
+    motion: &DesiredMotion,
+    machine: &Model,
+    options: &Options,
+) -> Result<Simulated, SimulationError> {
+    let (setup, controller) = (&case.scenario.setup, case.believed());
+    let machine = case.scenario.machine(machine);
+    let run = simulate_until_failure(&machine, setup, &controller, &|t| motion.at(t), options, &mut |_| true);
+    run.map(|(recording, report, failure)| Simulated { recording, report, failure })
 }
 
 /// The machine without limits, and the options of its run: no contacts either, unless the gripper needs them.
@@ -290,22 +300,22 @@ fn is_fatal(error: &SimulationError) -> bool {
     !matches!(error, SimulationError::Trajectory { .. } | SimulationError::Singular { cause: Breakdown::Rank, .. })
 }
 
-/// Verdict on a case, with what `keep` asks for.
+/// Verdict on a case, with what `keep` asks for, which does not influence it.
 ///
 /// # Errors
 /// A [`RunError`] if the case cannot be run at all. A motion beyond the workspace is an answer, not an error.
 pub fn run(case: &Case, keep: Keep) -> Result<Outcome, RunError> {
     let motion = case.motion()?;
     let (mut margins, trace, report) = margins_of(case, &motion)?;
-    let mut options = case.options(keep);
+    let mut options = case.options(Keep::Nothing);
     let crossed = margins.first_crossing();
     // A motion that leaves workspace or speed limits is refused by the controller.
     let refused = [CauseKind::Workspace, CauseKind::Telescope, CauseKind::Speed];
     let refused = crossed.as_ref().is_some_and(|c| refused.contains(&c.kind)) || trace.is_empty();
     let end = crossed.as_ref().map_or(case.scenario.duration, |c| c.time + AFTERMATH);
-    options.duration = if keep == Keep::Recording { end.max(case.scenario.duration) } else { end };
+    options.duration = end;
     let mut limited = None;
-    if !refused && (margins.least() < CLOSE || keep == Keep::Recording) {
+    if !refused && margins.least() < CLOSE {
         match simulated(case, &motion, &case.model, &options) {
             Ok(Simulated { failure: Some(source), .. }) if is_fatal(&source) => return Err(case.failed(source)),
             Ok(run) => limited = Some(run),
@@ -317,11 +327,14 @@ pub fn run(case: &Case, keep: Keep) -> Result<Outcome, RunError> {
     }
     let shown = limited.as_ref().map_or(&report, |run| &run.report);
     let verdict = judge(case, &motion, margins, (&trace, shown, end, limited.is_some()));
-    let (recording, report) = match limited {
-        Some(run) => (run.recording.filter(|_| keep == Keep::Recording), run.report),
-        None => (None, report),
-    };
-    Ok(Outcome { verdict, recording, report, options })
+    if keep == Keep::Recording && !refused {
+        let options = Options { duration: end.max(case.scenario.duration), ..case.options(keep) };
+        if let Ok(run) = simulated_with(case, &motion, &case.model, &options) {
+            return Ok(Outcome { verdict, recording: Some(run.recording), report: run.report, options });
+        }
+    }
+    let report = limited.map_or(report, |run| run.report);
+    Ok(Outcome { verdict, recording: None, report, options })
 }
 
 /// The verdict from the margins, the `trace` of the unlimited machine, and the report of the machine with its limits
