@@ -43,6 +43,10 @@ pub fn figures(shown: &Shown) -> Vec<Picture> {
          nominal. Right: shares of the margin's variance, alone (first order) and with all interactions (total), with 95 % \
          bootstrap intervals.{why}"
     );
-    let figure = importance("What the margin depends on", "least margin", Some(single[0]), &rows);
+    let what = match shown.margin.split_once('_') {
+        Some((_, cause)) => format!("least margin against {cause}"),
+        None => "least margin".into(),
+    };
+    let figure = importance("What the margin depends on", &what, Some(single[0]), &rows);
     vec![Picture { name: "importance".into(), figure, caption }]
 }
