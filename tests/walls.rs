@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Crates that only those around the library may use.
-const OUTSIDE: [&str; 21] = [
+const OUTSIDE: [&str; 22] = [
     "clap",
     "clap_complete",
     "clap_mangen",
@@ -15,6 +15,7 @@ const OUTSIDE: [&str; 21] = [
     "mcap",
     "mesh-loader",
     "miette",
+    "parquet",
     "parry3d",
     "plotters",
     "rapier3d",
@@ -30,10 +31,11 @@ const OUTSIDE: [&str; 21] = [
 ];
 
 /// Crates that one of those around the library alone uses, and which one.
-const ALONE: [(&str, &str); 9] = [
+const ALONE: [(&str, &str); 10] = [
     ("csv", "deltatwin-io"),
     ("mcap", "deltatwin-io"),
     ("mesh-loader", "deltatwin-cell"),
+    ("parquet", "deltatwin-study"),
     ("parry3d", "deltatwin-cell"),
     ("rapier3d", "deltatwin-cell"),
     ("rusqlite", "deltatwin-io"),

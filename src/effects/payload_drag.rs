@@ -3,9 +3,11 @@
 use super::{About, Effect, Instant, Parameter, Part, Role, Spec, Unit, Values, Wrenches};
 use crate::machine::bodies::END_EFFECTOR;
 
-/// Quadratic drag F = −c·|v|·v at the payload's centre of mass, with its moment about the flange.
+/// Quadratic drag F = −c·a·|v|·v at the payload's centre of mass, with its moment about the flange.
 ///
-/// F in N, v the velocity of that centre in m/s, c in N·s²/m². The payload is the one stated for the run; without
+/// F in N, v the velocity of that centre in m/s, c in N·s²/m². For a box, a is its projected area against v over the
+/// mean of all directions ([`Payload::area_share`](crate::machine::Payload::area_share)), and c belongs to that mean;
+/// for another payload a = 1. The payload is the one stated for the run; without
 /// payload there is no drag. Dissipates c·|v|³.
 pub struct PayloadDrag;
 
@@ -16,7 +18,7 @@ static SPEC: Spec = Spec::new(
     Part::Linkage,
     About {
         summary: "drag of the air on the payload",
-        law: "F = −c·|v|·v at the payload's centre of mass",
+        law: "F = −c·a·|v|·v at the payload's centre of mass; a: a box's area against v over its mean, otherwise 1",
         shows: "torque of all arms against the payload's velocity, growing with its square; with the payload beside \
                 the flange also of axis 4",
         source: "turbulent drag ½·ρ·c_w·A; a box of 0.4 × 0.3 m has 0.08 N/(m/s)² (c_w = 1.1)",
@@ -36,7 +38,9 @@ impl Effect for PayloadDrag {
         let flange = &at.motion.bodies[END_EFFECTOR];
         let lever = flange.rotation * at.payload.com;
         let v = flange.velocity + flange.angular_velocity.cross(&lever);
-        let force = -v * v.norm();
+        let speed = v.norm();
+        let against = flange.rotation.tr_mul(&v) / speed.max(f64::MIN_POSITIVE);
+        let force = -v * (speed * at.payload.area_share(&against));
         out.wrench(values.index(0, 0), END_EFFECTOR, force, lever.cross(&force));
     }
 }
@@ -48,6 +52,23 @@ mod tests {
     use super::*;
     use crate::effects::testing;
     use crate::machine::Payload;
+
+    #[test]
+    fn a_box_has_less_drag_with_its_small_face_ahead() {
+        // 0.2 × 0.4 × 0.5 m at 2 m/s along x, then turned by 90°: faces of 0.2 and 0.1 m² against a mean of 0.19 m²,
+        // 0.1·4·0.2/0.19 and 0.1·4·0.1/0.19 N.
+        let mut motion = testing::still();
+        motion.bodies[END_EFFECTOR].velocity.x = 2.0;
+        let payload = Payload::cuboid(1.0, [0.2, 0.4, 0.5], [0.0, 0.0, 0.25]);
+        for (turn, face) in [(0.0, 0.2), (std::f64::consts::FRAC_PI_2, 0.1)] {
+            let rotation = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), turn);
+            motion.bodies[END_EFFECTOR].rotation = rotation.into_inner();
+            let (force, moment) = testing::carrying(&PayloadDrag, &[&[0.1]], &motion, payload)[END_EFFECTOR];
+            approx::assert_relative_eq!(force, Vector3::x() * (-0.4 * face / 0.19), epsilon = 1e-12);
+            // Its centre is 0.25 m below the flange.
+            approx::assert_relative_eq!(moment, Vector3::y() * (0.25 * 0.4 * face / 0.19), epsilon = 1e-12);
+        }
+    }
 
     #[test]
     fn a_box_beside_the_flange() {

@@ -110,5 +110,5 @@ fn found_at(estimates: &[Estimate], com: Vector3<f64>) -> Payload {
     let mass = estimates[MASS].value;
     let about_flange = Payload::with_tensor(0.0, [0.0; 3], std::array::from_fn(|k| estimates[XX + k].value)).tensor;
     let tensor = about_flange - Inertia::point(mass, com).tensor;
-    Payload { mass, com, tensor: 0.5 * (tensor + tensor.transpose()) }
+    Payload { mass, com, tensor: 0.5 * (tensor + tensor.transpose()), ..Payload::default() }
 }

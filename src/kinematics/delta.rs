@@ -214,6 +214,25 @@ impl Geometry {
         Geometry::radial(limb) * self.base_radius + arm.x * self.arm_length
     }
 
+    /// Coefficients of the closure |d − l₁ x_A|² = l₂² of a limb, a cos φ + b sin φ = c, that is cos(φ − atan2(b, a)) =
+    /// c/√(a² + b²): a and b (m²), and the right side.
+    fn elbow_equation(&self, limb: usize, position: &Vector3<f64>) -> [f64; 3] {
+        let u = Geometry::radial(limb);
+        let d = position - u * (self.base_radius - self.platform_radius);
+        let (a, b) = (2.0 * self.arm_length * d.dot(&u), -2.0 * self.arm_length * d.z);
+        let c = d.norm_squared() + self.arm_length.powi(2) - self.strut_length[limb].powi(2);
+        [a, b, c / a.hypot(b)]
+    }
+
+    /// Cosine of the angle between an arm and the direction to the platform, as the closure of a limb requires it for a
+    /// platform position (m, inertial frame); beyond ±1 the strut does not reach.
+    ///
+    /// # Panics
+    /// If there is no `limb`.
+    pub fn elbow_cosine(&self, limb: usize, position: &Vector3<f64>) -> f64 {
+        self.elbow_equation(limb, position)[2]
+    }
+
     /// Arm angles (rad) for a platform position (m, inertial frame), elbows outward; joint limits are not checked.
     ///
     /// # Errors
@@ -221,12 +240,7 @@ impl Geometry {
     pub fn inverse(&self, position: &Vector3<f64>) -> Result<[f64; ARMS], KinematicsError> {
         let mut q = [0.0; ARMS];
         for limb in 0..ARMS {
-            // |d − l₁ x_A|² = l₂²  ⇔  a cos φ + b sin φ = c
-            let u = Geometry::radial(limb);
-            let d = position - u * (self.base_radius - self.platform_radius);
-            let (a, b) = (2.0 * self.arm_length * d.dot(&u), -2.0 * self.arm_length * d.z);
-            let c = d.norm_squared() + self.arm_length.powi(2) - self.strut_length[limb].powi(2);
-            let cosine = c / a.hypot(b);
+            let [a, b, cosine] = self.elbow_equation(limb, position);
             if cosine.is_nan() || cosine.abs() > 1.0 {
                 return Err(KinematicsError::OutOfReach { limb, x: position.x, y: position.y, z: position.z });
             }

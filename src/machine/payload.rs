@@ -14,6 +14,8 @@ pub struct Payload {
     pub com: Vector3<f64>,
     /// Inertia tensor about the centre of mass, kg·m²; Θ_xy = −∫xy dm etc. ([Gnad 2024], eq. 4).
     pub tensor: Matrix3<f64>,
+    /// Areas of a box's faces across x, y and z, m²; zero if its shape is not known.
+    pub faces: Vector3<f64>,
 }
 
 impl Payload {
@@ -22,12 +24,39 @@ impl Payload {
     /// The other two moments are set equal to it and the products to zero. This is physically consistent, and an intact
     /// robot depends on the tensor only through Θ_zz, Θ_xz and Θ_yz.
     pub fn new(mass: f64, com: impl Into<Vector3<f64>>, inertia_zz: f64) -> Self {
-        Self { mass, com: com.into(), tensor: Matrix3::identity() * inertia_zz }
+        Self { mass, com: com.into(), tensor: Matrix3::identity() * inertia_zz, faces: Vector3::zeros() }
     }
 
     /// Payload with the full tensor xx, yy, zz, xy, xz, yz about the centre of mass, kg·m².
     pub fn with_tensor(mass: f64, com: [f64; 3], [xx, yy, zz, xy, xz, yz]: [f64; 6]) -> Self {
-        Self { mass, com: com.into(), tensor: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) }
+        let tensor = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        Self { mass, com: com.into(), tensor, faces: Vector3::zeros() }
+    }
+
+    /// A box of uniform density with edges of `size` (m) along x, y, z, which the flange holds at `grip`, a point given
+    /// from the centre of the box, m.
+    ///
+    /// The centre of mass is at −grip, and Θ_xx = m/12·(b² + c²) for the edges a, b, c, etc.
+    pub fn cuboid(mass: f64, size: [f64; 3], grip: [f64; 3]) -> Self {
+        let [a, b, c] = size;
+        let of = |x: f64, y: f64| mass / 12.0 * (x * x + y * y);
+        let faces = Vector3::new(b * c, c * a, a * b);
+        Self {
+            faces,
+            ..Self::with_tensor(mass, grip.map(std::ops::Neg::neg), [of(b, c), of(c, a), of(a, b), 0.0, 0.0, 0.0])
+        }
+    }
+
+    /// Mean projected area of a box over all directions, m²: a quarter of its surface; zero if its shape is not known.
+    pub fn mean_area(&self) -> f64 {
+        0.5 * self.faces.sum()
+    }
+
+    /// Projected area of a box against `direction` (a unit vector in the end effector's axes), over its mean; 1 if its
+    /// shape is not known.
+    pub fn area_share(&self, direction: &Vector3<f64>) -> f64 {
+        let mean = self.mean_area();
+        if mean > 0.0 { self.faces.dot(&direction.abs()) / mean } else { 1.0 }
     }
 
     /// Payload from the keys of a file: `inertia_zz`, `inertia` (xx, yy, zz or xx, yy, zz, xy, xz, yz), or both, in
@@ -89,6 +118,29 @@ mod tests {
         let inertia = stated.inertia();
         approx::assert_relative_eq!(inertia.first_moment, points.first_moment, epsilon = 1e-15);
         approx::assert_relative_eq!(inertia.tensor, points.tensor, epsilon = 1e-15);
+    }
+
+    #[test]
+    fn a_box_gripped_beside_its_centre() {
+        // 6 kg, 0.4 × 0.3 × 0.2 m, held at the top, 0.1 m from its middle along x: 6/12·(0.09 + 0.04), (0.04 + 0.16),
+        // (0.16 + 0.09) kg·m²; faces 0.06, 0.08, 0.12 m².
+        let load = Payload::cuboid(6.0, [0.4, 0.3, 0.2], [0.1, 0.0, 0.1]);
+        assert_eq!(load.com, Vector3::new(-0.1, 0.0, -0.1));
+        for (got, expected) in load.moments().iter().zip([0.065, 0.1, 0.125, 0.0, 0.0, 0.0]) {
+            approx::assert_relative_eq!(*got, expected, epsilon = 1e-15);
+        }
+        approx::assert_relative_eq!(load.faces, Vector3::new(0.06, 0.08, 0.12), epsilon = 1e-15);
+        // About the flange, by hand: Θ_yy + 6·(0.1² + 0.1²) = 0.22, Θ_xz = −6·(−0.1)·(−0.1) = −0.06 kg·m².
+        let inertia = load.inertia();
+        approx::assert_relative_eq!(inertia.tensor[(1, 1)], 0.22, epsilon = 1e-15);
+        approx::assert_relative_eq!(inertia.tensor[(0, 2)], -0.06, epsilon = 1e-15);
+        // A quarter of the surface, 2·0.26/4; along x a face of 0.06, along the diagonal of the xy plane (0.06 +
+        // 0.08)/√2.
+        approx::assert_relative_eq!(load.mean_area(), 0.13, epsilon = 1e-15);
+        approx::assert_relative_eq!(load.area_share(&Vector3::x()), 0.06 / 0.13, epsilon = 1e-15);
+        let diagonal = Vector3::new(1.0, -1.0, 0.0).normalize();
+        approx::assert_relative_eq!(load.area_share(&diagonal), 0.14 / 2f64.sqrt() / 0.13, epsilon = 1e-15);
+        assert_eq!(Payload::new(1.0, [0.0; 3], 0.0).area_share(&Vector3::x()), 1.0);
     }
 
     #[test]

@@ -14,9 +14,13 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 
 use crate::cell::{Object, Shape};
+use crate::effects::{ActiveEffect, find};
 use crate::kinematics::motion::SOCKETS;
-use crate::machine::{AXES, STRUTS, Setup};
+use crate::machine::{AXES, Payload, STRUTS, Setup};
 use crate::model::Model;
+
+/// Density of air at 20 °C and 1013 hPa, kg/m³.
+const AIR_DENSITY: f64 = 1.2;
 
 /// A run of the twin, as described by a scenario file.
 #[derive(Clone, Debug)]
@@ -47,6 +51,10 @@ pub struct Scenario {
     pub motion: Course,
     /// Payload and configuration.
     pub setup: Setup,
+    /// Payload for which the controller computes its feed-forward; `None` means the one carried.
+    pub believed_payload: Option<Payload>,
+    /// Drag factor c_w of a payload that is a box; `None` leaves the machine's effect `payload_drag` as it is.
+    pub drag_factor: Option<f64>,
     /// Shape of the payload for collisions.
     pub payload_shape: Option<PayloadShape>,
     /// Objects around the robot, with unique names.
@@ -206,7 +214,35 @@ impl Scenario {
     /// # Errors
     /// Those of [`Course::on`].
     pub fn motion(&self, planning: &Model) -> Result<DesiredMotion, MotionError> {
-        self.motion.on(planning, &self.setup)
+        self.motion.on(planning, &self.believed_setup())
+    }
+
+    /// The same run in 1/`scale` of the time: motion, duration and actions of the gripper.
+    pub fn faster(&self, scale: f64) -> Self {
+        let mut run = self.clone();
+        run.motion = self.motion.faster(scale);
+        run.duration /= scale;
+        run.actions.iter_mut().for_each(|action| action.t /= scale);
+        run
+    }
+
+    /// Setup as the controller believes it to be.
+    pub fn believed_setup(&self) -> Setup {
+        Setup { payload: self.believed_payload.unwrap_or(self.setup.payload), ..self.setup }
+    }
+
+    /// The machine of `model` in this run: with a stated drag factor c_w, its effect `payload_drag` has the coefficient
+    /// ½·ρ·c_w·A for the mean area A of the box and air of 1.2 kg/m³.
+    pub fn machine(&self, model: &Model) -> Model {
+        let mut machine = model.clone();
+        if let (Some(factor), Some(effect)) = (self.drag_factor, find("payload_drag")) {
+            let coefficient = 0.5 * AIR_DENSITY * factor * self.setup.payload.mean_area();
+            machine.effects.retain(|a| a.effect.name() != effect.name());
+            machine
+                .effects
+                .push(ActiveEffect { values: vec![coefficient], ..ActiveEffect::absent_on(effect, model.host()) });
+        }
+        machine
     }
 
     /// Dislocation force of each ball socket of `model`, N; 0..6 at the elbows, 6..12 at the platform.

@@ -336,7 +336,7 @@ impl Absolute<'_> {
             None => {}
         }
         let joints = &mut *self.joints;
-        self.context.solve(t, y, motion, |plant, wrenches| {
+        self.context.solve(t, y, motion, |plant, wrenches, answer| {
             let mut all = *wrenches;
             for (wrench, moment) in all.iter_mut().zip(&moments) {
                 wrench.1 += moment;
@@ -353,8 +353,8 @@ impl Absolute<'_> {
                 solution.bodies[body].1.dot(&direction)
             });
             let (reactions, bodies) = (solution.reactions, solution.bodies);
-            let answer = Answer { reactions, drives, platform: bodies[PLATFORM].0, bodies };
-            Ok((solution, answer))
+            *answer = Answer { reactions, drives, platform: bodies[PLATFORM].0, bodies };
+            Ok(solution)
         })
     }
 

@@ -98,13 +98,13 @@ impl Assembled<'_> {
     fn solve(&mut self, t: f64, y: &[f64], frame: &Frame, implicit: &Implicit) -> Result<Solution, SingularPose> {
         let (mechanism, tau) = (self.mechanism, self.context.torque.at(t));
         let with_bodies = self.context.forces.read_accelerations();
-        self.context.solve(t, y, &frame.motion, |plant, wrenches| {
+        self.context.solve(t, y, &frame.motion, |plant, wrenches, answer| {
             let solution = mechanism.solve(plant, frame, wrenches, &tau, implicit)?;
-            let mut answer = solution.answer();
+            solution.write(answer);
             if with_bodies {
                 answer.bodies = mechanism.accelerations(frame, &solution);
             }
-            Ok((solution, answer))
+            Ok(solution)
         })
     }
 

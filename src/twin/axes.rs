@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use super::SingularPose;
-use super::context::{Answer, Context};
+use super::context::Context;
 use super::integrator::{Stage, System};
 use crate::dynamics::Plant;
 use crate::kinematics::{JointState, Motion};
@@ -39,7 +39,7 @@ impl Axes<'_> {
     fn solve(&mut self, t: f64, y: &[f64], motion: &Motion, implicit: &Implicit) -> Result<[f64; AXES], SingularPose> {
         let torque = self.context.torque.at(t);
         let with_bodies = self.context.forces.read_accelerations();
-        self.context.solve(t, y, motion, |plant, wrenches| {
+        self.context.solve(t, y, motion, |plant, wrenches, answer| {
             let mut qdd = [0.0; AXES];
             for axis in 0..plant.mechanism.axes() {
                 let (body, e) = Motion::drive(axis);
@@ -51,12 +51,12 @@ impl Axes<'_> {
                 qdd[axis] = (torque[axis] + moment + e.dot(&(wrenches[body].1 + weight))) / theta;
             }
             if qdd.iter().all(|x| x.is_finite()) {
-                let mut answer = Answer { drives: qdd, ..Answer::default() };
+                answer.drives = qdd;
                 if with_bodies {
                     let moving = self::motion(plant, y, qdd);
                     answer.bodies = moving.bodies.map(|b| (b.acceleration, b.angular_acceleration));
                 }
-                Ok((qdd, answer))
+                Ok(qdd)
             } else {
                 Err(SingularPose)
             }

@@ -241,13 +241,14 @@ impl Context {
         carry(&self.plant, motion, wrenches);
     }
 
-    /// Solves `equations` for wrenches on the bodies, iterating over the laws that depend on the solution.
+    /// Solves `equations` for wrenches on the bodies, iterating over the laws that depend on the solution, which they write
+    /// to their last argument.
     pub fn solve<S>(
         &mut self,
         t: f64,
         y: &[f64],
         motion: &Motion,
-        mut equations: impl FnMut(&Plant, &[Twist; BODIES]) -> Result<(S, Answer), SingularPose>,
+        mut equations: impl FnMut(&Plant, &[Twist; BODIES], &mut Answer) -> Result<S, SingularPose>,
     ) -> Result<S, SingularPose> {
         let reads = self.forces.read_answer();
         let mut mixing = self.forces.read_accelerations().then(Mixing::new);
@@ -268,12 +269,18 @@ impl Context {
                 carry(&self.plant, motion, total);
                 scratch.fault = scratch.fault.take().or_else(|| self.forces.fault(&at, powers));
             }
-            let (solution, answer) = equations(&self.plant, &scratch.total)?;
-            let change = change(&answer, &scratch.answer);
-            let before = std::mem::replace(&mut scratch.answer, answer);
+            if !reads {
+                let solution = equations(&self.plant, &scratch.total, &mut scratch.answer)?;
+                scratch.solutions += 1;
+                return Ok(solution);
+            }
+            let before = scratch.answer;
+            let solution = equations(&self.plant, &scratch.total, &mut scratch.answer)?;
+            let answer = scratch.answer;
+            let change = change(&answer, &before);
             scratch.solutions += 1;
             iteration += 1;
-            if !reads || change < TOLERANCE {
+            if change < TOLERANCE {
                 return Ok(solution);
             }
             if iteration == MAX_ITERATIONS {

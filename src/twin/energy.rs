@@ -18,12 +18,14 @@ pub fn total(plant: &Plant, motion: &Motion) -> f64 {
 
 /// Kinetic energy, J.
 pub fn kinetic(plant: &Plant, motion: &Motion) -> f64 {
-    let of_body = |(inertia, m): (&Inertia, &BodyMotion)| {
-        let h = m.rotation * inertia.first_moment;
-        let omega = m.rotation.tr_mul(&m.angular_velocity);
-        0.5 * inertia.mass * m.velocity.norm_squared()
-            + m.velocity.dot(&m.angular_velocity.cross(&h))
-            + 0.5 * omega.dot(&(inertia.tensor * omega))
-    };
-    plant.bodies.0.iter().zip(&motion.bodies).map(of_body).sum()
+    plant.bodies.0.iter().zip(&motion.bodies).map(|(inertia, m)| of_body(inertia, m)).sum()
+}
+
+/// Kinetic energy of one body, J.
+pub fn of_body(inertia: &Inertia, m: &BodyMotion) -> f64 {
+    let h = m.rotation * inertia.first_moment;
+    let omega = m.rotation.tr_mul(&m.angular_velocity);
+    0.5 * inertia.mass * m.velocity.norm_squared()
+        + m.velocity.dot(&m.angular_velocity.cross(&h))
+        + 0.5 * omega.dot(&(inertia.tensor * omega))
 }

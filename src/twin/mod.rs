@@ -32,6 +32,7 @@ pub mod sockets;
 mod state;
 pub mod stops;
 mod torque;
+mod trace;
 mod wrench;
 
 pub use contacts::{ContactBody, ContactWork, Contacts, Held, NewContacts, Surroundings, Touch};
@@ -44,6 +45,7 @@ pub use simulate::{simulate, simulate_until_failure};
 pub use sockets::Clamps;
 pub use state::BodyState;
 pub use torque::Torque;
+pub use trace::{Dislocation, Impact, Sample, TripCause};
 pub use wrench::{Load, Twist};
 
 /// The equations cannot be solved: the mechanism has lost rank (a singular pose), or an inertia is not consistent.

@@ -43,6 +43,13 @@ pub struct Options {
     pub frames: Option<f64>,
     /// Observer of the run.
     pub watcher: Option<Watcher>,
+    /// Factor on the steps during contacts, 1 for full accuracy.
+    pub contact_steps: f64,
+    /// Time after which a broken robot is followed on once its load has landed on an object, s; `None` follows it to the
+    /// end of the run.
+    pub after_landing: Option<f64>,
+    /// Whether [`Report::trace`](super::Report::trace) is kept.
+    pub trace: bool,
 }
 
 type See = dyn Fn(Option<&Frame>, &[Event]) + Send + Sync;
@@ -93,6 +100,9 @@ impl Default for Options {
             contacts: None,
             frames: None,
             watcher: None,
+            contact_steps: 1.0,
+            after_landing: None,
+            trace: false,
         }
     }
 }
@@ -127,6 +137,9 @@ impl Options {
             contacts: None,
             frames: None,
             watcher: None,
+            contact_steps: 1.0,
+            after_landing: None,
+            trace: false,
         }
     }
 }

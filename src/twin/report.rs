@@ -3,11 +3,12 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
-use super::contacts::ContactWork;
+use super::contacts::{ContactBody, ContactWork};
+use super::trace::{Dislocation, Impact, Sample, TripCause};
 use crate::cell::CellError;
 use crate::kinematics::motion::SOCKETS;
 use crate::kinematics::{KinematicsError, Reactions, SocketSet};
-use crate::machine::bodies::BODIES;
+use crate::machine::bodies::{BODIES, END_EFFECTOR};
 use crate::machine::{AXES, STRUTS};
 
 /// Poses and forces at one time.
@@ -107,6 +108,14 @@ pub struct Report {
     pub tracking_error: [f64; AXES],
     /// Events in order of time.
     pub events: Vec<Event>,
+    /// Sockets that left their balls, in order.
+    pub dislocations: Vec<Dislocation>,
+    /// When and why the drives tripped.
+    pub trip: Option<(f64, TripCause)>,
+    /// Beginnings of contacts of the robot, in order of time.
+    pub impacts: Vec<Impact>,
+    /// Loads at every sample, if requested by [`super::Options::trace`].
+    pub trace: Vec<Sample>,
     /// Frames, if requested by [`super::Options::frames`].
     pub frames: Vec<Frame>,
     /// Sockets closed at the end.
@@ -118,11 +127,47 @@ pub struct Report {
     pub unconverged: f64,
 }
 
+impl Default for Report {
+    /// Nothing simulated, all sockets closed.
+    fn default() -> Self {
+        Self {
+            simulated: 0.0,
+            steps: 0,
+            solutions: 0,
+            corrections: 0,
+            contacts: ContactWork::default(),
+            max_loop_gap: 0.0,
+            max_loop_rate: 0.0,
+            energy_error: 0.0,
+            peak_strut_force: 0.0,
+            min_margin: [f64::INFINITY; SOCKETS],
+            tracking_error: [0.0; AXES],
+            events: Vec::new(),
+            dislocations: Vec::new(),
+            trip: None,
+            impacts: Vec::new(),
+            trace: Vec::new(),
+            frames: Vec::new(),
+            closed: SocketSet::ALL,
+            kinetic_energy: 0.0,
+            unconverged: 0.0,
+        }
+    }
+}
+
 impl Report {
     /// Updates the peak with the strut forces of one more instant, a sample or a dislocation between two.
     pub(super) fn see_strut_forces(&mut self, reactions: &Reactions) {
         let forces = reactions.upper.iter().chain(&reactions.lower);
         self.peak_strut_force = forces.fold(self.peak_strut_force, |peak, f| peak.max(f.abs()));
+    }
+
+    /// First contact of the end effector, or of what it holds, with one of `objects` objects after a socket has left.
+    pub fn landing(&self, objects: usize) -> Option<&Impact> {
+        let broken = self.dislocations.first()?.t;
+        let is_load = |body: ContactBody| matches!(body, ContactBody::Link(END_EFFECTOR) | ContactBody::Object(_));
+        let is_object = |body: ContactBody| matches!(body, ContactBody::Object(object) if object < objects);
+        self.impacts.iter().find(|i| i.t >= broken && is_load(i.link) && is_object(i.other))
     }
 
     /// Whether the energy error is at most [`LARGEST_ENERGY_ERROR`], as it must be for a valid run.

@@ -10,6 +10,7 @@ use super::machine::{Checkpoint, Snapshot, Twin};
 use super::sensors::Sensors;
 use super::sockets::Clamps;
 use super::torque::Torque;
+use super::trace::{Sample, TripCause};
 use super::wrench::Twist;
 use super::{
     Cause, Event, EventKind, Frame, LARGEST_ENERGY_ERROR, Options, Pose, Report, SimulationError, constraints, energy,
@@ -142,6 +143,7 @@ impl<'a> Run<'a> {
         let margins = self.clamps.margins(&snapshot.motion, &snapshot.sockets, self.twin.closed());
         self.watch(&snapshot, &margins);
         self.keep_frame(t, &snapshot, &margins);
+        self.trace(t, &snapshot, &margins);
         let tau = self.torque.at(t);
         let encoders = self.sensors.angles(&self.twin.encoders());
         let multipliers = if self.options.sensors.multipliers {
@@ -165,7 +167,14 @@ impl<'a> Run<'a> {
         if self.tripped && !self.rested {
             self.look_for_rest();
         }
-        Ok(true)
+        Ok(!self.is_over())
+    }
+
+    /// Whether the load of a broken robot has landed long enough ago.
+    fn is_over(&self) -> bool {
+        let Some(after) = self.options.after_landing.filter(|_| self.tripped) else { return false };
+        let landing = self.report.landing(self.options.objects.len());
+        landing.is_some_and(|impact| self.twin.time() > impact.t + after)
     }
 
     /// An intact robot must not become singular; a broken one may end its run in a singular pose.
@@ -224,13 +233,17 @@ impl<'a> Run<'a> {
             return Ok(());
         }
         if self.twin.closed() != SocketSet::ALL {
-            self.trip(t, "a socket has left its ball");
+            self.trip(t, TripCause::Socket, "a socket has left its ball");
             return Ok(());
         }
         let span = self.period * self.options.control_period as f64;
         let trajectory = |reason| SimulationError::Trajectory { t, reason };
         let next = (self.desired)(t + span).joints(&self.twin.plant().geometry).map_err(trajectory)?;
         let command = self.controller.update(&self.wanted, encoders, &next).map_err(trajectory)?;
+        if let Some(sample) = self.report.trace.last_mut() {
+            sample.feedback = command.feedback;
+            sample.error = std::array::from_fn(|i| self.wanted.q[i] - encoders[i]);
+        }
         let limits = &self.options.supervision;
         let machine = self.twin.plant().mechanism;
         let (torque, angle) = (machine.unit(Unit::NM), machine.unit(Unit::Rad));
@@ -239,12 +252,17 @@ impl<'a> Run<'a> {
             if let Some(limit) = limits.torque.filter(|limit| feedback > *limit) {
                 self.trip(
                     t,
+                    TripCause::Torque(i),
                     format!("feedback torque {feedback:.1} {torque} on axis {} exceeds {limit} {torque}", i + 1),
                 );
                 return Ok(());
             }
             if let Some(limit) = limits.tracking.filter(|limit| error > *limit) {
-                self.trip(t, format!("tracking error {error:.4} {angle} on axis {} exceeds {limit} {angle}", i + 1));
+                self.trip(
+                    t,
+                    TripCause::Tracking(i),
+                    format!("tracking error {error:.4} {angle} on axis {} exceeds {limit} {angle}", i + 1),
+                );
                 return Ok(());
             }
         }
@@ -256,7 +274,8 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn trip(&mut self, t: f64, why: impl Into<String>) {
+    fn trip(&mut self, t: f64, cause: TripCause, why: impl Into<String>) {
+        self.report.trip = Some((t, cause));
         self.tripped = true;
         self.torque = Torque::default();
         if let Trip::Brake { torque } = self.options.supervision.trip {
@@ -322,6 +341,28 @@ impl<'a> Run<'a> {
         if self.options.frames.is_some() {
             self.report.frames.push(frame);
         }
+    }
+
+    /// Keeps the loads of a sample until the drives trip.
+    fn trace(&mut self, t: f64, snapshot: &Snapshot, margins: &[f64; SOCKETS]) {
+        if !self.options.trace || self.tripped {
+            return;
+        }
+        let motion = &snapshot.motion;
+        let last = self.report.trace.last();
+        let [feedback, error] = last.map_or([[0.0; AXES]; 2], |last| [last.feedback, last.error]);
+        self.report.trace.push(Sample {
+            t,
+            q: motion.q,
+            rate: motion.qd,
+            torque: self.torque.at(t),
+            feedback,
+            error,
+            telescope: motion.telescope.length,
+            platform: motion.bodies[PLATFORM].position.into(),
+            strut_force: [snapshot.reactions.upper, snapshot.reactions.lower],
+            margin: *margins,
+        });
     }
 
     fn kinetic_energy(&self) -> f64 {

@@ -113,8 +113,11 @@ fn every_command_explains_itself_with_an_example() {
 #[test]
 fn every_shipped_file_is_right() {
     common::at_root();
-    let files: Vec<String> =
-        ["models", "scenarios"].iter().flat_map(|f| toml_files(f)).map(|p| p.display().to_string()).collect();
+    let files: Vec<String> = ["models", "scenarios", "scenarios/studies"]
+        .iter()
+        .flat_map(|f| toml_files(f))
+        .map(|p| p.display().to_string())
+        .collect();
     assert!(files.len() >= 7, "{files:?}");
     let arguments: Vec<&str> = std::iter::once("check").chain(files.iter().map(String::as_str)).collect();
     let answer = json(&arguments);
@@ -123,6 +126,7 @@ fn every_shipped_file_is_right() {
         let is_path = |name: &str| file.ends_with(name);
         let expected = match file {
             _ if file.starts_with("models") => "model",
+            _ if file.starts_with("scenarios/studies") => "study",
             _ if ["u-turn.toml", "cycle.toml"].into_iter().any(is_path) => "path",
             _ => "scenario",
         };

@@ -13,3 +13,4 @@ mod gate;
 mod import;
 mod messages;
 mod reproduce;
+mod study;

@@ -223,6 +223,14 @@ impl Hull {
         bounds
     }
 
+    /// Distance between the two hulls, m, if it is below `reach` (m); negative: depth of their overlap.
+    pub fn gap(&self, at: &Placement, other: &Self, there: &Placement, reach: f64) -> Option<f64> {
+        let ((own, offset), (shape, place)) = (self.shape(), other.shape());
+        let pose = |at: &Placement, offset: Isometry3<f64>| -> Pose { (at.isometry() * offset).into() };
+        let found = query::contact(&pose(at, offset), &*own.0, &pose(there, place), &*shape.0, reach.max(0.0));
+        found.ok().flatten().map(|contact| contact.dist)
+    }
+
     /// Whether the distance between the two hulls is below `margin` (m).
     pub fn within(&self, at: &Placement, other: &Self, there: &Placement, margin: f64) -> bool {
         match (&self.solid, &other.solid) {

@@ -85,6 +85,17 @@ pub struct Cell {
     queries: usize,
 }
 
+/// Distance between a link of the robot and an object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Clearance {
+    /// Link.
+    pub link: ContactBody,
+    /// Object.
+    pub other: ContactBody,
+    /// Distance, m; negative: depth of the overlap.
+    pub distance: f64,
+}
+
 impl Cell {
     /// Contact solver with `objects` around a robot.
     ///
@@ -175,6 +186,28 @@ impl Cell {
     /// Name of the object in the gripper.
     pub fn held(&self) -> Option<&str> {
         self.robot.grip.map(|g| self.world.objects[g.object].object.name.as_str())
+    }
+
+    /// Least distance between the robot and an object other than those in `without` (their indices), if any is closer
+    /// than `reach` (m), with the sockets closed.
+    pub fn clearance(&mut self, motion: &Motion, reach: f64, without: &[usize]) -> Option<Clearance> {
+        let Self { world, robot, neighbours, listed, .. } = self;
+        neighbours.look(world, robot, motion, SocketSet::ALL, reach);
+        let mut least: Option<Clearance> = None;
+        for &(first, second) in &neighbours.pairs {
+            let Collider::Object(object) = second else { continue };
+            if object >= *listed || without.contains(&object) || robot.owns(second) {
+                continue;
+            }
+            let Some(link) = robot.placed(world, first, motion) else { continue };
+            let other = &world.objects[object];
+            let within = least.as_ref().map_or(reach, |l| l.distance);
+            let Some(distance) = link.hull.gap(&link.at, &other.hull, &other.at, within) else { continue };
+            if distance < within {
+                least = Some(Clearance { link: robot.named(first), other: ContactBody::Object(object), distance });
+            }
+        }
+        least
     }
 
     /// Momentum (N·s), and angular momentum about the origin of the inertial frame (N·m·s), of the free objects.

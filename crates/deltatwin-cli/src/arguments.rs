@@ -4,7 +4,7 @@
 use crate::command::replay;
 use crate::command::{
     add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
-    shell, simulate,
+    shell, simulate, study,
 };
 use clap::{Parser, Subcommand};
 
@@ -39,6 +39,7 @@ pub enum Command {
     Effects(effects::Args),
     Forces(forces::Args),
     Plan(plan::Args),
+    Study(study::Args),
     #[cfg(feature = "viewer")]
     Replay(replay::Args),
     Check(check::Args),

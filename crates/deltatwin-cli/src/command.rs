@@ -20,3 +20,4 @@ pub mod replay;
 pub mod reproduce;
 pub mod shell;
 pub mod simulate;
+pub mod study;

@@ -13,7 +13,9 @@ use deltatwin::recording::Recording;
 use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};
-use deltatwin_io::{model, scenario};
+use deltatwin_io::{model, scenario, study};
+use deltatwin_study::conduct::Conduct;
+use deltatwin_validation::exam::experiment::Experiments;
 
 /// A valid file.
 #[derive(Clone, Debug)]
@@ -41,6 +43,7 @@ pub fn check_as(path: &Path, how: &Reading, model: Option<&Model>) -> miette::Re
     let (summary, warnings) = match kind {
         Kind::Model => (summary(&model::read(path)?), Vec::new()),
         Kind::Scenario => (scenario(path)?, Vec::new()),
+        Kind::Study => (study(path)?, Vec::new()),
         Kind::Path => (planned_path(path)?, Vec::new()),
         Kind::Setup => (setup(&setup::read(path)?), Vec::new()),
         Kind::Recording => unreachable!("recordings are done with above"),
@@ -63,6 +66,25 @@ fn scenario(path: &Path) -> miette::Result<String> {
         planning.name,
         payload(&scenario.setup),
         if scenario.noise { "noisy" } else { "no noise" },
+    ))
+}
+
+fn study(path: &Path) -> miette::Result<String> {
+    let study = study::read(path, deltatwin_cell::mesh::read)?;
+    if study.experiment.is_some() {
+        let experiments = Experiments::new(study, Path::new(""))?;
+        return Ok(format!("experiments of the diagnosis, {} of them.", experiments.runs()));
+    }
+    let conduct = Conduct::new(study, Path::new(""))?;
+    let study = &conduct.study;
+    let names: Vec<&str> = study.factors.iter().map(|f| f.name.as_str()).collect();
+    let most = if conduct.is_search() { "at most " } else { "" };
+    Ok(format!(
+        "{} of {} on {}, {most}{} rows; every factor fits at both ends of its range.",
+        study.design.name(),
+        names.join(", "),
+        study.scenario().file_name().unwrap_or_default().to_string_lossy(),
+        conduct.runs(),
     ))
 }
 

@@ -13,7 +13,7 @@ use clap::Parser;
 use clap::error::{ContextKind, ContextValue};
 use command::{
     add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
-    shell, simulate,
+    shell, simulate, study,
 };
 use miette::MietteHandlerOpts;
 
@@ -88,6 +88,7 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Plan(args) => plan::run(args),
         #[cfg(feature = "viewer")]
         Command::Replay(args) => command::replay::run(args),
+        Command::Study(args) => study::run(args),
         Command::Check(args) => check::run(args),
         Command::Completions(args) => shell::completions(args),
         Command::Man(args) => shell::man(args),

@@ -14,6 +14,8 @@ pub enum Kind {
     Model,
     /// Description of a run.
     Scenario,
+    /// Description of many runs.
+    Study,
     /// Path along which a motion is planned.
     Path,
     /// Setup of a measurement.
@@ -27,6 +29,7 @@ impl std::fmt::Display for Kind {
         f.pad(match self {
             Self::Model => "model",
             Self::Scenario => "scenario",
+            Self::Study => "study",
             Self::Path => "path",
             Self::Setup => "setup",
             Self::Recording => "recording",
@@ -56,14 +59,15 @@ pub fn kind(path: &Path) -> Result<Kind> {
     Kind::by_keys(table.get_ref()).ok_or_else(|| {
         miette!(
             "{}: is TOML of no kind that is known; expected a model ([geometry], [bodies], …), a scenario (model, \
-             duration, [motion], …), a path ([path], [limits], …) or a setup (configuration, [payload], …)",
+             duration, [motion], …), a study ([[factors]], [design]), a path ([path], [limits], …) or a setup (configuration, [payload], …)",
             path.display()
         )
     })
 }
 
 /// Keys that only one kind of TOML file has at its top, in the order in which they decide.
-const KEYS: [(Kind, &[&str]); 4] = [
+const KEYS: [(Kind, &[&str]); 5] = [
+    (Kind::Study, &["factors", "design"]),
     (Kind::Model, &["mechanism", "geometry", "bodies", "drives", "effects", "assembled"]),
     (Kind::Path, &["path", "limits", "search"]),
     (Kind::Scenario, &["motion", "duration", "controller_model", "model", "substeps"]),

@@ -7,5 +7,6 @@ pub mod plan;
 pub mod recording;
 pub mod scenario;
 mod source;
+pub mod study;
 
 pub use source::Problem;

@@ -126,7 +126,10 @@ fn parse_with(text: &str, path: &Path, given: Limits, meshes: MeshReader) -> Res
         return Err(file.problem(0..0, "[path] is missing; expected the path to follow".into()).into());
     };
     let setup = match &document.payload {
-        Some(keys) => Setup { payload: payload(file, keys)?.0, ..Setup::default() },
+        Some(keys) => {
+            file.foreign("payload.drag_factor", &keys.drag_factor, "a path; the model's payload_drag acts in plans")?;
+            Setup { payload: payload(file, keys)?.0, ..Setup::default() }
+        }
         None => Setup::default(),
     };
     let limits = limits(file, &document.limits, given)?;

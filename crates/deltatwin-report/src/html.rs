@@ -52,6 +52,47 @@ impl Report {
         self.push(format!("<h2>{}</h2>", escape(text)))
     }
 
+    /// Adds a section heading that links can address as `#id`; `id` consists of letters, digits and hyphens.
+    pub fn anchored(&mut self, id: &str, text: &str) -> &mut Self {
+        self.push(format!("<h2 id=\"{}\">{}</h2>", escape(id), escape(text)))
+    }
+
+    /// Adds a row of links to headings, as pairs of id and text.
+    pub fn contents(&mut self, links: &[(String, String)]) -> &mut Self {
+        let link = |(id, text): &(String, String)| format!("<a href=\"#{}\">{}</a>", escape(id), escape(text));
+        let links: Vec<String> = links.iter().map(link).collect();
+        self.push(format!("<nav>{}</nav>", links.join("\n")))
+    }
+
+    /// Adds large numbers side by side: value, label, note.
+    pub fn tiles(&mut self, tiles: &[[&str; 3]]) -> &mut Self {
+        let tile = |[value, label, note]: &[&str; 3]| {
+            let (value, label, note) = (escape(value), escape(label), escape(note));
+            format!("<div><b>{value}</b><span>{label}</span><small>{note}</small></div>")
+        };
+        let tiles: Vec<String> = tiles.iter().map(tile).collect();
+        self.push(format!("<div class=\"tiles\">\n{}\n</div>", tiles.join("\n")))
+    }
+
+    /// Adds lines to be typed into a terminal.
+    pub fn commands(&mut self, text: &str) -> &mut Self {
+        self.push(format!("<pre>{}</pre>", escape(text)))
+    }
+
+    /// Adds a table of texts that becomes one card per row on a narrow screen.
+    pub fn cards<R: AsRef<[String]>>(&mut self, headers: &[&str], rows: &[R]) -> &mut Self {
+        let head: String = headers.iter().map(|h| format!("<th>{}</th>", escape(h))).collect();
+        let cell =
+            |(header, text): (&&str, &String)| format!("<td data-label=\"{}\">{}</td>", escape(header), escape(text));
+        let row = |row: &R| {
+            let cells: String = headers.iter().zip(row.as_ref()).map(cell).collect();
+            format!("<tr>{cells}</tr>\n")
+        };
+        let body: String = rows.iter().map(row).collect();
+        let table = format!("<table class=\"cards\">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>");
+        self.push(table)
+    }
+
     /// Adds a paragraph; an empty line in `text` starts another.
     pub fn paragraph(&mut self, text: &str) -> &mut Self {
         for part in text.split("\n\n").filter(|p| !p.trim().is_empty()) {
@@ -99,7 +140,7 @@ impl Report {
         self.figures += 1;
         let (n, svg, caption) = (self.figures, figure.svg(), escape(caption));
         self.push(format!(
-            "<figure id=\"figure-{n}\">\n{svg}\n<figcaption><b>Figure {n}.</b> {caption}</figcaption>\n</figure>"
+            "<figure id=\"figure-{n}\">\n<div class=\"drawing\">{svg}</div>\n<figcaption><b>Figure {n}.</b> {caption}</figcaption>\n</figure>"
         ))
     }
 
@@ -175,7 +216,7 @@ fn numeric(text: &str) -> bool {
 }
 
 const CSS: &str = "
-:root { color-scheme: light; }
+:root { color-scheme: light dark; }
 * { box-sizing: border-box; }
 body { margin: 0; background: #fff; color: #22262b; font: 16px/1.55 system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif; }
 main { max-width: 1000px; margin: 0 auto; padding: 2rem 1.5rem 4rem; }
@@ -196,11 +237,59 @@ th.n, td.n { text-align: right; padding: .35rem .2rem .35rem .9rem; white-space:
 .callout.good { border-color: #009e73; background: #eff9f6; }
 .callout.warning { border-color: #e69f00; background: #fdf7ea; }
 .callout.bad { border-color: #c0392b; background: #fcf1f0; }
+nav { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem; margin: 1rem 0; font-size: .93rem; }
+a { color: #00629b; }
+pre { background: #f4f6f8; padding: .7rem 1rem; overflow-x: auto; font-size: .87rem; line-height: 1.5; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(11rem, 1fr)); gap: .8rem; margin: 1.2rem 0; }
+.tiles div { border: 1px solid #d5dae0; border-radius: 6px; padding: .6rem .8rem; display: flex; flex-direction: column; }
+.tiles b { font-size: 1.5rem; line-height: 1.25; font-variant-numeric: tabular-nums; }
+.tiles small { color: #5a626b; }
+table.cards { width: 100%; margin: 1rem 0; }
+table.cards td { padding-right: 1.1rem; }
+@media (max-width: 700px) {
+  main { padding: 1.2rem .8rem 3rem; }
+  h1 { font-size: 1.45rem; }
+  .drawing { overflow-x: auto; }
+  figure svg { min-width: 700px; }
+  figcaption { margin-left: 0; }
+  .tiles { grid-template-columns: repeat(auto-fit, minmax(8.5rem, 1fr)); }
+  table.cards thead { display: none; }
+  table.cards tr { display: block; border: 1px solid #d5dae0; border-radius: 6px; margin: .8rem 0; padding: .3rem .8rem; }
+  table.cards td { display: grid; grid-template-columns: 6.5rem 1fr; gap: .6rem; border: 0; padding: .25rem 0; }
+  table.cards td::before { content: attr(data-label); color: #5a626b; }
+}
+@media screen and (prefers-color-scheme: dark) {
+  body { background: #14171a; color: #e2e6ea; }
+  header, th { border-color: #8a939c; }
+  td, .tiles div, table.cards tr { border-color: #3a4149; }
+  a { color: #6cbcf0; }
+  pre { background: #1f2429; }
+  .subtitle, figcaption, .tiles small, table.cards td::before { color: #a7b0b9; }
+  .callout { background: #16242f; }
+  .callout.good { background: #12291f; }
+  .callout.warning { background: #2e2613; }
+  .callout.bad { background: #331a17; }
+  figure svg :not(text)[fill='#FFFFFF'] { fill: #14171a; }
+  figure svg :not(text)[stroke='#FFFFFF'] { stroke: #14171a; }
+  figure svg [fill='#22262B'] { fill: #e2e6ea; }
+  figure svg [stroke='#22262B'] { stroke: #e2e6ea; }
+  figure svg [fill='#5A626B'] { fill: #a7b0b9; }
+  figure svg [stroke='#5A626B'] { stroke: #a7b0b9; }
+  figure svg [stroke='#E3E6EA'] { stroke: #2b3138; }
+  figure svg [stroke='#F0F2F4'] { stroke: #22272c; }
+  figure svg [stroke='#B4BAC1'] { stroke: #57606a; }
+  figure svg [fill='#B4BAC1'] { fill: #57606a; }
+  figure svg [fill='#3B3B3B'] { fill: #8a9299; }
+  figure svg [stroke='#3B3B3B'] { stroke: #8a9299; }
+  figure svg [fill='#0072B2'] { fill: #2b86d0; }
+  figure svg [stroke='#0072B2'] { stroke: #2b86d0; }
+}
 @media print {
   body { font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
-  figure, .callout, tr { break-inside: avoid; }
-  h2 { break-after: avoid; }
+  figure, .callout, tr, .tiles div { break-inside: avoid; }
+  nav { display: none; }
+  h2, h2 + p { break-after: avoid; }
   .callout { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
 ";

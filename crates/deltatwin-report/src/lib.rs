@@ -3,9 +3,11 @@
 pub mod drawing;
 pub mod figure;
 pub mod html;
+pub mod study;
 
 pub use figure::{
     Cell, Color, Curve, ErrorGroup, Figure, Marker, Panel, RankRow, Rate, StackedBar, Style, falling_error, matrix,
     panels, ranking, rates, scatter_binned, spectrum, stacked, time_series,
 };
 pub use html::{Callout, Report};
+pub use study::{FmeaRow, KeyNumber, StudyPage, StudySection, study_page};

@@ -11,3 +11,6 @@ pub mod run;
 
 // Sensitivity indices, rare events, intervals.
 pub mod statistics;
+
+// A study from its file to its table.
+pub mod conduct;

@@ -75,6 +75,32 @@ impl Course {
         }
     }
 
+    /// The same motion in 1/`scale` of the time: speeds times `scale`, accelerations times its square, jerks times its
+    /// cube, rests and periods divided by it. A random series keeps its share of the limits.
+    pub fn faster(&self, scale: f64) -> Self {
+        let mut course = self.clone();
+        match &mut course {
+            Self::RandomFourier { frequency, .. } => *frequency *= scale,
+            Self::Fourier(series) => series.frequency *= scale,
+            Self::Path(path) => {
+                path.speed *= scale;
+                path.acceleration *= scale.powi(2);
+                path.jerk *= scale.powi(3);
+                path.dwell /= scale;
+            }
+            Self::Table(table) => table.t.iter_mut().for_each(|t| *t /= scale),
+            Self::ConstantSpeed(runs) => {
+                runs.speeds.iter_mut().for_each(|v| *v *= scale);
+                runs.acceleration *= scale.powi(2);
+            }
+            Self::StaticPoses(poses) => {
+                poses.hold /= scale;
+                poses.travel /= scale;
+            }
+        }
+        course
+    }
+
     /// The motion over time for a machine like `planning` in the configuration of `setup`.
     ///
     /// # Errors
@@ -85,6 +111,14 @@ impl Course {
         let motion = self.motion(planning, &plant)?;
         motion.check(planning, &plant.geometry)?;
         Ok(motion)
+    }
+
+    /// The motion as by [`Self::on`], but not checked: it may leave the workspace or exceed speeds.
+    ///
+    /// # Errors
+    /// A [`MotionError`] if the motion needs a platform that the machine does not have, or a start that is out of reach.
+    pub fn unchecked(&self, planning: &Model, setup: &Setup) -> Result<DesiredMotion, MotionError> {
+        self.motion(planning, &Plant::new(planning, setup))
     }
 
     /// The motion over time on a machine like `plant`, built from `planning`; not yet checked.

@@ -87,12 +87,12 @@ pub(super) struct Solution {
 }
 
 impl Solution {
-    /// The part of the solution on which laws may depend.
-    pub fn answer(&self) -> Answer {
+    /// Writes the part of the solution on which laws may depend, without the accelerations of the bodies.
+    pub fn write(&self, answer: &mut Answer) {
         let rate = self.nu_rate.as_slice();
-        let drives = std::array::from_fn(|axis| rate[axis]);
-        let platform = Vector3::new(rate[4], rate[5], rate[6]);
-        Answer { reactions: self.reactions, drives, platform, ..Answer::default() }
+        answer.reactions = self.reactions;
+        answer.drives = std::array::from_fn(|axis| rate[axis]);
+        answer.platform = Vector3::new(rate[4], rate[5], rate[6]);
     }
 }
 

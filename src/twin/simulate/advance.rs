@@ -5,12 +5,13 @@ use nalgebra::{Rotation3, Vector3};
 use super::{INSTANT, Run};
 use crate::kinematics::Motion;
 use crate::machine::STRUTS;
-use crate::machine::bodies::STRUT;
+use crate::machine::bodies::{END_EFFECTOR, STRUT};
 use crate::numerics::{halvings, try_bisect};
 use crate::twin::contacts::ContactBody;
 use crate::twin::sockets::socket_name;
+use crate::twin::trace::{Dislocation, Impact};
 use crate::twin::wrench::{Load, STILL};
-use crate::twin::{Event, EventKind, SingularPose, stops};
+use crate::twin::{Event, EventKind, SingularPose, energy, stops};
 
 /// Time resolution of a dislocation, s.
 const EVENT_TIME: f64 = 1e-7;
@@ -63,7 +64,7 @@ impl Run<'_> {
             self.twin.set_external(Load::NONE);
             return h;
         }
-        let n = (h / contacts.longest_step()).ceil().max(1.0);
+        let n = (h / (self.options.contact_steps * contacts.longest_step())).ceil().max(1.0);
         let h = h / n;
         // Wrenches are linear up to their values at the end of the step, so that reactions are continuous in time.
         let ahead = extrapolated(&motion, h);
@@ -75,17 +76,30 @@ impl Run<'_> {
             Load::ramp(t, &self.contact, &next, h)
         };
         self.twin.set_external(load);
-        self.note_touches(t);
+        self.note_touches(t, &motion);
         h
     }
 
     /// Records the contacts that are new since the last solution.
-    fn note_touches(&mut self, t: f64) {
-        let Self { contacts: Some(contacts), touching, report, .. } = self else { return };
+    fn note_touches(&mut self, t: f64, motion: &Motion) {
+        let Self { contacts: Some(contacts), touching, report, twin, .. } = self else { return };
         for touch in contacts.touches() {
             if begins(touching, Meeting::Contact(touch.link, touch.other), t) {
-                let what = format!("{} touches {}", contacts.name(touch.link), contacts.name(touch.other));
+                let names = [contacts.name(touch.link), contacts.name(touch.other)];
+                let what = format!("{} touches {}", names[0], names[1]);
                 report.events.push(Event { t, kind: EventKind::Contact, what });
+                // A held object is part of the end effector.
+                let link = if let ContactBody::Link(link) = touch.link { link } else { END_EFFECTOR };
+                let body = &motion.bodies[link];
+                report.impacts.push(Impact {
+                    t,
+                    link: touch.link,
+                    other: touch.other,
+                    names,
+                    position: body.position,
+                    velocity: body.velocity,
+                    kinetic_energy: energy::of_body(&twin.plant().bodies[link], body),
+                });
             }
         }
     }
@@ -130,6 +144,14 @@ impl Run<'_> {
             let (hold, left) = (self.clamps.hold[socket], (margins[socket] + load.across).max(0.0));
             self.report.see_strut_forces(&snapshot.reactions);
             self.report.min_margin[socket] = self.report.min_margin[socket].min(margins[socket]);
+            self.report.dislocations.push(Dislocation {
+                t,
+                socket,
+                across: load.across,
+                hold: left,
+                pull: load.pull,
+                kinetic_energy: self.kinetic_energy(),
+            });
             self.event(
                 t,
                 EventKind::Dislocation,

@@ -3,12 +3,12 @@
 use super::{Run, pose};
 use crate::cell::CellError;
 use crate::dynamics::{Plant, inverse_dynamics};
-use crate::kinematics::{JointState, KinematicsError, Motion, SocketSet, Target};
+use crate::kinematics::{JointState, KinematicsError, Motion, Target};
 use crate::machine::bodies::{BODIES, body_name};
 use crate::machine::{ARMS, AXES, Setup};
 use crate::model::Model;
 use crate::recording::Signals;
-use crate::twin::contacts::{ContactWork, Contacts, Surroundings};
+use crate::twin::contacts::{Contacts, Surroundings};
 use crate::twin::controller::Controller;
 use crate::twin::machine::{Checkpoint, Twin};
 use crate::twin::sensors::Sensors;
@@ -79,24 +79,7 @@ impl<'a> Run<'a> {
             frames: 0,
             watched: 0,
             signals: Signals { mechanism: model.mechanism, ..Signals::default() },
-            report: Report {
-                simulated: 0.0,
-                steps: 0,
-                solutions: 0,
-                corrections: 0,
-                contacts: ContactWork::default(),
-                max_loop_gap: 0.0,
-                max_loop_rate: 0.0,
-                energy_error: 0.0,
-                peak_strut_force: 0.0,
-                min_margin: clamps.hold,
-                tracking_error: [0.0; AXES],
-                events: Vec::new(),
-                frames: Vec::new(),
-                closed: SocketSet::ALL,
-                kinetic_energy: 0.0,
-                unconverged: 0.0,
-            },
+            report: Report { min_margin: clamps.hold, ..Report::default() },
         })
     }
 }

@@ -11,13 +11,16 @@ use deltatwin::model::Model;
 use deltatwin::recording::Recording;
 use deltatwin::text::significant;
 use deltatwin_io::{model, recording};
+use deltatwin_study::campaign::{Campaign as Rows, CampaignError as Stopped, Chunk, Digest, Row};
 use deltatwin_validation::exam::campaign::{Campaign, CampaignError, Case, campaign, hideable, quiet_campaign};
 use deltatwin_validation::exam::motion::MotionKind;
 use deltatwin_validation::exam::noise::Noise;
 use deltatwin_validation::exam::plan::{NOTHING, Plan, seed};
 use deltatwin_validation::exam::score::{Judged, Score};
 use deltatwin_validation::exam::size::Size;
-use deltatwin_validation::exam::{Grade, figures, folder, judge};
+use deltatwin_validation::exam::{Grade, experiment, figures, folder, judge};
+
+use super::study::progress::Progress;
 
 /// Examine the diagnosis: hide effects in a robot, judge what is said about it, count.
 ///
@@ -78,6 +81,12 @@ pub struct Args {
     /// Draws everything.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Make and judge chunk K of N only, for example on one of several machines with a common folder.
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["judge", "merge", "no_answers"])]
+    pub chunk: Option<Chunk>,
+    /// Put the chunks together.
+    #[arg(long, conflicts_with_all = ["judge", "no_answers"])]
+    pub merge: bool,
     /// Only make the campaigns.
     #[arg(long, conflicts_with = "judge")]
     pub no_answers: bool,
@@ -99,13 +108,18 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     }
     let plan = plan(args, &model)?;
     catch_interrupt()?;
-    let (root, folders) = match &args.judge {
-        Some(root) => (root, folder::campaigns(root).into_diagnostic()?),
-        None => (&args.output, make(args, &plan.cases(), &model)?),
-    };
-    let mut judged = if args.no_answers { Vec::new() } else { answers(args, &folders, &model)? };
-    if args.judge.is_none() && !args.no_answers {
-        judged.extend(fast(args, &plan, &model)?);
+    let root = args.judge.as_ref().unwrap_or(&args.output);
+    let (mut folders, mut judged) = (Vec::new(), Vec::new());
+    if args.judge.is_some() {
+        judged = answers(args, &folder::campaigns(root).into_diagnostic()?, &model)?;
+    } else if args.no_answers {
+        folders = make(args, &plan.cases(), &model)?;
+    } else {
+        judged = conducted(args, &plan, &model)?;
+        if args.chunk.is_some() && !interrupted() {
+            say("Next, when all chunks are there: the same command with --merge in place of --chunk")?;
+            return Ok(DONE);
+        }
     }
     if interrupted() {
         eprintln!("interrupted; the same command goes on");
@@ -191,43 +205,113 @@ fn each<T: Sync, R: Send>(
 /// Makes the missing campaigns and returns their folders. A robot that cannot move with its hidden effects is
 /// omitted.
 fn make(args: &Args, cases: &[(String, Case)], model: &Model) -> miette::Result<Vec<PathBuf>> {
-    let folders = each("make", cases, |(name, case)| {
-        let folder = args.output.join(name);
-        if folder.join(folder::TRUTH).is_file() {
-            return Ok(Some(folder));
-        }
-        match campaign(model, case, &|_, _| {}) {
-            Ok(campaign) => folder::write(&folder, &campaign).into_diagnostic()?,
-            Err(CampaignError::Simulation(e)) => {
-                warn(&[format!("{name}: left out, the robot cannot be simulated: {e}")]);
-                return Ok(None);
-            }
-            Err(e) => return Err(miette!("{name}: {e}")),
-        }
-        Ok(Some(folder))
-    })?;
+    let folders = each("make", cases, |case| made(args, case, model))?;
     Ok(folders.into_iter().flatten().collect())
+}
+
+/// Makes a campaign if it is missing and returns its folder; `None` if the robot cannot be simulated.
+fn made(args: &Args, (name, case): &(String, Case), model: &Model) -> miette::Result<Option<PathBuf>> {
+    let folder = args.output.join(name);
+    if folder.join(folder::TRUTH).is_file() {
+        return Ok(Some(folder));
+    }
+    match campaign(model, case, &|_, _| {}) {
+        Ok(campaign) => folder::write(&folder, &campaign).into_diagnostic()?,
+        Err(CampaignError::Simulation(e)) => {
+            warn(&[format!("{name}: left out, the robot cannot be simulated: {e}")]);
+            return Ok(None);
+        }
+        Err(e) => return Err(miette!("{name}: {e}")),
+    }
+    Ok(Some(folder))
+}
+
+/// Makes and judges all campaigns of a plan on the engine of the studies, and writes their table; what has an answer in
+/// its folder is taken from there.
+fn conducted(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> {
+    let cases = plan.cases();
+    let robots = if args.merge { Vec::new() } else { robots(args, plan, model)? };
+    let runs = cases.len() as u64 + args.fast_null;
+    let one = |run: u64| -> miette::Result<(String, Option<Judged>)> {
+        match cases.get(run as usize) {
+            Some(case) => {
+                let folder = made(args, case, model)?;
+                let judged = folder.map(|folder| answer(args, &folder, model)).transpose()?.flatten();
+                Ok((case.0.clone(), judged))
+            }
+            None => fast(args, (run - cases.len() as u64, &robots), model).map(|j| (j.name.clone(), Some(j))),
+        }
+    };
+    // The folders hold what was done: rows of an earlier plan are made of them again.
+    let source = model.source.as_deref().unwrap_or_default();
+    let planned = format!("{plan:?} {}", args.fast_null);
+    let digest = Digest::of([("exam", planned.as_bytes()), ("model", source.as_bytes())]);
+    let table = Rows {
+        folder: args.output.clone(),
+        digest,
+        headings: experiment::exam_headings(),
+        metadata: vec![("exam".into(), planned)],
+    };
+    if args.chunk.is_none() && !args.merge {
+        table.clear()?;
+    }
+    if !args.merge {
+        let chunk = args.chunk.unwrap_or(Chunk::WHOLE);
+        let range = chunk.range(runs);
+        let right = table.headings.iter().position(|h| h.name == "right");
+        let progress = Progress::new(range.end - range.start, (right, "not right"));
+        let row = |run: u64| -> Row {
+            let (name, judged) = one(run)?;
+            Ok(experiment::exam_row(run, &name, judged.as_ref()))
+        };
+        let end = table.chunk(chunk, runs, &row, &progress);
+        progress.finish();
+        match end {
+            Err(Stopped::Interrupted) => return Ok(Vec::new()),
+            end => end?,
+        }
+        if args.chunk.is_some() {
+            return Ok(Vec::new());
+        }
+    }
+    table.merge(Some(runs))?;
+    if args.chunk.is_none() && !args.merge {
+        table.remove_parts()?;
+    }
+    let names = cases.iter().map(|(name, _)| name.clone()).chain((0..args.fast_null).map(|k| fast_name(args, k)));
+    let folders = names.map(|name| args.output.join(name)).filter(|folder| folder.join(folder::ANSWER).is_file());
+    folders.map(|folder| graded(&folder)).collect()
+}
+
+/// The grade of the answer in a folder.
+fn graded(folder: &Path) -> miette::Result<Judged> {
+    let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
+    let truth = folder::read_truth(folder).into_diagnostic()?;
+    let answer = folder::read_answer(folder).into_diagnostic()?;
+    Ok(Judged::new(name, truth, answer.unwrap_or_default()))
 }
 
 /// Graded campaigns; those without an answer are diagnosed first.
 fn answers(args: &Args, folders: &[PathBuf], model: &Model) -> miette::Result<Vec<Judged>> {
-    each("judge", folders, |folder| {
-        let truth = folder::read_truth(folder).into_diagnostic()?;
-        let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-        if !args.force
-            && let Some(answer) = folder::read_answer(folder).into_diagnostic()?
-        {
-            return Ok(Some(Judged::new(name, truth, answer)));
-        }
-        let Some(recordings) = recordings(folder, model)? else {
-            warn(&[format!("{name}: left out, without recordings it cannot be judged")]);
-            return Ok(None);
-        };
-        let answer = judge::judge(model, &recordings);
-        folder::write_answer(folder, &answer).into_diagnostic()?;
-        Ok(Some(Judged::new(name, truth, answer)))
-    })
-    .map(|judged| judged.into_iter().flatten().collect())
+    each("judge", folders, |folder| answer(args, folder, model)).map(|judged| judged.into_iter().flatten().collect())
+}
+
+/// The grade of a campaign, which is diagnosed if it has no answer; `None` without recordings.
+fn answer(args: &Args, folder: &Path, model: &Model) -> miette::Result<Option<Judged>> {
+    let truth = folder::read_truth(folder).into_diagnostic()?;
+    let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
+    if !args.force
+        && let Some(answer) = folder::read_answer(folder).into_diagnostic()?
+    {
+        return Ok(Some(Judged::new(name, truth, answer)));
+    }
+    let Some(recordings) = recordings(folder, model)? else {
+        warn(&[format!("{name}: left out, without recordings it cannot be judged")]);
+        return Ok(None);
+    };
+    let answer = judge::judge(model, &recordings);
+    folder::write_answer(folder, &answer).into_diagnostic()?;
+    Ok(Some(Judged::new(name, truth, answer)))
 }
 
 /// Both recordings of a campaign; `None` if they were not kept.
@@ -241,10 +325,9 @@ fn recordings(folder: &Path, model: &Model) -> miette::Result<Option<[Recording;
     Ok(Some([read(&first)?, read(&second)?]))
 }
 
-/// Graded campaigns without hidden effects that differ in their noise; truth and answer are written, recordings are
-/// not.
-fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> {
-    let robots = each("make", &(0..FAST_ROBOTS.min(args.fast_null)).collect::<Vec<_>>(), |k| {
+/// The robots whose recordings the fast campaigns share.
+fn robots(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Campaign>> {
+    each("make", &(0..FAST_ROBOTS.min(args.fast_null)).collect::<Vec<_>>(), |k| {
         let robot = Plan {
             effects: Vec::new(),
             null: 1,
@@ -254,24 +337,31 @@ fn fast(args: &Args, plan: &Plan, model: &Model) -> miette::Result<Vec<Judged>> 
         };
         let (name, case) = robot.cases().remove(0);
         quiet_campaign(model, &case, &[], &|_, _| {}).map_err(|e| miette!("{name}: {e}"))
-    })?;
-    let numbers: Vec<u64> = (0..args.fast_null).collect();
-    each("judge", if interrupted() { &[] } else { &numbers }, |k| {
-        let noise = args.noise[*k as usize % args.noise.len()];
-        let name = format!("{NOTHING}-fast-{noise}-{}", k + 1);
-        let folder = args.output.join(&name);
-        let there = !args.force && folder.join(folder::TRUTH).is_file();
-        if there && let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
-            return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
-        }
-        // All combinations of noise kinds and robots occur.
-        let robot: &Campaign = &robots[(*k as usize / args.noise.len()) % robots.len()];
-        let case = Case { seed: seed(args.seed, &name), noise, ..robot.case.clone() };
-        let answer = judge::judge(model, &robot.noisy(&case));
-        folder::write_truth(&folder, &folder::truth(robot, &case)).into_diagnostic()?;
-        folder::write_answer(&folder, &answer).into_diagnostic()?;
-        Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer))
     })
+}
+
+/// Name of a fast campaign.
+fn fast_name(args: &Args, k: u64) -> String {
+    format!("{NOTHING}-fast-{}-{}", args.noise[k as usize % args.noise.len()], k + 1)
+}
+
+/// A graded campaign without hidden effects that differs from others in its noise; truth and answer are written,
+/// recordings are not.
+fn fast(args: &Args, (k, robots): (u64, &[Campaign]), model: &Model) -> miette::Result<Judged> {
+    let noise = args.noise[k as usize % args.noise.len()];
+    let name = fast_name(args, k);
+    let folder = args.output.join(&name);
+    let there = !args.force && folder.join(folder::TRUTH).is_file();
+    if there && let Some(answer) = folder::read_answer(&folder).into_diagnostic()? {
+        return Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer));
+    }
+    // All combinations of noise kinds and robots occur.
+    let robot = &robots[(k as usize / args.noise.len()) % robots.len()];
+    let case = Case { seed: seed(args.seed, &name), noise, ..robot.case.clone() };
+    let answer = judge::judge(model, &robot.noisy(&case));
+    folder::write_truth(&folder, &folder::truth(robot, &case)).into_diagnostic()?;
+    folder::write_answer(&folder, &answer).into_diagnostic()?;
+    Ok(Judged::new(name, folder::read_truth(&folder).into_diagnostic()?, answer))
 }
 
 fn print(score: &Score, judged: &[Judged]) -> miette::Result<()> {

@@ -241,7 +241,7 @@ fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
 fn job(file: &Path, args: &Args) -> miette::Result<Job> {
     let scenario = scenario::read_with(file, deltatwin_cell::mesh::read)?;
     let machine_file = args.model.as_ref().unwrap_or(&scenario.model);
-    let machine = model::read(machine_file)?;
+    let machine = scenario.machine(&model::read(machine_file)?);
     // The controller's model is independent of the machine: the same motion drives both.
     let planning = match scenario.controller_model.as_ref().unwrap_or(&scenario.model) {
         same if same == machine_file => machine.clone(),
@@ -278,7 +278,7 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
 
 fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
     let Job { scenario, machine, planning, motion, options, .. } = job;
-    let controller = Plant::new(planning, &scenario.setup);
+    let controller = Plant::new(planning, &scenario.believed_setup());
     let desired = |t: f64| motion.at(t);
     let start = Instant::now();
     let (mut recording, report, failure) =

@@ -54,6 +54,7 @@ struct Load {
     com: [Spanned<f64>; 3],
     inertia_zz: Option<Spanned<f64>>,
     inertia: Option<Spanned<Vec<f64>>>,
+    faces: Option<Spanned<[f64; 3]>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -81,7 +82,7 @@ impl Default for Document {
 
 impl Default for Load {
     fn default() -> Self {
-        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: None, inertia: None }
+        Self { mass: zero(), com: [zero(), zero(), zero()], inertia_zz: None, inertia: None, faces: None }
     }
 }
 
@@ -170,7 +171,11 @@ fn payload(source: &Source, load: &Load) -> Checked<Payload> {
     for (own, c) in com.iter_mut().zip(&load.com) {
         *own = source.within("payload.com", c, Interval(-2.0, 2.0, "m"))?;
     }
-    source.payload(mass, com, vertical, &load.inertia)
+    let mut payload = source.payload(mass, com, vertical, &load.inertia)?;
+    if let Some(faces) = &load.faces {
+        payload.faces = source.numbers("payload.faces", faces, Interval(0.0, 400.0, "m²"))?.into();
+    }
+    Ok(payload)
 }
 
 fn torque_noise(source: &Source, noise: &Noise) -> Checked<Option<[f64; AXES]>> {
@@ -211,12 +216,16 @@ pub(crate) fn payload_to_toml(payload: &Payload) -> String {
         com.z,
         payload.inertia_zz()
     );
-    if *payload != Payload::new(*mass, *com, payload.inertia_zz()) {
+    if payload.tensor != Payload::new(*mass, *com, payload.inertia_zz()).tensor {
         let [xx, yy, zz, xy, xz, yz] = payload.moments();
         let _ = writeln!(
             text,
             "inertia = [ # kg·m², about the COM\n    {xx:?}, {yy:?}, {zz:?}, # xx yy zz\n    {xy:?}, {xz:?}, {yz:?}, # xy xz yz\n]"
         );
+    }
+    let faces = &payload.faces;
+    if faces.norm() > 0.0 {
+        let _ = writeln!(text, "faces = [{:?}, {:?}, {:?}] # m², a box's across x, y, z", faces.x, faces.y, faces.z);
     }
     text
 }
@@ -266,6 +275,9 @@ mod tests {
             torque_noise: Some([0.4, 0.4, 0.4, 0.05]),
         };
         assert_eq!(from_toml(&to_toml(&setup), "x").unwrap(), setup);
+        let box_ = Payload::cuboid(6.0, [0.4, 0.3, 0.2], [0.1, 0.0, 0.1]);
+        let carrying = Setup { payload: box_, ..Setup::default() };
+        assert_eq!(from_toml(&to_toml(&carrying), "x").unwrap(), carrying);
         assert_eq!(from_toml("", "x").unwrap(), Setup::default());
         assert_eq!(from_toml("[payload]\nmass = 2", "x").unwrap().payload.mass, 2.0);
     }

@@ -74,6 +74,7 @@ struct Document {
     formulation: Option<Spanned<String>>,
     gains: Option<machine::GainKeys>,
     payload: Option<cell::LoadKeys>,
+    believed_payload: Option<cell::LoadKeys>,
     #[serde(default)]
     objects: Vec<cell::ObjectKeys>,
     #[serde(default)]
@@ -143,6 +144,8 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
     };
     let (payload, payload_shape) =
         document.payload.as_ref().map_or(Ok(Default::default()), |keys| cell::payload(file, keys))?;
+    let believed_payload = document.believed_payload.as_ref().map(|keys| cell::payload(file, keys)).transpose()?;
+    let drag_factor = document.payload.as_ref().map(|keys| cell::drag_factor(file, keys)).transpose()?.flatten();
     let objects = cell::objects(file, &document.objects)?;
     Ok(Scenario {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -167,6 +170,8 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
         gains: document.gains.as_ref().map_or(Ok(Default::default()), |keys| machine::gains(file, keys))?,
         motion,
         setup: Setup { payload, ..Setup::default() },
+        believed_payload: believed_payload.map(|(payload, _)| payload),
+        drag_factor,
         payload_shape,
         actions: cell::actions(file, &document.actions, &objects, duration)?,
         objects,

@@ -132,6 +132,12 @@ impl Canvas<'_> {
         let _ = self.backend.draw_circle(unit(at), r, &shape(color, alpha, 1.0, true), true);
     }
 
+    /// A hollow dot.
+    pub(super) fn ring(&mut self, at: (f64, f64), radius: f64, color: Color, width: f64) {
+        let r = (radius * UNIT).round().max(1.0) as u32;
+        let _ = self.backend.draw_circle(unit(at), r, &shape(color, 1.0, width, false), false);
+    }
+
     pub(super) fn write(&mut self, text: &str, at: (f64, f64), size: f64, color: Color, align: Align) {
         self.styled(text, at, Lettering::new(size, color, align));
     }

@@ -17,6 +17,7 @@ mod rates;
 mod scatter;
 mod spectrum;
 mod stacked;
+pub mod study;
 #[cfg(test)]
 mod tests;
 mod time_series;

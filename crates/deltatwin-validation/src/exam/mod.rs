@@ -4,6 +4,7 @@
 //! recordings, truth and answer; [`mod@judge`] runs the diagnosis and grades its answer.
 
 pub mod campaign;
+pub mod experiment;
 pub mod figures;
 pub mod folder;
 pub mod judge;

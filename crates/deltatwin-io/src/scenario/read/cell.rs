@@ -15,7 +15,12 @@ use deltatwin::scenario::{Action, ActionKind, PayloadShape};
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct LoadKeys {
-    mass: Spanned<f64>,
+    #[serde(rename = "box")]
+    cuboid: Option<Spanned<[f64; 3]>>,
+    density: Option<Spanned<f64>>,
+    grip: Option<Spanned<[f64; 3]>>,
+    pub(crate) drag_factor: Option<Spanned<f64>>,
+    mass: Option<Spanned<f64>>,
     com: Option<Spanned<[f64; 3]>>,
     inertia_zz: Option<Spanned<f64>>,
     inertia: Option<Spanned<Vec<f64>>>,
@@ -57,12 +62,94 @@ pub(super) struct ActionKeys {
     release: Option<Spanned<bool>>,
 }
 
+/// Largest mass of a payload, kg, and largest density, kg/m³.
+const HEAVIEST: f64 = 100.0;
+const DENSEST: f64 = 25e3;
+/// Rounding of the height at which a box is held, m.
+const FLUSH: f64 = 1e-9;
+
+/// A box: its edges, its mass or density, and the point at which the flange holds it.
+fn cuboid(file: &Source, keys: &LoadKeys, edges: &Spanned<[f64; 3]>) -> Checked<(Payload, PayloadShape)> {
+    let [low, high] = MEASURES;
+    let size = file.numbers("payload.box", edges, Interval(low, high.min(2.0), "m"))?;
+    let context = "a payload that is a box";
+    file.foreign("payload.com", &keys.com, context)?;
+    file.foreign("payload.inertia_zz", &keys.inertia_zz, context)?;
+    file.foreign("payload.inertia", &keys.inertia, context)?;
+    file.foreign("payload.shape", &keys.shape, context)?;
+    file.foreign("payload.size", &keys.size, context)?;
+    file.foreign("payload.radius", &keys.radius, context)?;
+    file.foreign("payload.height", &keys.height, context)?;
+    file.foreign("payload.file", &keys.file, context)?;
+    file.foreign("payload.scale", &keys.scale, context)?;
+    file.foreign("payload.centre", &keys.centre, context)?;
+    let volume: f64 = size.iter().product();
+    let mass = match (&keys.mass, &keys.density) {
+        (Some(mass), None) => file.within("payload.mass", mass, Interval(0.0, HEAVIEST, "kg"))?,
+        (None, Some(density)) => {
+            let mass = file.within("payload.density", density, Interval(0.0, DENSEST, "kg/m³"))? * volume;
+            if mass > HEAVIEST {
+                let message = format!(
+                    "`payload.density` is {}, which makes the box {mass:.1} kg; expected at most {HEAVIEST} kg",
+                    density.get_ref()
+                );
+                return Err(file.problem(density.span(), message));
+            }
+            mass
+        }
+        (Some(_), Some(density)) => {
+            let message = "`payload.density` stands beside `payload.mass`; expected one of them".into();
+            return Err(file.problem(density.span(), message));
+        }
+        (None, None) => {
+            let message = "`payload.box` lacks its mass; expected `mass` or `density` beside it".into();
+            return Err(file.problem(edges.span(), message));
+        }
+    };
+    let top = 0.5 * size[2];
+    let grip = match &keys.grip {
+        None => [0.0, 0.0, top],
+        Some(grip) => {
+            let place = file.numbers("payload.grip", grip, Interval(-2.0, 2.0, "m"))?;
+            if place[2] < top - FLUSH {
+                let message = format!(
+                    "`payload.grip` has z = {}, so that the box would reach above the flange; expected {top} m (its top) \
+                     or more",
+                    place[2]
+                );
+                return Err(file.problem(grip.span(), message));
+            }
+            place
+        }
+    };
+    let payload = Payload::cuboid(mass, size, grip);
+    let shape = PayloadShape { shape: Shape::Box { size: size.into() }, centre: payload.com };
+    Ok((payload, shape))
+}
+
+/// Drag factor c_w of the payload, if stated.
+pub(crate) fn drag_factor(file: &Source, keys: &LoadKeys) -> Checked<Option<f64>> {
+    if keys.cuboid.is_none() {
+        file.foreign("payload.drag_factor", &keys.drag_factor, "a payload without `box`")?;
+    }
+    file.maybe("payload.drag_factor", &keys.drag_factor, Interval(0.0, 5.0, ""))
+}
+
 /// Payload and its shape.
 pub(crate) fn payload(file: &Source, keys: &LoadKeys) -> Checked<(Payload, Option<PayloadShape>)> {
+    if let Some(edges) = &keys.cuboid {
+        return cuboid(file, keys, edges).map(|(payload, shape)| (payload, Some(shape)));
+    }
+    let without = "a payload without `box`";
+    file.foreign("payload.density", &keys.density, without)?;
+    file.foreign("payload.grip", &keys.grip, without)?;
+    let Some(mass) = &keys.mass else {
+        return Err(file.problem(0..0, "[payload] lacks `mass`; expected kg, or a `box` with its `density`".into()));
+    };
     let vector = |key: &str, value: &Option<Spanned<[f64; 3]>>| -> Checked<Option<[f64; 3]>> {
         value.as_ref().map(|v| file.numbers(key, v, Interval(-2.0, 2.0, "m"))).transpose()
     };
-    let mass = file.within("payload.mass", &keys.mass, Interval(0.0, 100.0, "kg"))?;
+    let mass = file.within("payload.mass", mass, Interval(0.0, HEAVIEST, "kg"))?;
     let com = vector("payload.com", &keys.com)?.unwrap_or_default();
     let vertical = file.maybe("payload.inertia_zz", &keys.inertia_zz, Interval(0.0, 100.0, "kg·m²"))?;
     let payload = file.payload(mass, com, vertical, &keys.inertia)?;
@@ -348,6 +435,55 @@ mod tests {
         assert!(e.contains("`payload.radius` has no meaning for a payload without `shape`"), "{e}");
         let e = parse(&format!("{GOOD}{load}shape = \"box\"\n")).unwrap_err().to_string();
         assert!(e.contains("shape = \"box\" lacks `payload.size`"), "{e}");
+    }
+
+    #[test]
+    fn a_payload_may_be_a_box() {
+        let of = |keys: &str| parse(&format!("{GOOD}[payload]\nbox = [0.4, 0.3, 0.2]\n{keys}"));
+        // 0.024 m³ at 125 kg/m³ are 3 kg; held at the middle of its top.
+        let plain = of("density = 125\n").unwrap();
+        assert_eq!(plain.setup.payload, Payload::cuboid(3.0, [0.4, 0.3, 0.2], [0.0, 0.0, 0.1]));
+        assert_eq!((plain.setup.payload.com, plain.drag_factor), (Vector3::new(0.0, 0.0, -0.1), None));
+        let beside = of("mass = 3\ngrip = [0.1, -0.05, 0.15]\ndrag_factor = 1.1\n").unwrap();
+        assert_eq!(beside.setup.payload.com, Vector3::new(-0.1, 0.05, -0.15));
+        let shape = Shape::Box { size: [0.4, 0.3, 0.2].into() };
+        assert_eq!(beside.payload_shape, Some(PayloadShape { shape, centre: [-0.1, 0.05, -0.15].into() }));
+        assert_eq!(beside.drag_factor, Some(1.1));
+        for (keys, expected) in [
+            ("", "test.toml:8:7: `payload.box` lacks its mass"),
+            ("mass = 3\ndensity = 9", "test.toml:10:11: `payload.density` stands beside `payload.mass`"),
+            ("density = 9e3", "which makes the box 216.0 kg; expected at most 100 kg"),
+            ("mass = 3\ncom = [0, 0, 0]", "`payload.com` has no meaning for a payload that is a box"),
+            ("mass = 3\ninertia_zz = 1", "`payload.inertia_zz` has no meaning for a payload that is a box"),
+            ("mass = 3\nshape = \"box\"", "`payload.shape` has no meaning for a payload that is a box"),
+            (
+                "mass = 3\ngrip = [0, 0, 0]",
+                "test.toml:10:8: `payload.grip` has z = 0, so that the box would reach above",
+            ),
+            ("mass = -3", "`payload.mass` is -3; expected"),
+            ("mass = 3\ndrag_factor = -1", "`payload.drag_factor` is -1; expected"),
+        ] {
+            let e = of(keys).unwrap_err().to_string();
+            assert!(e.contains(expected), "{expected}\n{e}");
+        }
+        for (keys, expected) in [
+            ("com = [0, 0, 0]", "[payload] lacks `mass`"),
+            ("mass = 1\ndensity = 9", "`payload.density` has no meaning for a payload without `box`"),
+            ("mass = 1\ngrip = [0, 0, 0]", "`payload.grip` has no meaning for a payload without `box`"),
+            ("mass = 1\ndrag_factor = 1", "`payload.drag_factor` has no meaning for a payload without `box`"),
+        ] {
+            let e = parse(&format!("{GOOD}[payload]\n{keys}\n")).unwrap_err().to_string();
+            assert!(e.contains(expected), "{expected}\n{e}");
+        }
+    }
+
+    #[test]
+    fn the_controller_may_believe_another_payload() {
+        let text = format!("{GOOD}[payload]\nmass = 4\n[believed_payload]\nmass = 1\ncom = [0, 0, -0.1]\n");
+        let scenario = parse(&text).unwrap();
+        assert_eq!(scenario.setup.payload.mass, 4.0);
+        assert_eq!(scenario.believed_setup().payload, Payload::new(1.0, [0.0, 0.0, -0.1], 0.0));
+        assert_eq!(parse(GOOD).unwrap().believed_setup(), parse(GOOD).unwrap().setup);
     }
 
     #[test]

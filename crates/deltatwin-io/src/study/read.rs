@@ -1,0 +1,764 @@
+//! TOML → [`Study`], with errors that state file, line, key, value and what was expected.
+
+use std::path::{Path, PathBuf};
+
+use deltatwin::cell::MeshReader;
+use deltatwin::text::nearest;
+use miette::Diagnostic;
+use serde::Deserialize;
+use thiserror::Error;
+use toml::de::DeValue;
+use toml::{Spanned, Table, Value};
+
+use super::factor::{Change, Distribution, Factor, Level, Range};
+use super::template::{SCENARIO, Template};
+use super::{CAUSES, Design, Draws, Keep, Study, tree};
+use crate::kind::Kind;
+use crate::scenario::ScenarioError;
+use crate::source::{Checked, Interval, Problem, Source};
+
+/// Why a study was rejected.
+#[derive(Debug, Error, Diagnostic)]
+pub enum StudyError {
+    /// The study's own file.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Own(ScenarioError),
+    /// A scenario that the study names.
+    #[error("{study}: its scenario is not valid")]
+    Scenario {
+        /// The study.
+        study: String,
+        /// The error in the scenario.
+        #[source]
+        #[diagnostic_source]
+        source: ScenarioError,
+    },
+}
+
+impl From<Problem> for StudyError {
+    fn from(problem: Problem) -> Self {
+        Self::Own(problem.into())
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    title: Option<String>,
+    scenario: Option<Spanned<String>>,
+    model: Option<Spanned<String>>,
+    seed: Option<Spanned<i64>>,
+    keep: Option<Spanned<KeepKeys>>,
+    draws: Option<Spanned<String>>,
+    margin: Option<Spanned<String>>,
+    over: Option<Spanned<String>>,
+    #[serde(default)]
+    factors: Vec<Spanned<FactorKeys>>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum KeepKeys {
+    Word(String),
+    Runs(Vec<i64>),
+    Other(serde::de::IgnoredAny),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FactorKeys {
+    name: Spanned<String>,
+    key: Spanned<Value>,
+    unit: Option<String>,
+    change: Option<Spanned<String>>,
+    levels: Option<Spanned<Vec<Value>>>,
+    from: Option<Spanned<f64>>,
+    to: Option<Spanned<f64>>,
+    count: Option<Spanned<i64>>,
+    distribution: Option<Spanned<DistributionKeys>>,
+    nominal: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DistributionKeys {
+    kind: Spanned<String>,
+    mean: Option<Spanned<f64>>,
+    sigma: Option<Spanned<f64>>,
+    median: Option<Spanned<f64>>,
+    low: Option<Spanned<f64>>,
+    mode: Option<Spanned<f64>>,
+    high: Option<Spanned<f64>>,
+    scale: Option<Spanned<f64>>,
+    shape: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DesignKeys {
+    runs: Option<Spanned<i64>>,
+    samples: Option<Spanned<i64>>,
+    repeats: Option<Spanned<i64>>,
+    along: Option<Spanned<Vec<Spanned<String>>>>,
+    rays: Option<Spanned<i64>>,
+    tolerance: Option<Spanned<f64>>,
+    share: Option<Spanned<f64>>,
+    levels: Option<Spanned<i64>>,
+}
+
+/// Largest number of runs of a study, of levels of a factor, and of factors.
+const MOST_RUNS: i64 = 100_000_000;
+const MOST_LEVELS: i64 = 100_000;
+const MOST_FACTORS: usize = 32;
+/// Largest number of a factor.
+const LARGEST: f64 = 1e12;
+/// Default number of rays of two factors or more.
+const RAYS: i64 = 16;
+/// Default tolerance of a boundary point, as a share of its ray.
+const TOLERANCE: f64 = 1e-3;
+/// Defaults of subset simulation: samples per level, conditional probability, levels (Au & Beck 2001).
+const SUBSET: (i64, f64, i64) = (1000, 0.1, 10);
+/// Least number of samples with which a level of a subset simulation begins.
+const SEEDS: f64 = 10.0;
+
+/// Reads a study file; the scenarios that it names are relative to it, all other files to the scenario. `meshes` reads the
+/// solids that a scenario names.
+///
+/// # Errors
+/// The first error in the file or in a scenario that it names, with its position.
+pub fn read(path: &Path, meshes: MeshReader) -> Result<Study, StudyError> {
+    let text = ScenarioError::text(path).map_err(StudyError::Own)?;
+    parse(&text, path, meshes).map_err(|e| match e {
+        StudyError::Own(own) => StudyError::Own(own.unless_other(Kind::Study, &text, path)),
+        other => other,
+    })
+}
+
+/// Reads a study from `text` like [`read`]; `path` is named in errors.
+///
+/// # Errors
+/// As for [`read`].
+pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, StudyError> {
+    let file = &Source::new(path.display(), text);
+    let (document, design) = file.document::<Document>("design")?;
+    let factors = factors(file, &document)?;
+    let Some(design) = design else {
+        return Err(file.problem(0..0, "[design] is missing; expected how the factors are set".into()).into());
+    };
+    let design = self::design(file, design, &factors)?;
+    let experiment = experiment(file, path, &document)?;
+    let scenarios = match experiment {
+        None => scenarios(file, path, &document, &factors)?,
+        Some(_) => Vec::new(),
+    };
+    let seed = document.seed.as_ref().map_or(Ok(1), |seed| file.count("seed", seed, 0, i64::MAX))? as u64;
+    let template = Template::read((&scenarios, experiment.as_deref()), meshes, &determining(text))
+        .map_err(|source| StudyError::Scenario { study: path.display().to_string(), source })?;
+    Ok(Study {
+        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        path: path.into(),
+        text: text.into(),
+        title: document.title,
+        seed,
+        keep: keep(file, &document.keep)?,
+        draws: draws(file, &document.draws, &design)?,
+        design,
+        experiment,
+        margin: margin(file, &document.margin)?,
+        over: document.over.as_ref().map(|name| named(file, "over", name, &factors)).transpose()?,
+        factors,
+        template,
+    })
+}
+
+/// What of a study's file determines its rows.
+fn determining(text: &str) -> Table {
+    let mut table: Table = text.parse().unwrap_or_default();
+    for key in ["title", "keep", "over", "seed"] {
+        table.remove(key);
+    }
+    table
+}
+
+fn keep(file: &Source, keys: &Option<Spanned<KeepKeys>>) -> Checked<Keep> {
+    let Some(keys) = keys else { return Ok(Keep::None) };
+    let refuse = |found: &str| {
+        let message = format!("`keep` is {found}; expected \"none\", \"failed\" or an array of numbers of runs");
+        Err(file.problem(keys.span(), message))
+    };
+    match keys.get_ref() {
+        KeepKeys::Word(word) if word == "none" => Ok(Keep::None),
+        KeepKeys::Word(word) if word == "failed" => Ok(Keep::Failed),
+        KeepKeys::Runs(runs) => {
+            let numbers: Option<Vec<u64>> = runs.iter().map(|n| u64::try_from(*n).ok()).collect();
+            numbers.map_or_else(|| refuse(&file.quote(keys.span())), |runs| Ok(Keep::Runs(runs)))
+        }
+        KeepKeys::Word(_) | KeepKeys::Other(_) => refuse(&file.quote(keys.span())),
+    }
+}
+
+fn margin(file: &Source, word: &Option<Spanned<String>>) -> Checked<Option<usize>> {
+    let causes = CAUSES.iter().enumerate().map(|(k, name)| (*name, Some(k)));
+    let choices: Vec<(&str, Option<usize>)> = std::iter::once(("any", None)).chain(causes).collect();
+    word.as_ref().map_or(Ok(None), |word| file.choice("margin", word, &choices))
+}
+
+fn draws(file: &Source, word: &Option<Spanned<String>>, design: &Design) -> Checked<Draws> {
+    match word {
+        Some(word) => file.choice("draws", word, &[("each", Draws::Each), ("same", Draws::Same)]),
+        // Where combinations are compared, they are compared on the same machine.
+        None => Ok(match design {
+            Design::Grid { repeats: 1 }
+            | Design::Boundary { repeats: 1, .. }
+            | Design::Sensitivity { .. }
+            | Design::WorstCase { .. } => Draws::Same,
+            _ => Draws::Each,
+        }),
+    }
+}
+
+/// The model file of an experiment.
+fn experiment(file: &Source, path: &Path, document: &Document) -> Checked<Option<PathBuf>> {
+    let Some(name) = &document.model else { return Ok(None) };
+    file.foreign("scenario", &document.scenario, "an experiment, which has a `model`")?;
+    let target = path.parent().unwrap_or(Path::new("")).join(name.get_ref());
+    if target.is_file() {
+        return Ok(Some(target));
+    }
+    let name_of = name.get_ref();
+    let message = format!("`model` is \"{name_of}\", which is no file; expected a model, relative to the study");
+    Err(file.problem(name.span(), message))
+}
+
+/// The scenario files: the one stated, or the levels of the factor with that key.
+fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]) -> Result<Vec<PathBuf>, StudyError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let found = |name: &str, span: std::ops::Range<usize>| {
+        let target = folder.join(name);
+        if target.is_file() {
+            return Ok(target);
+        }
+        let message = format!("`scenario` is \"{name}\", which is no file; expected a scenario, relative to the study");
+        Err(file.problem(span, message))
+    };
+    let factor = factors.iter().position(|factor| factor.keys.iter().any(|key| key == SCENARIO));
+    match (&document.scenario, factor) {
+        (Some(name), None) => Ok(vec![found(name.get_ref(), name.span())?]),
+        (None, Some(k)) => {
+            let span = document.factors[k].span();
+            let Range::Levels(levels) = &factors[k].range else {
+                let message = format!("factor `{}` has no `levels`; expected names of scenarios", factors[k].name);
+                return Err(file.problem(span, message).into());
+            };
+            levels.iter().map(|level| found(&level.text, span.clone()).map_err(Into::into)).collect()
+        }
+        (Some(name), Some(k)) => {
+            let message = format!(
+                "`scenario` stands beside factor `{}`, whose levels are scenarios; expected one of them",
+                factors[k].name
+            );
+            Err(file.problem(name.span(), message).into())
+        }
+        (None, None) => Err(file
+            .problem(0..0, "missing key `scenario`; expected a scenario file, or `model` for an experiment".into())
+            .into()),
+    }
+}
+
+fn factors(file: &Source, document: &Document) -> Checked<Vec<Factor>> {
+    let mut out: Vec<Factor> = Vec::new();
+    for keys in &document.factors {
+        let factor = factor(file, keys)?;
+        if out.iter().any(|other| other.name == factor.name) {
+            let message = format!("factor `{}` is there twice; expected every name once", factor.name);
+            return Err(file.problem(keys.get_ref().name.span(), message));
+        }
+        out.push(factor);
+    }
+    if out.is_empty() || out.len() > MOST_FACTORS {
+        let message = format!("the study has {} factor(s); expected 1 to {MOST_FACTORS} tables [[factors]]", out.len());
+        return Err(file.problem(0..0, message));
+    }
+    Ok(out)
+}
+
+fn factor(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Factor> {
+    let keys = whole.get_ref();
+    let name = keys.name.get_ref();
+    let fine = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    if name.is_empty() || name.len() > 60 || !name.chars().all(fine) {
+        let message =
+            format!("`factors.name` is \"{name}\"; expected up to 60 small letters, digits and _, for a column's name");
+        return Err(file.problem(keys.name.span(), message));
+    }
+    let change = match &keys.change {
+        Some(word) => {
+            let choices = [("set", Change::Set), ("multiply", Change::Multiply), ("add", Change::Add)];
+            file.choice("factors.change", word, &choices)?
+        }
+        None => Change::Set,
+    };
+    let range = range(file, whole)?;
+    Ok(Factor {
+        name: name.clone(),
+        unit: keys.unit.clone().unwrap_or_else(|| default_unit(&range).into()),
+        keys: key_names(file, &keys.key)?,
+        change,
+        nominal: file.maybe("factors.nominal", &keys.nominal, Interval(-LARGEST, LARGEST, ""))?,
+        range,
+        place: keys.name.span(),
+    })
+}
+
+fn default_unit(range: &Range) -> &'static str {
+    match range {
+        Range::Levels(levels) if levels.iter().any(|level| level.number.is_none()) => "",
+        _ => "1",
+    }
+}
+
+fn key_names(file: &Source, value: &Spanned<Value>) -> Checked<Vec<String>> {
+    let names: Option<Vec<String>> = match value.get_ref() {
+        Value::String(name) => Some(vec![name.clone()]),
+        Value::Array(items) => items.iter().map(|item| item.as_str().map(String::from)).collect(),
+        _ => None,
+    };
+    names.filter(|names| !names.is_empty()).ok_or_else(|| {
+        let message = format!(
+            "`factors.key` is {}; expected a key such as \"payload.mass\", or an array of them",
+            file.quote(value.span())
+        );
+        file.problem(value.span(), message)
+    })
+}
+
+/// The values of a factor: `levels`, `from` and `to` with or without `count`, or a `distribution`.
+fn range(file: &Source, whole: &Spanned<FactorKeys>) -> Checked<Range> {
+    let keys = whole.get_ref();
+    let name = keys.name.get_ref();
+    let ways = [keys.levels.is_some(), keys.from.is_some() || keys.to.is_some(), keys.distribution.is_some()];
+    if ways.iter().filter(|given| **given).count() != 1 {
+        let message = format!("factor `{name}` needs one of `levels`, `from` with `to`, or `distribution`");
+        return Err(file.problem(keys.name.span(), message));
+    }
+    if let Some(levels) = &keys.levels {
+        file.foreign("factors.count", &keys.count, "a factor with `levels`")?;
+        let all: Vec<Level> = levels.get_ref().iter().map(level).collect();
+        if all.is_empty() || all.len() > MOST_LEVELS as usize {
+            let message = format!("`factors.levels` has {} value(s); expected 1 to {MOST_LEVELS}", all.len());
+            return Err(file.problem(levels.span(), message));
+        }
+        if all.iter().any(|level| level.number.is_some_and(|x| !x.is_finite())) {
+            let message = "`factors.levels` has a number that is not finite; expected finite numbers".into();
+            return Err(file.problem(levels.span(), message));
+        }
+        let numbers = all.iter().filter(|level| level.number.is_some()).count();
+        if numbers != 0 && numbers != all.len() {
+            let message = format!("`factors.levels` is {}; expected numbers, or no numbers", file.quote(levels.span()));
+            return Err(file.problem(levels.span(), message));
+        }
+        return Ok(Range::Levels(all));
+    }
+    if let Some(keys) = &keys.distribution {
+        return distribution(file, keys).map(Range::Distributed);
+    }
+    let context = "a factor with a range";
+    let end = |key: &str, value: &Option<Spanned<f64>>| {
+        let value = file.needed(key, value, context, keys.name.span())?;
+        file.within(key, value, Interval(-LARGEST, LARGEST, ""))
+    };
+    let (from, to) = (end("factors.from", &keys.from)?, end("factors.to", &keys.to)?);
+    if from == to {
+        let message = format!("factor `{name}` runs from {from} to {to}; expected two different numbers");
+        return Err(file.problem(keys.name.span(), message));
+    }
+    match &keys.count {
+        None => Ok(Range::Interval { from, to }),
+        Some(count) => {
+            let count = file.count("factors.count", count, 2, MOST_LEVELS)?;
+            // The ends exactly.
+            let at = |k: usize| if k + 1 == count { to } else { from + (to - from) * k as f64 / (count - 1) as f64 };
+            Ok(Range::Levels((0..count).map(|k| level(&Value::Float(at(k)))).collect()))
+        }
+    }
+}
+
+fn level(value: &Value) -> Level {
+    let number = value.as_float().or_else(|| value.as_integer().map(|n| n as f64));
+    Level { text: tree::text(value), number, value: value.clone() }
+}
+
+/// Rejects the numbers of a distribution that are none of its `own`.
+fn only_numbers(file: &Source, keys: &DistributionKeys, own: &[&str], context: &str) -> Checked<()> {
+    for (name, value) in [
+        ("mean", &keys.mean),
+        ("sigma", &keys.sigma),
+        ("median", &keys.median),
+        ("low", &keys.low),
+        ("mode", &keys.mode),
+        ("high", &keys.high),
+        ("scale", &keys.scale),
+        ("shape", &keys.shape),
+    ] {
+        if !own.contains(&name) {
+            file.foreign(&format!("distribution.{name}"), value, context)?;
+        }
+    }
+    Ok(())
+}
+
+fn distribution(file: &Source, whole: &Spanned<DistributionKeys>) -> Checked<Distribution> {
+    #[derive(Clone, Copy, PartialEq)]
+    enum Shape {
+        Normal,
+        LogNormal,
+        Uniform,
+        Triangular,
+        Weibull,
+    }
+    let keys = whole.get_ref();
+    let choices = [
+        ("normal", Shape::Normal),
+        ("log_normal", Shape::LogNormal),
+        ("uniform", Shape::Uniform),
+        ("triangular", Shape::Triangular),
+        ("weibull", Shape::Weibull),
+    ];
+    let shape = file.choice("distribution.kind", &keys.kind, &choices)?;
+    let context = format!("kind = \"{}\"", keys.kind.get_ref());
+    let own: &[&str] = match shape {
+        Shape::Normal => &["mean", "sigma", "low", "high"],
+        Shape::LogNormal => &["median", "sigma"],
+        Shape::Uniform => &["low", "high"],
+        Shape::Triangular => &["low", "mode", "high"],
+        Shape::Weibull => &["scale", "shape"],
+    };
+    only_numbers(file, keys, own, &context)?;
+    let number = |name: &str, value: &Option<Spanned<f64>>, low: f64| {
+        let key = format!("distribution.{name}");
+        let value = file.needed(&key, value, &context, keys.kind.span())?;
+        file.within(&key, value, Interval(low, LARGEST, ""))
+    };
+    let positive = f64::MIN_POSITIVE;
+    let any = -LARGEST;
+    let found = match shape {
+        Shape::Normal => Distribution::Normal {
+            mean: number("mean", &keys.mean, any)?,
+            sigma: number("sigma", &keys.sigma, positive)?,
+            low: file.maybe("distribution.low", &keys.low, Interval(any, LARGEST, ""))?.unwrap_or(f64::NEG_INFINITY),
+            high: file.maybe("distribution.high", &keys.high, Interval(any, LARGEST, ""))?.unwrap_or(f64::INFINITY),
+        },
+        Shape::LogNormal => Distribution::LogNormal {
+            median: number("median", &keys.median, positive)?,
+            sigma: number("sigma", &keys.sigma, positive)?,
+        },
+        Shape::Uniform => {
+            Distribution::Uniform { low: number("low", &keys.low, any)?, high: number("high", &keys.high, any)? }
+        }
+        Shape::Triangular => Distribution::Triangular {
+            low: number("low", &keys.low, any)?,
+            mode: number("mode", &keys.mode, any)?,
+            high: number("high", &keys.high, any)?,
+        },
+        Shape::Weibull => Distribution::Weibull {
+            scale: number("scale", &keys.scale, positive)?,
+            shape: number("shape", &keys.shape, positive)?,
+        },
+    };
+    let ordered = match found {
+        Distribution::Normal { low, high, .. } | Distribution::Uniform { low, high } => low < high,
+        Distribution::Triangular { low, mode, high } => low < high && (low..=high).contains(&mode),
+        _ => true,
+    };
+    if ordered {
+        return Ok(found);
+    }
+    let message =
+        format!("distribution with {context}: its numbers are out of order; expected low < high, a mode between");
+    Err(file.problem(whole.span(), message))
+}
+
+/// Word for a kind of design, and the keys that it has.
+#[derive(Clone, Copy, PartialEq)]
+enum Form {
+    Grid,
+    LatinHypercube,
+    Sobol,
+    MonteCarlo,
+    Sensitivity,
+    Boundary,
+    WorstCase,
+    Subset,
+}
+
+const FORMS: &[(&str, Form)] = &[
+    ("grid", Form::Grid),
+    ("latin_hypercube", Form::LatinHypercube),
+    ("sobol", Form::Sobol),
+    ("monte_carlo", Form::MonteCarlo),
+    ("sensitivity", Form::Sensitivity),
+    ("boundary", Form::Boundary),
+    ("worst_case", Form::WorstCase),
+    ("subset", Form::Subset),
+];
+
+/// Rejects the keys of a design that are none of its `own`.
+fn only_keys(file: &Source, keys: &DesignKeys, own: &[&str], context: &str) -> Checked<()> {
+    let is_foreign = |name: &str| !own.contains(&name);
+    let key = |name: &str| format!("design.{name}");
+    for (name, value) in [
+        ("runs", &keys.runs),
+        ("samples", &keys.samples),
+        ("repeats", &keys.repeats),
+        ("rays", &keys.rays),
+        ("levels", &keys.levels),
+    ] {
+        if is_foreign(name) {
+            file.foreign(&key(name), value, context)?;
+        }
+    }
+    for (name, value) in [("tolerance", &keys.tolerance), ("share", &keys.share)] {
+        if is_foreign(name) {
+            file.foreign(&key(name), value, context)?;
+        }
+    }
+    if is_foreign("along") { file.foreign("design.along", &keys.along, context) } else { Ok(()) }
+}
+
+fn design(file: &Source, mut value: Spanned<DeValue>, factors: &[Factor]) -> Checked<Design> {
+    let kind = file.kind("design", "design", &mut value)?;
+    let form = file.choice("design.kind", &kind, FORMS)?;
+    let keys: DesignKeys = file.keys("design", value)?;
+    let context = format!("kind = \"{}\"", kind.get_ref());
+    let foreign = |own: &[&str]| only_keys(file, &keys, own, &context);
+    let number = |name: &str, value: &Option<Spanned<i64>>, most: i64| {
+        let key = format!("design.{name}");
+        let value = file.needed(&key, value, &context, kind.span())?;
+        file.count(&key, value, 1, most).map(|n| n as u64)
+    };
+    let repeats =
+        || keys.repeats.as_ref().map_or(Ok(1), |n| file.count("design.repeats", n, 1, 1_000_000)).map(|n| n as u64);
+    Ok(match form {
+        Form::Grid => {
+            foreign(&["repeats"])?;
+            if let Some(factor) = factors.iter().find(|f| matches!(f.range, Range::Interval { .. })) {
+                let message =
+                    format!("factor `{}` lacks `count`; expected the number of its levels in a grid", factor.name);
+                return Err(file.problem(factor.place.clone(), message));
+            }
+            Design::Grid { repeats: repeats()? }
+        }
+        Form::LatinHypercube | Form::Sobol | Form::MonteCarlo | Form::WorstCase => {
+            foreign(&["runs"])?;
+            let runs = number("runs", &keys.runs, MOST_RUNS)?;
+            match form {
+                Form::LatinHypercube => Design::LatinHypercube { runs },
+                Form::Sobol => Design::Sobol { runs },
+                Form::MonteCarlo => Design::MonteCarlo { runs },
+                _ => Design::WorstCase { runs },
+            }
+        }
+        Form::Sensitivity => {
+            foreign(&["samples"])?;
+            Design::Sensitivity { samples: number("samples", &keys.samples, MOST_RUNS / 100)? }
+        }
+        Form::Boundary => {
+            foreign(&["along", "rays", "tolerance", "repeats"])?;
+            boundary(file, &keys, factors, (&kind, repeats()?))?
+        }
+        Form::Subset => {
+            foreign(&["samples", "share", "levels"])?;
+            let (samples, share, levels) = SUBSET;
+            let count = |name: &str, value: &Option<Spanned<i64>>, default: i64, low: i64, high: i64| {
+                value.as_ref().map_or(Ok(default as usize), |n| file.count(&format!("design.{name}"), n, low, high))
+            };
+            if let Some(factor) = factors.iter().find(|f| matches!(f.range, Range::Levels(_))) {
+                let message = format!(
+                    "factor `{}` has levels; expected a `distribution`, or `from` and `to`, in a subset simulation",
+                    factor.name
+                );
+                return Err(file.problem(factor.place.clone(), message));
+            }
+            let samples = count("samples", &keys.samples, samples, 20, 1_000_000)?;
+            let share = file.optional("design.share", &keys.share, share, Interval(0.01, 0.5, ""))?;
+            let least = (SEEDS / share).ceil() as usize;
+            if samples < least {
+                let message = format!(
+                    "`design.samples` is {samples}, of which {share} begin the next level; expected at least {least}"
+                );
+                return Err(file.problem(kind.span(), message));
+            }
+            Design::Subset {
+                samples: samples as u64,
+                share,
+                levels: count("levels", &keys.levels, levels, 1, 50)? as u64,
+            }
+        }
+    })
+}
+
+fn boundary(
+    file: &Source,
+    keys: &DesignKeys,
+    factors: &[Factor],
+    (kind, repeats): (&Spanned<String>, u64),
+) -> Checked<Design> {
+    let names = file.needed("design.along", &keys.along, "kind = \"boundary\"", kind.span())?;
+    let mut along = Vec::new();
+    for name in names.get_ref() {
+        let k = named(file, "design.along", name, factors)?;
+        if along.contains(&k) || !matches!(factors[k].range, Range::Interval { .. }) {
+            let message = format!(
+                "`design.along` has \"{}\"; expected each factor once, with `from` and `to` and no `count`",
+                name.get_ref()
+            );
+            return Err(file.problem(name.span(), message));
+        }
+        along.push(k);
+    }
+    if along.is_empty() {
+        return Err(file.problem(names.span(), "`design.along` is empty; expected at least one factor".into()));
+    }
+    let beside = |k: &usize| !along.contains(k) && matches!(factors[*k].range, Range::Interval { .. });
+    if let Some(k) = (0..factors.len()).find(beside) {
+        let message = format!(
+            "factor `{}` is not in `design.along` and lacks `count`; expected the number of its levels",
+            factors[k].name
+        );
+        return Err(file.problem(factors[k].place.clone(), message));
+    }
+    if along.len() == 1 {
+        file.foreign("design.rays", &keys.rays, "one factor, along which there is one ray")?;
+    }
+    let rays = match &keys.rays {
+        Some(rays) => file.count("design.rays", rays, 1, MOST_LEVELS)? as u64,
+        None if along.len() == 1 => 1,
+        None => RAYS as u64,
+    };
+    let tolerance = file.optional("design.tolerance", &keys.tolerance, TOLERANCE, Interval(1e-9, 0.5, ""))?;
+    Ok(Design::Boundary { along, rays, tolerance, repeats })
+}
+
+/// Index of the factor that a key names.
+fn named(file: &Source, key: &str, name: &Spanned<String>, factors: &[Factor]) -> Checked<usize> {
+    factors.iter().position(|f| f.name == *name.get_ref()).ok_or_else(|| {
+        let known: Vec<&str> = factors.iter().map(|f| f.name.as_str()).collect();
+        let hint = nearest(name.get_ref(), known.iter().copied());
+        let hint = hint.map_or(String::new(), |near| format!("; did you mean \"{near}\"?"));
+        let message = format!("`{key}` has \"{}\"; expected factors: {}{hint}", name.get_ref(), known.join(", "));
+        file.problem(name.span(), message)
+    })
+}
+
+/// Reads a study without meshes, for tests.
+#[cfg(test)]
+fn parsed(text: &str) -> Result<Study, StudyError> {
+    parse(text, Path::new("../../scenarios/studies/test.toml"), deltatwin::cell::no_meshes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Setting;
+    use super::*;
+
+    const GOOD: &str = "scenario = \"../payload.toml\"\nseed = 4\n\n[design]\nkind = \"grid\"\n\n[[factors]]\nname = \
+                        \"mass\"\nkey = \"payload.mass\"\nunit = \"kg\"\nfrom = 0.5\nto = 6.0\ncount = 12\n";
+
+    fn refusal(from: &str, to: &str) -> String {
+        assert!(GOOD.contains(from), "{from}");
+        let error = parsed(&GOOD.replace(from, to)).map(|_| ()).unwrap_err();
+        let cause = std::error::Error::source(&error).map_or(String::new(), |e| format!(": {e}"));
+        format!("{error}{cause}")
+    }
+
+    #[test]
+    fn factors_change_scenario_and_models() {
+        let text = format!(
+            "{GOOD}[[factors]]\nname = \"hold\"\nkey = \"model.sockets.dislocation_force\"\nchange = \"multiply\"\nlevels = \
+             [0.5, 1]\n[[factors]]\nname = \"com\"\nkey = \"payload.com.x\"\nlevels = [0.1]\n[[factors]]\nname = \
+             \"wear\"\nkey = [\"sockets.wear.7\", \"sockets.wear.8\"]\nlevels = [0.25]\n[[factors]]\nname = \
+             \"speed\"\nkey = \"speed_scale\"\nlevels = [2.0]\n"
+        );
+        let study = parsed(&text).unwrap();
+        assert_eq!((study.seed, &study.keep, study.draws), (4, &Keep::None, Draws::Same));
+        let at = |k: usize| {
+            [Setting::Number(3.5), Setting::Level(k), Setting::Level(0), Setting::Level(0), Setting::Level(0)]
+        };
+        let [weak, whole] = [0, 1].map(|k| study.files(&at(k), Some(99)).unwrap());
+        assert_eq!(weak.scenario.setup.payload.mass, 3.5);
+        assert_eq!(weak.scenario.setup.payload.com.as_slice(), [0.1, -0.02, -0.08]);
+        assert_eq!(weak.scenario.seed, 99);
+        assert_eq!(weak.scenario.duration, 10.0);
+        assert_eq!(weak.scenario.sockets.wear[6..8], [0.25, 0.25]);
+        assert_eq!(weak.scenario.sockets.wear[0], 0.0);
+        assert_eq!(2.0 * weak.model.sockets.dislocation_force, whole.model.sockets.dislocation_force);
+        assert_eq!(whole.controller_model.unwrap().name, weak.controller_model.unwrap().name);
+        let wrong = study.files(&[Setting::Number(1e6)], None).map(|_| ()).unwrap_err();
+        assert_eq!(wrong, "`payload.mass` is 1000000; expected a number from 0 to 100 kg");
+    }
+
+    #[test]
+    fn mistakes_are_named_with_line_and_value() {
+        for (from, to, expected) in [
+            ("../payload.toml", "../pyload.toml", "test.toml:1:12: `scenario` is \"../pyload.toml\", which is no file"),
+            ("../payload.toml", "../../models/clavel-delta.toml", "its scenario is not valid: "),
+            ("\"grid\"", "\"gird\"", "test.toml:5:8: `design.kind` is \"gird\"; expected \"grid\", "),
+            ("\"grid\"", "\"gird\"", "did you mean \"grid\"?"),
+            ("\"grid\"", "\"sobol\"", "kind = \"sobol\" lacks `design.runs`"),
+            ("\"grid\"", "\"grid\"\nruns = 3", "test.toml:6:8: `design.runs` has no meaning for kind = \"grid\""),
+            (
+                "\"grid\"",
+                "\"boundary\"\nalong = [\"maas\"]",
+                "has \"maas\"; expected factors: mass; did you mean \"mass\"?",
+            ),
+            ("\"grid\"", "\"boundary\"\nalong = [\"mass\"]", "with `from` and `to` and no `count`"),
+            ("\"grid\"", "\"subset\"", "factor `mass` has levels"),
+            ("[design]", "[desing]", "unknown key `desing`"),
+            ("count = 12", "count = 1", "`factors.count` is 1; expected a whole number from 2"),
+            ("count = 12\n", "", "factor `mass` lacks `count`"),
+            ("to = 6.0", "to = 0.5", "runs from 0.5 to 0.5"),
+            ("to = 6.0\n", "", "lacks `factors.to`"),
+            ("count = 12", "levels = [1]", "needs one of `levels`"),
+            ("from = 0.5\nto = 6.0\ncount = 12", "levels = [1, \"a\"]", "expected numbers, or no numbers"),
+            ("from = 0.5\nto = 6.0\ncount = 12", "levels = []", "has 0 value(s)"),
+            (
+                "from = 0.5\nto = 6.0\ncount = 12",
+                "distribution = { kind = \"normal\", mean = 1 }",
+                "lacks `distribution.sigma`",
+            ),
+            (
+                "from = 0.5\nto = 6.0\ncount = 12",
+                "distribution = { kind = \"uniform\", mean = 1, low = 0, high = 1 }",
+                "`distribution.mean` has no meaning",
+            ),
+            (
+                "from = 0.5\nto = 6.0\ncount = 12",
+                "distribution = { kind = \"uniform\", low = 2, high = 1 }",
+                "out of order",
+            ),
+            ("\"mass\"", "\"Masse 1\"", "`factors.name` is \"Masse 1\""),
+            ("\"payload.mass\"", "3", "`factors.key` is 3"),
+            ("seed = 4", "seed = -4", "`seed` is -4"),
+            ("seed = 4", "keep = \"all\"", "`keep` is \"all\"; expected \"none\", \"failed\" or an array"),
+            ("seed = 4", "draws = \"some\"", "`draws` is \"some\"; expected \"each\" or \"same\""),
+            ("seed = 4", "margin = \"sockets\"", "`margin` is \"sockets\"; expected \"any\", \"socket\", "),
+            ("unit = \"kg\"", "units = \"kg\"", "unknown key `factors.units`"),
+        ] {
+            let e = refusal(from, to);
+            assert!(e.contains(expected), "{expected}\n{e}");
+        }
+        let twice = format!("{GOOD}{}", &GOOD[GOOD.find("[[factors]]").unwrap()..]);
+        assert!(parsed(&twice).map(|_| ()).unwrap_err().to_string().contains("`mass` is there twice"));
+    }
+
+    #[test]
+    fn contents_are_those_that_matter() {
+        let of = |text: &str| parsed(text).unwrap().contents().to_vec();
+        let good = of(GOOD);
+        assert_eq!(good.len(), 4, "study, scenario and two models");
+        assert_eq!(good, of(&format!("# A comment.\ntitle = \"x\"\nkeep = \"failed\"\nover = \"mass\"\n{GOOD}")));
+        assert_eq!(good, of(&GOOD.replace("seed = 4", "seed = 5")), "the seed is added to the digest apart");
+        assert_ne!(good, of(&GOOD.replace("count = 12", "count = 13")));
+    }
+}

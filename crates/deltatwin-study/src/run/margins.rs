@@ -1,0 +1,143 @@
+//! Margins of a run against every kind of cause.
+//!
+//! They are those of the *unlimited* machine: sockets that cannot open, drives that give any torque, no supervision. Up
+//! to the first failure it behaves exactly like the real one, and beyond it the margins continue to fall.
+
+use deltatwin::kinematics::Target;
+use deltatwin::kinematics::motion::SOCKETS;
+use deltatwin::machine::{ARMS, Geometry};
+use deltatwin::model::Model;
+use deltatwin::scenario::{DesiredMotion, Supervision};
+use deltatwin::twin::sockets::socket_name;
+use deltatwin::twin::{Clamps, Sample};
+use nalgebra::Vector3;
+
+use super::verdict::{Cause, CauseKind, Margin};
+
+/// The margin against one cause along a run, at its least so far.
+struct Least {
+    margin: Margin,
+    /// First time with a negative margin, s.
+    crossed: Option<(f64, String)>,
+}
+
+/// Least margins along a run, and when each was first negative.
+#[derive(Default)]
+pub struct Margins {
+    found: Vec<Least>,
+}
+
+impl Margins {
+    /// Takes the margin of one part at one time into account; the name of the part is only made where it is kept.
+    pub fn see(&mut self, kind: CauseKind, time: f64, value: f64, part: impl Fn() -> String) {
+        // A margin that is not a number would otherwise never be the least.
+        let value = if value.is_nan() { f64::NEG_INFINITY } else { value };
+        let least = match self.found.iter_mut().find(|l| l.margin.cause.kind == kind) {
+            Some(least) => least,
+            None => {
+                let margin = Margin { cause: Cause { kind, part: part(), time }, value: f64::INFINITY };
+                self.found.push(Least { margin, crossed: None });
+                let last = self.found.len() - 1;
+                &mut self.found[last]
+            }
+        };
+        if value < least.margin.value {
+            least.margin = Margin { cause: Cause { kind, part: part(), time }, value };
+        }
+        if value < 0.0 && least.crossed.is_none() {
+            least.crossed = Some((time, part()));
+        }
+    }
+
+    /// First time with a negative margin against a kind of cause, s, and the part.
+    pub fn crossed(&self, kind: CauseKind) -> Option<(f64, &str)> {
+        let (time, part) = self.found.iter().find(|l| l.margin.cause.kind == kind)?.crossed.as_ref()?;
+        Some((*time, part))
+    }
+
+    /// The cause whose margin was negative first.
+    pub fn first_crossing(&self) -> Option<Cause> {
+        let all = CauseKind::ALL
+            .iter()
+            .filter_map(|&kind| self.crossed(kind).map(|(time, part)| Cause { kind, part: part.into(), time }));
+        all.min_by(|a, b| a.time.total_cmp(&b.time))
+    }
+
+    /// Least margin against any cause.
+    pub fn least(&self) -> f64 {
+        self.found.iter().map(|l| l.margin.value).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Least margin of every kind, least first.
+    pub fn sorted(&self) -> Vec<Margin> {
+        let mut all: Vec<Margin> = self.found.iter().map(|l| l.margin.clone()).collect();
+        all.sort_by(|a, b| a.value.total_cmp(&b.value).then(a.cause.kind.cmp(&b.cause.kind)));
+        all
+    }
+
+    /// Takes all samples of a run on `model` into account.
+    pub fn follow(&mut self, model: &Model, clamps: &Clamps, supervision: &Supervision, trace: &[Sample]) {
+        let machine = model.mechanism;
+        let (axes, arms) = (machine.axes(), machine.arms());
+        let axis = |i: usize| move || format!("axis {}", i + 1);
+        for sample in trace {
+            let t = sample.t;
+            for i in 0..axes {
+                let drive = &model.drives[i];
+                self.see(CauseKind::Torque, t, 1.0 - sample.torque[i].abs() / drive.max_torque, axis(i));
+                self.see(CauseKind::Speed, t, 1.0 - sample.rate[i].abs() / drive.max_speed, axis(i));
+            }
+            for i in 0..arms {
+                let range = inside(sample.q[i], model.geometry.arm_limits);
+                self.see(CauseKind::Workspace, t, range, || format!("arm {}", i + 1));
+                if let Some(limit) = supervision.torque {
+                    self.see(CauseKind::Trip, t, 1.0 - sample.feedback[i].abs() / limit, axis(i));
+                }
+                if let Some(limit) = supervision.tracking {
+                    self.see(CauseKind::Following, t, 1.0 - sample.error[i].abs() / limit, axis(i));
+                }
+            }
+            if !model.assembled {
+                continue;
+            }
+            if model.geometry.has_telescope() {
+                let range = inside(sample.telescope, model.geometry.telescope_limits);
+                self.see(CauseKind::Telescope, t, range, || "telescope".into());
+            }
+            for s in 0..SOCKETS {
+                let value = sample.margin[s] / holding(model, clamps, s);
+                self.see(CauseKind::Socket, t, value, || socket_name(s));
+            }
+        }
+    }
+
+    /// Takes the reach of the struts along a motion (`duration` in s, every `spacing` s) into account.
+    pub fn reach(&mut self, geometry: &Geometry, motion: &DesiredMotion, duration: f64, spacing: f64) {
+        let steps = (duration / spacing).ceil().max(1.0) as usize;
+        for k in 0..=steps {
+            let t = k as f64 * spacing;
+            let Ok(Target::Platform(platform)) = motion.state(t) else { continue };
+            for limb in 0..ARMS {
+                self.see(CauseKind::Workspace, t, 1.0 - reached(geometry, limb, &platform.position), || {
+                    format!("limb {}", limb + 1)
+                });
+            }
+        }
+    }
+}
+
+/// Distance of `value` from the nearer of two limits, relative to half of the range; 1 in its middle.
+fn inside(value: f64, [low, high]: [f64; 2]) -> f64 {
+    (value - low).min(high - value) / (0.5 * (high - low))
+}
+
+/// |cos| of the elbow's angle at a place: beyond 1 the strut does not reach it.
+fn reached(geometry: &Geometry, limb: usize, position: &Vector3<f64>) -> f64 {
+    geometry.elbow_cosine(limb, position).abs()
+}
+
+/// Force to which the margin of a socket is related, N: its own hold, of an empty clamp that of the model.
+pub fn holding(model: &Model, clamps: &Clamps, socket: usize) -> f64 {
+    let hold = clamps.hold[socket];
+    if hold > 0.0 { hold } else { model.sockets.dislocation_force }
+}
