@@ -43,14 +43,19 @@ const SLOWEST_RINGING: f64 = 4e-3;
 
 /// Effects that the model lacks on the mounted parts of the machine and that the data resolve, each with its initial
 /// shapes; cogging at the orders in the residuals of `fit`, if there are any. Laws of the motor angle are left out if the
-/// motor hardly turns, because they then resemble gravity and springs.
+/// motor hardly turns, because they then resemble gravity and springs, and filters of the torque where coarse angles are
+/// smoothed over a longer time than reversals take, because the torque is not.
 pub fn absent(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Vec<Vec<ActiveEffect>> {
     let is_slow = datasets.iter().any(|t| t.dt > SLOWEST_RINGING);
     let testable = missing(model).filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
     let turns = orders::motor_turns(model, datasets);
     let of_motor = |e: &dyn effects::Effect| e.parameters().iter().any(|p| p.unit == Unit::GearRatio);
     let testable = testable.filter(|e| turns >= orders::LEAST_PERIODS || !of_motor(&**e));
-    let shapes = testable.map(|e| variants(model, e)).filter(|shapes| !(is_slow && shapes[0].has_gears()));
+    let is_smoothed = datasets.iter().any(Dataset::blurs_reversals);
+    let filters =
+        |a: &ActiveEffect| a.effect.sensor().is_some_and(|sensor| sensor.memory(&a.at_nominal_size().values()) > 0.0);
+    let testable = testable.map(|e| variants(model, e)).filter(|shapes| !(is_smoothed && filters(&shapes[0])));
+    let shapes = testable.filter(|shapes| !(is_slow && shapes[0].has_gears()));
     shapes.chain(orders::cogging(model, &fit.residuals, datasets).map(|found| vec![found])).collect()
 }
 

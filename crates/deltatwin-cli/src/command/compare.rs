@@ -7,9 +7,14 @@ use serde_json::{Map, Value, json};
 
 use crate::command::gate::{guard, json as gate_json};
 use crate::data::{Data, DataArgs, positive};
-use crate::terminal::{BAD_ANSWER, DONE, Table, channel_names, insert_channels, say, spinner, warn};
+use crate::terminal::{BAD_ANSWER, DONE, Table, channel_names, check_output, insert_channels, say, spinner, warn};
 use deltatwin::comparison::{Comparison, Finding, compare};
+use deltatwin::dynamics::Channel;
+use deltatwin::model::Model;
+use deltatwin::text::significant;
 use deltatwin_io::model;
+use deltatwin_report::Report;
+use deltatwin_report::drawing::residual::{self, Stage};
 
 /// Show where a model fails to predict recordings.
 #[derive(clap::Args, Clone, Debug)]
@@ -22,6 +27,12 @@ pub struct Args {
     /// Exit with status 1 if the RMS of any channel, fitted or held out, is above so many times the noise floor.
     #[arg(long, value_name = "RATIO", value_parser = positive)]
     pub fail_above: Option<f64>,
+    /// Page to write, with what the model leaves over time, angle, speed and frequency.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// A later model of the same machine, whose residual is drawn beside.
+    #[arg(long, value_name = "MODEL2", requires = "report")]
+    pub beside: Option<PathBuf>,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -30,6 +41,13 @@ pub struct Args {
 /// Runs the command; returns the exit status.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
+    if let Some(page) = &args.report {
+        let mut inputs = Data::inputs(&args.data);
+        inputs.push(&args.model);
+        inputs.extend(args.beside.as_deref());
+        check_output(page, &inputs, &["html"])?;
+    }
+    let beside = args.beside.as_deref().map(model::read).transpose()?;
     let data = Data::read(&args.data, &model)?;
     warn(&data.warnings);
     let gate = guard(&model, &data, &args.data)?;
@@ -44,6 +62,12 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     } else {
         print(&comparison)?;
     }
+    if let Some(page) = &args.report {
+        report(&comparison, (&model, beside.as_ref()), &data, args)?.write(page).into_diagnostic()?;
+        if !args.json {
+            say(format!("  Wrote {}", page.display()))?;
+        }
+    }
     let Some(most) = args.fail_above else { return Ok(DONE) };
     match comparison.worst().filter(|(_, ratio)| *ratio > most) {
         Some((channel, ratio)) => {
@@ -52,6 +76,41 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         }
         None => Ok(DONE),
     }
+}
+
+/// Page of a comparison: errors, where the model fails, and pictures of the last recording, a held-out one if there is
+/// any.
+fn report(
+    c: &Comparison,
+    (model, beside): (&Model, Option<&Model>),
+    data: &Data,
+    args: &Args,
+) -> miette::Result<Report> {
+    let mut page = Report::new("deltatwin compare", format!("{} and what was measured", args.model.display()));
+    let number = |x: f64| significant(x, 4);
+    let row = |(i, channel): (usize, &Channel)| {
+        let held_out = c.held_out_rms.as_ref().map_or("–".into(), |rms| number(rms[i]));
+        vec![format!("{channel} / {}", channel.unit()), number(c.rms[i]), held_out, number(c.noise_floor[i])]
+    };
+    let rows: Vec<Vec<String>> = c.channels.iter().enumerate().map(row).collect();
+    page.table(&["RMS", "model", "held out", "noise floor"], &rows);
+    page.heading("Where the model fails");
+    if c.findings.is_empty() {
+        page.paragraph("Nothing stands out.");
+    }
+    for finding in &c.findings {
+        page.paragraph(&finding.sentence);
+    }
+    let mut stages = vec![Stage { name: "model", model }];
+    let file = args.beside.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
+    stages.extend(beside.map(|model| Stage { name: &file, model }));
+    if let Some(dataset) = data.held_out.last().or(data.datasets.last()) {
+        page.heading(&format!("Pictures of {}", dataset.name));
+        for (figure, caption) in residual::figures(&stages, dataset, &c.noise_floor).into_diagnostic()? {
+            page.figure(&figure, &caption);
+        }
+    }
+    Ok(page)
 }
 
 fn json(c: &Comparison) -> Map<String, Value> {

@@ -2,4 +2,5 @@
 
 pub mod budget;
 pub mod plan;
+pub mod residual;
 pub mod shape;

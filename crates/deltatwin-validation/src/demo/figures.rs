@@ -7,6 +7,7 @@ use deltatwin::diagnosis::candidates::Standing;
 use deltatwin::dynamics::Plant;
 use deltatwin::identification::{Residuals, predict};
 use deltatwin::machine::AXES;
+use deltatwin_report::drawing::residual::amplitude_spectrum;
 use deltatwin_report::{
     Callout, Color, Curve, ErrorGroup, Panel, RankRow, Report, Style, falling_error, panels, ranking, scatter_binned,
     spectrum,
@@ -190,17 +191,4 @@ fn residual_figures(
         &[],
     );
     Some((panels("Torques of the held-out motion", "time / s", &stack), phase, spectra))
-}
-
-/// Single-sided amplitude spectrum of a series minus its mean, and its frequencies in Hz.
-fn amplitude_spectrum(x: &[f64], dt: f64) -> (Vec<f64>, Vec<f64>) {
-    let n = x.len();
-    let mut buffer = x.to_vec();
-    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
-    let mut out = fft.make_output_vec();
-    if fft.process(&mut buffer, &mut out).is_err() {
-        return (Vec::new(), Vec::new());
-    }
-    let frequency = |k: usize| k as f64 / (n as f64 * dt);
-    out.iter().enumerate().skip(1).map(|(k, z)| (frequency(k), 2.0 * z.norm() / n as f64)).unzip()
 }

@@ -1,0 +1,166 @@
+//! Figures of what models leave of a recording: over time, over the motion, and as spectra.
+
+use deltatwin::dynamics::{Channel, Plant};
+use deltatwin::identification::{Dataset, FitError, Residuals, predict};
+use deltatwin::model::Model;
+
+use crate::{Color, Curve, Figure, Panel, Style, panels, scatter_binned, spectrum};
+
+/// A model under a name; several of them are stages of the same machine's model.
+pub struct Stage<'a> {
+    /// Name in the legends.
+    pub name: &'a str,
+    /// The model.
+    pub model: &'a Model,
+}
+
+/// Number of bins of a residual over an angle or a speed.
+const BINS: usize = 60;
+
+/// Ratio of RMS to noise from which the residual of a channel is drawn over the motion and as a spectrum.
+const ABOVE: f64 = 1.15;
+
+/// Figures with captions: measured and predicted channels, residuals on their own scale with the band of the `noise` (one
+/// standard deviation per channel), and of every drive whose first residual exceeds the noise the residual over its angle,
+/// over its speed, and its spectrum.
+///
+/// # Errors
+/// [`FitError`] if a model cannot follow the recording.
+pub fn figures(stages: &[Stage], dataset: &Dataset, noise: &[f64]) -> Result<Vec<(Figure, String)>, FitError> {
+    let Some(last) = stages.last() else { return Ok(Vec::new()) };
+    let mut left = Vec::new();
+    for stage in stages {
+        left.push(Residuals::new(stage.model, std::slice::from_ref(dataset))?);
+    }
+    let predicted = predict(&Plant::new(last.model, &dataset.setup), dataset)
+        .map_err(deltatwin::identification::fit::kinematics(dataset))?;
+    let series = |stage: usize, channel: usize| left[stage].series[0][channel].clone();
+    let drawn = Drawn { stages, dataset, noise };
+    let mut figures = vec![(
+        drawn.torques(&predicted),
+        format!("{}: measured, and predicted by the model {}.", dataset.name, last.name),
+    )];
+    figures.push((
+        drawn.over_time(&series),
+        "What is left, measured − predicted, on its own scale; dashed: one standard deviation of the noise.".into(),
+    ));
+    for (c, &channel) in dataset.channels.iter().enumerate() {
+        let Some(axis) = channel.drive().filter(|_| left[0].rms[c] > ABOVE * noise[c]) else { continue };
+        let of = |f: &dyn Fn(usize) -> f64| (0..dataset.len()).map(f).collect::<Vec<f64>>();
+        let unit = channel.joint_unit();
+        let angle = of(&|k| dataset.joints[k].q[axis]);
+        let speed = of(&|k| dataset.joints[k].qd[axis]);
+        let places = [("angle", "q", unit.to_string(), angle), ("speed", "q̇", format!("{unit}/s"), speed)];
+        for (what, symbol, unit, x) in places {
+            let figure = drawn.over(c, channel, (&format!("{symbol}{} / {unit}", axis + 1), x), &series);
+            figures.push((figure, format!("Residual of {} over its {what}: mean and spread.", channel.title())));
+        }
+        figures.push((
+            drawn.spectrum(c, channel, &series),
+            format!("Amplitude spectrum of the residual of {}.", channel.title()),
+        ));
+    }
+    Ok(figures)
+}
+
+struct Drawn<'a> {
+    stages: &'a [Stage<'a>],
+    dataset: &'a Dataset,
+    noise: &'a [f64],
+}
+
+type Series<'a> = &'a dyn Fn(usize, usize) -> Vec<f64>;
+
+impl Drawn<'_> {
+    fn color(&self, stage: usize) -> Color {
+        match (stage, self.stages.len()) {
+            (0, _) => Color::RESIDUAL,
+            (s, n) if s + 1 == n => Color::IMPROVED,
+            (s, _) => Color::CYCLE[(s + 2) % Color::CYCLE.len()],
+        }
+    }
+
+    fn panels(&self, title: &str, curves: impl Fn(usize) -> Vec<Curve>) -> Figure {
+        let panel = |(c, channel): (usize, &Channel)| Panel {
+            title: channel.title(),
+            y_label: channel.unit().to_string(),
+            curves: curves(c),
+        };
+        let all: Vec<Panel> = self.dataset.channels.iter().enumerate().map(panel).collect();
+        panels(title, "time / s", &all)
+    }
+
+    fn torques(&self, predicted: &[Vec<f64>]) -> Figure {
+        let t = &self.dataset.t;
+        self.panels("Measured and predicted", |c| {
+            vec![
+                Curve::new("measured", t.clone(), self.dataset.measured[c].clone()).color(Color::MEASURED),
+                Curve::new("model", t.clone(), predicted[c].clone()).color(Color::MODEL).style(Style::Thin),
+            ]
+        })
+    }
+
+    fn over_time(&self, left: Series) -> Figure {
+        let t = &self.dataset.t;
+        let ends: Vec<f64> = t.first().into_iter().chain(t.last()).copied().collect();
+        self.panels("What is left", |c| {
+            let one = |(s, stage): (usize, &Stage)| {
+                Curve::new(stage.name, t.clone(), left(s, c)).color(self.color(s)).style(Style::Thin)
+            };
+            let mut curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
+            for side in [-1.0, 1.0] {
+                let band = vec![side * self.noise[c]; ends.len()];
+                curves.push(Curve::new("noise", ends.clone(), band).color(Color::MEASURED).style(Style::Dashed));
+            }
+            curves
+        })
+    }
+
+    fn over(&self, c: usize, channel: Channel, (label, x): (&str, Vec<f64>), left: Series) -> Figure {
+        let one = |(s, stage): (usize, &Stage)| Curve::new(stage.name, x.clone(), left(s, c)).color(self.color(s));
+        let curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
+        let title = format!("Residual of {}", channel.title());
+        scatter_binned(&title, label, &format!("residual / {}", channel.unit()), &curves, BINS)
+    }
+
+    fn spectrum(&self, c: usize, channel: Channel, left: Series) -> Figure {
+        let longest = self.dataset.segments.iter().max_by_key(|s| s.len()).cloned().unwrap_or(0..0);
+        let one = |(s, stage): (usize, &Stage)| {
+            let (frequency, amplitude) = amplitude_spectrum(&left(s, c)[longest.clone()], self.dataset.dt);
+            Curve::new(stage.name, frequency, amplitude).color(self.color(s))
+        };
+        let curves: Vec<Curve> = self.stages.iter().enumerate().map(one).collect();
+        let title = format!("Residual of {}", channel.title());
+        spectrum(&title, "frequency / Hz", &format!("amplitude / {}", channel.unit()), &curves, &[])
+    }
+}
+
+/// Single-sided amplitude spectrum of a series without its mean, and its frequencies in Hz; `dt` is the sampling period in
+/// s.
+pub fn amplitude_spectrum(x: &[f64], dt: f64) -> (Vec<f64>, Vec<f64>) {
+    let n = x.len();
+    let mut buffer = x.to_vec();
+    let fft = realfft::RealFftPlanner::<f64>::new().plan_fft_forward(n);
+    let mut out = fft.make_output_vec();
+    if n == 0 || fft.process(&mut buffer, &mut out).is_err() {
+        return (Vec::new(), Vec::new());
+    }
+    let frequency = |k: usize| k as f64 / (n as f64 * dt);
+    out.iter().enumerate().skip(1).map(|(k, z)| (frequency(k), 2.0 * z.norm() / n as f64)).unzip()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_amplitude_of_a_wave_is_at_its_frequency() {
+        // 3·sin(2π·5 Hz·t) + 7 over 2 s at 100 Hz: line 10.
+        let x: Vec<f64> =
+            (0..200).map(|k| 3.0 * (std::f64::consts::TAU * 5.0 * f64::from(k) / 100.0).sin() + 7.0).collect();
+        let (frequency, amplitude) = amplitude_spectrum(&x, 0.01);
+        assert_eq!(frequency[9], 5.0);
+        assert!((amplitude[9] - 3.0).abs() < 1e-12 && amplitude.iter().filter(|a| **a > 1e-9).count() == 1);
+        assert!(amplitude_spectrum(&[], 0.01).0.is_empty());
+    }
+}
