@@ -470,7 +470,9 @@ impl<'a> Search<'a> {
     /// RMS residuals without each of the chosen effects, or the name of the weakest that is not confirmed.
     fn stand(&self, chosen: &[Chosen], end: &Judged) -> Result<Result<Vec<Vec<f64>>, String>, FitError> {
         let name = |c: &Chosen| self.shape(c).effect.name();
-        if let Some(c) = chosen.iter().find(|c| is_impossible(&end.fit, name(c))) {
+        if let Some(c) =
+            chosen.iter().find(|c| is_impossible(&end.fit, name(c)) || self.is_too_early(&end.fit, name(c)))
+        {
             return Ok(Err(name(c).into()));
         }
         // A fit that leaves more than the start has diverged, with a column that the data hardly determine.
@@ -541,6 +543,12 @@ impl<'a> Search<'a> {
         let period = self.judge.fitting.datasets[0].dt;
         let most = if late.values[0] < 0.0 { 1.5 * period } else { 0.5 * period };
         (late.values[0].abs() < most + 3.0 * std).then(|| late.clone())
+    }
+
+    /// Whether `name` is a delay by which the torques are recorded earlier than any controller holds or computes them. With
+    /// a filter of the same time it is the smoothing of the angles, which the torque lacks.
+    fn is_too_early(&self, fit: &Fit, name: &str) -> bool {
+        name == DELAY && self.recorded_lag(fit).is_none() && delay(&fit.model).is_some_and(|late| late.values[0] < 0.0)
     }
 
     /// The problem linearised at the parameters fitted with the chosen effects; their linear contribution is added
