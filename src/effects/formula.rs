@@ -129,7 +129,7 @@ pub const LIMIT: f64 = 1e9;
 const ABOUT: About = About {
     summary: "a law written in the model file",
     law: "Σ coefficient · law on the machine, `at` drive1 … drive4, platform_x, platform_y, platform_z or telescope; \
-          the law of q1 …, qd1 …, qdd1 …, x, y, z, vx …, ax …, s and sd of the telescope, strut1_upper …, t with \
+          the law of q1 …, qd1 …, qdd1 …, x, y, z, vx …, ax …, s and sd of the telescope, strut1_upper …, tau1 …, t with \
           sin cos tan tanh exp abs sign sqrt min max pi + − * / ^",
     shows: "where its terms act",
     source: "the user, in [[effects.formula.terms]]: name, at, law, coefficient; or the diagnosis, then marked empirical",
@@ -159,6 +159,7 @@ impl Formula {
         let reads = Reads {
             reactions: variables().any(Variable::is_reaction),
             accelerations: variables().any(Variable::is_acceleration),
+            torque: variables().any(Variable::is_torque),
             ..Reads::MOTION
         };
         let mut spec = Spec::new(NAME, part(&terms), ABOUT, &[]).reads(reads);
@@ -226,6 +227,21 @@ mod tests {
         approx::assert_relative_eq!(total[TELESCOPE_LOWER].0.z, 1.5, epsilon = 1e-12);
     }
 
+    /// F = m·a + friction with friction 0.002·F²/N on a slide: at m·a = 20 N the smaller solution of F = 20 + 0.002·F² is
+    /// (1 − √0.84)/0.004 = 20.871215 N.
+    #[test]
+    fn a_law_of_the_drives_torque_is_solved_for() {
+        let mut model = crate::model::testing::shipped("servo-axis");
+        model.bodies[crate::machine::bodies::ARM] = crate::machine::Inertia::lone(2.0);
+        let law = formula(&[("drive1", "-tau1^2*tanh(50*qd1)")]);
+        model.effects = crate::effects::Effects::from(vec![ActiveEffect::new(Arc::new(law), &[&[0.002]])]);
+        let plant = crate::dynamics::Plant::new(&model, &crate::machine::Setup::default());
+        let joints = crate::kinematics::JointState { q: [0.1; 4], qd: [1.0; 4], qdd: [10.0; 4] };
+        let motion = plant.motion(&joints).unwrap();
+        let torque = crate::dynamics::inverse_dynamics(&plant, 0.0, &motion, &[&[]], false).unwrap().tau[0];
+        approx::assert_relative_eq!(torque, (1.0 - 0.84f64.sqrt()) / 0.004, epsilon = 1e-9);
+    }
+
     #[test]
     fn needs_the_parts_that_it_names() {
         for (at, law, part) in [
@@ -233,6 +249,8 @@ mod tests {
             ("drive1", "z", Part::Linkage),
             ("drive1", "strut3_lower", Part::Linkage),
             ("drive4", "qd4", Part::Axis4),
+            ("drive1", "tau1", Part::Drives),
+            ("drive1", "tau4", Part::Axis4),
             ("platform_x", "1", Part::Linkage),
             ("drive4", "s", Part::Telescope),
         ] {
@@ -251,13 +269,14 @@ mod tests {
             ("drive2", "-tanh(50*qd2)", "N·m"),
             ("drive4", "-tanh(20*qd4)*strut5_upper", "m"),
             ("platform_x", "x", "N/m"),
+            ("drive1", "-tau1^2*tanh(50*qd1)", "1/(N·m)"),
             ("platform_z", "-vz*abs(vz)", "N·s²/m²"),
             ("telescope", "-sd*(s - 0.8)", "N·s/m²"),
             ("drive1", "q1 + qd1", "N·m per unit of the law"),
             ("platform_y", "x + vx", "N per unit of the law"),
         ];
         let one: &[f64] = &[1.0];
-        let active = ActiveEffect::new(Arc::new(formula(&laws.map(|(at, law, _)| (at, law)))), &[one; 9]);
+        let active = ActiveEffect::new(Arc::new(formula(&laws.map(|(at, law, _)| (at, law)))), &[one; 10]);
         for (i, (entry, (_, law, unit))) in active.entries().into_iter().zip(laws).enumerate() {
             assert_eq!((entry.name, entry.parameter.unit.to_string()), (format!("term{i}"), unit.to_string()), "{law}");
         }

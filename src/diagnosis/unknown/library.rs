@@ -92,6 +92,9 @@ const BUMPS: &[&str] = &["exp(-((@-#)/{w})^2)", "-tanh(50*&)*exp(-((@-#)/{w})^2)
 const OTHERS: &[&[&str]] =
     &[&["~"], &["-~*tanh(50*&)"], &["-~*&"], &["-abs(~)"], &["~^2"], &["-abs(~)*tanh(50*&)"], &["-~*abs(~)"]];
 
+/// Laws with the torque of the drive: friction by load and saturation.
+const LOADS: &[&[&str]] = &[&["-abs(~)*tanh(50*&)"], &["-~^2*tanh(50*&)"], &["-abs(~)*&"], &["~*abs(~)"], &["~^3"]];
+
 /// Laws with another rate: crosstalk.
 const CROSS: &[&[&str]] = &[&["-&*~"], &["-abs(&*~)"], &["-tanh(50*~)"], &["-&*abs(~)"]];
 
@@ -148,6 +151,7 @@ pub fn library(places: &[Place], cover: &Cover) -> Vec<Atom> {
                         builder.push(&[&format!("-abs({a}*{b})")], ["", "", ""], None);
                     }
                 }
+                builder.with(&format!("q{}", i + 1), &rate, &format!("tau{}", i + 1), LOADS);
                 let struts = [2 * i + 1, 2 * i + 2].map(|s| format!("strut{s}_upper"));
                 let others = (1..=4).filter(|j| *j != i + 1).map(|j| format!("q{j}"));
                 let more = ["x", "y", "z", "vz", "s"].map(String::from);

@@ -137,21 +137,22 @@ fn unit_forces(places: &[Place], plant: &Plant) -> ActiveEffect {
     ActiveEffect::absent_on(Arc::new(formula), plant.host)
 }
 
-/// Values of every variable along a dataset; strut forces are predicted by the plant.
+/// Values of every variable along a dataset; strut forces and torques are predicted by the plant: measured torques contain
+/// the residual, which would explain itself.
 fn variables(plant: &Plant, dataset: &Dataset) -> Result<Channels, KinematicsError> {
     let all: Vec<Variable> = Variable::names().filter_map(Variable::named).collect();
     let at = |k: usize| {
         let (t, motion) = (dataset.t[k], plant.motion(&dataset.joints[k])?);
-        let reactions = steady_inverse_dynamics(plant, t, &motion, true)?.reactions;
+        let loads = steady_inverse_dynamics(plant, t, &motion, true)?;
         let at = Instant {
             t,
             motion: &motion,
             bodies: &plant.bodies,
             payload: &plant.payload,
             gravity: plant.gravity,
-            reactions: &reactions,
+            reactions: &loads.reactions,
             state: &[],
-            torque: [0.0; 4],
+            torque: loads.tau,
             closed: SocketSet::ALL,
         };
         Ok(all.iter().map(|variable| variable.read(&at)).collect())

@@ -23,9 +23,10 @@ enum Kind {
     TelescopeRate,
     StrutUpper(usize),
     StrutLower(usize),
+    Torque(usize),
 }
 
-const ALL: [(&str, Kind); 36] = [
+const ALL: [(&str, Kind); 40] = [
     ("t", Kind::Time),
     ("q1", Kind::Angle(0)),
     ("q2", Kind::Angle(1)),
@@ -62,6 +63,10 @@ const ALL: [(&str, Kind); 36] = [
     ("strut4_lower", Kind::StrutLower(3)),
     ("strut5_lower", Kind::StrutLower(4)),
     ("strut6_lower", Kind::StrutLower(5)),
+    ("tau1", Kind::Torque(0)),
+    ("tau2", Kind::Torque(1)),
+    ("tau3", Kind::Torque(2)),
+    ("tau4", Kind::Torque(3)),
 ];
 
 impl Variable {
@@ -104,6 +109,7 @@ impl Variable {
             Kind::TelescopeRate => motion.telescope.rate,
             Kind::StrutUpper(i) => at.reactions.upper[i],
             Kind::StrutLower(i) => at.reactions.lower[i],
+            Kind::Torque(i) => at.torque[i],
         }
     }
 
@@ -119,6 +125,7 @@ impl Variable {
             Kind::Velocity(_) | Kind::TelescopeRate => Powers { s: -1, ..length },
             Kind::PlatformAcceleration(_) => Powers { s: -2, ..length },
             Kind::StrutUpper(_) | Kind::StrutLower(_) => Powers::N,
+            Kind::Torque(_) => Powers::NM,
         }
     }
 
@@ -132,6 +139,11 @@ impl Variable {
         matches!(self.kind(), Kind::StrutUpper(_) | Kind::StrutLower(_))
     }
 
+    /// Whether it is a drive torque.
+    pub fn is_torque(self) -> bool {
+        matches!(self.kind(), Kind::Torque(_))
+    }
+
     /// Whether it is an acceleration.
     pub fn is_acceleration(self) -> bool {
         matches!(self.kind(), Kind::Acceleration(_) | Kind::PlatformAcceleration(_))
@@ -140,8 +152,8 @@ impl Variable {
     /// The part of the machine required by the variable.
     pub fn part(self) -> Part {
         match self.kind() {
-            Kind::Angle(3) | Kind::Rate(3) | Kind::Acceleration(3) => Part::Axis4,
-            Kind::Time | Kind::Angle(_) | Kind::Rate(_) | Kind::Acceleration(_) => Part::Drives,
+            Kind::Angle(3) | Kind::Rate(3) | Kind::Acceleration(3) | Kind::Torque(3) => Part::Axis4,
+            Kind::Time | Kind::Angle(_) | Kind::Rate(_) | Kind::Acceleration(_) | Kind::Torque(_) => Part::Drives,
             Kind::TelescopeLength | Kind::TelescopeRate => Part::Telescope,
             _ => Part::Linkage,
         }
@@ -150,7 +162,7 @@ impl Variable {
     /// Whether the assembled `machine` has the variable.
     pub fn exists_on(self, machine: Mechanism) -> bool {
         match self.kind() {
-            Kind::Angle(i) | Kind::Rate(i) | Kind::Acceleration(i) => i < machine.axes(),
+            Kind::Angle(i) | Kind::Rate(i) | Kind::Acceleration(i) | Kind::Torque(i) => i < machine.axes(),
             _ => machine.has(self.part(), true),
         }
     }
