@@ -17,8 +17,8 @@ use crate::model::Model;
 /// recording, and an effect much smaller than a large model error explains nothing.
 pub(super) const MIN_RELEVANCE: f64 = 0.1;
 
-/// Share of an effect's gain on the fitted data that it must also gain on held-out data, where a drifting bias gains
-/// nothing.
+/// Share that an effect must gain on held-out data of what it predicts there or gained on the fitted data, whichever is
+/// less. A drifting bias gains nothing; a motion that shows the effect less gains less, as predicted.
 const HELD_OUT_SHARE: f64 = 0.3;
 
 /// Least gain of an effect relative to the error above the noise that is left with it: a much smaller effect may be a
@@ -135,8 +135,10 @@ impl<'a> Judge<'a> {
         let fitted = gain(&rms(without), &rms(with), &self.fitting.noise);
         let [before, after] = [self.resolved_rms(without), self.resolved_rms(with)];
         let held_out = gain(&before, &after, &self.floor);
+        let change = resolved_rms(self.data(), &without.residuals.minus(&with.residuals));
+        let share = HELD_OUT_SHARE * fitted.min(relative_energy(&change, &self.floor));
         let left = relative_energy(&after, &self.floor) - self.floor.len() as f64;
-        let stays = held_out >= (HELD_OUT_SHARE * fitted).max(ABOVE_THE_REST * left)
+        let stays = held_out >= share.max(ABOVE_THE_REST * left)
             && is_relevant(&before, &after)
             && is_relevant(without.rms(), with.rms());
         Ok(stays && !self.fitting.wanders(&without.fit, &with.fit)?)
