@@ -50,6 +50,8 @@ struct Document {
     model: Option<Spanned<String>>,
     seed: Option<Spanned<i64>>,
     keep: Option<Spanned<KeepKeys>>,
+    #[serde(default)]
+    diagnose: bool,
     draws: Option<Spanned<String>>,
     margin: Option<Spanned<String>>,
     over: Option<Spanned<String>>,
@@ -162,6 +164,7 @@ pub fn parse(text: &str, path: &Path, meshes: MeshReader) -> Result<Study, Study
         title: document.title,
         seed,
         keep: keep(file, &document.keep)?,
+        diagnose: document.diagnose,
         draws: draws(file, &document.draws, &design)?,
         design,
         experiment,
