@@ -48,6 +48,7 @@ fn damage_in_a_file_that_is_cut_short_costs_its_chunk_too() {
     bytes.truncate(bytes.len() * 8 / 10);
     fs::write(&path, &bytes).unwrap();
     let before = read(&path).0.signals.len();
+    let mut most = 0;
     for k in 2..8 {
         let mut damaged = bytes.clone();
         // A whole stretch, as of a bad sector.
@@ -56,8 +57,10 @@ fn damage_in_a_file_that_is_cut_short_costs_its_chunk_too() {
         fs::write(&path, damaged).unwrap();
         let (part, warnings) = read(&path);
         let lost = before - part.signals.len();
-        assert!((1..=2 * CHUNK).contains(&lost), "{lost} lost: {warnings:?}");
+        assert!(lost <= 2 * CHUNK, "{lost} lost: {warnings:?}");
+        most = most.max(lost);
     }
+    assert!(most > 0, "no chunk was hit");
 }
 
 /// An MCAP file of records given as opcode and body.
@@ -95,7 +98,8 @@ fn refused(name: &str, records: &[(u8, Vec<u8>)]) -> String {
 
 #[test]
 fn sizes_that_lie_and_bombs_are_left_out() {
-    let schema = (0x03, [&1u16.to_le_bytes()[..], &text("sensor_msgs/msg/JointState"), &text("ros2msg"), &[0; 4]].concat());
+    let schema =
+        (0x03, [&1u16.to_le_bytes()[..], &text("sensor_msgs/msg/JointState"), &text("ros2msg"), &[0; 4]].concat());
     for stated in [0, 1, 1 << 40, u64::MAX, u64::MAX - 64] {
         let e = refused("lie", &[schema.clone(), channel(1, "/joint_states"), chunk(stated, "zstd", &[7; 100])]);
         assert!(e.contains("JointState"), "{e}");
@@ -171,8 +175,9 @@ fn a_recording_is_on_the_disk_while_it_is_made() {
         let target = folder.path().join(name);
         record(&whole, &target, &mut |partial, samples| {
             // As after the end of the process: nothing of what was kept is missing.
-            let (part, _) = recording::read(partial, None).unwrap();
-            assert_eq!(part.signals.q[..], whole.signals.q[..samples], "{name}");
+            let (part, warnings) = recording::read(partial, None).unwrap();
+            assert_eq!(part.signals.len(), samples, "{name}: {warnings:?}");
+            assert!(part.signals.q[..] == whole.signals.q[..samples], "{name}");
             assert_eq!(part.setup, whole.setup);
         });
         let (back, warnings) = read(&target);

@@ -22,6 +22,7 @@ mod text;
 
 pub use bars::error_bars;
 use text::FIRM;
+use text::harmless;
 pub use text::{WIDTH, command, grouped, hanging, wrapped};
 
 /// Exit status: success.
@@ -44,17 +45,28 @@ pub fn has_said() -> bool {
 pub fn say(text: impl std::fmt::Display) -> miette::Result<()> {
     SAID.store(true, Ordering::Relaxed);
     let mut out = std::io::stdout().lock();
-    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+    match writeln!(out, "{}", harmless(&text.to_string())).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e).into_diagnostic(),
         _ => Ok(()),
     }
 }
 
+/// Prints a line on stderr; if nobody can read it there, the exit status still tells.
+pub fn complain(text: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{}", harmless(&text.to_string()));
+}
+
 /// Prints warnings on stderr.
 pub fn warn(warnings: &[String]) {
     for w in warnings {
-        eprintln!("warning: {w}");
+        complain(format!("warning: {w}"));
     }
+}
+
+/// An error and its causes as JSON: message, causes and help.
+pub fn error_json(report: &miette::Report) -> Value {
+    let causes: Vec<String> = report.chain().skip(1).map(ToString::to_string).collect();
+    json!({ "message": report.to_string().trim(), "causes": causes, "help": report.help().map(|h| h.to_string()) })
 }
 
 /// A progress bar on stderr from 0 to `length`; invisible if stderr is no terminal.

@@ -1,7 +1,7 @@
-//! Writing of files: atomic replacement, and files that grow for hours.
+//! Reading of whole files, and writing: atomic replacement, and files that grow for hours.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -58,6 +58,44 @@ pub fn replace<E: Into<io::Error>>(
 /// The error of the operating system, without the file name; the file is then unchanged.
 pub fn replace_text(path: &Path, text: &str) -> io::Result<()> {
     atomically(path, |out| out.write_all(text.as_bytes()))
+}
+
+/// Size of the longest text that is read as a whole, bytes: descriptions are written by hand.
+const LONGEST_TEXT: u64 = 16 << 20;
+
+/// Opens a file to be read; a device, a pipe or a folder is none and might never end.
+///
+/// # Errors
+/// The error of the operating system, or that `path` is no file.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Asked before opening, which would wait for the other end of a pipe.
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("it is a device, a pipe or a folder; expected a file"));
+    }
+    File::open(path)
+}
+
+/// The content of a file of at most `most` bytes.
+///
+/// # Errors
+/// The error of the operating system, or that the file is none or longer.
+pub fn bytes(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let mut out = Vec::new();
+    // It may grow meanwhile.
+    open(path)?.take(most + 1).read_to_end(&mut out)?;
+    if out.len() as u64 > most {
+        return Err(io::Error::other(format!("it is longer than {} MB", most >> 20)));
+    }
+    Ok(out)
+}
+
+/// The content of a text file.
+///
+/// # Errors
+/// As for [`bytes`], for more than 16 MB, or that it is not text.
+pub fn text(path: &Path) -> io::Result<String> {
+    let not_text = |_| io::Error::new(io::ErrorKind::InvalidData, "it is not text in UTF-8");
+    String::from_utf8(bytes(path, LONGEST_TEXT)?).map_err(not_text)
 }
 
 /// Longest time for which appended bytes may be lost by a power cut.

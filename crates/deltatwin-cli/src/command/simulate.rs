@@ -1,6 +1,7 @@
 //! `deltatwin simulate`.
 
 mod receiver;
+mod remedy;
 #[cfg(feature = "viewer")]
 mod view;
 
@@ -13,8 +14,10 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use self::receiver::Receiving;
+use self::remedy::Remedy;
 use crate::terminal::{
-    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say,
+    BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, complain, error_json, interrupted,
+    path, say,
 };
 use deltatwin::dynamics::Plant;
 use deltatwin::kinematics::motion::SOCKETS;
@@ -24,7 +27,9 @@ use deltatwin::recording::{Context, Difference, Recording};
 use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
 use deltatwin::twin::origin::origin;
 use deltatwin::twin::sockets::socket_name;
-use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, setup_of_run, simulate, simulate_into};
+use deltatwin::twin::{
+    Cause, LARGEST_ENERGY_ERROR, Options, Report, SimulationError, setup_of_run, simulate, simulate_into,
+};
 use deltatwin_io::file::WriteError;
 use deltatwin_io::{model, recording, scenario};
 
@@ -97,18 +102,21 @@ struct Outcome {
     step_error: Option<Vec<Difference>>,
     /// Error that ended the run early.
     failure: Option<SimulationError>,
+    /// Finer steps that were tried because the energy balance does not close.
+    remedy: Option<Remedy>,
 }
 
 impl Outcome {
     /// Reason why the run as a whole is invalid, if it is.
     fn complaint(&self) -> Option<String> {
+        let remedy = self.remedy.as_ref().map_or(String::new(), |remedy| format!("; {remedy}"));
         if let Some(failure) = &self.failure {
-            return Some(failure.to_string());
+            return Some(failure.to_string() + &remedy);
         }
         (!self.report.energy_closes()).then(|| {
             format!(
-                "the energy balance does not close: {:.2} % of the work turned over is unaccounted for, expected at most {} %; \
-                 the step is too long for the motion (shorten `sample_time` or raise `substeps`)",
+                "the energy balance does not close: {:.2} % of the work turned over is unaccounted for, expected at most \
+                 {} %; the step is too long for the motion (shorten `sample_time` or raise `substeps`){remedy}",
                 1e2 * self.report.energy_error,
                 1e2 * LARGEST_ENERGY_ERROR
             )
@@ -150,7 +158,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let outcomes = execute_all(&jobs, args.step_error);
     #[cfg(feature = "viewer")]
     if let Some(problem) = stream.and_then(deltatwin_rerun::stream::Stream::finish) {
-        eprintln!("warning: {problem}");
+        complain(format!("warning: {problem}"));
     }
     let mut status = DONE;
     let mut runs = Vec::new();
@@ -158,21 +166,23 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let outcome = match outcome {
             Ok(outcome) => outcome,
             Err(error @ (SimulationError::Singular { .. } | SimulationError::Cell { .. })) => {
-                eprintln!("error: {}: {error}", job.scenario.name);
+                complain(format!("error: {}: {error}", job.scenario.name));
                 status = BAD_ANSWER;
+                let error = error_json(&miette!("{error}"));
+                runs.push(json!({ "scenario": job.scenario.name, "error": error }));
                 continue;
             }
             Err(error) => return Err(error).into_diagnostic().wrap_err_with(|| job.scenario.name.clone()),
         };
         if let Some(complaint) = outcome.complaint() {
-            eprintln!("error: {}: {complaint}", job.scenario.name);
+            complain(format!("error: {}: {complaint}", job.scenario.name));
             status = BAD_ANSWER;
         }
         // A failure to write one result does not affect the others.
         let mut outcome = outcome;
         let written = outcome.unwritten.take().map_or_else(|| show(job, &outcome, args), Err);
         if let Err(error) = &written {
-            eprintln!("error: {}: {error}", job.scenario.name);
+            complain(format!("error: {}: {error}", job.scenario.name));
             status = BAD_INPUT;
         }
         let difference = verify.as_ref().map(|earlier| outcome.recording.first_difference(earlier));
@@ -180,7 +190,10 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             status = BAD_ANSWER;
         }
         if args.json {
-            runs.push(json(job, &outcome, difference.as_ref(), written.is_ok()));
+            let mut run = json(job, &outcome, difference.as_ref(), written.is_ok());
+            let complaint = written.as_ref().err().map(ToString::to_string).or(outcome.complaint());
+            run["error"] = complaint.map_or(Value::Null, |complaint| error_json(&miette!("{complaint}")));
+            runs.push(run);
         } else {
             print(job, &outcome, difference.as_ref(), args, written.is_ok())?;
         }
@@ -310,7 +323,9 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
         None
     };
     let (samples, unwritten) = (received.samples, received.problem);
-    Ok(Outcome { samples, recording, unwritten, report, wall, step_error, failure })
+    let diverged = matches!(failure, Some(SimulationError::Singular { cause: Cause::Diverged, .. }));
+    let remedy = (diverged || failure.is_none() && !report.energy_closes()).then(|| Remedy::of(job, wall));
+    Ok(Outcome { samples, recording, unwritten, report, wall, step_error, failure, remedy })
 }
 
 /// The socket with the least margin, and its margin, N.
@@ -335,6 +350,7 @@ fn json(job: &Job, outcome: &Outcome, difference: Option<&Option<Difference>>, w
         "energy_error": report.energy_error,
         "energy_closes": report.energy_closes(),
         "failure": failure.as_ref().map(ToString::to_string),
+        "step_that_closes": outcome.remedy.as_ref().and_then(|remedy| remedy.step),
         "formulation": job.options.formulation.name(),
         "tracking_error": report.tracking_error[..job.machine.mechanism.axes()],
         "events": events,

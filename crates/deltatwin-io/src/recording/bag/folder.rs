@@ -6,6 +6,7 @@ use yaml_rust2::{Yaml, YamlLoader};
 
 use super::content::Content;
 use super::{EXPECTED, kind_of, read_file};
+use crate::file;
 use crate::recording::ReadError;
 
 const METADATA: &str = "metadata.yaml";
@@ -48,7 +49,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, ReadError> {
 }
 
 fn listed(folder: &Path, metadata: &Path) -> Result<Vec<PathBuf>, ReadError> {
-    let text = std::fs::read_to_string(metadata).map_err(|e| ReadError::io(metadata, e))?;
+    let text = file::text(metadata).map_err(|e| ReadError::io(metadata, e))?;
     let expected = "rosbag2_bagfile_information with relative_file_paths";
     let documents = YamlLoader::load_from_str(&text)
         .map_err(|e| ReadError::content(metadata, format!("is no YAML: {e}"), expected))?;

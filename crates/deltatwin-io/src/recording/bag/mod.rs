@@ -25,6 +25,7 @@ use deltatwin::machine::{Axis, Effort, Joint, Mechanism};
 use self::content::Content;
 use self::messages::SECOND;
 use super::ReadError;
+use crate::file;
 
 const EXPECTED: &str = "an MCAP file with sensor_msgs/msg/JointState messages, or a bag of ROS 2";
 
@@ -51,7 +52,7 @@ enum Kind {
 /// Kind of a file by its first bytes, or by its name if these are not conclusive.
 fn kind_of(path: &Path) -> Option<Kind> {
     let mut start = [0; mcap_file::MAGIC.len()];
-    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut start));
+    let read = file::open(path).and_then(|mut f| f.read_exact(&mut start));
     if read.is_ok() && start == *mcap_file::MAGIC {
         return Some(Kind::Mcap);
     }

@@ -7,6 +7,7 @@ use rusqlite::{Connection, OpenFlags};
 
 use super::EXPECTED;
 use super::content::{Content, Full};
+use crate::file;
 use crate::recording::ReadError;
 
 /// First bytes of an SQLite file.
@@ -19,7 +20,7 @@ const MOST_EXPANSION: u64 = 100;
 pub(super) fn read(path: &Path, found: &mut Content, warnings: &mut Vec<String>) -> Result<(), ReadError> {
     let bad = |e: rusqlite::Error| ReadError::content(path, format!("cannot be read as a bag: {e}"), EXPECTED);
     let full = |full: Full| full.error(path);
-    let length = std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?.len();
+    let length = file::open(path).and_then(|f| f.metadata()).map_err(|e| ReadError::io(path, e))?.len();
     let mut allowance = length.saturating_mul(MOST_EXPANSION);
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags).map_err(bad)?;

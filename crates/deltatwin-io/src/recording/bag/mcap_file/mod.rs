@@ -8,7 +8,6 @@ mod record;
 mod scan;
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -18,6 +17,7 @@ use self::record::{HEADER, Record};
 use self::scan::{Place, Scan};
 use super::EXPECTED;
 use super::content::{Content, Full};
+use crate::file;
 use crate::recording::ReadError;
 
 /// First and last bytes of an MCAP file.
@@ -29,7 +29,7 @@ pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// A [`ReadError`] if the file cannot be read, is no MCAP file, or holds more than memory may.
 pub(super) fn read(path: &Path, found: &mut Content, warnings: &mut Vec<String>) -> Result<(), ReadError> {
     let failed = |e| ReadError::io(path, e);
-    let mut file = File::open(path).map_err(failed)?;
+    let mut file = file::open(path).map_err(failed)?;
     let length = file.metadata().map_err(failed)?.len();
     if length == 0 {
         return Err(ReadError::content(path, "is empty", EXPECTED));
