@@ -37,6 +37,10 @@ fn main() -> ExitCode {
             usage.exit()
         }
     };
+    // The diagnosis gives the best answer that the time allows.
+    if let Some(limit) = cli.time_limit.filter(|_| !matches!(cli.command, Some(Command::Diagnose(_)))) {
+        terminal::end_after(limit);
+    }
     match run(cli.command.unwrap_or_else(|| Command::Demo(demo::Args::default()))) {
         Ok(status) => ExitCode::from(status),
         Err(report) => {
