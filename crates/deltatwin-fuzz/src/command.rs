@@ -32,7 +32,8 @@ const NUMBERS: [&str; 8] = ["0", "-1", "1e-300", "1e300", "nan", "1", "0.5", "99
 
 /// A random command line in a folder with `models/`, `scenarios/`, `run.csv` and `run.mcap`, of which some are mutated.
 pub fn line(random: &mut ChaCha8Rng) -> Vec<String> {
-    let model = || format!("models/{}.toml", MODELS.choose(&mut rand_chacha::ChaCha8Rng::clone(random)).unwrap_or(&MODELS[0]));
+    let model =
+        || format!("models/{}.toml", MODELS.choose(&mut rand_chacha::ChaCha8Rng::clone(random)).unwrap_or(&MODELS[0]));
     let model = model();
     let data = if random.random_bool(0.5) { "run.csv" } else { "run.mcap" }.to_string();
     let scenario = format!("scenarios/{}.toml", SCENARIOS.choose(random).unwrap_or(&SCENARIOS[0]));
@@ -109,6 +110,7 @@ fn is_nonsense(folder: &Path, out: &Path, line: &[String]) -> bool {
     }
     let written = ["out.csv", "out.toml", "imported.csv"].map(|name| folder.join(name));
     written.iter().filter_map(|file| std::fs::read_to_string(file).ok()).any(|text| {
-        text.split([',', '\n', ' ', '[', ']']).any(|word| matches!(word.trim(), "NaN" | "nan" | "inf" | "-inf" | "-nan"))
+        text.split([',', '\n', ' ', '[', ']'])
+            .any(|word| matches!(word.trim(), "NaN" | "nan" | "inf" | "-inf" | "-nan"))
     })
 }

@@ -6,9 +6,36 @@ use rand_chacha::ChaCha8Rng;
 
 /// Numbers at the edges of what a number may be.
 const NUMBERS: [&str; 30] = [
-    "0", "-0.0", "1", "-1", "0.5", "1e-300", "5e-324", "1e-9", "1e-3", "1e3", "1e9", "1e18", "1e300", "1.8e308", "-1e308",
-    "nan", "inf", "-inf", "9223372036854775807", "-9223372036854775808", "4294967296", "65536", "true", "\"\"", "[]", "{}",
-    "[1, 2]", "\"\\u001b[2J\"", "1e-12", "100000",
+    "0",
+    "-0.0",
+    "1",
+    "-1",
+    "0.5",
+    "1e-300",
+    "5e-324",
+    "1e-9",
+    "1e-3",
+    "1e3",
+    "1e9",
+    "1e18",
+    "1e300",
+    "1.8e308",
+    "-1e308",
+    "nan",
+    "inf",
+    "-inf",
+    "9223372036854775807",
+    "-9223372036854775808",
+    "4294967296",
+    "65536",
+    "true",
+    "\"\"",
+    "[]",
+    "{}",
+    "[1, 2]",
+    "\"\\u001b[2J\"",
+    "1e-12",
+    "100000",
 ];
 
 /// A mutated copy of `seed`, with parts of `other`.
@@ -85,7 +112,9 @@ fn length(bytes: &mut [u8], random: &mut ChaCha8Rng) {
 fn number(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     let is_part = |b: &u8| b.is_ascii_digit() || b"+-.eE_".contains(b);
     let starts: Vec<usize> = (0..bytes.len())
-        .filter(|&i| bytes[i].is_ascii_digit() && (i == 0 || !bytes[i - 1].is_ascii_alphanumeric() && !is_part(&bytes[i - 1])))
+        .filter(|&i| {
+            bytes[i].is_ascii_digit() && (i == 0 || !bytes[i - 1].is_ascii_alphanumeric() && !is_part(&bytes[i - 1]))
+        })
         .collect();
     let Some(&start) = starts.choose(random) else { return };
     let end = start + bytes[start..].iter().take_while(|b| is_part(b)).count();

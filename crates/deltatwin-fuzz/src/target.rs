@@ -50,10 +50,19 @@ pub const TARGETS: [Target; 8] = [
     Target {
         name: "path",
         file: "scenarios/mutated.toml",
-        seeds: &["scenarios/u-turn.toml", "scenarios/failures/bulky-path.toml", "scenarios/failures/believed-path.toml"],
+        seeds: &[
+            "scenarios/u-turn.toml",
+            "scenarios/failures/bulky-path.toml",
+            "scenarios/failures/believed-path.toml",
+        ],
         read: |file| drop(plan::read_with(file, Limits::NONE, deltatwin_cell::mesh::read)),
     },
-    Target { name: "setup", file: "run.setup.toml", seeds: &["setup"], read: |file| drop(recording::setup::read(file)) },
+    Target {
+        name: "setup",
+        file: "run.setup.toml",
+        seeds: &["setup"],
+        read: |file| drop(recording::setup::read(file)),
+    },
     Target {
         name: "formula",
         file: "formula.txt",
@@ -67,7 +76,12 @@ pub const TARGETS: [Target; 8] = [
         },
     },
     Target { name: "csv", file: "run.csv", seeds: &["recording.csv"], read: |file| drop(recording::read(file, None)) },
-    Target { name: "mcap", file: "run.mcap", seeds: &["recording.mcap"], read: |file| drop(recording::read(file, None)) },
+    Target {
+        name: "mcap",
+        file: "run.mcap",
+        seeds: &["recording.mcap"],
+        read: |file| drop(recording::read(file, None)),
+    },
 ];
 
 /// Seeds that are no shipped files.
@@ -97,7 +111,10 @@ pub fn seeds(root: &Path, name: &str) -> Vec<Vec<u8>> {
     }
     let path = root.join(name);
     let files: Vec<PathBuf> = match std::fs::read_dir(&path) {
-        Ok(entries) => entries.filter_map(|e| Some(e.ok()?.path())).filter(|p| p.extension().is_some_and(|e| e == "toml")).collect(),
+        Ok(entries) => entries
+            .filter_map(|e| Some(e.ok()?.path()))
+            .filter(|p| p.extension().is_some_and(|e| e == "toml"))
+            .collect(),
         Err(_) => vec![path],
     };
     let mut files = files;

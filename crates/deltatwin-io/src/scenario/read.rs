@@ -124,6 +124,7 @@ pub fn parse_with(text: &str, path: &Path, meshes: MeshReader) -> Result<Scenari
     let folder = path.parent().unwrap_or(Path::new(""));
     let beside = |key: &str, name: &Spanned<String>| {
         let target = folder.join(name.get_ref());
+        file.may_name(key, name, &target)?;
         if target.is_file() {
             return Ok(target);
         }

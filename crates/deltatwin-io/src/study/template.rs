@@ -12,6 +12,7 @@ use toml::{Table, Value};
 use super::factor::{Change, Factor, Range, Setting};
 use super::tree;
 use crate::model;
+use crate::outside;
 use crate::scenario::{self, ScenarioError};
 use crate::source::Problem;
 
@@ -270,7 +271,7 @@ fn files_in(value: &Value, folder: &Path, found: &mut BTreeMap<String, PathBuf>)
     match value {
         Value::String(name) => {
             let file = folder.join(name);
-            if !name.is_empty() && file.is_file() {
+            if !name.is_empty() && file.is_file() && outside::check(&folder.join("study"), &file).is_ok() {
                 found.insert(name.clone(), file);
             }
         }

@@ -235,6 +235,7 @@ fn table(input: Input) -> Checked<Course> {
         None => false,
     };
     let name = keys.file.get_ref();
+    file.may_name("motion.file", &keys.file, &input.folder.join(name))?;
     let table = super::super::table::read(&input.folder.join(name), moving)
         .map_err(|e| file.problem(keys.file.span(), format!("`motion.file` is \"{name}\": {e}")))?;
     Ok(Course::Table(table))
