@@ -9,6 +9,7 @@ mod cli;
 mod combinations;
 mod exam;
 mod failures;
+mod faults;
 mod gate;
 mod import;
 mod messages;

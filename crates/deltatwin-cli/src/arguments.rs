@@ -6,6 +6,7 @@ use crate::command::{
     add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
     shell, simulate, study,
 };
+use crate::data::positive;
 use clap::{Parser, Subcommand};
 
 /// Digital twin of a delta robot: compare, diagnose the missing physical effect, add it, watch the error fall.
@@ -18,6 +19,12 @@ use clap::{Parser, Subcommand};
 pub struct Cli {
     #[command(subcommand)]
     pub command: Option<Command>,
+    /// Longest time of the command, s; what was written until then is kept.
+    #[arg(long, global = true, value_name = "SECONDS", value_parser = positive)]
+    pub time_limit: Option<f64>,
+    /// Read files that scenarios and studies name outside of their project too, the folder with their `models/`.
+    #[arg(long, global = true)]
+    pub allow_outside: bool,
 }
 
 /// One variant per command.

@@ -22,6 +22,7 @@ mod text;
 
 pub use bars::error_bars;
 use text::FIRM;
+use text::harmless;
 pub use text::{WIDTH, command, grouped, hanging, wrapped};
 
 /// Exit status: success.
@@ -44,17 +45,28 @@ pub fn has_said() -> bool {
 pub fn say(text: impl std::fmt::Display) -> miette::Result<()> {
     SAID.store(true, Ordering::Relaxed);
     let mut out = std::io::stdout().lock();
-    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+    match writeln!(out, "{}", harmless(&text.to_string())).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(e).into_diagnostic(),
         _ => Ok(()),
     }
 }
 
+/// Prints a line on stderr; if nobody can read it there, the exit status still tells.
+pub fn complain(text: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{}", harmless(&text.to_string()));
+}
+
 /// Prints warnings on stderr.
 pub fn warn(warnings: &[String]) {
     for w in warnings {
-        eprintln!("warning: {w}");
+        complain(format!("warning: {w}"));
     }
+}
+
+/// An error and its causes as JSON: message, causes and help.
+pub fn error_json(report: &miette::Report) -> Value {
+    let causes: Vec<String> = report.chain().skip(1).map(ToString::to_string).collect();
+    json!({ "message": report.to_string().trim(), "causes": causes, "help": report.help().map(|h| h.to_string()) })
 }
 
 /// A progress bar on stderr from 0 to `length`; invisible if stderr is no terminal.
@@ -77,14 +89,35 @@ pub fn spinner(what: &str) -> ProgressBar {
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// Installs a handler for Ctrl-C that sets the flag of [`interrupted`]; a second Ctrl-C ends the process.
+/// Time that a command has to end by itself, s.
+const GRACE: f64 = 0.9;
+
+/// Installs a handler for Ctrl-C and the request to terminate that sets the flag of [`interrupted`]; a second one, or
+/// almost a second without an end, ends the process.
 pub fn catch_interrupt() -> miette::Result<()> {
     let stop = || {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(INTERRUPTED));
         }
+        std::thread::spawn(|| {
+            std::thread::sleep(Duration::from_secs_f64(GRACE));
+            complain("interrupted; what was written until now is kept");
+            std::process::exit(i32::from(INTERRUPTED));
+        });
     };
     ctrlc::set_handler(stop).into_diagnostic()
+}
+
+/// Ends the process after `limit` s; a command that asks whether it is [`interrupted`] can end in good order before.
+pub fn end_after(limit: f64) {
+    let wait = |seconds: f64| std::thread::sleep(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+    std::thread::spawn(move || {
+        wait((limit - GRACE).max(limit / 2.0));
+        STOP.store(true, Ordering::Relaxed);
+        wait(GRACE.min(limit / 2.0));
+        complain(format!("the time limit of {limit} s is over; what was written until now is kept"));
+        std::process::exit(i32::from(BAD_ANSWER));
+    });
 }
 
 /// Whether Ctrl-C was pressed.

@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{IntoDiagnostic, WrapErr};
 use serde_json::json;
 
-use crate::terminal::{today, wrapped};
+use crate::terminal::{complain, today, wrapped};
 use deltatwin::dynamics::Channel;
 use deltatwin::model::Provenance;
 use deltatwin_io::model;
@@ -39,12 +39,19 @@ impl Default for Args {
     }
 }
 
+/// Prints a line of the demo; what was found is in its files, too, if nobody reads it here.
+macro_rules! tell {
+    ($($line:tt)*) => {{
+        let _ = crate::terminal::say(format!($($line)*));
+    }};
+}
+
 /// Runs the demo; returns the exit status 0, or 1 if the hidden effect was not found.
 pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::parse(MODEL, Path::new("models/irb360-6-1600.toml"))?;
     let say = |text: String| {
         if !args.json {
-            println!("{text}");
+            tell!("{text}");
         }
     };
     say(format!("Robot: {} with a 2.5 kg payload and one effect its model does not have.", model.name));
@@ -81,7 +88,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if args.json {
         let mut object = summary(args, &measured, &findings, &files);
         object["left_out"] = left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect();
-        println!("{object}");
+        tell!("{object}");
     } else {
         print(&measured, &findings, &files);
     }
@@ -109,7 +116,7 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
     );
     match deltatwin_io::model::write_fitted(&findings.diagnosis.model, &path, &provenance) {
         Ok(()) => files.push(path),
-        Err(why) => eprintln!("no model file: {why}"),
+        Err(why) => complain(format!("no model file: {why}")),
     }
     let path = folder.join("report.html");
     figures::report(campaign, findings)
@@ -128,46 +135,49 @@ fn write(args: &Args, campaign: &Campaign, findings: &Findings) -> miette::Resul
 
 fn print(campaign: &Campaign, findings: &Findings, files: &[PathBuf]) {
     let d = &findings.diagnosis;
-    println!("\nWhere the model as delivered fails:");
+    tell!("\nWhere the model as delivered fails:");
     for f in findings.comparison.findings.iter().take(4) {
-        println!("  {}", f.sentence);
+        tell!("  {}", f.sentence);
     }
-    println!("\nDiagnosis: {}", d.verdict);
+    tell!("\nDiagnosis: {}", d.verdict);
     for e in &d.effects {
-        println!(
+        tell!(
             "  {} (probability {:.2}, explains {:.1} % of the explainable error)",
             e.name,
             e.confidence.probability(),
             100.0 * e.explained
         );
         for p in &e.parameters {
-            println!("    {:<18} {}", p.name, p.unit.quantity(format!("{:>10.5} ± {:.5}", p.value, p.std)));
+            tell!("    {:<18} {}", p.name, p.unit.quantity(format!("{:>10.5} ± {:.5}", p.value, p.std)));
         }
     }
     for set in &d.indistinguishable {
-        println!("  these data cannot tell apart: {}", set.join(", "));
+        tell!("  these data cannot tell apart: {}", set.join(", "));
     }
     if let Some(next) = &d.next_experiment {
-        println!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
+        tell!("{}", wrapped(&format!("next experiment, {}", next.what), 2));
     }
     let [delivered, identified, added] = figures::stage_rms(findings);
-    println!("\nRMS error on the held-out motion");
-    println!("  {:<14} {:>12} {:>12} {:>12} {:>12}", "", "delivered", "identified", "effect added", "noise floor");
+    tell!("\nRMS error on the held-out motion");
+    tell!("  {:<14} {:>12} {:>12} {:>12} {:>12}", "", "delivered", "identified", "effect added", "noise floor");
     for (c, channel) in d.channels.iter().enumerate() {
         let label = match channel {
             Channel::Torque(i) => format!("axis {} / N·m", i + 1),
             other => format!("{other} / N"),
         };
-        println!(
+        tell!(
             "  {label:<14} {:>12.4} {:>12.4} {:>12.4} {:>12.4}",
-            delivered[c], identified[c], added[c], d.noise_floor[c]
+            delivered[c],
+            identified[c],
+            added[c],
+            d.noise_floor[c]
         );
     }
-    println!("\nHidden was {}", describe(campaign));
-    println!("{}", if findings.right { "Found." } else { "Not found." });
-    println!("\nWritten:");
+    tell!("\nHidden was {}", describe(campaign));
+    tell!("{}", if findings.right { "Found." } else { "Not found." });
+    tell!("\nWritten:");
     for f in files {
-        println!("  {}", f.display());
+        tell!("  {}", f.display());
     }
 }
 

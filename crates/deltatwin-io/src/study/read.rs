@@ -14,6 +14,7 @@ use super::factor::{Change, Distribution, Factor, Level, Range};
 use super::template::{SCENARIO, Template};
 use super::{CAUSES, Design, Draws, Keep, Study, tree};
 use crate::kind::Kind;
+use crate::outside;
 use crate::scenario::ScenarioError;
 use crate::source::{Checked, Interval, Problem, Source};
 
@@ -226,6 +227,7 @@ fn experiment(file: &Source, path: &Path, document: &Document) -> Checked<Option
     let Some(name) = &document.model else { return Ok(None) };
     file.foreign("scenario", &document.scenario, "an experiment, which has a `model`")?;
     let target = path.parent().unwrap_or(Path::new("")).join(name.get_ref());
+    file.may_name("model", name, &target)?;
     if target.is_file() {
         return Ok(Some(target));
     }
@@ -239,6 +241,8 @@ fn scenarios(file: &Source, path: &Path, document: &Document, factors: &[Factor]
     let folder = path.parent().unwrap_or(Path::new(""));
     let found = |name: &str, span: std::ops::Range<usize>| {
         let target = folder.join(name);
+        outside::check(path, &target)
+            .map_err(|what| file.problem(span.clone(), format!("`scenario` is \"{name}\", which {what}")))?;
         if target.is_file() {
             return Ok(target);
         }

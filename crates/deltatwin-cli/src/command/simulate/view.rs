@@ -37,7 +37,7 @@ impl View {
             }
             Err(problem) => {
                 let who = self.connect.as_deref().unwrap_or("rerun");
-                eprintln!("warning: {who}: {problem}; the run goes on without a viewer");
+                crate::terminal::complain(format!("warning: {who}: {problem}; the run goes on without a viewer"));
                 None
             }
         }

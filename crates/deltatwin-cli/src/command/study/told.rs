@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::{Args, COMPLETE, STOPPED, command, pictures};
-use crate::terminal::{Table, path, paths, say, wrapped};
+use crate::terminal::{Table, complain, path, paths, say, wrapped};
 use deltatwin::text::significant;
 use deltatwin_study::campaign::Chunk;
 use deltatwin_study::conduct::{Conduct, Diagnosed, Summary};
@@ -12,7 +12,7 @@ use deltatwin_study::statistics::{Ended, Subset, wilson};
 /// Says how to go on after an interruption; returns the exit status.
 pub fn interrupted(args: &Args) -> u8 {
     let chunk = args.chunk.map_or(String::new(), |chunk| format!("--chunk {chunk}"));
-    eprintln!("interrupted; what was done is kept, the same command goes on:\n  {}", command(args, &chunk));
+    complain(format!("interrupted; what was done is kept, the same command goes on:\n  {}", command(args, &chunk)));
     STOPPED
 }
 
