@@ -9,6 +9,7 @@ mod epoch;
 mod error;
 pub mod setup;
 
+pub use bag::{JointSample, Tail};
 pub use columns::Mapping;
 pub use error::ReadError;
 
