@@ -62,9 +62,8 @@ impl Usual {
     fn of(values: &[f64]) -> Self {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
-        let covariance = |lag: usize| {
-            values[lag..].iter().zip(values).map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>() / n
-        };
+        let covariance =
+            |lag: usize| values[lag..].iter().zip(values).map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>() / n;
         let bandwidth = (4.0 * (n / 100.0).powf(2.0 / 9.0)).floor() as usize;
         let weighted = (1..=bandwidth.min(values.len() - 1))
             .map(|lag| 2.0 * (1.0 - lag as f64 / (bandwidth + 1) as f64) * covariance(lag));
@@ -117,8 +116,7 @@ impl Healthy {
         let channels = first.dataset.channels.clone();
         let series = |c: usize| -> Vec<f64> { windows.iter().flat_map(|w| &w.means[c]).copied().collect() };
         let segments = segments(windows);
-        let filters: Vec<ArFilter> =
-            (0..channels.len()).map(|c| ArFilter::fit(&series(c), &segments, ORDER)).collect();
+        let filters: Vec<ArFilter> = (0..channels.len()).map(|c| ArFilter::fit(&series(c), &segments, ORDER)).collect();
         let all = |c: usize| -> Vec<f64> { windows.iter().flat_map(|w| &w.residual[c]).copied().collect() };
         let mut healthy = Self {
             rms: (0..channels.len()).map(|c| rms(&all(c))).collect(),
@@ -134,7 +132,8 @@ impl Healthy {
         if raw.len() < 2 {
             return None;
         }
-        let average = |of: &dyn Fn(&Features) -> f64, all: &[Features]| all.iter().map(of).sum::<f64>() / all.len() as f64;
+        let average =
+            |of: &dyn Fn(&Features) -> f64, all: &[Features]| all.iter().map(of).sum::<f64>() / all.len() as f64;
         healthy.centres = (0..healthy.channels.len()).map(|c| average(&|f| f.means[c], &raw)).collect();
         let centred: Vec<Features> = windows.iter().filter_map(|w| healthy.features(w)).collect();
         healthy.energies = (0..healthy.channels.len()).map(|c| average(&|f| f.squares[c], &centred)).collect();
@@ -305,7 +304,11 @@ mod tests {
                 let window = machine.window(1.0, 0.0);
                 if healthy.add(&window).is_some_and(|(_, level, _)| level > 1.0) {
                     alarms += 1;
-                    healthy.charts.iter_mut().for_each(|(_, _, chart)| while chart.level() > 0.0 { chart.add(0.0, -1e3); });
+                    healthy.charts.iter_mut().for_each(|(_, _, chart)| {
+                        while chart.level() > 0.0 {
+                            chart.add(0.0, -1e3);
+                        }
+                    });
                 }
             }
         }
@@ -318,9 +321,15 @@ mod tests {
         for (size, shift, expected) in [(1.4, 0.0, "size"), (1.0, 0.15, "above"), (1.0, -0.15, "below")] {
             let mut machine = Machine::new(77);
             let mut healthy = Healthy::learn(&machine.windows(120), 0.01).unwrap();
-            let quiet = (0..300).filter_map(|_| { let window = machine.window(1.0, 0.0); healthy.add(&window) });
+            let quiet = (0..300).filter_map(|_| {
+                let window = machine.window(1.0, 0.0);
+                healthy.add(&window)
+            });
             assert!(quiet.map(|(_, level, _)| level).fold(0.0, f64::max) < 1.0);
-            let alarm = (0..120).find_map(|_| { let window = machine.window(size, shift); healthy.add(&window).filter(|a| a.1 > 1.0) });
+            let alarm = (0..120).find_map(|_| {
+                let window = machine.window(size, shift);
+                healthy.add(&window).filter(|a| a.1 > 1.0)
+            });
             let (statistic, _, onset) = alarm.expect("an alarm within two minutes");
             assert!(statistic.to_string().contains(expected), "{statistic}");
             assert!((onset.unwrap() - 420.0).abs() < 15.0, "{onset:?}");

@@ -15,9 +15,9 @@ pub mod identify;
 pub mod new;
 pub mod noise;
 pub mod plan;
-#[cfg(feature = "viewer")]
 pub mod replay;
 pub mod reproduce;
 pub mod shell;
 pub mod simulate;
 pub mod study;
+pub mod watch;

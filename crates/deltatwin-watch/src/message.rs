@@ -133,14 +133,20 @@ mod tests {
         assert_eq!(parse(one, 4), Ok(Message::Samples(vec![expected])));
         assert_eq!(parse(end().to_string().as_bytes(), 4), Ok(Message::End));
         let lone = parse(br#"{"t": [1], "q": [[2]], "tau": [[3]]}"#, 1);
-        assert_eq!(lone, Ok(Message::Samples(vec![Sample { t: 1.0, q: [2.0, 0.0, 0.0, 0.0], tau: [3.0, 0.0, 0.0, 0.0] }])));
+        assert_eq!(
+            lone,
+            Ok(Message::Samples(vec![Sample { t: 1.0, q: [2.0, 0.0, 0.0, 0.0], tau: [3.0, 0.0, 0.0, 0.0] }]))
+        );
     }
 
     #[test]
     fn unusable_messages_say_why() {
         let why = |text: &str| parse(text.as_bytes(), 4).unwrap_err().to_string();
         assert!(why("").contains("EOF") && why("[1]").contains("expected") && why("null").contains("expected"));
-        assert!(why(r#"{"q": [1,2,3,4], "tau": [1,2,3,4]}"#).starts_with("`t` is missing; expected {\"t\": s, \"q\": [4 angles]"));
+        assert!(
+            why(r#"{"q": [1,2,3,4], "tau": [1,2,3,4]}"#)
+                .starts_with("`t` is missing; expected {\"t\": s, \"q\": [4 angles]")
+        );
         assert!(why(r#"{"t": 1, "q": [1,2,3], "tau": [1,2,3,4]}"#).starts_with("`q` has 3 values"));
         assert!(why(r#"{"t": [1, 2], "q": [[1,2,3,4]], "tau": [[1,2,3,4]]}"#).contains("2 times, 1 rows `q`"));
         assert!(why(r#"{"t": 1e300, "q": [1,2,3,4], "tau": [1,2,3,4]}"#).contains("`t` is 1"));
