@@ -51,6 +51,9 @@ pub struct ColumnArgs {
     /// The recording is of the motor's side of a gear: motor turns per turn of the joint, or rad of the motor per metre.
     #[arg(long, value_name = "N", value_parser = positive)]
     pub gear_ratio: Option<f64>,
+    /// Memory for reading and analysing a recording, such as 2G or 500M, instead of three quarters of what is free.
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub max_memory: Option<u64>,
 }
 
 impl ColumnArgs {
@@ -63,6 +66,7 @@ impl ColumnArgs {
             joint: self.joint.as_deref(),
             rate: self.rate,
             gear_ratio: self.gear_ratio,
+            max_memory: self.max_memory,
         }
     }
 }
@@ -73,6 +77,19 @@ pub fn positive(text: &str) -> Result<f64, String> {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("expected a number above 0".into()),
     }
+}
+
+/// The number of bytes that `text` states, with K, M, G or T for powers of 1024.
+fn bytes(text: &str) -> Result<u64, String> {
+    let (digits, shift) = match text.chars().last().map(|c| c.to_ascii_uppercase()) {
+        Some('K') => (&text[..text.len() - 1], 10),
+        Some('M') => (&text[..text.len() - 1], 20),
+        Some('G') => (&text[..text.len() - 1], 30),
+        Some('T') => (&text[..text.len() - 1], 40),
+        _ => (text, 0),
+    };
+    let count = digits.parse::<u64>().ok().filter(|count| *count > 0);
+    count.and_then(|count| count.checked_mul(1 << shift)).ok_or("expected a size such as 2G, 500M or 1000000".into())
 }
 
 fn mass(text: &str) -> Result<f64, String> {

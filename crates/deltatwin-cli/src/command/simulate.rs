@@ -1,5 +1,6 @@
 //! `deltatwin simulate`.
 
+mod receiver;
 #[cfg(feature = "viewer")]
 mod view;
 
@@ -11,6 +12,7 @@ use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
+use self::receiver::Receiving;
 use crate::terminal::{
     BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, interrupted, path, say,
 };
@@ -20,16 +22,16 @@ use deltatwin::machine::Unit;
 use deltatwin::model::Model;
 use deltatwin::recording::{Context, Difference, Recording};
 use deltatwin::scenario::{DesiredMotion, Formulation, Scenario};
-use deltatwin::twin::origin::{origin, with_run};
+use deltatwin::twin::origin::origin;
 use deltatwin::twin::sockets::socket_name;
-use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, simulate, simulate_until_failure};
+use deltatwin::twin::{LARGEST_ENERGY_ERROR, Options, Report, SimulationError, setup_of_run, simulate, simulate_into};
 use deltatwin_io::file::WriteError;
 use deltatwin_io::{model, recording, scenario};
 
 /// Run the twin.
 ///
-/// Several scenarios run at once on all cores. Ctrl-C ends a run at its next sample; what was simulated until then is
-/// written.
+/// Several scenarios run at once on all cores. A recording grows on the disk as REC.partial until it is complete, at
+/// constant memory. Ctrl-C ends a run at its next sample; what was simulated until then is kept.
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Example: deltatwin simulate scenarios/crash.toml -o run.mcap --step-error")]
 pub struct Args {
@@ -78,11 +80,18 @@ struct Job {
     options: Options,
     output: Option<PathBuf>,
     origin: Context,
+    /// Whether the samples are needed after the run, besides their file.
+    keeps: bool,
 }
 
 /// Result of a job.
 struct Outcome {
+    /// Number of samples.
+    samples: usize,
+    /// The run as a whole, if the job keeps it.
     recording: Recording,
+    /// Why the recording was not written, if it was not.
+    unwritten: Option<WriteError>,
     report: Report,
     wall: f64,
     step_error: Option<Vec<Difference>>,
@@ -160,7 +169,8 @@ pub fn run(args: &Args) -> miette::Result<u8> {
             status = BAD_ANSWER;
         }
         // A failure to write one result does not affect the others.
-        let written = write(job, &outcome, args);
+        let mut outcome = outcome;
+        let written = outcome.unwritten.take().map_or_else(|| show(job, &outcome, args), Err);
         if let Err(error) = &written {
             eprintln!("error: {}: {error}", job.scenario.name);
             status = BAD_INPUT;
@@ -222,19 +232,15 @@ fn distinct(files: &[PathBuf], jobs: &[Job]) -> miette::Result<()> {
     Ok(())
 }
 
-/// Writes the requested files of a run.
-fn write(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
-    if let Some(output) = job.output.as_ref().filter(|_| !outcome.recording.signals.is_empty()) {
-        let context = with_run(job.origin.clone(), &job.machine, &job.options, &outcome.report);
-        recording::write_with(&outcome.recording, output, &context)?;
-    }
+/// Writes the Rerun file of a run, if one is wanted.
+fn show(job: &Job, outcome: &Outcome, args: &Args) -> Result<(), WriteError> {
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         let plant = Plant::new(&job.machine, &job.scenario.setup);
         deltatwin_rerun::show::write(rrd, &plant, &job.options, &outcome.recording, &outcome.report)?;
     }
     #[cfg(not(feature = "viewer"))]
-    let _ = args;
+    let _ = (job, outcome, args);
     Ok(())
 }
 
@@ -273,7 +279,10 @@ fn job(file: &Path, args: &Args) -> miette::Result<Job> {
     }
     let text = std::fs::read_to_string(file).ok();
     let origin = origin(&scenario, (file, text.as_deref()), &machine, &planning);
-    Ok(Job { scenario, machine, planning, motion, options, output, origin })
+    let keeps = args.verify.is_some();
+    #[cfg(feature = "viewer")]
+    let keeps = keeps || args.rrd.is_some();
+    Ok(Job { scenario, machine, planning, motion, options, output, origin, keeps })
 }
 
 fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -> Result<Outcome, SimulationError> {
@@ -281,10 +290,14 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     let controller = Plant::new(planning, &scenario.believed_setup());
     let desired = |t: f64| motion.at(t);
     let start = Instant::now();
-    let (mut recording, report, failure) =
-        simulate_until_failure(machine, &scenario.setup, &controller, &desired, options, progress)?;
+    let setup = setup_of_run(machine, &scenario.setup);
+    let mut receiving = Receiving::new(job, &setup, progress);
+    let (mut report, failure) =
+        simulate_into(machine, &scenario.setup, &controller, &desired, options, &mut receiving)?;
+    let received = receiving.finish();
+    report.frames = received.frames;
     let wall = start.elapsed().as_secs_f64();
-    recording.name.clone_from(&scenario.name);
+    let recording = Recording { name: scenario.name.clone(), signals: received.signals, setup };
     let step_error = if step_error && failure.is_none() {
         let again = |substeps: usize| {
             let options = Options { noise_seed: None, substeps, frames: None, watcher: None, ..options.clone() };
@@ -296,7 +309,8 @@ fn execute(job: &Job, step_error: bool, progress: &mut dyn FnMut(f64) -> bool) -
     } else {
         None
     };
-    Ok(Outcome { recording, report, wall, step_error, failure })
+    let (samples, unwritten) = (received.samples, received.problem);
+    Ok(Outcome { samples, recording, unwritten, report, wall, step_error, failure })
 }
 
 /// The socket with the least margin, and its margin, N.
@@ -349,7 +363,7 @@ fn print(
     args: &Args,
     written: bool,
 ) -> miette::Result<()> {
-    let Outcome { recording, report, wall, step_error, failure } = outcome;
+    let Outcome { samples, report, wall, step_error, failure, .. } = outcome;
     let ended = match failure {
         _ if interrupted() => ", interrupted",
         Some(_) => ", failed there",
@@ -408,8 +422,8 @@ fn print(
     };
     match &job.output {
         _ if !written => say("  Nothing written: see the error above")?,
-        Some(_) if recording.signals.is_empty() => say("  Nothing written: the run failed at its first sample")?,
-        Some(output) => say(format!("  Wrote {}: {} samples", output.display(), recording.signals.len()))?,
+        Some(_) if *samples == 0 => say("  Nothing written: the run failed at its first sample")?,
+        Some(output) => say(format!("  Wrote {}: {samples} samples", output.display()))?,
         None if rrd.is_none() => say("  Nothing written; -o FILE keeps the recording")?,
         None => {}
     }

@@ -19,7 +19,6 @@ use super::columns::{Frame, Layout};
 use super::dialect::{Dialect, Plain};
 use super::epoch::Clock;
 use super::{ReadError, Reading};
-use crate::file::{self, WriteError};
 
 /// Description of the expected file of a machine.
 fn expected(axes: usize) -> String {
@@ -57,24 +56,66 @@ pub fn read(path: &Path, how: &Reading) -> Result<(Signals, Vec<String>), ReadEr
 /// Writes the signals with the shortest decimals that read back exactly.
 ///
 /// # Errors
-/// [`WriteError::Invalid`] for inconsistent signals, [`WriteError::Io`] if the file cannot be written.
-pub fn write(path: &Path, signals: &Signals) -> Result<(), WriteError> {
-    let columns = check::columns(signals).map_err(|e| WriteError::invalid(path, e))?;
-    file::replace(path, |out| -> std::io::Result<()> {
-        write!(out, "t")?;
-        for c in &columns {
-            // The unit of a current is not that of the format.
-            let unit = if signals.mechanism.effort() == Effort::Current && c.name == "tau1" { " [A]" } else { "" };
-            write!(out, ",{}{unit}", c.name)?;
+/// A description of inconsistent signals, or what the operating system says.
+pub fn write(out: impl Write, signals: &Signals) -> std::io::Result<()> {
+    let mut writer = Writer::new(out);
+    writer.append(signals)?;
+    writer.finish()
+}
+
+/// A file being written, line by line.
+pub(super) struct Writer<W: Write> {
+    out: W,
+    /// Number of lines of samples so far.
+    samples: usize,
+}
+
+impl<W: Write> Writer<W> {
+    pub fn new(out: W) -> Self {
+        Self { out, samples: 0 }
+    }
+
+    /// Appends samples, below the names of their columns if they are the first.
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn append(&mut self, signals: &Signals) -> std::io::Result<()> {
+        let Self { out, samples } = self;
+        if signals.is_empty() {
+            return Ok(());
         }
-        for (i, t) in signals.t.iter().enumerate() {
-            write!(out, "\n{}", shortest(*t))?;
+        let columns = check::columns(signals, *samples).map_err(std::io::Error::other)?;
+        if *samples == 0 {
+            write!(out, "t")?;
             for c in &columns {
-                write!(out, ",{}", shortest(c.values[i]))?;
+                // The unit of a current is not that of the format.
+                let unit = if signals.mechanism.effort() == Effort::Current && c.name == "tau1" { " [A]" } else { "" };
+                write!(out, ",{}{unit}", c.name)?;
             }
+            writeln!(out)?;
         }
-        writeln!(out)
-    })
+        let mut line = String::new();
+        for (i, t) in signals.t.iter().enumerate() {
+            line.clear();
+            line += &shortest(*t);
+            for c in &columns {
+                line.push(',');
+                line += &shortest(c.values[i]);
+            }
+            line.push('\n');
+            out.write_all(line.as_bytes())?;
+        }
+        *samples += signals.len();
+        Ok(())
+    }
+
+    /// Hands the last lines on.
+    ///
+    /// # Errors
+    /// The error of the operating system.
+    pub fn finish(mut self) -> std::io::Result<()> {
+        self.out.flush()
+    }
 }
 
 /// Shortest decimal that reads back as the same number.

@@ -16,6 +16,7 @@ mod write;
 
 pub use read::read;
 pub use tail::{JointSample, Tail};
+pub(in crate::recording) use write::Writer;
 pub use write::write;
 
 use std::io::Read;
@@ -72,9 +73,10 @@ pub fn is_bag(path: &Path) -> bool {
     path.is_dir() || kind_of(path).is_some()
 }
 
-fn read_file(path: &Path, warnings: &mut Vec<String>) -> Result<Content, ReadError> {
+/// Appends the content of an MCAP or SQLite file to `found`.
+fn read_file(path: &Path, found: &mut Content, warnings: &mut Vec<String>) -> Result<(), ReadError> {
     match kind_of(path) {
-        Some(Kind::Sqlite) => sqlite_file::read(path, warnings),
-        _ => mcap_file::read(path, warnings),
+        Some(Kind::Sqlite) => sqlite_file::read(path, found, warnings),
+        _ => mcap_file::read(path, found, warnings),
     }
 }

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::messages::{JOINT_STATE, JointState, SECOND, is_type};
+use super::messages::{JOINT_STATE, JointNames, Numbers, RawState, SECOND, is_type};
 use super::read::by_name;
 
 /// Size above which records and chunks count as damaged, bytes.
@@ -29,6 +29,8 @@ pub struct Tail {
     schemas: HashMap<u16, String>,
     joints: HashSet<u16>,
     zero: Option<i64>,
+    /// Names of the joints of the last message, with their places in the order of the axes.
+    order: Option<(JointNames, Vec<usize>)>,
     ended: bool,
 }
 
@@ -45,6 +47,7 @@ impl Tail {
             schemas: HashMap::new(),
             joints: HashSet::new(),
             zero: None,
+            order: None,
             ended: false,
         }
     }
@@ -106,19 +109,32 @@ impl Tail {
     }
 
     fn sample(&mut self, data: &[u8]) -> Result<JointSample, String> {
-        let state = JointState::parse(data).ok_or("a JointState message cannot be decoded")?;
-        let order = by_name(&state.name, self.axes).unwrap_or_else(|| (0..self.axes).collect());
-        let pick = |values: &[f64]| order.iter().map(|&k| values.get(k).copied()).collect::<Option<Vec<f64>>>();
-        let (Some(q), Some(tau)) = (pick(&state.position), pick(&state.effort)) else {
+        let mut numbers = Vec::new();
+        let state = RawState::parse(data, &mut Numbers::All(&mut numbers));
+        let state = state.ok_or("a JointState message cannot be decoded")?;
+        let order = match self.order.take().filter(|(names, _)| state.has(names)) {
+            Some(known) => known,
+            None => {
+                let names = state.names();
+                let places = by_name(&names.texts(), self.axes).unwrap_or_else(|| (0..self.axes).collect());
+                (names, places)
+            }
+        };
+        let [positions, velocities, efforts] = state.counts;
+        let pick = |first: usize, count: usize| {
+            let value = |k: &usize| (*k < count).then(|| numbers[first + k]);
+            order.1.iter().map(value).collect::<Option<Vec<f64>>>()
+        };
+        let (Some(q), Some(tau)) = (pick(0, positions), pick(positions + velocities, efforts)) else {
             return Err(format!(
-                "a JointState message has {} positions and {} efforts; expected {} of both",
-                state.position.len(),
-                state.effort.len(),
+                "a JointState message has {positions} positions and {efforts} efforts; expected {} of both",
                 self.axes
             ));
         };
         let zero = *self.zero.get_or_insert(state.stamp);
-        Ok(JointSample { t: (state.stamp - zero) as f64 / SECOND as f64, q, tau })
+        let t = state.stamp.saturating_sub(zero) as f64 / SECOND as f64;
+        self.order = Some(order);
+        Ok(JointSample { t, q, tau })
     }
 }
 
