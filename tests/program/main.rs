@@ -14,3 +14,4 @@ mod import;
 mod messages;
 mod reproduce;
 mod study;
+mod watch;

@@ -22,6 +22,8 @@ pub struct Scene<'a> {
     /// Torque residual per frame and axis, in standard deviations of the sensor noise; colours arms and telescope from
     /// green (noise) to red (6 σ).
     pub residual: Option<Vec<[f64; AXES]>>,
+    /// Share of its hold that each socket uses, per frame: six at the elbows, six at the platform; 1 is the limit.
+    pub used: Option<Vec<[f64; 2 * STRUTS]>>,
     /// Struts with an open socket, per frame.
     pub loose: Option<Vec<[bool; STRUTS]>>,
     /// Shape of the payload and its centre in the end effector's frame, m.
@@ -34,6 +36,8 @@ pub struct Scene<'a> {
     pub notes: Vec<Note>,
     /// Whether to reserve a view for events that may follow.
     pub eventful: bool,
+    /// What there is to say about all of it, as Markdown.
+    pub text: Option<String>,
 }
 
 /// An object with its pose in every frame.
@@ -72,12 +76,14 @@ impl<'a> Scene<'a> {
             machine,
             geometry,
             residual: None,
+            used: None,
             loose: None,
             payload: None,
             things: Vec::new(),
             series: Vec::new(),
             notes: Vec::new(),
             eventful: false,
+            text: None,
         }
     }
 
@@ -89,6 +95,7 @@ impl<'a> Scene<'a> {
         };
         expect("bodies", self.bodies.len(), frames)?;
         expect("residual", self.residual.as_ref().map_or(frames, Vec::len), frames)?;
+        expect("used hold", self.used.as_ref().map_or(frames, Vec::len), frames)?;
         expect("loose struts", self.loose.as_ref().map_or(frames, Vec::len), frames)?;
         self.things.iter().try_for_each(|thing| expect(&thing.object.name, thing.poses.len(), frames))?;
         self.series.iter().try_for_each(|s| expect(&s.path, s.values.len(), s.times.len()))
