@@ -12,7 +12,7 @@ use super::search::with_effects;
 use super::{DiagnosisError, check, conclusion, problem};
 use crate::dynamics::{Channel, Plant, in_configuration};
 use crate::effects::{ActiveEffect, rigid_bodies};
-use crate::evidence::{self, Chosen, Finding, Settings};
+use crate::evidence::{self, Assessment, Chosen, Finding, Settings};
 use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{Estimate, Options as FitOptions, fit_with};
 use crate::identification::{Dataset, Residuals};
@@ -24,6 +24,10 @@ const MAX_CHANGES: usize = 3;
 /// Relevance from which a change is named, in that of a missing effect: parameters that the healthy recordings
 /// determine leave smaller changes visible.
 const RELEVANCE: f64 = 0.3;
+
+/// Least relevance of a further change relative to that of the largest: a smaller one may come from where the columns,
+/// linear in the parameters, do not follow the largest one.
+const LEAST_SHARE: f64 = 0.1;
 
 /// A parameter before and after.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,10 +109,11 @@ pub fn changed(
         ..Settings::default()
     };
     let outcome = evidence::select(&problem, &settings).map_err(|e| DiagnosisError::of_statistics(e, &all))?;
+    let findings = worthwhile(outcome.findings);
     let names: Vec<&str> = problem.candidates.iter().map(|c| c.name.as_str()).collect();
-    let (present, estimates) = refit(&fit.model, &outcome.findings, (&names, &absent), later)?;
+    let (present, estimates) = refit(&fit.model, &findings, (&names, &absent), later)?;
     let shifts = [fit.parameters.as_slice(), &estimates];
-    let causes = outcome.findings.iter().map(|finding| cause(finding, &names, shifts)).collect();
+    let causes = findings.iter().map(|finding| cause(finding, &names, shifts)).collect();
     let judged = if held_out.is_empty() { later } else { held_out };
     let rms = |model: &Model| Residuals::new(model, judged).map(|residuals| residuals.rms);
     Ok(Changed {
@@ -119,6 +124,14 @@ pub fn changed(
         causes,
         model: present,
     })
+}
+
+/// The findings of at least [`LEAST_SHARE`] of the largest relevance.
+fn worthwhile(mut findings: Vec<Finding>) -> Vec<Finding> {
+    let relevance = |f: &Finding| f.ranking.of(f.chosen.candidate).map_or(0.0, Assessment::max_relevance);
+    let largest = findings.iter().map(relevance).fold(0.0, f64::max);
+    findings.retain(|f| relevance(f) >= LEAST_SHARE * largest);
+    findings
 }
 
 /// The model with the found effects alone fitted to the later recordings, all else as in the healthy machine, and their

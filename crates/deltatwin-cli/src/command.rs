@@ -20,4 +20,6 @@ pub mod reproduce;
 pub mod shell;
 pub mod simulate;
 pub mod study;
+#[cfg(feature = "viewer")]
+pub mod view;
 pub mod watch;

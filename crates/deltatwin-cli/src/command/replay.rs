@@ -24,14 +24,20 @@ pub struct Args {
     /// Model file to compare with; the shipped `irb360-6-1600.toml` without it.
     #[arg(long, value_name = "M")]
     pub model: Option<PathBuf>,
+    /// Later model file, whose residual is shown beside.
+    #[arg(long, value_name = "MODEL2")]
+    pub beside: Option<PathBuf>,
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    viewer: super::view::LiveView,
     /// Broker to publish the samples at, instead of writing a file.
     #[arg(long, value_name = "URL", requires = "topic", conflicts_with = "output")]
     pub mqtt: Option<Address>,
     /// Topic of the samples.
     #[arg(long, value_name = "TOPIC", requires = "mqtt")]
     pub topic: Option<String>,
-    /// Seconds of the recording per second.
-    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive, requires = "mqtt")]
+    /// Seconds of the recording per second, to the broker or with --live.
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
     pub speed: f64,
     /// Seconds of samples in a message.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.02, value_parser = positive, requires = "mqtt")]

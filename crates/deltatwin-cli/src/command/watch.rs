@@ -76,6 +76,9 @@ pub struct Args {
     /// Setup of the machine: payload, configuration.
     #[arg(long, value_name = "FILE")]
     pub setup: Option<PathBuf>,
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    viewer: super::view::View,
     /// One JSON object on stdout, at the end.
     #[arg(long)]
     pub json: bool,
@@ -160,7 +163,7 @@ impl<'a> Watch<'a> {
             forget(&mut healthy, HEALTHY);
         }
         let tape = args.output.as_deref().map(|file| Tape::create(file, model.mechanism, &setup)).transpose()?;
-        let state = State::new(args, monitor.healthy());
+        let state = State::new(args, model, &setup, monitor.healthy());
         let (inbox, recent) = (Inbox::new(args.patience), VecDeque::new());
         let investigations = Investigations::default();
         Ok(Self { args, model, setup, inbox, monitor, healthy, recent, investigations, tape, state, impossible: 0 })

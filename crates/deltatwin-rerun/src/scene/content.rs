@@ -49,6 +49,7 @@ pub struct Thing<'a> {
 }
 
 /// A curve over time.
+#[derive(Clone, Debug)]
 pub struct Series {
     /// Path of tab, plot and curve, e.g. `torque/axis1/measured`.
     pub path: String,
@@ -84,6 +85,32 @@ impl<'a> Scene<'a> {
             notes: Vec::new(),
             eventful: false,
             text: None,
+        }
+    }
+
+    /// The part from `from` to before `to`, s, as a piece of a stream.
+    pub fn between(&self, from: f64, to: f64) -> Self {
+        let inside = |times: &[f64]| times.partition_point(|t| *t < from)..times.partition_point(|t| *t < to);
+        let frames = inside(&self.times);
+        let thing = |thing: &Thing<'a>| Thing { object: thing.object, poses: thing.poses[frames.clone()].to_vec() };
+        let series = |s: &Series| {
+            let range = inside(&s.times);
+            Series { times: s.times[range.clone()].to_vec(), values: s.values[range].to_vec(), ..s.clone() }
+        };
+        Scene {
+            times: self.times[frames.clone()].to_vec(),
+            bodies: self.bodies[frames.clone()].to_vec(),
+            machine: self.machine,
+            geometry: self.geometry,
+            residual: self.residual.as_ref().map(|all| all[frames.clone()].to_vec()),
+            used: self.used.as_ref().map(|all| all[frames.clone()].to_vec()),
+            loose: self.loose.as_ref().map(|all| all[frames.clone()].to_vec()),
+            payload: self.payload.clone(),
+            things: self.things.iter().map(thing).collect(),
+            series: self.series.iter().map(series).collect(),
+            notes: self.notes.iter().filter(|n| n.t >= from && n.t < to).cloned().collect(),
+            eventful: self.eventful,
+            text: self.text.clone(),
         }
     }
 

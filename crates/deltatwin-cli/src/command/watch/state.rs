@@ -7,6 +7,8 @@ use super::cause::Finding;
 use super::source::Source;
 use crate::terminal::{command, say};
 use deltatwin::identification::residuals::rms;
+use deltatwin::machine::Setup;
+use deltatwin::model::Model;
 use deltatwin::monitoring::{Alarm, Healthy, Loads, Observation};
 use deltatwin::twin::sockets::socket_name;
 use deltatwin_watch::inbox::Counts;
@@ -23,12 +25,30 @@ pub struct State<'a> {
     windows: u64,
     highest: f64,
     weakest: Option<(usize, f64)>,
+    #[cfg(feature = "viewer")]
+    viewer: Option<deltatwin_rerun::watch::Broadcast>,
 }
 
 impl<'a> State<'a> {
-    pub fn new(args: &'a Args, healthy: Option<&Healthy>) -> Self {
-        let watches = healthy.is_some();
-        Self { args, watches, alarm: None, cause: None, t: 0.0, windows: 0, highest: 0.0, weakest: None }
+    /// Nothing is known, but what was `healthy` if that is.
+    pub fn new(args: &'a Args, model: &Model, setup: &Setup, healthy: Option<&Healthy>) -> Self {
+        #[cfg(not(feature = "viewer"))]
+        let _ = (model, setup);
+        Self {
+            args,
+            watches: healthy.is_some(),
+            alarm: None,
+            cause: None,
+            t: 0.0,
+            windows: 0,
+            highest: 0.0,
+            weakest: None,
+            #[cfg(feature = "viewer")]
+            viewer: args.viewer.viewer().and_then(|viewer| {
+                let opened = deltatwin_rerun::watch::Broadcast::open(&viewer, model, setup);
+                opened.inspect_err(|problem| args.viewer.refuse(problem)).ok()
+            }),
+        }
     }
 
     /// Tells what a window shows.
@@ -56,6 +76,10 @@ impl<'a> State<'a> {
             residual["learned"] = json!([learning.done, learning.needed]);
         }
         source.publish("residual", &residual)?;
+        #[cfg(feature = "viewer")]
+        if let Some(viewer) = &self.viewer {
+            viewer.observed(observation, healthy.map_or(&[], |h| &h.rms));
+        }
         if let Some(loads) = &window.loads {
             self.loads(loads, source)?;
         }
@@ -103,6 +127,10 @@ impl<'a> State<'a> {
             let [from, to] = finding.data;
             self.say(&format!("cause so far, from {from:.1} to {to:.1} s:"))?;
             for line in finding.lines() {
+                #[cfg(feature = "viewer")]
+                if let Some(viewer) = &self.viewer {
+                    viewer.say(self.t, &line, true);
+                }
                 if !self.args.json {
                     say(crate::terminal::hanging(&line, "      ", "        "))?;
                 }
@@ -174,6 +202,10 @@ impl<'a> State<'a> {
     }
 
     fn say(&self, what: &str) -> miette::Result<()> {
+        #[cfg(feature = "viewer")]
+        if let Some(viewer) = &self.viewer {
+            viewer.say(self.t, what, self.alarm.is_some());
+        }
         if self.args.json { Ok(()) } else { say(format!("{:9.1} s  {what}", self.t)) }
     }
 }
