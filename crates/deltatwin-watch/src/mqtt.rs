@@ -253,7 +253,8 @@ impl Work {
         // Messages to repeat, which wait for room in the queue.
         let mut repeated: VecDeque<(String, Vec<u8>)> = VecDeque::new();
         loop {
-            let report = match connection.recv_timeout(RETRY) {
+            // No time limit here: it would interrupt a connection that is being made.
+            let report = match connection.recv() {
                 Ok(Ok(Event::Incoming(Packet::Publish(message)))) => Some(Report::Message(message.payload.to_vec())),
                 Ok(Ok(Event::Incoming(Packet::ConnAck(_)))) => {
                     if let Some(topic) = &self.topic {
@@ -264,8 +265,9 @@ impl Work {
                     }
                     Some(Report::Connected)
                 }
-                Ok(Ok(_)) | Err(rumqttc::RecvTimeoutError::Timeout { .. }) => None,
-                Err(rumqttc::RecvTimeoutError::Disconnected) => break,
+                Ok(Ok(_)) => None,
+                // The farewell is over.
+                Err(_) => break,
                 Ok(Err(_)) if self.ending.load(Ordering::Relaxed) => break,
                 Ok(Err(e)) => {
                     std::thread::sleep(RETRY);

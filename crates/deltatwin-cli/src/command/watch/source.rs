@@ -15,6 +15,8 @@ use deltatwin_watch::mqtt::{Address, Link, Report};
 
 /// Time in which a broker must answer at the start.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// Time without a sample after the message that no more follow: some may have been sent again behind it.
+const AFTER_END: Duration = Duration::from_secs(1);
 /// Number of faulty messages or lines that are told.
 const TOLD: u64 = 5;
 
@@ -42,6 +44,7 @@ pub struct Source {
     idle: Option<Duration>,
     last: Instant,
     faults: u64,
+    is_lost: bool,
 }
 
 impl Source {
@@ -63,7 +66,16 @@ impl Source {
             _ => return Err(miette!("expected --mqtt URL --topic TOPIC, or --follow FILE")),
         };
         let idle = args.idle.map(Duration::from_secs_f64);
-        Ok(Self { channel, axes, prefix: args.publish.clone(), name, idle, last: Instant::now(), faults: 0 })
+        Ok(Self {
+            channel,
+            axes,
+            prefix: args.publish.clone(),
+            name,
+            idle,
+            last: Instant::now(),
+            faults: 0,
+            is_lost: false,
+        })
     }
 
     /// Name for the user.
@@ -91,7 +103,10 @@ impl Source {
             Channel::Broker { link, address, .. } => match link.receive(pause).into_diagnostic()? {
                 Some(Report::Message(payload)) => match message::parse(&payload, self.axes) {
                     Ok(Message::Samples(samples)) => Arrival::Samples(samples),
-                    Ok(Message::End) => Arrival::End,
+                    Ok(Message::End) => {
+                        self.idle = Some(AFTER_END);
+                        Arrival::Nothing
+                    }
                     Err(problem) => {
                         self.fault(&format!("message of {} bytes: {problem}", payload.len()));
                         Arrival::Nothing
@@ -99,12 +114,16 @@ impl Source {
                 },
                 Some(Report::Lost(reason)) => {
                     // Told once for all attempts.
-                    if self.last.elapsed() < Duration::from_secs(1) {
+                    if !std::mem::replace(&mut self.is_lost, true) {
                         warn(&[format!("{address}: {reason}; trying again")]);
                     }
                     Arrival::Nothing
                 }
-                Some(Report::Connected) | None => Arrival::Nothing,
+                Some(Report::Connected) => {
+                    self.is_lost = false;
+                    Arrival::Nothing
+                }
+                None => Arrival::Nothing,
             },
         };
         match &arrival {
