@@ -62,7 +62,7 @@ pub mod scenario;
 
 pub mod twin;
 
-// Statistics, identification, design of motions, constraint forces, planning and diagnosis.
+// Statistics, identification, design of motions, constraint forces, planning, monitoring and diagnosis.
 pub mod evidence;
 
 pub mod identification;
@@ -76,5 +76,7 @@ pub mod constraint_forces;
 pub mod planner;
 
 pub mod comparison;
+
+pub mod monitoring;
 
 pub mod diagnosis;

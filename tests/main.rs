@@ -32,6 +32,7 @@ mod links;
 mod r#loop;
 mod machines;
 mod model;
+mod monitoring;
 mod motions;
 mod payload;
 mod planner;

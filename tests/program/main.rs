@@ -15,3 +15,4 @@ mod import;
 mod messages;
 mod reproduce;
 mod study;
+mod watch;

@@ -1,10 +1,8 @@
 //! Command-line arguments.
 
-#[cfg(feature = "viewer")]
-use crate::command::replay;
 use crate::command::{
-    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
-    shell, simulate, study,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, replay,
+    reproduce, shell, simulate, study, watch,
 };
 use crate::data::positive;
 use clap::{Parser, Subcommand};
@@ -47,8 +45,8 @@ pub enum Command {
     Forces(forces::Args),
     Plan(plan::Args),
     Study(study::Args),
-    #[cfg(feature = "viewer")]
     Replay(replay::Args),
+    Watch(watch::Args),
     Check(check::Args),
     Completions(shell::Completions),
     Man(shell::Man),

@@ -15,9 +15,11 @@ pub mod identify;
 pub mod new;
 pub mod noise;
 pub mod plan;
-#[cfg(feature = "viewer")]
 pub mod replay;
 pub mod reproduce;
 pub mod shell;
 pub mod simulate;
 pub mod study;
+#[cfg(feature = "viewer")]
+pub mod view;
+pub mod watch;

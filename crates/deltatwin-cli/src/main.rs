@@ -12,8 +12,8 @@ use arguments::{Cli, Command};
 use clap::Parser;
 use clap::error::{ContextKind, ContextValue};
 use command::{
-    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
-    shell, simulate, study,
+    add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, replay,
+    reproduce, shell, simulate, study, watch,
 };
 use miette::MietteHandlerOpts;
 use serde_json::{Value, json};
@@ -93,8 +93,8 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Effects(args) => effects::run(args),
         Command::Forces(args) => forces::run(args),
         Command::Plan(args) => plan::run(args),
-        #[cfg(feature = "viewer")]
-        Command::Replay(args) => command::replay::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Watch(args) => watch::run(args),
         Command::Study(args) => study::run(args),
         Command::Check(args) => check::run(args),
         Command::Completions(args) => shell::completions(args),

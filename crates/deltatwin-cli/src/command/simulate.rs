@@ -2,12 +2,10 @@
 
 mod receiver;
 mod remedy;
-#[cfg(feature = "viewer")]
-mod view;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use miette::{IntoDiagnostic, WrapErr, miette};
 use rayon::prelude::*;
@@ -15,6 +13,10 @@ use serde_json::{Value, json};
 
 use self::receiver::Receiving;
 use self::remedy::Remedy;
+#[cfg(feature = "viewer")]
+use crate::command::view::LiveView;
+#[cfg(feature = "viewer")]
+use crate::data::positive;
 use crate::terminal::{
     BAD_ANSWER, BAD_INPUT, DONE, INTERRUPTED, bar, catch_interrupt, check_output, complain, error_json, interrupted,
     path, say,
@@ -65,7 +67,11 @@ pub struct Args {
     pub rrd: Option<PathBuf>,
     #[cfg(feature = "viewer")]
     #[command(flatten)]
-    viewer: view::View,
+    viewer: LiveView,
+    /// Simulated seconds per second of --live.
+    #[cfg(feature = "viewer")]
+    #[arg(long, value_name = "X", default_value_t = 1.0, requires = "live", value_parser = positive)]
+    speed: f64,
     /// One JSON object on stdout.
     #[arg(long)]
     pub json: bool,
@@ -142,7 +148,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     #[cfg(feature = "viewer")]
     alone("--rrd", args.rrd.is_some())?;
     #[cfg(feature = "viewer")]
-    alone("--connect or --spawn", args.viewer.wanted())?;
+    alone("--connect, --spawn or --live", args.viewer.wanted())?;
     #[cfg(feature = "viewer")]
     if let Some(rrd) = &args.rrd {
         check_output(rrd, &[args.scenarios[0].as_path()], &["rrd"])?;
@@ -155,7 +161,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
         let plant = Plant::new(&job.machine, &job.scenario.setup);
         args.viewer.open(&job.scenario.name, &plant, &mut job.options, FRAME)
     });
-    let outcomes = execute_all(&jobs, args.step_error);
+    #[cfg(feature = "viewer")]
+    let pace = args.viewer.is_live().then_some(args.speed);
+    #[cfg(not(feature = "viewer"))]
+    let pace = None;
+    let outcomes = execute_all(&jobs, args.step_error, pace);
     #[cfg(feature = "viewer")]
     if let Some(problem) = stream.and_then(deltatwin_rerun::stream::Stream::finish) {
         complain(format!("warning: {problem}"));
@@ -207,17 +217,21 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     Ok(if interrupted() { INTERRUPTED } else { status })
 }
 
-/// Runs all jobs on all cores, with a progress bar over their simulated time.
-fn execute_all(jobs: &[Job], step_error: bool) -> Vec<Result<Outcome, SimulationError>> {
+/// Runs all jobs on all cores, with a progress bar over their simulated time; with a `pace`, no faster than so many
+/// simulated seconds per second.
+fn execute_all(jobs: &[Job], step_error: bool, pace: Option<f64>) -> Vec<Result<Outcome, SimulationError>> {
     let total: f64 = jobs.iter().map(|j| j.scenario.duration).sum();
     let progress = bar("simulate", (total * 1e3) as u64);
-    let done = AtomicU64::new(0);
+    let (done, start) = (AtomicU64::new(0), Instant::now());
     let one = |job: &Job| {
         let mut last = 0;
         execute(job, step_error, &mut |t| {
             let now = (t * 1e3) as u64;
             progress.set_position(done.fetch_add(now - last, Ordering::Relaxed) + now - last);
             last = now;
+            if let Some(pace) = pace {
+                std::thread::sleep(Duration::from_secs_f64(t / pace).saturating_sub(start.elapsed()));
+            }
             !interrupted()
         })
     };

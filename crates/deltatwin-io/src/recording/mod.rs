@@ -11,6 +11,7 @@ mod memory;
 mod recorder;
 pub mod setup;
 
+pub use bag::{JointSample, Tail};
 pub use columns::Mapping;
 pub use error::ReadError;
 pub use recorder::{Head, Recorder};

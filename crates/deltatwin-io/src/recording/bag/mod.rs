@@ -10,10 +10,12 @@ mod mcap_file;
 mod messages;
 mod read;
 mod sqlite_file;
+mod tail;
 mod topics;
 mod write;
 
 pub use read::read;
+pub use tail::{JointSample, Tail};
 pub(in crate::recording) use write::Writer;
 pub use write::write;
 

@@ -301,7 +301,7 @@ fn listed(names: &[String]) -> String {
 }
 
 /// Index of each axis among joints named `axis1`, `q1`, `joint1`, `joint_1`….
-fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
+pub(super) fn by_name(names: &[String], axes: usize) -> Option<Vec<usize>> {
     let number = |name: &String| {
         let name: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
         let name = name.to_ascii_lowercase();
