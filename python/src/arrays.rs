@@ -102,6 +102,10 @@ pub fn array<'py>(py: Python<'py>, values: Vec<f64>, shape: &[usize]) -> PyResul
     Ok(made.into_pyarray(py))
 }
 
+/// Times `(n,)`, coordinates, rates and accelerations `(n, dof)` of a motion.
+pub type Course<'py> =
+    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>);
+
 /// Joint states of one to three arrays of equal shape.
 pub struct States<'py> {
     /// Coordinates.

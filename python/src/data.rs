@@ -18,21 +18,28 @@ pub struct Data {
     pub held_out: Vec<Dataset>,
 }
 
-/// Recordings of an argument: one, or a sequence of them.
-fn recordings(object: Option<&Bound<'_, PyAny>>, name: &str) -> PyResult<Vec<Arc<Dataset>>> {
+/// What `of` makes of the recordings of an argument: one, or a sequence of them.
+///
+/// # Errors
+/// `TypeError` for anything else.
+pub fn each<T: Send>(
+    object: Option<&Bound<'_, PyAny>>,
+    name: &str,
+    of: impl Fn(&Recording) -> T + Sync,
+) -> PyResult<Vec<T>> {
     let Some(object) = object else { return Ok(Vec::new()) };
     let py = object.py();
+    let made = |recording: &Bound<'_, Recording>| {
+        let own = recording.get();
+        py.detach(|| of(own))
+    };
     if let Ok(one) = object.cast::<Recording>() {
-        let one = one.get();
-        return Ok(vec![py.detach(|| one.dataset())]);
+        return Ok(vec![made(one)]);
     }
     let wrong = || PyTypeError::new_err(format!("{name}: expected a Recording, or a sequence of them"));
     let mut all = Vec::new();
     for item in object.try_iter().map_err(|_| wrong())? {
-        let item = item?;
-        let own = item.cast::<Recording>().map_err(|_| wrong())?;
-        let own = own.get();
-        all.push(py.detach(|| own.dataset()));
+        all.push(made(item?.cast::<Recording>().map_err(|_| wrong())?));
     }
     Ok(all)
 }
@@ -50,8 +57,8 @@ impl Data {
         held_out: Option<&Bound<'_, PyAny>>,
         gate: bool,
     ) -> PyResult<Self> {
-        let fitted = recordings(Some(data), "recordings")?;
-        let validated = recordings(held_out, "held_out")?;
+        let fitted = each(Some(data), "recordings", Recording::dataset)?;
+        let validated = each(held_out, "held_out", Recording::dataset)?;
         let drives = Channel::of_drives(model.mechanism);
         let mut all: Vec<Dataset> = fitted.iter().chain(&validated).map(|d| (**d).clone()).collect();
         let Some(first) = all.first() else {

@@ -212,6 +212,7 @@ impl Model {
     ///
     /// Counterpart: ``data.lambda_c`` of pinocchio, ``data.efc_force`` of MuJoCo. Raises ``ModelError`` without struts.
     #[pyo3(signature = (q, qd = None, qdd = None, *, setup = None, reduced = false))]
+    #[expect(clippy::too_many_arguments, reason = "the keywords of the method")]
     fn constraint_forces<'py>(
         &self,
         py: Python<'py>,

@@ -8,11 +8,11 @@ use deltatwin::dynamics::Plant;
 use deltatwin::excitation::{Design, ExcitationError, Hemisphere, Objective, Options, design};
 use deltatwin::machine::Setup;
 use deltatwin::model;
-use numpy::{PyArray1, PyArrayDyn};
+use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::array;
+use crate::arrays::{Course, array};
 use crate::errors;
 use crate::interrupt::{Bar, run};
 use crate::model::Model;
@@ -89,16 +89,7 @@ impl Excitation {
 
     /// ``t``, ``q``, ``qd``, ``qdd`` of one period: ``(n,)`` and ``(n, dof)``.
     #[pyo3(signature = (sample_time = None))]
-    fn states<'py>(
-        &self,
-        py: Python<'py>,
-        sample_time: Option<f64>,
-    ) -> PyResult<(
-        Bound<'py, PyArray1<f64>>,
-        Bound<'py, PyArrayDyn<f64>>,
-        Bound<'py, PyArrayDyn<f64>>,
-        Bound<'py, PyArrayDyn<f64>>,
-    )> {
+    fn states<'py>(&self, py: Python<'py>, sample_time: Option<f64>) -> PyResult<Course<'py>> {
         let step = sample_time.unwrap_or(self.model.sample_time);
         if !(step.is_finite() && step > 1e-6) {
             return Err(PyValueError::new_err(format!("sample_time is {step}; expected seconds above 1e-6")));

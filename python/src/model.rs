@@ -119,6 +119,25 @@ impl Model {
         SHIPPED.iter().map(|(name, _)| *name).collect()
     }
 
+    /// A first model of a single axis from recordings alone: sampling, encoder, travel, limits, noise, inertia, friction
+    /// and gravity.
+    ///
+    /// ``gear_ratio`` is motor turns per turn of the joint, 1 if it is not known. Where the recordings hold the motor's
+    /// current, the model is in ampere, and everything is per torque constant.
+    ///
+    /// Raises ``DataError`` if the recordings are too short or do not move.
+    #[staticmethod]
+    #[pyo3(signature = (recordings, *, name = "axis", gear_ratio = None))]
+    fn from_axis(py: Python, recordings: &Bound<'_, PyAny>, name: &str, gear_ratio: Option<f64>) -> PyResult<Self> {
+        let all = crate::data::each(Some(recordings), "recordings", |r| (*r.inner).clone())?;
+        if let Some(other) = all.iter().find(|r| !matches!(r.signals.mechanism, Mechanism::Axis(_))) {
+            let text = format!("{}: has several axes; expected a recording of one", other.name);
+            return Err(errors::data_error(py, text));
+        }
+        let found = py.detach(|| deltatwin::identification::initial::axis(name, &all, gear_ratio));
+        found.map(|initial| initial.model.into()).map_err(|e| errors::data_error(py, e))
+    }
+
     /// The model as the text of a model file; comments of the file it came from are kept.
     ///
     /// Raises ``ModelError`` if the model has a Python law, which no file can hold.

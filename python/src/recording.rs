@@ -12,7 +12,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
 
-use crate::arrays::{Rows, array};
+use crate::arrays::{Course, Rows, array};
 use crate::errors;
 use crate::model::Model;
 use crate::setup::Setup;
@@ -238,15 +238,7 @@ impl Recording {
     }
 
     /// ``t``, ``q``, ``qd``, ``qdd``: the smoothed motion that fits use; a few samples at the ends are lost.
-    fn states<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(
-        Bound<'py, PyArray1<f64>>,
-        Bound<'py, PyArrayDyn<f64>>,
-        Bound<'py, PyArrayDyn<f64>>,
-        Bound<'py, PyArrayDyn<f64>>,
-    )> {
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Course<'py>> {
         let dataset = py.detach(|| self.dataset());
         let of = |get: &dyn Fn(&deltatwin::kinematics::JointState) -> [f64; 4]| {
             let rows: Vec<[f64; 4]> = dataset.joints.iter().map(get).collect();

@@ -13,6 +13,11 @@ pub struct Payload {
 
 #[pymethods]
 impl Payload {
+    /// A payload of ``mass`` (kg) with its centre of mass at ``com`` (m, from the flange centre, z up, turning with axis 4).
+    ///
+    /// ``inertia_zz`` or ``inertia`` (xx, yy, zz or xx, yy, zz, xy, xz, yz) are about the centre of mass, kg·m².
+    ///
+    /// Raises ``ValueError`` for what no body can have. Counterpart: ``pinocchio.Inertia``.
     #[new]
     #[pyo3(signature = (mass, com = [0.0; 3], *, inertia_zz = None, inertia = None))]
     fn new(mass: f64, com: [f64; 3], inertia_zz: Option<f64>, inertia: Option<Vec<f64>>) -> PyResult<Self> {
@@ -26,6 +31,7 @@ impl Payload {
         Ok(Self { inner })
     }
 
+    /// A box of uniform density with edges ``size`` (m) and ``mass`` (kg), held at ``grip`` (m, from its centre).
     #[staticmethod]
     #[pyo3(signature = (size, mass, *, grip = [0.0; 3]))]
     fn cuboid(size: [f64; 3], mass: f64, grip: [f64; 3]) -> PyResult<Self> {
@@ -56,17 +62,21 @@ impl Payload {
         format!("Payload(mass={}, com={:?}, inertia={:?})", self.inner.mass, self.com(), self.inertia())
     }
 
-    fn __reduce__(slf: &Bound<'_, Self>) -> (Py<PyAny>, (f64, [f64; 3], Option<f64>, [f64; 6])) {
+    fn __reduce__(slf: &Bound<'_, Self>) -> PyResult<(Py<PyAny>, Parts)> {
         let own = slf.get();
-        let remake = slf.get_type().getattr("_remake").map(Bound::unbind);
-        (remake.unwrap_or_else(|_| slf.py().None()), (own.mass(), own.com(), None, own.inertia()))
+        let remake = slf.get_type().getattr("_remake")?.unbind();
+        Ok((remake, (own.mass(), own.com(), own.inertia(), own.inner.faces.into())))
     }
 
     #[staticmethod]
-    fn _remake(mass: f64, com: [f64; 3], _zz: Option<f64>, inertia: [f64; 6]) -> Self {
-        Self { inner: machine::Payload::with_tensor(mass, com, inertia) }
+    fn _remake(mass: f64, com: [f64; 3], inertia: [f64; 6], faces: [f64; 3]) -> Self {
+        let inner = machine::Payload::with_tensor(mass, com, inertia);
+        Self { inner: machine::Payload { faces: faces.into(), ..inner } }
     }
 }
+
+/// Mass, centre of mass, moments of inertia and faces of a payload.
+type Parts = (f64, [f64; 3], [f64; 6], [f64; 3]);
 
 /// Payload, configuration and noise of a run.
 #[pyclass(frozen, eq, module = "deltatwin")]
@@ -77,6 +87,8 @@ pub struct Setup {
 
 #[pymethods]
 impl Setup {
+    /// Conditions of a run: ``payload``, whether the robot is ``assembled``, and the standard deviation of the torque noise
+    /// per axis in N·m, if it is known.
     #[new]
     #[pyo3(signature = (payload = None, *, assembled = true, torque_noise = None))]
     fn new(payload: Option<PyRef<'_, Payload>>, assembled: bool, torque_noise: Option<Vec<f64>>) -> PyResult<Self> {

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use deltatwin_io::study;
 use deltatwin_study::campaign::parquet::Reader;
-use deltatwin_study::campaign::{self, CampaignError, Chunk, Held, Kind, Value, Watch};
+use deltatwin_study::campaign::{self, Campaign, CampaignError, Chunk, Held, Kind, Value, Watch};
 use deltatwin_study::conduct::{Conduct, ConductError};
+use deltatwin_validation::exam::experiment::Experiments;
 use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -26,15 +27,51 @@ pub struct StudyPlan {
     is_search: bool,
 }
 
-fn conduct(study: &Path, folder: &Path) -> miette::Result<Conduct> {
-    let study = study::read(study, deltatwin_cell::mesh::read)?;
-    if study.experiment.is_some() {
-        return Err(miette::miette!(
-            "{}: hides effects in a model; expected a study of a scenario",
-            study.path.display()
-        ));
+/// What a study consists of: runs of a scenario, or experiments that hide effects in a model.
+enum Work {
+    Runs(Box<Conduct>),
+    Experiments(Box<Experiments>),
+}
+
+impl Work {
+    fn new(study: &Path, folder: &Path) -> miette::Result<Self> {
+        let study = study::read(study, deltatwin_cell::mesh::read)?;
+        Ok(match study.experiment {
+            None => Self::Runs(Conduct::new(study, folder)?.into()),
+            Some(_) => Self::Experiments(Experiments::new(study, folder)?.into()),
+        })
     }
-    Ok(Conduct::new(study, folder)?)
+
+    fn campaign(&self) -> &Campaign {
+        match self {
+            Self::Runs(conduct) => &conduct.campaign,
+            Self::Experiments(experiments) => &experiments.campaign,
+        }
+    }
+
+    fn runs(&self) -> u64 {
+        match self {
+            Self::Runs(conduct) => conduct.runs(),
+            Self::Experiments(experiments) => experiments.runs(),
+        }
+    }
+
+    fn is_search(&self) -> bool {
+        matches!(self, Self::Runs(conduct) if conduct.is_search())
+    }
+
+    fn chunk(&self, chunk: Chunk, watch: &dyn Watch) -> Result<(), ConductError> {
+        match self {
+            Self::Runs(conduct) => conduct.chunk(chunk, watch),
+            Self::Experiments(experiments) => Ok(experiments.chunk(chunk, watch)?),
+        }
+    }
+}
+
+impl StudyPlan {
+    fn work(&self, py: Python) -> PyResult<Work> {
+        Work::new(&self.study, &self.folder).map_err(|e| errors::report(py, &e))
+    }
 }
 
 fn failed(error: &ConductError) -> PyErr {
@@ -75,9 +112,9 @@ impl<T: Send> Watch for Told<'_, T> {
 impl StudyPlan {
     #[new]
     fn new(py: Python, study: PathBuf, folder: PathBuf) -> PyResult<Self> {
-        let conduct = conduct(&study, &folder).map_err(|e| errors::report(py, &e))?;
-        let (runs, is_search) = (conduct.runs(), conduct.is_search());
-        Ok(Self { study, folder, runs, digest: conduct.campaign.digest.hex(), is_search })
+        let work = Work::new(&study, &folder).map_err(|e| errors::report(py, &e))?;
+        let (runs, is_search) = (work.runs(), work.is_search());
+        Ok(Self { study, folder, runs, digest: work.campaign().digest.hex(), is_search })
     }
 
     #[getter]
@@ -92,15 +129,15 @@ impl StudyPlan {
 
     /// File of a chunk's rows, which need not be there yet.
     fn part(&self, py: Python, number: u64, of: u64) -> PyResult<PathBuf> {
-        let conduct = conduct(&self.study, &self.folder).map_err(|e| errors::report(py, &e))?;
-        Ok(conduct.campaign.part(numbered(number, of)?))
+        let work = self.work(py)?;
+        Ok(work.campaign().part(numbered(number, of)?))
     }
 
     /// Whether the table is there.
     #[getter]
     fn is_complete(&self, py: Python) -> PyResult<bool> {
-        let conduct = conduct(&self.study, &self.folder).map_err(|e| errors::report(py, &e))?;
-        Ok(conduct.campaign.held().map_err(|e| failed(&e.into()))? == Held::Table)
+        let work = self.work(py)?;
+        Ok(work.campaign().held().map_err(|e| failed(&e.into()))? == Held::Table)
     }
 
     /// Compute the rows of chunk ``number`` of ``of`` that are not there yet, and return their file.
@@ -117,12 +154,12 @@ impl StudyPlan {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PathBuf> {
         let chunk = numbered(number, of)?;
-        let conduct = conduct(&self.study, &self.folder).map_err(|e| errors::report(py, &e))?;
+        let work = self.work(py)?;
         let bar = Bar::of(py, progress, "study")?;
-        let part = conduct.campaign.part(chunk);
+        let part = work.campaign().part(chunk);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
-        let range = chunk.range(conduct.runs());
+        let range = chunk.range(work.runs());
         let done = run(py, bar.function(), move |task| {
             let told = Told {
                 task: std::sync::Mutex::new(task),
@@ -130,7 +167,7 @@ impl StudyPlan {
                 done: Default::default(),
                 of: range.end - range.start,
             };
-            pool.install(|| conduct.chunk(chunk, &told))
+            pool.install(|| work.chunk(chunk, &told))
         })?;
         done.map_err(|e| failed(&e))?;
         Ok(part)
@@ -138,17 +175,17 @@ impl StudyPlan {
 
     /// Make the table of all parts, and return its file. Raises ``ValueError`` if parts are missing.
     fn merge(&self, py: Python) -> PyResult<PathBuf> {
-        let conduct = conduct(&self.study, &self.folder).map_err(|e| errors::report(py, &e))?;
-        let runs = (!conduct.is_search()).then(|| conduct.runs());
-        py.detach(|| conduct.campaign.merge(runs).and_then(|_| conduct.campaign.remove_parts()))
+        let work = self.work(py)?;
+        let runs = (!work.is_search()).then(|| work.runs());
+        py.detach(|| work.campaign().merge(runs).and_then(|_| work.campaign().remove_parts()))
             .map_err(|e| failed(&e.into()))?;
-        Ok(conduct.campaign.table())
+        Ok(work.campaign().table())
     }
 
     /// Remove all rows from the folder.
     fn clear(&self, py: Python) -> PyResult<()> {
-        let conduct = conduct(&self.study, &self.folder).map_err(|e| errors::report(py, &e))?;
-        conduct.campaign.clear().map_err(|e| failed(&e.into()))
+        let work = self.work(py)?;
+        work.campaign().clear().map_err(|e| failed(&e.into()))
     }
 
     fn __repr__(&self) -> String {

@@ -104,7 +104,6 @@ class Cluster:
         self.own.shutdown()
 
 
-@pytest.mark.timeout(900)
 def test_nodes_may_die(alone, tmp_path):
     cluster = Cluster(tmp_path)
     stop = threading.Event()
