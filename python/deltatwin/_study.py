@@ -138,7 +138,7 @@ def _on_ray(
         missing = [k for k in range(1, of + 1) if not plan.part(k, of).is_file()]
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(compute_chunk)
         most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
-        waiting: dict[ray.ObjectRef, int] = {}
+        waiting: dict[ray.ObjectRef[dict[str, bytes]], int] = {}
         done = of - len(missing)
         todo = iter(missing)
         while True:

@@ -54,13 +54,7 @@ pub fn report(py: Python, error: &miette::Report) -> PyErr {
     let chain: Vec<String> = error.chain().map(ToString::to_string).collect();
     let message = chain.join(": ");
     let place = message.split(": ").next().map_or((None, None, None), parts);
-    match error.chain().find_map(|e| e.downcast_ref::<std::io::Error>()) {
-        Some(io) if io.kind() == std::io::ErrorKind::NotFound => {
-            pyo3::exceptions::PyFileNotFoundError::new_err(message)
-        }
-        Some(_) => PyOSError::new_err(message),
-        None => exception(py, "ModelError", (message, place.0, place.1, place.2)),
-    }
+    exception(py, "ModelError", (message, place.0, place.1, place.2))
 }
 
 /// The exception for an error of reading a recording.
@@ -88,6 +82,16 @@ pub fn write(error: &WriteError) -> PyErr {
         WriteError::Io { .. } => PyOSError::new_err(error.to_string()),
         WriteError::Invalid { .. } => PyValueError::new_err(error.to_string()),
     }
+}
+
+/// Refuses a file that is not there.
+///
+/// # Errors
+/// `FileNotFoundError`, or another `OSError`.
+pub fn openable(path: &Path) -> PyResult<()> {
+    std::fs::metadata(path).map(drop).map_err(|reason| {
+        std::io::Error::new(reason.kind(), format!("{}: cannot be read: {reason}", path.display())).into()
+    })
 }
 
 /// Refuses to replace a file, unless `force`.

@@ -97,6 +97,7 @@ impl Model {
     ///     If there is no file.
     #[staticmethod]
     fn load(py: Python, path: PathBuf) -> PyResult<Self> {
+        errors::openable(&path)?;
         deltatwin_io::model::read(&path).map(Self::from).map_err(|e| errors::report(py, &e))
     }
 
@@ -281,7 +282,7 @@ impl Model {
     ///
     /// Values are given by parameter (one number for all of its values, or one for each); others have their usual sizes.
     ///
-    /// >>> dt.Model.builtin("irb360-6-1600").with_effect("ball_socket_viscous", damping=0.02).effects[-1]
+    /// >>> dt.Model.builtin("irb360-6-1600").with_effect("ball_socket_viscous", coefficient=0.02).effects[-1]
     /// 'ball_socket_viscous'
     ///
     /// Raises ``KeyError`` for an unknown name, ``ValueError`` for a value outside its range or an effect that is there,

@@ -112,6 +112,7 @@ impl<T: Send> Watch for Told<'_, T> {
 impl StudyPlan {
     #[new]
     fn new(py: Python, study: PathBuf, folder: PathBuf) -> PyResult<Self> {
+        errors::openable(&study)?;
         let work = Work::new(&study, &folder).map_err(|e| errors::report(py, &e))?;
         let (runs, is_search) = (work.runs(), work.is_search());
         Ok(Self { study, folder, runs, digest: work.campaign().digest.hex(), is_search })

@@ -134,7 +134,7 @@ def test_shapes_are_told(model):
     with pytest.raises(ValueError, match="qd has 2 row"):
         model.inverse_dynamics(np.zeros((3, 4)), np.zeros((2, 4)))
     with pytest.raises(ValueError, match="row 1"):
-        model.forward_kinematics([[0, 0, 0, 0], [3.0, -3.0, 3.0, 0]])
+        model.inverse_kinematics([[0, 0, -1.0], [5.0, 0, 0]])
     with pytest.raises(ValueError):
         model.inverse_dynamics(np.zeros((2, 2, 4)))
     with pytest.raises(ValueError):
@@ -154,7 +154,7 @@ def test_models_do_not_change(model):
     with pytest.raises(KeyError, match="ball_socket_viscous"):
         model.with_effect("ball_socket_viscos")
     with pytest.raises(ValueError, match="expected a number from"):
-        model.with_effect("ball_socket_viscous", damping=-1)
+        model.with_effect("ball_socket_viscous", coefficient=-1)
     with pytest.raises(AttributeError):
         model.name = "mine"
 
