@@ -19,8 +19,9 @@ values = dict(zip(model.parameters["name"], model.parameters["value"], strict=Tr
 truth = {name: values[name] * rng.uniform(0.8, 1.3) for name in names}
 robot = model.with_parameters(truth)
 
-# A motion with much information, within all limits.
-excitation = dt.excite(model, frequency=0.25, periods=1, starts=2, iterations=20, time_limit=60)
+# A motion with much information, within all limits and half a ball in which the telescope stays clear of its stops.
+ball = ([0.0, 0.0, -0.9], 0.35)
+excitation = dt.excite(model, frequency=0.25, periods=1, hemisphere=ball, starts=2, iterations=20, time_limit=60)
 random = np.median(excitation.random_condition)
 print(f"condition number {excitation.condition:.0f}, of random motions {random:.0f} (median)")
 

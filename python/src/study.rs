@@ -158,8 +158,12 @@ impl StudyPlan {
         let work = self.work(py)?;
         let bar = Bar::of(py, progress, "study")?;
         let part = work.campaign().part(chunk);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
+        let pool = (threads > 0).then(|| {
+            // One thread collects the rows, the others make them.
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads + 1).build();
+            pool.map_err(|e| PyRuntimeError::new_err(e.to_string()))
+        });
+        let pool = pool.transpose()?;
         let range = chunk.range(work.runs());
         let done = run(py, bar.function(), move |task| {
             let told = Told {
@@ -168,7 +172,8 @@ impl StudyPlan {
                 done: Default::default(),
                 of: range.end - range.start,
             };
-            pool.install(|| work.chunk(chunk, &told))
+            let make = || work.chunk(chunk, &told);
+            pool.map_or_else(make, |pool| pool.install(make))
         })?;
         done.map_err(|e| failed(&e))?;
         Ok(part)

@@ -165,7 +165,8 @@ def test_copp_plans_with_the_model(model):
     # q' = line, so along the motion q̇ = line·ṡ and q̈ = line·s̈ with s̈ = ½·d(ṡ²)/ds, constant between stations.
     speed, push = np.sqrt(squared[1:-1]), 0.5 * np.diff(squared)[1:] / np.diff(s)[1:]
     use = np.abs(calm.inverse_dynamics(q[1:-1], np.outer(speed, line), np.outer(push, line))) / limit
-    assert use.max(axis=1) == pytest.approx(1.0, abs=0.02)
+    # Always at a limit, but for the interval in which it turns from speeding up to slowing down.
+    assert use.max() < 1.02 and np.sort(use.max(axis=1))[2] > 0.98
 
 
 def test_mypy_sees_the_types(tmp_path):
