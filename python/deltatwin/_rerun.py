@@ -37,16 +37,22 @@ def to_rerun(
         If ``rerun-sdk`` is not installed.
     """
     import rerun as rr
+    import rerun.blueprint as rrb
 
     stream = rr.RecordingStream("deltatwin") if path is not None else None
     if stream is not None:
         stream.save(fspath(path))  # type: ignore[arg-type]
+    axes = [name.removeprefix("q") for name in model.joint_names]
+    torques = [rrb.TimeSeriesView(origin=f"torque/axis{axis}", name=f"torque of axis {axis}") for axis in axes]
+    left = rrb.TimeSeriesView(origin="residual", name="measured - model")
+    views = [rrb.Spatial3DView(origin="robot")] if model.has_platform else []
+    columns = rrb.Horizontal(*views, rrb.Vertical(*torques), left)
+    rr.send_blueprint(rrb.Blueprint(columns, collapse_panels=True), recording=stream)
     t, q, qd, qdd = recording.states()
     predicted = model.inverse_dynamics(q, qd, qdd, setup=recording.setup)
     measured = np.stack([np.interp(t, recording.t, column) for column in recording.tau.T], axis=1)
     times = rr.TimeColumn("time", duration=t)
-    for i, name in enumerate(model.joint_names):
-        axis = name.removeprefix("q")
+    for i, axis in enumerate(axes):
         for kind, values in (
             ("measured", measured[:, i]),
             ("model", predicted[:, i]),

@@ -7,7 +7,9 @@ whoever computes it, and however often, its file has the same bytes. Engines onl
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 CHUNKS = 64
 #: Tasks that wait or run at once, for every processor of the cluster.
 AHEAD = 2
+#: Variable by which Ray, on any system, takes 127.0.0.1 literally instead of an address that others can reach.
+LOOPBACK = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
 #: How often the loss of a node is made up for, by chunk.
 RETRIES = 100
 
@@ -46,7 +50,7 @@ def study(
         interruption, and a finished study is only read.
     ray : str, optional
         ``None`` computes in this process, on all its cores. ``"auto"`` uses the Ray cluster that this process is
-        connected to, else the one in the environment, else a new one on this machine (reachable from this machine only).
+        connected to, else the one in ``RAY_ADDRESS``, else a new one on this machine (reachable from this machine only).
         Any other text is the address of a cluster.
     chunks : int, optional
         Number of chunks on Ray; 64, or one per run of a smaller study, by default.
@@ -122,6 +126,8 @@ def _on_ray(
     progress: bool | Callable[[str, float], None],
 ) -> None:
     """Compute the chunks that are not there on Ray, a bounded number at a time."""
+    if address == "auto" and "ray" not in sys.modules and not os.environ.get("RAY_ADDRESS"):
+        os.environ.setdefault(LOOPBACK, "0")
     import ray
 
     if plan.is_search:
@@ -171,10 +177,11 @@ def _connect(address: str) -> None:
     """Connect to a cluster; without one, start one that only this machine can reach."""
     import ray
 
-    if address == "auto" and not os.environ.get("RAY_ADDRESS"):
-        try:
-            ray.init(address="auto", log_to_driver=False)
-        except ConnectionError:
-            ray.init(_node_ip_address="127.0.0.1", include_dashboard=False, log_to_driver=False)
-    else:
+    if address != "auto" or os.environ.get("RAY_ADDRESS"):
         ray.init(address=address, log_to_driver=False)
+        return
+    ray.init(_node_ip_address="127.0.0.1", include_dashboard=False, log_to_driver=False)
+    own = {node["NodeManagerAddress"] for node in ray.nodes()}
+    if own != {"127.0.0.1"}:
+        text = f"Ray listens on {', '.join(sorted(own))}: set {LOOPBACK}=0 before Ray is imported to keep it local"
+        warnings.warn(text, RuntimeWarning, stacklevel=4)

@@ -71,3 +71,10 @@ def test_a_table_alone(model):
     with pytest.raises(KeyError, match="expected one of name, value"):
         table["nmae"]
     assert table._repr_html_().startswith("<table>")
+
+
+def test_a_recording_in_rerun(runs, model, tmp_path):
+    pytest.importorskip("rerun")
+    file = tmp_path / "run.rrd"
+    dt.to_rerun(runs[0], model, file)
+    assert file.read_bytes()[:4] == b"RRF2" and file.stat().st_size > 100_000

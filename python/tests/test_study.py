@@ -72,6 +72,7 @@ def test_gnu_parallel(alone, tmp_path):
 
 # Ray: three nodes on this machine, of which one is killed hard again and again.
 
+os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
 ray = pytest.importorskip("ray", reason="Ray is not installed")
 KILLS = int(os.environ.get("DELTATWIN_KILLS", "3"))
 
@@ -79,7 +80,7 @@ KILLS = int(os.environ.get("DELTATWIN_KILLS", "3"))
 class Cluster:
     """A head and workers, each with one processor, reachable from this machine only."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self) -> None:
         from ray.cluster_utils import Cluster as Own
 
         self.own = Own(
@@ -100,34 +101,33 @@ class Cluster:
             pass
         self.workers.append(self.own.add_node(num_cpus=1, node_ip_address="127.0.0.1"))
 
-    def stop(self) -> None:
-        self.own.shutdown()
-
 
 def test_nodes_may_die(alone, tmp_path):
-    cluster = Cluster(tmp_path)
+    """Studies run one after another while workers are killed; every table is that of one process."""
+    cluster = Cluster()
+    digests: list[str] = []
     stop = threading.Event()
-    killed = 0
 
-    def kill() -> None:
-        nonlocal killed
-        while killed < KILLS and not stop.wait(random.uniform(0.3, 2.0)):
-            cluster.kill()
-            killed += 1
+    def studies() -> None:
+        while not stop.is_set():
+            folder = tmp_path / str(len(digests))
+            dt.study(SMOKE, folder, ray="auto", chunks=12)
+            digests.append(digest(folder))
 
-    thread = threading.Thread(target=kill)
+    thread = threading.Thread(target=studies)
     try:
         ray.init(address=cluster.own.address, log_to_driver=False)
+        assert {node["NodeManagerAddress"] for node in ray.nodes()} == {"127.0.0.1"}
         thread.start()
-        count = 0
-        while count == 0 or thread.is_alive():
-            folder = tmp_path / str(count)
-            dt.study(SMOKE, folder, ray="auto", chunks=12)
-            assert digest(folder) == alone
-            count += 1
+        for _ in range(KILLS):
+            time.sleep(random.uniform(0.3, 2.0))
+            cluster.kill()
+        stop.set()
+        thread.join(timeout=300)
+        assert not thread.is_alive()
     finally:
         stop.set()
-        thread.join()
         ray.shutdown()
-        cluster.stop()
-    assert killed == KILLS
+        cluster.own.shutdown()
+    print(f"{KILLS} kills during {len(digests)} studies")
+    assert digests and set(digests) == {alone}
