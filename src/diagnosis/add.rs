@@ -38,28 +38,40 @@ pub fn add(
     datasets: &[Dataset],
     held_out: &[Dataset],
 ) -> Result<Addition, DiagnosisError> {
+    add_with(model, effect, datasets, held_out, &Options::default())
+}
+
+/// Addition as [`add`], with known parameters, a time limit and effects outside the registry.
+///
+/// # Errors
+/// As [`add`].
+pub fn add_with(
+    model: &Model,
+    effect: &str,
+    datasets: &[Dataset],
+    held_out: &[Dataset],
+    options: &Options,
+) -> Result<Addition, DiagnosisError> {
     check(datasets, held_out)?;
     if model.effects.iter().any(|a| a.effect.name() == effect) || effect == effects::rigid_bodies::NAME {
         return Err(DiagnosisError::Present(effect.into()));
     }
     let mounted = in_configuration(model, &datasets[0].setup);
-    if let Some(known) = effects::find(effect).filter(|e| !mounted.mechanism.has(e.acts_on(), mounted.assembled)) {
+    let other = || options.candidates.iter().find(|e| e.name() == effect).cloned();
+    let known = effects::find(effect).or_else(other).ok_or_else(|| DiagnosisError::UnknownEffect(effect.into()))?;
+    if !mounted.mechanism.has(known.acts_on(), mounted.assembled) {
         return Err(DiagnosisError::Missing { effect: effect.into(), part: known.acts_on().describe() });
     }
     if problem::beyond(&mounted).iter().any(|e| e.name() == effect) {
         return Err(DiagnosisError::TwinOnly(effect.into()));
     }
-    if effects::find(effect).is_some_and(|e| e.parameters().is_empty()) {
+    if known.parameters().is_empty() {
         return Err(DiagnosisError::NoTerms);
     }
-    if effects::find(effect).is_none() {
-        return Err(DiagnosisError::UnknownEffect(effect.into()));
-    }
-    let options = Options::default();
-    let fitting = Fitting::new(model, datasets, &options);
+    let fitting = Fitting::new(model, datasets, options);
     let judge = Judge::new(&fitting, model, held_out);
     let before = judge.fit(model)?;
-    let absent = problem::absent(&mounted, &before.fit, datasets);
+    let absent = problem::absent(&mounted, &before.fit, datasets, options.candidates);
     let shapes = absent.into_iter().find(|c| c[0].effect.name() == effect);
     let candidates = [shapes.ok_or_else(|| DiagnosisError::NotResolved(effect.into()))?];
     let problem = fitting.problem(&before.fit, &candidates, problem::Edges::Together)?;

@@ -101,7 +101,7 @@ pub fn changed(
     let all: Vec<Dataset> = healthy.iter().chain(later).cloned().collect();
     let both = Fitting::new(model, &all, &options);
     let mounted = in_configuration(model, &later[0].setup);
-    let absent = problem::absent(&mounted, &fit, &all);
+    let absent = problem::absent(&mounted, &fit, &all, &[]);
     let problem = both.change(&fit.model, healthy.len(), &absent)?;
     let settings = Settings {
         min_relevance: RELEVANCE * MIN_RELEVANCE * (problem::block(&all) as f64).sqrt(),

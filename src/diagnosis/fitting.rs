@@ -1,9 +1,9 @@
 //! Fits of models to the recordings of a diagnosis within a time limit.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::effects::Param;
+use crate::effects::{Effect, Param};
 use crate::identification::Dataset;
 use crate::identification::dataset::noise_floor;
 use crate::identification::fit::{self, Fit, FitError, Options as FitOptions, fit_with};
@@ -19,12 +19,14 @@ pub struct Options<'a> {
     pub fixed: &'a [String],
     /// When the time is up, the best result so far is returned with the steps not tried.
     pub clock: Clock<'a>,
+    /// Effects outside the registry that are tried beside it, with names of their own.
+    pub candidates: &'a [Arc<dyn Effect>],
 }
 
 impl Default for Options<'_> {
     /// All parameters are fitted without a time limit.
     fn default() -> Self {
-        Self { fixed: &[], clock: &|| 0.0 }
+        Self { fixed: &[], clock: &|| 0.0, candidates: &[] }
     }
 }
 
@@ -49,6 +51,8 @@ pub(super) struct Fitting<'a> {
     pub noise: Vec<f64>,
     /// Effects whose parameters are held.
     pub fixed: &'a [String],
+    /// Effects outside the registry.
+    pub candidates: &'a [Arc<dyn Effect>],
     clock: Clock<'a>,
     has_tried: AtomicBool,
     work: Mutex<Work>,
@@ -72,6 +76,7 @@ impl<'a> Fitting<'a> {
             datasets,
             noise,
             fixed: options.fixed,
+            candidates: options.candidates,
             clock: options.clock,
             has_tried: AtomicBool::new(false),
             work: Mutex::default(),

@@ -20,7 +20,7 @@ mod problem;
 mod search;
 pub mod unknown;
 
-pub use add::{Addition, add};
+pub use add::{Addition, add, add_with};
 pub use answer::{Diagnosis, Named, Verdict};
 pub use candidates::CandidateReport;
 use conclusion::Conclusion;
@@ -52,7 +52,7 @@ pub fn diagnose(
     diagnose_with(model, datasets, held_out, &Options::default(), progress)
 }
 
-/// Diagnosis as [`diagnose`], with known parameters and a time limit.
+/// Diagnosis as [`diagnose`], with known parameters, a time limit and effects outside the registry.
 ///
 /// # Errors
 /// As [`diagnose`].
@@ -69,7 +69,7 @@ pub fn diagnose_with(
     progress("refit");
     let refitted = fitting.fit(model)?;
     let mounted = in_configuration(model, &datasets[0].setup);
-    let candidates = problem::absent(&mounted, &refitted, datasets);
+    let candidates = problem::absent(&mounted, &refitted, datasets, fitting.candidates);
     let found = search::find(refitted, &judge, &candidates, progress)?;
     progress("confidence");
     let mut conclusion = Conclusion::new(&found, &judge)?;

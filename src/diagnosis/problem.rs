@@ -45,10 +45,16 @@ const SLOWEST_RINGING: f64 = 4e-3;
 /// Effects that the model lacks on the mounted parts of the machine and that the data resolve, each with its initial
 /// shapes; cogging at the orders in the residuals of `fit`, if there are any. Laws of the motor angle are left out if the
 /// motor hardly turns, because they then resemble gravity and springs, and filters of the torque where coarse angles are
-/// smoothed over a longer time than reversals take, because the torque is not.
-pub fn absent(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Vec<Vec<ActiveEffect>> {
+/// smoothed over a longer time than reversals take, because the torque is not. `others` are effects outside the registry.
+pub fn absent(
+    model: &Model,
+    fit: &Fit,
+    datasets: &[Dataset],
+    others: &[Arc<dyn effects::Effect>],
+) -> Vec<Vec<ActiveEffect>> {
     let is_slow = datasets.iter().any(|t| t.dt > SLOWEST_RINGING);
-    let testable = missing(model).filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
+    let known = missing(model, effects::REGISTRY.iter().chain(others));
+    let testable = known.filter(|e| e.spec().identifiable && e.name() != effects::cogging::NAME);
     let turns = orders::motor_turns(model, datasets);
     let of_motor = |e: &dyn effects::Effect| e.parameters().iter().any(|p| p.unit == Unit::GearRatio);
     let testable = testable.filter(|e| turns >= orders::LEAST_PERIODS || !of_motor(&**e));
@@ -63,12 +69,15 @@ pub fn absent(model: &Model, fit: &Fit, datasets: &[Dataset]) -> Vec<Vec<ActiveE
 /// Effects that the model lacks and that exist in the twin only: inverse dynamics along a measured motion does not
 /// contain them.
 pub fn beyond(model: &Model) -> Vec<Arc<dyn effects::Effect>> {
-    missing(model).filter(|e| !e.spec().identifiable).collect()
+    missing(model, effects::REGISTRY.iter()).filter(|e| !e.spec().identifiable).collect()
 }
 
-fn missing(model: &Model) -> impl Iterator<Item = Arc<dyn effects::Effect>> {
-    effects::REGISTRY
-        .iter()
+/// Those of `effects` that the model lacks on the mounted parts of the machine.
+fn missing<'a>(
+    model: &'a Model,
+    effects: impl Iterator<Item = &'a Arc<dyn effects::Effect>>,
+) -> impl Iterator<Item = Arc<dyn effects::Effect>> {
+    effects
         .filter(|e| e.name() != effects::rigid_bodies::NAME && !e.parameters().is_empty())
         .filter(|e| model.mechanism.has(e.acts_on(), model.assembled))
         .filter(|e| !model.effects.iter().any(|a| a.effect.name() == e.name()))

@@ -24,6 +24,14 @@ struct Channel<'a> {
     value: Box<dyn Fn(usize) -> f64 + 'a>,
 }
 
+impl Signals {
+    /// The columns of all channels: name as in recordings, unit, values; missing channels are left out.
+    pub fn columns(&self) -> Vec<(String, Unit, Vec<f64>)> {
+        let of = |c: Channel| (c.name, c.unit, (0..self.len()).map(c.value).collect());
+        channels(self).into_iter().map(of).collect()
+    }
+}
+
 impl Recording {
     /// Largest absolute difference per family of channels, over the channels and samples that both recordings have.
     pub fn differences(&self, other: &Self) -> Vec<Difference> {

@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let allowance = Allowance::new(args.time_limit, samples);
     catch_interrupt()?;
     let clock = || allowance.passed();
-    let options = Options { fixed: &args.hold, clock: &clock };
+    let options = Options { fixed: &args.hold, clock: &clock, ..Options::default() };
     let answer = diagnose_with(&model, &data.datasets, &data.held_out, &options, &mut |what| {
         progress.set_message(format!("diagnose: {what}"));
     });

@@ -1,0 +1,308 @@
+//! [`identify`] and [`compare`].
+
+use std::sync::Arc;
+
+use deltatwin::comparison;
+use deltatwin::dynamics::Channel;
+use deltatwin::identification::dataset::noise_floor;
+use deltatwin::identification::fit::{Fit, FitError, Options, fit_with};
+use deltatwin::identification::{Dataset, Residuals};
+use deltatwin::model;
+use deltatwin_report::drawing::residual::{self, Stage};
+use pyo3::prelude::*;
+
+use crate::answer::{self, Estimate, Finding};
+use crate::data::Data;
+use crate::errors;
+use crate::interrupt::{Bar, run};
+use crate::law;
+use crate::model::Model;
+use crate::table::Table;
+
+/// Result of an identification.
+#[pyclass(frozen, module = "deltatwin")]
+pub struct Identification {
+    fit: Fit,
+    channels: Vec<Channel>,
+    noise: Vec<f64>,
+    held_out: Option<Vec<f64>>,
+}
+
+#[pymethods]
+impl Identification {
+    #[getter]
+    fn model(&self) -> Model {
+        self.fit.model.clone().into()
+    }
+
+    #[getter]
+    fn estimates(&self) -> Vec<Estimate> {
+        self.fit.parameters.iter().map(Estimate::from).collect()
+    }
+
+    #[getter]
+    fn parameters(&self) -> Table {
+        answer::estimates("identified parameters", &self.estimates())
+    }
+
+    #[getter]
+    fn base_parameters(&self) -> Table {
+        let all: Vec<Estimate> = self
+            .fit
+            .base
+            .iter()
+            .map(|b| Estimate { name: b.combination(), value: b.value, std: b.std, unit: b.unit.to_string() })
+            .collect();
+        answer::estimates("base parameters", &all)
+    }
+
+    #[getter]
+    fn unidentified(&self) -> Vec<(String, String)> {
+        self.fit.unidentified.iter().map(|u| (u.name.clone(), u.reason.to_string())).collect()
+    }
+
+    #[getter]
+    fn channels(&self) -> Vec<String> {
+        self.channels.iter().map(Channel::to_string).collect()
+    }
+
+    #[getter]
+    fn rms(&self) -> Vec<f64> {
+        self.fit.residuals.rms.clone()
+    }
+
+    #[getter]
+    fn held_out_rms(&self) -> Option<Vec<f64>> {
+        self.held_out.clone()
+    }
+
+    #[getter]
+    fn noise_floor(&self) -> Vec<f64> {
+        self.noise.clone()
+    }
+
+    #[getter]
+    fn rank(&self) -> usize {
+        self.fit.structure.rank
+    }
+
+    #[getter]
+    fn condition(&self) -> f64 {
+        self.fit.structure.condition()
+    }
+
+    #[getter]
+    fn errors(&self) -> Table {
+        let series = [
+            ("rms", Some(&self.rms()[..])),
+            ("held_out", self.held_out.as_deref()),
+            ("noise_floor", Some(&self.noise[..])),
+        ];
+        answer::errors(&self.channels, &series)
+    }
+
+    fn __repr__(&self) -> String {
+        let rms: Vec<String> = self.fit.residuals.rms.iter().map(|x| format!("{x:.4}")).collect();
+        format!(
+            "Identification(parameters={}, base_parameters={}, condition={:.3}, rms=[{}])",
+            self.fit.parameters.len(),
+            self.rank(),
+            self.condition(),
+            rms.join(", ")
+        )
+    }
+
+    fn _repr_html_(&self) -> String {
+        self.errors()._repr_html_() + &self.parameters()._repr_html_()
+    }
+}
+
+/// Result of a comparison.
+#[pyclass(frozen, module = "deltatwin")]
+pub struct Comparison {
+    inner: comparison::Comparison,
+    model: Arc<model::Model>,
+    dataset: Dataset,
+    residuals: Residuals,
+}
+
+#[pymethods]
+impl Comparison {
+    #[getter]
+    fn channels(&self) -> Vec<String> {
+        self.inner.channels.iter().map(Channel::to_string).collect()
+    }
+
+    #[getter]
+    fn rms(&self) -> Vec<f64> {
+        self.inner.rms.clone()
+    }
+
+    #[getter]
+    fn held_out_rms(&self) -> Option<Vec<f64>> {
+        self.inner.held_out_rms.clone()
+    }
+
+    #[getter]
+    fn noise_floor(&self) -> Vec<f64> {
+        self.inner.noise_floor.clone()
+    }
+
+    #[getter]
+    fn findings(&self) -> Vec<Finding> {
+        self.inner.findings.iter().map(Finding::from).collect()
+    }
+
+    #[getter]
+    fn worst(&self) -> Option<(String, f64)> {
+        self.inner.worst().map(|(channel, ratio)| (channel.to_string(), ratio))
+    }
+
+    #[getter]
+    fn errors(&self) -> Table {
+        let c = &self.inner;
+        let series = [
+            ("rms", Some(&c.rms[..])),
+            ("held_out", c.held_out_rms.as_deref()),
+            ("noise_floor", Some(&c.noise_floor[..])),
+        ];
+        answer::errors(&c.channels, &series)
+    }
+
+    #[getter]
+    fn residuals(&self) -> Table {
+        let mut table = Table::new("residuals, measured - predicted");
+        table.push("t", "s", crate::table::Series::Float(self.dataset.t.clone()));
+        for (channel, values) in self.dataset.channels.iter().zip(&self.residuals.series[0]) {
+            table.push(&channel.to_string(), channel.unit(), crate::table::Series::Float(values.clone()));
+        }
+        table
+    }
+
+    fn svg(&self) -> PyResult<String> {
+        let stage = [Stage { name: "model", model: &self.model }];
+        let figures = residual::figures(&stage, &self.dataset, &self.inner.noise_floor).map_err(|e| failed(&e))?;
+        Ok(figures.get(1).map_or(String::new(), |(figure, _)| figure.svg().into()))
+    }
+
+    fn __repr__(&self) -> String {
+        let ratio = |(rms, noise): (&f64, &f64)| format!("{:.2}", rms / noise);
+        let ratios: Vec<String> = self.inner.rms.iter().zip(&self.inner.noise_floor).map(ratio).collect();
+        let findings = self.inner.findings.len();
+        format!("Comparison(rms / noise floor = [{}], findings={findings})", ratios.join(", "))
+    }
+
+    fn _repr_html_(&self) -> PyResult<String> {
+        let mut html = self.errors()._repr_html_();
+        html += &answer::picture(&self.svg()?);
+        html += "<ul>";
+        html.extend(
+            self.inner.findings.iter().map(|f| format!("<li>{}</li>", deltatwin_report::html::escape(&f.sentence))),
+        );
+        Ok(html + "</ul>")
+    }
+}
+
+/// The exception for a fit that is not possible.
+fn failed(error: &FitError) -> PyErr {
+    pyo3::exceptions::PyValueError::new_err(error.to_string())
+}
+
+/// Refuses held effects that the model does not have.
+fn check_hold(py: Python, model: &model::Model, hold: &[String]) -> PyResult<()> {
+    let own: Vec<&str> = model.effects.iter().map(|a| a.effect.name()).chain(["rigid_bodies"]).collect();
+    let foreign = hold.iter().find(|name| !own.contains(&name.as_str()));
+    foreign.map_or(Ok(()), |name| {
+        Err(errors::model_error(
+            py,
+            format!("hold: the model has no effect {name:?}; expected one of {}", own.join(", ")),
+        ))
+    })
+}
+
+/// Estimate the parameters of a model from recordings, with standard errors; every body stays physically consistent.
+///
+/// Parameters
+/// ----------
+/// model : Model
+///     Model to start from.
+/// recordings : Recording or sequence
+///     What is fitted.
+/// held_out : Recording or sequence, optional
+///     What only judges.
+/// hold : sequence of str
+///     Effects whose parameters are known (``"rigid_bodies"`` for the links).
+/// robust : bool
+///     Outliers are downweighted.
+/// gate : bool
+///     Refuse recordings whose signs, factors, order or zeros cannot be those of the model.
+/// progress : bool or function
+///     A bar of tqdm if that is installed, or a function of what is done and the share that is done (NaN if not known).
+///
+/// Raises
+/// ------
+/// DataError
+///     If a recording cannot be fitted, with the remedy.
+/// ModelError
+///     If ``hold`` names an effect that the model does not have.
+#[pyfunction]
+#[pyo3(signature = (model, recordings, *, held_out = None, hold = Vec::new(), robust = false, gate = true, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
+pub fn identify(
+    py: Python,
+    model: &Model,
+    recordings: &Bound<'_, PyAny>,
+    held_out: Option<&Bound<'_, PyAny>>,
+    hold: Vec<String>,
+    robust: bool,
+    gate: bool,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Identification> {
+    check_hold(py, &model.inner, &hold)?;
+    let data = Data::of(py, &model.inner, recordings, held_out, gate)?;
+    let bar = Bar::of(py, progress, "identify")?;
+    law::evaluate(py, &model.inner, &[], &data)?;
+    let own = model.inner.clone();
+    let done = run(py, bar.function(), move |task| {
+        let channels = data.datasets[0].channels.clone();
+        let noise = noise_floor(&own, &data.datasets);
+        let stop = || task.stopped();
+        let options = Options { fixed: &hold, robust, stop: Some(&stop), ..Options::default() };
+        let fit = fit_with(&own, &data.datasets, &vec![noise.clone(); data.datasets.len()], &options)?;
+        let held_out = match &data.held_out[..] {
+            [] => None,
+            held_out => Some(Residuals::new(&fit.model, held_out)?.rms),
+        };
+        Ok(Identification { fit, channels, noise, held_out })
+    })?;
+    law::raised(py)?;
+    done.map_err(|e: FitError| failed(&e))
+}
+
+/// Locate the error of a model: which axis, which phase, which place, which frequency.
+///
+/// Arguments and errors as for ``identify``. The result shows residuals in a notebook.
+#[pyfunction]
+#[pyo3(signature = (model, recordings, *, held_out = None, gate = true, progress = None))]
+pub fn compare(
+    py: Python,
+    model: &Model,
+    recordings: &Bound<'_, PyAny>,
+    held_out: Option<&Bound<'_, PyAny>>,
+    gate: bool,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Comparison> {
+    let data = Data::of(py, &model.inner, recordings, held_out, gate)?;
+    let bar = Bar::of(py, progress, "compare")?;
+    law::evaluate(py, &model.inner, &[], &data)?;
+    let own = model.inner.clone();
+    let done = run(py, bar.function(), move |_| {
+        let inner = comparison::compare(&own, &data.datasets, &data.held_out)?;
+        let dataset =
+            data.held_out.last().or(data.datasets.last()).cloned().unwrap_or_else(|| data.datasets[0].clone());
+        let residuals = Residuals::new(&own, std::slice::from_ref(&dataset))?;
+        Ok(Comparison { inner, model: own, dataset, residuals })
+    })?;
+    law::raised(py)?;
+    done.map_err(|e: FitError| failed(&e))
+}
