@@ -4,7 +4,7 @@
 use crate::command::replay;
 use crate::command::{
     add, check, compare, convert, demo, diagnose, effects, exam, excite, forces, identify, new, noise, plan, reproduce,
-    shell, simulate, study,
+    run, shell, simulate, study,
 };
 use clap::{Parser, Subcommand};
 
@@ -24,6 +24,7 @@ pub struct Cli {
 #[derive(Subcommand)]
 pub enum Command {
     Demo(demo::Args),
+    Run(run::Args),
     Reproduce(reproduce::Args),
     Simulate(simulate::Args),
     New(new::Args),

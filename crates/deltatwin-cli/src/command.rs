@@ -18,6 +18,7 @@ pub mod plan;
 #[cfg(feature = "viewer")]
 pub mod replay;
 pub mod reproduce;
+pub mod run;
 pub mod shell;
 pub mod simulate;
 pub mod study;

@@ -4,6 +4,7 @@ mod arguments;
 mod command;
 mod data;
 mod kind;
+mod report;
 mod terminal;
 
 use std::process::ExitCode;
@@ -71,6 +72,7 @@ fn print_json_error(message: &str, causes: &[String], help: Option<String>) {
 fn run(command: Command) -> miette::Result<u8> {
     match &command {
         Command::Demo(args) => demo::run(args),
+        Command::Run(args) => command::run::run(args),
         Command::Reproduce(args) => reproduce::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::New(args) => new::run(args),
