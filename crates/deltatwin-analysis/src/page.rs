@@ -170,8 +170,7 @@ pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) ->
     page.anchored("parameters", "Parameters");
     let estimates = [("refitted", &a.parameters_before[..]), ("effect added", &a.fit.parameters[..])];
     parameter_table(&mut page, model, data, &estimates);
-    page.anchored("budget", "Error budget");
-    page.figure(&drawing::budget::figure(b), BUDGET);
+    addition_budget(&mut page, a);
     end(&mut page, origin);
     Ok(page)
 }
@@ -228,6 +227,9 @@ fn warnings(page: &mut Report, warnings: &[String], gate: &[Finding]) {
 }
 
 /// Adds the curves of the last recording, a held-out one if there is any.
+///
+/// # Errors
+/// If a model cannot follow the recording.
 pub fn residuals(page: &mut Report, stages: &[Stage], data: &Data, noise: &[f64]) -> Result<(), FitError> {
     let Some(dataset) = data.held_out.last().or(data.datasets.last()) else { return Ok(()) };
     page.anchored("residuals", &format!("What is left of {}", dataset.name));
@@ -259,7 +261,8 @@ pub fn diagnosed(page: &mut Report, d: &Diagnosis) {
     }
 }
 
-fn parameter_table(page: &mut Report, model: &Model, data: &Data, stages: &[(&str, &[Estimate])]) {
+/// Adds the parameters of `stages` with error bars beside the values of `model`.
+pub fn parameter_table(page: &mut Report, model: &Model, data: &Data, stages: &[(&str, &[Estimate])]) {
     let Some(dataset) = data.datasets.first() else { return };
     parameters::add(page, &Plant::new(model, &dataset.setup).parameters(), stages);
 }
@@ -270,6 +273,12 @@ pub fn budget(page: &mut Report, d: &Diagnosis) {
         page.anchored("budget", "Error budget");
         page.figure(&drawing::budget::figure(&d.budget), BUDGET);
     }
+}
+
+/// Adds the error budget of an addition.
+pub fn addition_budget(page: &mut Report, a: &Addition) {
+    page.anchored("budget", "Error budget");
+    page.figure(&drawing::budget::figure(&a.budget), BUDGET);
 }
 
 /// Adds the experiment that decides open alternatives.

@@ -169,7 +169,7 @@ fn stop(settings: &Settings) -> Result<(), RunError> {
 const DIAGNOSIS: f64 = 0.2;
 
 /// Share of a run that is done when its diagnosis reports `what`; its refits come closer and closer to the confidence.
-fn ahead(now: f64, what: &str) -> f64 {
+pub fn ahead(now: f64, what: &str) -> f64 {
     let at: f64 = match what {
         "refit" => DIAGNOSIS,
         "confidence" => 0.75,

@@ -170,6 +170,12 @@ impl Report {
         &self.body
     }
 
+    /// Adds the [`Self::fragment`] of another page, as it is; a page with curves becomes interactive.
+    pub fn fragment_of(&mut self, fragment: &str) -> &mut Self {
+        self.interactive |= fragment.contains("data-signals");
+        self.push(fragment.into())
+    }
+
     /// The complete page.
     ///
     /// Its security policy lets nothing be loaded, and no script run but those of `assets`, named by their hashes: a

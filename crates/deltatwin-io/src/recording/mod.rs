@@ -7,10 +7,12 @@ mod csv;
 mod dialect;
 mod epoch;
 mod error;
+mod preview;
 pub mod setup;
 
 pub use columns::Mapping;
 pub use error::ReadError;
+pub use preview::{Preview, PreviewColumn, preview};
 
 use std::path::Path;
 
