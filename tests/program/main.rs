@@ -13,4 +13,7 @@ mod gate;
 mod import;
 mod messages;
 mod reproduce;
+mod run;
+#[cfg(feature = "studio")]
+mod studio;
 mod study;

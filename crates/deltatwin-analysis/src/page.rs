@@ -286,17 +286,6 @@ pub fn next(page: &mut Report, d: &Diagnosis) {
     let Some(next) = &d.next_experiment else { return };
     page.anchored("next", "What to measure next");
     page.callout(Callout::Note, &format!("Next experiment, {}.", next.what.trim_end_matches('.')));
-    let rows: Vec<[String; 3]> = next
-        .others
-        .iter()
-        .map(|(kind, chance, seconds)| {
-            let seconds = seconds.map_or("–".into(), |s| significant(s, 2));
-            [kind.to_string(), format!("{chance:.2}"), seconds]
-        })
-        .collect();
-    if !rows.is_empty() {
-        page.table(&["other motions", "chance", "seconds for 95 %"], &rows);
-    }
 }
 
 fn end(page: &mut Report, origin: &Origin) {

@@ -40,6 +40,8 @@ pub enum Command {
     Effects(effects::Args),
     Forces(forces::Args),
     Plan(plan::Args),
+    #[cfg(feature = "studio")]
+    Studio(crate::command::studio::Args),
     Study(study::Args),
     #[cfg(feature = "viewer")]
     Replay(replay::Args),

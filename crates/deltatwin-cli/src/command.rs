@@ -21,4 +21,6 @@ pub mod reproduce;
 pub mod run;
 pub mod shell;
 pub mod simulate;
+#[cfg(feature = "studio")]
+pub mod studio;
 pub mod study;

@@ -90,6 +90,8 @@ fn run(command: Command) -> miette::Result<u8> {
         Command::Plan(args) => plan::run(args),
         #[cfg(feature = "viewer")]
         Command::Replay(args) => command::replay::run(args),
+        #[cfg(feature = "studio")]
+        Command::Studio(args) => command::studio::run(args),
         Command::Study(args) => study::run(args),
         Command::Check(args) => check::run(args),
         Command::Completions(args) => shell::completions(args),

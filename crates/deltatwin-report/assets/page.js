@@ -3,7 +3,8 @@
 var deltatwin = (() => {
   const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const STAGE = (s, n) => css(s === 0 ? "--s0" : s === n - 1 ? "--s2" : "--s1");
-  const PIXELS_PER_BUCKET = 1;
+  // Time over which curves are averaged on request, s.
+  const AVERAGE = 0.02;
 
   function element(parent, tag, attributes = {}, text) {
     const e = document.createElement(tag);
@@ -68,6 +69,21 @@ var deltatwin = (() => {
     return levels;
   }
 
+  // Means over `width` samples around each, that do not reach across a break.
+  function averaged(samples, width, breaks) {
+    const n = samples.length, out = new Float32Array(n), half = width >> 1;
+    const ends = [0, ...breaks, n];
+    for (let e = 0; e + 1 < ends.length; e++) {
+      const [a, b] = [ends[e], ends[e + 1]], sums = new Float64Array(b - a + 1);
+      for (let k = a; k < b; k++) sums[k - a + 1] = sums[k - a] + samples[k];
+      for (let k = a; k < b; k++) {
+        const from = Math.max(a, k - half), to = Math.min(b, k + half + 1);
+        out[k] = (sums[to - a] - sums[from - a]) / (to - from);
+      }
+    }
+    return out;
+  }
+
   function below(t, x) {
     let low = 0, high = t.length;
     while (low < high) { const m = (low + high) >> 1; if (t[m] < x) low = m + 1; else high = m; }
@@ -79,7 +95,7 @@ var deltatwin = (() => {
     const first = Math.max(0, below(t, from) - 1), last = Math.min(t.length - 1, below(t, to) + 1);
     const count = last - first + 1;
     let level = 0;
-    while (level + 1 < pyramids[0].length && count / (1 << level) > 2 * width / PIXELS_PER_BUCKET) level++;
+    while (level + 1 < pyramids[0].length && count / (1 << level) > 2 * width) level++;
     const size = 1 << level, a = Math.floor(first / size), b = Math.floor(last / size);
     const gap = new Set(breaks.map(k => Math.floor(k / size)));
     const x = [], columns = pyramids.map(() => []);
@@ -135,6 +151,13 @@ var deltatwin = (() => {
         const left = models.map(m => { const r = new Float32Array(n); for (let k = 0; k < n; k++) r[k] = measured[k] - m[k]; return r; });
         return { ...c, pyramids: { measured: pyramid(measured), models: models.map(pyramid), left: left.map(pyramid) } };
       });
+      const steps = [];
+      for (let k = 1; k < Math.min(n, 200); k++) steps.push(this.t[k] - this.t[k - 1]);
+      const dt = steps.sort((a, b) => a - b)[steps.length >> 1] || 1;
+      this.samples = 2 * Math.max(1, Math.round(AVERAGE / dt / 2)) + 1;
+      for (const c of this.channels)
+        c.pyramids.average = c.pyramids.left.map(p => pyramid(averaged(p[0].low, this.samples, header.breaks)));
+      this.average = true;
       this.rates = header.rates.map(r => ({ ...r, pyramid: pyramid(series(bytes, n, r.series)) }));
       this.stages = header.stages;
       this.shown = this.stages.map(() => true);
@@ -161,6 +184,7 @@ var deltatwin = (() => {
         i.style.background = `var(${s === 0 ? "--s0" : s === this.stages.length - 1 ? "--s2" : "--s1"})`;
         b.prepend(i);
       });
+      this.toggle(tools, `mean of ${(1e3 * AVERAGE).toFixed(0)} ms`, () => this.average, on => { this.average = on; this.rebuild(); });
       this.toggle(tools, "measured and model", () => this.torques, on => { this.torques = on; this.rebuild(); });
       element(tools, "span", { class: "gap" });
       for (const [text, label, act] of [["◀", "earlier", () => this.pan(-.25)], ["▶", "later", () => this.pan(.25)],
@@ -173,7 +197,7 @@ var deltatwin = (() => {
       this.over = element(panels, "div", { class: "plot overview" });
       this.time = element(panels, "div");
       element(panels, "p", { class: "small" },
-        "Drag across a chart or the strip above to zoom all of them, double-click for the whole recording; wheel with Ctrl zooms. Keys in a chart: ← → + − 0. Grey: one and two standard deviations of the noise.");
+        "Drag across a chart or the strip above to zoom all of them, double-click for the whole recording; wheel with Ctrl zooms. Keys in a chart: ← → + − 0. Grey: one and two standard deviations of the noise; of a mean, of white noise.");
       this.overview();
       this.rebuild();
       if (this.header.places.length) this.placesPanel(panels);
@@ -187,11 +211,8 @@ var deltatwin = (() => {
     }
 
     stageChanged() {
-      const n = this.stages.length;
       for (const c of this.charts) if (c.stages) this.shown.forEach((on, s) => c.u.setSeries(c.stages + s, { show: on }));
       this.drawPlaces?.();
-      this.drawMaps?.();
-      void n;
     }
 
     // -- the strip with the whole recording
@@ -199,7 +220,7 @@ var deltatwin = (() => {
       const c = this.channels[this.worst];
       element(this.over, "h4", {}, `whole recording: ${c.name}`);
       const n = this.stages.length, colors = this.stages.map((_, s) => () => STAGE(s, n));
-      const data = width => view(this.t, this.header.breaks, c.pyramids.left, ...this.whole, width);
+      const data = width => view(this.t, this.header.breaks, c.pyramids.average, ...this.whole, width);
       const made = chart(this.over, {
         height: 74, cursor: { show: false }, scales: { x: { time: false }, y: { range: symmetric } },
         axes: [axis(undefined, 26), { ...axis(undefined, 56), splits: () => [0] }],
@@ -238,9 +259,11 @@ var deltatwin = (() => {
         if (!this.visible[k]) return;
         const plot = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `residual of ${c.name} over time` });
         const title = element(plot, "h4", {}, `${c.name}: measured − model`);
-        const value = element(title, "small", {}, `noise ${digits(c.noise)} ${c.unit}`);
+        const noise = this.average ? c.noise / Math.sqrt(this.samples) : c.noise;
+        const mean = this.average ? `, of the mean ${digits(noise)}` : "";
+        const value = element(title, "small", {}, `noise ${digits(c.noise)} ${c.unit}${mean}`);
         const series = this.stages.map((name, s) => ({ stroke: () => STAGE(s, n), width: 1, show: this.shown[s], points: { show: false } }));
-        this.add(plot, value, c, c.pyramids.left, { series: [{}, ...series], hooks: c.noise > 0 ? { drawClear: [], drawAxes: [band(c.noise)] } : {}, scales: { y: { range: symmetric } } },
+        this.add(plot, value, c, this.average ? c.pyramids.average : c.pyramids.left, { series: [{}, ...series], hooks: noise > 0 ? { drawAxes: [band(noise)] } : {}, scales: { y: { range: symmetric } } },
           `residual / ${c.unit}`, 1);
         if (this.torques) {
           const both = element(this.time, "div", { class: "plot", tabindex: "0", role: "img", "aria-label": `${c.name}, measured and model` });
@@ -366,7 +389,7 @@ var deltatwin = (() => {
         if (place.spectrum.x.length) {
           const lines = place.spectrum.stages.map((_, k) => ({ show: this.shown[k], stroke: () => STAGE(k, n), width: 1.5, points: { show: false } }));
           const positive = place.spectrum.stages.map(a => a.map(v => v > 0 ? v : null));
-          this.smallChart(grid, "frequency / Hz", `amplitude / ${unit}`, [place.spectrum.x, ...positive], [{}, ...lines], { scales: { x: { time: false, distr: 3 }, y: { distr: 3 } } });
+          this.smallChart(grid, "frequency / Hz", `amplitude / ${unit}`, [place.spectrum.x, ...positive], [{}, ...lines], { scales: { x: { time: false, distr: 3, range: () => [place.spectrum.x[0], place.spectrum.x[place.spectrum.x.length - 1]] }, y: { distr: 3 } } });
         }
       };
       this.drawPlaces();
@@ -407,10 +430,10 @@ var deltatwin = (() => {
       this.drawMaps = () => {
         const layer = +select.value;
         // One scale for all stages, so that an improvement is seen.
-        let top = 1;
+        let top = 1.2;
         for (const m of maps) for (const s of m.stages) for (const v of s[layer]) if (v > top) top = v;
         for (let k = 0; k < 256; k++) { ramp.getContext("2d").fillStyle = heat(k / 255); ramp.getContext("2d").fillRect(k, 0, 1, 1); }
-        low.textContent = "0";
+        low.textContent = "noise";
         high.textContent = `RMS ${digits(top)} × noise`;
         maps.forEach((m, i) => {
           const { canvas, caption, still } = canvases[i], px = 15, ratio = devicePixelRatio || 1, pad = 34;
@@ -422,7 +445,7 @@ var deltatwin = (() => {
           const cells = m.stages[stage][layer];
           cells.forEach((v, k) => {
             if (v === null) return;
-            ctx.fillStyle = heat(v / top);
+            ctx.fillStyle = heat((v - 1) / (top - 1));
             ctx.fillRect(pad + (k % nx) * px, (ny - 1 - Math.floor(k / nx)) * px, px - 1, px - 1);
           });
           ctx.fillStyle = css("--quiet");

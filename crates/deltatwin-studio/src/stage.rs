@@ -104,7 +104,10 @@ impl Task {
 
     /// A new version in use after this stage.
     fn next(&self, what: String, slug: &str, command: &dyn Fn(&str) -> String, errors: Errors) -> Version {
-        let file = format!("models/v{}-{slug}.toml", self.session.versions.len());
+        // A session that began anew with another model leaves the files of the earlier one.
+        let numbered = |k: usize| format!("models/v{k}-{slug}.toml");
+        let free = |file: &String| !self.folder.join(file).exists();
+        let file = (self.session.versions.len()..).map(numbered).find(free).unwrap_or_else(|| numbered(0));
         let command = command(&file);
         Version { file, what, parent: Some(self.version), command, errors: Some(errors) }
     }

@@ -50,7 +50,7 @@ pub fn keep(folder: &Path, name: &str, source: &mut dyn Read) -> miette::Result<
     let trial = folder.join("incoming");
     std::fs::create_dir_all(&trial).into_diagnostic()?;
     let trial_file = trial.join(format!("{}-{safe}", unique()?));
-    let kept = receive(&trial_file, source).and_then(|()| judge(&trial_file, &safe));
+    let kept = receive(&trial_file, &safe, source).and_then(|()| judge(&trial_file, &safe));
     let result = match kept {
         Ok(found) => place_of(folder, place, &safe, &trial_file).map(found),
         Err(e) => Err(e),
@@ -67,7 +67,7 @@ fn unique() -> miette::Result<String> {
     Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
 }
 
-fn receive(path: &Path, source: &mut dyn Read) -> miette::Result<()> {
+fn receive(path: &Path, name: &str, source: &mut dyn Read) -> miette::Result<()> {
     let mut too_large = false;
     file::replace(path, |out| {
         let copied = std::io::copy(&mut source.take(MOST_BYTES + 1), out)?;
@@ -76,7 +76,7 @@ fn receive(path: &Path, source: &mut dyn Read) -> miette::Result<()> {
     })
     .into_diagnostic()?;
     if too_large {
-        return Err(miette!("larger than {} MB; expected a smaller file, or the command line", MOST_BYTES >> 20));
+        return Err(miette!("{name}: larger than {} MB; expected a smaller file, or the command line", MOST_BYTES >> 20));
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use deltatwin::dynamics::Plant;
+use deltatwin::effects::REGISTRY;
 use deltatwin::machine::Setup;
 use deltatwin::model::Model;
 use deltatwin_io::recording::{Mapping, Preview, Reading, preview};
@@ -28,6 +29,7 @@ pub(crate) fn state(studio: &Studio) -> Value {
         "session": session,
         "chain": session.chain(),
         "shipped": SHIPPED.iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        "effects": REGISTRY.iter().map(|e| e.name()).collect::<Vec<_>>(),
         "folder": studio.folder().display().to_string(),
         "saved": studio.folder().join(REPORT).is_file(),
     })

@@ -6,9 +6,7 @@ use miette::IntoDiagnostic;
 
 use super::diagnose::time::Allowance;
 use crate::data::{Data, DataArgs, positive};
-use crate::terminal::{
-    DONE, catch_interrupt, command, error_bars, interrupted, origin, say, spinner, warn, wrapped,
-};
+use crate::terminal::{DONE, catch_interrupt, command, error_bars, interrupted, origin, say, spinner, warn, wrapped};
 use deltatwin::identification::Dataset;
 use deltatwin::model::Model;
 use deltatwin_analysis::run::RunError;
@@ -56,14 +54,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let settings = Settings { hold: &args.hold, clock: &clock, no_gate: args.data.no_gate };
     let analysis = with_progress(&model, &data, &settings)?;
     warn(&analysis.warnings);
+    // The answer first: a file that cannot be written does not cost it.
+    if args.json { say(folder::result(&analysis, &origin)) } else { print(&analysis) }?;
     let mut files = folder::write(&args.output, &analysis, &model, &data, &origin)?;
     show(&args.output, &analysis, &inputs, &model, &mut files)?;
-    if args.json {
-        say(folder::result(&analysis, &origin))?;
-    } else {
-        print(&analysis, &files, args)?;
-    }
-    Ok(DONE)
+    if args.json { Ok(DONE) } else { print_files(&files, args) }
 }
 
 /// The whole loop with a spinner that says how far it is.
@@ -108,7 +103,7 @@ fn show(_: &Path, _: &Analysis, _: &crate::data::Inputs, _: &Model, _: &mut Vec<
     Ok(())
 }
 
-fn print(a: &Analysis, files: &[PathBuf], args: &Args) -> miette::Result<()> {
+fn print(a: &Analysis) -> miette::Result<()> {
     let d = &a.diagnosis;
     say("Where the identified model fails")?;
     if a.identified.findings.is_empty() {
@@ -122,6 +117,11 @@ fn print(a: &Analysis, files: &[PathBuf], args: &Args) -> miette::Result<()> {
     if let Some(next) = &d.next_experiment {
         say(format!("\n{}", wrapped(&format!("Next experiment, {}", next.what), 2)))?;
     }
+    Ok(())
+}
+
+/// Prints the files and the next commands.
+fn print_files(files: &[PathBuf], args: &Args) -> miette::Result<u8> {
     say("\n  Written")?;
     for file in files {
         say(format!("    {}", file.display()))?;
@@ -134,5 +134,6 @@ fn print(a: &Analysis, files: &[PathBuf], args: &Args) -> miette::Result<()> {
     let compare = again(&["deltatwin", "compare", &better], args.data.inputs().words());
     say(format!("    open {} in a browser", text(&args.output.join(folder::PAGE))))?;
     say(command(&compare, 4))?;
-    say(command(&[details, vec!["--verbose".into()]].concat(), 4))
+    say(command(&[details, vec!["--verbose".into()]].concat(), 4))?;
+    Ok(DONE)
 }

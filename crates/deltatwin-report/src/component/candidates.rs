@@ -10,15 +10,26 @@ use super::number;
 use crate::Report;
 use crate::html::escape;
 
-/// Adds a card for every candidate that the data can test, those found first, and the others as a list with the reason.
+/// Number of cards shown at once beside those of what was found and its rivals.
+const OTHERS: usize = 3;
+
+/// Adds a card for every candidate that the data can test, those found first, most of the others folded away; and those
+/// that the data cannot test as a list with the reason.
 pub fn add(report: &mut Report, d: &Diagnosis) {
-    let mut html = String::from("<div class=\"candidates\">\n");
     let tested = |c: &&CandidateReport| c.standing != Standing::Untestable;
-    for candidate in d.candidates.iter().filter(tested) {
-        card(&mut html, candidate, d);
+    let named = |c: &&CandidateReport| matches!(c.standing, Standing::Found | Standing::Rival | Standing::Doubted);
+    let (first, others): (Vec<_>, Vec<_>) = d.candidates.iter().filter(tested).partition(named);
+    let (next, rest) = others.split_at(OTHERS.min(others.len()));
+    let cards = |candidates: &[&CandidateReport]| {
+        let mut html = String::from("<div class=\"candidates\">\n");
+        candidates.iter().for_each(|candidate| card(&mut html, candidate, d));
+        html + "</div>"
+    };
+    report.push(cards(&[&first[..], next].concat()));
+    if !rest.is_empty() {
+        let summary = format!("{} more candidates that were tested", rest.len());
+        report.push(format!("<details><summary>{summary}</summary>{}</details>", cards(rest)));
     }
-    html.push_str("</div>");
-    report.push(html);
     let not: Vec<&CandidateReport> = d.candidates.iter().filter(|c| !tested(c)).collect();
     if not.is_empty() {
         return;
@@ -69,7 +80,8 @@ fn card(html: &mut String, candidate: &CandidateReport, d: &Diagnosis) {
         values(html, named);
     }
     if !candidate.absorbed_by.is_empty() {
-        let names: Vec<String> = candidate.absorbed_by.iter().map(|n| format!("<code>{}</code>", escape(n))).collect();
+        let short = |n: &String| format!("<code>{}</code>", escape(n.trim_start_matches("rigid_bodies.")));
+        let names: Vec<String> = candidate.absorbed_by.iter().map(short).collect();
         let _ = write!(html, "<p class=\"small\"><b>Imitated by</b> {}</p>", names.join(", "));
     }
     let rivals = d.indistinguishable.iter().filter(|set| set.contains(&candidate.name));

@@ -18,7 +18,7 @@ pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate]
     for (name, _) in stages {
         let _ = write!(html, "<th class=\"n\">{}</th>", escape(name));
     }
-    html.push_str("<th>unit</th><th>± 2 standard errors, beside the model’s value</th></tr></thead><tbody>\n");
+    html.push_str("<th>unit</th><th>± 2 std, dashed: model</th></tr></thead><tbody>\n");
     for p in last.iter().filter(|p| p.identified()) {
         let own = prior.index(p.param).map(|i| values[i]);
         let of = |estimates: &&[Estimate]| estimates.iter().find(|e| e.param == p.param && e.identified()).cloned();
@@ -39,7 +39,7 @@ pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate]
 }
 
 /// Width and height of a drawing, in pixels.
-const SIZE: (f64, f64) = (260.0, 22.0);
+const SIZE: (f64, f64) = (150.0, 22.0);
 
 /// The prior value as a tick and the estimates as intervals of two standard errors, as an SVG element.
 fn intervals(prior: Option<f64>, stages: &[Option<Estimate>]) -> String {
