@@ -136,7 +136,9 @@ fn bad_files_change_nothing_but_a_message() {
         let (status, answer) = studio.own("POST", &format!("/api/file?name={name}"), content);
         assert!(status == 400 && answer["error"].as_str().is_some_and(|e| !e.is_empty()), "{name}: {answer}");
     }
-    for request in [json!({"do": "fly"}), json!({"do": "fit"}), json!({"do": "undo"}), json!({"do": "version", "version": 9})] {
+    for request in
+        [json!({"do": "fly"}), json!({"do": "fit"}), json!({"do": "undo"}), json!({"do": "version", "version": 9})]
+    {
         assert_eq!(studio.own("POST", "/api/do", request.to_string().as_bytes()).0, 400, "{request}");
     }
     assert_eq!(studio.own("POST", "/api/do", b"no json").0, 400);

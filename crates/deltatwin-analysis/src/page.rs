@@ -45,10 +45,8 @@ pub fn of_run(a: &Analysis, model: &Model, data: &Data, origin: &Origin) -> Resu
     let delivered = a.delivered.held_out_rms.as_ref().unwrap_or(&a.delivered.rms);
     let identified = a.identification.held_out_rms.as_ref().unwrap_or(&a.identification.fitted.residuals.rms);
     let mut stages: Vec<(&str, &[f64])> = vec![("delivered", delivered), ("identified", identified)];
-    let mut models = vec![
-        Stage { name: "delivered", model },
-        Stage { name: "identified", model: &a.identification.fitted.model },
-    ];
+    let mut models =
+        vec![Stage { name: "delivered", model }, Stage { name: "identified", model: &a.identification.fitted.model }];
     if !d.effects.is_empty() || d.unexplained.is_some() {
         stages.push(("effect added", &d.rms_after));
         models.push(Stage { name: "effect added", model: &d.model });
@@ -163,7 +161,10 @@ pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) ->
     let mut page = begin(&format!("{} with {}", model.name, a.effect), data, origin);
     let b = &a.budget;
     let stages: Vec<(&str, &[f64])> = vec![("refitted", &b.rms_before), ("effect added", b.rms_after())];
-    errors::add(&mut page, &Errors { channels: &b.channels, stages, noise_floor: &b.noise_floor, held_out: b.held_out });
+    errors::add(
+        &mut page,
+        &Errors { channels: &b.channels, stages, noise_floor: &b.noise_floor, held_out: b.held_out },
+    );
     warnings(&mut page, &origin.warnings, &[]);
     let models = [Stage { name: "as given", model }, Stage { name: "effect added", model: &a.fit.model }];
     residuals(&mut page, &models, data, &b.noise_floor)?;
@@ -175,8 +176,7 @@ pub fn of_addition(a: &Addition, model: &Model, data: &Data, origin: &Origin) ->
     Ok(page)
 }
 
-const BUDGET: &str =
-    "What the noise leaves, what each added effect explains, and what nothing explains yet, as shares of the mean square.";
+const BUDGET: &str = "What the noise leaves, what each added effect explains, and what nothing explains yet, as shares of the mean square.";
 
 fn begin(title: &str, data: &Data, origin: &Origin) -> Report {
     let names = |all: &[Dataset]| all.iter().map(|t| t.name.clone()).collect::<Vec<_>>().join(", ");
@@ -198,9 +198,8 @@ pub fn headline(page: &mut Report, d: &Diagnosis) {
         _ => Callout::Warning,
     };
     page.callout(kind, &crate::diagnose::verdict(d));
-    let worst = |rms: &[f64]| {
-        rms.iter().zip(&d.noise_floor).map(|(r, n)| r / n).filter(|r| r.is_finite()).fold(0.0, f64::max)
-    };
+    let worst =
+        |rms: &[f64]| rms.iter().zip(&d.noise_floor).map(|(r, n)| r / n).filter(|r| r.is_finite()).fold(0.0, f64::max);
     let (before, after) = (worst(&d.rms_before), worst(&d.rms_after));
     let fell = format!("{} → {} × noise", significant(before, 3), significant(after, 3));
     let explained = format!("{:.1} %", 100.0 * d.explained());

@@ -189,7 +189,9 @@ mod tests {
     fn the_fraction_never_falls_and_never_ends_early() {
         let mut now = DIAGNOSIS;
         let many = std::iter::repeat_n("refit with a", 50);
-        for what in ["refit", "evidence"].into_iter().chain(many).chain(["confidence", "what is left", "next experiment", "x"]) {
+        for what in
+            ["refit", "evidence"].into_iter().chain(many).chain(["confidence", "what is left", "next experiment", "x"])
+        {
             let next = ahead(now, what);
             assert!(next >= now && next < 1.0, "{what}: {now} {next}");
             now = next;

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use miette::{IntoDiagnostic, WrapErr};
 
-use deltatwin_analysis::data::warning;
 use deltatwin::gate::{Finding, examine, folded, inspect};
 use deltatwin::identification::{Dataset, swapped};
 use deltatwin::machine::{Configuration, Setup};
 use deltatwin::model::{Model, summary};
 use deltatwin::planner::Limits;
 use deltatwin::recording::Recording;
+use deltatwin_analysis::data::warning;
 use deltatwin_io::kind::{Kind, kind};
 use deltatwin_io::recording::setup;
 use deltatwin_io::recording::{self, Reading};

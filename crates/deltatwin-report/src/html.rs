@@ -223,7 +223,9 @@ fn policy(scripts: &[&str]) -> String {
     let hash = |script: &&str| format!(" 'sha256-{}'", STANDARD.encode(Sha256::digest(script.as_bytes())));
     let own: String = scripts.iter().map(hash).collect();
     let own = if own.is_empty() { " 'none'".into() } else { own };
-    format!("default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; script-src{own}")
+    format!(
+        "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; script-src{own}"
+    )
 }
 
 /// Scripts that draw the curves: uPlot 1.6.32 (MIT, `assets/uplot/LICENSE`), and the page's own.

@@ -154,7 +154,8 @@ impl Server {
             (true, Some(content)) => {
                 let page = name.ends_with(".html");
                 let kind = if page { "text/html" } else { "application/octet-stream" };
-                let mut response = Response::from_data(content).with_header(field("Content-Type", &format!("{kind}; charset=utf-8")));
+                let mut response =
+                    Response::from_data(content).with_header(field("Content-Type", &format!("{kind}; charset=utf-8")));
                 response.add_header(field("X-Content-Type-Options", "nosniff"));
                 response.boxed()
             }

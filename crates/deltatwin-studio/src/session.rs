@@ -158,7 +158,10 @@ impl Session {
         }
         let own = session.recordings.iter().map(|r| &r.file).chain(session.versions.iter().map(|v| &v.file));
         if let Some(file) = own.clone().find(|f| !inside(f)) {
-            return Err(miette!("{}: names the file `{file}`; expected one in its folder", folder.join(FILE).display()));
+            return Err(miette!(
+                "{}: names the file `{file}`; expected one in its folder",
+                folder.join(FILE).display()
+            ));
         }
         let last = session.versions.len();
         let indices = session.current.iter().chain(session.versions.iter().flat_map(|v| &v.parent));
@@ -238,7 +241,8 @@ mod tests {
     #[test]
     fn a_session_comes_back_and_names_no_file_outside() {
         let folder = tempfile::tempdir().unwrap();
-        let mut session = Session { versions: vec![version(None), version(Some(0))], current: Some(1), ..Session::default() };
+        let mut session =
+            Session { versions: vec![version(None), version(Some(0))], current: Some(1), ..Session::default() };
         session.recordings.push(Recording { file: "data/run.csv".into(), held_out: true });
         session.how.maps.push("q1=a[deg]".into());
         session.write(folder.path()).unwrap();
@@ -257,7 +261,8 @@ mod tests {
 
     #[test]
     fn a_loop_of_versions_ends() {
-        let session = Session { versions: vec![version(Some(1)), version(Some(0))], current: Some(1), ..Session::default() };
+        let session =
+            Session { versions: vec![version(Some(1)), version(Some(0))], current: Some(1), ..Session::default() };
         assert_eq!(session.chain().len(), 2);
     }
 }

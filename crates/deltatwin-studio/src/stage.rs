@@ -160,7 +160,9 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
         }
     }
     let message = match (good, remedies.len()) {
-        (true, 0) => "The recordings belong to the model: signs, factors, order, zeros, lag and payload are in order.".into(),
+        (true, 0) => {
+            "The recordings belong to the model: signs, factors, order, zeros, lag and payload are in order.".into()
+        }
         (true, n) => format!("The recordings can be fitted; {n} remark(s)."),
         (false, _) => "The recordings do not belong to the model: nothing should be fitted.".to_string(),
     };

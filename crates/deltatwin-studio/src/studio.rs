@@ -187,7 +187,7 @@ impl Studio {
                 s.current = Some(parent.ok_or_else(|| miette!("this is the first model"))?);
                 Ok(())
             }),
-            "check" => self.start("check", |task, job| stage::check(task, job)),
+            "check" => self.start("check", stage::check),
             "fit" => self.checked()?.start("fit", stage::fit),
             "where" => self.checked()?.start("where", stage::locate),
             "why" => self.checked()?.start("why", stage::diagnose),
@@ -299,13 +299,8 @@ impl Studio {
 
 /// Makes `file` the first of the versions.
 fn begin_with(session: &mut Session, file: &str, what: &str) {
-    session.versions = vec![Version {
-        file: file.into(),
-        what: what.into(),
-        parent: None,
-        command: String::new(),
-        errors: None,
-    }];
+    session.versions =
+        vec![Version { file: file.into(), what: what.into(), parent: None, command: String::new(), errors: None }];
     session.current = Some(0);
 }
 

@@ -76,7 +76,10 @@ fn receive(path: &Path, name: &str, source: &mut dyn Read) -> miette::Result<()>
     })
     .into_diagnostic()?;
     if too_large {
-        return Err(miette!("{name}: larger than {} MB; expected a smaller file, or the command line", MOST_BYTES >> 20));
+        return Err(miette!(
+            "{name}: larger than {} MB; expected a smaller file, or the command line",
+            MOST_BYTES >> 20
+        ));
     }
     Ok(())
 }

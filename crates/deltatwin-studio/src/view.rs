@@ -56,15 +56,15 @@ pub(crate) fn columns(studio: &Studio, index: usize) -> miette::Result<Value> {
     let is_table = table.is_ok();
     let (rows, shown) = match (table, &read) {
         (Ok(Preview { rows, columns, .. }), _) => {
-            let one = |c: deltatwin_io::recording::PreviewColumn| {
-                json!({"name": c.name, "channel": c.channel, "stretches": numbers(&c.stretches), "first": c.first})
-            };
+            let one = |c: deltatwin_io::recording::PreviewColumn| json!({"name": c.name, "channel": c.channel, "stretches": numbers(&c.stretches), "first": c.first});
             (rows, columns.into_iter().map(one).collect())
         }
         (Err(_), Ok((recording, _))) => (recording.signals.len(), channels(recording)),
         (Err(e), Err(_)) => return Err(miette!("{}", short(e.to_string()))),
     };
-    Ok(json!({"file": recording.file, "rows": rows, "table": is_table, "columns": shown, "problem": problem, "warnings": warnings}))
+    Ok(
+        json!({"file": recording.file, "rows": rows, "table": is_table, "columns": shown, "problem": problem, "warnings": warnings}),
+    )
 }
 
 /// An error with its causes and what was expected.
@@ -90,7 +90,8 @@ fn channels(recording: &deltatwin::recording::Recording) -> Value {
         numbers(&(0..s.len()).step_by(size).map(ends).collect::<Vec<_>>())
     };
     let axes = 0..s.mechanism.axes();
-    let column = |name: String, stretches: Value| json!({"name": name, "channel": name, "stretches": stretches, "first": []});
+    let column =
+        |name: String, stretches: Value| json!({"name": name, "channel": name, "stretches": stretches, "first": []});
     let angles = axes.clone().map(|i| column(format!("q{}", i + 1), stretch(&|k| s.q[k][i])));
     let torques = axes.map(|i| column(format!("tau{}", i + 1), stretch(&|k| s.tau[k][i])));
     angles.chain(torques).collect()
@@ -129,7 +130,7 @@ pub(crate) fn save(folder: &Path, session: &Session) -> miette::Result<()> {
     };
     let files: Vec<&str> = session.recordings.iter().map(|r| r.file.as_str()).collect();
     let name = model::read(&folder.join(&session.versions[0].file))?.name;
-    let mut page = Report::new(&format!("{name}: session"), format!("with {}", files.join(", ")));
+    let mut page = Report::new(format!("{name}: session"), format!("with {}", files.join(", ")));
     let chain = session.chain();
     page.heading("The error falls");
     let errors = |k: &usize| session.versions[*k].errors.as_ref();

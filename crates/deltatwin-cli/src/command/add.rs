@@ -9,9 +9,7 @@ use crate::command::gate::{guard, much_is_left};
 use crate::command::identify::provenance;
 use crate::data::{Data, DataArgs};
 use crate::report::{check_report, write_report};
-use crate::terminal::{
-    DONE, Table, check_output, error_bars, origin, say, spinner, warn,
-};
+use crate::terminal::{DONE, Table, check_output, error_bars, origin, say, spinner, warn};
 use deltatwin::diagnosis::{Addition, add, parameters_of};
 use deltatwin::identification::Estimate;
 use deltatwin::text::significant;
@@ -49,7 +47,7 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     let model = model::read(&args.model)?;
     crate::command::effects::known(&args.effect)?;
     let given = args.data.inputs();
-        let mut inputs = given.files();
+    let mut inputs = given.files();
     inputs.push(&args.model);
     check_output(&args.output, &inputs, &["toml"])?;
     check_report(args.report.as_deref(), &args.model, &args.data)?;

@@ -146,11 +146,7 @@ fn print(answer: &Identification) -> miette::Result<()> {
     ];
     say(format!("\n{}", Table::of_channels(&answer.channels, &series)))?;
     let structure = &fitted.structure;
-    say(format!(
-        "\n  {} base parameters, condition number {}",
-        structure.rank,
-        significant(structure.condition(), 3)
-    ))?;
+    say(format!("\n  {} base parameters, condition number {}", structure.rank, significant(structure.condition(), 3)))?;
     say(format!("  Smallest pseudo-inertia eigenvalue {:.3e}", min_eigenvalue(&fitted.model.bodies)))?;
     print_correction(fitted)
 }

@@ -33,7 +33,11 @@ pub fn run(args: &Args) -> miette::Result<u8> {
     if args.json {
         say(json!({"url": server.url(), "folder": path(&args.folder)}))?;
     } else {
-        say(format!("Studio of {}\n  open {}\n  Ctrl-C ends it; the folder keeps everything", args.folder.display(), server.url()))?;
+        say(format!(
+            "Studio of {}\n  open {}\n  Ctrl-C ends it; the folder keeps everything",
+            args.folder.display(),
+            server.url()
+        ))?;
     }
     catch_interrupt()?;
     let ended = AtomicBool::new(false);

@@ -76,13 +76,13 @@ pub fn preview(path: &Path, how: &Reading) -> Result<Preview, ReadError> {
         }
         rows += 1;
     }
-    let column = |(((name, channel), values), first): (((String, Option<String>), Vec<f64>), Vec<String>)| PreviewColumn {
-        name,
-        channel,
-        stretches: stretches(&values),
-        first,
+    let column = |i: usize| PreviewColumn {
+        name: names[i].clone(),
+        channel: channels[i].clone(),
+        stretches: stretches(&values[i]),
+        first: first[i].clone(),
     };
-    let columns = names.into_iter().zip(channels).zip(values).zip(first).map(column).collect();
+    let columns = (0..names.len()).map(column).collect();
     Ok(Preview { columns, rows, problem })
 }
 

@@ -48,10 +48,18 @@ pub fn add(report: &mut Report, errors: &Errors) {
         let largest = all.filter(|x| x.is_finite()).fold(f64::MIN_POSITIVE, f64::max);
         let percent = |x: f64| if x.is_finite() { 100.0 * x / largest } else { 0.0 };
         let unit = escape(channel.unit());
-        let _ = write!(html, "<div class=\"error\" role=\"row\"><b role=\"rowheader\">{}</b><div class=\"bars\">", escape(&channel.title()));
+        let _ = write!(
+            html,
+            "<div class=\"error\" role=\"row\"><b role=\"rowheader\">{}</b><div class=\"bars\">",
+            escape(&channel.title())
+        );
         for (s, (name, rms)) in errors.stages.iter().enumerate() {
             let (x, class) = (value(rms), stage_class(s, errors.stages.len()));
-            let times = if floor > 0.0 { format!(" ({} × noise)", deltatwin::text::significant(x / floor, 3)) } else { String::new() };
+            let times = if floor > 0.0 {
+                format!(" ({} × noise)", deltatwin::text::significant(x / floor, 3))
+            } else {
+                String::new()
+            };
             let (name, key) = (escape(name), escape(&format!("{channel}/{name}")));
             let _ = write!(
                 html,
@@ -97,7 +105,8 @@ mod tests {
         };
         add(&mut report, &errors);
         let page = report.render();
-        for text in ["width:100.00%", "width:25.00%", "left:20.00%", "2.000 → 0.5000 N·m", "(5.00 × noise)", "held-out"] {
+        for text in ["width:100.00%", "width:25.00%", "left:20.00%", "2.000 → 0.5000 N·m", "(5.00 × noise)", "held-out"]
+        {
             assert!(page.contains(text), "{text}\n{page}");
         }
         assert_eq!(errors.worst(), Some(vec![5.0, 1.25]));

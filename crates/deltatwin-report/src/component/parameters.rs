@@ -14,7 +14,9 @@ use crate::html::escape;
 pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate])]) {
     let Some((_, last)) = stages.last() else { return };
     let values = prior.values();
-    let mut html = String::from("<div class=\"wide\"><table class=\"parameters\"><thead><tr><th>parameter</th><th class=\"n\">model</th>");
+    let mut html = String::from(
+        "<div class=\"wide\"><table class=\"parameters\"><thead><tr><th>parameter</th><th class=\"n\">model</th>",
+    );
     for (name, _) in stages {
         let _ = write!(html, "<th class=\"n\">{}</th>", escape(name));
     }
@@ -23,9 +25,16 @@ pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate]
         let own = prior.index(p.param).map(|i| values[i]);
         let of = |estimates: &&[Estimate]| estimates.iter().find(|e| e.param == p.param && e.identified()).cloned();
         let all: Vec<Option<Estimate>> = stages.iter().map(|(_, estimates)| of(estimates)).collect();
-        let _ = write!(html, "<tr><td><code>{}</code></td><td class=\"n\">{}</td>", escape(&p.name), own.map_or("–".into(), number));
+        let _ = write!(
+            html,
+            "<tr><td><code>{}</code></td><td class=\"n\">{}</td>",
+            escape(&p.name),
+            own.map_or("–".into(), number)
+        );
         for estimate in &all {
-            let text = estimate.as_ref().map_or("–".into(), |e| format!("{} ± {}", number(e.value), deltatwin::text::significant(e.std, 2)));
+            let text = estimate
+                .as_ref()
+                .map_or("–".into(), |e| format!("{} ± {}", number(e.value), deltatwin::text::significant(e.std, 2)));
             let _ = write!(html, "<td class=\"n\">{text}</td>");
         }
         let _ = writeln!(html, "<td>{}</td><td>{}</td></tr>", escape(&p.unit.to_string()), intervals(own, &all));
@@ -34,7 +43,9 @@ pub fn add(report: &mut Report, prior: &ParamTable, stages: &[(&str, &[Estimate]
     report.push(html);
     let not = last.iter().filter(|p| !p.identified()).count();
     if not > 0 {
-        report.paragraph(&format!("{not} more parameters are not determined individually and keep the values of the model."));
+        report.paragraph(&format!(
+            "{not} more parameters are not determined individually and keep the values of the model."
+        ));
     }
 }
 
@@ -52,7 +63,9 @@ fn intervals(prior: Option<f64>, stages: &[Option<Estimate>]) -> String {
     }
     let span = (high - low).max(f64::MIN_POSITIVE);
     let at = |x: f64| 6.0 + (width - 12.0) * (x - low) / span;
-    let mut svg = format!("<svg class=\"intervals\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" aria-hidden=\"true\">");
+    let mut svg = format!(
+        "<svg class=\"intervals\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" aria-hidden=\"true\">"
+    );
     if let Some(prior) = prior {
         let x = at(prior);
         let _ = write!(svg, "<line class=\"prior\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"1\" y2=\"{:.1}\"/>", height - 1.0);

@@ -41,8 +41,7 @@ impl Signals {
         for stage in stages {
             predicted.push(predict(&Plant::new(stage.model, &dataset.setup), dataset).map_err(kinematics(dataset))?);
         }
-        let left: Vec<Vec<Vec<f64>>> =
-            predicted.iter().map(|p| Residuals::of(dataset, p).series.remove(0)).collect();
+        let left: Vec<Vec<Vec<f64>>> = predicted.iter().map(|p| Residuals::of(dataset, p).series.remove(0)).collect();
         let stride = dataset.len().div_ceil(MOST_SAMPLES).max(1);
         let mut packed = Packed::new(kept(dataset, &left, stride));
         let time = packed.time(&dataset.t, dataset.dt);
