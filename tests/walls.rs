@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Crates that only those around the library may use.
-const OUTSIDE: [&str; 22] = [
+const OUTSIDE: [&str; 23] = [
     "clap",
     "clap_complete",
     "clap_mangen",
@@ -25,13 +25,14 @@ const OUTSIDE: [&str; 22] = [
     "serde_json",
     "tempfile",
     "textwrap",
+    "tiny_http",
     "toml",
     "toml_edit",
     "yaml-rust2",
 ];
 
 /// Crates that one of those around the library alone uses, and which one.
-const ALONE: [(&str, &str); 10] = [
+const ALONE: [(&str, &str); 11] = [
     ("csv", "deltatwin-io"),
     ("mcap", "deltatwin-io"),
     ("mesh-loader", "deltatwin-cell"),
@@ -39,6 +40,7 @@ const ALONE: [(&str, &str); 10] = [
     ("parry3d", "deltatwin-cell"),
     ("rapier3d", "deltatwin-cell"),
     ("rusqlite", "deltatwin-io"),
+    ("tiny_http", "deltatwin-studio"),
     ("toml", "deltatwin-io"),
     ("toml_edit", "deltatwin-io"),
     ("yaml-rust2", "deltatwin-io"),

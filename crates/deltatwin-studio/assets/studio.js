@@ -175,7 +175,9 @@
     const r = result(name);
     if (!r) return;
     const late = r.version !== current() && name !== "check";
-    element(box, "div", { class: `callout ${r.good ? late ? "warning" : "good" : "bad"}` }, r.message + (late ? "\n(of another version of the model)" : ""));
+    const stale = "This is of another version of the model; do it again for the one in use.";
+    // The diagnosis says its verdict itself.
+    if (late || name !== "why") element(box, "div", { class: `callout ${r.good ? late ? "warning" : "good" : "bad"}` }, late ? stale : r.message);
     command(box, r.command);
     const content = element(box, "div", { "data-part": name });
     part(name).then(html => {
@@ -306,8 +308,7 @@
     },
     save(box) {
       element(box, "p", {}, "One page with everything found so far, that needs no server; and the folder itself is the session.");
-      const b = button(box, "Save the page", { do: "save" }, Object.keys(state.session.stages).length > 0);
-      void b;
+      button(box, "Save the page", { do: "save" }, Object.keys(state.session.stages).length > 0);
       if (state.saved) element(element(box, "p"), "a", { href: `/api/file?name=report.html&token=${token}`, target: "_blank", class: "file" }, "open report.html");
       element(box, "h3", {}, "The same on the command line");
       const chain = state.chain.map(k => state.session.versions[k].command).filter(c => c);
@@ -320,7 +321,7 @@
   function columnTable(box, c) {
     element(box, "h3", {}, `${c.file.replace("data/", "")}: ${c.rows} ${c.table ? "rows" : "samples"}`);
     if (c.problem) element(box, "div", { class: "callout bad" }, c.problem);
-    if (c.warnings.length) { const d = element(box, "details"); element(d, "summary", { class: "small" }, `${c.warnings.length} remarks of the reader`); const ul = element(d, "ul", { class: "small" }); for (const w of c.warnings) element(ul, "li", {}, w); }
+    if (c.warnings.length) { const d = element(box, "details"); element(d, "summary", { class: "small" }, c.warnings.length === 1 ? "1 remark of the reader" : `${c.warnings.length} remarks of the reader`); const ul = element(d, "ul", { class: "small" }); for (const w of c.warnings) element(ul, "li", {}, w); }
     const wide = element(box, "div", { class: "wide" }), table = element(wide, "table", { class: "map" });
     const head = element(element(table, "thead"), "tr");
     for (const text of c.table ? ["column", "signal", "first", "is", "unit", "turned"] : ["channel", "signal"]) element(head, "th", {}, text);
@@ -356,7 +357,7 @@
     apply.onclick = () => {
       const quote = name => name.includes("'") ? `"${name}"` : `'${name}'`;
       const changed = rows.filter(r => r.is.value && (r.is.value !== (r.column.channel || "") || r.unit.value || r.turned.checked));
-      const map = changed.map(r => `${r.is.value}=${quote(bare(r.column.name, r.unit.value))}${r.unit.value ? `[${r.unit.value}]` : ""}${r.turned.checked ? "*-1" : ""}`).join(", ");
+      const map = changed.map(r => `${r.is.value}=${quote(r.column.name)}${r.unit.value ? `[${r.unit.value}]` : ""}${r.turned.checked ? "*-1" : ""}`).join(", ");
       const next = structuredClone(how);
       // A new assignment of columns takes the place of the last one; what was applied after it may no longer fit.
       if (map) next.maps = [map];
@@ -364,8 +365,6 @@
       act({ do: "read", how: next });
     };
   }
-  const bare = name => name;
-
   function spark(canvas, stretches) {
     const ratio = devicePixelRatio || 1, w = 180, h = 34;
     canvas.width = w * ratio; canvas.height = h * ratio;

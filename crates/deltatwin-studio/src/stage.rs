@@ -163,7 +163,8 @@ pub(crate) fn check(task: &Task, job: &Job) -> miette::Result<Outcome> {
         (true, 0) => {
             "The recordings belong to the model: signs, factors, order, zeros, lag and payload are in order.".into()
         }
-        (true, n) => format!("The recordings can be fitted; {n} remark(s)."),
+        (true, 1) => "The recordings can be fitted, with one remark.".into(),
+        (true, n) => format!("The recordings can be fitted, with {n} remarks: look at them first."),
         (false, _) => "The recordings do not belong to the model: nothing should be fitted.".to_string(),
     };
     let files: Vec<String> = task.session.recordings.iter().map(|r| r.file.clone()).collect();

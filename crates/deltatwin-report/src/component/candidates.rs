@@ -84,11 +84,14 @@ fn card(html: &mut String, candidate: &CandidateReport, d: &Diagnosis) {
         let names: Vec<String> = candidate.absorbed_by.iter().map(short).collect();
         let _ = write!(html, "<p class=\"small\"><b>Imitated by</b> {}</p>", names.join(", "));
     }
-    let rivals = d.indistinguishable.iter().filter(|set| set.contains(&candidate.name));
-    for set in rivals {
-        let others: Vec<String> =
-            set.iter().filter(|n| **n != candidate.name).map(|n| format!("<code>{}</code>", escape(n))).collect();
-        let _ = write!(html, "<p class=\"small\"><b>Cannot be told apart from</b> {}</p>", others.join(", "));
+    let mut rivals: Vec<&String> =
+        d.indistinguishable.iter().filter(|set| set.contains(&candidate.name)).flatten().collect();
+    rivals.retain(|name| **name != candidate.name);
+    rivals.sort_unstable();
+    rivals.dedup();
+    if !rivals.is_empty() {
+        let names: Vec<String> = rivals.iter().map(|n| format!("<code>{}</code>", escape(n))).collect();
+        let _ = write!(html, "<p class=\"small\"><b>Cannot be told apart from</b> {}</p>", names.join(", "));
     }
     html.push_str("</article>\n");
 }
